@@ -1,0 +1,1 @@
+"""Message types and ports: what crosses between plant, controller and recorder."""

@@ -1,0 +1,163 @@
+from google.protobuf.internal import containers as _containers
+from google.protobuf import descriptor as _descriptor
+from google.protobuf import message as _message
+from collections.abc import Iterable as _Iterable, Mapping as _Mapping
+from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
+
+DESCRIPTOR: _descriptor.FileDescriptor
+
+class Hello(_message.Message):
+    __slots__ = ("run_id", "scene", "scene_toml", "steps", "step_ns", "seed", "stiffness", "versions")
+    RUN_ID_FIELD_NUMBER: _ClassVar[int]
+    SCENE_FIELD_NUMBER: _ClassVar[int]
+    SCENE_TOML_FIELD_NUMBER: _ClassVar[int]
+    STEPS_FIELD_NUMBER: _ClassVar[int]
+    STEP_NS_FIELD_NUMBER: _ClassVar[int]
+    SEED_FIELD_NUMBER: _ClassVar[int]
+    STIFFNESS_FIELD_NUMBER: _ClassVar[int]
+    VERSIONS_FIELD_NUMBER: _ClassVar[int]
+    run_id: int
+    scene: str
+    scene_toml: str
+    steps: int
+    step_ns: int
+    seed: int
+    stiffness: float
+    versions: str
+    def __init__(self, run_id: _Optional[int] = ..., scene: _Optional[str] = ..., scene_toml: _Optional[str] = ..., steps: _Optional[int] = ..., step_ns: _Optional[int] = ..., seed: _Optional[int] = ..., stiffness: _Optional[float] = ..., versions: _Optional[str] = ...) -> None: ...
+
+class DaqBlock(_message.Message):
+    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "every_steps", "scale", "offset", "code", "value", "saturated")
+    RUN_ID_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    FIRST_STEP_FIELD_NUMBER: _ClassVar[int]
+    STEP_NS_FIELD_NUMBER: _ClassVar[int]
+    EVERY_STEPS_FIELD_NUMBER: _ClassVar[int]
+    SCALE_FIELD_NUMBER: _ClassVar[int]
+    OFFSET_FIELD_NUMBER: _ClassVar[int]
+    CODE_FIELD_NUMBER: _ClassVar[int]
+    VALUE_FIELD_NUMBER: _ClassVar[int]
+    SATURATED_FIELD_NUMBER: _ClassVar[int]
+    run_id: int
+    sequence: int
+    first_step: int
+    step_ns: int
+    every_steps: int
+    scale: float
+    offset: float
+    code: _containers.RepeatedScalarFieldContainer[int]
+    value: _containers.RepeatedScalarFieldContainer[float]
+    saturated: bytes
+    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., every_steps: _Optional[int] = ..., scale: _Optional[float] = ..., offset: _Optional[float] = ..., code: _Optional[_Iterable[int]] = ..., value: _Optional[_Iterable[float]] = ..., saturated: _Optional[bytes] = ...) -> None: ...
+
+class ForceBlock(_message.Message):
+    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "samples_seen", "promise_zero", "promise_level", "force_n")
+    RUN_ID_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    FIRST_STEP_FIELD_NUMBER: _ClassVar[int]
+    STEP_NS_FIELD_NUMBER: _ClassVar[int]
+    SAMPLES_SEEN_FIELD_NUMBER: _ClassVar[int]
+    PROMISE_ZERO_FIELD_NUMBER: _ClassVar[int]
+    PROMISE_LEVEL_FIELD_NUMBER: _ClassVar[int]
+    FORCE_N_FIELD_NUMBER: _ClassVar[int]
+    run_id: int
+    sequence: int
+    first_step: int
+    step_ns: int
+    samples_seen: int
+    promise_zero: bool
+    promise_level: float
+    force_n: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., samples_seen: _Optional[int] = ..., promise_zero: _Optional[bool] = ..., promise_level: _Optional[float] = ..., force_n: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class TruthBlock(_message.Message):
+    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n", "xi_a_m")
+    RUN_ID_FIELD_NUMBER: _ClassVar[int]
+    SEQUENCE_FIELD_NUMBER: _ClassVar[int]
+    FIRST_STEP_FIELD_NUMBER: _ClassVar[int]
+    STEP_NS_FIELD_NUMBER: _ClassVar[int]
+    XI_M_FIELD_NUMBER: _ClassVar[int]
+    XI_S_M_FIELD_NUMBER: _ClassVar[int]
+    XI_P_M_FIELD_NUMBER: _ClassVar[int]
+    V_P_M_S_FIELD_NUMBER: _ClassVar[int]
+    F_C_N_FIELD_NUMBER: _ClassVar[int]
+    F_A_N_FIELD_NUMBER: _ClassVar[int]
+    XI_A_M_FIELD_NUMBER: _ClassVar[int]
+    run_id: int
+    sequence: int
+    first_step: int
+    step_ns: int
+    xi_m: _containers.RepeatedScalarFieldContainer[float]
+    xi_s_m: _containers.RepeatedScalarFieldContainer[float]
+    xi_p_m: _containers.RepeatedScalarFieldContainer[float]
+    v_p_m_s: _containers.RepeatedScalarFieldContainer[float]
+    f_c_n: _containers.RepeatedScalarFieldContainer[float]
+    f_a_n: _containers.RepeatedScalarFieldContainer[float]
+    xi_a_m: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., xi_m: _Optional[_Iterable[float]] = ..., xi_s_m: _Optional[_Iterable[float]] = ..., xi_p_m: _Optional[_Iterable[float]] = ..., v_p_m_s: _Optional[_Iterable[float]] = ..., f_c_n: _Optional[_Iterable[float]] = ..., f_a_n: _Optional[_Iterable[float]] = ..., xi_a_m: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class Books(_message.Message):
+    __slots__ = ("run_id", "energy_start_j", "kinetic_j", "gravity_j", "modal_j", "contact_j", "modal_dissipated_j", "contact_dissipated_j", "injected_j", "energy_residual", "momentum_change_n_s", "contact_impulse_n_s", "gravity_impulse_n_s", "momentum_residual", "newton_iterations", "newton_iterations_max", "contact_steps", "frequencies", "frequency_limit_hz", "expected_error")
+    RUN_ID_FIELD_NUMBER: _ClassVar[int]
+    ENERGY_START_J_FIELD_NUMBER: _ClassVar[int]
+    KINETIC_J_FIELD_NUMBER: _ClassVar[int]
+    GRAVITY_J_FIELD_NUMBER: _ClassVar[int]
+    MODAL_J_FIELD_NUMBER: _ClassVar[int]
+    CONTACT_J_FIELD_NUMBER: _ClassVar[int]
+    MODAL_DISSIPATED_J_FIELD_NUMBER: _ClassVar[int]
+    CONTACT_DISSIPATED_J_FIELD_NUMBER: _ClassVar[int]
+    INJECTED_J_FIELD_NUMBER: _ClassVar[int]
+    ENERGY_RESIDUAL_FIELD_NUMBER: _ClassVar[int]
+    MOMENTUM_CHANGE_N_S_FIELD_NUMBER: _ClassVar[int]
+    CONTACT_IMPULSE_N_S_FIELD_NUMBER: _ClassVar[int]
+    GRAVITY_IMPULSE_N_S_FIELD_NUMBER: _ClassVar[int]
+    MOMENTUM_RESIDUAL_FIELD_NUMBER: _ClassVar[int]
+    NEWTON_ITERATIONS_FIELD_NUMBER: _ClassVar[int]
+    NEWTON_ITERATIONS_MAX_FIELD_NUMBER: _ClassVar[int]
+    CONTACT_STEPS_FIELD_NUMBER: _ClassVar[int]
+    FREQUENCIES_FIELD_NUMBER: _ClassVar[int]
+    FREQUENCY_LIMIT_HZ_FIELD_NUMBER: _ClassVar[int]
+    EXPECTED_ERROR_FIELD_NUMBER: _ClassVar[int]
+    run_id: int
+    energy_start_j: float
+    kinetic_j: float
+    gravity_j: float
+    modal_j: float
+    contact_j: float
+    modal_dissipated_j: float
+    contact_dissipated_j: float
+    injected_j: float
+    energy_residual: float
+    momentum_change_n_s: float
+    contact_impulse_n_s: float
+    gravity_impulse_n_s: float
+    momentum_residual: float
+    newton_iterations: int
+    newton_iterations_max: int
+    contact_steps: int
+    frequencies: int
+    frequency_limit_hz: float
+    expected_error: float
+    def __init__(self, run_id: _Optional[int] = ..., energy_start_j: _Optional[float] = ..., kinetic_j: _Optional[float] = ..., gravity_j: _Optional[float] = ..., modal_j: _Optional[float] = ..., contact_j: _Optional[float] = ..., modal_dissipated_j: _Optional[float] = ..., contact_dissipated_j: _Optional[float] = ..., injected_j: _Optional[float] = ..., energy_residual: _Optional[float] = ..., momentum_change_n_s: _Optional[float] = ..., contact_impulse_n_s: _Optional[float] = ..., gravity_impulse_n_s: _Optional[float] = ..., momentum_residual: _Optional[float] = ..., newton_iterations: _Optional[int] = ..., newton_iterations_max: _Optional[int] = ..., contact_steps: _Optional[int] = ..., frequencies: _Optional[int] = ..., frequency_limit_hz: _Optional[float] = ..., expected_error: _Optional[float] = ...) -> None: ...
+
+class StreamCount(_message.Message):
+    __slots__ = ("stream", "messages", "samples")
+    STREAM_FIELD_NUMBER: _ClassVar[int]
+    MESSAGES_FIELD_NUMBER: _ClassVar[int]
+    SAMPLES_FIELD_NUMBER: _ClassVar[int]
+    stream: str
+    messages: int
+    samples: int
+    def __init__(self, stream: _Optional[str] = ..., messages: _Optional[int] = ..., samples: _Optional[int] = ...) -> None: ...
+
+class RunEnd(_message.Message):
+    __slots__ = ("run_id", "role", "count", "fault")
+    RUN_ID_FIELD_NUMBER: _ClassVar[int]
+    ROLE_FIELD_NUMBER: _ClassVar[int]
+    COUNT_FIELD_NUMBER: _ClassVar[int]
+    FAULT_FIELD_NUMBER: _ClassVar[int]
+    run_id: int
+    role: str
+    count: _containers.RepeatedCompositeFieldContainer[StreamCount]
+    fault: str
+    def __init__(self, run_id: _Optional[int] = ..., role: _Optional[str] = ..., count: _Optional[_Iterable[_Union[StreamCount, _Mapping]]] = ..., fault: _Optional[str] = ...) -> None: ...

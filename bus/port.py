@@ -1,0 +1,75 @@
+"""The contract that the in-process and the zenoh port share."""
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+from google.protobuf.message import Message
+
+from bus import wire
+from bus.messages_pb2 import RunEnd, StreamCount
+from bus.streams import STREAMS, Counter, Envelope
+
+
+class BusError(RuntimeError):
+    """The bus could not do what was asked; the sentence says who or what is missing."""
+
+
+class PeerLost(BusError):
+    """A process that takes part in the run is gone, or never came, or is silent."""
+
+
+class Port(Protocol):
+    """One role's access to the bus. Delivery is in order and complete per stream."""
+
+    role: str
+
+    def publish(self, envelope: Envelope) -> None:
+        """Send to everyone who subscribed. Blocks when they cannot keep up."""
+
+    def receive(self, timeout_s: float, awaited: str) -> Envelope:
+        """Next message for this role. Raises PeerLost after `timeout_s` seconds without
+        one, naming `awaited`, and at once when a role of the run has gone."""
+
+    def pending(self) -> bool:
+        """Whether `receive` would return at once."""
+
+    def close(self) -> None:
+        """Leave the bus."""
+
+
+class Publisher:
+    """Numbers and counts what one role publishes, and announces the counts at the end."""
+
+    def __init__(self, port: Port, run_id: int) -> None:
+        self.port, self.run_id = port, run_id
+        self.counters = {
+            name: Counter()
+            for name, stream in STREAMS.items()
+            if stream.publisher == port.role and not name.startswith("end/")
+        }
+
+    def send(
+        self, stream: str, header: Message, arrays: Mapping[str, np.ndarray] | None = None
+    ) -> int:
+        """Publish one message, completing run id and sequence number. Returns its size, bytes."""
+        counter = self.counters[stream]
+        fields = header.DESCRIPTOR.fields_by_name
+        if "run_id" in fields:
+            header.run_id = self.run_id  # type: ignore[attr-defined]
+        if "sequence" in fields:
+            header.sequence = counter.messages  # type: ignore[attr-defined]
+        payload = wire.encode(header, **(arrays or {}))
+        self.port.publish(Envelope(stream, payload, counter.messages))
+        counter.messages += 1
+        counter.samples += max((len(a) for a in (arrays or {}).values()), default=1)
+        return len(payload)
+
+    def end(self, fault: str = "") -> None:
+        """Announce what was published; the last message of a role."""
+        counts = [
+            StreamCount(stream=name, messages=c.messages, samples=c.samples)
+            for name, c in self.counters.items()
+        ]
+        header = RunEnd(run_id=self.run_id, role=self.port.role, count=counts, fault=fault)
+        self.port.publish(Envelope(f"end/{self.port.role}", header.SerializeToString(), 0))

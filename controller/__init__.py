@@ -1,0 +1,1 @@
+"""Force laws, the latency line between law and actuator, force quantisation."""

@@ -1,0 +1,5 @@
+"""python -m hertzloop"""
+
+from hertzloop.cli import main
+
+main()

@@ -1,0 +1,377 @@
+"""The command line. Exit codes: 0 done, 1 a run failed or recordings differ, 2 the user's
+mistake, 130 interrupted."""
+
+import json
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from hertzloop.scene import DEFAULT, Scene, SceneError, load, shipped
+
+if TYPE_CHECKING:
+    from hertzloop.processes import BusAddress
+    from recordings.reader import Recording
+
+app = typer.Typer(
+    help="Try an active force law against an impact at 1 MHz, over a real message bus.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+out = Console(highlight=False)
+err = Console(stderr=True, highlight=False)
+
+SceneArgument = Annotated[str, typer.Argument(help="A shipped scene's name, or a .toml file.")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", help="Change a scene key, e.g. sensors.bits=12.")
+]
+SeedOption = Annotated[
+    int | None, typer.Option(help="Seed of all randomness; the scene's if left out.")
+]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
+HorizonOption = Annotated[
+    int | None,
+    typer.Option(min=1, help="Most steps between two exchanges; as the law allows if left out."),
+]
+TimeoutOption = Annotated[float, typer.Option(min=0.1, help="Longest wait for another process, s.")]
+NameOption = Annotated[str, typer.Option(help="Name of the run on the bus.")]
+ListenOption = Annotated[list[str] | None, typer.Option(help="Endpoint to listen on.")]
+ConnectOption = Annotated[list[str] | None, typer.Option(help="Endpoint to connect to.")]
+ConfigOption = Annotated[
+    Path | None,
+    typer.Option(help="zenoh configuration (JSON5), e.g. for TLS and access control.", exists=True),
+]
+MachineOption = Annotated[bool, typer.Option("--machine", hidden=True)]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")]
+
+
+class Transport(StrEnum):
+    """Three ways to run the same closed loop."""
+
+    ZENOH = "zenoh"
+    INPROCESS = "inprocess"
+    COMPILED = "compiled"
+
+
+def _fail(sentence: str, code: int) -> NoReturn:
+    err.print(f"[red]error:[/red] {sentence}", soft_wrap=True, markup=True)
+    raise typer.Exit(code)
+
+
+def _scene(source: str, settings: list[str] | None, seed: int | None) -> Scene:
+    try:
+        scene = load(source, settings, seed)
+        from hertzloop import parts
+
+        parts.plant_spec(scene)
+        return scene
+    except SceneError as error:
+        _fail(str(error), 2)
+
+
+def _check_output(path: Path, overwrite: bool) -> None:
+    if path.exists() and not path.is_file() and not overwrite:
+        _fail(f"{path} is no file that a recording could be written to", 2)
+    if path.is_file() and not overwrite:
+        _fail(f"{path} exists; choose another name with --out, or allow it with --overwrite", 2)
+    if not path.parent.is_dir():
+        _fail(f"the folder {path.parent} does not exist", 2)
+
+
+def _write_json(path: Path | None, data: dict[str, Any]) -> None:
+    if path is None:
+        return
+    try:
+        path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        _fail(f"cannot write {path}: {error.strerror}", 1)
+
+
+def _announce_compilation() -> None:
+    err.print("Compiling the kernels: once after every change of version, about half a minute.")
+
+
+@app.command()
+def run(
+    scene: SceneArgument = DEFAULT,
+    out_file: Annotated[Path | None, typer.Option("--out", help="Recording to write.")] = None,
+    transport: Annotated[Transport, typer.Option(help="How the parts talk.")] = Transport.ZENOH,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+    horizon: HorizonOption = None,
+    port: Annotated[
+        int | None,
+        typer.Option(min=1, max=65533, help="First of three ports; free ones if left out."),
+    ] = None,
+    timeout: TimeoutOption = 10.0,
+) -> None:
+    """Run a scene, record it, and print what happened with and without control."""
+    from hertzloop.warmup import ensure_compiled
+
+    resolved = _scene(scene, settings, seed)
+    recording = out_file or Path(f"{resolved.name}.mcap")
+    _check_output(recording, overwrite)
+    ensure_compiled(_announce_compilation)
+
+    from bus.port import BusError
+    from bus.streams import StreamFault
+    from hertzloop import figures, launcher, report
+    from hertzloop.compiled import simulate
+    from hertzloop.inprocess import record_in_process
+    from recordings.reader import read
+    from recordings.writer import RecordingError
+
+    percent = TextColumn("{task.percentage:3.0f} %")
+    columns = (TextColumn("{task.description}"), BarColumn(), percent, TimeRemainingColumn())
+    try:
+        with Progress(*columns, console=err, transient=True) as progress:
+            task = progress.add_task(resolved.name, total=resolved.steps)
+
+            def show(step: int) -> None:
+                progress.update(task, completed=step)
+
+            if transport is Transport.ZENOH:
+                ports = [port, port + 1, port + 2] if port else None
+                with launcher.Launcher(
+                    resolved, recording, overwrite=overwrite, horizon=horizon, ports=ports,
+                    timeout_s=timeout,
+                ) as processes:  # fmt: skip
+                    stats = processes.wait(show)
+            else:
+                compiled = transport is Transport.COMPILED
+                stats = vars(record_in_process(
+                    resolved, recording, compiled=compiled, horizon=horizon, overwrite=overwrite,
+                    on_progress=show,
+                ))  # fmt: skip
+        recorded = read(recording)
+        if recorded.problems:
+            raise RecordingError(f"{recording}: {recorded.problems[0]}")
+    except KeyboardInterrupt:
+        err.print(f"interrupted; what was recorded until now is in {recording}")
+        raise typer.Exit(130) from None
+    except (launcher.RunFailed, BusError, StreamFault, RecordingError) as error:
+        _fail(str(error), 1)
+    off = resolved.model_copy(
+        update={"controller": resolved.controller.model_copy(update={"law": "off"})}
+    )
+    free = figures.impacts_in_memory(off, simulate(off))
+    data = figures.run_report(
+        resolved, recorded, free, transport=transport.value, wall_s=stats["wall_s"],
+        exchanges=int(stats["exchanges"]),
+    )  # fmt: skip
+    report.print_run(out, data)
+    _write_json(json_file, data)
+
+
+@contextmanager
+def _process(role: str, machine: bool) -> Iterator[Callable[..., None]]:
+    """Frame of a process of a run: reports for a launcher or words for a person."""
+    from bus.port import BusError, PeerLost
+    from bus.streams import StreamFault
+    from hertzloop.processes import Interrupted
+    from recordings.writer import RecordingError
+
+    def tell(**what: object) -> None:
+        if machine:
+            print(json.dumps(what), flush=True)
+
+    def stop(*_: object) -> NoReturn:
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, stop)
+    try:
+        yield tell
+    except (BusError, StreamFault, RecordingError) as error:
+        tell(fault=str(error), lost_a_peer=isinstance(error, PeerLost))
+        if not machine:
+            _fail(str(error), 1)
+        raise typer.Exit(1) from None
+    except (Interrupted, KeyboardInterrupt) as error:
+        tell(fault=str(error) or f"{role} was interrupted", lost_a_peer=True)
+        if not machine:
+            err.print(str(error) or f"{role} was interrupted")
+        raise typer.Exit(130) from None
+
+
+def _address(
+    role: str,
+    name: str,
+    listen: list[str] | None,
+    connect: list[str] | None,
+    config: Path | None,
+    timeout: float,
+) -> "BusAddress":
+    from hertzloop.processes import BASE_PORT, BusAddress, default_endpoints
+
+    own, others = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
+    given = config is not None
+    return BusAddress(
+        name,
+        listen or ([] if given else own),
+        connect or ([] if given else others),
+        config,
+        timeout,
+    )
+
+
+def _progress_reporter(tell: Callable[..., None]) -> Callable[[int], None]:
+    """Report progress at most ten times a second."""
+    import time
+
+    last = [0.0]
+
+    def report(step: int) -> None:
+        now = time.monotonic()
+        if now - last[0] > 0.1:
+            last[0] = now
+            tell(step=step)
+
+    return report
+
+
+@app.command()
+def plant(
+    scene: SceneArgument = DEFAULT,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    horizon: HorizonOption = None,
+    name: NameOption = "hertzloop",
+    listen: ListenOption = None,
+    connect: ConnectOption = None,
+    zenoh_config: ConfigOption = None,
+    timeout: TimeoutOption = 10.0,
+    machine: MachineOption = False,
+) -> None:
+    """The plant process alone: waits for controller and recorder, then runs the scene."""
+    from bus.streams import PLANT
+    from hertzloop import processes
+    from hertzloop.warmup import ensure_compiled
+
+    resolved = _scene(scene, settings, seed)
+    ensure_compiled(_announce_compilation)
+    with _process(PLANT, machine) as tell:
+        address = _address(PLANT, name, listen, connect, zenoh_config, timeout)
+        if not machine:
+            err.print(f"plant on {', '.join(address.listen)}: waiting for controller and recorder")
+        stats = processes.run_plant(
+            resolved, address, horizon, lambda: tell(ready=True), _progress_reporter(tell)
+        )
+        tell(done=stats)
+        if not machine:
+            out.print(f"{resolved.steps:,} steps in {stats['wall_s']:.3f} s")
+
+
+@app.command()
+def controller(
+    name: NameOption = "hertzloop",
+    listen: ListenOption = None,
+    connect: ConnectOption = None,
+    zenoh_config: ConfigOption = None,
+    timeout: TimeoutOption = 10.0,
+    machine: MachineOption = False,
+) -> None:
+    """The controller process alone: takes the scene from the plant, answers its samples."""
+    from bus.streams import CONTROLLER
+    from hertzloop import processes
+    from hertzloop.warmup import ensure_compiled
+
+    ensure_compiled(_announce_compilation)
+    with _process(CONTROLLER, machine) as tell:
+        address = _address(CONTROLLER, name, listen, connect, zenoh_config, timeout)
+        if not machine:
+            err.print(f"controller on {', '.join(address.listen)}: waiting for plant and recorder")
+        tell(done=processes.run_controller(address, lambda: tell(ready=True)))
+
+
+@app.command()
+def record(
+    out_file: Annotated[Path, typer.Option("--out", help="Recording to write.")] = Path("run.mcap"),
+    overwrite: OverwriteOption = False,
+    name: NameOption = "hertzloop",
+    listen: ListenOption = None,
+    connect: ConnectOption = None,
+    zenoh_config: ConfigOption = None,
+    timeout: TimeoutOption = 10.0,
+    machine: MachineOption = False,
+) -> None:
+    """The recorder process alone: writes every stream of a run into one MCAP file."""
+    from bus.streams import RECORDER
+    from hertzloop import processes
+
+    _check_output(out_file, overwrite)
+    with _process(RECORDER, machine) as tell:
+        address = _address(RECORDER, name, listen, connect, zenoh_config, timeout)
+        if not machine:
+            err.print(f"recorder on {', '.join(address.listen)}: waiting for plant and controller")
+        stats = processes.run_recorder(out_file, address, overwrite, lambda: tell(ready=True))
+        tell(done=stats)
+        if not machine:
+            out.print(f"recorded {out_file}")
+
+
+def _read(path: Path) -> "Recording":
+    from recordings.reader import read
+    from recordings.writer import RecordingError
+
+    try:
+        return read(path)
+    except RecordingError as error:
+        _fail(str(error), 2)
+
+
+FileArgument = Annotated[Path, typer.Argument(help="A recording.", metavar="F.mcap")]
+
+
+@app.command()
+def inspect(file: FileArgument, json_file: JsonOption = None) -> None:
+    """Streams, counts, gaps, scene and figures of a recording, whole or cut off."""
+    from hertzloop import inspection
+
+    recording = _read(file)
+    data = inspection.summary(recording)
+    inspection.show(out, recording, data)
+    _write_json(json_file, data)
+
+
+@app.command()
+def compare(
+    a: Annotated[Path, typer.Argument(metavar="A.mcap")],
+    b: Annotated[Path, typer.Argument(metavar="B.mcap")],
+) -> None:
+    """Exit 0 if every compared stream of two recordings has the same bytes, else 1."""
+    from recordings.compare import first_difference
+
+    left, right = _read(a), _read(b)
+    for recording in (left, right):
+        for problem in recording.problems:
+            err.print(f"{recording.path}: {problem}", soft_wrap=True)
+    difference = first_difference(left, right)
+    if difference:
+        out.print(difference, soft_wrap=True)
+        raise typer.Exit(1)
+    out.print(
+        f"the same: {left.truth.samples:,} steps of truth, {left.daq.samples:,} samples, "
+        f"{left.force.samples:,} forces, {len(left.events)} events"
+    )
+
+
+@app.command()
+def scenes() -> None:
+    """The scenes that come with hertzloop, and what each shows."""
+    for name in shipped():
+        note = " (default)" if name == DEFAULT else ""
+        out.print(f"[bold]{name}[/bold]{note}\n    {load(name).shows}", soft_wrap=True)
+
+
+def main() -> None:
+    """Entry point."""
+    app()

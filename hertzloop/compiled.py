@@ -1,0 +1,94 @@
+"""The whole closed loop in one compiled call per block: plant, sensor and controller."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bus.messages_pb2 import ForceBlock
+from bus.port import Port, Publisher
+from controller import kernels as ck
+from hertzloop import kernels as k
+from hertzloop import parts
+from hertzloop.events import ControllerEvents
+from hertzloop.plant_node import BLOCK_STEPS, LoopStats, PlantStreams, new_run_id
+from hertzloop.scene import Scene
+from plant.plant import Books
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A simulated run in memory: rows as in TruthBlock, shape (7, steps), and its books."""
+
+    rows: np.ndarray
+    books: Books
+
+
+def simulate(scene: Scene) -> Truth:
+    """Run a scene without bus or recording."""
+    plant, sensor = parts.plant(scene), parts.sensor(scene)
+    controller = parts.controller(scene, plant.model.stiffness)
+    steps, samples = scene.steps, len(controller.law_state.history)
+    window = k.Window(
+        truth=np.zeros((k.TRUTH_COLUMNS, steps)),
+        codes=np.zeros(samples, np.int64),
+        values=np.zeros(samples),
+        clipped=np.zeros(samples, np.int64),
+        counts=np.zeros(k.WINDOW_COUNTS, np.int64),
+    )
+    modes, delays = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
+    k.closed_loop(
+        plant.model, plant.state, sensor.model, sensor.state, controller.law,
+        controller.law_state, controller.line, controller.line_state, controller.forces,
+        window, modes, delays, steps,
+    )  # fmt: skip
+    return Truth(window.truth, plant.close_books())
+
+
+def run_compiled(
+    scene: Scene,
+    plant_port: Port,
+    controller_port: Port,
+    on_progress: Callable[[int], None] = lambda step: None,
+) -> LoopStats:
+    """Run a scene and publish the streams that the processes would publish."""
+    run_id = new_run_id()
+    streams = PlantStreams(scene, Publisher(plant_port, run_id))
+    publisher = Publisher(controller_port, run_id)
+    controller = parts.controller(scene, streams.plant.model.stiffness)
+    events = ControllerEvents(scene.run.step_ns, scene.sensors.every_steps)
+    modes, delays = np.zeros(BLOCK_STEPS, np.int64), np.zeros(BLOCK_STEPS, np.int64)
+
+    def advance(end: int) -> None:
+        k.closed_loop(
+            streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
+            controller.law, controller.law_state, controller.line, controller.line_state,
+            controller.forces, streams.window, modes, delays, end,
+        )  # fmt: skip
+
+    advance(0)  # loads the kernel before the clock starts
+    streams.greet()
+    wall_s, sent = 0.0, 0
+    while streams.step < scene.steps:
+        started = time.perf_counter()
+        advance(min(streams.step + BLOCK_STEPS, scene.steps))
+        wall_s += time.perf_counter() - started
+        first = int(streams.window.counts[k.SAMPLES_FIRST])
+        count = streams.samples_waiting()
+        streams.send_samples()
+        streams.send_truth()
+        end = int(controller.line_state.counts[ck.EMITTED])
+        answer = ForceBlock(
+            first_step=sent,
+            step_ns=scene.run.step_ns,
+            samples_seen=int(controller.law_state.counts[ck.SAMPLES]),
+        )
+        publisher.send("force", answer, {"force_n": controller.forces[sent:end]})
+        sent = end
+        for event in events.of(first, modes[:count], delays[:count]):
+            publisher.send("events/controller", event)
+        on_progress(streams.step)
+    streams.finish()
+    publisher.end()
+    return LoopStats(wall_s, 0)

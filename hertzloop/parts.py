@@ -1,0 +1,125 @@
+"""From a checked scene to the parts: plant, sensor, controller."""
+
+import math
+
+from controller.controller import Controller, Law, LawSpec, LineSpec
+from hertzloop.scene import Scene, SceneError
+from plant.contact import Contact, Damping, Sphere, hertz_stiffness, hunt_crossley_parameter
+from plant.materials import MATERIALS
+from plant.model_order import expected_error, frequency_limit_hz
+from plant.plant import Plant, PlantSpec
+from plant.plate import Plate
+from sensors.acquisition import Quantity, Sensor, SensorSpec
+
+_MAX_MODES = 500_000
+_AUTO_LOW, _AUTO_HIGH = -1.25, 0.25  # of the penetration on a rigid plate
+
+
+def plant_spec(scene: Scene) -> PlantSpec:
+    """Description of the plant. Raises SceneError if the scene asks for too many modes."""
+    sphere = Sphere(
+        MATERIALS[scene.sphere.material], scene.sphere.radius_m, scene.sphere.drop_height_m
+    )
+    table = scene.plate
+    plate = Plate(MATERIALS[table.material], table.size_m, table.thickness_m, table.loss_factor)
+    contact = _contact(scene, sphere, plate)
+    limit = frequency_limit_hz(sphere, plate, contact, scene.step_s, scene.run.accuracy)
+    # Modal density of a plate: area/(4 pi) sqrt(m''/B') modes per rad/s.
+    density = math.sqrt(plate.mass_per_area_kg_m2 / plate.bending_stiffness_n_m) / (4 * math.pi)
+    modes = density * table.size_m[0] * table.size_m[1] * 2 * math.pi * limit
+    if modes > _MAX_MODES:
+        raise SceneError(
+            f"plate.size_m = {list(table.size_m)} with plate.thickness_m = {table.thickness_m:g} "
+            f"has about {modes:.2g} modes up to {limit:.3g} Hz, the most is {_MAX_MODES}; take a "
+            f"smaller or thicker plate, or a larger run.accuracy (now {scene.run.accuracy:g})"
+        )
+    return PlantSpec(
+        sphere=sphere,
+        plate=plate,
+        contact=contact,
+        contact_point_m=table.contact_point_m,
+        actuator_point_m=table.actuator_point_m or table.contact_point_m,
+        step_s=scene.step_s,
+        frequency_limit_hz=limit,
+        lead_in_s=scene.run.lead_in_s,
+    )
+
+
+def _contact(scene: Scene, sphere: Sphere, plate: Plate) -> Contact:
+    stiffness = hertz_stiffness(sphere.radius_m, sphere.material, plate.material)
+    table = scene.contact
+    if table.damping == "viscous":
+        return Contact(stiffness, Damping.VISCOUS, viscous_n_s_m=table.viscous_n_s_m)
+    if table.damping == "hunt_crossley":
+        d = hunt_crossley_parameter(table.restitution, sphere.impact_speed_m_s)
+        return Contact(stiffness, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=d)
+    return Contact(stiffness)
+
+
+def plant(scene: Scene) -> Plant:
+    """The plant at the start of its run."""
+    try:
+        return Plant(plant_spec(scene))
+    except ValueError as error:
+        raise SceneError(str(error)) from error
+
+
+def model_error(scene: Scene) -> float:
+    """Error of the penetration that leaving out modes is expected to cost, relative."""
+    spec = plant_spec(scene)
+    return expected_error(spec.sphere, spec.plate, spec.contact, spec.frequency_limit_hz)
+
+
+def sensor(scene: Scene) -> Sensor:
+    """The data-acquisition channel at the start of its run."""
+    table = scene.sensors
+    full_scale: tuple[float, float] | None = None
+    if isinstance(table.full_scale, tuple):
+        full_scale = table.full_scale
+    elif table.full_scale == "auto" and table.bits != "ideal":
+        spec = plant_spec(scene)
+        m, v = spec.sphere.mass_kg, spec.sphere.impact_speed_m_s
+        rigid = (1.25 * m * v * v / spec.contact.stiffness) ** 0.4
+        full_scale = (_AUTO_LOW * rigid, _AUTO_HIGH * rigid)
+    spec_ = SensorSpec(
+        quantity=Quantity[table.quantity.upper()],
+        every_steps=table.every_steps,
+        low_pass_hz=table.low_pass_hz,
+        full_scale=full_scale,
+        bits=None if table.bits == "ideal" else int(table.bits),
+        noise_rms=table.noise_rms,
+    )
+    return Sensor(spec_, scene.step_s, scene.steps, scene.run.seed)
+
+
+def controller(scene: Scene, stiffness: float) -> Controller:
+    """The controller at the start of its run; `stiffness` in N/m^1.5 is the contact's."""
+    table = scene.controller
+    every = scene.sensors.every_steps
+
+    def samples(time_us: float) -> int:
+        return round(scene.in_steps(time_us) / every)
+
+    profile: tuple[float, ...] = ()
+    if table.law == "constant":
+        profile = (table.force_n,) * samples(table.duration_us)
+    elif table.law == "profile":
+        profile = table.profile_n
+    if profile:
+        profile = (0.0,) * samples(table.delay_us) + profile
+    law = LawSpec(
+        law=Law[table.law.upper()],
+        stiffness=stiffness,
+        kappa=table.kappa,
+        v_thr_m_s=table.v_thr_m_s,
+        profile_n=profile,
+    )
+    line = LineSpec(
+        latency_steps=scene.in_steps(table.latency_us),
+        jitter_steps=scene.in_steps(table.jitter_us),
+        drop_out_probability=table.drop_out_probability,
+        bits=None if table.bits == "ideal" else int(table.bits),
+        full_scale_n=table.full_scale_n,
+        slew_n_s=table.slew_n_s,
+    )
+    return Controller(law, line, scene.step_s, scene.steps, every, scene.run.seed)

@@ -1,0 +1,81 @@
+"""Tables on the terminal."""
+
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+_SHOWN = 12  # impacts in a table; --json has them all
+
+
+def impacts_table(title: str, impacts: list[dict[str, float]]) -> Table:
+    """Impacts, one a row."""
+    table = Table(title=title, title_justify="left")
+    for heading in ("start (ms)", "duration (us)", "impact (m/s)", "rebound (m/s)",
+                    "peak force (N)", "into the plate (uJ)"):  # fmt: skip
+        table.add_column(heading, justify="right")
+    for impact in impacts[:_SHOWN]:
+        table.add_row(
+            f"{impact['start_s'] * 1e3:.4f}",
+            f"{impact['duration_s'] * 1e6:.2f}",
+            f"{impact['impact_speed_m_s']:.4f}",
+            f"{impact['rebound_speed_m_s']:.4f}",
+            f"{impact['peak_force_n']:.4g}",
+            f"{impact['plate_energy_j'] * 1e6:.4g}",
+        )
+    if len(impacts) > _SHOWN:
+        table.caption = f"and {len(impacts) - _SHOWN} more; --json has them all"
+    return table
+
+
+def run_table(report: dict[str, Any]) -> Table:
+    """Key figures of the run itself."""
+    residuals = report["residuals"]
+    table = Table(show_header=False)
+    table.add_column()
+    table.add_column()
+    table.add_row(
+        "scene, seed, transport", f"{report['scene']}, {report['seed']}, {report['transport']}"
+    )
+    table.add_row("steps", f"{report['steps']:,}")
+    table.add_row(
+        "wall time of the loop",
+        f"{report['wall_s']:.3f} s, {report['real_time_factor']:.3g} times real time",
+    )
+    table.add_row("exchanges waited for", f"{report['exchanges']:,}")
+    table.add_row(
+        "frequencies",
+        f"{report['frequencies']} up to {report['frequency_limit_hz'] / 1e3:.4g} kHz, "
+        f"expected error of the penetration below {report['expected_error']:.1g}",
+    )
+    table.add_row("contact solve", f"at most {report['newton_iterations_max']} evaluations a step")
+    table.add_row(
+        "residuals",
+        f"energy {residuals['energy']:.1e}, momentum {residuals['momentum']:.1e} (relative)",
+    )
+    return table
+
+
+def comparison_line(controlled: list[dict[str, float]], free: list[dict[str, float]]) -> str:
+    """First impact with against without control, in words."""
+    if not controlled or not free:
+        return "No impact within the run."
+    with_, without = controlled[0], free[0]
+    energy = with_["plate_energy_j"] / without["plate_energy_j"]
+    return (
+        f"First impact with control against without: plate energy {100 * energy:.1f} %, rebound "
+        f"speed {with_['rebound_speed_m_s']:.3f} against {without['rebound_speed_m_s']:.3f} m/s."
+    )
+
+
+def print_run(console: Console, report: dict[str, Any]) -> None:
+    """The closing table of a run."""
+    console.print(impacts_table("Impacts with control", report["impacts"]))
+    console.print(impacts_table("The same without control", report["uncontrolled"]["impacts"]))
+    console.print(run_table(report))
+    console.print(comparison_line(report["impacts"], report["uncontrolled"]["impacts"]))
+    console.print(
+        f"Recording: [bold]{report['recording']}[/bold]. Look at it with "
+        f"[bold]hertzloop replay {report['recording']}[/bold]",
+        soft_wrap=True,
+    )

@@ -1,0 +1,313 @@
+"""Scenes: what is simulated, as one TOML file, checked before anything runs."""
+
+import difflib
+import math
+import tomllib
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+_MAX_STEPS = 20_000_000
+
+
+class SceneError(ValueError):
+    """The scene cannot be simulated; the message says which key, its value and what would do."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=False, allow_inf_nan=False)
+
+
+Point = tuple[float, float]
+MaterialName = Literal["steel", "aluminium", "oak", "sylomer_m"]
+
+
+class SphereTable(_Table):
+    """The falling sphere."""
+
+    material: MaterialName = "steel"
+    radius_m: Annotated[float, Field(ge=1e-5, le=1.0)]
+    drop_height_m: Annotated[float, Field(ge=1e-7, le=100.0)]
+
+
+class PlateTable(_Table):
+    """The plate, the struck point and where the actuator pushes (default: the struck point)."""
+
+    material: MaterialName
+    size_m: tuple[
+        Annotated[float, Field(ge=0.01, le=20.0)], Annotated[float, Field(ge=0.01, le=20.0)]
+    ]
+    thickness_m: Annotated[float, Field(ge=1e-5, le=1.0)]
+    contact_point_m: Point
+    actuator_point_m: Point | None = None
+    loss_factor: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+
+
+class ContactTable(_Table):
+    """Damping inside the contact."""
+
+    damping: Literal["none", "viscous", "hunt_crossley"] = "none"
+    viscous_n_s_m: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
+    restitution: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+
+
+class SensorsTable(_Table):
+    """Data acquisition. `full_scale` is lowest and highest value, "auto" or "none"."""
+
+    quantity: Literal["xi", "v_p", "acceleration", "contact_force"] = "xi"
+    every_steps: Annotated[int, Field(ge=1, le=1_000_000)] = 1
+    bits: Annotated[int, Field(ge=1, le=24)] | Literal["ideal"] = "ideal"
+    full_scale: Point | Literal["auto", "none"] = "auto"
+    low_pass_hz: Annotated[float, Field(gt=0.0, le=1e9)] | None = None
+    noise_rms: Annotated[float, Field(ge=0.0)] = 0.0
+
+
+class ControllerTable(_Table):
+    """Force law and the line to the actuator."""
+
+    law: Literal["off", "slope_threshold", "constant", "profile"] = "slope_threshold"
+    kappa: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.8
+    v_thr_m_s: Annotated[float, Field(ge=-1e3, le=1e3)] = -0.25
+    force_n: float = 0.0
+    profile_n: tuple[float, ...] = ()
+    delay_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    duration_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    latency_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    drop_out_probability: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    bits: Annotated[int, Field(ge=2, le=24)] | Literal["ideal"] = "ideal"
+    full_scale_n: Annotated[float, Field(gt=0.0)] | None = None
+    slew_n_s: Annotated[float, Field(gt=0.0)] | None = None
+
+
+class RunTable(_Table):
+    """Length, step, accuracy and seed. The run starts `lead_in_s` before the first contact."""
+
+    duration_s: Annotated[float, Field(gt=0.0)]
+    lead_in_s: Annotated[float, Field(ge=0.0)] = 1e-3
+    step_ns: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
+    accuracy: Annotated[float, Field(ge=1e-9, le=0.5)] = 1e-3
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
+
+
+class Scene(_Table):
+    """A whole scene; see scenes/*.toml for examples."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
+    shows: str = ""
+    sphere: SphereTable
+    plate: PlateTable
+    contact: ContactTable = ContactTable()
+    sensors: SensorsTable = SensorsTable()
+    controller: ControllerTable = ControllerTable()
+    run: RunTable
+
+    @property
+    def step_s(self) -> float:
+        """Length of a step, s."""
+        return self.run.step_ns * 1e-9
+
+    @property
+    def steps(self) -> int:
+        """Length of the run in steps."""
+        return round(self.run.duration_s / self.step_s)
+
+    def in_steps(self, time_us: float) -> int:
+        """A time in whole steps."""
+        return round(time_us * 1000 / self.run.step_ns)
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> "Scene":
+        for problem in _problems(self):
+            raise ValueError(problem)
+        return self
+
+
+def _problems(scene: Scene) -> "list[str]":
+    """Sentences on values that are fine alone, but not together."""
+    found = []
+    plate, run, control = scene.plate, scene.run, scene.controller
+    for key in ("contact_point_m", "actuator_point_m"):
+        point = getattr(plate, key)
+        if point and not all(0 < p < size for p, size in zip(point, plate.size_m, strict=True)):
+            found.append(
+                f"plate.{key} = {list(point)} lies outside the plate; both numbers must be above 0 "
+                f"and below plate.size_m = {list(plate.size_m)}"
+            )
+    if not 1 <= scene.steps <= _MAX_STEPS:
+        found.append(
+            f"run.duration_s = {run.duration_s:g} makes {scene.steps} steps of run.step_ns = "
+            f"{run.step_ns}; a run has 1 to {_MAX_STEPS} steps"
+        )
+    for key in ("latency_us", "jitter_us", "delay_us", "duration_us"):
+        value = getattr(control, key)
+        if abs(value * 1000 / run.step_ns - scene.in_steps(value)) > 1e-9 * max(1.0, value):
+            found.append(
+                f"controller.{key} = {value:g} is no whole number of steps; take a multiple of "
+                f"{run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})"
+            )
+    if control.law != "off" and scene.sensors.quantity != "xi":
+        found.append(
+            f"sensors.quantity = '{scene.sensors.quantity}' does not fit controller.law = "
+            f"'{control.law}', which works on the penetration; take 'xi', or law 'off'"
+        )
+    if control.law == "profile" and not control.profile_n:
+        found.append("controller.profile_n is empty; law 'profile' needs one force (N) a sample")
+    if control.law == "constant" and control.duration_us == 0:
+        found.append("controller.duration_us = 0; law 'constant' needs the length of its force")
+    if control.bits != "ideal" and control.full_scale_n is None:
+        found.append(
+            f"controller.bits = {control.bits} needs controller.full_scale_n, the largest force (N)"
+        )
+    limits = scene.sensors.full_scale
+    if isinstance(limits, tuple) and not limits[0] < limits[1]:
+        found.append(
+            f"sensors.full_scale = {list(limits)} is no range; the first number must be the lower"
+        )
+    if scene.sensors.quantity != "xi" and limits == "auto" and scene.sensors.bits != "ideal":
+        found.append(
+            f"sensors.full_scale = 'auto' is known for 'xi' only; give the lowest and highest "
+            f"value for '{scene.sensors.quantity}'"
+        )
+    if scene.sensors.bits != "ideal" and limits == "none":
+        found.append(
+            f"sensors.bits = {scene.sensors.bits} needs a range in sensors.full_scale, not 'none'"
+        )
+    return found
+
+
+def shipped() -> list[str]:
+    """Names of the scenes that come with hertzloop, the default first."""
+    folder = resources.files("hertzloop") / "scenes"
+    names = [f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")]
+    return sorted(names, key=lambda name: (name != DEFAULT, name))
+
+
+DEFAULT = "aluminium-3mm"
+
+
+def load(source: str, settings: list[str] | None = None, seed: int | None = None) -> Scene:
+    """Read a scene by shipped name or from a file, apply `key=value` settings and the seed.
+
+    Raises SceneError with one sentence for anything wrong in it.
+    """
+    return parse(_text(source), settings, seed)
+
+
+def _text(source: str) -> str:
+    path = Path(source)
+    if path.suffix == ".toml" or path.is_file():
+        try:
+            return path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise SceneError(f"cannot read the scene {source}: {error}") from error
+    names = shipped()
+    if source not in names:
+        close = difflib.get_close_matches(source, names, 1)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        raise SceneError(
+            f"there is no scene '{source}'{hint} Known scenes: {', '.join(names)}; "
+            "or give the path of a .toml file"
+        )
+    return (resources.files("hertzloop") / "scenes" / f"{source}.toml").read_text("utf-8")
+
+
+def parse(text: str, settings: list[str] | None = None, seed: int | None = None) -> Scene:
+    """Make a scene from TOML text. Raises SceneError."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"the scene is not valid TOML: {error}") from error
+    for setting in settings or []:
+        _apply(data, setting)
+    if seed is not None:
+        data.setdefault("run", {})["seed"] = seed
+    try:
+        return Scene.model_validate(data)
+    except ValidationError as error:
+        raise SceneError(_sentence(error)) from error
+
+
+def _apply(data: dict[str, Any], setting: str) -> None:
+    """Apply one key=value; the value is TOML, a bare word counts as text."""
+    key, equals, value = setting.partition("=")
+    path = key.strip().split(".")
+    if not equals or not all(path):
+        raise SceneError(f"'{setting}' is no setting; write table.key=value, e.g. sensors.bits=12")
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        parsed = value.strip()
+    table = data
+    for part in path[:-1]:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise SceneError(f"'{key}' is no scene key: '{part}' is a value, not a table")
+    table[path[-1]] = parsed
+
+
+def _known_keys(path: tuple[str, ...]) -> list[str]:
+    """Keys of the table at `path` of a scene."""
+    model: Any = Scene
+    for part in path:
+        model = model.model_fields[part].annotation
+    return list(model.model_fields)
+
+
+def _sentence(error: ValidationError) -> str:
+    """The first problem as one sentence."""
+    problem = error.errors()[0]
+    path = tuple(str(p) for p in problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        known = _known_keys(path[:-1])
+        close = difflib.get_close_matches(path[-1], known, 1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        return f"{'.'.join(path)} is no scene key; {hint}Known here: {', '.join(known)}"
+    if problem["type"] == "missing":
+        return f"{'.'.join(path)} is missing from the scene"
+    if problem["type"] == "value_error":
+        return str(problem["ctx"]["error"])
+    keys = tuple(p for p in path if p in _field_path(path))
+    same = [
+        p["msg"] for p in error.errors() if tuple(str(q) for q in p["loc"])[: len(keys)] == keys
+    ]
+    wanted = " or ".join(dict.fromkeys(m[0].lower() + m[1:] for m in same))
+    return f"{'.'.join(keys)} = {problem['input']!r} will not do: {wanted}"
+
+
+def _field_path(path: tuple[str, ...]) -> tuple[str, ...]:
+    """The part of an error's location that names scene keys, without union branches."""
+    for length in range(len(path), 0, -1):
+        try:
+            known = _known_keys(path[: length - 1])
+        except (KeyError, AttributeError):
+            continue
+        if path[length - 1] in known:
+            return path[:length]
+    return path
+
+
+def to_toml(scene: Scene) -> str:
+    """The scene as TOML, every key written out: what goes into the recording."""
+    data = scene.model_dump(exclude_none=True)
+    lines = [
+        f"{key} = {_toml(value)}" for key, value in data.items() if not isinstance(value, dict)
+    ]
+    for table, values in data.items():
+        if isinstance(values, dict):
+            lines += ["", f"[{table}]"]
+            lines += [f"{key} = {_toml(value)}" for key, value in values.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+        return f'"{escaped}"'
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(_toml(v) for v in value) + "]"
+    if isinstance(value, float) and not math.isfinite(value):
+        raise SceneError(f"{value} cannot be written into a scene")
+    return repr(value)

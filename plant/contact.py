@@ -1,0 +1,91 @@
+"""Hertz contact of a sphere on a plate surface, and its damping."""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+from scipy.optimize import brentq
+
+from plant.materials import Material
+
+GRAVITY_M_S2 = 9.81
+
+
+class Damping(IntEnum):
+    """Families of contact damping."""
+
+    NONE = 0
+    VISCOUS = 1  # F = c dp/dt
+    HUNT_CROSSLEY = 2  # F = d s p^(3/2) dp/dt
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """Falling sphere: radius in m, height of the drop in m."""
+
+    material: Material
+    radius_m: float
+    drop_height_m: float
+
+    @property
+    def mass_kg(self) -> float:
+        """Mass, kg."""
+        return self.material.density_kg_m3 * 4.0 / 3.0 * math.pi * self.radius_m**3
+
+    @property
+    def impact_speed_m_s(self) -> float:
+        """sqrt(2 g h), m/s."""
+        return math.sqrt(2.0 * GRAVITY_M_S2 * self.drop_height_m)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Contact force s p^(3/2) plus damping; p = penetration in m, s in N/m^1.5.
+
+    `viscous_n_s_m` is c, `hunt_crossley_s_m` is d of the family in `damping`.
+    """
+
+    stiffness: float
+    damping: Damping = Damping.NONE
+    viscous_n_s_m: float = 0.0
+    hunt_crossley_s_m: float = 0.0
+
+
+def hertz_stiffness(radius_m: float, sphere: Material, plate: Material) -> float:
+    """s = 4/3 sqrt(R) E_s' E_p'/(E_s' + E_p'), N/m^1.5 (Hertz 1882)."""
+    a, b = sphere.plane_strain_modulus_pa, plate.plane_strain_modulus_pa
+    return 4.0 / 3.0 * math.sqrt(radius_m) * a * b / (a + b)
+
+
+def hunt_crossley_parameter(restitution: float, impact_speed_m_s: float) -> float:
+    """Damping d, s/m, that gives a coefficient of restitution against a rigid support.
+
+    Exact for F = s p^(3/2) (1 + d dp/dt): dividing the equation of motion by the velocity
+    and integrating both halves of the contact gives, with x = d v0 and e the restitution,
+    x - ln(1 + x) + e x + ln(1 - e x) = 0, independent of s and of the mass.
+    Raises ValueError unless 0 < restitution <= 1.
+    """
+    if not 0.0 < restitution <= 1.0:
+        raise ValueError(f"restitution is {restitution:g}; it must be above 0 and at most 1")
+    if restitution == 1.0:
+        return 0.0
+
+    def mismatch(x: float) -> float:
+        return x - math.log1p(x) + restitution * x + math.log1p(-restitution * x)
+
+    # Near zero the mismatch grows as (1 - e^2) x^2 / 2; it falls to -inf at x = 1/e.
+    upper = 1.0 / restitution
+    x = brentq(mismatch, 1e-6 * (1.0 - restitution), upper * (1.0 - 1e-15), xtol=1e-15)
+    return float(x) / impact_speed_m_s
+
+
+def rigid_contact_time_s(mass_kg: float, stiffness: float, speed_m_s: float) -> float:
+    """Hertz impact on a rigid half-space, without gravity: 3.214 (m/s)^(2/5) v^(-1/5), s."""
+
+    factor = 4.0 * math.sqrt(math.pi) * math.gamma(0.4) / (5.0 * math.gamma(0.9)) * 1.25**0.4
+    return factor * (mass_kg / stiffness) ** 0.4 * speed_m_s**-0.2
+
+
+def rigid_peak_force_n(mass_kg: float, stiffness: float, speed_m_s: float) -> float:
+    """Largest force of the same impact: s (5 m v^2 / (4 s))^(3/5), N."""
+    return float(stiffness * (1.25 * mass_kg * speed_m_s**2 / stiffness) ** 0.6)

@@ -1,0 +1,83 @@
+"""Impacts of a run, from its rows of truth: the figures that `run` and `inspect` print."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plant.contact import GRAVITY_M_S2
+
+
+@dataclass(frozen=True)
+class Impact:
+    """One contact. Times in s since the start of the run, found between two steps by linear
+    interpolation of the gap; speeds of the sphere, the impact speed positive downwards, the
+    rebound speed positive upwards; `plate_energy_j`: work of contact and actuator force on
+    the plate from this contact's start to the next one's (or the end of the run).
+    """
+
+    start_s: float
+    duration_s: float
+    impact_speed_m_s: float
+    rebound_speed_m_s: float
+    peak_force_n: float
+    plate_energy_j: float
+
+
+def sphere_speed_m_s(
+    xi_s: np.ndarray, f_c: np.ndarray, mass_kg: float, step_s: float
+) -> np.ndarray:
+    """Speed of the sphere at every step but the last, up positive, shape (steps - 1,).
+
+    Exact for a force held over a step: v = (x1 - x0)/h - (F/m - g) h/2.
+    """
+    held = f_c[:-1] / mass_kg - GRAVITY_M_S2
+    return np.diff(xi_s) / step_s - 0.5 * held * step_s
+
+
+def _crossing(xi: np.ndarray, before: int) -> float:
+    """Position of xi = 0 between `before` and the next step, in steps."""
+    a, b = float(xi[before]), float(xi[before + 1])
+    return before + (a / (a - b) if a != b else 0.0)
+
+
+def impacts(
+    xi: np.ndarray,
+    xi_s: np.ndarray,
+    xi_p: np.ndarray,
+    f_c: np.ndarray,
+    f_a: np.ndarray,
+    xi_a: np.ndarray | None,
+    mass_kg: float,
+    step_s: float,
+) -> list[Impact]:
+    """All impacts of a run from its rows of truth (arrays of shape (steps,)).
+
+    `xi_a` is the displacement at the actuator, None where that is the contact point. A
+    contact that the run's end cuts off counts with what there is of it.
+    """
+    if len(xi) < 3:
+        return []
+    touching = np.diff((f_c != 0.0).astype(np.int8), prepend=np.int8(0))
+    starts, ends = np.flatnonzero(touching == 1), np.flatnonzero(touching == -1)
+    speed = sphere_speed_m_s(xi_s, f_c, mass_kg, step_s)
+    at_actuator = xi_p if xi_a is None else xi_a
+    work = np.append(-f_c[:-1] * np.diff(xi_p) + f_a[:-1] * np.diff(at_actuator), 0.0)
+    found = []
+    last = len(xi) - 1
+    for i, start in enumerate(starts.tolist()):
+        end = int(ends[i]) if i < len(ends) else last
+        until = int(starts[i + 1]) if i + 1 < len(starts) else len(xi)
+        began = _crossing(xi, start) if xi[start] > 0.0 and start < last else float(start)
+        cut_off = i >= len(ends) or xi[end] <= 0.0
+        ended = float(end) if cut_off else _crossing(xi, end - 1)
+        found.append(
+            Impact(
+                start_s=began * step_s,
+                duration_s=(ended - began) * step_s,
+                impact_speed_m_s=-float(speed[min(start, last - 1)]),
+                rebound_speed_m_s=float(speed[min(end, last - 1)]),
+                peak_force_n=float(f_c[start : end + 1].max()),
+                plate_energy_j=float(work[start:until].sum()),
+            )
+        )
+    return found

@@ -1,0 +1,1 @@
+"""Recordings: MCAP writer, reader, recovery and comparison; replay in Rerun."""

@@ -1,0 +1,1 @@
+"""Data acquisition: filter, sampling, noise, range and quantisation of one quantity."""

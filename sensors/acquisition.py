@@ -1,0 +1,84 @@
+"""Description of a data-acquisition channel, and its compiled form."""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from sensors import kernels as k
+
+_STREAM = 1  # random stream of the noise; the controller has others
+
+
+class Quantity(IntEnum):
+    """What is sensed. Acceleration and contact force are means over the last step."""
+
+    XI = k.XI  # m
+    V_P = k.PLATE_VELOCITY  # m/s
+    ACCELERATION = k.PLATE_ACCELERATION  # m/s^2
+    CONTACT_FORCE = k.CONTACT_FORCE  # N
+
+
+@dataclass(frozen=True)
+class SensorSpec:
+    """One channel, in SI units of its quantity.
+
+    `every_steps`: steps between samples. `low_pass_hz`: corner of the one-pole filter, or
+    None. `full_scale`: lowest and highest value, or None for no limit. `bits`: 1 to 24, or
+    None for an ideal converter. `noise_rms`: standard deviation of white noise per sample.
+    """
+
+    quantity: Quantity = Quantity.XI
+    every_steps: int = 1
+    low_pass_hz: float | None = None
+    full_scale: tuple[float, float] | None = None
+    bits: int | None = None
+    noise_rms: float = 0.0
+
+
+def converter_codes(bits: int, full_scale: tuple[float, float]) -> tuple[float, float, int, int]:
+    """Scale, offset, first and last code of a mid-tread converter over `full_scale`.
+
+    2^bits levels, both ends of the range included, so no value in range is further than
+    half a step from its level. Value = offset + scale * code; codes are centred on zero.
+    """
+    low, high = full_scale
+    levels = 2**bits
+    scale = (high - low) / (levels - 1)
+    first = -(levels // 2)
+    return scale, low - scale * first, first, first + levels - 1
+
+
+class Sensor:
+    """Compiled form of a channel for a run of `steps` steps."""
+
+    def __init__(self, spec: SensorSpec, step_s: float, steps: int, seed: int) -> None:
+        self.spec = spec
+        samples = -(-steps // spec.every_steps)
+        noise = np.empty(0)
+        if spec.noise_rms > 0.0:
+            generator = np.random.Generator(np.random.Philox(key=[seed, _STREAM]))
+            noise = spec.noise_rms * generator.standard_normal(samples)
+        low, high = spec.full_scale or (0.0, 0.0)
+        scale, offset, first, last = 1.0, 0.0, 0, 0
+        if spec.bits is not None:
+            if spec.full_scale is None:
+                raise ValueError("a converter with bits needs a full-scale range")
+            scale, offset, first, last = converter_codes(spec.bits, spec.full_scale)
+        corner = spec.low_pass_hz
+        self.model = k.SensorModel(
+            quantity=int(spec.quantity),
+            every_steps=spec.every_steps,
+            filter_gain=1.0 if corner is None else -math.expm1(-2.0 * math.pi * corner * step_s),
+            ideal=spec.bits is None,
+            limited=spec.full_scale is not None,
+            low=low,
+            high=high,
+            scale=scale,
+            offset=offset,
+            first_code=first,
+            last_code=last,
+            noise=noise,
+        )
+        self.state = np.zeros(2)

@@ -1,0 +1,61 @@
+"""Compiled kernels of the data acquisition."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+XI, PLATE_VELOCITY, PLATE_ACCELERATION, CONTACT_FORCE = range(4)
+FILTERED, STARTED = range(2)  # indices into the state
+
+
+class SensorModel(NamedTuple):
+    """What does not change: see sensors.acquisition.SensorSpec for the meaning."""
+
+    quantity: int
+    every_steps: int
+    filter_gain: float  # 1 - exp(-2 pi f_c h); 1 without a filter
+    ideal: bool
+    limited: bool
+    low: float
+    high: float
+    scale: float
+    offset: float
+    first_code: int
+    last_code: int
+    noise: np.ndarray  # one value a sample, in units of the quantity; empty without noise
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def quantise(value, scale, offset, first_code, last_code):
+    """Nearest code of a mid-tread converter, ties upwards, clipped to its codes."""
+    code = math.floor((value - offset) / scale + 0.5)
+    return min(max(code, first_code), last_code)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def follow(model, state, value):
+    """One-pole low-pass, stepped at every simulation step; starts at its first input."""
+    if state[STARTED] == 0.0:
+        state[STARTED] = 1.0
+        state[FILTERED] = value
+    else:
+        state[FILTERED] += model.filter_gain * (value - state[FILTERED])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def sample(model, state, index):
+    """Convert the filtered value: code (0 if ideal), value as read, 1 if clipped."""
+    value = state[FILTERED]
+    if model.noise.size > 0:
+        value += model.noise[index]
+    clipped = 0
+    if model.limited:
+        if value < model.low or value > model.high:
+            clipped = 1
+        value = min(max(value, model.low), model.high)
+    if model.ideal:
+        return 0, value, clipped
+    code = quantise(value, model.scale, model.offset, model.first_code, model.last_code)
+    return code, model.offset + model.scale * code, clipped
