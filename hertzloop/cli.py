@@ -5,9 +5,8 @@ import json
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import typer
 from rich.console import Console
@@ -40,7 +39,12 @@ HorizonOption = Annotated[
     int | None,
     typer.Option(min=1, help="Most steps between two exchanges; as the law allows if left out."),
 ]
-TimeoutOption = Annotated[float, typer.Option(min=0.1, help="Longest wait for another process, s.")]
+TimeoutOption = Annotated[
+    float, typer.Option(min=0.1, help="Longest wait for a message of another process, s.")
+]
+WaitOption = Annotated[
+    float, typer.Option(min=0.1, help="Longest wait for the other processes to appear, s.")
+]
 NameOption = Annotated[str, typer.Option(help="Name of the run on the bus.")]
 ListenOption = Annotated[list[str] | None, typer.Option(help="Endpoint to listen on.")]
 ConnectOption = Annotated[list[str] | None, typer.Option(help="Endpoint to connect to.")]
@@ -52,12 +56,7 @@ MachineOption = Annotated[bool, typer.Option("--machine", hidden=True)]
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")]
 
 
-class Transport(StrEnum):
-    """Three ways to run the same closed loop."""
-
-    ZENOH = "zenoh"
-    INPROCESS = "inprocess"
-    COMPILED = "compiled"
+TransportName = Literal["zenoh", "inprocess", "compiled"]
 
 
 def _fail(sentence: str, code: int) -> NoReturn:
@@ -102,7 +101,7 @@ def _announce_compilation() -> None:
 def run(
     scene: SceneArgument = DEFAULT,
     out_file: Annotated[Path | None, typer.Option("--out", help="Recording to write.")] = None,
-    transport: Annotated[Transport, typer.Option(help="How the parts talk.")] = Transport.ZENOH,
+    transport: Annotated[TransportName, typer.Option(help="How the parts talk.")] = "zenoh",
     seed: SeedOption = None,
     settings: SetOption = None,
     json_file: JsonOption = None,
@@ -112,7 +111,8 @@ def run(
         int | None,
         typer.Option(min=1, max=65533, help="First of three ports; free ones if left out."),
     ] = None,
-    timeout: TimeoutOption = 10.0,
+    name: Annotated[str | None, typer.Option(help="Name of the run on the bus.")] = None,
+    timeout: TimeoutOption = 5.0,
 ) -> None:
     """Run a scene, record it, and print what happened with and without control."""
     from hertzloop.warmup import ensure_compiled
@@ -124,50 +124,32 @@ def run(
 
     from bus.port import BusError
     from bus.streams import StreamFault
-    from hertzloop import figures, launcher, report
-    from hertzloop.compiled import simulate
-    from hertzloop.inprocess import record_in_process
-    from recordings.reader import read
+    from hertzloop import report
+    from hertzloop.launcher import RunFailed
+    from hertzloop.run import RunOptions, Transport, run_scene
     from recordings.writer import RecordingError
 
+    options = RunOptions(
+        transport=Transport(transport),
+        overwrite=overwrite,
+        horizon=horizon,
+        ports=[port, port + 1, port + 2] if port else None,
+        name=name,
+        timeout_s=timeout,
+    )
     percent = TextColumn("{task.percentage:3.0f} %")
     columns = (TextColumn("{task.description}"), BarColumn(), percent, TimeRemainingColumn())
     try:
-        with Progress(*columns, console=err, transient=True) as progress:
-            task = progress.add_task(resolved.name, total=resolved.steps)
-
-            def show(step: int) -> None:
-                progress.update(task, completed=step)
-
-            if transport is Transport.ZENOH:
-                ports = [port, port + 1, port + 2] if port else None
-                with launcher.Launcher(
-                    resolved, recording, overwrite=overwrite, horizon=horizon, ports=ports,
-                    timeout_s=timeout,
-                ) as processes:  # fmt: skip
-                    stats = processes.wait(show)
-            else:
-                compiled = transport is Transport.COMPILED
-                stats = vars(record_in_process(
-                    resolved, recording, compiled=compiled, horizon=horizon, overwrite=overwrite,
-                    on_progress=show,
-                ))  # fmt: skip
-        recorded = read(recording)
-        if recorded.problems:
-            raise RecordingError(f"{recording}: {recorded.problems[0]}")
+        with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+            task = bar.add_task(resolved.name, total=resolved.steps)
+            data = run_scene(
+                resolved, recording, options, lambda step: bar.update(task, completed=step)
+            )
     except KeyboardInterrupt:
         err.print(f"interrupted; what was recorded until now is in {recording}")
         raise typer.Exit(130) from None
-    except (launcher.RunFailed, BusError, StreamFault, RecordingError) as error:
+    except (RunFailed, BusError, StreamFault, RecordingError) as error:
         _fail(str(error), 1)
-    off = resolved.model_copy(
-        update={"controller": resolved.controller.model_copy(update={"law": "off"})}
-    )
-    free = figures.impacts_in_memory(off, simulate(off))
-    data = figures.run_report(
-        resolved, recorded, free, transport=transport.value, wall_s=stats["wall_s"],
-        exchanges=int(stats["exchanges"]),
-    )  # fmt: skip
     report.print_run(out, data)
     _write_json(json_file, data)
 
@@ -209,6 +191,7 @@ def _address(
     connect: list[str] | None,
     config: Path | None,
     timeout: float,
+    wait: float,
 ) -> "BusAddress":
     from hertzloop.processes import BASE_PORT, BusAddress, default_endpoints
 
@@ -220,6 +203,7 @@ def _address(
         connect or ([] if given else others),
         config,
         timeout,
+        wait,
     )
 
 
@@ -248,7 +232,8 @@ def plant(
     listen: ListenOption = None,
     connect: ConnectOption = None,
     zenoh_config: ConfigOption = None,
-    timeout: TimeoutOption = 10.0,
+    timeout: TimeoutOption = 5.0,
+    wait: WaitOption = 30.0,
     machine: MachineOption = False,
 ) -> None:
     """The plant process alone: waits for controller and recorder, then runs the scene."""
@@ -259,7 +244,7 @@ def plant(
     resolved = _scene(scene, settings, seed)
     ensure_compiled(_announce_compilation)
     with _process(PLANT, machine) as tell:
-        address = _address(PLANT, name, listen, connect, zenoh_config, timeout)
+        address = _address(PLANT, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
             err.print(f"plant on {', '.join(address.listen)}: waiting for controller and recorder")
         stats = processes.run_plant(
@@ -276,7 +261,8 @@ def controller(
     listen: ListenOption = None,
     connect: ConnectOption = None,
     zenoh_config: ConfigOption = None,
-    timeout: TimeoutOption = 10.0,
+    timeout: TimeoutOption = 5.0,
+    wait: WaitOption = 30.0,
     machine: MachineOption = False,
 ) -> None:
     """The controller process alone: takes the scene from the plant, answers its samples."""
@@ -286,7 +272,7 @@ def controller(
 
     ensure_compiled(_announce_compilation)
     with _process(CONTROLLER, machine) as tell:
-        address = _address(CONTROLLER, name, listen, connect, zenoh_config, timeout)
+        address = _address(CONTROLLER, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
             err.print(f"controller on {', '.join(address.listen)}: waiting for plant and recorder")
         tell(done=processes.run_controller(address, lambda: tell(ready=True)))
@@ -300,7 +286,8 @@ def record(
     listen: ListenOption = None,
     connect: ConnectOption = None,
     zenoh_config: ConfigOption = None,
-    timeout: TimeoutOption = 10.0,
+    timeout: TimeoutOption = 5.0,
+    wait: WaitOption = 30.0,
     machine: MachineOption = False,
 ) -> None:
     """The recorder process alone: writes every stream of a run into one MCAP file."""
@@ -309,7 +296,7 @@ def record(
 
     _check_output(out_file, overwrite)
     with _process(RECORDER, machine) as tell:
-        address = _address(RECORDER, name, listen, connect, zenoh_config, timeout)
+        address = _address(RECORDER, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
             err.print(f"recorder on {', '.join(address.listen)}: waiting for plant and controller")
         stats = processes.run_recorder(out_file, address, overwrite, lambda: tell(ready=True))

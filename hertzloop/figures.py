@@ -67,6 +67,7 @@ def run_report(
         "frequencies": books.frequencies,
         "frequency_limit_hz": books.frequency_limit_hz,
         "expected_error": books.expected_error,
+        "requested_accuracy": scene.run.accuracy,
         "newton_iterations_max": books.newton_iterations_max,
         "impacts": as_json(impacts_in_recording(scene, recording)),
         "uncontrolled": {"impacts": as_json(uncontrolled)},

@@ -19,7 +19,9 @@ from bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.processes import default_endpoints
 from hertzloop.scene import Scene, to_toml
 
-_GRACE_S = 4.0  # for the others to notice a fault and close their files
+_GRACE_S = 3.0  # for the others to notice a fault and close their files
+_PATIENCE_S = 2.0  # for a process to react to a signal
+_ALL = {PLANT, CONTROLLER, RECORDER}
 
 
 class RunFailed(RuntimeError):
@@ -36,7 +38,6 @@ class Child:
     fault: str = ""
     lost_a_peer: bool = False
     done: dict[str, Any] = field(default_factory=dict)
-    stopped_by_us: bool = False
 
 
 def free_ports(count: int) -> list[int]:
@@ -63,7 +64,8 @@ class Launcher:
         horizon: int | None = None,
         ports: Sequence[int] | None = None,
         name: str | None = None,
-        timeout_s: float = 10.0,
+        timeout_s: float = 5.0,
+        wait_s: float = 30.0,
     ) -> None:
         self._reports: queue.SimpleQueue[tuple[Child, dict[str, Any]]] = queue.SimpleQueue()
         self._folder = tempfile.TemporaryDirectory(prefix="hertzloop-")
@@ -79,7 +81,7 @@ class Launcher:
         }
         for role, words in arguments.items():
             listen, connect = default_endpoints(role, ports)
-            bus = ["--name", name, "--timeout", str(timeout_s)]
+            bus = ["--name", name, "--timeout", str(timeout_s), "--wait", str(wait_s)]
             bus += [word for url in listen for word in ("--listen", url)]
             bus += [word for url in connect for word in ("--connect", url)]
             self._start(role, [*words, *bus, "--machine"])
@@ -139,32 +141,38 @@ class Launcher:
                     deadline = time.monotonic() + _GRACE_S
         failed = [c for c in self.children if c.role in running or c.process.returncode != 0]
         if failed:
+            cause = self._cause(failed, running)
             self._end_all()
-            raise RunFailed(self._cause(failed))
+            raise RunFailed(cause)
         return next(c.done for c in self.children if c.role == PLANT)
 
-    def _cause(self, failed: list[Child]) -> str:
-        """The sentence that explains the failure: a death, then a fault, then a lost peer."""
+    def _cause(self, failed: list[Child], running: set[str]) -> str:
+        """The sentence that explains the failure: a death, a fault, a hang, a lost peer."""
         for child in failed:
             code = child.process.returncode
-            if code is not None and code < 0 and not child.stopped_by_us:
+            if code is not None and code < 0:
                 return f"{child.role} was killed by {signal.Signals(-code).name}"
         for child in failed:
             if child.fault and not child.lost_a_peer:
                 return child.fault
         for child in failed:
-            if not child.fault and not child.stopped_by_us:
+            if child.process.returncode and not child.fault:
                 lines = child.stderr.read_text().strip().splitlines() or ["without a word"]
                 return f"{child.role} failed with exit code {child.process.returncode}: {lines[-1]}"
-        return next((c.fault for c in failed if c.fault), f"{failed[0].role} hangs and was ended")
+        lost = next((c.fault for c in failed if c.fault), "")
+        if running:
+            return f"{' and '.join(sorted(running))} does not react any more; {lost}"
+        return lost
 
     def _end_all(self) -> None:
-        for end, patience_s in ((signal.SIGTERM, 3.0), (signal.SIGKILL, 3.0)):
+        """End the plant first: it tells the others, who then close in order."""
+        stages = ((signal.SIGTERM, {PLANT}), (signal.SIGTERM, _ALL), (signal.SIGKILL, _ALL))
+        for end, roles in stages:
             alive = [c for c in self.children if c.process.poll() is None]
             for child in alive:
-                child.stopped_by_us = True
-                child.process.send_signal(end)
-            deadline = time.monotonic() + patience_s
+                if child.role in roles:
+                    child.process.send_signal(end)
+            deadline = time.monotonic() + _PATIENCE_S
             for child in alive:
                 try:
                     child.process.wait(max(0.0, deadline - time.monotonic()))

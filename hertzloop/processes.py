@@ -30,7 +30,8 @@ class BusAddress:
     listen: Sequence[str]
     connect: Sequence[str] = ()
     config_file: Path | None = None
-    timeout_s: float = 10.0
+    timeout_s: float = 5.0  # longest wait for a message during the run
+    wait_s: float = 30.0  # longest wait for the others to appear
 
     def open(self, role: str) -> ZenohPort:
         """Join the bus. Raises BusError."""
@@ -75,7 +76,7 @@ def run_plant(
     with _joined(address, PLANT) as port:
         node = PlantNode(scene, port, horizon, address.timeout_s, on_progress)
         port.announce()
-        port.wait_for([CONTROLLER, RECORDER], address.timeout_s)
+        port.wait_for([CONTROLLER, RECORDER], address.wait_s)
         on_ready()
         try:
             stats = node.run()
@@ -94,7 +95,7 @@ def run_controller(
     with _joined(address, CONTROLLER) as port:
         node = ControllerNode(port)
         port.announce()
-        port.wait_for([PLANT, RECORDER], address.timeout_s)
+        port.wait_for([PLANT, RECORDER], address.wait_s)
         on_ready()
         try:
             while not node.done:
@@ -121,7 +122,7 @@ def run_recorder(
     try:
         with _joined(address, RECORDER) as port:
             port.announce()
-            port.wait_for([PLANT, CONTROLLER], address.timeout_s)
+            port.wait_for([PLANT, CONTROLLER], address.wait_s)
             on_ready()
             while not recorder.done:
                 envelope = port.receive(address.timeout_s, "messages from plant and controller")

@@ -1,0 +1,80 @@
+"""Helpers that run hertzloop as a user does: as real processes."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+
+HERTZLOOP = [sys.executable, "-m", "hertzloop"]
+# Long enough to be hit by a fault while it runs, far longer than a test waits.
+LONG = ["--set", "run.duration_s=15"]
+
+
+def hertzloop(*words: str, timeout_s: float = 120.0, **more: object) -> subprocess.CompletedProcess:
+    """Run a command to its end."""
+    return subprocess.run(
+        [*HERTZLOOP, *words], capture_output=True, text=True, timeout=timeout_s, **more
+    )
+
+
+def start(*words: str, **more: object) -> subprocess.Popen:
+    """Start a command."""
+    return subprocess.Popen(
+        [*HERTZLOOP, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more
+    )
+
+
+def finish(process: subprocess.Popen, timeout_s: float = 30.0) -> tuple[int, str, float]:
+    """Exit code, standard error in one line, seconds it took."""
+    began = time.monotonic()
+    try:
+        _, err = process.communicate(timeout=timeout_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        raise
+    return process.returncode, " ".join(err.split()), time.monotonic() - began
+
+
+def child_of(process: subprocess.Popen, command: str, timeout_s: float = 30.0) -> psutil.Process:
+    """The child process of a `hertzloop run` that runs `command` ("plant", "record", ...)."""
+
+    def look() -> psutil.Process | None:
+        for child in psutil.Process(process.pid).children():
+            try:
+                if command in child.cmdline():
+                    return child
+            except psutil.Error:
+                continue
+        return None
+
+    return wait_for(look, timeout_s)
+
+
+def wait_for(look: Callable, timeout_s: float = 30.0):  # type: ignore[no-untyped-def]
+    """Poll until `look` returns something true."""
+    deadline = time.monotonic() + timeout_s
+    while time.monotonic() < deadline:
+        found = look()
+        if found:
+            return found
+        time.sleep(0.02)
+    raise AssertionError(f"nothing within {timeout_s} s")
+
+
+def grown_to(path: Path, size: int) -> Callable[[], bool]:
+    """Whether a file has reached a size: the run is well under way."""
+    return lambda: path.exists() and path.stat().st_size >= size
+
+
+def leftovers(path: Path) -> list[str]:
+    """Processes that still mention a recording: there must be none after a run."""
+    found = []
+    for process in psutil.process_iter(["cmdline", "pid"]):
+        words = process.info["cmdline"] or []
+        if process.info["pid"] != os.getpid() and any(str(path) in word for word in words):
+            found.append(" ".join(words))
+    return found

@@ -1,0 +1,150 @@
+"""Whatever dies, hangs or lies: the run ends within seconds with one sentence and exit code 1,
+no process is left behind, and what was recorded is readable."""
+
+import resource
+import signal
+import socket
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from hertzloop.launcher import free_ports
+from recordings.reader import read
+from tests.hertzloop.processes import (
+    LONG,
+    child_of,
+    finish,
+    grown_to,
+    hertzloop,
+    leftovers,
+    start,
+    wait_for,
+)
+
+WELL_UNDER_WAY = 2_000_000  # bytes
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    return tmp_path / "run.mcap"
+
+
+def check_ended(recording: Path, code: int, err: str, seconds: float, *words: str) -> None:
+    assert code == 1, err
+    assert err.count("error:") == 1, err
+    for word in words:
+        assert word in err
+    assert "Traceback" not in err
+    assert seconds < 20
+    assert not leftovers(recording)
+    kept = read(recording)
+    assert kept.truth.samples > 10_000
+    assert kept.problems
+    assert hertzloop("inspect", str(recording)).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("command", "role"), [("plant", "plant"), ("controller", "controller"), ("record", "recorder")]
+)
+def test_killed_process(recording: Path, command: str, role: str) -> None:
+    run = start("run", *LONG, "--out", str(recording))
+    child = child_of(run, command)
+    wait_for(grown_to(recording, WELL_UNDER_WAY))
+    child.send_signal(signal.SIGKILL)
+    check_ended(recording, *finish(run), f"{role} was killed by SIGKILL")
+
+
+def test_hung_controller_is_named(recording: Path) -> None:
+    run = start("run", *LONG, "--out", str(recording), "--timeout", "2")
+    child = child_of(run, "controller")
+    wait_for(grown_to(recording, WELL_UNDER_WAY))
+    child.send_signal(signal.SIGSTOP)
+    check_ended(recording, *finish(run), "controller does not react any more")
+
+
+def test_hung_recorder_is_named(recording: Path) -> None:
+    run = start("run", *LONG, "--out", str(recording), "--timeout", "2")
+    child = child_of(run, "record")
+    wait_for(grown_to(recording, WELL_UNDER_WAY))
+    child.send_signal(signal.SIGSTOP)
+    check_ended(recording, *finish(run), "recorder does not react any more")
+
+
+def test_interrupt_keeps_the_recording(recording: Path) -> None:
+    run = start("run", *LONG, "--out", str(recording))
+    wait_for(grown_to(recording, WELL_UNDER_WAY))
+    run.send_signal(signal.SIGINT)
+    code, err, seconds = finish(run)
+    assert code == 130
+    assert "interrupted" in err
+    assert seconds < 10
+    assert not leftovers(recording)
+    kept = read(recording)
+    assert kept.truth.samples > 10_000
+    # The plant heard of it and said so on the bus: the counts reconcile up to there.
+    assert set(kept.ends) == {"plant", "controller"}
+    assert "interrupted" in kept.result["fault"]
+
+
+def test_full_disk(recording: Path) -> None:
+    """The recorder may write 3 MB and no more; the kernel refuses the rest."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+    run = start("run", *LONG, "--out", str(recording), preexec_fn=limit)
+    check_ended(recording, *finish(run, 60), "cannot write the recording", str(recording))
+
+
+def test_port_in_use(recording: Path) -> None:
+    ports = free_ports(1)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", ports[0]))
+        taken.listen()
+        code, err, seconds = finish(start("run", "--out", str(recording), "--port", str(ports[0])))
+    assert code == 1
+    assert "is the port in use?" in err
+    assert str(ports[0]) in err
+    assert seconds < 20
+    assert not leftovers(recording)
+
+
+def test_controller_never_started(recording: Path) -> None:
+    a, b, c = (f"tcp/127.0.0.1:{port}" for port in free_ports(3))
+    bus = ["--name", "lonely", "--wait", "2"]
+    recorder = start(
+        "record", "--out", str(recording), *bus, "--listen", c, "--connect", a, "--connect", b
+    )
+    plant = start("plant", *bus, "--listen", a)
+    code, err, seconds = finish(plant)
+    assert code == 1
+    assert "controller" in err
+    assert "not there" in err
+    assert seconds < 20
+    code, err, _ = finish(recorder)
+    assert code == 1
+    assert "controller" in err
+    with pytest.raises(Exception, match="no scene"):
+        read(recording)
+
+
+@pytest.mark.parametrize("stream", ["daq", "force", "truth"])
+def test_malformed_message(recording: Path, stream: str) -> None:
+    """A stranger who knows the port publishes rubbish on a stream."""
+    base = min(free_ports(3))
+    run = start("run", *LONG, "--out", str(recording), "--port", str(base), "--name", "victim")
+    wait_for(grown_to(recording, WELL_UNDER_WAY))
+    config = zenoh.Config()
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("listen/endpoints", "[]")
+    urls = ",".join(f'"tcp/127.0.0.1:{base + i}"' for i in range(3))
+    config.insert_json5("connect/endpoints", f"[{urls}]")
+    with zenoh.open(config) as stranger:
+        publisher = stranger.declare_publisher(f"hertzloop/victim/{stream}")
+        wait_for(lambda: publisher.matching_status.matching)
+        publisher.put(b"\xff" * 11)
+        check_ended(
+            recording, *finish(run), f"malformed message on stream '{stream}' where sequence"
+        )
