@@ -1,0 +1,106 @@
+"""One closed loop, three ways to run it, the same bits; the horizon changes only the speed."""
+
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from hertzloop.run import RunOptions, Transport, run_scene
+from hertzloop.scene import Scene, load
+from recordings.compare import first_difference
+from recordings.reader import Recording, read
+
+CONVERTERS = [
+    "sensors.bits=10", "sensors.every_steps=3", "sensors.low_pass_hz=2e5",
+    "sensors.noise_rms=2e-8", "controller.latency_us=4", "controller.jitter_us=5",
+    "controller.drop_out_probability=0.1", "controller.bits=8", "controller.full_scale_n=60",
+    "controller.slew_n_s=2e7",
+]  # fmt: skip
+VARIANTS: dict[str, tuple[str, list[str]]] = {
+    "default": ("aluminium-3mm", ["run.duration_s=0.003"]),
+    "several contacts": ("aluminium-20mm", ["run.duration_s=0.006", "controller.latency_us=20"]),
+    "converters": ("aluminium-3mm", ["run.duration_s=0.003", *CONVERTERS]),
+    "damped contact": ("oak-20mm", ["run.duration_s=0.004"]),
+    "sinking in": ("sylomer-20mm", ["run.duration_s=0.002"]),
+    "two points": ("offcentre-6mm", ["run.duration_s=0.004", "controller.latency_us=3"]),
+    "constant force": (
+        "aluminium-3mm",
+        ["run.duration_s=0.003", "controller.law=constant", "controller.force_n=-20",
+         "controller.delay_us=7", "controller.duration_us=40", "controller.latency_us=2"],
+    ),
+    "profile": (
+        "aluminium-3mm",
+        ["run.duration_s=0.003", "controller.law=profile",
+         "controller.profile_n=[5.0, -3.0, 8.0, 1.5]", "sensors.every_steps=2"],
+    ),
+    "no control": ("aluminium-3mm", ["run.duration_s=0.0025", "controller.law=off"]),
+    "blocks that do not fit": ("aluminium-3mm", ["run.duration_s=0.002717"]),
+    "a single step": ("aluminium-3mm", ["run.duration_s=1e-6"]),
+}  # fmt: skip
+SOME = ["default", "converters", "two points"]
+
+
+@cache
+def scene_of(variant: str) -> Scene:
+    name, settings = VARIANTS[variant]
+    return load(name, settings)
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
+    folder = tmp_path_factory.mktemp("compiled")
+
+    @cache
+    def recording(variant: str) -> Recording:
+        return record(scene_of(variant), folder / f"{variant}.mcap", Transport.COMPILED)
+
+    return recording
+
+
+def record(scene: Scene, path: Path, transport: Transport, horizon: int | None = None) -> Recording:
+    report = run_scene(scene, path, RunOptions(transport=transport, horizon=horizon))
+    assert report["steps"] == scene.steps
+    recording = read(path)
+    assert not recording.problems
+    assert recording.truth.samples == scene.steps
+    assert recording.force.samples == scene.steps
+    assert recording.daq.samples == -(-scene.steps // scene.sensors.every_steps)
+    return recording
+
+
+@pytest.mark.parametrize("horizon", [None, 1, 7])
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_in_process(compiled, tmp_path: Path, variant: str, horizon: int | None) -> None:  # type: ignore[no-untyped-def]
+    found = record(scene_of(variant), tmp_path / "a.mcap", Transport.INPROCESS, horizon)
+    assert first_difference(found, compiled(variant)) is None
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_processes_over_zenoh(compiled, tmp_path: Path, variant: str) -> None:  # type: ignore[no-untyped-def]
+    found = record(scene_of(variant), tmp_path / "a.mcap", Transport.ZENOH)
+    assert first_difference(found, compiled(variant)) is None
+
+
+@pytest.mark.parametrize("variant", SOME)
+def test_processes_with_horizon_one(compiled, tmp_path: Path, variant: str) -> None:  # type: ignore[no-untyped-def]
+    found = record(scene_of(variant), tmp_path / "a.mcap", Transport.ZENOH, 1)
+    assert first_difference(found, compiled(variant)) is None
+
+
+def test_the_variants_are_worth_comparing(compiled) -> None:  # type: ignore[no-untyped-def]
+    """Forces act, samples saturate, events happen: identity of zeros would prove nothing."""
+    for variant in set(VARIANTS) - {"no control", "sinking in", "a single step"}:
+        recording = compiled(variant)
+        assert recording.truth.arrays["f_a_n"].any(), variant
+        assert recording.truth.arrays["f_c_n"].any(), variant
+        assert {"plant", "controller"} == {event.name for event in recording.events}, variant
+    assert len(set(compiled("converters").daq.arrays["code"])) > 10  # a contact of 10 samples
+    assert not compiled("no control").truth.arrays["f_a_n"].any()
+
+
+def test_same_run_twice_and_another_seed(compiled, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    again = record(scene_of("converters"), tmp_path / "again.mcap", Transport.COMPILED)
+    assert first_difference(again, compiled("converters")) is None
+    name, settings = VARIANTS["converters"]
+    other = record(load(name, settings, seed=2), tmp_path / "other.mcap", Transport.COMPILED)
+    assert "differs" in str(first_difference(other, compiled("converters")))

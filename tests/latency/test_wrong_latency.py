@@ -1,0 +1,51 @@
+"""A loop whose latency is not what the scene says must not pass for the same run."""
+
+from pathlib import Path
+
+import pytest
+
+from controller.controller import Controller
+from hertzloop import parts
+from hertzloop.inprocess import record_in_process
+from hertzloop.scene import Scene, load
+from recordings.compare import first_difference
+from recordings.reader import Recording, read
+
+LATENCY_US = 3
+
+
+@pytest.fixture
+def scene() -> Scene:
+    return load("aluminium-3mm", ["run.duration_s=0.0015", f"controller.latency_us={LATENCY_US}"])
+
+
+def run(scene: Scene, path: Path) -> Recording:
+    record_in_process(scene, path, compiled=False)
+    return read(path)
+
+
+def lie(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
+    """Make the controller's line longer by `steps` (us, too) than the scene says; the plant is honest."""
+    honest = parts.controller
+
+    def dishonest(scene: Scene, stiffness: float) -> Controller:
+        table = scene.controller
+        table = table.model_copy(update={"latency_us": table.latency_us + steps})
+        return honest(scene.model_copy(update={"controller": table}), stiffness)
+
+    monkeypatch.setattr(parts, "controller", dishonest)
+
+
+@pytest.mark.parametrize("steps", [-3, -1, 1, 2, 10])
+def test_compare_notices_a_line_of_another_length(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: int
+) -> None:
+    right = run(scene, tmp_path / "right.mcap")
+    lie(monkeypatch, steps)
+    wrong = run(scene, tmp_path / "wrong.mcap")
+    assert str(first_difference(right, wrong)).startswith("daq.value differs first at step 1")
+    forced = [r.truth.arrays["f_a_n"].nonzero()[0][0] for r in (right, wrong)]
+    assert forced[1] - forced[0] == steps
+    # Had only the forces been compared, not the whole loop, it would show as well.
+    right.daq, right.truth = wrong.daq, wrong.truth
+    assert str(first_difference(right, wrong)).startswith("force.force_n differs")
