@@ -1,12 +1,12 @@
 """Scenes: what is simulated, as one TOML file, checked before anything runs."""
 
 import difflib
-import math
 import tomllib
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 _MAX_STEPS = 20_000_000
@@ -291,23 +291,4 @@ def _field_path(path: tuple[str, ...]) -> tuple[str, ...]:
 
 def to_toml(scene: Scene) -> str:
     """The scene as TOML, every key written out: what goes into the recording."""
-    data = scene.model_dump(exclude_none=True)
-    lines = [
-        f"{key} = {_toml(value)}" for key, value in data.items() if not isinstance(value, dict)
-    ]
-    for table, values in data.items():
-        if isinstance(values, dict):
-            lines += ["", f"[{table}]"]
-            lines += [f"{key} = {_toml(value)}" for key, value in values.items()]
-    return "\n".join(lines) + "\n"
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
-        return f'"{escaped}"'
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(_toml(v) for v in value) + "]"
-    if isinstance(value, float) and not math.isfinite(value):
-        raise SceneError(f"{value} cannot be written into a scene")
-    return repr(value)
+    return tomli_w.dumps(scene.model_dump(exclude_none=True))

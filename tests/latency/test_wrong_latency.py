@@ -25,7 +25,7 @@ def run(scene: Scene, path: Path) -> Recording:
 
 
 def lie(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
-    """Make the controller's line longer by `steps` (us, too) than the scene says; the plant is honest."""
+    """Make the controller's line longer by `steps` (of 1 us); the plant is honest."""
     honest = parts.controller
 
     def dishonest(scene: Scene, stiffness: float) -> Controller:

@@ -1,0 +1,174 @@
+"""Scenes: what is accepted, and the sentences for what is not."""
+
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hertzloop import parts
+from hertzloop.scene import DEFAULT, Scene, SceneError, load, parse, shipped, to_toml
+
+
+def test_the_scenes_that_come_with_it() -> None:
+    names = {"aluminium-3mm", "aluminium-20mm", "oak-20mm", "sylomer-20mm", "offcentre-6mm"}
+    assert set(shipped()) == names
+    assert shipped()[0] == DEFAULT == "aluminium-3mm"
+    for name in names:
+        scene = load(name)
+        assert scene.name == name
+        assert scene.shows
+        parts.plant_spec(scene)
+    for name in ("aluminium-3mm", "aluminium-20mm"):
+        assert load(name).contact.damping == "none"
+    default = load(DEFAULT)
+    assert (default.sphere.radius_m, default.sphere.drop_height_m) == (0.003, 0.05)
+    assert (default.controller.kappa, default.controller.v_thr_m_s) == (0.8, -0.25)
+    assert default.run.step_ns == 1000
+    apart = load("offcentre-6mm").plate
+    assert apart.size_m[0] != apart.size_m[1]
+    assert apart.contact_point_m != apart.actuator_point_m
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_what_is_recorded_is_the_same_scene(name: str) -> None:
+    settings = [
+        "sensors.noise_rms=1.25e-7", "controller.bits=12", "run.seed=77",
+        "controller.full_scale_n=100", "controller.profile_n=[1.5, -2.0]",
+    ]  # fmt: skip
+    scene = load(name, settings)
+    assert parse(to_toml(scene)) == scene
+
+
+@given(st.text(max_size=60), st.floats(1e-5, 1.0), st.floats(-100, 100))
+def test_any_text_and_number_survive_the_recording(
+    shows: str, radius_m: float, kappa: float
+) -> None:
+    default = load(DEFAULT)
+    scene = default.model_copy(
+        update={
+            "shows": shows,
+            "sphere": default.sphere.model_copy(update={"radius_m": radius_m}),
+            "controller": default.controller.model_copy(update={"kappa": kappa}),
+        }
+    )
+    assert parse(to_toml(scene)) == scene
+
+
+def test_the_keys_that_others_rely_on() -> None:
+    scene = load(DEFAULT, [
+        "sphere.radius_m=0.004", "sphere.drop_height_m=0.1", 'plate.material="oak"',
+        "plate.size_m=[0.3, 0.4]", "plate.thickness_m=0.01", "plate.contact_point_m=[0.1, 0.2]",
+        "sensors.bits=12", 'controller.law="off"', "controller.kappa=-0.5",
+        "controller.v_thr_m_s=-0.6", "controller.latency_us=10", "run.duration_s=0.01",
+        "run.step_ns=500", "run.accuracy=1e-2", "run.seed=9",
+    ])  # fmt: skip
+    assert (scene.sphere.radius_m, scene.sphere.drop_height_m) == (0.004, 0.1)
+    assert (scene.plate.material, scene.plate.size_m) == ("oak", (0.3, 0.4))
+    assert (scene.plate.thickness_m, scene.plate.contact_point_m) == (0.01, (0.1, 0.2))
+    assert (scene.sensors.bits, scene.controller.law, scene.controller.kappa) == (12, "off", -0.5)
+    assert (scene.controller.v_thr_m_s, scene.controller.latency_us) == (-0.6, 10.0)
+    assert (scene.steps, scene.run.accuracy, scene.run.seed) == (20_000, 0.01, 9)
+    assert load(DEFAULT, ["run.seed=9"], seed=4).run.seed == 4
+    assert load(DEFAULT, ["controller.law=off"]).controller.law == "off"
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("sphere.radius_m=-1", ("sphere.radius_m = -1", "greater than or equal")),
+        ("sphere.radius_m=nan", ("sphere.radius_m = nan", "finite")),
+        ("sphere.radius_m=3 mm", ("sphere.radius_m = '3 mm'", "number")),
+        ("sphere.drop_height_m=0", ("sphere.drop_height_m = 0",)),
+        ("plate.material=cheese", ("plate.material = 'cheese'", "aluminium")),
+        ("plate.size_m=[0.5]", ("plate.size_m",)),
+        ("plate.size_m=0.5", ("plate.size_m = 0.5",)),
+        ("plate.size_m=[1e9, 1]", ("plate.size_m",)),
+        ("plate.thickness_m=0", ("plate.thickness_m = 0",)),
+        ("plate.contact_point_m=[0.5, 0.25]", ("lies outside the plate", "[0.5, 0.25]")),
+        ("plate.actuator_point_m=[-0.1, 0.25]", ("plate.actuator_point_m", "outside")),
+        ("sensors.bits=0", ("sensors.bits = 0",)),
+        ("sensors.bits=25", ("sensors.bits = 25",)),
+        ("sensors.bits=12.5", ("sensors.bits = 12.5",)),
+        ("sensors.quantity=v_p", ("sensors.quantity = 'v_p'", "controller.law")),
+        ("sensors.full_scale=[1.0, -1.0]", ("sensors.full_scale", "lower")),
+        ("controller.law=pid", ("controller.law = 'pid'", "slope_threshold")),
+        ("controller.law=profile", ("controller.profile_n is empty",)),
+        ("controller.law=constant", ("controller.duration_us = 0",)),
+        ("controller.latency_us=1.5", ("controller.latency_us = 1.5", "multiple of 1 us")),
+        ("controller.latency_us=-1", ("controller.latency_us = -1",)),
+        ("controller.bits=8", ("controller.full_scale_n",)),
+        ("controller.kapa=1", ("controller.kapa is no scene key", "did you mean kappa?")),
+        ("contoller.kappa=1", ("contoller", "controller")),
+        ("run.duration_s=0", ("run.duration_s = 0",)),
+        ("run.duration_s=1e-10", ("run.duration_s", "0 steps")),
+        ("run.duration_s=1e9", ("run.duration_s", "steps")),
+        ("run.step_ns=0", ("run.step_ns = 0",)),
+        ("run.seed=-1", ("run.seed = -1",)),
+        ("run.accuracy=2", ("run.accuracy = 2",)),
+        ("run=3", ("run",)),
+        ("name=../../etc/passwd", ("name",)),
+        ("kappa", ("is no setting", "table.key=value")),
+        ("sphere.radius_m.x=3", ("sphere.radius_m.x", "is a value, not a table")),
+    ],
+)
+def test_refused_with_a_sentence(setting: str, words: tuple[str, ...]) -> None:
+    with pytest.raises(SceneError) as caught:
+        parts.plant_spec(load(DEFAULT, [setting]))
+    for word in words:
+        assert word in str(caught.value), str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_too_many_modes_are_refused_before_memory_is_gone() -> None:
+    with pytest.raises(SceneError, match="thicker plate"):
+        parts.plant_spec(
+            load(DEFAULT, ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]",
+                           "plate.thickness_m=1e-4"])
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("name = ", "not valid TOML"),
+        ("", "is missing"),
+        ('name = "x"\nsphere = 3', "sphere"),
+        ("\x00", "not valid TOML"),
+    ],
+)
+def test_broken_scene_text(text: str, words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        parse(text)
+
+
+def test_unknown_scene_and_file(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="did you mean aluminium-3mm"):
+        load("aluminum-3mm")
+    with pytest.raises(SceneError, match="cannot read the scene"):
+        load(str(tmp_path / "none.toml"))
+    (tmp_path / "latin.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(SceneError, match="cannot read the scene"):
+        load(str(tmp_path / "latin.toml"))
+
+
+def test_accuracy_decides_how_many_modes() -> None:
+    """And the most that a step can carry is the end of it (pi/dt)."""
+    counts = []
+    for accuracy in (0.1, 0.03, 0.01, 1e-3):
+        scene = load("aluminium-20mm", [f"run.accuracy={accuracy}"])
+        spec = parts.plant_spec(scene)
+        nyquist = 0.5 / spec.step_s
+        assert spec.frequency_limit_hz <= nyquist
+        expected = parts.model_error(scene)
+        assert math.isclose(expected, accuracy) or spec.frequency_limit_hz == nyquist
+        counts.append(spec.frequency_limit_hz)
+    assert counts == sorted(counts)
+    assert counts[0] < counts[-1]
+
+
+def test_a_scene_cannot_be_changed() -> None:
+    scene: Scene = load(DEFAULT)
+    with pytest.raises(ValueError, match="frozen"):
+        scene.run.seed = 3  # type: ignore[misc]
