@@ -2,6 +2,7 @@
 mistake, 130 interrupted."""
 
 import json
+import re
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -80,7 +81,11 @@ def _check_output(path: Path, overwrite: bool) -> None:
         _fail(f"{path} is no file that a recording could be written to", 2)
     if path.is_file() and not overwrite:
         _fail(f"{path} exists; choose another name with --out, or allow it with --overwrite", 2)
-    if not path.parent.is_dir():
+    _check_folder(path)
+
+
+def _check_folder(path: Path | None) -> None:
+    if path is not None and not path.parent.is_dir():
         _fail(f"the folder {path.parent} does not exist", 2)
 
 
@@ -120,6 +125,7 @@ def run(
     resolved = _scene(scene, settings, seed)
     recording = out_file or Path(f"{resolved.name}.mcap")
     _check_output(recording, overwrite)
+    _check_folder(json_file)
     ensure_compiled(_announce_compilation)
 
     from bus.port import BusError
@@ -195,6 +201,9 @@ def _address(
 ) -> "BusAddress":
     from hertzloop.processes import BASE_PORT, BusAddress, default_endpoints
 
+    for endpoint in [*(listen or []), *(connect or [])]:
+        if not re.fullmatch(r"[a-z]+/\S+", endpoint):
+            _fail(f"'{endpoint}' is no endpoint; write e.g. tcp/127.0.0.1:{BASE_PORT}", 2)
     own, others = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
     given = config is not None
     return BusAddress(

@@ -1,0 +1,165 @@
+"""The command line as a user meets it: files, exit codes, sentences."""
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from hertzloop.cli import app
+from recordings.reader import read
+from tests.hertzloop.processes import hertzloop
+
+SHORT = ["--transport", "compiled", "--set", "run.duration_s=0.0015"]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def call(*words: str) -> Result:
+    """Run a command in this process, on a wide terminal."""
+    result = CliRunner().invoke(app, list(words), env={"COLUMNS": "200"})
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result
+
+
+def said(result: Result) -> str:
+    """What was printed, without line breaks and frames."""
+    return " ".join(result.output.replace("│", " ").split())
+
+
+def test_first_run_of_a_new_user(here: Path) -> None:
+    """Real processes, no argument but a shorter run: recording, closing table, all figures."""
+    done = hertzloop("run", "--set", "run.duration_s=0.12", "--json", "a.json", cwd=here)
+    assert done.returncode == 0, done.stderr
+    for words in ("Impacts with control", "The same without control", "residuals", "exchanges"):
+        assert words in done.stdout
+    recording = read(here / "aluminium-3mm.mcap")
+    assert not recording.problems
+    assert recording.truth.samples == recording.force.samples == recording.daq.samples == 120_000
+    data = json.loads((here / "a.json").read_text())
+    assert data["scene"] == "aluminium-3mm"
+    assert (data["seed"], data["transport"], data["steps"]) == (1, "zenoh", 120_000)
+    assert data["wall_s"] > 0
+    assert data["real_time_factor"] == pytest.approx(0.12 / data["wall_s"])
+    assert data["exchanges"] > 0
+    assert abs(data["residuals"]["momentum"]) < 1e-10
+    assert abs(data["residuals"]["energy"]) < 1e-10
+    keys = {
+        "start_s", "duration_s", "impact_speed_m_s", "rebound_speed_m_s", "peak_force_n",
+        "plate_energy_j",
+    }  # fmt: skip
+    assert len(data["impacts"]) == 1
+    assert len(data["uncontrolled"]["impacts"]) == 2
+    for impact in data["impacts"] + data["uncontrolled"]["impacts"]:
+        assert set(impact) == keys
+    again = hertzloop("run", cwd=here)
+    assert again.returncode == 2
+    assert "aluminium-3mm.mcap exists" in again.stderr
+    assert "--overwrite" in again.stderr
+
+
+def test_nothing_is_overwritten_unasked(here: Path) -> None:
+    (here / "aluminium-3mm.mcap").write_text("mine")
+    refused = call("run", *SHORT)
+    assert refused.exit_code == 2
+    assert (here / "aluminium-3mm.mcap").read_text() == "mine"
+    assert call("record", "--out", "aluminium-3mm.mcap").exit_code == 2
+    assert call("run", *SHORT, "--overwrite").exit_code == 0
+    assert read(here / "aluminium-3mm.mcap").truth.samples == 1500
+
+
+def test_seed_and_settings_reach_the_recording(here: Path) -> None:
+    call("run", "oak-20mm", *SHORT, "--seed", "5", "--set", "sensors.bits=12", "--out", "o.mcap",
+         "--json", "o.json")  # fmt: skip
+    recording = read(here / "o.mcap")
+    assert "bits = 12" in recording.scene_toml
+    assert json.loads((here / "o.json").read_text())["seed"] == 5
+    assert len(recording.daq.arrays["code"])
+
+
+def test_scene_from_a_file(here: Path) -> None:
+    recorded = call("run", *SHORT)
+    assert recorded.exit_code == 0
+    (here / "mine.toml").write_text(read(here / "aluminium-3mm.mcap").scene_toml)
+    assert call("run", "mine.toml", "--transport", "inprocess", "--out", "b.mcap").exit_code == 0
+    same = call("compare", "aluminium-3mm.mcap", "b.mcap")
+    assert same.exit_code == 0
+    assert "the same: 1,500 steps of truth, 1,500 samples, 1,500 forces" in said(same)
+
+
+def test_compare_tells_the_first_difference(here: Path) -> None:
+    call("run", *SHORT, "--out", "a.mcap")
+    call("run", *SHORT, "--out", "b.mcap", "--set", "controller.latency_us=1")
+    different = call("compare", "a.mcap", "b.mcap")
+    assert different.exit_code == 1
+    assert "differs first at step" in said(different)
+    assert call("compare", "a.mcap", "none.mcap").exit_code == 2
+
+
+def test_inspect_whole_and_cut_off(here: Path) -> None:
+    call("run", "--transport", "compiled", "--set", "run.duration_s=0.3", "--out", "a.mcap")
+    whole = call("inspect", "a.mcap", "--json", "a.json")
+    assert whole.exit_code == 0
+    data = json.loads((here / "a.json").read_text())
+    assert data["streams"]["truth"]["samples"] == 300_000
+    assert not data["problems"]
+    content = (here / "a.mcap").read_bytes()
+    (here / "cut.mcap").write_bytes(content[: len(content) // 2])
+    cut = call("inspect", "cut.mcap", "--json", "cut.json")
+    assert cut.exit_code == 0
+    data = json.loads((here / "cut.json").read_text())
+    assert 0 < data["streams"]["truth"]["samples"] < 300_000
+    assert data["problems"]
+    assert "cut off" in said(cut)
+
+
+def test_scenes_are_listed() -> None:
+    listed = call("scenes")
+    assert listed.exit_code == 0
+    for name in ("aluminium-3mm (default)", "aluminium-20mm", "oak-20mm", "sylomer-20mm"):
+        assert name in listed.output
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["run", "no-such-scene"], "there is no scene 'no-such-scene'"),
+        (["run", "--set", "controller.latency_us=0.5"], "controller.latency_us = 0.5"),
+        (["run", "--transport", "pigeon"], "'pigeon' is not one of"),
+        (["run", "--out", "no/such/folder/a.mcap"], "the folder no/such/folder does not exist"),
+        (["run", "--out", "."], "is no file"),
+        (["run", "--json", "no/such/folder/a.json"], "the folder no/such/folder does not exist"),
+        (["run", "--horizon", "0"], "Invalid value for '--horizon'"),
+        (["run", "--seed", "x"], "Invalid value for '--seed'"),
+        (["inspect", "none.mcap"], "none.mcap"),
+        (["inspect", "text.mcap"], "text.mcap"),
+        (["inspect", "empty.mcap"], "empty.mcap"),
+        (["compare", "none.mcap", "none.mcap"], "none.mcap"),
+        (["plant", "--zenoh-config", "none.json5"], "does not exist"),
+        (["plant", "--set", "run.seed=-1"], "run.seed = -1"),
+        (["controller", "--listen", "nonsense"], "'nonsense' is no endpoint; write e.g. tcp/"),
+    ],
+)
+def test_the_users_mistakes(here: Path, words: list[str], sentence: str) -> None:
+    (here / "text.mcap").write_text("this is no recording")
+    (here / "empty.mcap").touch()
+    result = call(*words)
+    assert result.exit_code == 2, result.output
+    assert sentence in said(result)
+    assert "Traceback" not in result.output
+
+
+def test_rerun_is_imported_only_where_it_is_used(here: Path) -> None:
+    script = (
+        "import sys; from typer.testing import CliRunner; from hertzloop.cli import app;"
+        f"assert CliRunner().invoke(app, {['run', *SHORT]!r}).exit_code == 0;"
+        "assert 'rerun' not in sys.modules and 'matplotlib' not in sys.modules"
+    )
+    import subprocess
+
+    subprocess.run([sys.executable, "-c", script], check=True, cwd=here)
