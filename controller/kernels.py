@@ -129,7 +129,7 @@ def take_sample(model, state, value):
         if model.law == PROFILE:
             command, goes_on = _profile_command(model, counts[TRIGGER], index)
             if not goes_on:
-                counts[MODE] = SPENT
+                counts[MODE] = SPENT if in_contact else IDLE
         else:
             command, goes_on = _slope_command(model, history, index, counts[DELAY])
             if not goes_on:
