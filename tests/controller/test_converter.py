@@ -1,0 +1,73 @@
+"""The force converter: nearest level, clipped, and no force stays no force."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from controller import kernels as k
+from controller.controller import Law, LawSpec, LineSpec
+from tests.controller.drive import make
+
+OFF = LawSpec(Law.OFF, 1.0)
+
+
+def line_of(bits: int | None, full_scale: float | None) -> k.LineModel:
+    return make(OFF, LineSpec(bits=bits, full_scale_n=full_scale), 1).line
+
+
+BITS = st.integers(2, 24)
+FULL_SCALES = st.sampled_from([1.0, 3.0, 100.0, 0.7, 12345.6])
+PARTS = st.floats(-1.5, 1.5)  # of the full scale
+
+
+@given(BITS, FULL_SCALES, PARTS)
+@settings(max_examples=300, deadline=None)
+def test_one_force(bits: int, full_scale: float, part: float) -> None:
+    line, force = line_of(bits, full_scale), part * full_scale
+    out = k.convert_force(line, force)
+    step = full_scale / (2 ** (bits - 1) - 1)
+    code = round(out / step)
+    assert out == code * step  # a level, exactly
+    assert abs(code) <= 2 ** (bits - 1) - 1
+    assert k.convert_force(line, out) == out  # idempotent
+    if abs(force) <= full_scale:
+        # Half a step, and the rounding of two numbers of up to 2^23 steps: 2^-29 of a step.
+        assert abs(out - force) <= step * (0.5 + 2.0**-28)
+    else:
+        assert code == math.copysign(2 ** (bits - 1) - 1, force)
+
+
+@given(BITS, FULL_SCALES, PARTS, PARTS)
+@settings(max_examples=200, deadline=None)
+def test_monotone(bits: int, full_scale: float, one: float, other: float) -> None:
+    line = line_of(bits, full_scale)
+    low, high = sorted((one * full_scale, other * full_scale))
+    assert k.convert_force(line, low) <= k.convert_force(line, high)
+
+
+@pytest.mark.parametrize("bits", range(2, 25))
+def test_zero_stays_zero(bits: int) -> None:
+    line = line_of(bits, 0.7)
+    assert k.convert_force(line, 0.0) == 0.0
+    assert k.convert_force(line, -0.0) == 0.0
+    assert k.convert_force(line, 0.49 * line.lsb_n) == 0.0
+    assert k.convert_force(line, -0.49 * line.lsb_n) == 0.0
+
+
+def test_two_bits_are_three_levels() -> None:
+    line = line_of(2, 3.0)
+    forces = [-9.0, -3.0, -1.6, -1.4, 0.0, 1.4, 1.6, 3.0, 9.0]
+    assert [k.convert_force(line, f) for f in forces] == [-3, -3, -3, 0, 0, 0, 3, 3, 3]
+
+
+@pytest.mark.parametrize(("full_scale", "out"), [(None, [-9.5, 0.1, 9.5]), (3.0, [-3.0, 0.1, 3.0])])
+def test_ideal_converter(full_scale: float | None, out: list[float]) -> None:
+    line = line_of(None, full_scale)
+    assert [k.convert_force(line, f) for f in (-9.5, 0.1, 9.5)] == out
+
+
+def test_bits_without_a_range_are_refused() -> None:
+    with pytest.raises(ValueError, match="full-scale"):
+        line_of(8, None)

@@ -1,0 +1,120 @@
+"""What a reply grants: forces known ahead, and the promise of no force."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from controller.controller import LawSpec, LineSpec
+from tests.controller.drive import SLOPE, drive, make
+from tests.controller.strategies import CUTS, EVERY_STEPS, LATENCIES, LAWS, LINES, SEQUENCES
+from tests.controller.test_law import CONSTANT, PROFILE
+
+WITH_LATENCY = st.builds(
+    lambda line, latency: LineSpec(**{**vars(line), "latency_steps": latency}), LINES, LATENCIES
+)
+ONE_BY_ONE = range(1, 200)
+
+
+@given(LAWS, WITH_LATENCY, SEQUENCES, CUTS, EVERY_STEPS)
+@settings(max_examples=400, deadline=None)
+def test_forces_granted_ahead_are_those_computed_later(
+    law: LawSpec, line: LineSpec, samples: list[float], cuts: list[int], every_steps: int
+) -> None:
+    """The forces of each reply are kept as granted, so one that changes later would show."""
+    later = drive(law, line, samples, every_steps=every_steps, cuts=ONE_BY_ONE)
+    whole = drive(law, line, samples, every_steps=every_steps)
+    ahead = drive(law, line, samples, every_steps=every_steps, cuts=cuts, look_ahead=True)
+    finest = drive(law, line, samples, every_steps=every_steps, cuts=ONE_BY_ONE, look_ahead=True)
+    assert len(ahead.forces) >= len(later.forces)
+    assert whole.same_as(later)
+    assert ahead.same_as(later)
+    assert finest.same_as(later)
+    assert ahead.same_as(finest)
+
+
+@pytest.mark.parametrize(
+    ("law", "samples", "known"),
+    [
+        # Latched with a delay of 3: three stored samples, each one more command.
+        (SLOPE, [1, -1, -4, -9, -9], [0, 0, 0, 0, 3]),
+        # The contact is over: as many as stored samples are left, and the zero after them.
+        (SLOPE, [1, -1, -4, -4, 1, 1, 1], [0, 0, 0, 2, 2, 1, 0]),
+        # The rest of the profile and the zero after it.
+        (PROFILE, [1, -1, -1, -1, -1], [0, 3, 2, 1, 0]),
+        (CONSTANT, [1, 1, -1, 1, 1], [0, 0, 2, 1, 0]),
+    ],
+)
+def test_how_far_a_reply_reaches(law: LawSpec, samples: list[float], known: list[int]) -> None:
+    """After each sample: how many commands of samples to come the reply has settled."""
+    line = LineSpec(latency_steps=5)
+    replies = drive(law, line, samples, cuts=ONE_BY_ONE, look_ahead=True).replies
+    settled = [r.first_step + len(r.forces) - (r.samples_seen + 1 + 5) for r in replies]
+    # The line shows what the law grants only while the run still has samples to come.
+    left = [len(samples) + 60 - r.samples_seen for r in replies]
+    assert settled == [min(k, n) for k, n in zip(known, left, strict=True)]
+
+
+def test_nothing_is_granted_ahead_unless_asked() -> None:
+    driven = drive(SLOPE, LineSpec(), [1, -1, -4, -9, -9], cuts=ONE_BY_ONE, look_ahead=False)
+    assert [r.first_step + len(r.forces) for r in driven.replies] == [2, 3, 4, 5, 6]
+
+
+@given(LAWS, WITH_LATENCY, SEQUENCES, CUTS, EVERY_STEPS, st.booleans(), st.data())
+@settings(max_examples=400, deadline=None)
+def test_the_promise_of_no_force_is_kept(
+    law: LawSpec,
+    line: LineSpec,
+    samples: list[float],
+    cuts: list[int],
+    every_steps: int,
+    look_ahead: bool,
+    data: st.DataObject,
+) -> None:
+    """After any past: the force is zero for as long as later samples stay above the level."""
+    controller = make(law, line, len(samples) + 30, every_steps, after=60)
+    edges = sorted({0, len(samples), *(c for c in cuts if c < len(samples))})
+    for start, end in pairwise(edges):
+        reply = controller.process(np.array(samples[start:end]), look_ahead)
+    if not reply.promise_zero:
+        return
+    level = max(reply.promise_level, -1e3)
+    above = st.sampled_from([math.nextafter(level, math.inf), level + 0.5, level + 100.0])
+    later = data.draw(st.lists(above, min_size=30, max_size=30))
+    silent = controller.process(np.array(later), look_ahead)
+    assert len(silent.forces) >= 30
+    assert not silent.forces.any()
+    assert silent.promise_zero
+
+
+def promises(law: LawSpec, line: LineSpec, samples: list[float]) -> str:
+    """One letter a sample: whether the reply to it promises zero."""
+    replies = drive(law, line, samples, cuts=ONE_BY_ONE).replies
+    return "".join("y" if r.promise_zero else "." for r in replies)
+
+
+def test_when_a_promise_is_given() -> None:
+    contact = [1, -1, -4, -4, 1, 1, 1, 1, 1, 1]
+    # Acting until sample 5; the reply to sample 6 holds its zero as the last force.
+    assert promises(SLOPE, LineSpec(), contact) == "y.....yyyy"
+    # Forces that are on their way are in the reply, too: latency changes nothing.
+    assert promises(SLOPE, LineSpec(latency_steps=2), contact) == "y.....yyyy"
+    # A slew limit of 20 N a step takes 32 N down in two steps.
+    assert promises(SLOPE, LineSpec(slew_n_s=20.0), contact) == "y......yyy"
+    # A profile that is over, in a contact that is not: no promise until it ends.
+    assert promises(CONSTANT, LineSpec(), [1, -1, -1, -1, -1, 1]) == "y....y"
+
+
+def test_the_law_off_promises_zero_whatever_comes() -> None:
+    law = LawSpec(law=SLOPE.law.OFF, stiffness=1.0)
+    reply = drive(law, LineSpec(), [1, -1, -4], look_ahead=True).replies[-1]
+    assert reply.promise_zero
+    assert reply.promise_level == -math.inf
+
+
+def test_the_level_of_the_promise_is_the_law_s_contact_level() -> None:
+    law = LawSpec(SLOPE.law, 1.0, 0.5, -0.25, contact_level=-0.5)
+    assert drive(law, LineSpec(), [1]).replies[-1].promise_level == -0.5

@@ -1,0 +1,182 @@
+"""The force laws: mode, delay and command after every sample."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from controller.controller import Controller, Law, LawSpec, LineSpec, Mode
+from tests.controller import reference
+from tests.controller.drive import SLOPE, commands, drive
+from tests.controller.strategies import LEVELS, PROFILES, SEQUENCES, THRESHOLDS
+
+LETTERS = {mode.name[0]: int(mode) for mode in Mode}  # I, W, A, S
+
+PROFILE = LawSpec(Law.PROFILE, 1.0, profile_n=(0.0, 2.0, -3.0))
+CONSTANT = LawSpec(Law.CONSTANT, 1.0, profile_n=(5.0, 5.0))
+
+# name: law, samples (one a second), modes, latched delays, commands
+ROWS = {
+    "never in contact": (SLOPE, [3, 2, 1, 2], "IIII", [0, 0, 0, 0], [0, 0, 0, 0]),
+    "one contact": (
+        # Latched at the third sample in contact, then the contact again, two samples late.
+        SLOPE,
+        [1, -1, -4, -4, -1, 1, 1, 1, 1],
+        "IWWAAAAII",
+        [0, 0, 0, 2, 2, 2, 2, 2, 2],
+        [0, 0, 0, 4, 32, 32, 4, 0, 0],
+    ),
+    "armed again for the next contact": (
+        SLOPE,
+        [1, -1, -1, 1, 1, -1, -4, -9, -9, 1, 1, 1, 1],
+        "IWAAIWWWAAAAI",
+        [0, 0, 1, 1, 1, 1, 1, 1, 3, 3, 3, 3, 3],
+        [0, 0, 4, 4, 0, 0, 0, 0, 4, 32, 108, 108, 0],
+    ),
+    "threshold never crossed": (SLOPE, [1, -1, -4, -9, 1, 1], "IWWWII", [0] * 6, [0] * 6),
+    "slope equal to the threshold is not above it": (
+        replace(SLOPE, v_thr_m_s=-3.0),
+        [2, -1, -4, -6, 1],
+        "IWWAA",
+        [0, 0, 0, 2, 2],
+        [0, 0, 0, 4, 32],
+    ),
+    "threshold crossed by the first sample in contact": (
+        replace(SLOPE, v_thr_m_s=-5.0),
+        [1, -1, -4, 1, 1],
+        "IAAII",
+        [0] * 5,
+        [0, 4, 32, 0, 0],
+    ),
+    "first sample of the run in contact": (
+        SLOPE,
+        [-1, -4, -4, 1],
+        "WWAA",
+        [0, 0, 2, 2],
+        [0, 0, 4, 32],
+    ),
+    "no slope is known at the first sample of the run": (
+        replace(SLOPE, v_thr_m_s=-5.0),
+        [-1, -4, 1],
+        "WAA",
+        [0, 1, 1],
+        [0, 4, 32],
+    ),
+    "the delay is latched once a contact": (
+        # The slope falls below the threshold and rises above it again: nothing changes.
+        SLOPE,
+        [1, -1, -1, -4, -4, -1, 1, 1],
+        "IWAAAAAI",
+        [0, 0, 1, 1, 1, 1, 1, 1],
+        [0, 0, 4, 4, 32, 32, 4, 0],
+    ),
+    "new contact while the old one still acts": (
+        # Contact is lost at sample 5 and comes back at 6; the delayed samples reach the gap
+        # at 8, from then on the new contact is watched, with its own start.
+        SLOPE,
+        [1, -1, -4, -9, -9, 1, -4, -1, -1, -1, 1, 1, 1, 1],
+        "IWWWAAAAWAAAAI",
+        [0, 0, 0, 0, 3, 3, 3, 3, 3, 3, 3, 3, 3, 3],
+        [0, 0, 0, 0, 4, 32, 108, 108, 0, 32, 4, 4, 4, 0],
+    ),
+    "a value at the contact level is contact": (
+        replace(SLOPE, contact_level=-1.0),
+        [0, -1, -1, -0.5, 0],
+        "IWAAI",
+        [0, 0, 1, 1, 1],
+        [0, 0, 4, 4, 0],
+    ),
+    "no penetration below a positive contact level": (
+        replace(SLOPE, contact_level=1.0),
+        [2, 0.5, 0.5, -4, 2, 2],
+        "IWAAAI",
+        [0, 0, 1, 1, 1, 1],
+        [0, 0, 0, 0, 32, 0],
+    ),
+    "negative gain": (
+        replace(SLOPE, kappa=-0.5),
+        [1, -4, -4, 1, 1],
+        "IWAAI",
+        [0, 0, 1, 1, 1],
+        [0, 0, -32, -32, 0],
+    ),
+    "constant force, spent until the contact ends": (
+        CONSTANT,
+        [1, -1, -1, -1, -1, 1, -1, -1],
+        "IAASSIAA",
+        [0] * 8,
+        [0, 5, 5, 0, 0, 0, 5, 5],
+    ),
+    "profile goes on after the contact": (
+        PROFILE,
+        [1, -1, 1, 1, 1, 1],
+        "IAAAII",
+        [0] * 6,
+        [0, 0, 2, -3, 0, 0],
+    ),
+    "profile is not started again by a contact that it outlasts": (
+        PROFILE,
+        [1, -1, 1, -1, -1, 1, -1],
+        "IAAASIA",
+        [0] * 7,
+        [0, 0, 2, -3, 0, 0, 0],
+    ),
+    "a contact right after the end of profile and contact": (
+        PROFILE,
+        [-1, 1, 1, 1, -1, -1],
+        "AAAIAA",
+        [0] * 6,
+        [0, 2, -3, 0, 0, 2],
+    ),
+    "off": (replace(SLOPE, law=Law.OFF), [1, -1, -4, -4, 1], "IIIII", [0] * 5, [0] * 5),
+}
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_mode_delay_and_command_after_every_sample(name: str) -> None:
+    law, samples, modes, delays, forces = ROWS[name]
+    driven = drive(law, LineSpec(), samples)
+    assert driven.modes.tolist() == [LETTERS[letter] for letter in modes]
+    assert driven.delays.tolist() == delays
+    assert commands(law, samples).tolist() == forces
+
+
+def test_the_slope_is_per_second_not_per_sample() -> None:
+    """Samples half a second apart: the slopes are twice the differences."""
+    law = replace(SLOPE, v_thr_m_s=-3.0)
+    samples = np.array([1.0, -1.0, -3.0, -4.0, -4.0])
+    controller = Controller(law, LineSpec(), 0.5, 10, 1, 0)
+    modes = controller.process(samples).modes
+    assert modes.tolist() == [LETTERS[letter] for letter in "IWWAA"]
+
+
+@given(SEQUENCES, THRESHOLDS, LEVELS, st.sampled_from([0.8, -0.4]))
+@settings(max_examples=300, deadline=None)
+def test_slope_threshold_against_plain_python(
+    samples: list[float], v_thr: float, level: float, kappa: float
+) -> None:
+    law = LawSpec(Law.SLOPE_THRESHOLD, 3.7, kappa, v_thr, contact_level=level)
+    delays, latched = [], {}
+    rows = reference.slope_threshold(samples, kappa * 3.7, v_thr, level, latched.__setitem__)
+    for i in range(len(samples)):
+        delays.append(latched.get(i, delays[-1] if delays else 0))
+    driven = drive(law, LineSpec(), samples)
+    assert driven.modes.tolist() == [mode for mode, _ in rows]
+    assert driven.delays.tolist() == delays
+    # p sqrt(p) and p ** 1.5 differ by a few roundings of 1.1e-16.
+    np.testing.assert_allclose(
+        commands(law, samples), [force for _, force in rows], rtol=1e-15, atol=0.0
+    )
+
+
+@given(SEQUENCES, PROFILES, LEVELS)
+@settings(max_examples=200, deadline=None)
+def test_profile_against_plain_python(
+    samples: list[float], forces: tuple[float, ...], level: float
+) -> None:
+    law = LawSpec(Law.PROFILE, 1.0, profile_n=forces, contact_level=level)
+    rows = reference.profile(samples, forces, level)
+    assert drive(law, LineSpec(), samples).modes.tolist() == [mode for mode, _ in rows]
+    assert commands(law, samples).tolist() == [force for _, force in rows]
