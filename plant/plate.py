@@ -99,7 +99,7 @@ def oscillators(
     at_actuator = plate.mode_shape(m, n, actuator_m)
     starts = np.flatnonzero(np.diff(omega, prepend=-1.0) > _SAME_FREQUENCY * omega)
     rows = []
-    for start, end in zip(starts, [*starts[1:], len(omega)], strict=True):
+    for start, end in zip(starts, np.append(starts, len(omega))[1:], strict=True):
         c, a = at_contact[start:end], at_actuator[start:end]
         along = math.sqrt(float(c @ c))
         shared = 0.0
