@@ -67,16 +67,19 @@ def hunt_crossley_parameter(restitution: float, impact_speed_m_s: float) -> floa
     """
     if not 0.0 < restitution <= 1.0:
         raise ValueError(f"restitution is {restitution:g}; it must be above 0 and at most 1")
-    if restitution == 1.0:
-        return 0.0
+    loss = 1.0 - restitution
+    if loss < 1e-5:  # the equation's terms cancel; its root is 1.5 loss (1 + O(loss))
+        return 1.5 * loss / impact_speed_m_s
 
-    def mismatch(x: float) -> float:
-        return x - math.log1p(x) + restitution * x + math.log1p(-restitution * x)
+    def mismatch(u: float) -> float:
+        """The equation in u = -ln(1 - e x): for a small e, x is 1/e to the last digit."""
+        x = -math.expm1(-u) / restitution
+        return x - math.log1p(x) + restitution * x - u
 
-    # Near zero the mismatch grows as (1 - e^2) x^2 / 2; it falls to -inf at x = 1/e.
-    upper = 1.0 / restitution
-    x = brentq(mismatch, 1e-6 * (1.0 - restitution), upper * (1.0 - 1e-15), xtol=1e-15)
-    return float(x) / impact_speed_m_s
+    # At x = 1 - e the mismatch is above zero, at u = 1/e + 1 it is -ln(1 + x) or less.
+    lower, upper = -math.log1p(-restitution * loss), 1.0 / restitution + 1.0
+    u = float(brentq(mismatch, lower, upper, xtol=1e-300, rtol=1e-14))
+    return -math.expm1(-u) / restitution / impact_speed_m_s
 
 
 def rigid_contact_time_s(mass_kg: float, stiffness: float, speed_m_s: float) -> float:
