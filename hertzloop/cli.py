@@ -2,21 +2,18 @@
 mistake, 130 interrupted."""
 
 import json
-import re
 import signal
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from hertzloop.process_frame import bus_address, framed, progress_reporter
 from hertzloop.scene import DEFAULT, Scene, SceneError, load, shipped
+from hertzloop.terminal import err, fail, out
 
 if TYPE_CHECKING:
-    from hertzloop.processes import BusAddress
     from recordings.reader import Recording
 
 app = typer.Typer(
@@ -25,8 +22,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-out = Console(highlight=False)
-err = Console(stderr=True, highlight=False)
 
 SceneArgument = Annotated[str, typer.Argument(help="A shipped scene's name, or a .toml file.")]
 SetOption = Annotated[
@@ -60,11 +55,6 @@ JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figur
 TransportName = Literal["zenoh", "inprocess", "compiled"]
 
 
-def _fail(sentence: str, code: int) -> NoReturn:
-    err.print(f"[red]error:[/red] {sentence}", soft_wrap=True, markup=True)
-    raise typer.Exit(code)
-
-
 def _scene(source: str, settings: list[str] | None, seed: int | None) -> Scene:
     try:
         scene = load(source, settings, seed)
@@ -73,20 +63,20 @@ def _scene(source: str, settings: list[str] | None, seed: int | None) -> Scene:
         parts.plant_spec(scene)
         return scene
     except SceneError as error:
-        _fail(str(error), 2)
+        fail(str(error), 2)
 
 
-def _check_output(path: Path, overwrite: bool) -> None:
+def _check_output(path: Path, overwrite: bool, option: str = "--out") -> None:
     if path.exists() and not path.is_file() and not overwrite:
-        _fail(f"{path} is no file that a recording could be written to", 2)
+        fail(f"{path} is no file that could be written to", 2)
     if path.is_file() and not overwrite:
-        _fail(f"{path} exists; choose another name with --out, or allow it with --overwrite", 2)
+        fail(f"{path} exists; choose another name with {option}, or allow it with --overwrite", 2)
     _check_folder(path)
 
 
 def _check_folder(path: Path | None) -> None:
     if path is not None and not path.parent.is_dir():
-        _fail(f"the folder {path.parent} does not exist", 2)
+        fail(f"the folder {path.parent} does not exist", 2)
 
 
 def _write_json(path: Path | None, data: dict[str, Any]) -> None:
@@ -95,7 +85,7 @@ def _write_json(path: Path | None, data: dict[str, Any]) -> None:
     try:
         path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
-        _fail(f"cannot write {path}: {error.strerror}", 1)
+        fail(f"cannot write {path}: {error.strerror}", 1)
 
 
 def _announce_compilation() -> None:
@@ -155,80 +145,9 @@ def run(
         err.print(f"interrupted; what was recorded until now is in {recording}")
         raise typer.Exit(130) from None
     except (RunFailed, BusError, StreamFault, RecordingError) as error:
-        _fail(str(error), 1)
+        fail(str(error), 1)
     report.print_run(out, data)
     _write_json(json_file, data)
-
-
-@contextmanager
-def _process(role: str, machine: bool) -> Iterator[Callable[..., None]]:
-    """Frame of a process of a run: reports for a launcher or words for a person."""
-    from bus.port import BusError, PeerLost
-    from bus.streams import StreamFault
-    from hertzloop.processes import Interrupted
-    from recordings.writer import RecordingError
-
-    def tell(**what: object) -> None:
-        if machine:
-            print(json.dumps(what), flush=True)
-
-    def stop(*_: object) -> NoReturn:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, stop)
-    try:
-        yield tell
-    except (BusError, StreamFault, RecordingError) as error:
-        tell(fault=str(error), lost_a_peer=isinstance(error, PeerLost))
-        if not machine:
-            _fail(str(error), 1)
-        raise typer.Exit(1) from None
-    except (Interrupted, KeyboardInterrupt) as error:
-        tell(fault=str(error) or f"{role} was interrupted", lost_a_peer=True)
-        if not machine:
-            err.print(str(error) or f"{role} was interrupted")
-        raise typer.Exit(130) from None
-
-
-def _address(
-    role: str,
-    name: str,
-    listen: list[str] | None,
-    connect: list[str] | None,
-    config: Path | None,
-    timeout: float,
-    wait: float,
-) -> "BusAddress":
-    from hertzloop.processes import BASE_PORT, BusAddress, default_endpoints
-
-    for endpoint in [*(listen or []), *(connect or [])]:
-        if not re.fullmatch(r"[a-z]+/\S+", endpoint):
-            _fail(f"'{endpoint}' is no endpoint; write e.g. tcp/127.0.0.1:{BASE_PORT}", 2)
-    own, others = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
-    given = config is not None
-    return BusAddress(
-        name,
-        listen or ([] if given else own),
-        connect or ([] if given else others),
-        config,
-        timeout,
-        wait,
-    )
-
-
-def _progress_reporter(tell: Callable[..., None]) -> Callable[[int], None]:
-    """Report progress at most ten times a second."""
-    import time
-
-    last = [0.0]
-
-    def report(step: int) -> None:
-        now = time.monotonic()
-        if now - last[0] > 0.1:
-            last[0] = now
-            tell(step=step)
-
-    return report
 
 
 @app.command()
@@ -252,12 +171,12 @@ def plant(
 
     resolved = _scene(scene, settings, seed)
     ensure_compiled(_announce_compilation)
-    with _process(PLANT, machine) as tell:
-        address = _address(PLANT, name, listen, connect, zenoh_config, timeout, wait)
+    with framed(PLANT, machine) as tell:
+        address = bus_address(PLANT, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
             err.print(f"plant on {', '.join(address.listen)}: waiting for controller and recorder")
         stats = processes.run_plant(
-            resolved, address, horizon, lambda: tell(ready=True), _progress_reporter(tell)
+            resolved, address, horizon, lambda: tell(ready=True), progress_reporter(tell)
         )
         tell(done=stats)
         if not machine:
@@ -280,8 +199,8 @@ def controller(
     from hertzloop.warmup import ensure_compiled
 
     ensure_compiled(_announce_compilation)
-    with _process(CONTROLLER, machine) as tell:
-        address = _address(CONTROLLER, name, listen, connect, zenoh_config, timeout, wait)
+    with framed(CONTROLLER, machine) as tell:
+        address = bus_address(CONTROLLER, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
             err.print(f"controller on {', '.join(address.listen)}: waiting for plant and recorder")
         tell(done=processes.run_controller(address, lambda: tell(ready=True)))
@@ -304,8 +223,8 @@ def record(
     from hertzloop import processes
 
     _check_output(out_file, overwrite)
-    with _process(RECORDER, machine) as tell:
-        address = _address(RECORDER, name, listen, connect, zenoh_config, timeout, wait)
+    with framed(RECORDER, machine) as tell:
+        address = bus_address(RECORDER, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
             err.print(f"recorder on {', '.join(address.listen)}: waiting for plant and controller")
         stats = processes.run_recorder(out_file, address, overwrite, lambda: tell(ready=True))
@@ -321,7 +240,7 @@ def _read(path: Path) -> "Recording":
     try:
         return read(path)
     except RecordingError as error:
-        _fail(str(error), 2)
+        fail(str(error), 2)
 
 
 FileArgument = Annotated[Path, typer.Argument(help="A recording.", metavar="F.mcap")]
@@ -358,6 +277,50 @@ def compare(
         f"the same: {left.truth.samples:,} steps of truth, {left.daq.samples:,} samples, "
         f"{left.force.samples:,} forces, {len(left.events)} events"
     )
+
+
+@app.command()
+def replay(
+    file: FileArgument,
+    save: Annotated[
+        Path | None, typer.Option(help="Write an .rrd file for the Rerun viewer.", metavar="F.rrd")
+    ] = None,
+    screenshot: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write a picture of the first contact; no screen needed.", metavar="F.png"
+        ),
+    ] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Watch a recording in slow motion: plate, forces, events. Opens a window by default."""
+    for option, output in (("--save", save), ("--screenshot", screenshot)):
+        if output is not None:
+            _check_output(output, overwrite, option)
+    recording = _read(file)
+
+    # Here and not above: Rerun takes a second to load, and only a replay needs it.
+    from hertzloop import replaying
+    from recordings.writer import RecordingError
+
+    if save is None and screenshot is None and not replaying.has_display():
+        fail(
+            "there is no screen to open a window on; write a picture with --screenshot F.png, "
+            "or a file for the Rerun viewer elsewhere with --save F.rrd",
+            2,
+        )
+    for problem in recording.problems:
+        err.print(f"{file}: {problem}", soft_wrap=True)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        replaying.replay(recording, save, screenshot)
+    except KeyboardInterrupt:
+        raise typer.Exit(130) from None
+    except (RecordingError, SceneError) as error:
+        fail(f"{file} cannot be replayed: {error}", 1)
+    for output in (save, screenshot):
+        if output is not None:
+            out.print(f"written: {output}", soft_wrap=True)
 
 
 @app.command()
