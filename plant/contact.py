@@ -83,7 +83,7 @@ def hunt_crossley_parameter(restitution: float, impact_speed_m_s: float) -> floa
 
 
 def rigid_contact_time_s(mass_kg: float, stiffness: float, speed_m_s: float) -> float:
-    """Hertz impact on a rigid half-space, without gravity: 3.214 (m/s)^(2/5) v^(-1/5), s."""
+    """Hertz impact on a rigid half-space, without gravity: 3.218 (m/s)^(2/5) v^(-1/5), s."""
 
     factor = 4.0 * math.sqrt(math.pi) * math.gamma(0.4) / (5.0 * math.gamma(0.9)) * 1.25**0.4
     return factor * (mass_kg / stiffness) ** 0.4 * speed_m_s**-0.2
