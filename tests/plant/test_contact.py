@@ -1,0 +1,142 @@
+"""Contacts on an immovable support against closed forms, and contact damping."""
+
+from decimal import Decimal, localcontext
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from hertzloop.compiled import simulate
+from hertzloop.scene import load
+from plant import kernels as k
+from plant.contact import (
+    Contact,
+    Damping,
+    hertz_stiffness,
+    hunt_crossley_parameter,
+    rigid_contact_time_s,
+    rigid_peak_force_n,
+)
+from plant.impacts import impacts
+from plant.materials import MATERIALS
+from plant.plant import Plant
+from tests.plant.rigs import rigid, run, spec
+
+STIFFNESS = hertz_stiffness(0.003, MATERIALS["steel"], MATERIALS["aluminium"])
+STEPS_S = (5e-7, 2.5e-7, 1.25e-7)
+SPEED = 1.0
+RESTITUTIONS = (0.2, 0.6, 0.9)
+
+
+def hertz_errors(step_s: float) -> tuple[float, float]:
+    """Relative error of contact time and peak force on a rigid half-space (27 us, 1 m/s)."""
+    plant = rigid(step_s, Contact(STIFFNESS), speed_m_s=SPEED)
+    mass = plant.model.mass_kg
+    contact_s = rigid_contact_time_s(mass, STIFFNESS, SPEED)
+    rows = run(plant, round(1.3 * contact_s / step_s))
+    assert abs(rows.xi_p).max() < 1e-20  # the support does not give way
+    (found,) = impacts(rows.xi, rows.xi_s, rows.xi_p, rows.f_c, rows.f_a, None, mass, step_s)
+    # Peak of the parabola through the three largest forces: no error from where samples fall.
+    top = int(np.argmax(rows.f_c))
+    a, b, c = rows.f_c[top - 1 : top + 2]
+    peak = b - (a - c) ** 2 / (8.0 * (a - 2.0 * b + c))
+    return (
+        found.duration_s / contact_s - 1.0,
+        peak / rigid_peak_force_n(mass, STIFFNESS, SPEED) - 1.0,
+    )
+
+
+def test_hertz_impact_on_a_rigid_half_space_converges_as_the_step_squared() -> None:
+    errors = np.abs([hertz_errors(h) for h in STEPS_S])
+    print("relative error of contact time, of peak force:", *errors)
+    # Discrete gradient and Stoermer's scheme err by a few (h w)^2/24, w = pi/T, h = T/54 first.
+    assert errors[0].max() < (np.pi / 54.0) ** 2
+    ratio = errors[:-1] / errors[1:]
+    # 4, less what the next order, h^2.5 from the kink at the ends of contact, leaves.
+    np.testing.assert_allclose(ratio, 4.0, rtol=0.02)
+
+
+def test_closed_forms_of_hertz() -> None:
+    # 2 p_max/v times the integral of dx/sqrt(1 - x^(5/2)), with x = 1 - t^2: no singularity.
+    # (Textbooks that round this to 2.94 p_max/v print a factor of 3.214 instead of 3.218.)
+    whole = quad(lambda t: 2.0 * t / np.sqrt(1.0 - (1.0 - t * t) ** 2.5), 0.0, 1.0)[0]
+    assert rigid_contact_time_s(1.0, 1.0, 1.0) == pytest.approx(2.0 * whole * 1.25**0.4, rel=1e-9)
+    # Energy: m v^2/2 = 2/5 s p^(5/2) at the peak.
+    force = rigid_peak_force_n(0.3, 2e9, 0.7)
+    assert 0.4 * 2e9 * (force / 2e9) ** (5 / 3) == pytest.approx(0.5 * 0.3 * 0.49, rel=1e-14)
+
+
+def rebound(restitution: float, step_s: float) -> float:
+    d = hunt_crossley_parameter(restitution, SPEED)
+    plant = rigid(
+        step_s, Contact(STIFFNESS, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=d), speed_m_s=SPEED
+    )
+    run(plant, round(120e-6 / step_s))  # the longest contact lasts 50 us
+    return float(plant.state.body[k.FLIGHT_V] / SPEED)
+
+
+@pytest.mark.parametrize("restitution", RESTITUTIONS)
+def test_hunt_crossley_rebounds_with_the_restitution_asked_for(restitution: float) -> None:
+    errors = [abs(rebound(restitution, h) - restitution) for h in STEPS_S]
+    print(f"restitution {restitution}: errors {errors}")
+    assert errors[0] < (np.pi / 54.0) ** 2  # as above
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4.0, rtol=0.02)
+
+
+@pytest.mark.parametrize("restitution", [1e-6, 0.02, 0.028, 0.03, 0.5, 0.99, 0.999989, 0.999991])
+def test_hunt_crossley_parameter_solves_its_equation(restitution: float) -> None:
+    x, e = Decimal(hunt_crossley_parameter(restitution, 1.0)), Decimal(restitution)
+    loss = 1.0 - restitution
+    # The equation's terms cancel to (1 - e)^2 of themselves; its asymptote is good to 1e-5.
+    width = Decimal(min(2e-5, 1e-13 + 1e-15 / loss**2))
+
+    def mismatch(at: Decimal) -> Decimal:
+        inside = 1 - e * at
+        return at - (1 + at).ln() + e * at + inside.ln() if inside > 0 else Decimal(-1)
+
+    with localcontext(prec=60):
+        assert mismatch(x * (1 - width)) > 0
+        assert mismatch(x * (1 + width)) < 0
+
+
+def test_hunt_crossley_parameter_falls_smoothly_to_zero() -> None:
+    asked = 1.0 - np.logspace(-15, -0.01, 400)
+    found = [hunt_crossley_parameter(e, 1.0) for e in asked]
+    assert hunt_crossley_parameter(1.0, 1.0) == 0.0
+    assert np.all(np.diff(found) > 0.0)
+    assert hunt_crossley_parameter(0.6, 2.0) == pytest.approx(hunt_crossley_parameter(0.6, 1.0) / 2)
+
+
+@pytest.mark.parametrize("restitution", [0.0, -0.5, 1.0000001, float("nan"), float("inf")])
+def test_impossible_restitutions_are_refused(restitution: float) -> None:
+    with pytest.raises(ValueError, match=r"restitution is .*; it must be above 0 and at most 1"):
+        hunt_crossley_parameter(restitution, 1.0)
+
+
+def test_viscous_damping_takes_energy_and_the_books_balance() -> None:
+    contact = Contact(STIFFNESS, Damping.VISCOUS, viscous_n_s_m=5.0)
+    damped = Plant(spec(contact=contact, loss_factor=0.0))
+    free = Plant(spec(contact=Contact(STIFFNESS), loss_factor=0.0))
+    for plant in (damped, free):
+        run(plant, 100)
+    books, undamped = damped.close_books(), free.close_books()
+    # Rounding of 40 contact steps in sums of a few hundred terms.
+    assert abs(books.energy_residual) < 1e-12
+    assert abs(books.momentum_residual) < 1e-12
+    assert books.modal_dissipated_j == 0.0
+    assert undamped.contact_dissipated_j == 0.0
+    assert books.contact_dissipated_j > 0.05 * books.energy_start_j
+    left = books.kinetic_j + books.gravity_j + books.modal_j
+    assert left == pytest.approx(books.energy_start_j - books.contact_dissipated_j, rel=1e-12)
+    assert damped.sphere_speed_m_s() < free.sphere_speed_m_s()
+
+
+def test_damping_of_a_scene_reaches_the_contact() -> None:
+    settings = ["controller.law=off", "run.duration_s=0.002", "run.accuracy=0.05"]
+    viscous = ["contact.damping=viscous", "contact.viscous_n_s_m=5"]
+    lost = [
+        simulate(load("aluminium-3mm", settings + more)).books.contact_dissipated_j
+        for more in ([], viscous, ["contact.damping=hunt_crossley", "contact.restitution=0.6"])
+    ]
+    assert lost[0] == 0.0
+    assert min(lost[1:]) > 0.0
