@@ -13,7 +13,7 @@ from pathlib import Path
 
 __version__ = "0.1.0"
 
-_KERNELS = ("plant", "sensors", "controller", "hertzloop")
+_KERNELS = ("plant", "sensors", "controller", "hertzloop", "studies")
 
 
 def _kernel_digest() -> str:

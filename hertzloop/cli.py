@@ -316,8 +316,8 @@ def replay(
         replaying.replay(recording, save, screenshot)
     except KeyboardInterrupt:
         raise typer.Exit(130) from None
-    except (RecordingError, SceneError) as error:
-        fail(f"{file} cannot be replayed: {error}", 1)
+    except RecordingError as error:
+        fail(str(error), 1)
     for output in (save, screenshot):
         if output is not None:
             out.print(f"written: {output}", soft_wrap=True)
@@ -329,6 +329,26 @@ def scenes() -> None:
     for name in shipped():
         note = " (default)" if name == DEFAULT else ""
         out.print(f"[bold]{name}[/bold]{note}\n    {load(name).shows}", soft_wrap=True)
+
+
+@app.command()
+def bench(json_file: JsonOption = None) -> None:
+    """What a plant step, an exchange and the whole loop cost on this machine."""
+    from bus.port import BusError
+    from hertzloop import report
+    from hertzloop.launcher import RunFailed
+    from hertzloop.warmup import ensure_compiled
+    from studies import baseline
+
+    _check_folder(json_file)
+    ensure_compiled(_announce_compilation)
+    try:
+        data = baseline.measure()
+    except (RunFailed, BusError) as error:
+        fail(str(error), 1)
+    for title, costs in data.items():
+        out.print(report.cost_table(title, costs))
+    _write_json(json_file, data)
 
 
 def main() -> None:

@@ -90,7 +90,8 @@ class Launcher:
         stderr = Path(self._folder.name) / f"{role}.stderr"
         with stderr.open("w") as sink:
             process = subprocess.Popen(
-                [sys.executable, "-m", "hertzloop", *words],
+                # -P: a folder of the user's that is called like one of ours must not be imported
+                [sys.executable, "-P", "-m", "hertzloop", *words],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=sink,

@@ -78,6 +78,18 @@ def comparison_line(controlled: list[dict[str, float]], free: list[dict[str, flo
     )
 
 
+def cost_table(title: str, costs: list[dict[str, Any]]) -> Table:
+    """Measured costs of a group; the first case is the yardstick."""
+    table = Table(title=title, title_justify="left")
+    table.add_column("case")
+    for heading in ("median", "least", "ratio"):
+        table.add_column(heading, justify="right")
+    for cost in costs:
+        figures = (f"{cost[key]:.3g}" for key in ("median_us", "least_us", "ratio"))
+        table.add_row(cost["case"], *figures)
+    return table
+
+
 def print_run(console: Console, report: dict[str, Any]) -> None:
     """The closing table of a run."""
     console.print(impacts_table("Impacts with control", report["impacts"]))

@@ -1,1 +1,1 @@
-"""x"""
+"""Studies with the whole loop: measured baselines, charts, sweeps, published tables."""

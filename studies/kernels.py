@@ -1,0 +1,28 @@
+"""Compiled loops that studies measure or compare with."""
+
+from numba import njit
+
+from plant import kernels as pk
+
+
+@njit(cache=True, error_model="numpy")
+def plant_steps(model, state, f_a, count):
+    """`count` plant steps under the same actuator force."""
+    for _ in range(count):
+        pk.step(model, state, f_a)
+
+
+@njit(cache=True, error_model="numpy")
+def two_pass_steps(z, turn, grown, count):
+    """The obvious loop, as a yardstick: predict with one pass over all oscillators, then
+    apply the force with a second one. Arrays are complex, shape (frequencies,)."""
+    x = 0.0
+    for _ in range(count):
+        x = 0.0
+        for i in range(z.size):
+            z[i] *= turn[i]
+            x += z[i].imag
+        force = 1.0 - x
+        for i in range(z.size):
+            z[i] += grown[i] * force
+    return x

@@ -1,0 +1,19 @@
+"""The project's static checks: formatting, lint, types, and who may import whom."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+SCRIPTS = Path(sys.executable).parent
+
+
+@pytest.mark.parametrize(
+    "command", ["ruff format --check .", "ruff check .", "mypy", "lint-imports"]
+)
+def test_check(command: str) -> None:
+    program, *words = command.split()
+    done = subprocess.run([SCRIPTS / program, *words], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
