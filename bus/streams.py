@@ -90,12 +90,14 @@ def has_header_sequence(stream: str) -> bool:
 class Checker:
     """Follows incoming streams: run, numbering and continuity of every block.
 
-    The run is fixed by the first message that carries an id.
+    The run and the length of a step are fixed by the first message that carries them.
     """
 
     run_id: int = 0
+    step_ns: int = 0
     counters: dict[str, Counter] = field(default_factory=dict)
     next_step: dict[str, int] = field(default_factory=dict)
+    scales: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
     def accept(self, envelope: Envelope) -> wire.Packed:
         """Decode and check one message. Raises StreamFault on anything out of order."""
@@ -124,6 +126,15 @@ class Checker:
                 f"{counter.messages} was expected"
             )
         count = sample_count(block)
+        if hasattr(header, "step_ns"):
+            self.step_ns = self.step_ns or header.step_ns
+            if header.step_ns != self.step_ns or not header.step_ns:
+                raise StreamFault(
+                    f"stream '{name}' sequence {sequence} has steps of {header.step_ns} ns, "
+                    f"announced were {self.step_ns} ns"
+                )
+        if isinstance(header, DaqBlock):
+            self._check_channel(name, header, count)
         if hasattr(header, "first_step"):
             expected = self.next_step.get(name, 0)
             if header.first_step != expected:
@@ -137,8 +148,27 @@ class Checker:
         counter.samples += count
         return block
 
+    def _check_channel(self, name: str, header: DaqBlock, count: int) -> None:
+        """A channel stays as its first block describes it, with a flag a sample or none."""
+        scale = (header.every_steps, header.scale, header.offset)
+        before = self.scales.setdefault(name, scale)
+        if scale != before or header.every_steps < 1:
+            raise StreamFault(
+                f"stream '{name}' sequence {header.sequence} has (every_steps, scale, offset) = "
+                f"{scale}, its first block {before}"
+            )
+        if len(header.saturated) not in (0, count):
+            raise StreamFault(
+                f"stream '{name}' sequence {header.sequence} has {len(header.saturated)} flags "
+                f"for {count} samples"
+            )
+
     def reconcile(self, end: RunEnd) -> None:
         """Compare a role's announced counts with what came. Raises StreamFault."""
+        missing = set(self.counters) - {announced.stream for announced in end.count}
+        for name in sorted(missing - {f"end/{end.role}"}):
+            if STREAMS[name].publisher == end.role:
+                raise StreamFault(f"the {end.role} announced no count for stream '{name}'")
         for announced in end.count:
             came = self.counters.get(announced.stream, Counter())
             if (came.messages, came.samples) != (announced.messages, announced.samples):

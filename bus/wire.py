@@ -6,10 +6,11 @@ packed field: tag, length, raw little-endian values. Any protobuf reader decodes
 the result; reading a block of 1000 samples costs microseconds.
 """
 
+from functools import cache
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from google.protobuf.descriptor import FieldDescriptor
+from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from google.protobuf.message import DecodeError, Message
 
 _DTYPES: dict[int, np.dtype[Any]] = {
@@ -19,6 +20,17 @@ _DTYPES: dict[int, np.dtype[Any]] = {
 }
 _LENGTH_DELIMITED = 2
 _FIXED_WIDTHS = {1: 8, 5: 4}  # wire type -> bytes
+_WIRE_TYPES = {  # of a scalar field; all others are varints, wire type 0
+    FieldDescriptor.TYPE_DOUBLE: 1,
+    FieldDescriptor.TYPE_FIXED64: 1,
+    FieldDescriptor.TYPE_SFIXED64: 1,
+    FieldDescriptor.TYPE_FLOAT: 5,
+    FieldDescriptor.TYPE_FIXED32: 5,
+    FieldDescriptor.TYPE_SFIXED32: 5,
+    FieldDescriptor.TYPE_STRING: _LENGTH_DELIMITED,
+    FieldDescriptor.TYPE_BYTES: _LENGTH_DELIMITED,
+    FieldDescriptor.TYPE_MESSAGE: _LENGTH_DELIMITED,
+}
 
 M = TypeVar("M", bound=Message)
 
@@ -34,13 +46,32 @@ class Packed(NamedTuple):
     arrays: dict[str, np.ndarray]
 
 
+class _Layout(NamedTuple):
+    """Fields of a message type: arrays as in `array_fields`, and the wire type of every
+    number; repeated fields are packed."""
+
+    arrays: dict[str, tuple[int, np.dtype]]
+    wire_types: dict[int, int]
+
+
+@cache
+def _layout(descriptor: Descriptor) -> _Layout:
+    return _Layout(
+        arrays={
+            field.name: (field.number, _DTYPES[field.type])
+            for field in descriptor.fields
+            if field.is_repeated and field.type in _DTYPES
+        },
+        wire_types={
+            field.number: _LENGTH_DELIMITED if field.is_repeated else _WIRE_TYPES.get(field.type, 0)
+            for field in descriptor.fields
+        },
+    )
+
+
 def array_fields(message_class: type[Message]) -> dict[str, tuple[int, np.dtype]]:
     """Field name -> (field number, dtype) of the packed arrays of a message type."""
-    return {
-        field.name: (field.number, _DTYPES[field.type])
-        for field in message_class.DESCRIPTOR.fields
-        if field.is_repeated and field.type in _DTYPES
-    }
+    return _layout(message_class.DESCRIPTOR).arrays
 
 
 def _varint(value: int) -> bytes:
@@ -67,7 +98,7 @@ def encode(header: Message, **arrays: np.ndarray) -> bytes:
     return b"".join(parts)
 
 
-def _read_varint(payload: bytes, at: int) -> tuple[int, int]:
+def _read_varint(payload: memoryview, at: int) -> tuple[int, int]:
     value = shift = 0
     while shift < 64:
         byte = payload[at]
@@ -79,28 +110,37 @@ def _read_varint(payload: bytes, at: int) -> tuple[int, int]:
     raise MessageError("a number in it is longer than 64 bits")
 
 
-def _split(payload: bytes, numbers: set[int]) -> tuple[bytes, list[tuple[int, bytes]]]:
-    """Separate the length-delimited fields in `numbers` from the rest of a payload."""
-    rest, found = [], []
+def _split(
+    payload: memoryview, wire_types: dict[int, int], wanted: set[int]
+) -> tuple[bytes, dict[int, memoryview]]:
+    """Separate the fields in `wanted`, each at most once, from the rest of a payload.
+
+    The protobuf library passes over a field that the message type does not have; here it
+    means that the payload is something else.
+    """
+    rest: list[memoryview] = []
+    found: dict[int, memoryview] = {}
     at, end = 0, len(payload)
     while at < end:
         start = at
         tag, at = _read_varint(payload, at)
         number, wire_type = tag >> 3, tag & 7
+        if wire_types.get(number) != wire_type:
+            raise MessageError(f"it has no field {number} of wire type {wire_type}")
         body = at
         if wire_type == 0:
             _, at = _read_varint(payload, at)
         elif wire_type in _FIXED_WIDTHS:
             at += _FIXED_WIDTHS[wire_type]
-        elif wire_type == _LENGTH_DELIMITED:
+        else:
             length, body = _read_varint(payload, at)
             at = body + length
-        else:
-            raise MessageError(f"field {number} has unknown wire type {wire_type}")
         if at > end:
             raise MessageError(f"field {number} runs {at - end} bytes past the end")
-        if wire_type == _LENGTH_DELIMITED and number in numbers:
-            found.append((number, payload[body:at]))
+        if number in found:
+            raise MessageError(f"field {number} comes twice")
+        if number in wanted:
+            found[number] = payload[body:at]
         else:
             rest.append(payload[start:at])
     return b"".join(rest), found
@@ -112,12 +152,12 @@ def decode(message_class: type[M], payload: bytes) -> Packed:
     Raises MessageError when the payload is not a whole message of this type or
     when its arrays differ in length.
     """
-    fields = array_fields(message_class)
+    fields, wire_types = _layout(message_class.DESCRIPTOR)
     arrays = {name: np.empty(0, dtype) for name, (_, dtype) in fields.items()}
     names = {number: name for name, (number, _) in fields.items()}
     try:
-        rest, found = _split(payload, set(names))
-        for number, raw in found:
+        rest, found = _split(memoryview(payload), wire_types, set(names))
+        for number, raw in found.items():
             arrays[names[number]] = np.frombuffer(raw, fields[names[number]][1])
         header = message_class()
         header.ParseFromString(rest)

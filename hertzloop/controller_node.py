@@ -56,11 +56,6 @@ class ControllerNode:
         if self._controller is None:
             raise StreamFault("samples came before the plant announced the run")
         header: DaqBlock = block.header
-        if header.step_ns != self._scene.run.step_ns:
-            raise StreamFault(
-                f"stream 'daq' sequence {header.sequence} has steps of {header.step_ns} ns, "
-                f"announced were {self._scene.run.step_ns} ns"
-            )
         values = sampled_values(block)
         if self._samples + len(values) > len(self._controller.law_state.history):
             raise StreamFault(f"stream 'daq' sequence {header.sequence} is beyond the run's end")

@@ -178,7 +178,7 @@ class PlantNode:
         self.horizon = horizon or math.inf
         self.on_progress = on_progress
         self.streams = PlantStreams(scene, Publisher(port, new_run_id()))
-        self.checker = Checker(run_id=self.streams.publisher.run_id)
+        self.checker = Checker(self.streams.publisher.run_id, scene.run.step_ns)
         self.forces = np.zeros(scene.steps)
         self.forces_end = 0  # steps whose force has come, promised ones not counted
         self.samples_seen = 0
