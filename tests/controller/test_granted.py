@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from controller import kernels as k
 from controller.controller import LawSpec, LineSpec
 from tests.controller.drive import SLOPE, drive, make
 from tests.controller.strategies import CUTS, EVERY_STEPS, LATENCIES, LAWS, LINES, SEQUENCES
@@ -55,7 +56,16 @@ def test_how_far_a_reply_reaches(law: LawSpec, samples: list[float], known: list
     settled = [r.first_step + len(r.forces) - (r.samples_seen + 1 + 5) for r in replies]
     # The line shows what the law grants only while the run still has samples to come.
     left = [len(samples) + 60 - r.samples_seen for r in replies]
-    assert settled == [min(k, n) for k, n in zip(known, left, strict=True)]
+    assert settled == [min(wanted, most) for wanted, most in zip(known, left, strict=True)]
+
+
+@pytest.mark.parametrize("samples", [[-1.0] * 6, [1, -1, -4, -9, -9, -9]])
+def test_nothing_is_granted_beyond_the_end_of_the_run(samples: list[float]) -> None:
+    line = LineSpec(latency_steps=1, jitter_steps=2)
+    controller = make(SLOPE, line, len(samples), after=0)
+    reply = controller.process(np.array(samples), look_ahead=True)
+    assert len(reply.forces) == len(samples)
+    assert controller.law_state.counts[k.COMMANDED] == len(samples)
 
 
 def test_nothing_is_granted_ahead_unless_asked() -> None:
@@ -88,6 +98,21 @@ def test_the_promise_of_no_force_is_kept(
     assert len(silent.forces) >= 30
     assert not silent.forces.any()
     assert silent.promise_zero
+
+
+@pytest.mark.parametrize("force", [5.0, -5.0])
+@pytest.mark.parametrize("chance", [LineSpec(jitter_steps=6), LineSpec(0, 6, 0.3)])
+def test_no_promise_while_a_late_force_is_on_its_way(force: float, chance: LineSpec) -> None:
+    """A force of one sample, silence before and after: with jitter it acts when law and
+    output have long been at zero."""
+    law, promised = LawSpec(CONSTANT.law, 1.0, profile_n=(force,)), 0
+    for seed in range(40):
+        driven = drive(law, chance, [1, 1, -1] + [1] * 12, seed=seed, cuts=ONE_BY_ONE)
+        for reply in driven.replies[3:]:
+            if reply.promise_zero:
+                assert not driven.forces[reply.first_step + len(reply.forces) :].any()
+                promised += 1
+    assert promised > 100
 
 
 def promises(law: LawSpec, line: LineSpec, samples: list[float]) -> str:

@@ -143,12 +143,12 @@ def test_mode_delay_and_command_after_every_sample(name: str) -> None:
     assert commands(law, samples).tolist() == forces
 
 
-def test_the_slope_is_per_second_not_per_sample() -> None:
+@pytest.mark.parametrize(("step_s", "every_steps"), [(0.5, 1), (0.25, 2)])
+def test_the_slope_is_per_second(step_s: float, every_steps: int) -> None:
     """Samples half a second apart: the slopes are twice the differences."""
     law = replace(SLOPE, v_thr_m_s=-3.0)
-    samples = np.array([1.0, -1.0, -3.0, -4.0, -4.0])
-    controller = Controller(law, LineSpec(), 0.5, 10, 1, 0)
-    modes = controller.process(samples).modes
+    controller = Controller(law, LineSpec(), step_s, 20, every_steps, 0)
+    modes = controller.process(np.array([1.0, -1.0, -3.0, -4.0, -4.0])).modes
     assert modes.tolist() == [LETTERS[letter] for letter in "IWWAA"]
 
 

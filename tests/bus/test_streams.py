@@ -1,0 +1,265 @@
+"""The checker: anything that does not continue its stream is named, with its number."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from google.protobuf.message import Message
+
+from bus import wire
+from bus.messages_pb2 import Books, DaqBlock, ForceBlock, Hello, RunEnd, TruthBlock
+from bus.port import Publisher
+from bus.streams import (
+    CONTROLLER,
+    PLANT,
+    RECORDER,
+    STREAMS,
+    SUBSCRIPTIONS,
+    Checker,
+    Envelope,
+    StreamFault,
+)
+
+RUN = 0xABC
+
+
+class Tape:
+    """Port that keeps what is published."""
+
+    def __init__(self, role: str) -> None:
+        self.role = role
+        self.sent: list[Envelope] = []
+
+    def publish(self, envelope: Envelope) -> None:
+        self.sent.append(envelope)
+
+    def receive(self, timeout_s: float, awaited: str) -> Envelope:
+        raise NotImplementedError
+
+    def pending(self) -> bool:
+        return False
+
+    def close(self) -> None:
+        pass
+
+
+def plant_says(blocks: int = 3, every_steps: int = 1) -> list[Envelope]:
+    """A short run as the plant publishes it: 4 samples and 4 * every_steps rows a block."""
+    tape = Tape(PLANT)
+    publisher = Publisher(tape, RUN)
+    publisher.send("hello", Hello(steps=99, step_ns=1000))
+    for i in range(blocks):
+        step = 4 * every_steps * i
+        daq = DaqBlock(first_step=step, step_ns=1000, every_steps=every_steps, scale=0.5)
+        daq.saturated = bytes(4)
+        publisher.send("daq", daq, {"code": np.arange(4)})
+        rows = np.zeros(4 * every_steps)
+        publisher.send("truth", TruthBlock(first_step=step, step_ns=1000), {"xi_m": rows})
+        publisher.send("events/plant", Log(message=f"event {i}"))
+    publisher.send("books", Books(kinetic_j=1.0))
+    publisher.end()
+    return tape.sent
+
+
+def places(sent: Sequence[Envelope], stream: str) -> list[int]:
+    return [i for i, envelope in enumerate(sent) if envelope.stream == stream]
+
+
+def changed(envelope: Envelope, **fields: Any) -> Envelope:
+    """The same message with some header fields changed."""
+    block = wire.decode(STREAMS[envelope.stream].message, envelope.payload)
+    for name, value in fields.items():
+        setattr(block.header, name, value)
+    return replace(envelope, payload=wire.encode(block.header, **block.arrays))
+
+
+def feed(sent: Sequence[Envelope]) -> Checker:
+    checker = Checker()
+    for envelope in sent:
+        block = checker.accept(envelope)
+        if isinstance(block.header, RunEnd):
+            checker.reconcile(block.header)
+    return checker
+
+
+def refused(sent: Sequence[Envelope], *words: str) -> None:
+    with pytest.raises(StreamFault) as caught:
+        feed(sent)
+    for word in words:
+        assert re.search(word, str(caught.value)), str(caught.value)
+
+
+@pytest.mark.parametrize("every_steps", [1, 3])
+def test_a_whole_run_passes(every_steps: int) -> None:
+    checker = feed(plant_says(every_steps=every_steps))
+    counts = {name: (c.messages, c.samples) for name, c in checker.counters.items()}
+    assert counts == {
+        "hello": (1, 1),
+        "daq": (3, 12),
+        "truth": (3, 12 * every_steps),
+        "events/plant": (3, 3),
+        "books": (1, 1),
+        "end/plant": (1, 1),
+    }
+
+
+@pytest.mark.parametrize("stream", ["daq", "truth", "events/plant"])
+def test_a_gap(stream: str) -> None:
+    sent = plant_says()
+    del sent[places(sent, stream)[1]]
+    refused(sent, f"gap on stream '{stream}'", "sequence 2 came", "1 was expected")
+
+
+@pytest.mark.parametrize("stream", ["daq", "truth", "events/plant"])
+def test_a_lost_first_message(stream: str) -> None:
+    sent = plant_says()
+    del sent[places(sent, stream)[0]]
+    refused(sent, f"gap on stream '{stream}'", "sequence 1 came", "0 was expected")
+
+
+@pytest.mark.parametrize("stream", ["hello", "daq", "truth", "events/plant", "books"])
+def test_a_repeat(stream: str) -> None:
+    sent = plant_says()
+    last = places(sent, stream)[-1]
+    number = len(places(sent, stream)) - 1
+    sent.insert(last, sent[last])
+    refused(
+        sent,
+        f"repeat on stream '{stream}'",
+        f"sequence {number} came",
+        f"{number + 1} was expected",
+    )
+
+
+@pytest.mark.parametrize("stream", ["daq", "truth", "events/plant"])
+def test_two_messages_swapped(stream: str) -> None:
+    sent = plant_says()
+    one, other, _ = places(sent, stream)
+    sent[one], sent[other] = sent[other], sent[one]
+    refused(sent, f"gap on stream '{stream}'", "sequence 1 came")
+
+
+@pytest.mark.parametrize("stream", ["daq", "truth", "end/plant"])
+def test_a_message_of_another_run(stream: str) -> None:
+    sent = plant_says()
+    place = places(sent, stream)[-1]
+    sent[place] = changed(sent[place], run_id=0xDEF)
+    number = len(places(sent, stream)) - 1
+    refused(sent, f"stream '{stream}' sequence {number}", "belongs to run def", "not to abc")
+
+
+def test_a_message_without_run() -> None:
+    sent = plant_says()
+    place = places(sent, "daq")[1]
+    sent[place] = changed(sent[place], run_id=0)
+    refused(sent, "stream 'daq' sequence 1", "belongs to run 0")
+
+
+@pytest.mark.parametrize("stream", ["daq", "truth"])
+@pytest.mark.parametrize("first_step", [0, 3, 5, 8])
+def test_a_block_that_does_not_join(stream: str, first_step: int) -> None:
+    sent = plant_says()
+    place = places(sent, stream)[1]
+    sent[place] = changed(sent[place], first_step=first_step)
+    refused(sent, f"stream '{stream}' sequence 1", f"starts at step {first_step}", "expected 4")
+
+
+@pytest.mark.parametrize("stream", ["daq", "truth"])
+@pytest.mark.parametrize(("number", "step_ns"), [(0, 500), (1, 2000), (2, 0)])
+def test_a_step_of_another_length(stream: str, number: int, step_ns: int) -> None:
+    sent = plant_says()
+    place = places(sent, stream)[number]
+    sent[place] = changed(sent[place], step_ns=step_ns)
+    refused(sent, f"stream '{stream}' sequence {number}", f"{step_ns} ns", "announced were 1000 ns")
+
+
+def test_the_length_of_a_step_may_be_known_before() -> None:
+    force = ForceBlock(run_id=RUN, step_ns=2000)
+    with pytest.raises(StreamFault, match=r"'force' sequence 0 has steps of 2000 ns.* 1000 ns"):
+        Checker(RUN, 1000).accept(Envelope("force", wire.encode(force, force_n=np.zeros(2))))
+
+
+@pytest.mark.parametrize("change", [{"every_steps": 2}, {"scale": 0.25}, {"offset": 1.0}])
+def test_a_channel_that_changes(change: dict[str, float]) -> None:
+    """Samples of one stream have one scale: a reader takes it from the first block."""
+    sent = plant_says()
+    place = places(sent, "daq")[2]
+    sent[place] = changed(sent[place], **change)
+    refused(sent, "stream 'daq' sequence 2", next(iter(change)))
+
+
+def test_a_channel_without_interval() -> None:
+    sent = plant_says()
+    place = places(sent, "daq")[0]
+    sent[place] = changed(sent[place], every_steps=0)
+    refused(sent, "stream 'daq' sequence 0", "every_steps")
+
+
+def test_flags_for_another_number_of_samples() -> None:
+    sent = plant_says()
+    place = places(sent, "daq")[1]
+    sent[place] = changed(sent[place], saturated=bytes(3))
+    refused(sent, "stream 'daq' sequence 1", "3 flags for 4 samples")
+
+
+@pytest.mark.parametrize("stream", ["daq", "truth", "events/plant", "books"])
+def test_a_lost_tail(stream: str) -> None:
+    """All that came is in order: only the announced count tells."""
+    sent = plant_says()
+    came = len(places(sent, stream)) - 1
+    del sent[places(sent, stream)[-1]]
+    refused(sent, f"stream '{stream}' lost its tail", f"{came + 1} messages", f"{came} with")
+
+
+@pytest.mark.parametrize(("field", "by"), [("messages", 1), ("messages", -1), ("samples", 1)])
+def test_a_wrong_announced_count(field: str, by: int) -> None:
+    sent = plant_says()
+    end = RunEnd.FromString(sent[-1].payload)
+    truth = next(c for c in end.count if c.stream == "truth")
+    setattr(truth, field, getattr(truth, field) + by)
+    sent[-1] = replace(sent[-1], payload=end.SerializeToString())
+    refused(sent, "stream 'truth'", f"{truth.messages} messages with {truth.samples} samples")
+
+
+def test_a_stream_without_announced_count() -> None:
+    sent = plant_says()
+    end = RunEnd.FromString(sent[-1].payload)
+    del end.count[next(i for i, c in enumerate(end.count) if c.stream == "truth")]
+    sent[-1] = replace(sent[-1], payload=end.SerializeToString())
+    refused(sent, "plant announced no count for stream 'truth'")
+
+
+def test_a_malformed_message() -> None:
+    sent = plant_says()
+    place = places(sent, "truth")[1]
+    sent[place] = replace(sent[place], payload=sent[place].payload[:-1])
+    refused(sent, "malformed message on stream 'truth' where sequence 1 was expected")
+
+
+def test_every_stream_has_one_publisher_and_is_heard() -> None:
+    assert {s.publisher for s in STREAMS.values()} == {PLANT, CONTROLLER}
+    assert set(SUBSCRIPTIONS[RECORDER]) == set(STREAMS)
+    for role, heard in SUBSCRIPTIONS.items():
+        assert all(STREAMS[name].publisher != role for name in heard)
+
+
+def test_a_publisher_announces_all_its_streams() -> None:
+    end = RunEnd.FromString(plant_says()[-1].payload)
+    own = {n for n, s in STREAMS.items() if s.publisher == PLANT and not n.startswith("end/")}
+    assert {c.stream for c in end.count} == own
+    assert end.run_id == RUN
+    assert end.role == PLANT
+
+
+def test_a_publisher_numbers_each_stream() -> None:
+    sent = plant_says()
+    for stream in ("daq", "truth"):
+        message: type[Message] = STREAMS[stream].message
+        headers: list[Any] = [message.FromString(sent[i].payload) for i in places(sent, stream)]
+        assert [h.sequence for h in headers] == [0, 1, 2]
+        assert {h.run_id for h in headers} == {RUN}
+    assert [sent[i].sequence for i in places(sent, "events/plant")] == [0, 1, 2]

@@ -1,0 +1,229 @@
+"""Blocks on the wire: the protobuf library and ours read each other, nothing else passes."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from google.protobuf.message import DecodeError, Message
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bus import wire
+from bus.messages_pb2 import Books, DaqBlock, ForceBlock, Hello, RunEnd, StreamCount, TruthBlock
+from tests.bus.blocks import BLOCKS, by_the_library, contents, same_contents
+
+VALUES = np.array([1.5, -0.0, np.nan, np.inf, 5e-324])
+Contents = tuple[Message, dict[str, np.ndarray]]
+
+
+@given(contents())
+@settings(max_examples=200, deadline=None)
+def test_the_library_reads_our_bytes(made: Contents) -> None:
+    header, arrays = made
+    payload = wire.encode(header, **arrays)
+    message = type(header).FromString(payload)
+    assert same_contents(message, wire.Packed(header, {**empty(header), **arrays}))
+
+
+@given(contents())
+@settings(max_examples=200, deadline=None)
+def test_we_read_the_library_s_bytes(made: Contents) -> None:
+    header, arrays = made
+    block = wire.decode(type(header), by_the_library(header, arrays))
+    assert block.header == header or "nan" in str(header)
+    assert block.header.SerializeToString() == header.SerializeToString()
+    for name, values in {**empty(header), **arrays}.items():
+        assert block.arrays[name].dtype == values.dtype
+        assert block.arrays[name].tobytes() == values.tobytes()
+
+
+def empty(header: Message) -> dict[str, np.ndarray]:
+    return {n: np.empty(0, dtype) for n, (_, dtype) in wire.array_fields(type(header)).items()}
+
+
+def test_arrays_are_views_of_the_payload() -> None:
+    payload = wire.encode(TruthBlock(run_id=1), xi_m=VALUES, f_a_n=VALUES)
+    block, memory = wire.decode(TruthBlock, payload), np.frombuffer(payload, np.uint8)
+    for name in ("xi_m", "f_a_n"):
+        assert np.shares_memory(block.arrays[name], memory)
+        assert not block.arrays[name].flags.writeable
+
+
+@pytest.mark.parametrize("values", [VALUES[::-1], np.arange(6.0).reshape(2, 3).T[1], [1, 2]])
+def test_any_array_layout_can_be_sent(values: np.ndarray) -> None:
+    block = wire.decode(ForceBlock, wire.encode(ForceBlock(), force_n=values))
+    assert block.arrays["force_n"].tobytes() == np.array(values, float).tobytes()
+
+
+@pytest.mark.parametrize("length", [0, 1, 15, 16, 2000, 3_000_000])
+def test_lengths_around_those_of_the_length_prefix(length: int) -> None:
+    payload = wire.encode(ForceBlock(sequence=1), force_n=np.arange(float(length)))
+    block = wire.decode(ForceBlock, payload)
+    assert np.array_equal(block.arrays["force_n"], np.arange(float(length)))
+
+
+def test_first_block_starts_at_time_zero() -> None:
+    """proto3 leaves zeros out: nothing on the wire says 0, it reads as 0 all the same."""
+    payload = wire.encode(ForceBlock(run_id=1, sequence=0, first_step=0), force_n=VALUES)
+    assert len(payload) == 9 + 2 + 1 + VALUES.nbytes  # run id; tag, length, values
+    header = wire.decode(ForceBlock, payload).header
+    assert (header.first_step, header.sequence) == (0, 0)
+
+
+@pytest.mark.parametrize("kind", BLOCKS.values())
+def test_empty_arrays(kind: type[Message]) -> None:
+    header = kind()
+    arrays = empty(header)
+    assert wire.encode(header, **arrays) == b""
+    block = wire.decode(kind, b"")
+    assert all(block.arrays[name].dtype == a.dtype for name, a in arrays.items())
+    # A field of length zero is unusual, but valid.
+    number = next(iter(wire.array_fields(kind).values()))[0]
+    assert all(len(a) == 0 for a in wire.decode(kind, tag(number, 2) + b"\0").arrays.values())
+
+
+def test_unknown_array_names_are_refused() -> None:
+    with pytest.raises(KeyError):
+        wire.encode(ForceBlock(), force=VALUES)
+
+
+def tag(number: int, wire_type: int) -> bytes:
+    """Tag of a field; numbers here need one or two bytes."""
+    value = number << 3 | wire_type
+    return bytes([value]) if value < 0x80 else bytes([value & 0x7F | 0x80, value >> 7])
+
+
+def packed(number: int, *values: float) -> bytes:
+    raw = struct.pack(f"<{len(values)}d", *values)
+    return tag(number, 2) + bytes([len(raw)]) + raw
+
+
+MALFORMED = {
+    "a tag and no more": (ForceBlock, tag(2, 0)),
+    "half a tag": (ForceBlock, b"\x80"),
+    "a varint without end": (ForceBlock, tag(2, 0) + b"\xff" * 20),
+    "a length beyond the end": (ForceBlock, tag(16, 2) + b"\x10" + b"\0" * 15),
+    "a length of 2^63": (ForceBlock, tag(16, 2) + b"\xff" * 8 + b"\x7f" + b"\0" * 16),
+    "a fixed64 cut short": (ForceBlock, tag(1, 1) + b"\0" * 7),
+    "an array with half a value": (ForceBlock, tag(16, 2) + b"\x04" + b"\0" * 4),
+    "a group": (ForceBlock, tag(3, 3) + tag(3, 4)),
+    "wire type 7": (ForceBlock, tag(3, 7)),
+    "field number 0": (ForceBlock, tag(0, 0) + b"\1"),
+    "an array not packed": (ForceBlock, tag(16, 1) + b"\0" * 8),
+    "an array in two parts": (ForceBlock, packed(16, 1.0) + packed(16, 2.0)),
+    "arrays of 1 and 2 values": (TruthBlock, packed(16, 1.0) + packed(17, 1.0, 2.0)),
+    "codes and values of unequal number": (DaqBlock, packed(16, 1.0) + packed(17, 1.0)),
+    "text that is no UTF-8": (Hello, tag(2, 2) + b"\2\xff\xfe"),
+    "a field that no such message has": (ForceBlock, tag(9, 0) + b"\1"),
+}
+
+
+@pytest.mark.parametrize("name", MALFORMED)
+def test_malformed_payload(name: str) -> None:
+    kind, payload = MALFORMED[name]
+    with pytest.raises(wire.MessageError, match=kind.DESCRIPTOR.name):
+        wire.decode(kind, payload)
+
+
+SAMPLES = {
+    Hello: Hello(run_id=1, scene="a", scene_toml="b", steps=3, step_ns=4).SerializeToString(),
+    DaqBlock: wire.encode(
+        DaqBlock(run_id=1, sequence=2, first_step=3, step_ns=4, every_steps=1, scale=0.5),
+        code=np.arange(3),
+    ),
+    ForceBlock: wire.encode(
+        ForceBlock(run_id=1, sequence=2, first_step=3, step_ns=4, samples_seen=5),
+        force_n=VALUES,
+    ),
+    TruthBlock: wire.encode(
+        TruthBlock(run_id=1, sequence=2, first_step=3, step_ns=4), xi_m=VALUES, xi_s_m=VALUES
+    ),
+    Books: Books(run_id=1, kinetic_j=0.5, newton_iterations=7).SerializeToString(),
+    RunEnd: RunEnd(
+        run_id=1, role="plant", count=[StreamCount(stream="daq", messages=1)]
+    ).SerializeToString(),
+}
+
+
+# Same numbers with the same wire types: protobuf cannot tell, the streams' checker has to.
+ALIKE = {(DaqBlock, ForceBlock), (Hello, RunEnd)}
+
+
+@pytest.mark.parametrize("kind", SAMPLES)
+@pytest.mark.parametrize("sent", SAMPLES)
+def test_another_message_in_its_place(kind: type[Message], sent: type[Message]) -> None:
+    if kind is sent or (kind, sent) in ALIKE:
+        assert wire.decode(kind, SAMPLES[sent]).header.run_id == 1
+        return
+    with pytest.raises(wire.MessageError):
+        wire.decode(kind, SAMPLES[sent])
+
+
+def check_against_the_library(kind: type[Message], payload: bytes) -> bool:
+    """Decoding raises MessageError or agrees with the library; whether it decoded."""
+    try:
+        block = wire.decode(kind, payload)
+    except wire.MessageError:
+        return False
+    try:
+        message = kind.FromString(payload)
+    except DecodeError:
+        pytest.fail(f"the library does not take {payload.hex()}")
+    assert same_contents(message, block), payload.hex()
+    return True
+
+
+@pytest.mark.parametrize("kind", SAMPLES)
+def test_cut_off_at_every_byte(kind: type[Message]) -> None:
+    """Only a cut between two fields leaves a whole message; any other raises."""
+    payload = SAMPLES[kind]
+    readable = [
+        cut for cut in range(len(payload)) if check_against_the_library(kind, payload[:cut])
+    ]
+    fields = kind.FromString(payload).ListFields()
+    assert readable[0] == 0
+    assert len(readable) <= len(fields)  # the whole message, one more, is not in the list
+
+
+@given(st.sampled_from(list(SAMPLES)), st.binary(max_size=40))
+@settings(max_examples=300, deadline=None)
+def test_random_bytes(kind: type[Message], payload: bytes) -> None:
+    check_against_the_library(kind, payload)
+
+
+@given(
+    st.sampled_from(list(SAMPLES)),
+    st.lists(st.tuples(st.integers(0, 200), st.integers(0, 255)), min_size=1, max_size=3),
+    st.integers(0, 200),
+    st.binary(max_size=4),
+)
+@settings(max_examples=400, deadline=None)
+def test_damaged_bytes(
+    kind: type[Message], changes: list[tuple[int, int]], at: int, inserted: bytes
+) -> None:
+    """Some bytes of a good message changed, some inserted."""
+    payload = bytearray(SAMPLES[kind])
+    for place, value in changes:
+        payload[place % len(payload)] = value
+    payload[at % len(payload) : at % len(payload)] = inserted
+    check_against_the_library(kind, bytes(payload))
+
+
+def test_the_generated_module_is_up_to_date(tmp_path: Path) -> None:
+    """Compared as descriptors: the generated text depends on the compiler's version."""
+    protoc = pytest.importorskip("grpc_tools.protoc")
+    from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
+
+    from bus import messages_pb2
+
+    root = Path(messages_pb2.__file__).parents[1]
+    out = tmp_path / "messages.binpb"
+    words = ["protoc", f"-I{root}", f"--descriptor_set_out={out}", "bus/messages.proto"]
+    assert protoc.main(words) == 0
+    fresh = FileDescriptorSet.FromString(out.read_bytes()).file[0]
+    present = FileDescriptorProto.FromString(messages_pb2.DESCRIPTOR.serialized_pb)
+    for message in fresh.message_type:
+        for field in message.field:
+            field.ClearField("json_name")  # the compiler leaves it out of the module
+    assert present == fresh
