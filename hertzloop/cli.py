@@ -324,6 +324,27 @@ def replay(
 
 
 @app.command()
+def recover(
+    file: FileArgument,
+    out_file: Annotated[
+        Path | None, typer.Option("--out", help="New file; F-recovered.mcap if left out.")
+    ] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Make a whole file of a recording that was cut off, so that any MCAP tool opens it."""
+    from recordings.recovery import recover as recover_file
+    from recordings.writer import RecordingError
+
+    whole = out_file or file.with_name(f"{file.stem}-recovered.mcap")
+    _check_output(whole, overwrite)
+    try:
+        messages = recover_file(file, whole, overwrite)
+    except RecordingError as error:
+        fail(str(error), 2)
+    out.print(f"recovered {messages:,} messages into {whole}", soft_wrap=True)
+
+
+@app.command()
 def scenes() -> None:
     """The scenes that come with hertzloop, and what each shows."""
     for name in shipped():

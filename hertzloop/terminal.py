@@ -4,6 +4,7 @@ from typing import NoReturn
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 
 out = Console(highlight=False)
 err = Console(stderr=True, highlight=False)
@@ -11,5 +12,5 @@ err = Console(stderr=True, highlight=False)
 
 def fail(sentence: str, code: int) -> NoReturn:
     """Say what is wrong and end the command with an exit code."""
-    err.print(f"[red]error:[/red] {sentence}", soft_wrap=True, markup=True)
+    err.print(f"[red]error:[/red] {escape(sentence)}", soft_wrap=True, markup=True)
     raise typer.Exit(code)

@@ -1,12 +1,13 @@
 """Read a recording, whole or cut off: streams joined over their blocks."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mcap.exceptions import McapError
-from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 from mcap.stream_reader import CRCValidationError, StreamReader
 
 from bus import streams as bus_streams
@@ -118,6 +119,25 @@ class _Joiner:
         return self.stream
 
 
+class Damage(Exception):
+    """Where a file stops being readable."""
+
+
+def records(path: Path) -> Iterator[McapRecord]:
+    """All records of a file in order, checksums verified.
+
+    Raises Damage at the first one that is cut off or damaged, RecordingError if the file
+    cannot be opened.
+    """
+    try:
+        with path.open("rb") as file:
+            yield from StreamReader(file, validate_crcs=True).records
+    except OSError as error:
+        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
+    except (McapError, CRCValidationError, ValueError, EOFError) as error:
+        raise Damage(str(error) or type(error).__name__) from error
+
+
 def read(path: Path) -> Recording:
     """Read a recording as far as it is readable.
 
@@ -128,27 +148,20 @@ def read(path: Path) -> Recording:
     channels: dict[int, str] = {}
     finished = False
     try:
-        with path.open("rb") as file:
-            for record in StreamReader(file, validate_crcs=True).records:
-                if isinstance(record, Channel):
-                    channels[record.id] = record.topic
-                elif isinstance(record, Attachment) and record.name == SCENE_ATTACHMENT:
-                    recording.scene_toml = record.data.decode()
-                elif isinstance(record, Metadata):
-                    finished |= record.name == RESULT_METADATA
-                    _take_metadata(recording, record)
-                elif isinstance(record, Message):
-                    _take_message(recording, joiners, channels.get(record.channel_id, ""), record)
-                elif isinstance(record, Schema):
-                    continue
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
-    except (McapError, CRCValidationError, MessageError, ValueError, EOFError) as error:
+        for record in records(path):
+            if isinstance(record, Channel):
+                channels[record.id] = record.topic
+            elif isinstance(record, Attachment) and record.name == SCENE_ATTACHMENT:
+                recording.scene_toml = record.data.decode()
+            elif isinstance(record, Metadata):
+                finished |= record.name == RESULT_METADATA
+                _take_metadata(recording, record)
+            elif isinstance(record, Message):
+                _take_message(recording, joiners, channels.get(record.channel_id, ""), record)
+    except (Damage, MessageError, ValueError) as error:
         if not recording.scene_toml and not channels:
             raise RecordingError(f"{path} is not a recording of hertzloop: {error}") from error
-        recording.problems.append(
-            f"the file is cut off or damaged ({str(error) or type(error).__name__})"
-        )
+        recording.problems.append(f"the file is cut off or damaged ({error})")
     if not recording.scene_toml:
         raise RecordingError(f"{path} holds no scene: not a recording of hertzloop")
     recording.daq, recording.force, recording.truth = (

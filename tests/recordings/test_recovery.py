@@ -1,0 +1,67 @@
+"""A recording that was cut off becomes a whole file again, as far as it goes."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from hertzloop.inprocess import record_in_process
+from hertzloop.scene import load
+from recordings.compare import first_difference
+from recordings.reader import read
+from recordings.recovery import recover
+from recordings.writer import RecordingError
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("whole") / "a.mcap"
+    # Long enough for several chunks, since a chunk is what a cut loses.
+    record_in_process(load("aluminium-3mm", ["run.duration_s=0.12"]), path, compiled=True)
+    return path
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8, 0.99])
+def test_cut_off(whole: Path, tmp_path: Path, share: float) -> None:
+    content = whole.read_bytes()
+    cut, mended = tmp_path / "cut.mcap", tmp_path / "mended.mcap"
+    cut.write_bytes(content[: int(share * len(content))])
+    copied = recover(cut, mended)
+    with mended.open("rb") as file:
+        assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) == copied
+    before, after = read(cut), read(mended)
+    assert first_difference(before, after) is None
+    assert 0 < after.truth.samples < 120_000
+    xi = read(whole).truth.arrays["xi_m"]
+    assert np.array_equal(after.truth.arrays["xi_m"], xi[: after.truth.samples])
+    assert any("recovered from cut.mcap" in problem for problem in after.problems)
+
+
+def test_flipped_byte(whole: Path, tmp_path: Path) -> None:
+    content = bytearray(whole.read_bytes())
+    content[int(0.6 * len(content))] ^= 1
+    (tmp_path / "bad.mcap").write_bytes(content)
+    recover(tmp_path / "bad.mcap", tmp_path / "mended.mcap")
+    kept = read(tmp_path / "mended.mcap")
+    assert 0 < kept.truth.samples < 120_000
+    assert any("bad.mcap" in problem for problem in kept.problems)
+
+
+def test_whole_file_stays_whole(whole: Path, tmp_path: Path) -> None:
+    recover(whole, tmp_path / "same.mcap")
+    same = read(tmp_path / "same.mcap")
+    assert not same.problems
+    assert first_difference(read(whole), same) is None
+
+
+def test_nothing_to_recover(whole: Path, tmp_path: Path) -> None:
+    (tmp_path / "none.mcap").write_bytes(whole.read_bytes()[:100])
+    with pytest.raises(RecordingError, match="nothing to recover"):
+        recover(tmp_path / "none.mcap", tmp_path / "out.mcap")
+    assert not (tmp_path / "out.mcap").exists()
+    with pytest.raises(RecordingError, match="cannot read"):
+        recover(tmp_path / "absent.mcap", tmp_path / "out.mcap")
+    (tmp_path / "out.mcap").write_text("mine")
+    with pytest.raises(RecordingError, match="exists"):
+        recover(whole, tmp_path / "out.mcap")
