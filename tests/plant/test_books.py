@@ -1,0 +1,124 @@
+"""The books of energy and momentum: closed to rounding, and open as soon as anything is wrong."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from hertzloop.compiled import simulate
+from hertzloop.scene import load
+from plant import kernels as k
+from plant.plant import Plant
+from tests.plant.rigs import run, spec
+
+# Promised of every run. Rounding grows with the steps in contact: 1e-12 over ten thousand.
+CLOSED = 1e-10
+
+SCENES = {
+    "default, many bounces": ("aluminium-3mm", ["run.duration_s=0.5"]),
+    "law off, many bounces": ("aluminium-3mm", ["run.duration_s=0.8", "controller.law=off"]),
+    "heavy ball": ("aluminium-20mm", ["controller.law=off"]),
+    "oak, hunt_crossley": ("oak-20mm", []),
+    "oak, viscous": ("oak-20mm", ["contact.damping=viscous", "contact.viscous_n_s_m=2"]),
+    "sylomer, loss 0.16": ("sylomer-20mm", ["run.accuracy=5e-2"]),
+    "no loss at all": ("aluminium-20mm", ["plate.loss_factor=0.0"]),
+    "actuator beside, law active": ("offcentre-6mm", ["plate.loss_factor=0.05"]),
+    "start in contact": ("aluminium-20mm", ["run.lead_in_s=0", "run.duration_s=0.012"]),
+    "end in contact": ("aluminium-20mm", ["run.duration_s=0.0013", "controller.law=off"]),
+    "long steps": ("aluminium-20mm", ["run.step_ns=20000"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_books_close(name: str) -> None:
+    scene, settings = SCENES[name]
+    truth = simulate(load(scene, settings))
+    books, rows = truth.books, truth.rows
+    print(f"{name}: {books.energy_residual:.1e}, {books.momentum_residual:.1e}")
+    assert abs(books.energy_residual) < CLOSED
+    assert abs(books.momentum_residual) < CLOSED
+    # Nothing can be gained by damping, and the entries are what the rows say.
+    assert books.modal_dissipated_j >= 0.0
+    assert books.contact_dissipated_j >= 0.0
+    assert books.contact_steps == np.count_nonzero(rows[4])
+    step_s = load(scene, settings).step_s
+    assert books.contact_impulse_n_s == pytest.approx(rows[4].sum() * step_s, rel=1e-12)
+    work = float(np.sum(rows[5][:-1] * np.diff(rows[6])))
+    if rows[5][-1] == 0.0:  # else the last step's work shows in no row
+        assert books.injected_j == pytest.approx(work, rel=1e-9, abs=1e-15)
+    if "beside" in name:
+        assert abs(books.injected_j) > 1e-3 * books.energy_start_j  # the actuator did act
+
+
+def test_books_close_for_a_random_force_on_a_damped_plate() -> None:
+    # Flights, contacts and pushes of every length follow each other.
+    random = np.random.default_rng(11)
+    force = np.repeat(random.standard_normal(80) * (random.random(80) < 0.5), 50)
+    for beside in (None, (0.3, 0.21)):
+        plant = Plant(spec(loss_factor=0.05, actuator_point_m=beside, drop_height_m=1e-4))
+        run(plant, len(force), force)
+        books = plant.close_books()
+        assert books.contact_steps > 0
+        assert books.modal_dissipated_j > 0.1 * abs(books.injected_j)
+        assert abs(books.energy_residual) < CLOSED
+        assert abs(books.momentum_residual) < CLOSED
+
+
+FAULT = 1e-4
+
+
+def none(plant: Plant) -> None:
+    pass
+
+
+def stronger_force(plant: Plant) -> None:
+    plant.state.body[k.F_C] *= 1.0 + FAULT  # the plate feels another force than the sphere
+
+
+def moved_sphere(plant: Plant) -> None:
+    plant.state.body[k.FLIGHT_V] *= 1.0 + FAULT
+
+
+def moved_plate(plant: Plant) -> None:
+    plant.state.z[:] *= 1.0 + FAULT
+
+
+def stiffer_contact(plant: Plant) -> None:
+    plant.model = plant.model._replace(stiffness=plant.model.stiffness * (1.0 + FAULT))
+
+
+def weaker_plate(plant: Plant) -> None:
+    plant.model = plant.model._replace(gain_cc=plant.model.gain_cc * (1.0 + FAULT))
+
+
+def less_dissipation(plant: Plant) -> None:
+    plant.state.books[k.MODAL_DISSIPATED] *= 1.0 - FAULT
+
+
+def forgotten_injection(plant: Plant) -> None:
+    plant.state.books[k.INJECTED] -= FAULT * abs(plant.state.books[k.INJECTED])
+
+
+FAULTS = [
+    none, stronger_force, moved_sphere, moved_plate, stiffer_contact, weaker_plate,
+    less_dissipation, forgotten_injection,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_in_mid_contact_opens_the_books(fault: Callable[[Plant], None]) -> None:
+    # Same run, same fault-free books; one part in 10 000 wrong shows far above the promise.
+    plant = Plant(spec(loss_factor=0.05))
+    force = np.where(np.arange(200) > 10, 20.0, 0.0)
+    run(plant, 15, force[:15])
+    assert plant.state.body[k.F_C] > 10.0
+    fault(plant)
+    run(plant, 185, force[15:])
+    books = plant.close_books()
+    print(f"{fault.__name__}: {books.energy_residual:.1e}, {books.momentum_residual:.1e}")
+    if fault is none:
+        assert max(abs(books.energy_residual), abs(books.momentum_residual)) < CLOSED
+    else:
+        assert abs(books.energy_residual) > 100.0 * CLOSED
+    if fault is moved_sphere:
+        assert abs(books.momentum_residual) > 100.0 * CLOSED

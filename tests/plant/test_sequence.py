@@ -1,0 +1,69 @@
+"""Contact sequences of whole scenes against figures of an independent implementation.
+
+Those came from runs that began at first contact, with all modes up to half the sampling
+rate, and count the steps in which a force acted: hence the lead-in of zero here. Their
+last digit is good to half a unit.
+"""
+
+import numpy as np
+import pytest
+
+from hertzloop import parts
+from hertzloop.compiled import simulate
+from hertzloop.scene import load
+from plant.impacts import Impact, impacts
+
+FREE = ["controller.law=off", "contact.damping=none", "run.accuracy=1e-9"]
+
+
+def contacts(name: str, *settings: str) -> tuple[list[Impact], list[int]]:
+    """Contacts of a scene without control, and the steps of each that ends."""
+    scene = load(name, [*FREE, "run.lead_in_s=0", *settings])
+    rows = simulate(scene).rows
+    mass = parts.plant_spec(scene).sphere.mass_kg
+    touching = np.flatnonzero(np.diff(rows[4] != 0.0, prepend=False, append=False))
+    found = impacts(rows[0], rows[1], rows[2], rows[4], rows[5], None, mass, scene.step_s)
+    return found, np.diff(touching)[::2].tolist()
+
+
+def rounded(values: list[float], digits: int) -> list[float]:
+    return [round(v, digits) for v in values]
+
+
+def test_six_contacts_of_the_heavy_ball_on_aluminium() -> None:
+    found, steps = contacts("aluminium-20mm", "run.duration_s=0.012")
+    assert steps == [1335, 661, 349, 589, 100, 48]
+    assert rounded([1e3 * i.start_s for i in found], 1) == [0.0, 1.6, 2.4, 8.8, 9.5, 9.8]
+    assert rounded([i.peak_force_n for i in found], 0) == [296, 203, 143, 370, 63, 29]
+    speeds = [-0.203, 0.008, 0.116, 0.427, 0.438, 0.439]
+    assert rounded([i.rebound_speed_m_s for i in found], 3) == speeds
+    # Counted steps reach past the contact at either end by less than one step.
+    durations = [1e6 * i.duration_s for i in found]
+    assert all(0.0 <= n - t < 2.0 for n, t in zip(steps, durations, strict=True))
+
+
+def test_half_the_step_gives_the_same_contacts() -> None:
+    coarse, _ = contacts("aluminium-20mm", "run.duration_s=0.012")
+    fine, _ = contacts("aluminium-20mm", "run.duration_s=0.012", "run.step_ns=500")
+    assert len(coarse) == len(fine) == 6
+    # Twice the limit and half the step: the run's own requested accuracy of 1e-3, on times
+    # that follow several contacts; peaks carry the error of all contacts before them.
+    for a, b in zip(coarse, fine, strict=True):
+        assert a.start_s == pytest.approx(b.start_s, abs=1e-3 * 1.335e-3)
+        assert a.duration_s == pytest.approx(b.duration_s, abs=1e-3 * 1.335e-3)
+        assert a.peak_force_n == pytest.approx(b.peak_force_n, abs=2e-3 * 370.0)
+
+
+def test_oak_holds_the_heavy_ball_for_milliseconds() -> None:
+    found, steps = contacts("oak-20mm", "run.duration_s=0.02")
+    assert steps[0] == 5651
+    assert round(found[0].peak_force_n) == 123
+    assert round(1e3 * found[1].start_s, 1) == 15.6
+
+
+def test_light_ball_on_aluminium() -> None:
+    found, _ = contacts("aluminium-3mm", "run.duration_s=0.002")
+    assert len(found) == 1
+    assert round(found[0].peak_force_n) == 88
+    # The figure is 28.8 us; where its ends lie within a step of 1 us was not recorded.
+    assert found[0].duration_s == pytest.approx(28.8e-6, abs=0.1e-6)

@@ -1,0 +1,182 @@
+"""The simulated motion against an independent solution, and against its own closed form."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from plant import kernels as k
+from plant.contact import GRAVITY_M_S2, Contact, Damping, hertz_stiffness, hunt_crossley_parameter
+from plant.materials import MATERIALS
+from plant.plant import Plant, PlantSpec
+from tests.plant.brute import all_modes, modal_scale, shape
+from tests.plant.rigs import run, spec
+
+STEPS_S = (1e-6, 5e-7, 2.5e-7, 1.25e-7)
+CONTACT_S = 40e-6  # longer than any contact below
+
+
+def push(t: np.ndarray | float) -> np.ndarray:
+    """A force of the actuator that changes during the contact, N."""
+    return np.asarray(30.0 * np.sin(np.asarray(t) / 7e-6))
+
+
+def reference(what: PlantSpec, force: Callable, t: np.ndarray) -> np.ndarray:
+    """Gap at times t after first contact: every mode (m, n) and the sphere by DOP853."""
+    plate, contact = what.plate, what.contact
+    m, n, omega = all_modes(plate, what.frequency_limit_hz)
+    at_c = shape(plate, m, n, what.contact_point_m)
+    at_a = shape(plate, m, n, what.actuator_point_m)
+    moves = abs(at_c) + abs(at_a) > 1e-9
+    omega, at_c, at_a = omega[moves], at_c[moves], at_a[moves]
+    scale, count, loss, mass = modal_scale(plate), len(omega), plate.eta, what.sphere.mass_kg
+
+    def slope(time: float, y: np.ndarray) -> np.ndarray:
+        q, v, x_s, v_s = y[:count], y[count : 2 * count], y[-2], y[-1]
+        p = at_c @ q - x_s
+        f_c = 0.0
+        if p > 0.0:
+            rate = at_c @ v - v_s
+            f_c = contact.stiffness * p**1.5 * (1.0 + contact.hunt_crossley_s_m * rate)
+            f_c += contact.viscous_n_s_m * rate
+        q2 = scale * (at_a * force(time) - at_c * f_c) - loss * omega * v - omega**2 * q
+        return np.concatenate([v, q2, [v_s, f_c / mass - GRAVITY_M_S2]])
+
+    begin = np.zeros(2 * count + 2)
+    begin[-1] = -what.sphere.impact_speed_m_s
+    solved = solve_ivp(slope, (0.0, t[-1]), begin, "DOP853", t, rtol=1e-11, atol=1e-17)
+    return np.asarray(at_c @ solved.y[:count] - solved.y[-2]) * -1.0
+
+
+ALUMINIUM = hertz_stiffness(0.003, MATERIALS["steel"], MATERIALS["aluminium"])
+HUNT_CROSSLEY = Contact(
+    ALUMINIUM, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=hunt_crossley_parameter(0.6, 1.0)
+)
+CASES = {
+    "undamped": ({"loss_factor": 0.0}, False),
+    "damped plate and contact": ({"loss_factor": 0.1, "contact": HUNT_CROSSLEY}, False),
+    "actuator at the contact": ({}, True),
+    "actuator beside, off centre": (
+        {
+            "size_m": (0.3, 0.2),
+            "contact_point_m": (0.11, 0.07),
+            "actuator_point_m": (0.13, 0.07),
+            "loss_factor": 0.02,
+        },
+        True,
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_gap_converges_as_the_step_squared(case: str) -> None:
+    changes, pushed = CASES[case]
+    force = push if pushed else (lambda _: 0.0)
+    errors = []
+    for h in STEPS_S:
+        plant = Plant(spec(step_s=h, **changes))
+        steps = round(CONTACT_S / h)
+        middle = h * np.arange(steps)  # of each step, in time since first contact
+        rows = run(plant, steps, push(middle) * (middle >= 0.0) if pushed else None)
+        t = h * np.arange(1, steps) - 0.5 * h
+        if h == STEPS_S[0]:
+            finest = np.arange(1, round(CONTACT_S / STEPS_S[-1]) * 2) * STEPS_S[-1] / 2.0
+            solution = reference(plant.spec, force, finest)
+        # Every step's rows lie on the grid of half the finest step.
+        expected = solution[np.rint(t / (STEPS_S[-1] / 2.0)).astype(int) - 1]
+        errors.append(abs(rows.xi[1:] - expected).max() / -solution.min())
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    print(f"{case}: {len(plant.modes.omega)} frequencies, errors {errors}, orders {orders}")
+    assert solution[-1] > 0.0  # a whole contact
+    assert 1.8 < orders.mean() < 2.2
+
+
+def test_steps_without_force_are_one_rotation() -> None:
+    plant = Plant(spec(loss_factor=0.01, limit_hz=100e3))
+    state, steps, h = plant.state, 777, plant.model.step_s
+    state.body[[k.FLIGHT_X, k.XI, k.XI_S]] = 10.0
+    noise = np.random.default_rng(5).standard_normal((2, *state.z.shape[1:])) * 1e-6
+    state.z[:] = noise * (plant.model.table[k.ENERGY] > 0.0)
+    start = (state.z[0] + 1j * state.z[1]).ravel()[: len(plant.modes.omega)]
+    run(plant, steps)
+    omega = plant.modes.omega
+    theta, delta = omega * np.sqrt(1.0 - 0.01**2 / 4.0), omega * 0.01 / 2.0
+    end = start * np.exp((-delta + 1j * theta) * h * steps)
+    # 777 products of 53-bit numbers, and phases of 6e5 rad/s * 777 us to a rounding.
+    size = abs(start).sum()
+    assert state.body[k.XI_P] == pytest.approx(end.imag.sum(), abs=1e-13 * size)
+    speed = np.sum(theta * end.real - delta * end.imag)
+    assert state.body[k.V_P] == pytest.approx(speed, abs=1e-13 * size * theta.max())
+
+
+def test_forces_act_from_their_step_on_and_not_before() -> None:
+    changed = 150  # in the middle of nothing: after the contact
+    force = np.zeros(300)
+    rows = run(Plant(spec(limit_hz=50e3)), 300, force)
+    force[changed] = 1.0
+    pushed = run(Plant(spec(limit_hz=50e3)), 300, force)
+    for name in ("xi", "xi_s", "xi_p", "v_p", "f_c"):
+        before, after = getattr(rows, name), getattr(pushed, name)
+        assert np.array_equal(before[: changed + 1], after[: changed + 1])
+    assert np.all(rows.xi_p[changed + 1 :] != pushed.xi_p[changed + 1 :])
+
+
+def test_leaving_out_silent_rows_does_not_change_a_bit() -> None:
+    # Oak to 250 kHz: the fastest modes die within milliseconds, the slowest in seconds.
+    def oak() -> Plant:
+        return Plant(spec(material="oak", thickness_m=0.01, limit_hz=250e3, radius_m=0.006))
+
+    steps = 6000
+    optimised, awake = oak(), oak()
+    rows = run(optimised, steps)
+    left = int(optimised.state.counts[k.ROWS])
+    # A force of no consequence keeps every row in the sums.
+    other = run(awake, steps, np.full(steps, 1e-280))
+    assert awake.state.counts[k.ROWS] == awake.state.z.shape[1]
+    assert left < 0.6 * awake.state.z.shape[1]  # or nothing was left out
+    for name in ("xi", "xi_s", "xi_p", "v_p", "f_c"):
+        assert np.array_equal(getattr(rows, name), getattr(other, name)), name
+    # The rows wake up again.
+    for plant in (optimised, awake):
+        k.step(plant.model, plant.state, 5.0)
+        k.step(plant.model, plant.state, 0.0)
+        k.step(plant.model, plant.state, 0.0)
+    assert optimised.state.counts[k.ROWS] == optimised.state.z.shape[1]
+    assert optimised.state.body[k.XI_P] == awake.state.body[k.XI_P]
+
+
+SHORT = """
+import json
+import numpy as np
+from plant.plant import Plant
+from tests.plant.rigs import run, spec
+for beside in (None, (0.28, 0.25)):
+    plant = Plant(spec(limit_hz=8e3, actuator_point_m=beside, loss_factor=0.01))
+    rows = run(plant, 200, 20.0 * np.sin(np.arange(200) / 9.0))
+    books = vars(plant.close_books())
+    print(json.dumps([rows.xi.tolist(), rows.v_p.tolist(), rows.f_c.tolist(), books]))
+"""
+
+
+def test_uncompiled_kernels_give_the_same_values() -> None:
+    def lines(**more: str) -> list:
+        done = subprocess.run(
+            [sys.executable, "-c", SHORT],
+            env=os.environ | more, capture_output=True, text=True, check=True,
+            cwd=Path(__file__).parents[2],
+        )  # fmt: skip
+        return [json.loads(line) for line in done.stdout.splitlines()]
+
+    for compiled, plain in zip(lines(), lines(NUMBA_DISABLE_JIT="1"), strict=True):
+        for a, b in zip(compiled[:3], plain[:3], strict=True):
+            # Same operations in the same order; powers may round differently in the last bit.
+            np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-13 * np.abs(a).max())
+        for name, value in plain[3].items():
+            size = 1.0 if "residual" in name else abs(value)
+            assert compiled[3][name] == pytest.approx(value, abs=1e-12 * size), name
