@@ -18,7 +18,7 @@ from recordings.replay_data import Deflection, contact_spans
 NODES = 2401  # of the grid, about
 MODES_PER_AXIS = 160  # at most; all modes of the shipped scenes
 _PIECE = 64  # steps under force that are advanced at once
-_FIRST_FRAMES = 300  # around the first contact
+_FIRST_FRAMES = 360  # around the first contact
 _LATER_FRAMES = 150  # around all later contacts
 _COARSE_FRAMES = 150  # over the whole run
 _AFTER = 10.0  # of the first contact's length, for waves to run to the edge and back

@@ -44,7 +44,7 @@ def dashboard(layout: Layout, still: bool = False) -> rrb.Blueprint:
             rrb.Vertical(
                 *(_plot_row(layout, key, title) for key, title in layout.plots),
                 _state_row(layout),
-                row_shares=[*(1.0 for _ in layout.plots), 0.55],
+                row_shares=[*(1.0 for _ in layout.plots), 0.19 * len(layout.plots)],
             ),
             column_shares=[1.0, 1.2],
         ),

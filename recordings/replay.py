@@ -9,7 +9,7 @@ import rerun as rr
 from recordings import plate_mesh, replay_data
 from recordings.blueprint import TIMELINE, Layout, dashboard
 from recordings.reader import Recording
-from recordings.replay_data import Curve, Deflection, Plot, Span
+from recordings.replay_data import Curve, Deflection, Moments, Plot, Span
 from recordings.writer import RecordingError
 
 _LEVELS = {1: "DEBUG", 2: "INFO", 3: "WARN", 4: "ERROR", 5: "CRITICAL"}  # of foxglove.Log
@@ -17,6 +17,7 @@ _LINE_COLOURS = {
     "xi": (96, 165, 250), "F_c": (248, 113, 113), "F_a": (74, 222, 128),
     "v_p": (192, 132, 252), "measured": (250, 204, 21),
 }  # fmt: skip
+_CONTACTS_LISTED = 4
 _STEEL, _TOUCHING = 0xC4CCD6FF, 0xFFB020FF
 _STATE_COLOURS = {
     "apart": 0x3A4150FF, "in contact": 0xFFB020FF, "off": 0x3A4150FF, "idle": 0x3A4150FF,
@@ -25,50 +26,27 @@ _STATE_COLOURS = {
 
 
 @dataclass(frozen=True)
-class Moments:
-    """When something is worth looking at, ns: what play shows, what zoom plots reach, and
-    the time of a still picture."""
+class Shown:
+    """What a replay shows, worked out once; see `prepare`."""
 
-    selection_ns: Span
-    zoom_ns: Span
-    still_ns: int
+    recording: Recording
+    deflection: Deflection
+    contacts: list[Span]
+    when: Moments
+    plots: list[Plot]
+    drawn: plate_mesh.Scale
+    sphere_radius_m: float
 
 
-def moments(recording: Recording) -> Moments:
-    """Moments of a recording: around its first contact, else spread over the whole."""
+def prepare(recording: Recording, deflection: Deflection) -> Shown:
+    """What there is to show. The recording has at least one step, see `check_replayable`."""
     truth = recording.truth
-    time_ns, contacts = truth.time_ns, replay_data.contact_spans(truth.arrays["xi_m"])
-    first, last = int(time_ns[0]), int(time_ns[-1])
-    if not contacts:
-        length = max(last - first, truth.step_ns)
-        return Moments((first, max(last, first + 1)), (length // 2, length // 2), last)
-    start, end = contacts[0]
-    begun = int(time_ns[start])
-    length = max(end - start, 4) * truth.step_ns
-    selection = (max(first, begun - length), min(last, begun + 9 * length))
-    still = min(last, begun + length * 2)
-    return Moments(selection, (length * 5 // 2, length * 3 // 2), still)
-
-
-def save(recording: Recording, deflection: Deflection, path: Path, still: bool = False) -> None:
-    """Write the replay to an .rrd file, with its dashboard (for a `still` picture if so).
-
-    Raises RecordingError if there is nothing to show or the file cannot be written.
-    """
-    check_replayable(recording)
-    stream = rr.RecordingStream(
-        # One application per file: the viewer remembers a layout by application, and this
-        # one's times fit this recording only.
-        f"hertzloop {recording.path.stem}",
-        recording_id=recording.metadata.get("run_id"),
-    )
-    try:
-        stream.save(path, default_blueprint=dashboard(_layout(recording, deflection), still))
-    except (OSError, RuntimeError) as error:
-        raise RecordingError(f"cannot write {path}: {error}") from error
-    fill(stream, recording, deflection)
-    stream.flush()
-    stream.disconnect()
+    contacts = replay_data.contact_spans(truth.arrays["xi_m"])
+    when = replay_data.moments(truth.time_ns, contacts, truth.step_ns)
+    radius = float(replay_data.scene_value(recording, "sphere", "radius_m", 0.0))
+    drawn = plate_mesh.scale(deflection, when.selection_ns, radius)
+    plots = replay_data.plots(recording)
+    return Shown(recording, deflection, contacts, when, plots, drawn, radius)
 
 
 def check_replayable(recording: Recording) -> None:
@@ -79,37 +57,54 @@ def check_replayable(recording: Recording) -> None:
         )
 
 
-def _layout(recording: Recording, deflection: Deflection) -> Layout:
-    when = moments(recording)
-    return Layout(
-        plots=[(plot.key, plot.title) for plot in replay_data.plots(recording)],
-        selection_ns=when.selection_ns,
-        zoom_ns=when.zoom_ns,
-        plate_m=(float(deflection.x_m[-1]), float(deflection.y_m[-1])),
-        surface_title=f"Plate, heights drawn {plate_mesh.exaggeration(deflection):,.0f} times",
-    )
+def save(shown: Shown, path: Path, still: bool = False) -> None:
+    """Write an .rrd file, with a dashboard for the viewer or for a `still` picture.
+
+    Raises RecordingError if the file cannot be written.
+    """
+    recording = shown.recording
+    # One application per file: the viewer remembers a layout by application, and the times
+    # in this one fit this recording only.
+    name, run_id = f"hertzloop {recording.path.stem}", recording.metadata.get("run_id")
+    try:
+        path.open("wb").close()
+        stream = rr.RecordingStream(name, recording_id=run_id)
+        stream.save(path, default_blueprint=dashboard(_layout(shown), still))
+    except OSError as error:
+        raise RecordingError(f"cannot write {path}: {error.strerror or error}") from error
+    fill(stream, shown)
+    stream.flush()
+    stream.disconnect()
 
 
-def fill(stream: rr.RecordingStream, recording: Recording, deflection: Deflection) -> None:
+def fill(stream: rr.RecordingStream, shown: Shown) -> None:
     """Send everything a replay shows: /scene, /overview, /zoom, /events, /states, /about."""
-    _send_plate(stream, deflection)
-    _send_sphere(stream, recording, deflection)
-    contacts = replay_data.contact_spans(recording.truth.arrays["xi_m"])
-    for plot in replay_data.plots(recording):
+    _send_plate(stream, shown)
+    _send_sphere(stream, shown)
+    for plot in shown.plots:
         for curve in plot.curves:
-            _send_curve(stream, plot, curve, recording.truth.time_ns, contacts)
-    _send_events(stream, recording)
-    _send_states(stream, recording, contacts)
-    text = rr.TextDocument(_about(recording, deflection, contacts), media_type="text/markdown")
-    stream.log("about", text, static=True)
+            _send_curve(stream, shown, plot, curve)
+    _send_events(stream, shown.recording)
+    _send_states(stream, shown)
+    stream.log("about", rr.TextDocument(_about(shown), media_type="text/markdown"), static=True)
+
+
+def _layout(shown: Shown) -> Layout:
+    return Layout(
+        plots=[(plot.key, plot.title) for plot in shown.plots],
+        selection_ns=shown.when.selection_ns,
+        zoom_ns=shown.when.zoom_ns,
+        plate_m=(float(shown.deflection.x_m[-1]), float(shown.deflection.y_m[-1])),
+        surface_title=f"Plate, heights drawn {shown.drawn.heights:,.0f} times",
+    )
 
 
 def _times(time_ns: np.ndarray) -> rr.TimeColumn:
     return rr.TimeColumn(TIMELINE, duration=time_ns.astype("timedelta64[ns]"))
 
 
-def _send_plate(stream: rr.RecordingStream, deflection: Deflection) -> None:
-    factor = plate_mesh.exaggeration(deflection)
+def _send_plate(stream: rr.RecordingStream, shown: Shown) -> None:
+    deflection, drawn = shown.deflection, shown.drawn
     frames, nodes = len(deflection.times_ns), deflection.w_m[0].size
     x, y = deflection.x_m[-1], deflection.y_m[-1]
     edge = [(0, 0, 0), (x, 0, 0), (x, y, 0), (0, y, 0), (0, 0, 0)]
@@ -118,41 +113,35 @@ def _send_plate(stream: rr.RecordingStream, deflection: Deflection) -> None:
     indices = rr.Mesh3D.from_fields(triangle_indices=plate_mesh.triangles(deflection))
     stream.log("scene/plate", indices, static=True)
     columns = rr.Mesh3D.columns(
-        vertex_positions=plate_mesh.vertices(deflection, factor).reshape(-1, 3),
-        vertex_normals=plate_mesh.normals(deflection, factor).reshape(-1, 3),
-        vertex_colors=plate_mesh.colours(deflection).ravel(),
+        vertex_positions=plate_mesh.vertices(deflection, drawn).reshape(-1, 3),
+        vertex_normals=plate_mesh.normals(deflection, drawn).reshape(-1, 3),
+        vertex_colors=plate_mesh.colours(deflection, drawn).ravel(),
     )
     stream.send_columns(
         "scene/plate", [_times(deflection.times_ns)], columns.partition([nodes] * frames)
     )
 
 
-def _send_sphere(stream: rr.RecordingStream, recording: Recording, deflection: Deflection) -> None:
-    truth = recording.truth
+def _send_sphere(stream: rr.RecordingStream, shown: Shown) -> None:
+    truth, deflection = shown.recording.truth, shown.deflection
     steps = np.searchsorted(truth.time_ns, deflection.times_ns)
-    radius = plate_mesh.sphere_radius_drawn_m(deflection, _sphere_radius_m(recording))
-    centres = plate_mesh.sphere_centres(
-        deflection, truth.arrays["xi_s_m"][steps], plate_mesh.exaggeration(deflection), radius
-    )
+    centres = plate_mesh.sphere_centres(deflection, truth.arrays["xi_s_m"][steps], shown.drawn)
     colours = np.where(truth.arrays["xi_m"][steps] < 0.0, _TOUCHING, _STEEL).astype(np.uint32)
-    shape = rr.Ellipsoids3D.from_fields(half_sizes=[(radius,) * 3], fill_mode="solid")
+    shape = rr.Ellipsoids3D.from_fields(
+        half_sizes=[(shown.drawn.sphere_radius_m,) * 3], fill_mode="solid"
+    )
     stream.log("scene/sphere", shape, static=True)
     columns = rr.Ellipsoids3D.columns(centers=centres, colors=colours)
     stream.send_columns("scene/sphere", [_times(deflection.times_ns)], columns)
 
 
-def _sphere_radius_m(recording: Recording) -> float:
-    return float(replay_data.scene_value(recording, "sphere", "radius_m", 0.0))
-
-
-def _send_curve(
-    stream: rr.RecordingStream, plot: Plot, curve: Curve, step_ns: np.ndarray, contacts: list[Span]
-) -> None:
+def _send_curve(stream: rr.RecordingStream, shown: Shown, plot: Plot, curve: Curve) -> None:
+    step_ns = shown.recording.truth.time_ns
     # A contact in steps, as positions of this curve's samples: a converter may be slower.
     own = [
         (int(np.searchsorted(curve.time_ns, step_ns[a])),
          int(np.searchsorted(curve.time_ns, step_ns[b - 1], side="right")))
-        for a, b in contacts
+        for a, b in shown.contacts
     ]  # fmt: skip
     spans = replay_data.full_rate_spans(own, len(curve.values))
     for entity, held, chosen in (
@@ -183,10 +172,10 @@ def _send_events(stream: rr.RecordingStream, recording: Recording) -> None:
     stream.send_columns("events", [times], columns)
 
 
-def _send_states(stream: rr.RecordingStream, recording: Recording, contacts: list[Span]) -> None:
-    time_ns = recording.truth.time_ns
+def _send_states(stream: rr.RecordingStream, shown: Shown) -> None:
+    recording, time_ns = shown.recording, shown.recording.truth.time_ns
     contact = [(int(time_ns[0]), "apart")]
-    for start, end in contacts:
+    for start, end in shown.contacts:
         contact.append((int(time_ns[start]), "in contact"))
         if end < len(time_ns):
             contact.append((int(time_ns[end]), "apart"))
@@ -202,29 +191,33 @@ def _send_states(stream: rr.RecordingStream, recording: Recording, contacts: lis
         stream.send_columns(f"states/{name}", [times], columns)
 
 
-def _about(recording: Recording, deflection: Deflection, contacts: list[Span]) -> str:
+def _about(shown: Shown) -> str:
     """Scene, contacts, how it is drawn, and what is missing, as markdown."""
-    truth = recording.truth
+    recording, truth, contacts = shown.recording, shown.recording.truth, shown.contacts
     xi, f_c = truth.arrays["xi_m"], truth.arrays["f_c_n"]
     name = recording.metadata.get("scene", recording.path.stem)
     lines = [f"## {name}", "", replay_data.scene_shows(recording), ""]
     rows = [
         f"| {truth.time_ns[a] * 1e-6:.3f} | {(b - a) * truth.step_ns * 1e-3:g} | "
-        f"{f_c[a:b].max():.3g} | {-xi[a:b].min() * 1e6:.3g} |"
-        for a, b in contacts[:4]
+        f"{_short(f_c[a:b].max())} | {_short(-xi[a:b].min() * 1e6)} |"
+        for a, b in contacts[:_CONTACTS_LISTED]
     ]
     if rows:
         lines += ["| contact at (ms) | for (µs) | F_c (N) | depth (µm) |", "|--|--|--|--|", *rows]
-        lines += ["", f"{len(contacts)} contacts in all."] if len(contacts) > 4 else []
-    else:
+    if len(contacts) > len(rows):
+        lines += ["", f"{len(contacts)} contacts in all."]
+    if not contacts:
         lines += ["No contact in this recording."]
-    radius = _sphere_radius_m(recording)
-    larger = plate_mesh.sphere_radius_drawn_m(deflection, radius) / radius if radius else 1.0
-    lines += [
-        "",
-        f"Heights are drawn {plate_mesh.exaggeration(deflection):,.0f} times, the sphere "
-        f"{larger:.2g} times its size. Its penetration is plotted, not drawn.",
-    ]
+    lines += ["", f"Heights are drawn {shown.drawn.heights:,.0f} times"]
+    if shown.sphere_radius_m:
+        larger = shown.drawn.sphere_radius_m / shown.sphere_radius_m
+        lines[-1] += f", the sphere {larger:.2g} times its size"
+    lines[-1] += ". Its penetration is plotted, not drawn."
     for problem in recording.problems:
         lines += ["", f"**Missing or damaged:** {problem}"]
     return "\n".join(lines) + "\n"
+
+
+def _short(value: float) -> str:
+    """Three digits, large numbers whole."""
+    return f"{value:.0f}" if value >= 100 else f"{value:.3g}"

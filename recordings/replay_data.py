@@ -81,6 +81,29 @@ def contact_spans(xi_m: np.ndarray) -> list[Span]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
+@dataclass(frozen=True)
+class Moments:
+    """When something is worth looking at, ns: what play shows, what zoom plots reach before
+    and after the cursor, and the time of a still picture."""
+
+    selection_ns: Span
+    zoom_ns: Span
+    still_ns: int
+
+
+def moments(time_ns: np.ndarray, contacts: list[Span], step_ns: int) -> Moments:
+    """Moments around the first contact; without one, the whole recording (times (steps,))."""
+    first, last = int(time_ns[0]), int(time_ns[-1])
+    if not contacts:
+        half = max(last - first, step_ns) // 2
+        return Moments((first, max(last, first + step_ns)), (half, half), (first + last) // 2)
+    start, end = contacts[0]
+    begun, length = int(time_ns[start]), max(end - start, 4) * step_ns
+    selection = (max(first, begun - length), min(last, begun + 9 * length))
+    zoom = (min(5 * length, last - first) // 2, min(3 * length, last - first) // 2)
+    return Moments(selection, zoom, min(last, begun + 2 * length))
+
+
 def extremes(values: np.ndarray, points: int) -> np.ndarray:
     """Ascending positions of at most about `points` samples that keep each minimum and maximum
     of equal pieces, and both ends."""

@@ -1,0 +1,87 @@
+"""The plate as a replay shows it, worked out again, against what the plant recorded."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hertzloop.deflection import deflection, frame_steps
+from hertzloop.inprocess import record_in_process
+from hertzloop.scene import Scene, load
+from recordings.reader import Recording, read
+from recordings.replay_data import Deflection
+
+SHORT = ["run.duration_s=0.002"]
+
+
+def replayed(folder: Path, scene: Scene) -> tuple[Recording, Deflection]:
+    file = folder / "run.mcap"
+    record_in_process(scene, file, compiled=True)
+    recording = read(file)
+    return recording, deflection(scene, recording)
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("aluminium-3mm", SHORT),
+        ("offcentre-6mm", SHORT),
+        ("aluminium-20mm", [*SHORT, "plate.loss_factor=0.05"]),
+    ],
+)
+def test_the_contact_node_moves_as_recorded(tmp_path: Path, name: str, settings: list[str]) -> None:
+    # All modes take part. What is left is rounding: modes of equal frequency are summed apart
+    # and several steps are advanced at once.
+    recording, plate = replayed(tmp_path, load(name, settings))
+    recorded = recording.truth.arrays["xi_p_m"][plate.times_ns // recording.truth.step_ns]
+    i, j = plate.contact_node
+    largest = abs(recorded).max()
+    assert largest > 1e-6
+    assert abs(plate.w_m[:, i, j] - recorded).max() < 1e-9 * largest
+
+
+def test_fewer_modes_than_the_plant_had_cost_accuracy(tmp_path: Path) -> None:
+    scene = load("aluminium-3mm", SHORT)
+    recording, _ = replayed(tmp_path, scene)
+    plate = deflection(scene, recording, per_axis=10)
+    recorded = recording.truth.arrays["xi_p_m"][plate.times_ns // recording.truth.step_ns]
+    i, j = plate.contact_node
+    assert abs(plate.w_m[:, i, j] - recorded).max() > 0.1 * abs(recorded).max()
+
+
+def test_edges_are_supported_and_a_central_impact_is_symmetric(tmp_path: Path) -> None:
+    _, plate = replayed(tmp_path, load("aluminium-3mm", SHORT))
+    w, rounding = plate.w_m, 1e-12 * abs(plate.w_m).max()
+    for edge in (w[:, 0], w[:, -1], w[:, :, 0], w[:, :, -1]):
+        assert abs(edge).max() < rounding
+    for mirrored in (w[:, ::-1], w[:, :, ::-1], w.transpose(0, 2, 1)):
+        np.testing.assert_allclose(w, mirrored, rtol=0.0, atol=rounding)
+
+
+def test_the_grid_has_a_node_at_the_contact_point_wherever_it_is(tmp_path: Path) -> None:
+    settings = [*SHORT, "plate.contact_point_m=[0.003, 0.41]"]
+    _, plate = replayed(tmp_path, load("aluminium-3mm", settings))
+    i, j = plate.contact_node
+    assert (plate.x_m[i], plate.y_m[j]) == plate.contact_point_m == (0.003, 0.41)
+    for axis in (plate.x_m, plate.y_m):
+        assert axis[0] == 0.0
+        assert axis[-1] == 0.5
+        assert np.all(np.diff(axis) > 0.0)
+
+
+def test_frames_are_dense_at_the_first_contact_and_bounded() -> None:
+    xi = np.ones(1_000_000)
+    for start in range(5_000, 1_000_000, 20_000):
+        xi[start : start + 30] = -1.0
+    frames = frame_steps(xi)
+    assert len(frames) <= 700
+    assert np.all(np.diff(frames) > 0)
+    assert set(range(5_000, 5_030)) <= set(frames.tolist())
+    assert (frames[0], frames[-1]) == (0, 999_999)
+
+
+def test_a_recording_without_contact_shows_a_plate_at_rest(tmp_path: Path) -> None:
+    recording, plate = replayed(tmp_path, load("aluminium-3mm", ["run.duration_s=5e-4"]))
+    assert recording.truth.arrays["xi_m"].min() > 0.0
+    assert not plate.w_m.any()
+    assert frame_steps(np.ones(1)).tolist() == [0]
