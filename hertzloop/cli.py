@@ -261,6 +261,15 @@ def inspect(file: FileArgument, json_file: JsonOption = None) -> None:
 def compare(
     a: Annotated[Path, typer.Argument(metavar="A.mcap")],
     b: Annotated[Path, typer.Argument(metavar="B.mcap")],
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            max=1.0,
+            help="Allowed difference as a share of a field's largest value; for runs on "
+            "different processors, 1e-9 say.",
+        ),
+    ] = 0.0,
 ) -> None:
     """Exit 0 if every compared stream of two recordings has the same bytes, else 1."""
     from recordings.compare import first_difference
@@ -269,12 +278,13 @@ def compare(
     for recording in (left, right):
         for problem in recording.problems:
             err.print(f"{recording.path}: {problem}", soft_wrap=True)
-    difference = first_difference(left, right)
+    difference = first_difference(left, right, tolerance)
     if difference:
         out.print(difference, soft_wrap=True)
         raise typer.Exit(1)
+    within = f" within {tolerance:g} of the largest" if tolerance else ""
     out.print(
-        f"the same: {left.truth.samples:,} steps of truth, {left.daq.samples:,} samples, "
+        f"the same{within}: {left.truth.samples:,} steps of truth, {left.daq.samples:,} samples, "
         f"{left.force.samples:,} forces, {len(left.events)} events"
     )
 

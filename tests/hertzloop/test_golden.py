@@ -1,0 +1,33 @@
+"""The recordings that ship: readable, and what the present code still produces."""
+
+from pathlib import Path
+
+import pytest
+
+from hertzloop.inprocess import record_in_process
+from hertzloop.scene import parse
+from recordings.compare import first_difference
+from recordings.reader import read
+
+GOLDEN = Path(__file__).resolve().parents[2] / "recordings" / "golden"
+# Two processors may round differently in the exponentials of the model; over 4000 steps
+# that grows to some 1e-12. Far below anything that a change of the model would do.
+TOLERANCE = 1e-9
+
+
+@pytest.mark.parametrize("name", ["first-impact", "first-impact-2us-late"])
+def test_the_same_run_today(name: str, tmp_path: Path) -> None:
+    golden = read(GOLDEN / f"{name}.mcap")
+    assert not golden.problems
+    record_in_process(parse(golden.scene_toml), tmp_path / "today.mcap", compiled=True)
+    today = read(tmp_path / "today.mcap")
+    assert first_difference(golden, today, TOLERANCE) is None
+
+
+def test_tolerance_is_tight_enough_to_tell_two_microseconds() -> None:
+    punctual, late = (read(GOLDEN / f"first-impact{end}.mcap") for end in ("", "-2us-late"))
+    assert first_difference(punctual, late, 1e-3)
+
+
+def test_small_enough_to_ship() -> None:
+    assert sum(file.stat().st_size for file in GOLDEN.iterdir()) < 500_000
