@@ -14,7 +14,9 @@ def expected_error(
 
     What is left out acts as a spring in series; its share is its flexibility times the
     secant stiffness s sqrt(p) of the contact at the penetration that a rigid plate would
-    see, which is an upper bound. Step-size error is not included.
+    see, which the plate's giving way only lowers. Where the estimate is below 0.1, measured
+    errors were 0.1 to 1.1 times it: most for a small sphere, whose contact ends late by what
+    the spring adds. Step-size error is not included.
     """
     s, m, v = contact.stiffness, sphere.mass_kg, sphere.impact_speed_m_s
     p_max = (1.25 * m * v * v / s) ** 0.4
