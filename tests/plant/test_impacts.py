@@ -1,0 +1,126 @@
+"""Figures of each impact from rows of truth made by hand, with known crossings."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hertzloop import parts
+from hertzloop.compiled import simulate
+from hertzloop.scene import load
+from plant.contact import GRAVITY_M_S2
+from plant.impacts import Impact, impacts, sphere_speed_m_s
+
+MASS = 0.1
+H = 0.5  # s; round numbers keep the expected values readable
+
+
+def of(
+    xi: list[float],
+    f_c: list[float],
+    xi_p: list[float] | None = None,
+    f_a: list[float] | None = None,
+    xi_a: list[float] | None = None,
+) -> list[Impact]:
+    gap, force = np.array(xi), np.array(f_c)
+    plate = np.zeros_like(gap) if xi_p is None else np.array(xi_p)
+    push = np.zeros_like(gap) if f_a is None else np.array(f_a)
+    at = None if xi_a is None else np.array(xi_a)
+    return impacts(gap, gap + plate, plate, force, push, at, MASS, H)
+
+
+def test_no_contact_no_impact() -> None:
+    assert of([3.0, 2.0, 1.0, 0.5], [0.0] * 4) == []
+    assert of([1.0, 1.0], [0.0, 0.0]) == []
+    assert of([], []) == []
+
+
+def test_crossings_are_interpolated_and_contacts_told_apart() -> None:
+    # Enters a quarter into the second step, leaves half way through the fifth; then a short one.
+    xi = [4.0, 1.0, -3.0, -2.0, -1.0, 1.0, 2.0, 1.0, -1.0, 3.0, 4.0]
+    f_c = [0.0, 5.0, 9.0, 7.0, 2.0, 0.0, 0.0, 1.0, 1.5, 0.0, 0.0]
+    first, second = of(xi, f_c)
+    assert first.start_s == pytest.approx(1.25 * H)
+    assert first.duration_s == pytest.approx((4.5 - 1.25) * H)
+    assert first.peak_force_n == 9.0
+    assert second.start_s == pytest.approx(7.5 * H)
+    assert second.duration_s == pytest.approx((8.25 - 7.5) * H)
+    assert second.peak_force_n == 1.5
+
+
+def test_speeds_are_the_spheres_at_the_steps_around_a_contact() -> None:
+    # A flight at 3 m/s down, one step of force, a flight; the plate moves as well.
+    v, force = -3.0, 4.0
+    x, xs, speeds = 1.4, [], []
+    forces = [0.0, force, force, 0.0, 0.0]
+    for f in forces:
+        xs.append(x)
+        speeds.append(v)
+        a = f / MASS - GRAVITY_M_S2
+        x, v = x + v * H + 0.5 * a * H * H, v + a * H
+    sphere = np.array(xs)
+    np.testing.assert_allclose(
+        sphere_speed_m_s(sphere, np.array(forces), MASS, H), speeds[:-1], rtol=1e-13
+    )
+    plate = np.array([0.0, 0.0, 5.0, 2.0, 1.0])
+    (found,) = impacts(sphere - plate, sphere, plate, np.array(forces), np.zeros(5), None, MASS, H)
+    assert found.impact_speed_m_s == pytest.approx(-speeds[1], rel=1e-13)
+    assert found.rebound_speed_m_s == pytest.approx(speeds[3], rel=1e-13)
+
+
+def test_contact_from_the_first_row() -> None:
+    (at_once,) = of([0.0, -1.0, 1.0, 2.0], [1.0, 1.0, 0.0, 0.0])
+    assert at_once.start_s == 0.0
+    assert at_once.duration_s == pytest.approx(1.5 * H)
+    (within,) = of([1.0, -1.0, 1.0, 2.0], [1.0, 1.0, 0.0, 0.0])
+    assert within.start_s == pytest.approx(0.5 * H)
+    assert within.duration_s == pytest.approx(1.0 * H)
+    (before,) = of([-1.0, -1.0, 1.0, 2.0], [1.0, 1.0, 0.0, 0.0])
+    assert before.start_s == 0.0
+
+
+def test_contact_that_the_end_cuts_off_counts_with_what_there_is() -> None:
+    (found,) = of([1.0, -1.0, -2.0, -2.0], [2.0, 3.0, 4.0, 3.0])
+    assert found.start_s == pytest.approx(0.5 * H)
+    assert found.duration_s == pytest.approx(2.5 * H)
+    assert found.peak_force_n == 4.0
+    # One that starts in the very last row has no length yet.
+    (late,) = of([3.0, 2.0, 1.0, 0.5], [0.0, 0.0, 0.0, 1.0])
+    assert late.start_s == pytest.approx(3.0 * H)
+    assert late.duration_s == 0.0
+    assert late.peak_force_n == 1.0
+
+
+def test_plate_energy_is_the_work_of_both_forces_at_their_points() -> None:
+    xi = [1.0, -1.0, 1.0, 2.0, -1.0, 1.0]
+    f_c = [2.0, 3.0, 0.0, 1.0, 5.0, 0.0]
+    xi_p = [0.0, -1.0, -3.0, -2.0, -2.5, -2.0]
+    f_a = [0.0, 4.0, 2.0, 0.0, 1.0, 0.0]
+    xi_a = [0.0, 1.0, 2.0, 4.0, 3.0, 3.5]
+    # By hand: -F_c d xi_p + F_a d xi_a from one contact's first step to the next one's.
+    contact_work = [2.0, 6.0, 0.0, 0.5, -2.5]
+    same, apart = of(xi, f_c, xi_p, f_a), of(xi, f_c, xi_p, f_a, xi_a)
+    pushed = [0.0, 4.0 * -2.0, 2.0 * 1.0, 0.0, 1.0 * 0.5]
+    beside = [0.0, 4.0 * 1.0, 2.0 * 2.0, 0.0, 1.0 * 0.5]
+    for found, push in ((same, pushed), (apart, beside)):
+        work = np.add(contact_work, push)
+        assert [i.plate_energy_j for i in found] == pytest.approx([work[:3].sum(), work[3:].sum()])
+
+
+@pytest.mark.parametrize("name", ["aluminium-20mm", "offcentre-6mm"])
+def test_energies_of_a_run_add_up_to_what_its_plate_took(name: str) -> None:
+    scene = load(name, ["run.duration_s=0.02", "plate.loss_factor=0.01"])
+    truth = simulate(scene)
+    rows, books = truth.rows, truth.books
+    mass = parts.plant_spec(scene).sphere.mass_kg
+    found = impacts(*rows[[0, 1, 2, 4, 5, 6]], mass, scene.step_s)
+    # Work of both forces is energy in the plate now, or already lost in it.
+    taken = books.modal_j + books.modal_dissipated_j
+    assert rows[4][-1] == 0.0  # the last step's work is in no row
+    assert rows[5][-1] == 0.0
+    assert sum(i.plate_energy_j for i in found) == pytest.approx(taken, rel=1e-9)
+    first = found[0]
+    # A fall of 1 ms less than the whole: v at contact is sqrt(2 g h), to a step of gravity.
+    fall = math.sqrt(2.0 * GRAVITY_M_S2 * 0.05)
+    assert first.impact_speed_m_s == pytest.approx(fall, abs=GRAVITY_M_S2 * scene.step_s)
+    assert first.start_s == pytest.approx(1e-3, abs=scene.step_s)
