@@ -114,8 +114,11 @@ def extremes(values: np.ndarray, points: int) -> np.ndarray:
     whole = count // width * width
     starts = np.arange(0, whole, width)
     pieces = values[:whole].reshape(-1, width)
-    low, high = starts + pieces.argmin(axis=1), starts + pieces.argmax(axis=1)
-    return np.unique(np.concatenate([[0, count - 1], low, high, np.arange(whole, count)]))
+    kept = [np.array([0, count - 1])]
+    kept += [starts + pieces.argmin(axis=1), starts + pieces.argmax(axis=1)]
+    if rest := count - whole:
+        kept += [whole + np.array([values[-rest:].argmin(), values[-rest:].argmax()])]
+    return np.unique(np.concatenate(kept))
 
 
 def full_rate_spans(contacts: list[Span], count: int) -> list[Span]:
