@@ -15,7 +15,7 @@ class Recorder:
         self.checker = Checker()
         self.faults: list[str] = []
         self._ended: dict[str, Any] = {}
-        self._time_ns = 0
+        self._time_ns = self._end_ns = 0
         self._closed = False
 
     @property

@@ -40,7 +40,7 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> int:
                     writer.scene(scene, metadata)
                 writer.write(stream, record.data, record.sequence, record.log_time)
                 copied += 1
-    except Damage as damage:
+    except (Damage, UnicodeDecodeError) as damage:
         fault = f"recovered from {path.name}, which is cut off or damaged ({damage})"
     if writer is None:
         raise RecordingError(f"{path} holds no message of a run: nothing to recover")

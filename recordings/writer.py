@@ -36,16 +36,23 @@ class RecordingWriter:
             ) from None
         except OSError as error:
             raise RecordingError(f"cannot create the recording {path}: {error.strerror}") from error
-        self._writer = Writer(self._file, _CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start(profile="hertzloop", library="hertzloop")
+        # Chunks have checksums anyway; the one over all data covers scene and metadata, too.
+        self._writer = Writer(
+            self._file, _CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
+        )
+        self._guarded(lambda: self._writer.start(profile="hertzloop", library="hertzloop"))
         self._channels: dict[str, int] = {}
         self._flushed = time.monotonic()
 
     def scene(self, text: str, metadata: dict[str, str]) -> None:
         """What is recorded; written first, so that it survives whatever happens."""
-        self._writer.add_attachment(0, 0, SCENE_ATTACHMENT, "application/toml", text.encode())
-        self._writer.add_metadata(RUN_METADATA, metadata)
-        self._guarded(self._writer.flush)
+
+        def write() -> None:
+            self._writer.add_attachment(0, 0, SCENE_ATTACHMENT, "application/toml", text.encode())
+            self._writer.add_metadata(RUN_METADATA, metadata)
+            self._writer.flush()
+
+        self._guarded(write)
 
     def write(self, stream: str, payload: bytes, sequence: int, time_ns: int) -> None:
         """One message of a stream at a simulated time."""
@@ -61,9 +68,13 @@ class RecordingWriter:
 
     def finish(self, metadata: dict[str, str]) -> None:
         """Write the outcome and the index, and close."""
-        self._writer.add_metadata(RESULT_METADATA, metadata)
+
+        def write() -> None:
+            self._writer.add_metadata(RESULT_METADATA, metadata)
+            self._writer.finish()
+
         try:
-            self._guarded(self._writer.finish)
+            self._guarded(write)
         finally:
             self._guarded(self._file.close)
 
