@@ -22,6 +22,9 @@ def first_difference(a: Recording, b: Recording, tolerance: float = 0.0) -> str 
 
 
 def _streams(name: str, a: Stream, b: Stream, tolerance: float) -> str | None:
+    counts = f"{name} has {a.samples} samples in one and {b.samples} in the other"
+    if bool(a.messages) != bool(b.messages):
+        return counts
     for label in ("step_ns", "every_steps", "scale", "offset"):
         left, right = getattr(a, label), getattr(b, label)
         if left != right:
@@ -41,7 +44,7 @@ def _streams(name: str, a: Stream, b: Stream, tolerance: float) -> str | None:
     if earliest:
         return earliest[1]
     if a.samples != b.samples:
-        return f"{name} has {a.samples} samples in one and {b.samples} in the other"
+        return counts
     return None
 
 
