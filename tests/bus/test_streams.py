@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.message import Message
 
 from bus import wire
-from bus.messages_pb2 import Books, DaqBlock, ForceBlock, Hello, RunEnd, TruthBlock
-from bus.port import Publisher
+from bus.messages_pb2 import ForceBlock, RunEnd
 from bus.streams import (
     CONTROLLER,
     PLANT,
@@ -23,58 +21,7 @@ from bus.streams import (
     Envelope,
     StreamFault,
 )
-
-RUN = 0xABC
-
-
-class Tape:
-    """Port that keeps what is published."""
-
-    def __init__(self, role: str) -> None:
-        self.role = role
-        self.sent: list[Envelope] = []
-
-    def publish(self, envelope: Envelope) -> None:
-        self.sent.append(envelope)
-
-    def receive(self, timeout_s: float, awaited: str) -> Envelope:
-        raise NotImplementedError
-
-    def pending(self) -> bool:
-        return False
-
-    def close(self) -> None:
-        pass
-
-
-def plant_says(blocks: int = 3, every_steps: int = 1) -> list[Envelope]:
-    """A short run as the plant publishes it: 4 samples and 4 * every_steps rows a block."""
-    tape = Tape(PLANT)
-    publisher = Publisher(tape, RUN)
-    publisher.send("hello", Hello(steps=99, step_ns=1000))
-    for i in range(blocks):
-        step = 4 * every_steps * i
-        daq = DaqBlock(first_step=step, step_ns=1000, every_steps=every_steps, scale=0.5)
-        daq.saturated = bytes(4)
-        publisher.send("daq", daq, {"code": np.arange(4)})
-        rows = np.zeros(4 * every_steps)
-        publisher.send("truth", TruthBlock(first_step=step, step_ns=1000), {"xi_m": rows})
-        publisher.send("events/plant", Log(message=f"event {i}"))
-    publisher.send("books", Books(kinetic_j=1.0))
-    publisher.end()
-    return tape.sent
-
-
-def places(sent: Sequence[Envelope], stream: str) -> list[int]:
-    return [i for i, envelope in enumerate(sent) if envelope.stream == stream]
-
-
-def changed(envelope: Envelope, **fields: Any) -> Envelope:
-    """The same message with some header fields changed."""
-    block = wire.decode(STREAMS[envelope.stream].message, envelope.payload)
-    for name, value in fields.items():
-        setattr(block.header, name, value)
-    return replace(envelope, payload=wire.encode(block.header, **block.arrays))
+from tests.bus.tapes import RUN, changed, places, plant_says
 
 
 def feed(sent: Sequence[Envelope]) -> Checker:

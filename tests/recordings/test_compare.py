@@ -1,0 +1,223 @@
+"""Comparison of recordings: the same bytes or the first difference, in one sentence."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recordings.compare import first_difference
+from recordings.reader import read
+from tests.recordings.rewriting import Sent, messages, record, rewrite, write
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Samples every second step through a converter, some out of its range."""
+    path = tmp_path_factory.mktemp("compare") / "original.mcap"
+    settings = ("sensors.every_steps=2", "sensors.bits=12", "sensors.full_scale=[-2e-5, 1e-5]")
+    return record(path, *settings)
+
+
+def difference(a: Path, b: Path) -> str | None:
+    found = first_difference(read(a), read(b))
+    assert (found is None) == (first_difference(read(b), read(a)) is None)
+    return found
+
+
+@pytest.mark.parametrize("settings", [[], ["sensors.noise_rms=1e-8", "controller.jitter_us=3"]])
+def test_a_run_repeated_is_the_same(tmp_path: Path, settings: list[str]) -> None:
+    paths = [record(tmp_path / name, *settings) for name in ("a.mcap", "b.mcap")]
+    assert difference(*paths) is None
+    runs = {read(path).metadata["run_id"] for path in paths}
+    assert len(runs) == 2  # two runs, not one file read twice
+
+
+def test_the_cutting_into_blocks_does_not_count(tmp_path: Path) -> None:
+    ways = {
+        "lockstep": record(tmp_path / "a.mcap"),
+        "horizon": record(tmp_path / "b.mcap", horizon=7),
+        "compiled": record(tmp_path / "c.mcap", compiled=True),
+    }
+    counts = {name: read(path).daq.messages for name, path in ways.items()}
+    assert len(set(counts.values())) == 3, counts
+    assert difference(ways["lockstep"], ways["horizon"]) is None
+    assert difference(ways["lockstep"], ways["compiled"]) is None
+
+
+def test_a_copy_is_the_same(original: Path, tmp_path: Path) -> None:
+    """So that the differences below come from what was changed, not from copying."""
+    assert difference(original, rewrite(original, tmp_path / "b.mcap", lambda m: None)) is None
+
+
+def flip(stream: str, number: int, name: str, at: int) -> Callable[[Sent], None]:
+    """Flip the lowest bit of one value."""
+
+    def change(message: Sent) -> None:
+        if (message.stream, message.number) == (stream, number):
+            message.arrays[name].view(np.uint8)[at * message.arrays[name].itemsize] ^= 1
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("stream", "name"),
+    [
+        ("daq", "code"),
+        ("force", "force_n"),
+        *(("truth", n) for n in ("xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n")),
+    ],
+)
+@pytest.mark.parametrize("place", ["first", "middle", "last"])
+def test_one_bit(original: Path, tmp_path: Path, stream: str, name: str, place: str) -> None:
+    blocks = [m for m in messages(original) if m.stream == stream]
+    message = blocks[{"first": 0, "middle": len(blocks) // 2, "last": -1}[place]]
+    at = {"first": 0, "middle": len(message.arrays[name]) // 2, "last": -1}[place]
+    changed = rewrite(original, tmp_path / "b.mcap", flip(stream, message.number, name, at))
+    if at == -1:
+        at = len(message.arrays[name]) - 1
+    step = message.header.first_step + at * getattr(message.header, "every_steps", 1)
+    found = difference(original, changed)
+    assert found is not None
+    assert found.startswith(f"{stream}.{name} differs first at step {step}: "), found
+
+
+def test_the_earliest_of_several_differences_is_named(original: Path, tmp_path: Path) -> None:
+    def change(message: Sent) -> None:
+        flip("truth", 1, "xi_m", 9)(message)
+        flip("truth", 1, "f_a_n", 5)(message)
+        flip("truth", 2, "xi_s_m", 0)(message)
+
+    found = difference(original, rewrite(original, tmp_path / "b.mcap", change))
+    assert found is not None
+    assert found.startswith("truth.f_a_n differs first at step 1005")
+
+
+def test_a_flag_of_the_converter(original: Path, tmp_path: Path) -> None:
+    def change(message: Sent) -> None:
+        if message.stream == "daq" and message.number == 1:
+            flags = bytearray(message.header.saturated)
+            flags[3] ^= 1
+            message.header.saturated = bytes(flags)
+
+    assert any(read(original).daq.arrays["saturated"])
+    found = difference(original, rewrite(original, tmp_path / "b.mcap", change))
+    first = next(m for m in messages(original) if (m.stream, m.number) == ("daq", 1)).header
+    assert found is not None
+    assert found.startswith(f"daq.saturated differs first at step {first.first_step + 3 * 2}:")
+
+
+@pytest.mark.parametrize("label", ["scale", "offset", "step_ns", "every_steps"])
+def test_the_description_of_a_channel(original: Path, tmp_path: Path, label: str) -> None:
+    def change(message: Sent) -> None:
+        if message.stream == "daq":
+            setattr(message.header, label, getattr(message.header, label) * 2)
+
+    found = difference(original, rewrite(original, tmp_path / "b.mcap", change))
+    assert found is not None
+    assert found.startswith(f"daq.{label} differs")
+
+
+@pytest.mark.parametrize("stream", ["daq", "force", "truth"])
+def test_a_missing_tail(original: Path, tmp_path: Path, stream: str) -> None:
+    last = max(m.number for m in messages(original) if m.stream == stream)
+
+    def keep(message: Sent) -> bool:
+        return (message.stream, message.number) != (stream, last)
+
+    changed = rewrite(original, tmp_path / "b.mcap", keep)
+    whole, cut = (getattr(read(path), stream).samples for path in (original, changed))
+    assert cut < whole
+    assert (
+        difference(original, changed)
+        == f"{stream} has {whole} samples in one and {cut} in the other"
+    )
+
+
+def test_a_missing_stream(original: Path, tmp_path: Path) -> None:
+    changed = rewrite(original, tmp_path / "b.mcap", lambda m: m.stream != "force")
+    found = difference(original, changed)
+    assert found is not None
+    assert found.startswith("force has 2500 samples in one and 0 in the other")
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "same"),
+    [
+        ("0000000000000000", "0000000000000080", False),  # 0.0, -0.0
+        ("010000000000f87f", "010000000000f87f", True),  # the same NaN
+        ("010000000000f87f", "020000000000f87f", False),  # NaNs with other payloads
+        ("000000000000f07f", "000000000000f0ff", False),  # infinities
+    ],
+)
+def test_bytes_are_compared_not_values(
+    original: Path, tmp_path: Path, left: str, right: str, same: bool
+) -> None:
+    def put(value: str) -> Callable[[Sent], None]:
+        def change(message: Sent) -> None:
+            if (message.stream, message.number) == ("truth", 1):
+                message.arrays["f_a_n"][7:8] = np.frombuffer(bytes.fromhex(value), "<f8")
+
+        return change
+
+    one = rewrite(original, tmp_path / "a.mcap", put(left))
+    other = rewrite(original, tmp_path / "b.mcap", put(right))
+    found = difference(one, other)
+    assert (found is None) == same
+    assert same or str(found).startswith("truth.f_a_n differs first at step 1007")
+
+
+def test_another_event(original: Path, tmp_path: Path) -> None:
+    def change(message: Sent) -> None:
+        if message.stream == "events/controller" and message.number == 1:
+            message.header.message = "something else"
+
+    found = difference(original, rewrite(original, tmp_path / "b.mcap", change))
+    assert found is not None
+    assert found.startswith("events of the controller differ first")
+    assert "something else" in found
+
+
+def test_a_missing_event(original: Path, tmp_path: Path) -> None:
+    count = len([m for m in messages(original) if m.stream == "events/plant"])
+    changed = rewrite(
+        original,
+        tmp_path / "b.mcap",
+        lambda m: (m.stream, m.number) != ("events/plant", count - 1),
+    )
+    found = difference(original, changed)
+    assert found == f"the plant logged {count} events in one and {count - 1} in the other"
+
+
+def test_events_of_two_publishers_may_interleave_in_any_way(original: Path, tmp_path: Path) -> None:
+    """Which of two processes the recorder hears first is no property of the run."""
+    order = sorted(messages(original), key=lambda m: m.stream != "events/plant")
+    assert difference(original, write(tmp_path / "b.mcap", original, order)) is None
+
+
+@pytest.mark.parametrize(
+    ("settings", "other", "stream"),
+    [
+        (["sensors.noise_rms=1e-9"], ["sensors.noise_rms=1e-9", "run.seed=2"], "daq.value"),
+        ([], ["sensors.noise_rms=1e-9"], "daq.value"),
+        ([], ["controller.latency_us=1"], "daq.value"),
+        ([], ["run.duration_s=0.002"], "daq has 2500 samples in one and 2000"),
+    ],
+)
+def test_runs_of_different_scenes(
+    tmp_path: Path, settings: list[str], other: list[str], stream: str
+) -> None:
+    a, b = record(tmp_path / "a.mcap", *settings), record(tmp_path / "b.mcap", *other)
+    assert str(difference(a, b)).startswith(stream)
+
+
+def test_one_step_of_latency_shows_where_the_force_begins(tmp_path: Path) -> None:
+    """Compared in the force stream alone: the first force acts one step later."""
+    a, b = (
+        read(record(tmp_path / f"{latency}.mcap", f"controller.latency_us={latency}"))
+        for latency in (2, 3)
+    )
+    b.daq = a.daq
+    begins = int(np.flatnonzero(a.force.arrays["force_n"])[0])
+    assert str(first_difference(a, b)).startswith(f"force.force_n differs first at step {begins}:")
+    assert b.force.arrays["force_n"][begins + 1] == a.force.arrays["force_n"][begins]

@@ -1,0 +1,129 @@
+"""Cut off or flipped bytes: what is there is read, what is not is named, nothing else happens."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+import recordings.writer
+from recordings.compare import first_difference
+from recordings.reader import Recording, read
+from recordings.writer import RecordingError
+from tests.recordings.rewriting import record
+
+STREAMS = ("daq", "force", "truth")
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A recording flushed after every message: a chunk each, as in a long run."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recordings.writer, "_FLUSH_EVERY_S", -1.0)
+        yield record(tmp_path_factory.mktemp("damaged") / "whole.mcap", "sensors.bits=16")
+
+
+def places(size: int, front: int = 120) -> list[int]:
+    """Every byte at both ends, and many between."""
+    ends = [*range(front), *range(size - 120, size)]
+    return sorted({*ends, *np.linspace(0, size - 1, 400, dtype=int).tolist()})
+
+
+def try_read(path: Path) -> Recording | None:
+    """The recording, or None if a sentence says that it is none."""
+    try:
+        return read(path)
+    except RecordingError as error:
+        sentence = str(error)
+    assert str(path) in sentence
+    assert "\n" not in sentence
+    return None
+
+
+def test_cut_off_anywhere(whole: Path, tmp_path: Path) -> None:
+    content, original = whole.read_bytes(), read(whole)
+    path = tmp_path / "cut.mcap"
+    before, readable = dict.fromkeys(STREAMS, 0), 0
+    for cut in places(len(content), 3000):  # scene, metadata, the first messages
+        path.write_bytes(content[:cut])
+        kept = try_read(path)
+        if kept is None:
+            assert not readable, f"not read when cut at {cut}, but at {readable}"
+            continue
+        readable = cut
+        assert kept.problems, cut
+        assert kept.scene_toml == original.scene_toml
+        for name in STREAMS:
+            stream, full = getattr(kept, name), getattr(original, name)
+            assert stream.samples >= before[name]
+            before[name] = stream.samples
+            for label, values in stream.arrays.items():
+                assert full.arrays[label].tobytes().startswith(values.tobytes()), (cut, label)
+        if kept.metadata and kept.truth.samples < original.truth.samples:
+            assert f"stream 'truth' ends at step {kept.truth.samples} of 2500" in kept.problems
+    assert before == {name: getattr(original, name).samples for name in STREAMS}
+
+
+def test_a_cut_loses_only_what_was_behind_it(whole: Path, tmp_path: Path) -> None:
+    """Half of the file holds about half of the chunks: all of them are read."""
+    content = whole.read_bytes()
+    with whole.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    ends = [c.chunk_start_offset + c.chunk_length for c in summary.chunk_indexes]
+    assert len(ends) > 20
+    path = tmp_path / "cut.mcap"
+    for count in (1, len(ends) // 2, len(ends)):
+        path.write_bytes(content[: ends[count - 1]])
+        kept = read(path)
+        found = [*kept.ends, *kept.events, *([kept.books] if kept.books else [])]
+        messages = len(found) + sum(getattr(kept, name).messages for name in STREAMS)
+        assert messages == count - 1  # the hello is not kept as such
+
+
+def test_flipped_bits_anywhere(whole: Path, tmp_path: Path) -> None:
+    """Each is reported, unless nothing of what is read has changed."""
+    content, original = whole.read_bytes(), read(whole)
+    path = tmp_path / "flipped.mcap"
+    silent = []
+    for at in places(len(content)):
+        damaged = bytearray(content)
+        damaged[at] ^= 0x10
+        path.write_bytes(damaged)
+        kept = try_read(path)
+        if kept is None or kept.problems:
+            continue
+        silent.append(at)
+        assert first_difference(original, kept) is None, at
+        assert kept.scene_toml == original.scene_toml, at
+        assert (kept.metadata, kept.result) == (original.metadata, original.result), at
+        assert (kept.books, kept.ends) == (original.books, original.ends), at
+    with whole.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    last = summary.chunk_indexes[-1]
+    # Only behind the data, where the index is, may damage pass unnoticed.
+    assert all(at >= last.chunk_start_offset + last.chunk_length for at in silent), silent
+
+
+@pytest.mark.parametrize("part", [0.0, 0.5, 1.0])
+def test_a_flipped_byte_in_a_chunk_is_reported(whole: Path, tmp_path: Path, part: float) -> None:
+    """Before the damaged chunk everything is there."""
+    with whole.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    chunk = max(summary.chunk_indexes, key=lambda c: c.chunk_length)
+    damaged = bytearray(whole.read_bytes())
+    # The compressed data are the last part of a chunk's record.
+    first = chunk.chunk_start_offset + chunk.chunk_length - chunk.compressed_size
+    damaged[first + int(part * (chunk.compressed_size - 1))] ^= 0xFF
+    path = tmp_path / "flipped.mcap"
+    path.write_bytes(damaged)
+    kept = read(path)
+    assert any("cut off or damaged" in problem for problem in kept.problems)
+    original = read(whole)
+    for name in STREAMS:
+        for label, values in getattr(kept, name).arrays.items():
+            full = getattr(original, name).arrays[label]
+            assert full.tobytes().startswith(values.tobytes())

@@ -1,0 +1,165 @@
+"""The recorder: what it hears is checked, written down and counted."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bus.messages_pb2 import RunEnd
+from bus.streams import Envelope, StreamFault
+from recordings.reader import read
+from recordings.recorder import Recorder
+from recordings.writer import RecordingError
+from tests.bus.tapes import changed, controller_says, places, plant_says
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "run.mcap"
+
+
+def both() -> list[Envelope]:
+    """Plant and controller taking turns, as a recorder hears them."""
+    plant, controller = plant_says(), controller_says()
+    heard = []
+    for i in range(max(len(plant), len(controller))):
+        heard += plant[i : i + 1] + controller[i : i + 1]
+    return heard
+
+
+def hear(path: Path, heard: Sequence[Envelope]) -> Recorder:
+    """Record to the end, or to the first fault, as a recorder's process does."""
+    recorder = Recorder(path)
+    fault = ""
+    try:
+        for envelope in heard:
+            recorder.handle(envelope)
+        recorder.reconcile()
+    except StreamFault as error:
+        fault = str(error)
+        raise
+    finally:
+        recorder.close(fault)
+    return recorder
+
+
+def test_a_whole_run(path: Path) -> None:
+    recorder = hear(path, both())
+    assert recorder.done
+    assert not recorder.faults
+    counts = {name: (c.messages, c.samples) for name, c in recorder.counters.items()}
+    assert counts["force"] == (3, 12)
+    assert counts["truth"] == (3, 12)
+    kept = read(path)
+    assert kept.problems == []
+    assert (kept.daq.samples, kept.force.samples, kept.truth.samples) == (12, 12, 12)
+    assert len(kept.events) == 6
+    assert kept.result["complete"] == "yes"
+    assert kept.result["truth"] == "3 12"
+    assert kept.metadata["run_id"] == "abc"
+
+
+def test_done_only_when_both_roles_have_ended(path: Path) -> None:
+    recorder = Recorder(path)
+    done = []
+    for envelope in [*plant_says(), *controller_says()]:
+        recorder.handle(envelope)
+        done.append(recorder.done)
+    recorder.close()
+    assert done == [False] * (len(done) - 1) + [True]
+
+
+@pytest.mark.parametrize("role", ["plant", "controller"])
+def test_a_role_that_never_ended(path: Path, role: str) -> None:
+    heard = [e for e in both() if e.stream != f"end/{role}"]
+    with pytest.raises(StreamFault, match=f"the {role} never announced its end"):
+        hear(path, heard)
+    assert f"the {role} announced no end: counts cannot be reconciled" in read(path).problems
+
+
+def check_fault(path: Path, heard: Sequence[Envelope], pattern: str) -> None:
+    """The fault is raised, kept in the file, and what came before it is readable."""
+    with pytest.raises(StreamFault, match=pattern) as caught:
+        hear(path, heard)
+    kept = read(path)
+    assert kept.result["complete"] == "no"
+    assert kept.result["fault"] == str(caught.value)
+    assert f"the run failed: {caught.value}" in kept.problems
+    assert kept.truth.samples > 0
+
+
+@pytest.mark.parametrize("stream", ["daq", "truth", "force", "events/plant", "events/controller"])
+def test_a_gap(path: Path, stream: str) -> None:
+    heard = both()
+    del heard[places(heard, stream)[1]]
+    check_fault(path, heard, f"gap on stream '{stream}': sequence 2 came, 1 was expected")
+
+
+@pytest.mark.parametrize("stream", ["daq", "truth", "force", "events/plant", "events/controller"])
+def test_a_repeat(path: Path, stream: str) -> None:
+    heard = both()
+    place = places(heard, stream)[1]
+    heard.insert(place + 1, heard[place])
+    check_fault(path, heard, f"repeat on stream '{stream}': sequence 1 came, 2 was expected")
+
+
+@pytest.mark.parametrize(
+    "stream", ["daq", "truth", "force", "events/plant", "events/controller", "books"]
+)
+def test_a_lost_tail(path: Path, stream: str) -> None:
+    heard = both()
+    del heard[places(heard, stream)[-1]]
+    check_fault(path, heard, f"stream '{stream}' lost its tail")
+
+
+@pytest.mark.parametrize("stream", ["daq", "truth", "force", "events/plant", "books", "end/plant"])
+def test_a_malformed_message(path: Path, stream: str) -> None:
+    heard = both()
+    place = places(heard, stream)[-1]
+    heard[place] = replace(heard[place], payload=heard[place].payload[:-1])
+    number = len(places(heard, stream)) - 1
+    check_fault(path, heard, f"malformed message on stream '{stream}' where sequence {number}")
+
+
+def test_two_runs_at_once(path: Path) -> None:
+    heard = both()
+    place = places(heard, "force")[1]
+    heard[place] = changed(heard[place], run_id=77)
+    check_fault(path, heard, "'force' sequence 1 belongs to run 4d, not to abc")
+
+
+def test_a_fault_that_a_role_announces(path: Path) -> None:
+    """The recording is whole, but its run failed; each fault is told once."""
+    heard = both()
+    for stream in ("end/plant", "end/controller"):
+        place = places(heard, stream)[0]
+        end = RunEnd.FromString(heard[place].payload)
+        end.fault = "the plate broke"
+        heard[place] = replace(heard[place], payload=end.SerializeToString())
+    recorder = hear(path, heard)
+    assert set(recorder.faults) == {"the plate broke"}
+    kept = read(path)
+    assert kept.result["fault"] == "the plate broke"
+    assert kept.problems == ["the run failed: the plate broke"]
+
+
+def test_closing_twice_is_closing_once(path: Path) -> None:
+    recorder = hear(path, both())
+    size = path.stat().st_size
+    recorder.close("too late")
+    assert path.stat().st_size == size
+    assert read(path).problems == []
+
+
+def test_an_end_without_a_beginning(path: Path) -> None:
+    """A recorder that missed the hello: a fault of the stream, not of the recorder."""
+    recorder = Recorder(path)
+    try:
+        recorder.handle(controller_says(0)[-1])
+        with pytest.raises(StreamFault, match="the plant never announced its end"):
+            recorder.reconcile()
+    finally:
+        recorder.close("no plant")
+    with pytest.raises(RecordingError, match="holds no scene"):
+        read(path)

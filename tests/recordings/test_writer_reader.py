@@ -1,0 +1,246 @@
+"""A recording is what the bus carried, readable by others, and never silently incomplete."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.records import Attachment, Channel, Chunk
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+from mcap_protobuf.decoder import DecoderFactory
+
+import recordings.writer
+from bus.messages_pb2 import TruthBlock
+from hertzloop.scene import parse
+from recordings.reader import Recording, read
+from recordings.writer import RecordingError, RecordingWriter
+from tests.recordings.rewriting import messages, record, scene
+
+STEPS, STEP_NS = 2500, 1000
+SETTINGS = ["run.seed=77", "sensors.every_steps=2"]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("whole") / "whole.mcap", *SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def decoded(whole: Path) -> dict[str, list[Any]]:
+    """(schema, channel, message, decoded message) by topic, as MCAP's own reader gives them."""
+    topics: dict[str, list[Any]] = {}
+    with whole.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()], validate_crcs=True)
+        for item in reader.iter_decoded_messages():
+            topics.setdefault(item[1].topic, []).append(item)
+    return topics
+
+
+class TestByTheMcapLibrary:
+    """The file read with MCAP's own tools, which know nothing of hertzloop."""
+
+    def test_topics_and_types(self, decoded: dict[str, list[Any]]) -> None:
+        types = {topic: {item[0].name for item in items} for topic, items in decoded.items()}
+        assert types == {
+            "/hello": {"hertzloop.Hello"},
+            "/daq": {"hertzloop.DaqBlock"},
+            "/force": {"hertzloop.ForceBlock"},
+            "/truth": {"hertzloop.TruthBlock"},
+            "/events": {"foxglove.Log"},
+            "/books": {"hertzloop.Books"},
+            "/end": {"hertzloop.RunEnd"},
+        }
+        encodings = {i[1].message_encoding for items in decoded.values() for i in items}
+        assert encodings == {"protobuf"}
+
+    def test_announced_counts(self, decoded: dict[str, list[Any]]) -> None:
+        announced = {c.stream: c.messages for i in decoded["/end"] for c in i[3].count}
+        events = announced.pop("events/plant") + announced.pop("events/controller")
+        assert len(decoded["/events"]) == events
+        assert announced == {name: len(decoded[f"/{name}"]) for name in announced}
+        assert set(announced) == {"hello", "daq", "force", "truth", "books"}
+
+    def test_times_are_simulated_nanoseconds(self, decoded: dict[str, list[Any]]) -> None:
+        for topic, items in decoded.items():
+            for _, _, message, content in items:
+                assert message.publish_time == message.log_time
+                if topic in ("/daq", "/force", "/truth"):
+                    expected = content.first_step * STEP_NS
+                elif topic == "/events":
+                    expected = content.timestamp.ToNanoseconds()
+                else:
+                    expected = 0 if topic == "/hello" else STEPS * STEP_NS
+                assert message.log_time == expected
+
+    @pytest.mark.parametrize(
+        ("topic", "name", "every"),
+        [("/truth", "xi_m", 1), ("/force", "force_n", 1), ("/daq", "value", 2)],
+    )
+    def test_every_step_exactly_once(
+        self, decoded: dict[str, list[Any]], topic: str, name: str, every: int
+    ) -> None:
+        steps: list[int] = []
+        for number, (_, _, message, content) in enumerate(decoded[topic]):
+            count = len(getattr(content, name))
+            steps += range(content.first_step, content.first_step + every * count, every)
+            assert message.sequence == content.sequence == number
+        assert steps == list(range(0, STEPS, every))
+
+    def test_events_tell_the_contact(self, decoded: dict[str, list[Any]]) -> None:
+        told = [(i[3].name, i[3].message) for i in decoded["/events"]]
+        assert ("plant", "contact 1 began") in told
+        assert ("controller", "law idle -> watching") in told
+
+    def test_scene_and_metadata(self, whole: Path) -> None:
+        with whole.open("rb") as file:
+            reader = make_reader(file)
+            [attachment] = list(reader.iter_attachments())
+            metadata = {m.name: m.metadata for m in reader.iter_metadata()}
+        assert attachment.name == "scene.toml"
+        assert parse(attachment.data.decode()) == scene(*SETTINGS)
+        run = metadata["run"]
+        assert (run["seed"], run["steps"], run["step_ns"]) == ("77", "2500", "1000")
+        assert json.loads(run["versions"])["numpy"] == np.__version__
+        assert {"hertzloop", "numba", "mcap", "eclipse-zenoh"} <= set(json.loads(run["versions"]))
+        assert metadata["result"]["complete"] == "yes"
+        assert metadata["result"]["fault"] == ""
+
+    def test_chunks_are_compressed_and_have_checksums(self, whole: Path) -> None:
+        with whole.open("rb") as file:
+            found = list(StreamReader(file, emit_chunks=True, validate_crcs=True).records)
+        chunks = [r for r in found if isinstance(r, Chunk)]
+        assert chunks
+        assert {c.compression for c in chunks} == {"zstd"}
+        assert all(c.uncompressed_crc for c in chunks)
+        # What is recorded comes first: it survives whatever happens later.
+        kinds = [type(r) for r in found]
+        assert kinds.index(Attachment) < kinds.index(Chunk)
+
+    def test_topics_by_index(self, whole: Path) -> None:
+        with whole.open("rb") as file:
+            summary = make_reader(file).get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == len(messages(whole))
+        assert summary.statistics.message_end_time == STEPS * STEP_NS
+
+
+def test_our_reader_agrees(whole: Path, decoded: dict[str, list[Any]]) -> None:
+    kept = read(whole)
+    assert kept.problems == []
+    for name in ("daq", "force", "truth"):
+        stream = getattr(kept, name)
+        assert stream.messages == len(decoded[f"/{name}"])
+        for label, values in stream.arrays.items():
+            joined = np.concatenate([getattr(i[3], label) for i in decoded[f"/{name}"]])
+            assert values.tobytes() == joined.tobytes(), label
+    assert set(kept.truth.arrays) == {"xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n"}
+    assert kept.daq.time_ns.tolist() == list(range(0, STEPS * STEP_NS, 2 * STEP_NS))
+    assert np.array_equal(kept.daq_values, kept.truth.arrays["xi_m"][::2])
+    assert kept.books is not None
+    assert kept.books.contact_steps > 0
+    # MCAP's reader goes by time, ours by the file: as they were heard.
+    events = {(i[2].log_time, i[3].name, i[3].message) for i in decoded["/events"]}
+    assert {(e.time_ns, e.name, e.message) for e in kept.events} == events
+    assert len(kept.events) == len(decoded["/events"])
+
+
+def test_codes_become_values(tmp_path: Path) -> None:
+    kept = read(record(tmp_path / "run.mcap", "sensors.bits=16"))
+    step = kept.daq.scale
+    inside = kept.daq.arrays["saturated"] == 0
+    error = (kept.daq_values - kept.truth.arrays["xi_m"])[inside]
+    # Half a step of the converter, and the rounding of numbers of up to 2^16 steps.
+    assert np.max(np.abs(error)) <= step * (0.5 + 2.0**-34)
+    assert np.count_nonzero(inside) > 30  # the contact takes so long; most of the fall is out
+
+
+class TestWriter:
+    def test_an_existing_file_is_kept(self, tmp_path: Path) -> None:
+        path = tmp_path / "kept.mcap"
+        path.write_bytes(b"precious")
+        with pytest.raises(RecordingError, match=r"kept\.mcap exists; choose another name"):
+            RecordingWriter(path)
+        assert path.read_bytes() == b"precious"
+        RecordingWriter(path, overwrite=True).finish({})
+        assert path.read_bytes().startswith(b"\x89MCAP")
+
+    def test_no_such_folder(self, tmp_path: Path) -> None:
+        with pytest.raises(RecordingError, match=r"cannot create the recording .*No such file"):
+            RecordingWriter(tmp_path / "nowhere" / "run.mcap")
+
+    @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+    @pytest.mark.parametrize("scene_bytes", [10, 1_000_000])
+    def test_a_full_disk_gives_a_sentence(self, scene_bytes: int) -> None:
+        writer = RecordingWriter(Path("/dev/full"), overwrite=True)
+        with pytest.raises(RecordingError, match="cannot write the recording /dev/full: No space"):
+            writer.scene("#" * scene_bytes, {"seed": "1"})
+        with pytest.raises(RecordingError, match="cannot write the recording /dev/full: No space"):
+            writer.finish({"fault": "#" * scene_bytes})
+
+    def test_flushed_while_it_runs(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """What was written before the last flush is in the file, even if nobody closes it."""
+        monkeypatch.setattr(recordings.writer, "_FLUSH_EVERY_S", -1.0)
+        path = tmp_path / "run.mcap"
+        writer = RecordingWriter(path)
+        writer.scene("# scene", {"steps": "10"})
+        for i in range(3):
+            header = TruthBlock(run_id=1, sequence=i, first_step=i, step_ns=1000, xi_m=[0.5])
+            writer.write("truth", header.SerializeToString(), i, 1000 * i)
+            assert read(path).truth.samples == i + 1
+        writer.finish({})
+
+
+class TestFromElsewhere:
+    @pytest.mark.parametrize("content", [b"", b"hello", bytes(10_000), b"\x89MCAP0\r\n"])
+    def test_no_mcap(self, tmp_path: Path, content: bytes) -> None:
+        path = tmp_path / "strange.mcap"
+        path.write_bytes(content)
+        with pytest.raises(RecordingError, match=r"strange\.mcap .*not a recording of hertzloop"):
+            read(path)
+
+    def test_no_file(self, tmp_path: Path) -> None:
+        with pytest.raises(RecordingError, match=r"cannot read .*none\.mcap: No such file"):
+            read(tmp_path / "none.mcap")
+        with pytest.raises(RecordingError, match=r"cannot read .*: Is a directory"):
+            read(tmp_path)
+
+    @pytest.mark.parametrize("topic", ["/imu", "/truth", "/events", "/end"])
+    def test_an_mcap_without_our_streams(self, tmp_path: Path, topic: str) -> None:
+        """Topics may even have our names; what is in them is not ours."""
+        path = tmp_path / "drone.mcap"
+        with path.open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            schema = writer.register_schema("Imu", "jsonschema", b"{}")
+            channel = writer.register_channel(topic, "json", schema)
+            for i in range(3):
+                writer.add_message(channel, i, b'{"a": 1}', i, i)
+            writer.finish()
+        with pytest.raises(RecordingError, match=r"drone\.mcap .*not a recording of hertzloop"):
+            read(path)
+
+
+def channels(path: Path) -> set[str]:
+    with path.open("rb") as file:
+        return {r.topic for r in StreamReader(file).records if isinstance(r, Channel)}
+
+
+def test_a_recording_without_a_controller_says_so(tmp_path: Path) -> None:
+    """Only the scene came: readable, with everything that is missing named."""
+    path = tmp_path / "run.mcap"
+    writer = RecordingWriter(path)
+    writer.scene("# scene", {"steps": "10"})
+    writer.finish({})
+    kept: Recording = read(path)
+    assert channels(path) == set()
+    assert kept.daq.samples == kept.force.samples == kept.truth.samples == 0
+    assert len(kept.daq_values) == 0
+    assert kept.problems == [
+        "the plant announced no end: counts cannot be reconciled",
+        "the controller announced no end: counts cannot be reconciled",
+        "stream 'truth' ends at step 0 of 10",
+    ]
