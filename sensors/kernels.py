@@ -36,8 +36,11 @@ def quantise(value, scale, offset, first_code, last_code):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def follow(model, state, value):
-    """One-pole low-pass, stepped at every simulation step; starts at its first input."""
-    if state[STARTED] == 0.0:
+    """One-pole low-pass, stepped at every simulation step; starts at its first input.
+
+    Without a filter the value itself: adding the difference would round it.
+    """
+    if state[STARTED] == 0.0 or model.filter_gain == 1.0:
         state[STARTED] = 1.0
         state[FILTERED] = value
     else:
