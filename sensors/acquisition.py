@@ -1,6 +1,7 @@
 """Description of a data-acquisition channel, and its compiled form."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -27,6 +28,7 @@ class SensorSpec:
     `every_steps`: steps between samples. `low_pass_hz`: corner of the one-pole filter, or
     None. `full_scale`: lowest and highest value, or None for no limit. `bits`: 1 to 24, or
     None for an ideal converter. `noise_rms`: standard deviation of white noise per sample.
+    Raises ValueError for values that no channel can have.
     """
 
     quantity: Quantity = Quantity.XI
@@ -35,6 +37,28 @@ class SensorSpec:
     full_scale: tuple[float, float] | None = None
     bits: int | None = None
     noise_rms: float = 0.0
+
+    def __post_init__(self) -> None:
+        for problem in _problems(self):
+            raise ValueError(problem)
+
+
+def _problems(spec: SensorSpec) -> Iterator[str]:
+    """Sentences on what is wrong with a channel; comparisons are false for a nan."""
+    if spec.every_steps < 1:
+        yield f"every_steps is {spec.every_steps}; a sample takes 1 step or more"
+    if spec.low_pass_hz is not None and not 0.0 < spec.low_pass_hz < math.inf:
+        yield f"low_pass_hz is {spec.low_pass_hz:g}; a corner is above 0 Hz, None is no filter"
+    if not 0.0 <= spec.noise_rms < math.inf:
+        yield f"noise_rms is {spec.noise_rms:g}; it must be 0 or more"
+    low, high = spec.full_scale or (0.0, 1.0)
+    if not -math.inf < low < high < math.inf:
+        yield f"full_scale is {spec.full_scale}; it is the lowest, then the highest value"
+    if spec.bits is not None:
+        if not 1 <= spec.bits <= 24:
+            yield f"bits is {spec.bits}; a converter has 1 to 24, None is ideal"
+        if spec.full_scale is None:
+            yield "a converter with bits needs a full_scale range"
 
 
 def converter_codes(bits: int, full_scale: tuple[float, float]) -> tuple[float, float, int, int]:
@@ -63,9 +87,7 @@ class Sensor:
         low, high = spec.full_scale or (0.0, 0.0)
         scale, offset, first, last = 1.0, 0.0, 0, 0
         if spec.bits is not None:
-            if spec.full_scale is None:
-                raise ValueError("a converter with bits needs a full-scale range")
-            scale, offset, first, last = converter_codes(spec.bits, spec.full_scale)
+            scale, offset, first, last = converter_codes(spec.bits, (low, high))
         corner = spec.low_pass_hz
         self.model = k.SensorModel(
             quantity=int(spec.quantity),
