@@ -53,7 +53,6 @@ def test_chord_is_the_mean_of_the_hertz_law(p0: float, p1: float) -> None:
     assert k.chord(p0, p0)[0] == pytest.approx(p0**1.5, rel=ROUNDING)
 
 
-@settings(deadline=None)
 @given(gaps, gaps, stiffnesses, viscous, hunt_crossley)
 def test_force_and_its_slope(xi0: float, xi1: float, s: float, c: float, d: float) -> None:
     assume(xi0 != xi1)
@@ -74,7 +73,6 @@ def test_force_and_its_slope(xi0: float, xi1: float, s: float, c: float, d: floa
             assert slope == pytest.approx(expected, rel=1e-12, abs=ROUNDING * size / abs(xi1))
 
 
-@settings(deadline=None)
 @given(gaps, gaps, stiffnesses)
 def test_undamped_force_is_the_discrete_gradient(xi0: float, xi1: float, s: float) -> None:
     force, damping, _ = k.contact_force(model(s), xi0, xi1)
@@ -87,7 +85,6 @@ def test_undamped_force_is_the_discrete_gradient(xi0: float, xi1: float, s: floa
         assert abs(work + stored) <= Decimal(ROUNDING) * abs(work)
 
 
-@settings(deadline=None)
 @given(gaps, gaps, gaps, stiffnesses, viscous, hunt_crossley)
 def test_force_falls_with_the_gap(
     xi0: float, a: float, b: float, s: float, c: float, d: float
@@ -100,7 +97,7 @@ def test_force_falls_with_the_gap(
     assert f_near >= f_far - ROUNDING * size
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(gaps, gaps, gains, stiffnesses, viscous, hunt_crossley)
 def test_solve_contact_finds_the_root(
     xi0: float, xi_free: float, gain: float, s: float, c: float, d: float
@@ -124,7 +121,7 @@ def test_solve_contact_finds_the_root(
     assert abs(xi1 - root) <= ROUNDING * scale + 1e-16 * reach
 
 
-@settings(deadline=None, max_examples=1000)
+@settings(max_examples=1000)
 @given(gaps, gaps, gains, stiffnesses)
 def test_solve_contact_ends_for_any_undamped_step(
     xi0: float, xi_free: float, gain: float, s: float
@@ -133,7 +130,7 @@ def test_solve_contact_ends_for_any_undamped_step(
     assert k.solve_contact(model(s), xi0, xi_free, gain)[2] <= 150
 
 
-@settings(deadline=None, max_examples=1000)
+@settings(max_examples=1000)
 @given(
     stiffnesses,
     st.floats(-6, 2),  # decades of mass

@@ -1,0 +1,139 @@
+"""The converter alone: codes, steps and limits for every number of bits."""
+
+import math
+import struct
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from sensors import kernels as k
+from sensors.acquisition import Sensor, SensorSpec, converter_codes
+
+bits = st.integers(1, 24)
+# Ranges no narrower than 1e-3 of where they lie: else a step of 24 bits nears a rounding there.
+ranges = st.tuples(st.floats(-1e3, 1e3), st.floats(1e-6, 1e3)).map(
+    lambda r: (r[0], r[0] + max(r[1], 1e-3 * abs(r[0])))
+)
+places = st.floats(0.0, 1.0)
+# Rounding of value - offset against a step of 24 bits: 1e3 * 2^-53 * 2^24.
+ROUNDING = 1e-5
+
+
+def read(n: int, full_scale: tuple[float, float], value: float) -> tuple[int, float, int]:
+    """Code, value and saturation flag of one sample."""
+    sensor = Sensor(SensorSpec(bits=n, full_scale=full_scale), 1e-6, 1, 1)
+    k.follow(sensor.model, sensor.state, value)
+    return k.sample(sensor.model, sensor.state, 0)
+
+
+def inside(full_scale: tuple[float, float], place: float) -> float:
+    low, high = full_scale
+    return min(max(low + place * (high - low), low), high)
+
+
+@given(bits, ranges, places)
+def test_error_is_at_most_half_a_step_and_nothing_is_flagged(
+    n: int, full_scale: tuple[float, float], place: float
+) -> None:
+    value = inside(full_scale, place)
+    _, got, clipped = read(n, full_scale, value)
+    step = (full_scale[1] - full_scale[0]) / (2**n - 1)
+    assert abs(got - value) <= (0.5 + ROUNDING) * step
+    assert clipped == 0
+
+
+@given(bits, ranges, places)
+def test_reading_a_level_again_gives_the_same_code(
+    n: int, full_scale: tuple[float, float], place: float
+) -> None:
+    code, got, _ = read(n, full_scale, inside(full_scale, place))
+    scale, offset, first, last = converter_codes(n, full_scale)
+    assert k.quantise(got, scale, offset, first, last) == code
+    assert got == offset + scale * code
+
+
+@given(bits, ranges, places, places)
+def test_codes_never_fall_when_the_value_rises(
+    n: int, full_scale: tuple[float, float], a: float, b: float
+) -> None:
+    low, high = (inside(full_scale, p) for p in sorted((1.4 * a - 0.2, 1.4 * b - 0.2)))
+    assert read(n, full_scale, low)[0] <= read(n, full_scale, high)[0]
+
+
+@given(bits, ranges)
+def test_both_ends_are_levels_and_codes_fit(n: int, full_scale: tuple[float, float]) -> None:
+    low, high = full_scale
+    _, _, first, last = converter_codes(n, full_scale)
+    assert (first, last) == (-(2 ** (n - 1)), 2 ** (n - 1) - 1)  # two's complement of n bits
+    assert -(2**31) <= first <= last < 2**31  # fits the message's 32 bits
+    for value, code in ((low, first), (high, last)):
+        found, got, clipped = read(n, full_scale, value)
+        assert found == code
+        assert clipped == 0
+        assert got == pytest.approx(value, abs=ROUNDING * (high - low) / (2**n - 1))
+
+
+@given(bits, ranges, st.floats(1e-9, 1e6))
+def test_values_out_of_range_are_limited_and_flagged(
+    n: int, full_scale: tuple[float, float], beyond: float
+) -> None:
+    low, high = full_scale
+    _, _, first, last = converter_codes(n, full_scale)
+    below, above = low - beyond * (high - low), high + beyond * (high - low)
+    assume(below < low and above > high)
+    for value, code in ((below, first), (above, last), (-math.inf, first), (math.inf, last)):
+        found, _, clipped = read(n, full_scale, value)
+        assert (found, clipped) == (code, 1)
+
+
+def test_the_coarsest_converter_by_hand() -> None:
+    # 2 bits over -1.5 .. 1.5: levels -1.5, -0.5, 0.5, 1.5; ties go up.
+    values = [-1.5, -1.0001, -1.0, -0.3, 0.0, 0.99, 1.0, 1.5]
+    assert [read(2, (-1.5, 1.5), v)[0] for v in values] == [-2, -2, -1, -1, 0, 0, 1, 1]
+    assert [read(1, (0.0, 5.0), v)[:2] for v in (0.0, 2.4, 2.6)] == [(-1, 0.0), (-1, 0.0), (0, 5.0)]
+
+
+@given(st.lists(st.floats(allow_nan=False), min_size=1))
+def test_an_ideal_channel_passes_the_bits(values: list[float]) -> None:
+    # Whatever came before: the filter that is not there must not remember it.
+    sensor = Sensor(SensorSpec(), 1e-6, 1, 1)
+    for value in values:
+        k.follow(sensor.model, sensor.state, value)
+        code, got, clipped = k.sample(sensor.model, sensor.state, 0)
+        assert (code, clipped) == (0, 0)
+        assert struct.pack("d", got) == struct.pack("d", value)
+
+
+def test_an_ideal_converter_with_a_range_limits() -> None:
+    sensor = Sensor(SensorSpec(full_scale=(-1.0, 2.0)), 1e-6, 1, 1)
+    expected = {-1.5: (-1.0, 1), -1.0: (-1.0, 0), 0.1: (0.1, 0), 2.0: (2.0, 0), 2.1: (2.0, 1)}
+    for value, wanted in expected.items():
+        k.follow(sensor.model, sensor.state, value)
+        assert k.sample(sensor.model, sensor.state, 0)[1:] == wanted
+
+
+NAN, INF = math.nan, math.inf
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"bits": 0, "full_scale": (0.0, 1.0)}, "bits is 0; a converter has 1 to 24"),
+        ({"bits": 25, "full_scale": (0.0, 1.0)}, "bits is 25; a converter has 1 to 24"),
+        ({"bits": 12}, "needs a full_scale range"),
+        ({"full_scale": (1.0, 1.0)}, r"full_scale is \(1.0, 1.0\)"),
+        ({"full_scale": (1.0, -1.0)}, r"full_scale is \(1.0, -1.0\)"),
+        ({"full_scale": (0.0, INF)}, "full_scale is"),
+        ({"full_scale": (NAN, 1.0)}, "full_scale is"),
+        ({"every_steps": 0}, "every_steps is 0"),
+        ({"low_pass_hz": 0.0}, "low_pass_hz is 0"),
+        ({"low_pass_hz": -1.0}, "low_pass_hz is -1"),
+        ({"low_pass_hz": NAN}, "low_pass_hz is nan"),
+        ({"noise_rms": -1e-9}, "noise_rms is -1e-09"),
+        ({"noise_rms": NAN}, "noise_rms is nan"),
+    ],
+)
+def test_channels_that_cannot_be_are_refused(values: dict, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        SensorSpec(**values)

@@ -1,0 +1,196 @@
+"""Filter, sampling, noise and quantities of a channel, on made-up signals and on a plant."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hertzloop import kernels as hk
+from hertzloop import parts
+from hertzloop.scene import Scene, load
+from plant import kernels as pk
+from sensors import kernels as k
+from sensors.acquisition import Quantity, Sensor, SensorSpec
+
+STEP_S = 1e-6
+
+
+def record(spec: SensorSpec, signal: np.ndarray) -> np.ndarray:
+    """Values of a channel without sampling: one for every value of `signal`."""
+    sensor = Sensor(spec, STEP_S, len(signal), 1)
+    out = np.empty(len(signal))
+    for i, value in enumerate(signal):
+        k.follow(sensor.model, sensor.state, value)
+        out[i] = k.sample(sensor.model, sensor.state, i)[1]
+    return out
+
+
+def test_filter_answers_a_step_with_an_exponential() -> None:
+    corner, steps = 5e3, 300
+    signal = np.where(np.arange(steps) == 0, 2.0, 5.0)
+    t = STEP_S * np.arange(steps)
+    # Starts at its first input; the pole is that of the continuous filter, so exact at steps.
+    expected = 5.0 - 3.0 * np.exp(-2.0 * math.pi * corner * t)
+    got = record(SensorSpec(low_pass_hz=corner), signal)
+    np.testing.assert_allclose(got, expected, rtol=300 * 2.0**-52)  # one rounding a step
+
+
+def gain(corner: float, frequency: float) -> float:
+    """Amplitude of the filter's answer to a sine, once settled."""
+    t = STEP_S * np.arange(round(6.0 / frequency / STEP_S))
+    got = record(SensorSpec(low_pass_hz=corner), np.sin(2.0 * math.pi * frequency * t))
+    period = round(1.0 / frequency / STEP_S)
+    phase = np.exp(-2j * math.pi * frequency * t[-period:])
+    return float(abs(2.0 * np.mean(got[-period:] * phase)))
+
+
+def test_filter_is_3_db_down_at_its_corner() -> None:
+    corner = 1e3
+    # |a/(1 - (1 - a) e^(-i w h))| with a = 1 - exp(-w_c h): 1/sqrt(2) up to (w h)^2/12;
+    # settled to exp(-2 pi 5) = 2e-14.
+    wh = 2.0 * math.pi * corner * STEP_S
+    assert gain(corner, corner) == pytest.approx(math.sqrt(0.5), rel=wh**2 / 4.0)
+    for frequency in (250.0, 4e3, 20e3):
+        a = -math.expm1(-wh)
+        turn = np.exp(-2j * math.pi * frequency * STEP_S)
+        # The slowest sine leaves exp(-2 pi 5 corner/frequency) of the start: none, or 2e-3 of it.
+        left = 2.0 * math.exp(-2.0 * math.pi * 5.0 * corner / frequency)
+        assert gain(corner, frequency) == pytest.approx(
+            abs(a / (1 - (1 - a) * turn)), abs=left + 1e-9
+        )
+
+
+def run(scene: Scene, block: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of truth, values and flags of a scene without control, in blocks of `block` steps."""
+    plant, sensor, steps = parts.plant(scene), parts.sensor(scene), scene.steps
+    window = hk.Window(
+        truth=np.zeros((hk.TRUTH_COLUMNS, block)),
+        codes=np.zeros(block, np.int64),
+        values=np.zeros(block),
+        clipped=np.zeros(block, np.int64),
+        counts=np.zeros(hk.WINDOW_COUNTS, np.int64),
+    )
+    grant = hk.Grant(np.zeros(hk.GRANT_COUNTS, np.int64), np.full(1, -np.inf), 1)
+    grant.counts[hk.GRANTED_END] = steps
+    truth, values, flags = [], [], []
+    for end in [*range(block, steps, block), steps]:
+        hk.advance(
+            plant.model,
+            plant.state,
+            sensor.model,
+            sensor.state,
+            np.zeros(steps),
+            window,
+            grant,
+            end,
+        )
+        counts = window.counts
+        rows = counts[hk.TRUTH_END] - counts[hk.TRUTH_FIRST]
+        samples = counts[hk.SAMPLES_END] - counts[hk.SAMPLES_FIRST]
+        truth.append(window.truth[:, :rows].copy())
+        values.append(window.values[:samples].copy())
+        flags.append(window.clipped[:samples].copy())
+        counts[hk.TRUTH_FIRST], counts[hk.SAMPLES_FIRST] = (
+            counts[hk.TRUTH_END],
+            counts[hk.SAMPLES_END],
+        )
+    return np.concatenate(truth, axis=1), np.concatenate(values), np.concatenate(flags)
+
+
+def scene(*settings: str) -> Scene:
+    """A whole contact of the light ball in half a millisecond."""
+    fixed = ["run.duration_s=0.0005", "run.lead_in_s=0.0002", "run.accuracy=0.05"]
+    return load("aluminium-3mm", ["controller.law=off", *fixed, *settings])
+
+
+@pytest.mark.parametrize("every", [1, 3, 7, 499, 600])
+def test_every_nth_step_is_sampled_from_the_first_on(every: int) -> None:
+    truth, values, _ = run(scene(f"sensors.every_steps={every}"), 500)
+    assert np.array_equal(values, truth[0][::every])
+
+
+def test_each_quantity_is_read_from_its_own_place() -> None:
+    read = {q: run(scene(f"sensors.quantity={q.name.lower()}"), 500) for q in Quantity}
+    truth = read[Quantity.XI][0]
+    xi, _, _, v_p, f_c, _, _ = truth
+    assert f_c.max() > 50.0  # there was a contact
+    assert np.array_equal(read[Quantity.XI][1], xi)
+    assert np.array_equal(read[Quantity.V_P][1], v_p)
+    # Of the last step: the contact force over it, and the mean acceleration.
+    assert np.array_equal(read[Quantity.CONTACT_FORCE][1], np.append(0.0, f_c[:-1]))
+    assert np.array_equal(
+        read[Quantity.ACCELERATION][1], np.append(0.0, np.diff(v_p) / scene().step_s)
+    )
+
+
+def test_filter_sees_every_step_also_between_samples() -> None:
+    truth, values, _ = run(scene("sensors.every_steps=7", "sensors.low_pass_hz=20000"), 500)
+    assert np.array_equal(values, record(SensorSpec(low_pass_hz=20e3), truth[0])[::7])
+
+
+def test_saturation_is_flagged_where_the_signal_left_the_range() -> None:
+    settings = ["sensors.full_scale=[-5e-6, 1e-4]", "sensors.bits=12"]
+    truth, values, flags = run(scene(*settings), 500)
+    out = (truth[0] < -5e-6) | (truth[0] > 1e-4)
+    assert 0 < out.sum() < len(out)
+    assert np.array_equal(flags, out)
+    step = 1.05e-4 / 4095
+    limited = np.clip(truth[0], -5e-6, 1e-4)
+    np.testing.assert_allclose(values, limited, rtol=0.0, atol=0.5 * step * (1.0 + 1e-9))
+
+
+def test_noise_is_white_of_the_right_size_and_repeats_with_its_seed() -> None:
+    steps = 200_000
+    spec = SensorSpec(noise_rms=3.0, every_steps=2)
+    noise = Sensor(spec, STEP_S, steps, seed=4).model.noise
+    n = len(noise)
+    assert n == steps // 2
+    assert np.array_equal(noise, Sensor(spec, STEP_S, steps, seed=4).model.noise)
+    assert not np.any(noise == Sensor(spec, STEP_S, steps, seed=5).model.noise)
+    # Five standard errors of each estimate (the seed is fixed: no chance of a rare failure).
+    assert noise.std() == pytest.approx(3.0, rel=5.0 / math.sqrt(2 * n))
+    assert noise.mean() == pytest.approx(0.0, abs=5.0 * 3.0 / math.sqrt(n))
+    for lag in (1, 2, 10):
+        assert abs(np.mean(noise[lag:] * noise[:-lag])) < 5.0 * 9.0 / math.sqrt(n)
+    # Gaussian: 4.55 % lie beyond two standard deviations.
+    beyond = np.mean(abs(noise) > 6.0)
+    assert beyond == pytest.approx(0.0455, abs=5.0 * math.sqrt(0.0455 / n))
+
+
+def test_noise_does_not_depend_on_the_length_of_the_run() -> None:
+    spec = SensorSpec(noise_rms=1.0)
+    long, short = (Sensor(spec, STEP_S, n, seed=9).model.noise for n in (1000, 400))
+    assert np.array_equal(long[:400], short)
+
+
+@pytest.mark.parametrize("block", [1, 17, 499])
+def test_samples_do_not_depend_on_how_the_run_is_cut(block: int) -> None:
+    settings = [
+        "sensors.noise_rms=1e-7", "sensors.every_steps=3", "sensors.low_pass_hz=1e5",
+        "sensors.bits=16",
+    ]  # fmt: skip
+    whole, cut = run(scene(*settings), 500), run(scene(*settings), block)
+    for a, b in zip(whole, cut, strict=True):
+        assert np.array_equal(a, b)
+
+
+def test_noise_comes_before_the_converter() -> None:
+    clean = run(scene(), 500)[1]
+    noisy = run(scene("sensors.noise_rms=1e-6"), 500)[1]
+    drawn = Sensor(SensorSpec(noise_rms=1e-6), STEP_S, 500, load("aluminium-3mm").run.seed)
+    assert np.array_equal(noisy, clean + drawn.model.noise)
+    settings = ["sensors.bits=10", "sensors.full_scale=[-2e-5, 1e-3]"]
+    coded = run(scene("sensors.noise_rms=1e-6", *settings), 500)[1]
+    inside = np.clip(noisy, -2e-5, 1e-3)
+    step = 1.02e-3 / 1023
+    assert abs(coded - inside).max() <= 0.5 * step * (1.0 + 1e-9)
+    # Dither: noise of a step's size shows in the codes.
+    assert len(np.unique(np.rint((coded - clean) / step))) > 1
+
+
+def test_quantities_are_those_of_the_kernel_that_reads_them() -> None:
+    # The numbers are shared between a description and compiled code.
+    assert [q.value for q in Quantity] == [
+        k.XI, k.PLATE_VELOCITY, k.PLATE_ACCELERATION, k.CONTACT_FORCE,
+    ]  # fmt: skip
+    assert len({pk.XI, pk.V_P, pk.A_P, pk.F_C}) == 4
