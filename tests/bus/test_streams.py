@@ -10,7 +10,8 @@ import pytest
 from google.protobuf.message import Message
 
 from bus import wire
-from bus.messages_pb2 import ForceBlock, RunEnd
+from bus.messages_pb2 import ForceBlock, RunEnd, TruthBlock
+from bus.port import Publisher
 from bus.streams import (
     CONTROLLER,
     PLANT,
@@ -21,7 +22,7 @@ from bus.streams import (
     Envelope,
     StreamFault,
 )
-from tests.bus.tapes import RUN, changed, places, plant_says
+from tests.bus.tapes import RUN, Tape, changed, places, plant_says
 
 
 def feed(sent: Sequence[Envelope]) -> Checker:
@@ -194,12 +195,36 @@ def test_every_stream_has_one_publisher_and_is_heard() -> None:
         assert all(STREAMS[name].publisher != role for name in heard)
 
 
+def test_plant_and_controller_hear_each_other_and_no_truth() -> None:
+    """What a card and an actuator would tell them, who else is at work, and nothing more."""
+    assert set(SUBSCRIPTIONS[PLANT]) == {"force", "end/controller"}
+    assert set(SUBSCRIPTIONS[CONTROLLER]) == {"hello", "daq", "end/plant"}
+
+
 def test_a_publisher_announces_all_its_streams() -> None:
     end = RunEnd.FromString(plant_says()[-1].payload)
     own = {n for n, s in STREAMS.items() if s.publisher == PLANT and not n.startswith("end/")}
     assert {c.stream for c in end.count} == own
     assert end.run_id == RUN
     assert end.role == PLANT
+
+
+def test_an_end_says_why() -> None:
+    tape = Tape(PLANT)
+    Publisher(tape, RUN).end("the plate broke")
+    end = RunEnd.FromString(tape.sent[-1].payload)
+    assert (end.role, end.fault) == (PLANT, "the plate broke")
+    assert {c.messages for c in end.count} == {0}
+
+
+def test_an_absent_array_does_not_count() -> None:
+    tape = Tape(PLANT)
+    publisher = Publisher(tape, RUN)
+    arrays = {"xi_m": np.zeros(5), "xi_a_m": np.empty(0)}
+    publisher.send("truth", TruthBlock(step_ns=1000), arrays)
+    publisher.end()
+    checker = feed(tape.sent)
+    assert checker.counters["truth"].samples == publisher.counters["truth"].samples == 5
 
 
 def test_a_publisher_numbers_each_stream() -> None:

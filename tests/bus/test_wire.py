@@ -31,7 +31,6 @@ def test_the_library_reads_our_bytes(made: Contents) -> None:
 def test_we_read_the_library_s_bytes(made: Contents) -> None:
     header, arrays = made
     block = wire.decode(type(header), by_the_library(header, arrays))
-    assert block.header == header or "nan" in str(header)
     assert block.header.SerializeToString() == header.SerializeToString()
     for name, values in {**empty(header), **arrays}.items():
         assert block.arrays[name].dtype == values.dtype

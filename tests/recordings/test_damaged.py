@@ -80,6 +80,7 @@ def test_a_cut_loses_only_what_was_behind_it(whole: Path, tmp_path: Path) -> Non
         found = [*kept.ends, *kept.events, *([kept.books] if kept.books else [])]
         messages = len(found) + sum(getattr(kept, name).messages for name in STREAMS)
         assert messages == count - 1  # the hello is not kept as such
+        assert "the recorder did not finish the file" in kept.problems
 
 
 def test_flipped_bits_anywhere(whole: Path, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from bus.messages_pb2 import TruthBlock
 from hertzloop.scene import parse
 from recordings.reader import Recording, read
 from recordings.writer import RecordingError, RecordingWriter
-from tests.recordings.rewriting import messages, record, scene
+from tests.recordings.rewriting import messages, record, rewrite, scene
 
 STEPS, STEP_NS = 2500, 1000
 SETTINGS = ["run.seed=77", "sensors.every_steps=2"]
@@ -146,6 +146,23 @@ def test_our_reader_agrees(whole: Path, decoded: dict[str, list[Any]]) -> None:
     events = {(i[2].log_time, i[3].name, i[3].message) for i in decoded["/events"]}
     assert {(e.time_ns, e.name, e.message) for e in kept.events} == events
     assert len(kept.events) == len(decoded["/events"])
+
+
+@pytest.mark.parametrize("stream", ["daq", "force", "truth"])
+@pytest.mark.parametrize("place", ["middle", "last"])
+def test_a_missing_block_is_named(whole: Path, tmp_path: Path, stream: str, place: str) -> None:
+    """In a file that is whole otherwise: nothing but numbers and counts can tell."""
+    blocks = [m for m in messages(whole) if m.stream == stream]
+    lost = blocks[1 if place == "middle" else -1]
+    path = rewrite(
+        whole, tmp_path / "b.mcap", lambda m: (m.stream, m.number) != (stream, lost.number)
+    )
+    kept = read(path)
+    count, samples = len(blocks) - 1, getattr(kept, stream).samples
+    begin = f"stream '{stream}': {count} messages with {samples} samples are here, {count + 1} with"
+    assert any(problem.startswith(begin) for problem in kept.problems)
+    after = f"sequence {lost.number + 1} at step"
+    assert any(after in problem for problem in kept.problems) == (place == "middle")
 
 
 def test_codes_become_values(tmp_path: Path) -> None:
