@@ -34,6 +34,6 @@ def replay(recording: Recording, save: Path | None, picture: Path | None) -> Non
         rrd = Path(folder) / f"{recording.path.stem}.rrd"
         rerun_replay.save(shown, rrd, still=picture is not None)
         if picture is None:
-            viewer.show(rrd)
+            viewer.show(rrd, shown.when.selection_ns[0])
         else:
             screenshot(rrd, picture, shown.when.still_ns)

@@ -66,18 +66,18 @@ def save(shown: Shown, path: Path, still: bool = False) -> None:
     # One application per file: the viewer remembers a layout by application, and the times
     # in this one fit this recording only.
     name, run_id = f"hertzloop {recording.path.stem}", recording.metadata.get("run_id")
+    stream = rr.RecordingStream(name, recording_id=run_id)
+    # By way of memory: a stream that saves to a file on a full disk blocks for ever (0.41).
+    memory = stream.memory_recording()
+    stream.send_blueprint(dashboard(_layout(shown), still), make_active=False)
+    fill(stream, shown, still)
     try:
-        path.open("wb").close()
-        stream = rr.RecordingStream(name, recording_id=run_id)
-        stream.save(path, default_blueprint=dashboard(_layout(shown), still))
+        path.write_bytes(memory.drain_as_bytes())
     except OSError as error:
-        raise RecordingError(f"cannot write {path}: {error.strerror or error}") from error
-    fill(stream, shown)
-    stream.flush()
-    stream.disconnect()
+        raise RecordingError(f"cannot write {path}: {error.strerror}") from error
 
 
-def fill(stream: rr.RecordingStream, shown: Shown) -> None:
+def fill(stream: rr.RecordingStream, shown: Shown, still: bool = False) -> None:
     """Send everything a replay shows: /scene, /overview, /zoom, /events, /states, /about."""
     _send_plate(stream, shown)
     _send_sphere(stream, shown)
@@ -86,7 +86,9 @@ def fill(stream: rr.RecordingStream, shown: Shown) -> None:
             _send_curve(stream, shown, plot, curve)
     _send_events(stream, shown.recording)
     _send_states(stream, shown)
-    stream.log("about", rr.TextDocument(_about(shown), media_type="text/markdown"), static=True)
+    stream.log(
+        "about", rr.TextDocument(_about(shown, still), media_type="text/markdown"), static=True
+    )
 
 
 def _layout(shown: Shown) -> Layout:
@@ -191,7 +193,7 @@ def _send_states(stream: rr.RecordingStream, shown: Shown) -> None:
         stream.send_columns(f"states/{name}", [times], columns)
 
 
-def _about(shown: Shown) -> str:
+def _about(shown: Shown, still: bool) -> str:
     """Scene, contacts, how it is drawn, and what is missing, as markdown."""
     recording, truth, contacts = shown.recording, shown.recording.truth, shown.contacts
     xi, f_c = truth.arrays["xi_m"], truth.arrays["f_c_n"]
@@ -213,6 +215,8 @@ def _about(shown: Shown) -> str:
         larger = shown.drawn.sphere_radius_m / shown.sphere_radius_m
         lines[-1] += f", the sphere {larger:.2g} times its size"
     lines[-1] += ". Its penetration is plotted, not drawn."
+    if contacts and not still:
+        lines += ["", f"Play the first contact from {shown.when.selection_ns[0] * 1e-6:.3f} ms on."]
     for problem in recording.problems:
         lines += ["", f"**Missing or damaged:** {problem}"]
     return "\n".join(lines) + "\n"

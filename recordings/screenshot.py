@@ -1,6 +1,5 @@
 """A picture of a replay, drawn by a viewer that needs no screen."""
 
-import socket
 import subprocess
 import threading
 import time
@@ -8,10 +7,9 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
-from rerun.experimental import ViewerClient
 
 from recordings.blueprint import TIMELINE
-from recordings.viewer import ViewerError, reason, running
+from recordings.viewer import ViewerError, free_port, loaded, reason, running
 
 SIZE = (1600, 1000)  # pixels
 _ALIKE = 3  # pictures in a row
@@ -27,9 +25,7 @@ def screenshot(
     Raises ViewerError if the viewer does not start, a view reports an error, the picture is
     not there after `within_s` seconds, or cannot be written.
     """
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     size_option = f"{size[0]}x{size[1]}"
     options = ("--headless", "--port", str(port), "--window-size", size_option)
     with running(rrd, *options) as (process, log):
@@ -43,7 +39,7 @@ def screenshot(
         watchdog.daemon = True
         watchdog.start()
         try:
-            picture = _picture(process, f"rerun+http://127.0.0.1:{port}/proxy", time_ns)
+            picture = _picture(process, port, time_ns)
         except (ConnectionError, RuntimeError, OSError) as error:
             if late.is_set():
                 message = f"the viewer did not draw the picture within {within_s:g} s"
@@ -65,9 +61,9 @@ def _failure(process: subprocess.Popen[bytes], log: IO[bytes], error: Exception)
     return f"the viewer did not answer: {error}"
 
 
-def _picture(process: subprocess.Popen[bytes], url: str, time_ns: int) -> bytes:
+def _picture(process: subprocess.Popen[bytes], port: int, time_ns: int) -> bytes:
     """The picture as PNG, once it no longer changes."""
-    client = _connected(process, url)
+    client = loaded(process, port)
     client.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"), play_state="paused")
     begun, pictures = time.monotonic(), [b""]
     while len(pictures) < _ALIKE or time.monotonic() - begun < _SETTLES_S:
@@ -79,17 +75,3 @@ def _picture(process: subprocess.Popen[bytes], url: str, time_ns: int) -> bytes:
             if report.severity == "error":
                 raise ViewerError(f"the view '{view.name}' cannot be drawn: {report.summary}")
     return pictures[-1]
-
-
-def _connected(process: subprocess.Popen[bytes], url: str) -> ViewerClient:
-    """A client of a viewer that has loaded its file."""
-    while True:
-        try:
-            client = ViewerClient.connect(url)
-            state = client.get_state()
-            if state.recordings and not state.loading:
-                return client
-        except ConnectionError:
-            if process.poll() is not None:
-                raise
-        time.sleep(_PAUSE_S)

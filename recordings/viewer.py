@@ -2,17 +2,24 @@
 
 import contextlib
 import os
+import socket
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import IO
 
+import numpy as np
+from rerun.experimental import ViewerClient
+
+from recordings.blueprint import TIMELINE
 from recordings.writer import RecordingError
 
 _STOPPING_TAKES_S = 5.0
+_ASK_EVERY_S = 0.3
 _NO_GRAPHICS = ("No graphics adapter was found", "Failed to get render context")
 
 
@@ -78,8 +85,40 @@ def has_display() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def show(rrd: Path) -> None:
-    """Open a window and wait until somebody closes it. Raises ViewerError if it fails."""
-    with running(rrd, "--port", "auto") as (process, log):
+def show(rrd: Path, time_ns: int) -> None:
+    """Open a window with the cursor at `time_ns` and wait until somebody closes it.
+
+    Raises ViewerError if the viewer fails.
+    """
+    port = free_port()
+    with running(rrd, "--port", str(port)) as (process, log):
+        # A file cannot say where the cursor starts (0.41), and a cursor left of the time
+        # selection does not jump to it.
+        with contextlib.suppress(ConnectionError, RuntimeError):
+            loaded(process, port).set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"))
         if process.wait() != 0:
             raise ViewerError(f"the viewer ended with code {process.returncode}; {reason(log)}")
+
+
+def free_port() -> int:
+    """A port on loopback that nobody listens on."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+def loaded(process: subprocess.Popen[bytes], port: int) -> ViewerClient:
+    """A client of a viewer, once that has loaded its file.
+
+    Raises ConnectionError or RuntimeError if the viewer ends before.
+    """
+    while True:
+        try:
+            client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+            state = client.get_state()
+            if state.recordings and not state.loading:
+                return client
+        except ConnectionError:
+            if process.poll() is not None:
+                raise
+        time.sleep(_ASK_EVERY_S)

@@ -305,13 +305,27 @@ def test_the_users_mistakes(file: Path, tmp_path: Path, monkeypatch: pytest.Monk
     assert "--save" in result.output
 
 
+def fake_viewer(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
+    file = folder / "viewer"
+    file.write_text(f"#!/bin/sh\n{script}\n")
+    file.chmod(0o755)
+    monkeypatch.setattr(viewer, "executable", lambda: file)
+
+
+def test_a_window_that_is_closed_is_no_error_one_that_breaks_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fake_viewer(tmp_path, monkeypatch, "exit 0")
+    viewer.show(tmp_path / "a.rrd", 0)
+    fake_viewer(tmp_path, monkeypatch, "echo 'Error: no window'; exit 3")
+    with pytest.raises(viewer.ViewerError, match="ended with code 3; its log ends: Error: no win"):
+        viewer.show(tmp_path / "a.rrd", 0)
+
+
 def test_a_viewer_that_ends_at_once_is_no_reason_to_wait(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    broken = tmp_path / "viewer"
-    broken.write_text("#!/bin/sh\necho 'No graphics adapter was found' >&2\nexit 101\n")
-    broken.chmod(0o755)
-    monkeypatch.setattr(viewer, "executable", lambda: broken)
+    fake_viewer(tmp_path, monkeypatch, "echo 'No graphics adapter was found' >&2; exit 101")
     with pytest.raises(viewer.ViewerError, match="mesa-vulkan-drivers libvulkan1"):
         screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0)
 
@@ -319,12 +333,9 @@ def test_a_viewer_that_ends_at_once_is_no_reason_to_wait(
 def test_a_viewer_that_never_answers_is_given_up_and_killed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    hung = tmp_path / "viewer"
-    hung.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/id\nexec sleep 1000\n")
-    hung.chmod(0o755)
-    monkeypatch.setattr(viewer, "executable", lambda: hung)
-    with pytest.raises(viewer.ViewerError, match=r"did not draw the picture within 0\.5 s"):
-        screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0, within_s=0.5)
+    fake_viewer(tmp_path, monkeypatch, f"echo $$ > {tmp_path}/id; exec sleep 1000")
+    with pytest.raises(viewer.ViewerError, match=r"did not draw the picture within 2 s"):
+        screenshot(tmp_path / "a.rrd", tmp_path / "a.png", 0, within_s=2.0)
     with pytest.raises(ProcessLookupError):
         os.kill(int((tmp_path / "id").read_text()), 0)
 
