@@ -140,3 +140,12 @@ def test_damping_of_a_scene_reaches_the_contact() -> None:
     ]
     assert lost[0] == 0.0
     assert min(lost[1:]) > 0.0
+
+
+def test_the_faintest_touch_is_a_contact() -> None:
+    # A sphere laid on the plate sinks by g h^2/2 = 5e-12 m in its first step.
+    plant = Plant(spec(loss_factor=0.0))
+    plant.state.body[[k.FLIGHT_X, k.FLIGHT_V, k.XI, k.XI_S]] = 0.0
+    rows = run(plant, 50)
+    assert np.all(np.diff(rows.xi) < 0.0)
+    assert np.all(rows.f_c > 0.0)
