@@ -62,7 +62,10 @@ class ZenohPort:
     ) -> None:
         os.environ.setdefault("ZENOH_RUNTIME", ONE_THREAD_RUNTIME)
         self.role, self.name = role, name
-        self._inbox: queue.SimpleQueue[Envelope | PeerLost] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[Envelope | PeerLost | KeyboardInterrupt] = (
+            queue.SimpleQueue()
+        )
+        self._interrupted = False
         self._alive: set[str] = set()
         self._watched: set[str] = set()
         self._gone: set[str] = set()
@@ -123,6 +126,8 @@ class ZenohPort:
         """Wait until the roles are there. Raises PeerLost naming those that are not."""
         deadline = time.monotonic() + timeout_s
         while missing := [role for role in roles if role not in self._alive]:
+            if self._interrupted:
+                raise KeyboardInterrupt
             if time.monotonic() > deadline:
                 raise PeerLost(
                     f"{self.role} waited {timeout_s:g} s for {' and '.join(missing)} on bus "
@@ -163,8 +168,18 @@ class ZenohPort:
                 ) from None
             if isinstance(item, Envelope):
                 return item
+            if isinstance(item, KeyboardInterrupt):
+                raise item
             for role in self._gone & self._watched:
                 raise PeerLost(f"{role} left the run; {self.role} was waiting for {awaited}")
+
+    def interrupt(self) -> None:
+        """Make the next wait raise KeyboardInterrupt; may be called from a signal handler.
+
+        An exception out of the handler itself could fall between a message and its count.
+        """
+        self._interrupted = True
+        self._inbox.put(KeyboardInterrupt())
 
     def pending(self) -> bool:
         """Whether something is there to receive."""

@@ -4,6 +4,7 @@ Every function returns statistics for the launcher, or raises BusError, StreamFa
 RecordingError with one sentence.
 """
 
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -53,6 +54,8 @@ class Interrupted(RuntimeError):
 def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
     """Join the bus, and leave it after the recorder, so that nothing sent is lost."""
     port = address.open(role)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: port.interrupt())
     patience_s = _GRACE_S
     try:
         yield port
