@@ -57,7 +57,7 @@ def run_compiled(
     streams = PlantStreams(scene, Publisher(plant_port, run_id))
     publisher = Publisher(controller_port, run_id)
     controller = parts.controller(scene, streams.plant.model.stiffness)
-    events = ControllerEvents(scene.run.step_ns, scene.sensors.every_steps)
+    events = ControllerEvents(scene)
     modes, delays = np.zeros(BLOCK_STEPS, np.int64), np.zeros(BLOCK_STEPS, np.int64)
 
     def advance(end: int) -> None:

@@ -50,7 +50,7 @@ class ControllerNode:
         self._scene = scene
         self._controller = parts.controller(scene, block.header.stiffness)
         self._publisher = Publisher(self.port, self.checker.run_id)
-        self._events = ControllerEvents(scene.run.step_ns, scene.sensors.every_steps)
+        self._events = ControllerEvents(scene)
 
     def _answer(self, block: Packed) -> None:
         if self._controller is None:

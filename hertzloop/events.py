@@ -10,6 +10,7 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from controller.controller import Mode
+from hertzloop.scene import Scene
 from sensors.acquisition import Quantity
 
 
@@ -58,8 +59,9 @@ class PlantEvents:
 class ControllerEvents:
     """Changes of the law's mode, with the delay that a threshold latched."""
 
-    def __init__(self, step_ns: int, every_steps: int) -> None:
-        self._step_ns, self._every = step_ns, every_steps
+    def __init__(self, scene: Scene) -> None:
+        self._step_ns, self._every = scene.run.step_ns, scene.sensors.every_steps
+        self._latches = scene.controller.law == "slope_threshold"
         self._mode = int(Mode.IDLE)
 
     def of(self, first_sample: int, modes: np.ndarray, delays: np.ndarray) -> Iterator[Log]:
@@ -69,7 +71,7 @@ class ControllerEvents:
             old, new = Mode(self._mode), Mode(int(modes[i]))
             self._mode = int(new)
             text = f"law {old.name.lower()} -> {new.name.lower()}"
-            if new is Mode.ACTING:
+            if new is Mode.ACTING and self._latches:
                 delay_us = delays[i] * self._every * self._step_ns / 1000
                 text += f", threshold crossed, delay {delay_us:g} us"
             yield log("controller", (first_sample + int(i)) * self._every, self._step_ns, text)
