@@ -36,7 +36,8 @@ class LawSpec:
     Slope threshold: `kappa` (1) scales s p^(3/2) with `stiffness` s (N/m^1.5), `v_thr_m_s`
     is the slope (m/s) at which the delay is latched. Constant and profile: forces
     `profile_n` (N), one a sample from the first sample in contact on.
-    A sample at or below `contact_level` counts as in contact.
+    A sample at or below `contact_level` counts as in contact. With a lead the law commands
+    what is due `lead_samples` later, to make up for the step between sample and force.
     """
 
     law: Law
@@ -45,6 +46,7 @@ class LawSpec:
     v_thr_m_s: float = 0.0
     profile_n: tuple[float, ...] = ()
     contact_level: float = 0.0
+    lead_samples: int = 0
 
 
 @dataclass(frozen=True)
@@ -93,6 +95,7 @@ class Controller:
             v_thr_m_s=law.v_thr_m_s,
             stiffness=law.stiffness,
             profile=np.array(law.profile_n, dtype=float),
+            lead_samples=law.lead_samples,
         )
         self.law_state = k.LawState(np.zeros(k.LAW_COUNTS, np.int64), np.zeros(samples))
         jitter, dropped = np.empty(0, np.int64), np.empty(0, np.bool_)

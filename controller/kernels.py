@@ -25,7 +25,8 @@ HELD, OUTPUT = range(2)
 
 class LawModel(NamedTuple):
     """Parameters of a law; `contact_level` is the sampled value at and below which the
-    sphere counts as in contact, `profile` holds one force (N) a sample."""
+    sphere counts as in contact, `profile` holds one force (N) a sample. A law looks
+    `lead_samples` ahead: it commands what is due that much later."""
 
     law: int
     contact_level: float
@@ -34,6 +35,7 @@ class LawModel(NamedTuple):
     v_thr_m_s: float
     stiffness: float
     profile: np.ndarray
+    lead_samples: int
 
 
 class LawState(NamedTuple):
@@ -83,8 +85,9 @@ def convert_force(model, force):
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _slope_command(model, history, index, delay):
-    """kappa s p^(3/2) of the penetration `delay` samples ago; whether it was in contact."""
-    earlier = history[index - delay]
+    """kappa s p^(3/2) of the penetration `delay` samples ago, less the lead; whether it was
+    in contact."""
+    earlier = history[index - max(delay - model.lead_samples, 0)]
     if earlier > model.contact_level:
         return 0.0, False
     p = max(-earlier, 0.0)
@@ -94,7 +97,7 @@ def _slope_command(model, history, index, delay):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _profile_command(model, start, index):
     """Profile value `index - start` samples after the trigger; whether it goes on."""
-    at = index - start
+    at = index - start + model.lead_samples
     if at >= model.profile.size:
         return 0.0, False
     return model.profile[at], True
@@ -148,11 +151,12 @@ def known_ahead(model, state):
         return 0
     last = counts[SAMPLES] - 1
     if model.law == PROFILE:
-        return max(counts[TRIGGER] + model.profile.size - last, 0)
-    for ahead in range(1, counts[DELAY] + 1):
-        if state.history[last + ahead - counts[DELAY]] > model.contact_level:
+        return max(counts[TRIGGER] + model.profile.size - model.lead_samples - last, 0)
+    back = max(counts[DELAY] - model.lead_samples, 0)
+    for ahead in range(1, back + 1):
+        if state.history[last + ahead - back] > model.contact_level:
             return ahead
-    return counts[DELAY]
+    return back
 
 
 @njit(cache=True, error_model="numpy")

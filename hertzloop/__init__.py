@@ -20,7 +20,8 @@ def _kernel_digest() -> str:
     root = Path(__file__).resolve().parent.parent
     digest = hashlib.sha256(sys.version.encode())
     for package in _KERNELS:
-        digest.update((root / package / "kernels.py").read_bytes())
+        for source in sorted((root / package).glob("*kernels.py")):
+            digest.update(source.read_bytes())
     return digest.hexdigest()[:16]
 
 

@@ -1,17 +1,37 @@
 """The command line. Exit codes: 0 done, 1 a run failed or recordings differ, 2 the user's
 mistake, 130 interrupted."""
 
-import json
 import signal
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from hertzloop import study_commands
+from hertzloop.options import (
+    ConfigOption,
+    ConnectOption,
+    HorizonOption,
+    JsonOption,
+    ListenOption,
+    MachineOption,
+    NameOption,
+    OverwriteOption,
+    SceneArgument,
+    SeedOption,
+    SetOption,
+    TimeoutOption,
+    TransportName,
+    WaitOption,
+    announce_compilation,
+    check_folder,
+    check_output,
+    scene_from,
+    write_json,
+)
 from hertzloop.process_frame import bus_address, framed, progress_reporter
-from hertzloop.scene import DEFAULT, Scene, SceneError, load, shipped
-from hertzloop.terminal import err, fail, out
+from hertzloop.scene import DEFAULT, load, shipped
+from hertzloop.terminal import err, fail, out, progress
 
 if TYPE_CHECKING:
     from recordings.reader import Recording
@@ -22,74 +42,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
 )
-
-SceneArgument = Annotated[str, typer.Argument(help="A shipped scene's name, or a .toml file.")]
-SetOption = Annotated[
-    list[str] | None, typer.Option("--set", help="Change a scene key, e.g. sensors.bits=12.")
-]
-SeedOption = Annotated[
-    int | None, typer.Option(help="Seed of all randomness; the scene's if left out.")
-]
-OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
-HorizonOption = Annotated[
-    int | None,
-    typer.Option(min=1, help="Most steps between two exchanges; as the law allows if left out."),
-]
-TimeoutOption = Annotated[
-    float, typer.Option(min=0.1, help="Longest wait for a message of another process, s.")
-]
-WaitOption = Annotated[
-    float, typer.Option(min=0.1, help="Longest wait for the other processes to appear, s.")
-]
-NameOption = Annotated[str, typer.Option(help="Name of the run on the bus.")]
-ListenOption = Annotated[list[str] | None, typer.Option(help="Endpoint to listen on.")]
-ConnectOption = Annotated[list[str] | None, typer.Option(help="Endpoint to connect to.")]
-ConfigOption = Annotated[
-    Path | None,
-    typer.Option(help="zenoh configuration (JSON5), e.g. for TLS and access control.", exists=True),
-]
-MachineOption = Annotated[bool, typer.Option("--machine", hidden=True)]
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")]
-
-
-TransportName = Literal["zenoh", "inprocess", "compiled"]
-
-
-def _scene(source: str, settings: list[str] | None, seed: int | None) -> Scene:
-    try:
-        scene = load(source, settings, seed)
-        from hertzloop import parts
-
-        parts.plant_spec(scene)
-        return scene
-    except SceneError as error:
-        fail(str(error), 2)
-
-
-def _check_output(path: Path, overwrite: bool, option: str = "--out") -> None:
-    if path.exists() and not path.is_file() and not overwrite:
-        fail(f"{path} is no file that could be written to", 2)
-    if path.is_file() and not overwrite:
-        fail(f"{path} exists; choose another name with {option}, or allow it with --overwrite", 2)
-    _check_folder(path)
-
-
-def _check_folder(path: Path | None) -> None:
-    if path is not None and not path.parent.is_dir():
-        fail(f"the folder {path.parent} does not exist", 2)
-
-
-def _write_json(path: Path | None, data: dict[str, Any]) -> None:
-    if path is None:
-        return
-    try:
-        path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        fail(f"cannot write {path}: {error.strerror}", 1)
-
-
-def _announce_compilation() -> None:
-    err.print("Compiling the kernels: once after every change of version, about half a minute.")
 
 
 @app.command()
@@ -112,11 +64,11 @@ def run(
     """Run a scene, record it, and print what happened with and without control."""
     from hertzloop.warmup import ensure_compiled
 
-    resolved = _scene(scene, settings, seed)
+    resolved = scene_from(scene, settings, seed)
     recording = out_file or Path(f"{resolved.name}.mcap")
-    _check_output(recording, overwrite)
-    _check_folder(json_file)
-    ensure_compiled(_announce_compilation)
+    check_output(recording, overwrite)
+    check_folder(json_file)
+    ensure_compiled(announce_compilation, resolved.run.scheme)
 
     from bus.port import BusError
     from bus.streams import StreamFault
@@ -133,21 +85,16 @@ def run(
         name=name,
         timeout_s=timeout,
     )
-    percent = TextColumn("{task.percentage:3.0f} %")
-    columns = (TextColumn("{task.description}"), BarColumn(), percent, TimeRemainingColumn())
     try:
-        with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-            task = bar.add_task(resolved.name, total=resolved.steps)
-            data = run_scene(
-                resolved, recording, options, lambda step: bar.update(task, completed=step)
-            )
+        with progress(resolved.name, resolved.steps) as advance:
+            data = run_scene(resolved, recording, options, advance)
     except KeyboardInterrupt:
         err.print(f"interrupted; what was recorded until now is in {recording}")
         raise typer.Exit(130) from None
     except (RunFailed, BusError, StreamFault, RecordingError) as error:
         fail(str(error), 1)
     report.print_run(out, data)
-    _write_json(json_file, data)
+    write_json(json_file, data)
 
 
 @app.command()
@@ -169,8 +116,8 @@ def plant(
     from hertzloop import processes
     from hertzloop.warmup import ensure_compiled
 
-    resolved = _scene(scene, settings, seed)
-    ensure_compiled(_announce_compilation)
+    resolved = scene_from(scene, settings, seed)
+    ensure_compiled(announce_compilation, resolved.run.scheme)
     with framed(PLANT, machine) as tell:
         address = bus_address(PLANT, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
@@ -198,7 +145,7 @@ def controller(
     from hertzloop import processes
     from hertzloop.warmup import ensure_compiled
 
-    ensure_compiled(_announce_compilation)
+    ensure_compiled(announce_compilation)
     with framed(CONTROLLER, machine) as tell:
         address = bus_address(CONTROLLER, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
@@ -222,7 +169,7 @@ def record(
     from bus.streams import RECORDER
     from hertzloop import processes
 
-    _check_output(out_file, overwrite)
+    check_output(out_file, overwrite)
     with framed(RECORDER, machine) as tell:
         address = bus_address(RECORDER, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
@@ -254,7 +201,7 @@ def inspect(file: FileArgument, json_file: JsonOption = None) -> None:
     recording = _read(file)
     data = inspection.summary(recording)
     inspection.show(out, recording, data)
-    _write_json(json_file, data)
+    write_json(json_file, data)
 
 
 @app.command()
@@ -306,7 +253,7 @@ def replay(
     """Watch a recording in slow motion: plate, forces, events. Opens a window by default."""
     for option, output in (("--save", save), ("--screenshot", screenshot)):
         if output is not None:
-            _check_output(output, overwrite, option)
+            check_output(output, overwrite, option)
     recording = _read(file)
 
     # Here and not above: Rerun takes a second to load, and only a replay needs it.
@@ -346,7 +293,7 @@ def recover(
     from recordings.writer import RecordingError
 
     whole = out_file or file.with_name(f"{file.stem}-recovered.mcap")
-    _check_output(whole, overwrite)
+    check_output(whole, overwrite)
     try:
         messages = recover_file(file, whole, overwrite)
     except RecordingError as error:
@@ -362,24 +309,7 @@ def scenes() -> None:
         out.print(f"[bold]{name}[/bold]{note}\n    {load(name).shows}", soft_wrap=True)
 
 
-@app.command()
-def bench(json_file: JsonOption = None) -> None:
-    """What a plant step, an exchange and the whole loop cost on this machine."""
-    from bus.port import BusError
-    from hertzloop import report
-    from hertzloop.launcher import RunFailed
-    from hertzloop.warmup import ensure_compiled
-    from studies import baseline
-
-    _check_folder(json_file)
-    ensure_compiled(_announce_compilation)
-    try:
-        data = baseline.measure()
-    except (RunFailed, BusError) as error:
-        fail(str(error), 1)
-    for title, costs in data.items():
-        out.print(report.cost_table(title, costs))
-    _write_json(json_file, data)
+study_commands.register(app)
 
 
 def main() -> None:

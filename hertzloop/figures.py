@@ -6,46 +6,50 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop import parts
-from hertzloop.compiled import Truth
+from hertzloop.impact_rows import F_C, consistent_impacts, impacts_of_rows
+from hertzloop.plant_node import TRUTH_FIELDS
 from hertzloop.scene import Scene
-from plant.impacts import Impact, impacts
 from recordings.reader import Recording
 
 
-def impacts_in_recording(scene: Scene, recording: Recording) -> list[Impact]:
-    """Impacts of a recorded run."""
-    a = recording.truth.arrays
+def rows_of(recording: Recording) -> np.ndarray:
+    """Rows of truth of a recording, shape (7, steps); the actuator's place is the struck point
+    where the recording does not say otherwise."""
+    arrays = recording.truth.arrays
     if not recording.truth.samples:
-        return []
-    return _impacts(
-        scene, [a[n] for n in ("xi_m", "xi_s_m", "xi_p_m", "f_c_n", "f_a_n")], a.get("xi_a_m")
-    )
+        return np.zeros((len(TRUTH_FIELDS), 0))
+    return np.stack([arrays.get(name, arrays["xi_p_m"]) for name in TRUTH_FIELDS])
 
 
-def impacts_in_memory(scene: Scene, truth: Truth) -> list[Impact]:
-    """Impacts of a run that was only simulated."""
-    xi, xi_s, xi_p, _, f_c, f_a, xi_a = truth.rows
-    apart = parts.plant_spec(scene)
-    same = apart.contact_point_m == apart.actuator_point_m
-    return _impacts(scene, [xi, xi_s, xi_p, f_c, f_a], None if same else xi_a)
+def figures_of(scene: Scene, rows: np.ndarray) -> dict[str, list[dict[str, float]]]:
+    """Impacts and their noise figures for --json from rows of truth.
 
-
-def _impacts(scene: Scene, rows: list[np.ndarray], xi_a: np.ndarray | None) -> list[Impact]:
-    xi, xi_s, xi_p, f_c, f_a = rows
-    mass = parts.plant_spec(scene).sphere.mass_kg
-    return impacts(xi, xi_s, xi_p, f_c, f_a, xi_a, mass, scene.step_s)
-
-
-def as_json(found: list[Impact]) -> list[dict[str, float]]:
-    """Impacts for --json; keys are the attribute names."""
-    return [asdict(impact) for impact in found]
+    Two lists of the same length: `impacts` with keys as in `Impact`, `noise` as in
+    `ImpactNoise`. Impacts of the published scheme have the study's figures: contact time by
+    samples, plate energy as the published sum.
+    """
+    found = impacts_of_rows(scene, rows)
+    if scene.run.scheme == "modal":
+        listed = [asdict(impact) for impact in consistent_impacts(scene, rows)]
+    else:
+        listed = [
+            {
+                "start_s": impact.start * scene.step_s,
+                "duration_s": impact.noise.contact_time_s,
+                "impact_speed_m_s": impact.noise.impact_speed_m_s,
+                "rebound_speed_m_s": impact.noise.next_impact_speed_m_s,
+                "peak_force_n": float(rows[F_C, impact.start : impact.end].max()),
+                "plate_energy_j": impact.noise.transmitted_j,
+            }
+            for impact in found
+        ]
+    return {"impacts": listed, "noise": [asdict(impact.noise) for impact in found]}
 
 
 def run_report(
     scene: Scene,
     recording: Recording,
-    uncontrolled: list[Impact],
+    uncontrolled: dict[str, list[dict[str, float]]],
     *,
     transport: str,
     wall_s: float,
@@ -59,6 +63,7 @@ def run_report(
         "scene": scene.name,
         "seed": scene.run.seed,
         "transport": transport,
+        "scheme": scene.run.scheme,
         "steps": scene.steps,
         "wall_s": wall_s,
         "real_time_factor": scene.run.duration_s / wall_s if wall_s else math.inf,
@@ -69,7 +74,7 @@ def run_report(
         "expected_error": books.expected_error,
         "requested_accuracy": scene.run.accuracy,
         "newton_iterations_max": books.newton_iterations_max,
-        "impacts": as_json(impacts_in_recording(scene, recording)),
-        "uncontrolled": {"impacts": as_json(uncontrolled)},
+        **figures_of(scene, rows_of(recording)),
+        "uncontrolled": uncontrolled,
         "recording": str(recording.path),
     }

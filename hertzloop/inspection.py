@@ -44,10 +44,10 @@ def summary(recording: Recording) -> dict[str, Any]:
         }
     try:
         scene = parse(recording.scene_toml)
-        data["impacts"] = figures.as_json(figures.impacts_in_recording(scene, recording))
+        data |= figures.figures_of(scene, figures.rows_of(recording))
     except SceneError as error:
         data["problems"] = [*recording.problems, f"the scene inside cannot be read: {error}"]
-        data["impacts"] = []
+        data |= {"impacts": [], "noise": []}
     return data
 
 
@@ -62,6 +62,8 @@ def show(console: Console, recording: Recording, data: dict[str, Any]) -> None:
     table.add_row("/events", f"{len(data['events']):,}", "", "")
     console.print(table)
     console.print(report.impacts_table("Impacts", data["impacts"]))
+    if data["noise"]:
+        console.print(report.noise_table([("", data["noise"][0])]))
     if "residuals" in data:
         console.print(
             f"Residuals: energy {data['residuals']['energy']:.1e}, "

@@ -12,6 +12,7 @@ from numba import njit
 
 from controller import kernels as ck
 from plant import kernels as pk
+from plant.schemes import step as step_plant
 from sensors import kernels as sk
 
 # Columns of a truth window, in the order of the message's fields.
@@ -82,9 +83,9 @@ def _step_and_record(plant, plant_state, f_a, window):
     truth[0, row] = body[pk.XI]
     truth[1, row] = body[pk.XI_S]
     truth[2, row] = body[pk.XI_P]
-    truth[3, row] = body[pk.V_P]
     truth[6, row] = body[pk.XI_A]
-    truth[4, row] = pk.step(plant, plant_state, f_a)
+    truth[4, row] = step_plant(plant, plant_state, f_a)
+    truth[3, row] = body[pk.V_P_OF_STEP]
     truth[5, row] = f_a
     window.counts[TRUTH_END] += 1
 

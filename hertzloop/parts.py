@@ -9,6 +9,7 @@ from plant.materials import MATERIALS
 from plant.model_order import expected_error, frequency_limit_hz
 from plant.plant import Plant, PlantSpec
 from plant.plate import Plate
+from plant.thesis2008 import ThesisPlant
 from sensors.acquisition import Quantity, Sensor, SensorSpec
 
 _MAX_MODES = 500_000
@@ -23,7 +24,9 @@ def plant_spec(scene: Scene) -> PlantSpec:
     table = scene.plate
     plate = Plate(MATERIALS[table.material], table.size_m, table.thickness_m, table.loss_factor)
     contact = _contact(scene, sphere, plate)
-    limit = frequency_limit_hz(sphere, plate, contact, scene.step_s, scene.run.accuracy)
+    limit = 0.5 / scene.step_s  # thesis2008: all modes to pi/dt
+    if scene.run.scheme == "modal":
+        limit = frequency_limit_hz(sphere, plate, contact, scene.step_s, scene.run.accuracy)
     # Modal density of a plate: area/(4 pi) sqrt(m''/B') modes per rad/s.
     density = math.sqrt(plate.mass_per_area_kg_m2 / plate.bending_stiffness_n_m) / (4 * math.pi)
     modes = density * table.size_m[0] * table.size_m[1] * 2 * math.pi * limit
@@ -53,12 +56,22 @@ def _contact(scene: Scene, sphere: Sphere, plate: Plate) -> Contact:
     if table.damping == "hunt_crossley":
         d = hunt_crossley_parameter(table.restitution, sphere.impact_speed_m_s)
         return Contact(stiffness, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=d)
+    if table.damping == "relaxation":
+        return Contact(
+            stiffness,
+            Damping.RELAXATION,
+            relaxation_stiffness=table.relaxation_stiffness,
+            relaxation_s=table.relaxation_s,
+            extra_state=table.relaxation_solve == "bracketed",
+        )
     return Contact(stiffness)
 
 
-def plant(scene: Scene) -> Plant:
+def plant(scene: Scene) -> Plant | ThesisPlant:
     """The plant at the start of its run."""
     try:
+        if scene.run.scheme == "thesis2008":
+            return ThesisPlant(plant_spec(scene), scene.steps)
         return Plant(plant_spec(scene))
     except ValueError as error:
         raise SceneError(str(error)) from error
@@ -105,14 +118,19 @@ def controller(scene: Scene, stiffness: float) -> Controller:
         profile = (table.force_n,) * samples(table.duration_us)
     elif table.law == "profile":
         profile = table.profile_n
+    elif table.law == "precomputed":
+        from hertzloop.precomputed import force_n  # it simulates, which needs these parts
+
+        profile = force_n(scene)
     if profile:
         profile = (0.0,) * samples(table.delay_us) + profile
     law = LawSpec(
-        law=Law[table.law.upper()],
+        law=Law.PROFILE if table.law == "precomputed" else Law[table.law.upper()],
         stiffness=stiffness,
         kappa=table.kappa,
         v_thr_m_s=table.v_thr_m_s,
         profile_n=profile,
+        lead_samples=samples(table.lead_us),
     )
     line = LineSpec(
         latency_steps=scene.in_steps(table.latency_us),

@@ -19,7 +19,6 @@ from hertzloop import parts
 from hertzloop.events import PlantEvents, log
 from hertzloop.scene import Scene, to_toml
 from plant import kernels as pk
-from plant.plant import Plant
 
 BLOCK_STEPS = 1000  # steps in a block of truth, samples in a block at most
 _AHEAD_BLOCKS = 64  # samples that may be on their way while the controller has promised zero
@@ -136,7 +135,7 @@ class PlantStreams:
 
     def finish(self) -> None:
         """Publish the books and the counts."""
-        plant: Plant = self.plant
+        plant = self.plant
         closed = plant.close_books()
         header = Books(
             **vars(closed),

@@ -73,7 +73,7 @@ def run_scene(
     return figures.run_report(
         scene,
         recorded,
-        figures.impacts_in_memory(without, simulate(without)),
+        figures.figures_of(without, simulate(without).rows),
         transport=options.transport.value,
         wall_s=stats["wall_s"],
         exchanges=int(stats["exchanges"]),

@@ -10,6 +10,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 _MAX_STEPS = 20_000_000
+_MAX_THESIS_STEPS = 500_000
 
 
 class SceneError(ValueError):
@@ -22,6 +23,10 @@ class _Table(BaseModel):
 
 Point = tuple[float, float]
 MaterialName = Literal["steel", "aluminium", "oak", "sylomer_m"]
+PrecomputedName = Literal[
+    "F_a1", "F_a2", "F_a3", "F_a4", "F_a5", "F_a6", "F_a7", "F_a8", "F_a9", "F_a10", "F_a11",
+    "F_a12", "F_a13", "F_mobility",
+]  # fmt: skip
 
 
 class SphereTable(_Table):
@@ -46,11 +51,14 @@ class PlateTable(_Table):
 
 
 class ContactTable(_Table):
-    """Damping inside the contact."""
+    """Damping inside the contact; `relaxation_*` are s_tau (N/m^1.5), tau (s) and the solve."""
 
-    damping: Literal["none", "viscous", "hunt_crossley"] = "none"
+    damping: Literal["none", "viscous", "hunt_crossley", "relaxation"] = "none"
     viscous_n_s_m: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
     restitution: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+    relaxation_stiffness: Annotated[float, Field(ge=0.0, le=1e18)] = 0.0
+    relaxation_s: Annotated[float, Field(gt=0.0, le=1e3)] = 1e-3
+    relaxation_solve: Literal["published", "bracketed"] = "bracketed"
 
 
 class SensorsTable(_Table):
@@ -65,13 +73,16 @@ class SensorsTable(_Table):
 
 
 class ControllerTable(_Table):
-    """Force law and the line to the actuator."""
+    """Force law and the line to the actuator. `precomputed` names one of the study's forces;
+    with `lead_us` the law commands what is due that much later."""
 
-    law: Literal["off", "slope_threshold", "constant", "profile"] = "slope_threshold"
+    law: Literal["off", "slope_threshold", "constant", "profile", "precomputed"] = "slope_threshold"
     kappa: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.8
     v_thr_m_s: Annotated[float, Field(ge=-1e3, le=1e3)] = -0.25
     force_n: float = 0.0
     profile_n: tuple[float, ...] = ()
+    precomputed: PrecomputedName = "F_a2"
+    lead_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     delay_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     duration_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     latency_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
@@ -83,9 +94,11 @@ class ControllerTable(_Table):
 
 
 class RunTable(_Table):
-    """Length, step, accuracy and seed. The run starts `lead_in_s` before the first contact."""
+    """Length, scheme, step, accuracy and seed. The run starts `lead_in_s` before the first
+    contact."""
 
     duration_s: Annotated[float, Field(gt=0.0)]
+    scheme: Literal["modal", "thesis2008"] = "modal"
     lead_in_s: Annotated[float, Field(ge=0.0)] = 1e-3
     step_ns: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
     accuracy: Annotated[float, Field(ge=1e-9, le=0.5)] = 1e-3
@@ -141,7 +154,7 @@ def _problems(scene: Scene) -> "list[str]":
             f"run.duration_s = {run.duration_s:g} makes {scene.steps} steps of run.step_ns = "
             f"{run.step_ns}; a run has 1 to {_MAX_STEPS} steps"
         )
-    for key in ("latency_us", "jitter_us", "delay_us", "duration_us"):
+    for key in ("latency_us", "jitter_us", "lead_us", "delay_us", "duration_us"):
         value = getattr(control, key)
         if abs(value * 1000 / run.step_ns - scene.in_steps(value)) > 1e-9 * max(1.0, value):
             found.append(
@@ -153,6 +166,7 @@ def _problems(scene: Scene) -> "list[str]":
             f"sensors.quantity = '{scene.sensors.quantity}' does not fit controller.law = "
             f"'{control.law}', which works on the penetration; take 'xi', or law 'off'"
         )
+    found += _scheme_problems(scene)
     if control.law == "profile" and not control.profile_n:
         found.append("controller.profile_n is empty; law 'profile' needs one force (N) a sample")
     if control.law == "constant" and control.duration_us == 0:
@@ -174,6 +188,35 @@ def _problems(scene: Scene) -> "list[str]":
     if scene.sensors.bits != "ideal" and limits == "none":
         found.append(
             f"sensors.bits = {scene.sensors.bits} needs a range in sensors.full_scale, not 'none'"
+        )
+    return found
+
+
+def _scheme_problems(scene: Scene) -> "list[str]":
+    """What the chosen scheme does not know."""
+    if scene.run.scheme == "modal":
+        if scene.contact.damping != "relaxation":
+            return []
+        return [
+            "contact.damping = 'relaxation' is known to run.scheme = 'thesis2008' only; take "
+            "'none', 'viscous' or 'hunt_crossley', or that scheme"
+        ]
+    found = []
+    if scene.contact.damping == "hunt_crossley":
+        found.append(
+            "contact.damping = 'hunt_crossley' is not known to run.scheme = 'thesis2008'; take "
+            "'none', 'viscous' or 'relaxation', or the scheme 'modal'"
+        )
+    point = scene.plate.actuator_point_m
+    if point is not None and point != scene.plate.contact_point_m:
+        found.append(
+            f"plate.actuator_point_m = {list(point)} does not fit run.scheme = 'thesis2008', which "
+            "knows a force at the struck point only; leave the key out, or take the scheme 'modal'"
+        )
+    if scene.steps > _MAX_THESIS_STEPS:
+        found.append(
+            f"run.duration_s = {scene.run.duration_s:g} makes {scene.steps} steps; run.scheme = "
+            f"'thesis2008' takes up to {_MAX_THESIS_STEPS}, as the work grows with their square"
         )
     return found
 

@@ -6,15 +6,21 @@ from tempfile import TemporaryDirectory
 
 from hertzloop import kernel_cache
 
-
-def is_compiled() -> bool:
-    """Whether an earlier call has filled the cache of these kernels."""
-    return (kernel_cache() / ".compiled").exists()
+_SCENES = {"modal": "aluminium-3mm", "thesis2008": "thesis-aluminium"}
 
 
-def ensure_compiled(announce: Callable[[], None]) -> None:
+def _marker(scheme: str) -> Path:
+    return kernel_cache() / f".compiled-{scheme}"
+
+
+def is_compiled(scheme: str = "modal") -> bool:
+    """Whether an earlier call has filled the cache with the kernels of a scheme."""
+    return _marker(scheme).exists()
+
+
+def ensure_compiled(announce: Callable[[], None], scheme: str = "modal") -> None:
     """Run every kernel for a moment if the cache is empty; calls `announce` before."""
-    if is_compiled():
+    if is_compiled(scheme):
         return
     announce()
     from hertzloop.inprocess import record_in_process
@@ -22,7 +28,7 @@ def ensure_compiled(announce: Callable[[], None]) -> None:
 
     # A run through each port compiles every kernel that any of them calls.
     with TemporaryDirectory() as folder:
-        scene = load("aluminium-3mm", ["run.duration_s=0.0015", "plate.loss_factor=0.01"])
+        scene = load(_SCENES[scheme], ["run.duration_s=0.0015", "plate.loss_factor=0.01"])
         record_in_process(scene, Path(folder) / "a.mcap", compiled=False)
         record_in_process(scene, Path(folder) / "b.mcap", compiled=True)
-    (kernel_cache() / ".compiled").touch()
+    _marker(scheme).touch()

@@ -17,6 +17,7 @@ class Damping(IntEnum):
     NONE = 0
     VISCOUS = 1  # F = c dp/dt
     HUNT_CROSSLEY = 2  # F = d s p^(3/2) dp/dt
+    RELAXATION = 3  # F = -(s_tau/tau) sqrt(p) int p(t') exp(-(t - t')/tau) dt' (thesis2008 only)
 
 
 @dataclass(frozen=True)
@@ -42,13 +43,18 @@ class Sphere:
 class Contact:
     """Contact force s p^(3/2) plus damping; p = penetration in m, s in N/m^1.5.
 
-    `viscous_n_s_m` is c, `hunt_crossley_s_m` is d of the family in `damping`.
+    `viscous_n_s_m` is c, `hunt_crossley_s_m` is d of the family in `damping`;
+    `relaxation_stiffness` is s_tau (N/m^1.5), `relaxation_s` is tau, `extra_state` whether
+    the relaxation's memory is one extra state, solved with a bracket, or the published sum.
     """
 
     stiffness: float
     damping: Damping = Damping.NONE
     viscous_n_s_m: float = 0.0
     hunt_crossley_s_m: float = 0.0
+    relaxation_stiffness: float = 0.0
+    relaxation_s: float = 0.0
+    extra_state: bool = False
 
 
 def hertz_stiffness(radius_m: float, sphere: Material, plate: Material) -> float:

@@ -21,7 +21,9 @@ from numba import njit
 LANES = 48  # oscillators summed side by side; 1104 frequencies are exactly 23 rows
 
 # Indices into PlantState.body (m, m/s, N).
-XI, XI_S, XI_P, V_P, A_P, F_C, F_A, XI_A, FLIGHT_X, FLIGHT_V, XI_P_START = range(11)
+# V_P_OF_STEP: plate velocity at the start of the last step, as a scheme knows it once that
+# step's forces are known.
+XI, XI_S, XI_P, V_P, A_P, F_C, F_A, XI_A, FLIGHT_X, FLIGHT_V, V_P_OF_STEP = range(11)
 BODY_SIZE = 11
 # First index into PlantModel.table. C and A: change of z over a step by a unit force (up
 # on the plate) at the contact and at the actuator; SWING: the same less the rest position;
@@ -216,14 +218,16 @@ def solve_contact(model, xi0, xi_free, gain):
         else:
             low = max(low, xi1)
         trial = xi1 - residual / (1.0 - gain * slope)
+        exhausted = False
         if not low <= trial <= high or (iteration > _NEWTON_ALLOWED and iteration % 2 == 0):
             trial = 0.5 * (low + high)
+            exhausted = trial <= low or trial >= high  # no double lies in between
         moved = abs(trial - xi1)
         xi1 = trial
         force, damping, slope = contact_force(model, xi0, xi1)
         residual = xi1 - (xi_free + gain * force)
         scale = abs(xi1) + abs(xi_free) + abs(gain * force)
-        if abs(residual) <= _ROUNDING * scale or moved == 0.0 or low == high:
+        if abs(residual) <= _ROUNDING * scale or moved == 0.0 or exhausted:
             return force, damping, iteration + 1
     return force, damping, _MAX_ITERATIONS
 
@@ -411,6 +415,7 @@ def step(model, state, f_a):
         state.books[CONTACT_IMPULSE] += f_c * h
         state.books[CONTACT_DISSIPATED] -= f_damping * (sphere - plate - body[XI])
     speed = v + model.speed_gain_ca * f_a - model.speed_gain_cc * f_c
+    body[V_P_OF_STEP] = body[V_P]
     actuator = y + model.gain_aa * f_a - model.gain_ac * f_c
     state.books[INJECTED] += f_a * (actuator - body[XI_A])
     body[A_P] = (speed - body[V_P]) / h

@@ -94,11 +94,13 @@ def step_costs(rounds: int = _ROUNDS) -> list[Cost]:
     cases: dict[str, Callable[[], float]] = {}
     for accuracy in (1e-3, 1e-2, 1e-1):
         scene = load("aluminium-20mm", [f"run.accuracy={accuracy}", "run.lead_in_s=0"])
-        count = len(parts.plant(scene).modes.omega)
+        count = len(Plant(parts.plant_spec(scene)).modes.omega)
         if not cases:
             cases[f"two-pass loop, {count} frequencies"] = _two_pass_case(count)
         for name, contact in (("flight", False), ("contact", True)):
-            cases[f"{name}, {count} frequencies"] = _plant_case(parts.plant(scene), contact=contact)
+            cases[f"{name}, {count} frequencies"] = _plant_case(
+                Plant(parts.plant_spec(scene)), contact=contact
+            )
     return _in_turn(cases, rounds)
 
 

@@ -11,6 +11,7 @@ VALUES = st.one_of(_FEW, st.floats(-3.0, 1.0).map(lambda x: round(x, 3)))
 SEQUENCES = st.lists(VALUES, min_size=1, max_size=60)
 THRESHOLDS = st.sampled_from([-2.0, -0.25, 0.0, 0.4])
 LEVELS = st.sampled_from([0.0, 0.25, -0.25])
+LEADS = st.sampled_from([0, 0, 1, 3])
 PROFILES = st.lists(st.sampled_from([0.0, 1.5, -2.0]), max_size=6).map(tuple)
 
 LAWS = st.one_of(
@@ -21,6 +22,7 @@ LAWS = st.one_of(
         st.sampled_from([0.8, -0.4]),
         THRESHOLDS,
         contact_level=LEVELS,
+        lead_samples=LEADS,
     ),
     st.builds(
         LawSpec,
@@ -28,6 +30,7 @@ LAWS = st.one_of(
         st.just(1.0),
         profile_n=PROFILES,
         contact_level=LEVELS,
+        lead_samples=LEADS,
     ),
     st.just(LawSpec(Law.OFF, 1.0)),
 )

@@ -13,6 +13,7 @@ from hertzloop.scene import DEFAULT, Scene, SceneError, load, parse, shipped, to
 
 def test_the_scenes_that_come_with_it() -> None:
     names = {"aluminium-3mm", "aluminium-20mm", "oak-20mm", "sylomer-20mm", "offcentre-6mm"}
+    names |= {"thesis-aluminium", "thesis-oak", "thesis-sylomer"}
     assert set(shipped()) == names
     assert shipped()[0] == DEFAULT == "aluminium-3mm"
     for name in names:

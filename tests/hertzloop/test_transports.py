@@ -34,6 +34,17 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
          "controller.profile_n=[5.0, -3.0, 8.0, 1.5]", "sensors.every_steps=2"],
     ),
     "no control": ("aluminium-3mm", ["run.duration_s=0.0025", "controller.law=off"]),
+    "published scheme": ("thesis-aluminium", ["sphere.radius_m=0.003"]),
+    "pre-computed force": (
+        "thesis-aluminium",
+        ["controller.law=precomputed", "controller.precomputed=F_a10", "controller.kappa=-0.4",
+         "controller.delay_us=3"],
+    ),
+    "pre-computed, consistent": (
+        "aluminium-3mm",
+        ["run.duration_s=0.003", "controller.law=precomputed", "controller.precomputed=F_a6",
+         "controller.lead_us=1"],
+    ),
     "blocks that do not fit": ("aluminium-3mm", ["run.duration_s=0.002717"]),
     "a single step": ("aluminium-3mm", ["run.duration_s=1e-6"]),
 }  # fmt: skip

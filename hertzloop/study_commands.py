@@ -1,0 +1,167 @@
+"""Commands that run a study; each loads what it needs when it is called."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+from rich.table import Table
+
+from hertzloop.options import (
+    JsonOption,
+    SceneArgument,
+    SetOption,
+    announce_compilation,
+    check_folder,
+    scene_from,
+    write_json,
+)
+from hertzloop.terminal import err, fail, out, progress
+
+SchemeName = Literal["thesis2008", "modal"]
+
+
+def bench(json_file: JsonOption = None) -> None:
+    """What a plant step, an exchange and the whole loop cost on this machine."""
+    from bus.port import BusError
+    from hertzloop import report
+    from hertzloop.launcher import RunFailed
+    from hertzloop.warmup import ensure_compiled
+    from studies import baseline
+
+    check_folder(json_file)
+    ensure_compiled(announce_compilation)
+    try:
+        data = baseline.measure()
+    except (RunFailed, BusError) as error:
+        fail(str(error), 1)
+    for title, costs in data.items():
+        out.print(report.cost_table(title, costs))
+    write_json(json_file, data)
+
+
+def tables(
+    rows_file: Annotated[Path, typer.Argument(metavar="ROWS.csv", help="Rows to compute.")],
+    out_file: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Table to write; to the screen if left out.")
+    ] = None,
+    scheme: Annotated[SchemeName, typer.Option(help="How the plant is computed.")] = "thesis2008",
+    json_file: JsonOption = None,
+) -> None:
+    """Compute every row of a published table again, beside what was published."""
+    from hertzloop.warmup import ensure_compiled
+    from studies import tables as study
+
+    for path in (out_file, json_file):
+        check_folder(path)
+    if out_file is not None and out_file.resolve() == rows_file.resolve():
+        fail(f"{out_file} is the table to read; write to another file", 2)
+    try:
+        header, rows = study.read_rows(rows_file)
+        ensure_compiled(announce_compilation, scheme)
+        with progress(rows_file.name, len(rows)) as advance:
+            new_header, new_rows, endless = study.compute_table(header, rows, scheme, advance)
+    except study.RowError as error:
+        fail(str(error), 2)
+    try:
+        study.write_table(out_file, new_header, new_rows)
+    except OSError as error:
+        fail(f"cannot write {out_file}: {error.strerror}", 1)
+    console = out if out_file else err
+    agreements, shares = study.agreement(new_rows), study.shares(new_rows)
+    if agreements:
+        console.print(_agreement_table(scheme, [vars(a) for a in agreements], study.UNITS))
+    for what, share in shares.items():
+        console.print(f"{what}: {100.0 * share:.0f} % of the rows")
+    if endless:
+        console.print(f"{endless} of {len(new_rows)} contacts do not end; their cells are empty")
+    if out_file:
+        console.print(f"{len(new_rows)} rows written: {out_file}", soft_wrap=True)
+    data = {"agreement": [vars(a) for a in agreements], "shares": shares, "endless": endless}
+    write_json(json_file, {"rows": len(new_rows), "scheme": scheme, **data})
+
+
+def _agreement_table(scheme: str, agreements: list[dict[str, Any]], units: dict[str, str]) -> Table:
+    table = Table(title=f"{scheme} against the published rows", title_justify="left")
+    for heading in ("figure", "rows", "median off by", "worst", "in row"):
+        table.add_column(heading, justify="left" if heading == "figure" else "right")
+    for a in agreements:
+        unit = units.get(a["column"], "dB")
+        table.add_row(
+            a["column"], str(a["rows"]), f"{a['median']:.3f} {unit}", f"{a['worst']:.3f} {unit}",
+            str(a["worst_row"]),
+        )  # fmt: skip
+    return table
+
+
+def calibrate(
+    scene: SceneArgument = "thesis-aluminium",
+    restitution: Annotated[
+        float | None,
+        typer.Option(help="Target, relative velocity after over before; the plate material's."),
+    ] = None,
+    relaxation_s: Annotated[
+        float, typer.Option(min=1e-7, help="Time constant tau of the relaxation, s.")
+    ] = 1e-3,
+    settings: SetOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Damping parameters of the published scheme for a coefficient of restitution."""
+    from hertzloop import parts
+    from plant import calibration
+    from plant.materials import MATERIALS
+
+    resolved = scene_from(scene, settings, None)
+    check_folder(json_file)
+    target = restitution or MATERIALS[resolved.plate.material].restitution
+    spec = parts.plant_spec(resolved)
+    data = {"restitution": target, "relaxation_s": relaxation_s}
+    try:
+        data["viscous_n_s_m"] = calibration.calibrate_viscous(spec, target)
+        data["relaxation_stiffness"] = calibration.calibrate_relaxation(spec, target, relaxation_s)
+    except ValueError as error:
+        fail(str(error), 2)
+    for key, value in data.items():
+        out.print(f"{key} = {value:.8g}")
+    write_json(json_file, data)
+
+
+def weaknesses(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for chart and numbers.")],
+) -> None:
+    """Where the published numerics fail, beside the consistent scheme: chart and numbers."""
+    from hertzloop.warmup import ensure_compiled
+    from studies import weaknesses as study
+
+    for scheme in ("modal", "thesis2008"):
+        ensure_compiled(announce_compilation, scheme)
+    _make_folder(folder)
+    for table in study.run(folder):
+        out.print(table)
+    out.print(f"written: {folder}", soft_wrap=True)
+
+
+def figures(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for the pictures.")],
+) -> None:
+    """The study's figures redrawn from our own runs, published and consistent scheme."""
+    from hertzloop.warmup import ensure_compiled
+    from studies import figures as study
+
+    for scheme in ("modal", "thesis2008"):
+        ensure_compiled(announce_compilation, scheme)
+    _make_folder(folder)
+    for path in study.draw(folder):
+        out.print(f"written: {path}", soft_wrap=True)
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        fail(f"cannot write into {folder}: {error.strerror}", 2)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    for command in (tables, figures, weaknesses, calibrate, bench):
+        app.command()(command)

@@ -1,0 +1,104 @@
+"""Noise figures: closed forms, published constants, and energies that must agree."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plant import noise
+from plant.materials import MATERIALS
+from plant.plant import Plant
+from plant.plate import Plate
+from tests.plant.rigs import run, spec
+
+PLATES = {
+    "aluminium": (Plate(MATERIALS["aluminium"], (0.5, 0.5), 0.003), 3869.0),
+    "oak": (Plate(MATERIALS["oak"], (0.5, 0.5), 0.01), 7504.0),
+    "sylomer_m": (Plate(MATERIALS["sylomer_m"], (0.5, 0.5), 0.0125), 80738.0),
+}
+FREQUENCIES = np.geomspace(20.0, 2e5, 4000)
+
+
+@pytest.mark.parametrize("name", PLATES)
+def test_critical_frequency_is_the_published_one(name: str) -> None:
+    plate, published = PLATES[name]
+    assert noise.critical_frequency_hz(plate) == pytest.approx(published, rel=5e-4)
+
+
+@pytest.mark.parametrize("name", PLATES)
+def test_radiation_efficiencies(name: str) -> None:
+    plate, critical = PLATES[name]
+    below, above = critical < FREQUENCIES, critical * 1.001 > FREQUENCIES
+    simple = noise.radiation_efficiency(plate, FREQUENCIES)
+    assert np.all(np.diff(simple[~below]) > 0)
+    assert np.all(simple[~above] == 1.0)
+    maidanik = noise.radiation_efficiency_maidanik(plate, FREQUENCIES)
+    assert np.all(maidanik > 0)
+    limit = 2 * math.sqrt(0.5 * critical / 340)
+    assert maidanik.max() <= limit * 1.001
+    high = np.array([50 * critical])
+    assert noise.radiation_efficiency_maidanik(plate, high)[0] == pytest.approx(1.0, abs=0.02)
+
+
+def test_edge_efficiency_far_below_the_critical_frequency() -> None:
+    """Maidanik's edge modes tend to U c/(pi^2 f_c S) sqrt(f/f_c), which the study uses."""
+    plate, critical = PLATES["sylomer_m"]
+    f = np.array([0.52 * critical])  # just above f_c/2: no corner modes
+    a = math.sqrt(0.52)
+    rest = 1 - a * a
+    shape = (rest * math.log((1 + a) / (1 - a)) + 2 * a) / (4 * math.pi**2 * rest**1.5)
+    expected = 2.0 / 0.25 * 340 / critical * shape
+    assert noise.radiation_efficiency_maidanik(plate, f)[0] == pytest.approx(expected, rel=1e-3)
+
+
+@given(st.floats(1e-6, 1e-2), st.floats(1e-6, 1e-2))
+def test_holmes_falls_with_the_fifth_power_of_the_contact_time(t0: float, t1: float) -> None:
+    ratio = noise.holmes_j(0.02, 1.0, t1) / noise.holmes_j(0.02, 1.0, t0)
+    assert 10 * math.log10(ratio) == pytest.approx(-50 * math.log10(t1 / t0), abs=1e-9)
+
+
+def test_published_peak_pressure_and_longhorn_rows() -> None:
+    """Rows B.16: pup from dT alone, EAL from vnext (restitution 0.7)."""
+    for dt, pup in ((0.7, -0.92), (1.9, -2.08), (4.6, -3.8), (11.6, -8.77), (31.2, -22.91)):
+        ratio = noise.peak_pressure_pa(0.02, 1, (35 + 10 * dt) * 1e-6) / noise.peak_pressure_pa(
+            0.02, 1, 35e-6
+        )
+        assert 20 * math.log10(ratio) == pytest.approx(pup, abs=0.011)
+    for vnext, eal in ((0.64, -0.93), (0.33, -1.5), (0.11, -1.7)):
+        ratio = noise.longhorn_j(0.02, 1, 0.7 * vnext) / noise.longhorn_j(0.02, 1, 0.7)
+        assert 10 * math.log10(ratio) == pytest.approx(eal, abs=0.04)
+    assert noise.longhorn_j(0.02, 2.0, 1.0) == pytest.approx(math.pi * 8e-6 / 3 * 1.2 * 5)
+    assert noise.rebound_height_m(-1.0) == 0.0
+    assert noise.rebound_height_m(0.99045) == pytest.approx(0.05, rel=1e-4)
+
+
+def test_spectrum_of_steps_is_exact() -> None:
+    force = np.array([0.0, 2.0, -1.0, 0.5, 0.0, 0.0, 3.0])
+    h, f = 1e-4, np.array([0.0, 123.4, 999.0, 7777.0])
+    fine = (np.arange(7 * 20000) + 0.5) * h / 20000
+    signal = np.repeat(force, 20000)
+    expected = [np.sum(signal * np.exp(-2j * np.pi * x * fine)) * h / 20000 for x in f]
+    np.testing.assert_allclose(noise.force_spectrum(force, h, f), expected, rtol=1e-7, atol=1e-12)
+    assert not noise.force_spectrum(np.zeros(5), h, f).any()
+
+
+@pytest.mark.parametrize("beside", [None, (0.28, 0.21)])
+def test_spectrum_gives_the_energy_that_an_undamped_plate_took(
+    beside: tuple[float, float] | None,
+) -> None:
+    plant = Plant(spec(loss_factor=0.0, actuator_point_m=beside, limit_hz=60e3))
+    rows = run(plant, 300, 20.0 * np.sin(np.arange(300) / 9.0))
+    books = plant.close_books()
+    shares = noise.modal_shares_j(plant.spec.plate, plant.modes, -rows.f_c, rows.f_a, 1e-6)
+    assert np.sum(shares) == pytest.approx(books.modal_j, rel=1e-9)
+
+
+def test_mobility_of_many_modes_is_that_of_an_infinite_plate() -> None:
+    """Mean of Re Y over frequency: 1/(8 sqrt(B' m''))."""
+    plate = Plate(MATERIALS["aluminium"], (0.5, 0.37), 0.003, 0.1)
+    plant = Plant(spec(limit_hz=100e3, size_m=(0.5, 0.37), contact_point_m=(0.21, 0.163)))
+    f = np.linspace(5e3, 20e3, 400)
+    mean = noise.mobility(plate, plant.modes, f).real.mean()
+    assert mean * plate.infinite_plate_impedance_n_s_m == pytest.approx(1.0, rel=0.15)

@@ -1,0 +1,236 @@
+"""The published scheme: against a plain loop written from the sentences, and its own claims."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from plant import kernels as pk
+from plant import thesis2008_kernels as k
+from plant.calibration import (
+    calibrate_relaxation,
+    calibrate_viscous,
+    first_contact,
+    relaxation_stiffness,
+    restitution,
+)
+from plant.contact import Contact, Damping, Sphere, hertz_stiffness
+from plant.materials import MATERIALS
+from plant.plant import PlantSpec
+from plant.plate import Plate
+from plant.schemes import step
+from plant.thesis2008 import ThesisPlant, green_functions, relative_speed_m_s
+
+THICKNESS = {"aluminium": 0.003, "oak": 0.01, "sylomer_m": 0.0125}
+VISCOUS = {"aluminium": 9.41, "oak": 1.6379, "sylomer_m": 0.093915}
+
+
+def published(material: str = "aluminium", **contact: object) -> PlantSpec:
+    plate = MATERIALS[material]
+    s = hertz_stiffness(0.02, MATERIALS["steel"], plate)
+    damping = {"damping": Damping.VISCOUS, "viscous_n_s_m": VISCOUS[material]}
+    return PlantSpec(
+        sphere=Sphere(MATERIALS["steel"], 0.02, 0.05),
+        plate=Plate(plate, (0.5, 0.5), THICKNESS[material]),
+        contact=Contact(s, **(contact or damping)),  # type: ignore[arg-type]
+        contact_point_m=(0.25, 0.25),
+        actuator_point_m=(0.25, 0.25),
+        step_s=1e-6,
+        frequency_limit_hz=5e5,
+        lead_in_s=0.0,
+    )
+
+
+def relaxing(tau_s: float, share: float, *, extra_state: bool) -> PlantSpec:
+    stiffness = published().contact.stiffness
+    return published(
+        damping=Damping.RELAXATION,
+        relaxation_stiffness=share * stiffness * tau_s / 34e-6,
+        relaxation_s=tau_s,
+        extra_state=extra_state,
+    )
+
+
+def plain_run(spec: PlantSpec, f_a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gaps and velocities until the first xi > 0, from the printed relations, by bisection."""
+    modes = ThesisPlant(spec, 10).modes
+    dt, m, s, c = 1e-6, spec.sphere.mass_kg, spec.contact.stiffness, spec.contact.viscous_n_s_m
+    t = np.arange(len(f_a)) * dt
+    eta = spec.plate.eta
+    delta, theta = eta * modes.omega / 2, modes.omega * math.sqrt(1 - eta**2 / 4)
+    weight = spec.plate.modal_scale_per_kg * modes.contact**2
+    turn, decay = np.outer(theta, t), np.exp(-np.outer(delta, t))
+    g_a = weight @ (
+        decay * (-(theta - delta**2 / theta)[:, None] * np.sin(turn)
+                 - 2 * delta[:, None] * np.cos(turn))
+    )  # fmt: skip
+    g_a[0] = 0.0
+    alpha = -1 / 3
+    gamma, beta = (1 - 2 * alpha) / 2, (1 - alpha) ** 2 / 4
+    xi, v, a, force = [0.0], [-spec.sphere.impact_speed_m_s], [-9.81], [f_a[0]]
+    for n in range(1, len(f_a)):
+        a_p = -dt * sum(g_a[j] * force[n - j] for j in range(1, n + 1))
+
+        def moved(a1: float) -> tuple[float, float]:
+            newmark_x = dt * v[-1] + dt**2 * ((0.5 - beta) * a[-1] + beta * a1)
+            newmark_v = dt * ((1 - gamma) * a[-1] + gamma * a1)
+            return xi[-1] - alpha * newmark_x, v[-1] - alpha * newmark_v
+
+        def wrong(a1: float, a_p: float = a_p) -> float:
+            x1, v1 = moved(a1)
+            return a1 - (s * max(-x1, 0.0) ** 1.5 - c * v1) / m + 9.81 + a_p
+
+        low, high = -1e9, 1e9
+        for _ in range(200):
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if wrong(middle) > 0 else (middle, high)
+        x1, v1 = moved(low)
+        xi.append(x1)
+        v.append(v1)
+        a.append(low)
+        if x1 > 0:
+            break
+        force.append(-s * (-x1) ** 1.5 + c * v1 + f_a[n])
+    return np.array(xi), np.array(v)
+
+
+@pytest.mark.parametrize("push", [0.0, 25.0])
+def test_against_a_plain_loop(push: float) -> None:
+    f_a = push * np.sin(np.arange(200) / 9.0)
+    xi, v = plain_run(published(), f_a)
+    plant = ThesisPlant(published(), 200)
+    got = []
+    for n in range(len(xi)):
+        got.append(float(plant.state.body[pk.XI]))
+        if n + 1 < len(xi):
+            k.step(plant.model, plant.state, float(f_a[n]))
+    assert len(xi) > 30
+    # Newton stops at |da| < 1e-6 m/s^2, some 1e-10 of the accelerations met.
+    np.testing.assert_allclose(got, xi, rtol=0, atol=1e-8 * np.abs(xi).max())
+    assert plant.state.motion[k.REL_V] == pytest.approx(v[-1], rel=1e-8)
+
+
+def test_green_functions_are_derivatives_of_each_other() -> None:
+    plant = ThesisPlant(published("oak"), 10)
+    fine = 1e-9
+    x, v, a = green_functions(plant.spec.plate, plant.modes, fine, 600)
+    assert a[0] == 0.0
+    np.testing.assert_allclose(np.gradient(x, fine)[1:-1], v[1:-1], rtol=0, atol=1e-4 * v.max())
+    middle = np.gradient(v, fine)[2:-1]
+    np.testing.assert_allclose(middle, a[2:-1], rtol=0, atol=1e-4 * np.abs(a).max())
+
+
+@pytest.mark.parametrize(
+    ("material", "published_steps", "allowed"),
+    [("aluminium", 35, 0.01), ("oak", 177, 0.05), ("sylomer_m", 698, 0.05)],
+)
+def test_contact_time_without_control(material: str, published_steps: int, allowed: float) -> None:
+    samples, speed = first_contact(ThesisPlant(published(material), 2000), 2000)
+    assert abs(samples + 1 - published_steps) <= allowed * published_steps
+    target = MATERIALS[material].restitution
+    assert speed / 0.9904544 == pytest.approx(target, abs=0.003)
+
+
+def test_newton_takes_two_or_three_iterations_with_viscous_damping() -> None:
+    for material in THICKNESS:
+        plant = ThesisPlant(published(material), 2000)
+        first_contact(plant, 2000)
+        assert plant.state.counts[pk.NEWTON_MAX] <= 3
+
+
+def test_calibration_reaches_its_targets() -> None:
+    # Restitution jumps where the contact gets a sample longer; 0.7 lies inside such a jump.
+    c = calibrate_viscous(published(), 0.7)
+    assert c == pytest.approx(9.4116, abs=1e-4)
+    for material in ("oak", "sylomer_m"):
+        spec = published(material)
+        target = MATERIALS[material].restitution
+        c = calibrate_viscous(spec, target)
+        assert c == pytest.approx(VISCOUS[material], rel=1e-4)
+        found = restitution(replace(spec, contact=replace(spec.contact, viscous_n_s_m=c)))
+        assert found == pytest.approx(target, abs=2e-3)
+
+
+def test_calibrated_relaxation_gives_its_restitution() -> None:
+    spec = published("oak")
+    s_tau = calibrate_relaxation(spec, 0.6, 0.5)
+    contact = Contact(
+        spec.contact.stiffness, Damping.RELAXATION,
+        relaxation_stiffness=s_tau, relaxation_s=0.5, extra_state=True,
+    )  # fmt: skip
+    assert restitution(replace(spec, contact=contact)) == pytest.approx(0.6, abs=2e-3)
+    with pytest.raises(ValueError, match=r"restitution is 1\.2; it must be above 0"):
+        calibrate_relaxation(spec, 1.2, 0.5)
+
+
+def test_relaxation_stiffness_solves_the_loss_factor() -> None:
+    s, eta, period, tau, dt = 2.0e10, 0.51, 21.595e-3, 0.0025, 1e-6
+    s_tau = relaxation_stiffness(s, eta, period, tau, dt)
+    s_rel, x = s + dt / tau * s_tau, math.pi / period * tau
+    assert s_tau * x / (s_rel - s_tau + s_rel * x * x) == pytest.approx(eta, rel=1e-12)
+    with pytest.raises(ValueError, match="no relaxation stiffness"):
+        relaxation_stiffness(s, 1.0, 1e-9, 1.0, dt)
+
+
+@pytest.mark.parametrize("tau_s", [2.5e-3, 2e-5])
+def test_memory_as_one_state_is_the_published_sum(tau_s: float) -> None:
+    gaps = []
+    for extra_state in (False, True):
+        plant = ThesisPlant(relaxing(tau_s, 0.4, extra_state=extra_state), 100)
+        gaps.append([])
+        while not plant.state.body[pk.XI] > 0.0:
+            k.step(plant.model, plant.state, 0.0)
+            gaps[-1].append(float(plant.state.body[pk.XI]))
+    np.testing.assert_allclose(gaps[0], gaps[1], rtol=0, atol=1e-12 * np.abs(gaps[0]).max())
+    assert len(gaps[0]) >= 34  # without damping 33
+
+
+def test_relative_speed_follows_from_the_gaps() -> None:
+    plant = ThesisPlant(published(), 100)
+    gaps = [0.0]
+    while not plant.state.body[pk.XI] > 0.0:
+        k.step(plant.model, plant.state, 0.0)
+        gaps.append(float(plant.state.body[pk.XI]))
+    speed = relative_speed_m_s(np.array(gaps), plant.spec.sphere.impact_speed_m_s, 1e-6)
+    assert speed == pytest.approx(float(plant.state.motion[k.REL_V]), rel=1e-9)
+
+
+def test_flight_and_next_impact() -> None:
+    plant = ThesisPlant(replace(published(), lead_in_s=1e-4), 200_000)
+    starts, touching = [], False
+    for _ in range(200_000):
+        k.step(plant.model, plant.state, 0.0)
+        now = bool(plant.state.counts[k.TOUCHING])
+        if now and not touching:
+            starts.append((int(plant.state.counts[pk.STEP]), -float(plant.state.motion[k.REL_V])))
+        touching = now
+    assert starts[0] == (100, pytest.approx(0.99045444, rel=1e-8))
+    speed = starts[1][1]
+    flight_s = (starts[1][0] - starts[0][0]) * 1e-6
+    assert flight_s == pytest.approx(2 * speed / 9.81, abs=4e-5)  # and the contact before
+
+
+def test_books_show_that_momentum_is_not_conserved() -> None:
+    plant = ThesisPlant(published(), 200)
+    for _ in range(100):
+        k.step(plant.model, plant.state, 0.0)
+    books = plant.close_books()
+    assert books.contact_impulse_n_s == pytest.approx(1.12e-3, rel=0.01)
+    assert books.momentum_change_n_s == pytest.approx(0.4408, rel=0.01)
+    assert abs(books.momentum_residual) > 0.5
+
+
+def test_every_scheme_steps_through_one_function() -> None:
+    one, other = ThesisPlant(published(), 50), ThesisPlant(published(), 50)
+    for _ in range(40):
+        assert step(one.model, one.state, 3.0) == k.step(other.model, other.state, 3.0)
+    assert one.state.body.tobytes() == other.state.body.tobytes()
+
+
+def test_what_the_published_scheme_does_not_know() -> None:
+    with pytest.raises(ValueError, match="struck point only"):
+        ThesisPlant(replace(published(), actuator_point_m=(0.2, 0.25)), 10)
+    contact = Contact(1e10, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=0.1)
+    with pytest.raises(ValueError, match="hunt_crossley"):
+        ThesisPlant(replace(published(), contact=contact), 10)
