@@ -25,11 +25,11 @@ class LawEffect:
     sphere: str
     scheme: str
     leaves_m_s: float
-    leaves_uncontrolled_m_s: float
-    rebound_height_percent: float
-    plate_energy_mj: float
-    plate_energy_uncontrolled_mj: float
-    plate_energy_db: float
+    without_m_s: float
+    height_percent: float
+    plate_mj: float
+    without_mj: float
+    plate_db: float
 
 
 def law_effects() -> list[LawEffect]:
@@ -51,11 +51,11 @@ def law_effects() -> list[LawEffect]:
                     sphere=f"R = {radius_mm} mm",
                     scheme=load(source).run.scheme,
                     leaves_m_s=speed,
-                    leaves_uncontrolled_m_s=speed_0,
-                    rebound_height_percent=100.0 * (speed / speed_0) ** 2,
-                    plate_energy_mj=1e3 * energy,
-                    plate_energy_uncontrolled_mj=1e3 * energy_0,
-                    plate_energy_db=10.0 * math.log10(energy / energy_0),
+                    without_m_s=speed_0,
+                    height_percent=100.0 * (speed / speed_0) ** 2,
+                    plate_mj=1e3 * energy,
+                    without_mj=1e3 * energy_0,
+                    plate_db=10.0 * math.log10(energy / energy_0),
                 )
             )
     return found
