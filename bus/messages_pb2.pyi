@@ -71,7 +71,7 @@ class ForceBlock(_message.Message):
     def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., samples_seen: _Optional[int] = ..., promise_zero: _Optional[bool] = ..., promise_level: _Optional[float] = ..., force_n: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class TruthBlock(_message.Message):
-    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n", "xi_a_m")
+    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n", "xi_a_m", "f_c1_n")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     FIRST_STEP_FIELD_NUMBER: _ClassVar[int]
@@ -83,6 +83,7 @@ class TruthBlock(_message.Message):
     F_C_N_FIELD_NUMBER: _ClassVar[int]
     F_A_N_FIELD_NUMBER: _ClassVar[int]
     XI_A_M_FIELD_NUMBER: _ClassVar[int]
+    F_C1_N_FIELD_NUMBER: _ClassVar[int]
     run_id: int
     sequence: int
     first_step: int
@@ -94,7 +95,8 @@ class TruthBlock(_message.Message):
     f_c_n: _containers.RepeatedScalarFieldContainer[float]
     f_a_n: _containers.RepeatedScalarFieldContainer[float]
     xi_a_m: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., xi_m: _Optional[_Iterable[float]] = ..., xi_s_m: _Optional[_Iterable[float]] = ..., xi_p_m: _Optional[_Iterable[float]] = ..., v_p_m_s: _Optional[_Iterable[float]] = ..., f_c_n: _Optional[_Iterable[float]] = ..., f_a_n: _Optional[_Iterable[float]] = ..., xi_a_m: _Optional[_Iterable[float]] = ...) -> None: ...
+    f_c1_n: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., xi_m: _Optional[_Iterable[float]] = ..., xi_s_m: _Optional[_Iterable[float]] = ..., xi_p_m: _Optional[_Iterable[float]] = ..., v_p_m_s: _Optional[_Iterable[float]] = ..., f_c_n: _Optional[_Iterable[float]] = ..., f_a_n: _Optional[_Iterable[float]] = ..., xi_a_m: _Optional[_Iterable[float]] = ..., f_c1_n: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Books(_message.Message):
     __slots__ = ("run_id", "energy_start_j", "kinetic_j", "gravity_j", "modal_j", "contact_j", "modal_dissipated_j", "contact_dissipated_j", "injected_j", "energy_residual", "momentum_change_n_s", "contact_impulse_n_s", "gravity_impulse_n_s", "momentum_residual", "newton_iterations", "newton_iterations_max", "contact_steps", "frequencies", "frequency_limit_hz", "expected_error")

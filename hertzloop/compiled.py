@@ -19,7 +19,7 @@ from plant.plant import Books
 
 @dataclass(frozen=True)
 class Truth:
-    """A simulated run in memory: rows as in TruthBlock, shape (7, steps), and its books."""
+    """A simulated run in memory: rows as in TruthBlock, shape (8, steps), and its books."""
 
     rows: np.ndarray
     books: Books

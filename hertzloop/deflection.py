@@ -11,6 +11,7 @@ import numpy as np
 
 from hertzloop import parts
 from hertzloop.scene import Scene
+from plant.phi import phi
 from plant.plant import PlantSpec
 from recordings.reader import Recording
 from recordings.replay_data import Deflection, contact_spans
@@ -29,13 +30,15 @@ class Modes:
     """Modes m x n of the plate; arrays have the shape (modes along x, modes along y).
 
     z is one complex number a mode: its deflection is Im z, a step turns it by `turn`, and a
-    unit modal force held over the step adds `grown`. `powers` holds turn^0 .. turn^_PIECE.
+    unit modal force held over the step adds `grown`, one that rises from -1 to 1 over it
+    `grown_1`. `powers` holds turn^0 .. turn^_PIECE.
     """
 
     m: np.ndarray
     n: np.ndarray
     s_step: np.ndarray  # exponent of one step
     grown: np.ndarray
+    grown_1: np.ndarray
     at_contact: np.ndarray
     at_actuator: np.ndarray
     powers: np.ndarray
@@ -62,26 +65,34 @@ def modes_of(spec: PlantSpec, per_axis: int = MODES_PER_AXIS) -> Modes:
     theta = omega * root
     s = theta * (1j - plate.eta / (2.0 * root))
     grown = plate.modal_scale_per_kg / theta * np.expm1(s * h) / s
-    grown[omega > 2.0 * np.pi * spec.frequency_limit_hz] = 0.0
+    x = s * h
+    grown_1 = plate.modal_scale_per_kg / theta * h * x * (2.0 * phi(3, x) - phi(2, x))
+    for by in (grown, grown_1):
+        by[omega > 2.0 * np.pi * spec.frequency_limit_hz] = 0.0
     exponents = np.arange(_PIECE + 1)[:, None, None] * (s * h)
     return Modes(
-        m, n, s * h, grown,
+        m, n, s * h, grown, grown_1,
         plate.mode_shape(mm, nn, points[0]), plate.mode_shape(mm, nn, points[1]),
         np.exp(exponents),
     )  # fmt: skip
 
 
-def _under_force(modes: Modes, z: np.ndarray, f_c: np.ndarray, f_a: np.ndarray) -> np.ndarray:
+def _under_force(
+    modes: Modes, z: np.ndarray, f_c: np.ndarray, f_c1: np.ndarray, f_a: np.ndarray
+) -> np.ndarray:
     """z after len(f_c) <= _PIECE steps under these forces."""
     count = len(f_c)
     turned = modes.powers[:count][::-1]
     by_contact = np.tensordot(f_c, turned, 1)
     by_actuator = np.tensordot(f_a, turned, 1)
     drive = modes.at_actuator * by_actuator - modes.at_contact * by_contact
-    return np.asarray(z * modes.powers[count] + modes.grown * drive)
+    tilt = modes.at_contact * np.tensordot(f_c1, turned, 1)
+    return np.asarray(z * modes.powers[count] + modes.grown * drive - modes.grown_1 * tilt)
 
 
-def _states(modes: Modes, f_c: np.ndarray, f_a: np.ndarray, frames: np.ndarray) -> np.ndarray:
+def _states(
+    modes: Modes, f_c: np.ndarray, f_c1: np.ndarray, f_a: np.ndarray, frames: np.ndarray
+) -> np.ndarray:
     """Deflection of every mode at the steps `frames` (ascending), shape (frames, m, n)."""
     forced = np.flatnonzero((f_c != 0.0) | (f_a != 0.0))
     z = np.zeros_like(modes.grown)
@@ -96,7 +107,7 @@ def _states(modes: Modes, f_c: np.ndarray, f_a: np.ndarray, frames: np.ndarray) 
                 z = z * np.exp((end - step) * modes.s_step)
             else:
                 end = min(step + _PIECE, int(target))
-                z = _under_force(modes, z, f_c[step:end], f_a[step:end])
+                z = _under_force(modes, z, f_c[step:end], f_c1[step:end], f_a[step:end])
             step = end
         found[i] = z.imag
     return found
@@ -143,6 +154,7 @@ def deflection(
     spec = parts.plant_spec(scene)
     arrays = recording.truth.arrays
     xi, f_c, f_a = (arrays.get(name, np.zeros(0)) for name in ("xi_m", "f_c_n", "f_a_n"))
+    f_c1 = arrays.get("f_c1_n", np.zeros(len(f_c)))
     if frames is None:
         frames = frame_steps(xi)
     modes = modes_of(spec, per_axis)
@@ -152,5 +164,5 @@ def deflection(
     y = _axis(length_y, contact[1], max(5, round(side * length_y)))
     shape_x = np.sin(np.outer(x, modes.m) * np.pi / length_x)
     shape_y = np.sin(np.outer(modes.n, y) * np.pi / length_y)
-    w = shape_x @ _states(modes, f_c, f_a, frames) @ shape_y
+    w = shape_x @ _states(modes, f_c, f_c1, f_a, frames) @ shape_y
     return Deflection(recording.truth.time_ns[frames], x, y, w, contact)

@@ -13,12 +13,13 @@ from recordings.reader import Recording
 
 
 def rows_of(recording: Recording) -> np.ndarray:
-    """Rows of truth of a recording, shape (7, steps); the actuator's place is the struck point
-    where the recording does not say otherwise."""
+    """Rows of truth of a recording, shape (8, steps); the actuator's place is the struck point
+    and the contact force constant over a step where the recording does not say otherwise."""
     arrays = recording.truth.arrays
     if not recording.truth.samples:
         return np.zeros((len(TRUTH_FIELDS), 0))
-    return np.stack([arrays.get(name, arrays["xi_p_m"]) for name in TRUTH_FIELDS])
+    missing = {"xi_a_m": arrays["xi_p_m"], "f_c1_n": np.zeros(recording.truth.samples)}
+    return np.stack([arrays[name] if name in arrays else missing[name] for name in TRUTH_FIELDS])
 
 
 def figures_of(scene: Scene, rows: np.ndarray) -> dict[str, list[dict[str, float]]]:
@@ -29,7 +30,7 @@ def figures_of(scene: Scene, rows: np.ndarray) -> dict[str, list[dict[str, float
     samples, plate energy as the published sum.
     """
     found = impacts_of_rows(scene, rows)
-    if scene.run.scheme == "modal":
+    if scene.run.scheme != "thesis2008":
         listed = [asdict(impact) for impact in consistent_impacts(scene, rows)]
     else:
         listed = [

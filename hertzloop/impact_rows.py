@@ -8,6 +8,7 @@ import numpy as np
 
 from hertzloop import parts
 from hertzloop.scene import Scene
+from plant.collocation import flexibility_m_n
 from plant.contact import GRAVITY_M_S2
 from plant.impact_noise import impact_noise, published_noise
 from plant.impacts import Impact, impacts
@@ -16,8 +17,8 @@ from plant.plant import PlantSpec
 from plant.plate import Oscillators, oscillators
 from plant.thesis2008 import relative_speed_m_s, sampled
 
-# Rows of truth, shape (7, steps).
-XI, XI_S, XI_P, V_P, F_C, F_A, XI_A = range(7)
+# Rows of truth, shape (8, steps).
+XI, XI_S, XI_P, V_P, F_C, F_A, XI_A, F_C1 = range(8)
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ def first_impact(scene: Scene, rows: np.ndarray) -> RowsOfImpact | None:
 
 
 def impacts_of_rows(scene: Scene, rows: np.ndarray, most: int | None = None) -> list[RowsOfImpact]:
-    """Impacts of a run, at most `most`, from its rows of truth, shape (7, steps).
+    """Impacts of a run, at most `most`, from its rows of truth, shape (8, steps).
 
     A contact that the run's end cuts off has the figures of its part.
     """
@@ -59,9 +60,22 @@ def consistent_impacts(scene: Scene, rows: np.ndarray) -> list[Impact]:
     spec = parts.plant_spec(scene)
     same = spec.contact_point_m == spec.actuator_point_m
     return impacts(
-        rows[XI], rows[XI_S], rows[XI_P], rows[F_C], rows[F_A], None if same else rows[XI_A],
-        spec.sphere.mass_kg, scene.step_s,
+        rows[XI], rows[XI_S], modal_displacement(spec, rows), rows[F_C], rows[F_A],
+        None if same else rows[XI_A],
+        spec.sphere.mass_kg, scene.step_s, f_c1=rows[F_C1], v_p=rows[V_P],
     )  # fmt: skip
+
+
+def modal_displacement(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
+    """Displacement at the struck point without that of the modes left out, a spring between the
+    present contact force and the actuator force of the step before. It takes no energy."""
+    spring = flexibility_m_n(spec)
+    if spring == 0.0:
+        return rows[XI_P]
+    contact_n = spec.contact.stiffness * np.maximum(-rows[XI], 0.0) ** 1.5
+    before = np.concatenate([[0.0], rows[F_A, :-1]])
+    actuator_n = before if spec.contact_point_m == spec.actuator_point_m else 0.0
+    return np.asarray(rows[XI_P] - spring * (actuator_n - contact_n))
 
 
 def _published(scene: Scene, rows: np.ndarray, spans: list[tuple[int, int]]) -> list[RowsOfImpact]:
@@ -104,7 +118,7 @@ def _consistent(
     ):
         noise = impact_noise(
             spec.sphere, spec.plate, _modes(spec),
-            -rows[F_C, start:stop], rows[F_A, start:stop],
+            -rows[F_C, start:stop], rows[F_A, start:stop], -rows[F_C1, start:stop],
             work_j=impact.plate_energy_j,
             plate_speed_m_s=rows[V_P, start:stop],
             step_s=scene.step_s,

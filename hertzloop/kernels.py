@@ -16,7 +16,7 @@ from plant.schemes import step as step_plant
 from sensors import kernels as sk
 
 # Columns of a truth window, in the order of the message's fields.
-TRUTH_COLUMNS = 7  # xi, xi_s, xi_p, v_p, F_c, F_a, xi_a
+TRUTH_COLUMNS = 8  # xi, xi_s, xi_p, v_p, F_c, F_a, xi_a, F_c1
 # Indices into Window.counts.
 TRUTH_FIRST, TRUTH_END, SAMPLES_FIRST, SAMPLES_END, OBSERVED = range(5)
 WINDOW_COUNTS = 5
@@ -87,6 +87,7 @@ def _step_and_record(plant, plant_state, f_a, window):
     truth[4, row] = step_plant(plant, plant_state, f_a)
     truth[3, row] = body[pk.V_P_OF_STEP]
     truth[5, row] = f_a
+    truth[7, row] = body[pk.F_C1]
     window.counts[TRUTH_END] += 1
 
 

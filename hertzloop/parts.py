@@ -4,6 +4,7 @@ import math
 
 from controller.controller import Controller, Law, LawSpec, LineSpec
 from hertzloop.scene import Scene, SceneError
+from plant.collocation import CollocationPlant
 from plant.contact import Contact, Damping, Sphere, hertz_stiffness, hunt_crossley_parameter
 from plant.materials import MATERIALS
 from plant.model_order import expected_error, frequency_limit_hz
@@ -25,7 +26,7 @@ def plant_spec(scene: Scene) -> PlantSpec:
     plate = Plate(MATERIALS[table.material], table.size_m, table.thickness_m, table.loss_factor)
     contact = _contact(scene, sphere, plate)
     limit = 0.5 / scene.step_s  # thesis2008: all modes to pi/dt
-    if scene.run.scheme == "modal":
+    if scene.run.scheme != "thesis2008":
         limit = frequency_limit_hz(sphere, plate, contact, scene.step_s, scene.run.accuracy)
     # Modal density of a plate: area/(4 pi) sqrt(m''/B') modes per rad/s.
     density = math.sqrt(plate.mass_per_area_kg_m2 / plate.bending_stiffness_n_m) / (4 * math.pi)
@@ -45,6 +46,7 @@ def plant_spec(scene: Scene) -> PlantSpec:
         step_s=scene.step_s,
         frequency_limit_hz=limit,
         lead_in_s=scene.run.lead_in_s,
+        residual_flexibility=scene.run.scheme == "modal",
     )
 
 
@@ -72,6 +74,8 @@ def plant(scene: Scene) -> Plant | ThesisPlant:
     try:
         if scene.run.scheme == "thesis2008":
             return ThesisPlant(plant_spec(scene), scene.steps)
+        if scene.run.scheme == "modal":
+            return CollocationPlant(plant_spec(scene))
         return Plant(plant_spec(scene))
     except ValueError as error:
         raise SceneError(str(error)) from error

@@ -23,7 +23,7 @@ from plant import kernels as pk
 BLOCK_STEPS = 1000  # steps in a block of truth, samples in a block at most
 _AHEAD_BLOCKS = 64  # samples that may be on their way while the controller has promised zero
 _PACKAGES = ("hertzloop", "numpy", "numba", "eclipse-zenoh", "mcap", "protobuf")
-TRUTH_FIELDS = ("xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n", "xi_a_m")
+TRUTH_FIELDS = ("xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n", "xi_a_m", "f_c1_n")
 
 
 @dataclass(frozen=True)
@@ -123,6 +123,8 @@ class PlantStreams:
         arrays = dict(zip(TRUTH_FIELDS, rows, strict=True))
         if self.plant.model.same_point:
             del arrays["xi_a_m"]
+        if self.scene.run.scheme != "modal":
+            del arrays["f_c1_n"]
         header = TruthBlock(first_step=first, step_ns=self.scene.run.step_ns)
         self.publisher.send("truth", header, arrays)
         # Flags of samples up to here; a later sample belongs to the next block.

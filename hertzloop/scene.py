@@ -98,7 +98,7 @@ class RunTable(_Table):
     contact."""
 
     duration_s: Annotated[float, Field(gt=0.0)]
-    scheme: Literal["modal", "thesis2008"] = "modal"
+    scheme: Literal["modal", "discrete_gradient", "thesis2008"] = "modal"
     lead_in_s: Annotated[float, Field(ge=0.0)] = 1e-3
     step_ns: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
     accuracy: Annotated[float, Field(ge=1e-9, le=0.5)] = 1e-3
@@ -194,7 +194,7 @@ def _problems(scene: Scene) -> "list[str]":
 
 def _scheme_problems(scene: Scene) -> "list[str]":
     """What the chosen scheme does not know."""
-    if scene.run.scheme == "modal":
+    if scene.run.scheme != "thesis2008":
         if scene.contact.damping != "relaxation":
             return []
         return [

@@ -16,6 +16,7 @@ def impact_noise(
     modes: Oscillators,
     contact_n: np.ndarray,
     actuator_n: np.ndarray,
+    slope_n: np.ndarray,
     work_j: float,
     plate_speed_m_s: np.ndarray,
     step_s: float,
@@ -25,11 +26,11 @@ def impact_noise(
 ) -> ImpactNoise:
     """Figures of an impact of the consistent scheme.
 
-    Forces up on the plate at the contact (-F_c) and the actuator (F_a) from the contact's
-    start to the next one's, `work_j` their work on the plate,
+    Forces up on the plate at the contact (-F_c, its change over a step -F_c1) and the
+    actuator (F_a) from the contact's start to the next one's, `work_j` their work on the plate,
     `plate_speed_m_s`: at the struck point over the same steps.
     """
-    shares = noise.modal_shares_j(plate, modes, contact_n, actuator_n, step_s)
+    shares = noise.modal_shares_j(plate, modes, contact_n, actuator_n, step_s, slope_n)
     frequency = modes.omega / (2.0 * np.pi)
     return ImpactNoise(
         contact_time_s=contact_time_s,

@@ -24,13 +24,17 @@ class Impact:
 
 
 def sphere_speed_m_s(
-    xi_s: np.ndarray, f_c: np.ndarray, mass_kg: float, step_s: float
+    xi_s: np.ndarray,
+    f_c: np.ndarray,
+    mass_kg: float,
+    step_s: float,
+    f_c1: np.ndarray | float = 0.0,
 ) -> np.ndarray:
     """Speed of the sphere at every step but the last, up positive, shape (steps - 1,).
 
-    Exact for a force held over a step: v = (x1 - x0)/h - (F/m - g) h/2.
+    Exact for a force F + F_1 (2 t/h - 1): v = (x1 - x0)/h - ((F - F_1/3)/m - g) h/2.
     """
-    held = f_c[:-1] / mass_kg - GRAVITY_M_S2
+    held = (f_c - np.asarray(f_c1) / 3.0)[:-1] / mass_kg - GRAVITY_M_S2
     return np.diff(xi_s) / step_s - 0.5 * held * step_s
 
 
@@ -49,19 +53,26 @@ def impacts(
     xi_a: np.ndarray | None,
     mass_kg: float,
     step_s: float,
+    f_c1: np.ndarray | None = None,
+    v_p: np.ndarray | None = None,
 ) -> list[Impact]:
     """All impacts of a run from its rows of truth (arrays of shape (steps,)).
 
-    `xi_a` is the displacement at the actuator, None where that is the contact point. A
-    contact that the run's end cuts off counts with what there is of it.
+    `xi_a` is the displacement at the actuator, None where that is the contact point. Where the
+    contact force changes over a step, by `f_c1`, the plate velocity `v_p` is needed for the
+    work of that part, F_1 h (v_1 - v_0)/6 by Hermite's mean of the displacement. A contact
+    that the run's end cuts off counts with what there is of it.
     """
     if len(xi) < 3:
         return []
     touching = np.diff((f_c != 0.0).astype(np.int8), prepend=np.int8(0))
     starts, ends = np.flatnonzero(touching == 1), np.flatnonzero(touching == -1)
-    speed = sphere_speed_m_s(xi_s, f_c, mass_kg, step_s)
+    slope = np.zeros(len(xi)) if f_c1 is None else f_c1
+    speed = sphere_speed_m_s(xi_s, f_c, mass_kg, step_s, slope)
     at_actuator = xi_p if xi_a is None else xi_a
     work = np.append(-f_c[:-1] * np.diff(xi_p) + f_a[:-1] * np.diff(at_actuator), 0.0)
+    if v_p is not None:
+        work[:-1] -= slope[:-1] * np.diff(v_p) * step_s / 6.0
     found = []
     last = len(xi) - 1
     for i, start in enumerate(starts.tolist()):

@@ -23,8 +23,9 @@ LANES = 48  # oscillators summed side by side; 1104 frequencies are exactly 23 r
 # Indices into PlantState.body (m, m/s, N).
 # V_P_OF_STEP: plate velocity at the start of the last step, as a scheme knows it once that
 # step's forces are known.
-XI, XI_S, XI_P, V_P, A_P, F_C, F_A, XI_A, FLIGHT_X, FLIGHT_V, V_P_OF_STEP = range(11)
-BODY_SIZE = 11
+# F_C1: slope of the contact force over the last step, F_C + F_C1 (2 t/h - 1).
+XI, XI_S, XI_P, V_P, A_P, F_C, F_A, XI_A, FLIGHT_X, FLIGHT_V, V_P_OF_STEP, F_C1 = range(12)
+BODY_SIZE = 12
 # First index into PlantModel.table. C and A: change of z over a step by a unit force (up
 # on the plate) at the contact and at the actuator; SWING: the same less the rest position;
 # B: weights of the outputs (unused when the points coincide: z carries the weight);
@@ -46,8 +47,8 @@ _NEWTON_ALLOWED = 12  # then bisection takes turns with Newton
 _ROUNDING = 2.0**-51
 # In flight a row of oscillators below this (m) is set to zero and left out: far below
 # anything a double can show, and it avoids denormal numbers, which are 50 times slower.
-_SILENT_M = 1e-60
-_LOOK_EVERY = 64  # steps
+SILENT_M = 1e-60
+LOOK_EVERY = 64  # steps
 
 
 class PlantModel(NamedTuple):
@@ -88,6 +89,20 @@ class PlantState(NamedTuple):
     counts: np.ndarray
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def lane_sum(lanes):
+    """Sum of LANES numbers, in halves: a fixed order that vectorises. Changes `lanes`."""
+    width = LANES
+    while width % 2 == 0:
+        width //= 2
+        for j in range(width):
+            lanes[j] += lanes[j + width]
+    total = 0.0
+    for j in range(width):
+        total += lanes[j]
+    return total
+
+
 @njit(cache=True, error_model="numpy")
 def _propagate_same_point(rows, z, table, rho, force, lanes):
     """Fold `force` in, propagate one step; displacement and velocity at the point."""
@@ -107,12 +122,7 @@ def _propagate_same_point(rows, z, table, rho, force, lanes):
             zi[j] = d
             x_lanes[j] += d
             v_lanes[j] += th[j] * (c - rho * d)
-    x = 0.0
-    v = 0.0
-    for j in range(LANES):
-        x += x_lanes[j]
-        v += v_lanes[j]
-    return x, v
+    return lane_sum(x_lanes), lane_sum(v_lanes)
 
 
 @njit(cache=True, error_model="numpy")
@@ -139,14 +149,7 @@ def _propagate_two_points(model, state, f_contact, f_actuator):
             x_lanes[j] += bc[j] * d
             v_lanes[j] += bc[j] * th[j] * (c - rho * d)
             y_lanes[j] += ba[j] * d
-    x = 0.0
-    v = 0.0
-    y = 0.0
-    for j in range(LANES):
-        x += x_lanes[j]
-        v += v_lanes[j]
-        y += y_lanes[j]
-    return x, v, y
+    return lane_sum(x_lanes), lane_sum(v_lanes), lane_sum(y_lanes)
 
 
 @njit(cache=True, error_model="numpy")
@@ -252,10 +255,7 @@ def _dissipated_in_step(model, state, f_contact, f_actuator):
             yr = zr[j] + cr[j] * f_contact + ar[j] * f_actuator
             yi = zi[j] + ci[j] * f_contact + ai[j] * f_actuator
             lanes[j] += rr[j] * yr * yr + ri[j] * yr * yi + ii[j] * yi * yi
-    lost = 0.0
-    for j in range(LANES):
-        lost += lanes[j]
-    return lost
+    return lane_sum(lanes)
 
 
 @njit(cache=True, error_model="numpy")
@@ -361,12 +361,12 @@ def close_books(model, state):
 
 
 @njit(cache=True, error_model="numpy")
-def _silence(state):
+def silence(state):
     """Leave out the rows of highest frequency that have died away."""
     while state.counts[ROWS] > 0:
         i = state.counts[ROWS] - 1
         for j in range(LANES):
-            if abs(state.z[0, i, j]) + abs(state.z[1, i, j]) > _SILENT_M:
+            if abs(state.z[0, i, j]) + abs(state.z[1, i, j]) > SILENT_M:
                 return
         state.z[:, i, :] = 0.0
         state.counts[ROWS] = i
@@ -381,8 +381,8 @@ def step(model, state, f_a):
     f_contact, f_actuator = _forces_on_plate(model, state)
     if f_contact != 0.0 or f_actuator != 0.0:
         counts[ROWS] = state.z.shape[1]
-    elif counts[STEP] % _LOOK_EVERY == 0:
-        _silence(state)
+    elif counts[STEP] % LOOK_EVERY == 0:
+        silence(state)
     if model.same_point:
         x, v = _propagate_same_point(
             counts[ROWS], state.z, model.table, model.rho, f_contact, state.lanes

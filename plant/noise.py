@@ -111,11 +111,35 @@ def radiation_efficiency_maidanik(plate: Plate, frequency_hz: np.ndarray) -> np.
     return np.minimum(np.where(below, slow, fast), limit)
 
 
-def force_spectrum(force_n: np.ndarray, step_s: float, frequency_hz: np.ndarray) -> np.ndarray:
-    """F(w) of a force held over every step, at any frequencies; N s, shape of the latter.
+def force_spectrum(
+    force_n: np.ndarray,
+    step_s: float,
+    frequency_hz: np.ndarray,
+    slope_n: np.ndarray | None = None,
+) -> np.ndarray:
+    """F(w) of a force F + F_1 (2 t/h - 1) over every step, F_1 = `slope_n` or zero, at any
+    frequencies; N s, shape of the latter.
 
-    The exact transform of the steps: the samples' sum times sin(w h/2)/(w h/2) e^(-i w h/2).
+    The exact transform: with a = w h/2 the sum of the samples times h e^(-i a) sin(a)/a, and of
+    the slopes times h e^(-i a) (-i) (sin a - a cos a)/a^2.
     """
+    if slope_n is not None and np.any(slope_n):
+        half = np.pi * np.asarray(frequency_hz, dtype=float) * step_s
+        # (sin a - a cos a)/a^2 = a/3 (1 - a^2/10 + ...)
+        small = np.abs(half) < 1e-2
+        a = np.where(small, 1.0, half)
+        odd = np.where(small, half / 3.0 * (1.0 - half * half / 10.0),
+                       (np.sin(a) - a * np.cos(a)) / (a * a))  # fmt: skip
+        sums = _sampled_sum(slope_n, step_s, frequency_hz)
+        tilted = -1j * odd * np.exp(-1j * half) * step_s * sums
+        return force_spectrum(force_n, step_s, frequency_hz) + tilted
+    omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=float)
+    held = np.sinc(omega * step_s / (2.0 * np.pi)) * np.exp(-0.5j * omega * step_s)
+    return _sampled_sum(force_n, step_s, frequency_hz) * held * step_s
+
+
+def _sampled_sum(force_n: np.ndarray, step_s: float, frequency_hz: np.ndarray) -> np.ndarray:
+    """sum F_n exp(-i w n h)."""
     omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=float)
     used = np.flatnonzero(force_n)
     if not len(used):
@@ -129,22 +153,27 @@ def force_spectrum(force_n: np.ndarray, step_s: float, frequency_hz: np.ndarray)
     for start in range(0, len(pulse), block):
         piece = pulse[start : start + block]
         total += np.exp(-1j * omega * (first + start) * step_s) * (powers[:, : len(piece)] @ piece)
-    held = np.sinc(omega * step_s / (2.0 * np.pi)) * np.exp(-0.5j * omega * step_s)
-    return total * held * step_s
+    return total
 
 
 def modal_shares_j(
-    plate: Plate, modes: Oscillators, contact_n: np.ndarray, actuator_n: np.ndarray, step_s: float
+    plate: Plate,
+    modes: Oscillators,
+    contact_n: np.ndarray,
+    actuator_n: np.ndarray,
+    step_s: float,
+    slope_n: np.ndarray | None = None,
 ) -> np.ndarray:
     """Energy that every oscillator takes from forces up on the plate at the contact and at the
     actuator, lambda/2 |Phi_c F_c(w_n) + Phi_a F_a(w_n)|^2; J, shape (oscillators,).
+    `slope_n`: change of the contact's force over a step, see `force_spectrum`.
 
     The integral of |F|^2 Re Y/pi over all frequencies for a spectrum that is smooth over a
     resonance; exact without damping. It needs no grid of frequencies, which for a loss
     factor of 1e-4 would have to be finer than 0.01 Hz.
     """
     frequency = modes.omega / (2.0 * np.pi)
-    driven = modes.contact * force_spectrum(contact_n, step_s, frequency)
+    driven = modes.contact * force_spectrum(contact_n, step_s, frequency, slope_n)
     driven += modes.actuator * force_spectrum(actuator_n, step_s, frequency)
     return np.asarray(0.5 * plate.modal_scale_per_kg * np.abs(driven) ** 2)
 

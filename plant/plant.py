@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,7 @@ class PlantSpec:
     step_s: float
     frequency_limit_hz: float
     lead_in_s: float
+    residual_flexibility: bool = False  # of the modes left out, as a spring at the contact
 
 
 @dataclass(frozen=True)
@@ -52,12 +54,12 @@ class Books:
     contact_steps: int
 
 
-def _rows(values: np.ndarray, fill: float = 0.0) -> np.ndarray:
+def rows(values: np.ndarray, fill: float = 0.0) -> np.ndarray:
     """Fill up to whole rows of LANES."""
-    rows = -(-len(values) // k.LANES)
-    padded = np.full(rows * k.LANES, fill)
+    count = -(-len(values) // k.LANES)
+    padded = np.full(count * k.LANES, fill)
     padded[: len(values)] = values
-    return padded.reshape(rows, k.LANES)
+    return padded.reshape(count, k.LANES)
 
 
 def build_model(spec: PlantSpec, modes: Oscillators) -> k.PlantModel:
@@ -122,7 +124,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.PlantModel:
         speed_gain_cc=speed_gain(drive_c),
         speed_gain_ca=speed_gain(drive_a),
         # Padding divides by theta; with no drive it never moves.
-        table=np.stack([_rows(columns[c], float(c == k.THETA)) for c in range(k.COLUMNS)]),
+        table=np.stack([rows(columns[c], float(c == k.THETA)) for c in range(k.COLUMNS)]),
     )
 
 
@@ -141,13 +143,14 @@ def _loss_form(
 
 
 class Plant:
-    """The default scheme `modal`: model and state, to be driven by `kernels.step`.
+    """The second-order scheme `discrete_gradient`: model and state, driven by `kernels.step`.
 
     Other schemes offer the same attributes and the same kernel signature
     step(model, state, f_a) -> f_c.
     """
 
-    scheme = "modal"
+    scheme = "discrete_gradient"
+    kernels: Any = k
 
     def __init__(self, spec: PlantSpec) -> None:
         self.spec = spec
@@ -157,10 +160,18 @@ class Plant:
             spec.actuator_point_m,
             2.0 * math.pi * spec.frequency_limit_hz,
         )
-        self.model = build_model(spec, self.modes)
+        self.model: Any = self._build_model()
         self.state = self._initial_state()
 
-    def _initial_state(self) -> k.PlantState:
+    def _build_model(self) -> Any:
+        return build_model(self.spec, self.modes)
+
+    def contact_energy_j(self) -> float:
+        """Energy stored in the contact at the present step, J."""
+        penetration = max(-float(self.state.body[k.XI]), 0.0)
+        return float(0.4 * self.model.stiffness * penetration**2.5)
+
+    def _empty_state(self) -> Any:
         rows = self.model.table.shape[1]
         state = k.PlantState(
             z=np.zeros((2, rows, k.LANES)),
@@ -171,6 +182,10 @@ class Plant:
             counts=np.zeros(k.COUNTS_SIZE, np.int64),
         )
         state.counts[k.ROWS] = rows
+        return state
+
+    def _initial_state(self) -> Any:
+        state = self._empty_state()
         speed = self.spec.sphere.impact_speed_m_s
         fall_s = speed / GRAVITY_M_S2
         lead, h = self.spec.lead_in_s, self.spec.step_s
@@ -196,14 +211,14 @@ class Plant:
         actuator exchanged, the momentum residual to the impulses exchanged.
         """
         model, state = self.model, self.state
-        k.close_books(model, state)
+        self.kernels.close_books(model, state)
         m, (x0, v0) = model.mass_kg, self._start
         start = m * GRAVITY_M_S2 * x0 + 0.5 * m * v0 * v0
         v = self.sphere_speed_m_s()
         kinetic = 0.5 * m * v * v
         gravity = m * GRAVITY_M_S2 * float(state.body[k.XI_S])
-        modal = float(k.modal_energy(model, state))
-        contact = 0.4 * model.stiffness * max(-float(state.body[k.XI]), 0.0) ** 2.5
+        modal = float(self.kernels.modal_energy(model, state))
+        contact = self.contact_energy_j()
         lost_modal, lost_contact, injected, impulse = (float(b) for b in state.books)
         gap = kinetic + gravity + modal + contact + lost_modal + lost_contact - injected - start
         change = m * (v - float(v0))

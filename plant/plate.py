@@ -13,6 +13,7 @@ from plant.materials import Material
 
 _SAME_FREQUENCY = 1e-12  # relative; phase error of merging stays below rounding of the sums
 _NO_PARTICIPATION = 1e-9  # of the largest possible value 1
+_TAIL = 16.0  # modes left out are summed one by one up to this multiple of the limit
 
 
 @dataclass(frozen=True)
@@ -119,10 +120,19 @@ def oscillators(
     return Oscillators(table[:, 0], table[:, 1], table[:, 2], len(omega))
 
 
-def residual_flexibility_m_n(plate: Plate, omega_max: float) -> float:
-    """Static flexibility of all modes above `omega_max` at an interior point, m/N.
+def residual_flexibility_m_n(
+    plate: Plate, omega_max: float, point_m: tuple[float, float] | None = None
+) -> float:
+    """Static flexibility sum lambda phi^2/w^2 of all modes above `omega_max`, m/N.
 
-    From the modal density of the infinite plate: sum lambda phi^2/w^2 -> (2/pi) Y / w_max
-    with Y = 1/(8 sqrt(B' m'')).
+    At a point: summed mode by mode up to _TAIL times that, beyond it from the modal density of
+    the infinite plate, (2/pi) Y/w with Y = 1/(8 sqrt(B' m'')). Without a point: the latter only.
     """
-    return 2.0 / (math.pi * plate.infinite_plate_impedance_n_s_m * omega_max)
+    beyond = omega_max if point_m is None else _TAIL * omega_max
+    tail = 2.0 / (math.pi * plate.infinite_plate_impedance_n_s_m * beyond)
+    if point_m is None:
+        return tail
+    m, n, omega = plate.mode_numbers(beyond)
+    left_out = omega > omega_max
+    shape = plate.mode_shape(m[left_out], n[left_out], point_m)
+    return tail + plate.modal_scale_per_kg * float(np.sum((shape / omega[left_out]) ** 2))

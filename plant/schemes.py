@@ -9,10 +9,15 @@ from typing import Any
 from numba import types
 from numba.extending import overload
 
-from plant import kernels as modal
+from plant import collocation_kernels as collocation
+from plant import kernels as discrete_gradient
 from plant import thesis2008_kernels as thesis2008
 
-_STEPS = {modal.PlantModel: modal.step, thesis2008.ThesisModel: thesis2008.step}
+_STEPS = {
+    collocation.CollocationModel: collocation.step,
+    discrete_gradient.PlantModel: discrete_gradient.step,
+    thesis2008.ThesisModel: thesis2008.step,
+}
 
 
 def step(model: Any, state: Any, f_a: float) -> float:

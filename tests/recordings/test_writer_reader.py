@@ -137,7 +137,15 @@ def test_our_reader_agrees(whole: Path, decoded: dict[str, list[Any]]) -> None:
         for label, values in stream.arrays.items():
             joined = np.concatenate([getattr(i[3], label) for i in decoded[f"/{name}"]])
             assert values.tobytes() == joined.tobytes(), label
-    assert set(kept.truth.arrays) == {"xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n"}
+    assert set(kept.truth.arrays) == {
+        "xi_m",
+        "xi_s_m",
+        "xi_p_m",
+        "v_p_m_s",
+        "f_c_n",
+        "f_a_n",
+        "f_c1_n",
+    }
     assert kept.daq.time_ns.tolist() == list(range(0, STEPS * STEP_NS, 2 * STEP_NS))
     assert np.array_equal(kept.daq_values, kept.truth.arrays["xi_m"][::2])
     assert kept.books is not None

@@ -112,7 +112,7 @@ def test_every_nth_step_is_sampled_from_the_first_on(every: int) -> None:
 def test_each_quantity_is_read_from_its_own_place() -> None:
     read = {q: run(scene(f"sensors.quantity={q.name.lower()}"), 500) for q in Quantity}
     truth = read[Quantity.XI][0]
-    xi, _, _, v_p, f_c, _, _ = truth
+    xi, _, _, v_p, f_c, _, _, _ = truth
     assert f_c.max() > 50.0  # there was a contact
     assert np.array_equal(read[Quantity.XI][1], xi)
     assert np.array_equal(read[Quantity.V_P][1], v_p)

@@ -1,0 +1,175 @@
+"""The default scheme `modal`: coefficients of the energy-preserving collocation step."""
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from plant import collocation_kernels as k
+from plant import kernels as pk
+from plant.contact import GRAVITY_M_S2
+from plant.phi import phi
+from plant.plant import Plant, PlantSpec
+from plant.plate import Oscillators, residual_flexibility_m_n
+
+
+def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
+    """Coefficients of one step for every oscillator ."""
+    h, m = spec.step_s, spec.sphere.mass_kg
+    eta, scale = spec.plate.eta, spec.plate.modal_scale_per_kg
+    theta = modes.omega * math.sqrt(1.0 - eta * eta / 4.0)
+    rho = (eta / 2.0) / math.sqrt(1.0 - eta * eta / 4.0)
+    s = (-rho + 1j) * theta
+    x = s * h
+    turn, one, two, three = (phi(i, x) for i in range(4))
+    w = scale / theta
+    constant = w * h * one  # change of z by a unit force, by a unit P(t)
+    linear = w * h * x * (2.0 * three - two)
+    mean_constant = w * h * two  # their shares of the mean over the step
+    mean_linear = w * h * (2.0 * three - two)
+    same = spec.contact_point_m == spec.actuator_point_m
+    b_c, b_a = modes.contact, modes.actuator
+    drive_c, drive_a = (b_c * b_c, b_c * b_c) if same else (b_c, b_a)
+    weight_c, weight_a = (np.ones_like(b_c),) * 2 if same else (b_c, b_a)
+
+    def moves(weight: np.ndarray, drive: np.ndarray, z: np.ndarray) -> float:
+        return float(np.sum(weight * drive * z.imag))
+
+    def speeds(drive: np.ndarray, z: np.ndarray) -> float:
+        return float(np.sum(weight_c * drive * theta * (z.real - rho * z.imag)))
+
+    gains = np.zeros(k.GAINS)
+    gains[k.PX0], gains[k.PX1] = (moves(weight_c, drive_c, z) for z in (constant, linear))
+    gains[k.PV0], gains[k.PV1] = (speeds(drive_c, z) for z in (constant, linear))
+    gains[k.PM0], gains[k.PM1] = (moves(weight_c, drive_c, z) for z in (mean_constant, mean_linear))
+    gains[k.X0] = gains[k.PX0] + h * h / (2.0 * m)
+    gains[k.X1] = gains[k.PX1] - h * h / (6.0 * m)
+    gains[k.V0], gains[k.V1] = gains[k.PV0] + h / m, gains[k.PV1]
+    gains[k.M0] = gains[k.PM0] + h * h / (6.0 * m)
+    gains[k.M1] = gains[k.PM1] - h * h / (12.0 * m)
+    gains[k.CA], gains[k.VA] = moves(weight_c, drive_a, constant), speeds(drive_a, constant)
+    gains[k.MA] = moves(weight_c, drive_a, mean_constant)
+    gains[k.AC0], gains[k.AC1] = (moves(weight_a, drive_c, z) for z in (constant, linear))
+    gains[k.AA] = moves(weight_a, drive_a, constant)
+
+    columns = {
+        k.ROT_RE: turn.real,
+        k.ROT_IM: turn.imag,
+        k.C0_RE: drive_c * constant.real,
+        k.C0_IM: drive_c * constant.imag,
+        k.C1_RE: drive_c * linear.real,
+        k.C1_IM: drive_c * linear.imag,
+        # From z at the end of a step without force: phi_1(x)/e^x = phi_1(-x).
+        k.MEAN_RE: phi(1, -x).real,
+        k.MEAN_IM: phi(1, -x).imag,
+        k.THETA: theta,
+        k.A_RE: drive_a * constant.real,
+        k.A_IM: drive_a * constant.imag,
+        k.B_C: weight_c,
+        k.B_A: weight_a,
+        k.ENERGY: 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c))),
+    }
+    if eta > 0.0:
+        lost, sums = _losses(s, rho, h, w, columns[k.ENERGY], drive_c, drive_a)
+        columns |= lost
+        for index, value in sums.items():
+            gains[index] = value
+    return k.CollocationModel(
+        step_s=h,
+        mass_kg=m,
+        gravity_m_s2=GRAVITY_M_S2,
+        stiffness=spec.contact.stiffness,
+        flexibility_m_n=flexibility_m_n(spec),
+        viscous_n_s_m=spec.contact.viscous_n_s_m,
+        hunt_crossley_s_m=spec.contact.hunt_crossley_s_m,
+        same_point=same,
+        damped=eta > 0.0,
+        rho=rho,
+        gains=gains,
+        table=np.stack([columns.get(c, np.zeros_like(theta)) for c in range(k.COLUMNS)]),
+    )
+
+
+@lru_cache(maxsize=64)
+def flexibility_m_n(spec: PlantSpec) -> float:
+    """Spring that stands for the modes left out, m/N; zero if the description has none."""
+    if not spec.residual_flexibility:
+        return 0.0
+    return residual_flexibility_m_n(
+        spec.plate, 2.0 * math.pi * spec.frequency_limit_hz, spec.contact_point_m
+    )
+
+
+_NODES = 24  # of the time integral: v^2 of a mode turns by 2 pi in a step at most
+
+
+def _losses(
+    s: np.ndarray, rho: float, h: float, w: np.ndarray, energy: np.ndarray,
+    drive_c: np.ndarray, drive_a: np.ndarray,
+) -> tuple[dict[int, np.ndarray], dict[int, float]]:  # fmt: skip
+    """Energy that damped oscillators lose in a step, 2 delta m times the integral of v^2.
+
+    v is linear in z at the end of the step without forces, and in F_0, F_1, F_a, each of which
+    moves the mass from rest in a known way; the coefficients of all products are integrated
+    by Gauss's rule. (The closed form is a difference of large numbers for slow modes.)
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    t, weights = 0.5 * h * (nodes + 1.0), 0.5 * h * weights
+    x = np.outer(s, t)
+    one, two = phi(1, x), phi(2, x)
+    back = np.exp(np.outer(s, t - h))
+    constant = w[:, None] * t * one
+    linear = w[:, None] * t * (2.0 * t / h * two - one)
+    tilt = (1.0 + 1j * rho) * s.imag[:, None]
+
+    def speed(z: np.ndarray, drive: np.ndarray | float = 1.0) -> np.ndarray:
+        return np.asarray((tilt * z).real * np.atleast_1d(drive)[:, None])
+
+    moves = {
+        "R": speed(back), "I": speed(1j * back), "0": speed(constant, drive_c),
+        "1": speed(linear, drive_c), "A": speed(constant, drive_a),
+    }  # fmt: skip
+    factor = 4.0 * rho * s.imag * energy
+
+    def product(a: str, b: str) -> np.ndarray:
+        twice = 1.0 if a == b else 2.0
+        return np.asarray(twice * factor * ((moves[a] * moves[b]) @ weights))
+
+    columns = {
+        k.LOSS_RR: product("R", "R"), k.LOSS_RI: product("R", "I"), k.LOSS_II: product("I", "I"),
+        k.LOSS_R0: product("R", "0"), k.LOSS_I0: product("I", "0"),
+        k.LOSS_R1: product("R", "1"), k.LOSS_I1: product("I", "1"),
+        k.LOSS_RA: product("R", "A"), k.LOSS_IA: product("I", "A"),
+    }  # fmt: skip
+    sums = {
+        k.LOSS_00: product("0", "0"), k.LOSS_01: product("0", "1"), k.LOSS_11: product("1", "1"),
+        k.LOSS_0A: product("0", "A"), k.LOSS_1A: product("1", "A"), k.LOSS_AA: product("A", "A"),
+    }  # fmt: skip
+    return columns, {key: float(np.sum(value)) for key, value in sums.items()}
+
+
+class CollocationPlant(Plant):
+    """The default scheme `modal`: order 4, energy to rounding, driven by its kernels' `step`."""
+
+    scheme = "modal"
+    kernels: Any = k
+
+    def _build_model(self) -> k.CollocationModel:
+        return build_model(self.spec, self.modes)
+
+    def _empty_state(self) -> k.CollocationState:
+        modes = self.model.table.shape[1]
+        state = k.CollocationState(
+            z=np.zeros((2, modes)),
+            free=np.zeros((2, modes)),
+            body=np.zeros(k.BODY_SIZE),
+            books=np.zeros(pk.BOOKS_SIZE),
+            counts=np.zeros(pk.COUNTS_SIZE, np.int64),
+        )
+        state.counts[pk.ROWS] = modes
+        return state
+
+    def contact_energy_j(self) -> float:
+        """Energy stored in the contact and the spring of the modes left out, J."""
+        return float(self.state.body[k.STORED])
