@@ -27,7 +27,10 @@ def plant_spec(scene: Scene) -> PlantSpec:
     contact = _contact(scene, sphere, plate)
     limit = 0.5 / scene.step_s  # thesis2008: all modes to pi/dt
     if scene.run.scheme != "thesis2008":
-        limit = frequency_limit_hz(sphere, plate, contact, scene.step_s, scene.run.accuracy)
+        limit = frequency_limit_hz(
+            sphere, plate, contact, scene.step_s, scene.run.accuracy,
+            spring=scene.run.scheme == "modal",
+        )  # fmt: skip
     # Modal density of a plate: area/(4 pi) sqrt(m''/B') modes per rad/s.
     density = math.sqrt(plate.mass_per_area_kg_m2 / plate.bending_stiffness_n_m) / (4 * math.pi)
     modes = density * table.size_m[0] * table.size_m[1] * 2 * math.pi * limit
@@ -84,7 +87,10 @@ def plant(scene: Scene) -> Plant | ThesisPlant:
 def model_error(scene: Scene) -> float:
     """Error of the penetration that leaving out modes is expected to cost, relative."""
     spec = plant_spec(scene)
-    return expected_error(spec.sphere, spec.plate, spec.contact, spec.frequency_limit_hz)
+    return expected_error(
+        spec.sphere, spec.plate, spec.contact, spec.frequency_limit_hz,
+        spring=spec.residual_flexibility,
+    )  # fmt: skip
 
 
 def sensor(scene: Scene) -> Sensor:

@@ -47,7 +47,7 @@ def test_books_close(name: str) -> None:
     # The last step's work shows in no row; with long steps the spring of the modes left out,
     # which xi shows and which takes no energy, is most of the plate.
     if rows[5][-1] == 0.0 and name != "long steps":
-        near = 1e-9 if "beside" in name else 5e-3
+        near = 1e-9 if "beside" in name else 2e-2
         assert books.injected_j == pytest.approx(work, rel=near, abs=1e-15)
     if "beside" in name:
         assert abs(books.injected_j) > 1e-3 * books.energy_start_j  # the actuator did act
