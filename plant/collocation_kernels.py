@@ -46,7 +46,6 @@ _NEWTON_MOST = 12
 _CORRECTIONS = 12
 _ROUNDING, _BALANCED = 2e-16, 1e-13  # of the energies at hand: as good as can be, good enough
 _HALVINGS = 90
-_THIRD = 1.0 / 3.0
 _TIGHT = 1e-7  # of the force; Newton squares what is left
 # Gauss-Legendre nodes and weights on (0, 1).
 _half = 0.5 * np.polynomial.legendre.leggauss(_NODES)[0] + 0.5
@@ -155,30 +154,36 @@ def _propagate_two_points(n, z, table, rho, f0, f1, f_a):
 def root_penetration(model, gap):
     """y = sqrt(p) of the Hertz penetration p under a modal gap < 0: y^2 + k s y^3 = -gap.
 
-    The spring of the modes left out takes k F = k s y^3 of the approach. Newton from above
-    on a convex function: falls monotonically, five iterations at most for k s y < 1.
+    The spring of the modes left out takes k F = k s y^3 of the approach. Newton, from the series
+    in e = k s sqrt(-gap) where that is small; what is left after a change of 3e-8 is below
+    rounding.
     """
     y = math.sqrt(-gap)
     share = model.flexibility_m_n * model.stiffness
     if share == 0.0:
         return y
-    for _ in range(50):
-        y1 = y - (y * y * (1.0 + share * y) + gap) / (y * (2.0 + 3.0 * share * y))
-        if not abs(y1 - y) > 1e-16 * y:
-            return y1
-        y = y1
+    e = share * y
+    if e < 0.25:
+        y *= 1.0 + e * (-0.5 + e * (0.625 + e * (-1.0 + e * (1.8046875 + e * -3.5))))
+    else:
+        y /= math.sqrt(1.0 + e)
+    for _ in range(_HALVINGS):
+        change = (y * y * (1.0 + share * y) + gap) / (y * (2.0 + 3.0 * share * y))
+        y -= change
+        if abs(change) <= 3e-8 * y:
+            break
     return y
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def elastic(model, gap):
-    """Contact force without damping (N) at a modal gap, and the energy in the contact and in
-    the spring of the modes left out (J)."""
+    """Contact force without damping (N) at a modal gap, the energy in the contact and in the
+    spring of the modes left out (J), and the root of the penetration (m^0.5)."""
     if gap >= 0.0:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     y = root_penetration(model, gap)
     force = model.stiffness * y * y * y
-    return force, force * (0.4 * y * y + 0.5 * model.flexibility_m_n * force)
+    return force, force * (0.4 * y * y + 0.5 * model.flexibility_m_n * force), y
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -387,7 +392,7 @@ def _balance(model, x0, free_x, free_mean, f0, f1, lost, before):
         x1 = free_x + g[X0] * f0 + g[X1] * f1
         mean = free_mean + g[M0] * f0 + g[M1] * f1
         way, bend = x1 - x0, x1 + x0 - 2.0 * mean
-        force, after = elastic(model, x1)
+        force, after, _ = elastic(model, x1)
         wrong = f0 * way + f1 * bend + (after - before) + lost
         size = abs(f0 * way) + abs(f1 * bend) + after + before
         if abs(wrong) <= _ROUNDING * size or abs(wrong) >= last:
@@ -512,9 +517,9 @@ def _silence(state):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _observe(model, body, sphere, sphere_v, force, f_a):
+def _observe(model, body, sphere, sphere_v, force, root, f_a):
     """Write what can be seen: gap and plate with the spring of the modes left out, which the
-    contact force `force` (N, without damping) compresses."""
+    contact force `force` (N, without damping) compresses; `root`: of the penetration."""
     spring, h = model.flexibility_m_n, model.step_s
     plate, speed = body[MODAL_X], body[MODAL_V]
     if spring > 0.0:
@@ -522,8 +527,7 @@ def _observe(model, body, sphere, sphere_v, force, f_a):
             plate += spring * f_a
         if force > 0.0:
             plate -= spring * force
-            y = (force / model.stiffness) ** _THIRD
-            by_gap = -3.0 * model.stiffness * y / (2.0 + 3.0 * spring * model.stiffness * y)
+            by_gap = -3.0 * model.stiffness * root / (2.0 + 3.0 * spring * model.stiffness * root)
             speed -= spring * by_gap * (sphere_v - speed)
     body[pk.V_P_OF_STEP] = body[pk.V_P]
     body[pk.A_P] = (speed - body[pk.V_P]) / h
@@ -617,12 +621,12 @@ def step(model, state, f_a):
         state.books[pk.CONTACT_DISSIPATED] += lost
     y = x if model.same_point else y + g[AA] * f_a
     modal_gap = sphere - x - own
-    force_1, body[STORED] = elastic(model, modal_gap)
+    force_1, body[STORED], root = elastic(model, modal_gap)
     state.books[pk.INJECTED] += f_a * (y - body[MODAL_Y])
     body[MODAL_X] = x
     body[MODAL_V] = v
     body[MODAL_Y] = y
-    _observe(model, body, sphere, sphere_v, force_1, f_a)
+    _observe(model, body, sphere, sphere_v, force_1, root, f_a)
     body[pk.F_C] = f_c
     body[pk.F_C1] = f_c1
     body[pk.F_A] = f_a

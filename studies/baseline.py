@@ -24,6 +24,7 @@ from hertzloop.launcher import free_ports
 from hertzloop.run import RunOptions, Transport, run_scene
 from hertzloop.scene import load
 from plant import kernels as pk
+from plant.collocation import CollocationPlant
 from plant.plant import Plant
 from studies import kernels as k
 
@@ -90,17 +91,22 @@ def _two_pass_case(frequencies: int) -> Callable[[], float]:
 
 
 def step_costs(rounds: int = _ROUNDS) -> list[Cost]:
-    """us per step of the plant kernel; yardstick: a plain two-pass loop, all frequencies."""
+    """us per step of the plant kernels on `aluminium-20mm`; yardstick: a plain two-pass loop
+    over all frequencies up to pi/dt. The default scheme with all of them and as many as an
+    accuracy asks for, then the second-order scheme."""
     cases: dict[str, Callable[[], float]] = {}
-    for accuracy in (1e-3, 1e-2, 1e-1):
-        scene = load("aluminium-20mm", [f"run.accuracy={accuracy}", "run.lead_in_s=0"])
-        count = len(Plant(parts.plant_spec(scene)).modes.omega)
-        if not cases:
-            cases[f"two-pass loop, {count} frequencies"] = _two_pass_case(count)
-        for name, contact in (("flight", False), ("contact", True)):
-            cases[f"{name}, {count} frequencies"] = _plant_case(
-                Plant(parts.plant_spec(scene)), contact=contact
-            )
+    settings = ["run.accuracy=1e-9", "run.accuracy=1e-3", "run.accuracy=1e-2"]
+    for scheme, limits in (("modal", settings), ("discrete_gradient", settings[:1])):
+        for limit in limits:
+            scene = load("aluminium-20mm", [limit, "run.lead_in_s=0", f"run.scheme={scheme}"])
+            make = CollocationPlant if scheme == "modal" else Plant
+            count = len(make(parts.plant_spec(scene)).modes.omega)
+            if not cases:
+                cases[f"two-pass loop, {count} frequencies"] = _two_pass_case(count)
+            for name, contact in (("flight", False), ("contact", True)):
+                cases[f"{scheme}, {name}, {count} frequencies"] = _plant_case(
+                    make(parts.plant_spec(scene)), contact=contact
+                )
     return _in_turn(cases, rounds)
 
 

@@ -2,14 +2,14 @@
 
 from numba import njit
 
-from plant import kernels as pk
+from plant.schemes import step
 
 
 @njit(cache=True, error_model="numpy")
 def plant_steps(model, state, f_a, count):
     """`count` plant steps under the same actuator force."""
     for _ in range(count):
-        pk.step(model, state, f_a)
+        step(model, state, f_a)
 
 
 @njit(cache=True, error_model="numpy")
