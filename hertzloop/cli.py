@@ -60,6 +60,9 @@ def run(
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the run on the bus.")] = None,
     timeout: TimeoutOption = 5.0,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Repeat with half the step and twice the modes.")
+    ] = False,
 ) -> None:
     """Run a scene, record it, and print what happened with and without control."""
     from hertzloop.warmup import ensure_compiled
@@ -68,6 +71,8 @@ def run(
     recording = out_file or Path(f"{resolved.name}.mcap")
     check_output(recording, overwrite)
     check_folder(json_file)
+    if verify and resolved.run.scheme == "thesis2008":
+        fail("--verify needs a scheme that converges; run.scheme = 'thesis2008' does not", 2)
     ensure_compiled(announce_compilation, resolved.run.scheme)
 
     from bus.port import BusError
@@ -84,6 +89,7 @@ def run(
         ports=[port, port + 1, port + 2] if port else None,
         name=name,
         timeout_s=timeout,
+        verify=verify,
     )
     try:
         with progress(resolved.name, resolved.steps) as advance:

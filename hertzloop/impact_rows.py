@@ -55,14 +55,17 @@ def impacts_of_rows(scene: Scene, rows: np.ndarray, most: int | None = None) -> 
     return _consistent(scene, rows, spans, starts)
 
 
-def consistent_impacts(scene: Scene, rows: np.ndarray) -> list[Impact]:
-    """Contact figures of every impact from the rows of truth alone."""
-    spec = parts.plant_spec(scene)
+def consistent_impacts(
+    scene: Scene, rows: np.ndarray, spec: PlantSpec | None = None
+) -> list[Impact]:
+    """Contact figures of every impact from the rows of truth alone; `spec` if the plant was
+    another one than the scene's."""
+    spec = spec or parts.plant_spec(scene)
     same = spec.contact_point_m == spec.actuator_point_m
     return impacts(
         rows[XI], rows[XI_S], modal_displacement(spec, rows), rows[F_C], rows[F_A],
         None if same else rows[XI_A],
-        spec.sphere.mass_kg, scene.step_s, f_c1=rows[F_C1], v_p=rows[V_P],
+        spec.sphere.mass_kg, spec.step_s, f_c1=rows[F_C1], v_p=rows[V_P],
     )  # fmt: skip
 
 

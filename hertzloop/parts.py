@@ -72,14 +72,17 @@ def _contact(scene: Scene, sphere: Sphere, plate: Plate) -> Contact:
     return Contact(stiffness)
 
 
+def plant_of(spec: PlantSpec, scene: Scene) -> Plant | ThesisPlant:
+    """A plant by the scene's scheme. Raises ValueError for what that scheme does not know."""
+    if scene.run.scheme == "thesis2008":
+        return ThesisPlant(spec, scene.steps)
+    return CollocationPlant(spec) if scene.run.scheme == "modal" else Plant(spec)
+
+
 def plant(scene: Scene) -> Plant | ThesisPlant:
     """The plant at the start of its run."""
     try:
-        if scene.run.scheme == "thesis2008":
-            return ThesisPlant(plant_spec(scene), scene.steps)
-        if scene.run.scheme == "modal":
-            return CollocationPlant(plant_spec(scene))
-        return Plant(plant_spec(scene))
+        return plant_of(plant_spec(scene), scene)
     except ValueError as error:
         raise SceneError(str(error)) from error
 

@@ -130,6 +130,20 @@ def comparison_line(controlled: list[dict[str, float]], free: list[dict[str, flo
     )
 
 
+def _verification_line(report: dict[str, Any]) -> str:
+    """What halving the step and doubling the modes changed."""
+    found = report["verification"]
+    if found is None:
+        return "Nothing to verify: no impact ends within the run."
+    met = "met" if found["largest"] <= report["requested_accuracy"] else "[red]missed[/red]"
+    return (
+        f"Verified with half the step and modes to {found['frequency_limit_hz'] / 1e3:.4g} kHz: "
+        f"penetration {found['penetration']:.1e}, rebound speed {found['rebound_speed']:.1e}, "
+        f"plate energy {found['plate_energy']:.1e}; asked for {report['requested_accuracy']:g}: "
+        f"{met}."
+    )
+
+
 def cost_table(title: str, costs: list[dict[str, Any]]) -> Table:
     """Measured costs of a group; the first case is the yardstick."""
     table = Table(title=title, title_justify="left")
@@ -151,6 +165,8 @@ def print_run(console: Console, report: dict[str, Any]) -> None:
         cases = [("with control", with_[0]), ("without", without[0])]
         console.print(noise_table(cases))
     console.print(run_table(report))
+    if "verification" in report:
+        console.print(_verification_line(report))
     console.print(comparison_line(report["impacts"], report["uncontrolled"]["impacts"]))
     console.print(
         f"Recording: [bold]{report['recording']}[/bold]. Look at it with "

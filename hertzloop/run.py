@@ -11,6 +11,7 @@ from hertzloop.compiled import simulate
 from hertzloop.inprocess import record_in_process
 from hertzloop.launcher import Launcher
 from hertzloop.scene import Scene
+from hertzloop.verify import as_json, verify
 from recordings.reader import read
 from recordings.writer import RecordingError
 
@@ -33,6 +34,7 @@ class RunOptions:
     ports: Sequence[int] | None = None
     name: str | None = None
     timeout_s: float = 5.0
+    verify: bool = False
 
 
 def run_scene(
@@ -70,7 +72,10 @@ def run_scene(
     if recorded.problems:
         raise RecordingError(f"{recording}: {recorded.problems[0]}")
     without = uncontrolled(scene)
-    return figures.run_report(
+    verified = None
+    if options.verify:
+        verified = verify(scene, figures.rows_of(recorded))
+    report = figures.run_report(
         scene,
         recorded,
         figures.figures_of(without, simulate(without).rows),
@@ -78,6 +83,9 @@ def run_scene(
         wall_s=stats["wall_s"],
         exchanges=int(stats["exchanges"]),
     )
+    if options.verify:
+        report["verification"] = as_json(verified)
+    return report
 
 
 def uncontrolled(scene: Scene) -> Scene:

@@ -154,6 +154,27 @@ def figures(
         out.print(f"written: {path}", soft_wrap=True)
 
 
+def speed_accuracy(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for chart and numbers.")],
+    quick: Annotated[bool, typer.Option("--quick", help="Two scenes, fewer rounds.")] = False,
+) -> None:
+    """Error against CPU time of every scheme, on the same equations, in one run."""
+    from hertzloop.warmup import ensure_compiled
+    from studies import speed_accuracy as study
+
+    ensure_compiled(announce_compilation)
+    _make_folder(folder)
+    points = study.run(folder, quick)
+    for title, rows in study.ratios(points).items():
+        table = Table(title=title, title_justify="left")
+        for heading in ("scene", "error", "modal (s/ms)", "competitor (s/ms)", "times faster"):
+            table.add_column(heading, justify="right")
+        for row in rows:
+            table.add_row(*row)
+        out.print(table)
+    out.print(f"written: {folder}/speed_accuracy.csv and .png", soft_wrap=True)
+
+
 def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -163,5 +184,8 @@ def _make_folder(folder: Path) -> None:
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
+    chart = typer.Typer(help="Charts that measure on this machine.", no_args_is_help=True)
+    chart.command("speed-accuracy")(speed_accuracy)
+    app.add_typer(chart, name="chart")
     for command in (tables, figures, weaknesses, calibrate, bench):
         app.command()(command)

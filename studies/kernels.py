@@ -2,7 +2,9 @@
 
 from numba import njit
 
+from plant.kernels import XI
 from plant.schemes import step
+from studies.integrator_kernels import slope
 
 
 @njit(cache=True, error_model="numpy")
@@ -26,3 +28,21 @@ def two_pass_steps(z, turn, grown, count):
         for i in range(z.size):
             z[i] += grown[i] * force
     return x
+
+
+@njit(cache=True, error_model="numpy")
+def plant_gaps(model, state, every, gaps):
+    """Step without control; the gap after every `every` steps."""
+    for i in range(gaps.size):
+        for _ in range(every):
+            step(model, state, 0.0)
+        gaps[i] = state.body[XI]
+
+
+@njit(cache=True, error_model="numpy")
+def many_slopes(y, omega2, drive, stiffness, mass, count):
+    """The right-hand side of the modal equations, `count` times."""
+    total = 0.0
+    for i in range(count):
+        total += slope(0.0, y, omega2, drive, stiffness, mass + 1e-9 * i)[0]
+    return total
