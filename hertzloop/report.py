@@ -108,7 +108,7 @@ def _model_order(report: dict[str, Any]) -> str:
         return f"{report['frequencies']} up to {limit:.4g} kHz (pi/dt), as published"
     chosen = (
         f"{report['frequencies']} up to {report['frequency_limit_hz'] / 1e3:.4g} kHz; leaving out "
-        f"the rest may cost {report['expected_error']:.1g} of the penetration"
+        f"the rest may cost {report['expected_error']:.1g} of penetration or plate energy"
     )
     if report["expected_error"] > 1.001 * report["requested_accuracy"]:
         return (

@@ -175,6 +175,31 @@ def speed_accuracy(
     out.print(f"written: {folder}/speed_accuracy.csv and .png", soft_wrap=True)
 
 
+def model_order(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for chart and numbers.")],
+    scenes: Annotated[int, typer.Option(min=1, help="Number of random scenes.")] = 40,
+    seed: Annotated[int, typer.Option(help="Seed of the scenes.")] = 1,
+) -> None:
+    """Whether the automatic choice of modes meets its accuracy on random scenes, and its cost."""
+    from hertzloop.warmup import ensure_compiled
+    from studies import model_order as study
+
+    ensure_compiled(announce_compilation)
+    _make_folder(folder)
+    found = study.run(folder, scenes, seed)
+    table = Table(title="Automatic choice of modes", title_justify="left")
+    for heading in ("asked", "scenes", "beyond the step", "met", "worst error/asked",
+                    "cost/cheapest, median", "largest"):  # fmt: skip
+        table.add_column(heading, justify="right")
+    for row in study.summary(found):
+        table.add_row(*row)
+    out.print(table)
+    for outcome in found:
+        if outcome.error > outcome.request and not outcome.capped:
+            out.print(f"missed: {outcome}", soft_wrap=True)
+    out.print(f"written: {folder}/model_order.csv and .png", soft_wrap=True)
+
+
 def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -186,6 +211,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands."""
     chart = typer.Typer(help="Charts that measure on this machine.", no_args_is_help=True)
     chart.command("speed-accuracy")(speed_accuracy)
+    chart.command("model-order")(model_order)
     app.add_typer(chart, name="chart")
     for command in (tables, figures, weaknesses, calibrate, bench):
         app.command()(command)

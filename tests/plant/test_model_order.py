@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plant.model_order import expected_error, frequency_limit_hz
+from plant.model_order import energy_beyond, expected_error, frequency_limit_hz
 from plant.plant import Plant, PlantSpec
 from tests.plant.rigs import run, spec
 
@@ -66,3 +66,16 @@ def test_limit_meets_the_accuracy_or_half_the_sampling_rate(
         )  # the lowest that does
     else:
         assert estimate(what, nyquist, spring=spring) >= accuracy * (1.0 - 1e-12)
+
+
+def test_energy_beyond_is_that_of_a_hertz_like_pulse() -> None:
+    """Against the spectrum of the pulse, and beyond the table as the fourth power."""
+    t = (np.arange(4000) + 0.5) / 4000
+    power = np.abs(np.fft.rfft(np.sin(np.pi * t) ** 1.5, 4000 * 64)) ** 2
+    beyond = np.cumsum(power[::-1])[::-1] / power.sum()
+    for periods in (0.25, 0.5, 1.0, 1.5, 2.0, 4.0, 8.0, 12.0):
+        assert energy_beyond(periods) == pytest.approx(beyond[int(64 * periods)], rel=0.02)
+    assert energy_beyond(24.0) == pytest.approx(energy_beyond(12.0) / 16.0)
+    falls = [energy_beyond(x) for x in np.geomspace(0.05, 100.0, 200)]
+    assert falls == sorted(falls, reverse=True)
+    assert falls[0] <= 1.0
