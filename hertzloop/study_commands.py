@@ -200,6 +200,20 @@ def model_order(
     out.print(f"written: {folder}/model_order.csv and .png", soft_wrap=True)
 
 
+def stability(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for charts and numbers.")],
+) -> None:
+    """Where each scheme and the closed loop blow up or lose their energy balance."""
+    from hertzloop.warmup import ensure_compiled
+    from studies import stability as study
+
+    ensure_compiled(announce_compilation)
+    _make_folder(folder)
+    for what, value in study.run(folder).items():
+        out.print(f"{what} {value}", soft_wrap=True)
+    out.print(f"written: {folder}/stability.png and stability-*.csv", soft_wrap=True)
+
+
 def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -212,6 +226,7 @@ def register(app: typer.Typer) -> None:
     chart = typer.Typer(help="Charts that measure on this machine.", no_args_is_help=True)
     chart.command("speed-accuracy")(speed_accuracy)
     chart.command("model-order")(model_order)
+    chart.command("stability")(stability)
     app.add_typer(chart, name="chart")
     for command in (tables, figures, weaknesses, calibrate, bench):
         app.command()(command)
