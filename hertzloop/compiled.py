@@ -12,7 +12,13 @@ from controller import kernels as ck
 from hertzloop import kernels as k
 from hertzloop import parts
 from hertzloop.events import ControllerEvents
-from hertzloop.plant_node import BLOCK_STEPS, LoopStats, PlantStreams, new_run_id
+from hertzloop.plant_node import (
+    BLOCK_STEPS,
+    LoopStats,
+    PlantStreams,
+    empty_window,
+    new_run_id,
+)
 from hertzloop.scene import Scene
 from plant.plant import Books
 
@@ -30,13 +36,7 @@ def simulate(scene: Scene) -> Truth:
     plant, sensor = parts.plant(scene), parts.sensor(scene)
     controller = parts.controller(scene, plant.model.stiffness)
     steps, samples = scene.steps, len(controller.law_state.history)
-    window = k.Window(
-        truth=np.zeros((k.TRUTH_COLUMNS, steps)),
-        codes=np.zeros(samples, np.int64),
-        values=np.zeros(samples),
-        clipped=np.zeros(samples, np.int64),
-        counts=np.zeros(k.WINDOW_COUNTS, np.int64),
-    )
+    window = empty_window(steps, samples)
     modes, delays = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
     k.closed_loop(
         plant.model, plant.state, sensor.model, sensor.state, controller.law,

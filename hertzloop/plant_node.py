@@ -52,6 +52,17 @@ def new_run_id() -> int:
     return secrets.randbits(63) | 1
 
 
+def empty_window(steps: int, samples: int) -> k.Window:
+    """Room for the truth of `steps` steps and for `samples` samples."""
+    return k.Window(
+        truth=np.zeros((k.TRUTH_COLUMNS, steps)),
+        codes=np.zeros(samples, np.int64),
+        values=np.zeros(samples),
+        clipped=np.zeros(samples, np.int64),
+        counts=np.zeros(k.WINDOW_COUNTS, np.int64),
+    )
+
+
 class PlantStreams:
     """Window of what the plant produced, and its way onto the bus in blocks.
 
@@ -63,13 +74,7 @@ class PlantStreams:
         self.scene, self.publisher = scene, publisher
         self.plant = parts.plant(scene)
         self.sensor = parts.sensor(scene)
-        self.window = k.Window(
-            truth=np.zeros((k.TRUTH_COLUMNS, BLOCK_STEPS)),
-            codes=np.zeros(samples, np.int64),
-            values=np.zeros(samples),
-            clipped=np.zeros(samples, np.int64),
-            counts=np.zeros(k.WINDOW_COUNTS, np.int64),
-        )
+        self.window = empty_window(BLOCK_STEPS, samples)
         spec = self.sensor.spec
         self._events = PlantEvents(scene.run.step_ns, spec.every_steps, spec.quantity)
         self._clipped: list[np.ndarray] = []  # flags since the last block of truth

@@ -7,6 +7,7 @@ import numpy as np
 from hertzloop import kernels as k
 from hertzloop import parts
 from hertzloop.impact_rows import F_A, XI, consistent_impacts, impacts_of_rows
+from hertzloop.plant_node import empty_window
 from hertzloop.scene import Scene, SceneError
 from plant import kernels as pk
 from plant.plant import PlantSpec
@@ -37,13 +38,7 @@ def _rows_under(spec: PlantSpec, scene: Scene, forces: np.ndarray, start: np.nda
     plant, steps = parts.plant_of(spec, scene), len(forces)
     plant.state.body[_START] = start
     sensor = Sensor(SensorSpec(), spec.step_s, steps, seed=1)
-    window = k.Window(
-        truth=np.zeros((k.TRUTH_COLUMNS, steps)),
-        codes=np.zeros(steps, np.int64),
-        values=np.zeros(steps),
-        clipped=np.zeros(steps, np.int64),
-        counts=np.zeros(k.WINDOW_COUNTS, np.int64),
-    )
+    window = empty_window(steps, steps)
     grant = k.Grant(np.array([steps, 0, 0]), np.full(1, np.inf), 1)
     k.advance(plant.model, plant.state, sensor.model, sensor.state, forces, window, grant, steps)
     return window.truth

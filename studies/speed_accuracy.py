@@ -6,6 +6,7 @@ CPU times are measured in turn, round after round.
 """
 
 import csv
+import importlib.util
 import math
 import time
 from collections.abc import Callable
@@ -143,6 +144,32 @@ def _scipy_run(method: Any, what: Problem, tolerance: float, count: list[int]) -
     return run
 
 
+def _cvode_run(what: Problem, tolerance: float) -> Run | None:
+    """SUNDIALS CVODE, Adams with a matrix-free solver; None where scikit-sundae is missing."""
+    try:
+        from sksundae.cvode import CVODE
+    except ImportError:
+        return None
+    t = _SAMPLE_S * np.arange(what.samples + 1)
+    modes = len(what.omega2)
+
+    def slope(time_s: float, y: np.ndarray, out: np.ndarray) -> None:
+        out[:] = ik.slope(time_s, y, *what.arguments)
+
+    def run() -> tuple[np.ndarray, float, float]:
+        solver = CVODE(
+            slope, method="Adams", linsolver="gmres", rtol=tolerance, atol=1e-6 * tolerance,
+            max_num_steps=100_000,
+        )  # fmt: skip
+        started = time.process_time()
+        y = solver.solve(t, what.start()).y[1:]
+        cpu_s = time.process_time() - started
+        drift = what.drift(np.ascontiguousarray(y[-1]))
+        return y[:, 2 * modes] - y[:, :modes].sum(axis=1), drift, cpu_s
+
+    return run
+
+
 def _slope(t: float, y: np.ndarray, arguments: tuple[Any, ...]) -> np.ndarray:
     return np.asarray(ik.slope(t, y, *arguments))
 
@@ -185,6 +212,10 @@ def measure(name: str, duration_s: float, rounds: int) -> list[Point]:
         key = ("dop853", f"rtol {tolerance:g}")
         counts[key] = [0]
         cases[key] = _scipy_run("DOP853", what, tolerance, counts[key])
+    for tolerance in _TOLERANCES[1:3]:
+        cvode = _cvode_run(what, tolerance)
+        if cvode is not None:
+            cases["cvode", f"rtol {tolerance:g}"] = cvode
     results = {key: run()[:2] for key, run in cases.items()}  # compiles, too
     cpu = {key: math.inf for key in cases}
     for _ in range(rounds):
@@ -210,7 +241,10 @@ def _omitted(names: list[str]) -> list[Point]:
     reasons = {
         "thesis2008": "omitted: another model, its error does not shrink (see weaknesses)",
         "radau": "omitted: dense factorisation of twice the modes, hours at this size",
+        "lsoda": "omitted: turns to dense Jacobians, 2 to 44 s per ms when tried",
     }
+    if importlib.util.find_spec("sksundae") is None:
+        reasons["cvode"] = "omitted: scikit-sundae is not installed (pip install -e '.[dev]')"
     return [
         Point(name, scheme, "", math.nan, math.nan, math.nan, reason)
         for name in names
@@ -263,7 +297,7 @@ def ratios(points: list[Point]) -> dict[str, list[tuple[str, ...]]]:
     """The default scheme's cost against its competitors' at three errors, as rows to print."""
     found: dict[str, list[tuple[str, ...]]] = {}
     scenes = list(dict.fromkeys(p.scene for p in points))
-    for competitor in ("dop853", "dop853 compiled"):
+    for competitor in ("dop853", "cvode", "dop853 compiled"):
         rows: list[tuple[str, ...]] = []
         for scene in scenes:
             for error in (1e-3, 1e-4, 1e-6):

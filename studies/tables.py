@@ -181,8 +181,10 @@ def read_rows(path: Path) -> tuple[list[str], list[dict[str, str]]]:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
             rows = list(reader)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise RowError(f"cannot read {path}: {error}") from error
+    except OSError as error:
+        raise RowError(f"cannot read {path}: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise RowError(f"{path} is no CSV table: {error}") from error
     header = list(reader.fieldnames or [])
     if "kappa" not in header:
         raise RowError(
