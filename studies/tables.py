@@ -141,17 +141,18 @@ def scene_of(row: Row, scheme: str, settings: Iterable[str] = ()) -> Scene:
 @lru_cache(maxsize=256)
 def noise_of(row: Row, scheme: str) -> ImpactNoise | None:
     """Figures of a row's first impact; None if it does not end within the longest run."""
-    steps = _SHORTEST_STEPS
-    while True:
-        lasts = [f"run.duration_s={steps * 1e-6!r}"] if scheme == "thesis2008" else []
-        scene = scene_of(row, scheme, lasts)
+    scene = scene_of(row, scheme)
+    published = scheme == "thesis2008"
+    longest = _LONGEST_STEPS if published else 16 * scene.steps
+    steps = _SHORTEST_STEPS if published else scene.steps
+    while steps <= longest:
+        scene = scene_of(row, scheme, [f"run.duration_s={steps * scene.step_s!r}"])
         impact = first_impact(scene, simulate(scene).rows)
         if impact is not None and impact.ended:
-            counted_less = scheme == "thesis2008" and row.parameter_study
+            counted_less = published and row.parameter_study
             return _one_step_less(impact.noise, scene) if counted_less else impact.noise
-        if scheme != "thesis2008" or steps >= _LONGEST_STEPS:
-            return None
-        steps *= 2
+        steps *= 2 if published else 4
+    return None
 
 
 def _one_step_less(noise: ImpactNoise, scene: Scene) -> ImpactNoise:
