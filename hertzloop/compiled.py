@@ -20,7 +20,8 @@ from hertzloop.plant_node import (
     new_run_id,
 )
 from hertzloop.scene import Scene
-from plant.plant import Books
+from plant.plant import Books, Plant
+from plant.thesis2008 import ThesisPlant
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,13 @@ def simulate(scene: Scene) -> Truth:
         window, modes, delays, steps,
     )  # fmt: skip
     return Truth(window.truth, plant.close_books())
+
+
+def rows_under(plant: Plant | ThesisPlant, forces: np.ndarray) -> np.ndarray:
+    """Rows of truth, shape (8, steps), of a plant under given actuator forces (N), one a step."""
+    window = empty_window(len(forces), 0)
+    k.plant_alone(plant.model, plant.state, forces, window)
+    return window.truth
 
 
 def run_compiled(

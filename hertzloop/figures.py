@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.impact_rows import F_C, consistent_impacts, impacts_of_rows
+from hertzloop.impact_rows import impacts_of_rows
 from hertzloop.plant_node import TRUTH_FIELDS
 from hertzloop.scene import Scene
 from recordings.reader import Recording
@@ -26,25 +26,13 @@ def figures_of(scene: Scene, rows: np.ndarray) -> dict[str, list[dict[str, float
     """Impacts and their noise figures for --json from rows of truth.
 
     Two lists of the same length: `impacts` with keys as in `Impact`, `noise` as in
-    `ImpactNoise`. Impacts of the published scheme have the study's figures: contact time by
-    samples, plate energy as the published sum.
+    `ImpactNoise`.
     """
     found = impacts_of_rows(scene, rows)
-    if scene.run.scheme != "thesis2008":
-        listed = [asdict(impact) for impact in consistent_impacts(scene, rows)]
-    else:
-        listed = [
-            {
-                "start_s": impact.start * scene.step_s,
-                "duration_s": impact.noise.contact_time_s,
-                "impact_speed_m_s": impact.noise.impact_speed_m_s,
-                "rebound_speed_m_s": impact.noise.next_impact_speed_m_s,
-                "peak_force_n": float(rows[F_C, impact.start : impact.end].max()),
-                "plate_energy_j": impact.noise.transmitted_j,
-            }
-            for impact in found
-        ]
-    return {"impacts": listed, "noise": [asdict(impact.noise) for impact in found]}
+    return {
+        "impacts": [asdict(rows_of_impact.impact) for rows_of_impact in found],
+        "noise": [asdict(rows_of_impact.noise) for rows_of_impact in found],
+    }
 
 
 def run_report(

@@ -24,12 +24,14 @@ XI, XI_S, XI_P, V_P, F_C, F_A, XI_A, F_C1 = range(8)
 @dataclass(frozen=True)
 class RowsOfImpact:
     """One impact: first step in contact, first step after it, contact force in between (N, its
-    elastic part in the published scheme), whether it ended within the run, and its figures."""
+    elastic part in the published scheme), whether it ended within the run, and its figures; those
+    of the published scheme are the study's: contact time by samples, plate energy as summed."""
 
     start: int
     end: int
     contact_n: np.ndarray
     ended: bool
+    impact: Impact
     noise: ImpactNoise
 
 
@@ -95,7 +97,15 @@ def _published(scene: Scene, rows: np.ndarray, spans: list[tuple[int, int]]) -> 
             spec.sphere, spec.plate, modes, spec.contact_point_m, green_v, elastic, f_a, h,
             impact_speed_m_s=v0, relative_speed_m_s=relative_speed_m_s(xi, v0, h),
         )  # fmt: skip
-        found.append(RowsOfImpact(start, end, elastic[: end - start], end < steps, noise))
+        impact = Impact(
+            start_s=start * h,
+            duration_s=noise.contact_time_s,
+            impact_speed_m_s=v0,
+            rebound_speed_m_s=noise.next_impact_speed_m_s,
+            peak_force_n=float(rows[F_C, start:end].max()),
+            plate_energy_j=noise.transmitted_j,
+        )
+        found.append(RowsOfImpact(start, end, elastic[: end - start], end < steps, impact, noise))
         fall = 2.0 * GRAVITY_M_S2 * max(float(xi[-1]), 0.0)
         v0 = math.sqrt(noise.next_impact_speed_m_s**2 + fall)
     return found
@@ -129,5 +139,5 @@ def _consistent(
             impact_speed_m_s=impact.impact_speed_m_s,
             rebound_speed_m_s=impact.rebound_speed_m_s,
         )  # fmt: skip
-        found.append(RowsOfImpact(start, end, rows[F_C, start:end], end < steps, noise))
+        found.append(RowsOfImpact(start, end, rows[F_C, start:end], end < steps, impact, noise))
     return found

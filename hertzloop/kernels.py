@@ -92,6 +92,13 @@ def _step_and_record(plant, plant_state, f_a, window):
 
 
 @njit(cache=True, error_model="numpy")
+def plant_alone(plant, plant_state, forces, window):
+    """The plant under given actuator forces, one a step, without sensor and controller."""
+    for i in range(forces.size):
+        _step_and_record(plant, plant_state, forces[i], window)
+
+
+@njit(cache=True, error_model="numpy")
 def advance(plant, plant_state, sensor, sensor_state, forces, window, grant, end):
     """Run the plant to step `end` or as far as forces are known; True if it has to wait."""
     while plant_state.counts[pk.STEP] < end:

@@ -42,6 +42,7 @@ TransportName = Literal["zenoh", "inprocess", "compiled"]
 
 
 def scene_from(source: str, settings: list[str] | None, seed: int | None) -> Scene:
+    """The scene a command works on; ends the command if it cannot be simulated."""
     try:
         scene = load(source, settings, seed)
         from hertzloop import parts
@@ -53,6 +54,7 @@ def scene_from(source: str, settings: list[str] | None, seed: int | None) -> Sce
 
 
 def check_output(path: Path, overwrite: bool, option: str = "--out") -> None:
+    """End the command unless `path` can be written, and may be."""
     if path.exists() and not path.is_file() and not overwrite:
         fail(f"{path} is no file that could be written to", 2)
     if path.is_file() and not overwrite:
@@ -61,11 +63,13 @@ def check_output(path: Path, overwrite: bool, option: str = "--out") -> None:
 
 
 def check_folder(path: Path | None) -> None:
+    """End the command if the folder of a file to write does not exist."""
     if path is not None and not path.parent.is_dir():
         fail(f"the folder {path.parent} does not exist", 2)
 
 
 def write_json(path: Path | None, data: dict[str, Any]) -> None:
+    """Write what --json asks for, if it does."""
     if path is None:
         return
     try:
@@ -75,4 +79,5 @@ def write_json(path: Path | None, data: dict[str, Any]) -> None:
 
 
 def announce_compilation() -> None:
+    """Say why the next half minute is silent."""
     err.print("Compiling the kernels: once after every change of version, about half a minute.")

@@ -71,7 +71,7 @@ def run_scene(
     recorded = read(recording)
     if recorded.problems:
         raise RecordingError(f"{recording}: {recorded.problems[0]}")
-    without = uncontrolled(scene)
+    without = scene.without_control()
     verified = None
     if options.verify:
         verified = verify(scene, figures.rows_of(recorded))
@@ -86,10 +86,3 @@ def run_scene(
     if options.verify:
         report["verification"] = as_json(verified)
     return report
-
-
-def uncontrolled(scene: Scene) -> Scene:
-    """The same scene with the law switched off."""
-    return scene.model_copy(
-        update={"controller": scene.controller.model_copy(update={"law": "off"})}
-    )

@@ -131,6 +131,12 @@ class Scene(_Table):
         """A time in whole steps."""
         return round(time_us * 1000 / self.run.step_ns)
 
+    def without_control(self) -> "Scene":
+        """The same scene with the law switched off."""
+        return self.model_copy(
+            update={"controller": self.controller.model_copy(update={"law": "off"})}
+        )
+
     @model_validator(mode="after")
     def _fits_together(self) -> "Scene":
         for problem in _problems(self):

@@ -1,5 +1,7 @@
 """Commands that run a study; each loads what it needs when it is called."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -129,13 +131,11 @@ def weaknesses(
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for chart and numbers.")],
 ) -> None:
     """Where the published numerics fail, beside the consistent scheme: chart and numbers."""
-    from hertzloop.warmup import ensure_compiled
     from studies import weaknesses as study
 
-    for scheme in ("modal", "thesis2008"):
-        ensure_compiled(announce_compilation, scheme)
-    _make_folder(folder)
-    for table in study.run(folder):
+    with _results_in(folder, "modal", "thesis2008"):
+        found = study.run(folder)
+    for table in found:
         out.print(table)
     out.print(f"written: {folder}", soft_wrap=True)
 
@@ -144,13 +144,11 @@ def figures(
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for the pictures.")],
 ) -> None:
     """The study's figures redrawn from our own runs, published and consistent scheme."""
-    from hertzloop.warmup import ensure_compiled
     from studies import figures as study
 
-    for scheme in ("modal", "thesis2008"):
-        ensure_compiled(announce_compilation, scheme)
-    _make_folder(folder)
-    for path in study.draw(folder):
+    with _results_in(folder, "modal", "thesis2008"):
+        found = study.draw(folder)
+    for path in found:
         out.print(f"written: {path}", soft_wrap=True)
 
 
@@ -159,12 +157,10 @@ def speed_accuracy(
     quick: Annotated[bool, typer.Option("--quick", help="Two scenes, fewer rounds.")] = False,
 ) -> None:
     """Error against CPU time of every scheme, on the same equations, in one run."""
-    from hertzloop.warmup import ensure_compiled
     from studies import speed_accuracy as study
 
-    ensure_compiled(announce_compilation)
-    _make_folder(folder)
-    points = study.run(folder, quick)
+    with _results_in(folder, "modal"):
+        points = study.run(folder, quick)
     for title, rows in study.ratios(points).items():
         table = Table(title=title, title_justify="left")
         for heading in ("scene", "error", "modal (s/ms)", "competitor (s/ms)", "times faster"):
@@ -181,12 +177,10 @@ def model_order(
     seed: Annotated[int, typer.Option(help="Seed of the scenes.")] = 1,
 ) -> None:
     """Whether the automatic choice of modes meets its accuracy on random scenes, and its cost."""
-    from hertzloop.warmup import ensure_compiled
     from studies import model_order as study
 
-    ensure_compiled(announce_compilation)
-    _make_folder(folder)
-    found = study.run(folder, scenes, seed)
+    with _results_in(folder, "modal"):
+        found = study.run(folder, scenes, seed)
     table = Table(title="Automatic choice of modes", title_justify="left")
     for heading in ("asked", "scenes", "beyond the step", "met", "worst error/asked",
                     "cost/cheapest, median", "largest"):  # fmt: skip
@@ -204,21 +198,30 @@ def stability(
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for charts and numbers.")],
 ) -> None:
     """Where each scheme and the closed loop blow up or lose their energy balance."""
-    from hertzloop.warmup import ensure_compiled
     from studies import stability as study
 
-    ensure_compiled(announce_compilation)
-    _make_folder(folder)
-    for what, value in study.run(folder).items():
+    with _results_in(folder, "modal"):
+        found = study.run(folder)
+    for what, value in found.items():
         out.print(f"{what} {value}", soft_wrap=True)
     out.print(f"written: {folder}/stability.png and stability-*.csv", soft_wrap=True)
 
 
-def _make_folder(folder: Path) -> None:
+@contextmanager
+def _results_in(folder: Path, *schemes: str) -> Iterator[None]:
+    """A study that writes into `folder`, which is made, with the kernels of `schemes` ready."""
+    from hertzloop.warmup import ensure_compiled
+
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        fail(f"cannot write into {folder}: {error.strerror}", 2)
+        fail(f"{folder} is no folder that could be made: {error.strerror}", 2)
+    for scheme in schemes:
+        ensure_compiled(announce_compilation, scheme)
+    try:
+        yield
+    except OSError as error:
+        fail(f"cannot write into {folder}: {error.strerror}", 1)
 
 
 def register(app: typer.Typer) -> None:

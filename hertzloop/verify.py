@@ -4,14 +4,11 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from hertzloop import kernels as k
 from hertzloop import parts
+from hertzloop.compiled import rows_under
 from hertzloop.impact_rows import F_A, XI, consistent_impacts, impacts_of_rows
-from hertzloop.plant_node import empty_window
 from hertzloop.scene import Scene, SceneError
 from plant import kernels as pk
-from plant.plant import PlantSpec
-from sensors.acquisition import Sensor, SensorSpec
 
 _START = [pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]
 
@@ -31,17 +28,6 @@ class Verification:
     def largest(self) -> float:
         """Largest of the three relative changes."""
         return max(self.penetration, self.rebound_speed, self.plate_energy)
-
-
-def _rows_under(spec: PlantSpec, scene: Scene, forces: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Rows of truth of a plant that starts from `start` (see _START) under given forces."""
-    plant, steps = parts.plant_of(spec, scene), len(forces)
-    plant.state.body[_START] = start
-    sensor = Sensor(SensorSpec(), spec.step_s, steps, seed=1)
-    window = empty_window(steps, steps)
-    grant = k.Grant(np.array([steps, 0, 0]), np.full(1, np.inf), 1)
-    k.advance(plant.model, plant.state, sensor.model, sensor.state, forces, window, grant, steps)
-    return window.truth
 
 
 def verify(scene: Scene, rows: np.ndarray) -> Verification | None:
@@ -64,7 +50,9 @@ def verify(scene: Scene, rows: np.ndarray) -> Verification | None:
     until = min(first.end + 2, rows.shape[1])
     start = parts.plant_of(spec, scene).state.body[_START]
     fine = replace(spec, step_s=spec.step_s / 2, frequency_limit_hz=2.0 * spec.frequency_limit_hz)
-    doubled = _rows_under(fine, scene, np.repeat(rows[F_A, :until], 2), start)
+    plant = parts.plant_of(fine, scene)
+    plant.state.body[_START] = start
+    doubled = rows_under(plant, np.repeat(rows[F_A, :until], 2))
     gap, finer = rows[XI, :until], doubled[XI, ::2]
     coarse_impact = consistent_impacts(scene, rows[:, :until], spec)[0]
     fine_impact = consistent_impacts(scene, doubled, fine)[0]

@@ -15,7 +15,7 @@ from plant.plate import Oscillators, residual_flexibility_m_n
 
 
 def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
-    """Coefficients of one step for every oscillator ."""
+    """Coefficients of one step for every oscillator."""
     h, m = spec.step_s, spec.sphere.mass_kg
     eta, scale = spec.plate.eta, spec.plate.modal_scale_per_kg
     theta = modes.omega * math.sqrt(1.0 - eta * eta / 4.0)

@@ -33,13 +33,7 @@ def impact_noise(
     shares = noise.modal_shares_j(plate, modes, contact_n, actuator_n, step_s, slope_n)
     frequency = modes.omega / (2.0 * np.pi)
     return ImpactNoise(
-        contact_time_s=contact_time_s,
-        impact_speed_m_s=impact_speed_m_s,
-        next_impact_speed_m_s=rebound_speed_m_s,
-        rebound_height_m=noise.rebound_height_m(rebound_speed_m_s),
-        longhorn_j=noise.longhorn_j(sphere.radius_m, impact_speed_m_s, rebound_speed_m_s),
-        holmes_j=noise.holmes_j(sphere.radius_m, impact_speed_m_s, contact_time_s),
-        peak_pressure_pa=noise.peak_pressure_pa(sphere.radius_m, impact_speed_m_s, contact_time_s),
+        **noise.closed_forms(sphere.radius_m, contact_time_s, impact_speed_m_s, rebound_speed_m_s),
         transmitted_j=work_j,
         transmitted_spectrum_j=float(np.sum(shares)),
         plate_speed_max_m_s=float(np.max(np.abs(plate_speed_m_s), initial=0.0)),
@@ -54,11 +48,11 @@ def impact_noise(
 
 @lru_cache(maxsize=8)
 def _audible(
-    plate: Plate, point_m: tuple[float, float], omega_max: float, samples: int, step_s: float
+    plate: Plate, point_m: tuple[float, float], omega_max: float, length: int, step_s: float
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Re Y and both radiation efficiencies on the bins of the published sum."""
     modes = oscillators(plate, point_m, point_m, omega_max)
-    bins = noise.audible_bins_hz(samples, step_s)
+    bins = noise.audible_bins_hz(length, step_s)
     efficiencies = [
         noise.radiation_efficiency(plate, bins),
         noise.radiation_efficiency_maidanik(plate, bins),
@@ -90,17 +84,11 @@ def published_noise(
     rebound = relative_speed_m_s + float(speed[-1])
     time_s = (len(force) + 1) * step_s
     shares = noise.modal_shares_j(plate, modes, -elastic_n, f_a, step_s)
-    samples = max(len(force), noise.FFT_LENGTH)
-    real, efficiencies = _audible(plate, point_m, float(np.pi / step_s), samples, step_s)
+    length = noise.fft_length(len(force))
+    real, efficiencies = _audible(plate, point_m, float(np.pi / step_s), length, step_s)
     radiated, maidanik = noise.binned_energies_j(force, step_s, real, efficiencies)
     return ImpactNoise(
-        contact_time_s=time_s,
-        impact_speed_m_s=impact_speed_m_s,
-        next_impact_speed_m_s=rebound,
-        rebound_height_m=noise.rebound_height_m(rebound),
-        longhorn_j=noise.longhorn_j(sphere.radius_m, impact_speed_m_s, rebound),
-        holmes_j=noise.holmes_j(sphere.radius_m, impact_speed_m_s, time_s),
-        peak_pressure_pa=noise.peak_pressure_pa(sphere.radius_m, impact_speed_m_s, time_s),
+        **noise.closed_forms(sphere.radius_m, time_s, impact_speed_m_s, rebound),
         transmitted_j=float(np.sum(force * speed)) * step_s,
         transmitted_spectrum_j=float(np.sum(shares)),
         plate_speed_max_m_s=float(np.max(np.abs(speed))),

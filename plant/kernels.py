@@ -361,7 +361,7 @@ def close_books(model, state):
 
 
 @njit(cache=True, error_model="numpy")
-def silence(state):
+def _silence(state):
     """Leave out the rows of highest frequency that have died away."""
     while state.counts[ROWS] > 0:
         i = state.counts[ROWS] - 1
@@ -382,7 +382,7 @@ def step(model, state, f_a):
     if f_contact != 0.0 or f_actuator != 0.0:
         counts[ROWS] = state.z.shape[1]
     elif counts[STEP] % LOOK_EVERY == 0:
-        silence(state)
+        _silence(state)
     if model.same_point:
         x, v = _propagate_same_point(
             counts[ROWS], state.z, model.table, model.rho, f_contact, state.lanes

@@ -15,7 +15,7 @@ from plant.plate import Oscillators, Plate
 AIR_DENSITY_KG_M3 = 1.2
 SOUND_SPEED_M_S = 340.0
 RADIATED_UP_TO_HZ = 20e3
-FFT_LENGTH = 1 << 16  # least length of the published sums over frequency, zeros appended
+_FFT_LENGTH = 1 << 16  # least length of the published sums over frequency, zeros appended
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,21 @@ def peak_pressure_pa(
 def rebound_height_m(rebound_speed_m_s: float) -> float:
     """v1^2/(2 g), m; zero for a sphere that does not rise."""
     return max(rebound_speed_m_s, 0.0) ** 2 / (2.0 * GRAVITY_M_S2)
+
+
+def closed_forms(
+    radius_m: float, contact_time_s: float, impact_speed_m_s: float, rebound_speed_m_s: float
+) -> dict[str, float]:
+    """The fields of `ImpactNoise` that follow from contact time and speeds alone."""
+    return {
+        "contact_time_s": contact_time_s,
+        "impact_speed_m_s": impact_speed_m_s,
+        "next_impact_speed_m_s": rebound_speed_m_s,
+        "rebound_height_m": rebound_height_m(rebound_speed_m_s),
+        "longhorn_j": longhorn_j(radius_m, impact_speed_m_s, rebound_speed_m_s),
+        "holmes_j": holmes_j(radius_m, impact_speed_m_s, contact_time_s),
+        "peak_pressure_pa": peak_pressure_pa(radius_m, impact_speed_m_s, contact_time_s),
+    }
 
 
 def critical_frequency_hz(plate: Plate) -> float:
@@ -209,15 +224,19 @@ def binned_energies_j(
     15 Hz miss most resonances of a lightly damped plate: such a sum is good for ratios of
     similar forces, not for joules.
     """
-    length = max(FFT_LENGTH, 1 << (len(force_n) - 1).bit_length())
+    length = fft_length(len(force_n))
     spectrum = np.fft.rfft(force_n, length)[: len(real_mobility)] * step_s
     density = np.abs(spectrum) ** 2 * real_mobility / np.pi
     width = 2.0 * np.pi / (length * step_s)
     return [float(np.sum(density * sigma) * width) for sigma in efficiencies]
 
 
-def audible_bins_hz(samples: int, step_s: float) -> np.ndarray:
-    """Frequencies of the bins up to 20 kHz that `binned_energies_j` sums over."""
-    length = max(FFT_LENGTH, 1 << (samples - 1).bit_length())
+def fft_length(samples: int) -> int:
+    """Length of the transform of so many samples, zeros appended: a power of two, 2^16 at least."""
+    return max(_FFT_LENGTH, 1 << (samples - 1).bit_length())
+
+
+def audible_bins_hz(length: int, step_s: float) -> np.ndarray:
+    """Frequencies of the bins up to 20 kHz of a transform of `length` (see `fft_length`)."""
     bins = np.fft.rfftfreq(length, step_s)
     return np.asarray(bins[bins <= RADIATED_UP_TO_HZ])

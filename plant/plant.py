@@ -34,7 +34,7 @@ class PlantSpec:
 
 @dataclass(frozen=True)
 class Books:
-    """Energy (J) and momentum (N s) of a run; residuals are relative, see `close`."""
+    """Energy (J) and momentum (N s) of a run; residuals are relative, see `balance`."""
 
     energy_start_j: float
     kinetic_j: float
@@ -54,7 +54,7 @@ class Books:
     contact_steps: int
 
 
-def rows(values: np.ndarray, fill: float = 0.0) -> np.ndarray:
+def _rows(values: np.ndarray, fill: float = 0.0) -> np.ndarray:
     """Fill up to whole rows of LANES."""
     count = -(-len(values) // k.LANES)
     padded = np.full(count * k.LANES, fill)
@@ -124,7 +124,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.PlantModel:
         speed_gain_cc=speed_gain(drive_c),
         speed_gain_ca=speed_gain(drive_a),
         # Padding divides by theta; with no drive it never moves.
-        table=np.stack([rows(columns[c], float(c == k.THETA)) for c in range(k.COLUMNS)]),
+        table=np.stack([_rows(columns[c], float(c == k.THETA)) for c in range(k.COLUMNS)]),
     )
 
 
@@ -140,6 +140,48 @@ def _loss_form(
 
     rr, ii = lost(1.0), lost(1.0j)
     return rr, lost(1.0 + 1.0j) - rr - ii, ii
+
+
+def balance(
+    model: Any,
+    state: Any,
+    start: np.ndarray,
+    speed_m_s: float,
+    *,
+    modal_j: float,
+    contact_j: float,
+) -> Books:
+    """Books of a run that began with the sphere at `start` (m, m/s) and ends at `speed_m_s`.
+
+    The energy residual is relative to the energy at the start plus the size of what the
+    actuator exchanged, the momentum residual to the impulses exchanged.
+    """
+    m, (x0, v0) = model.mass_kg, (float(x) for x in start)
+    energy = m * GRAVITY_M_S2 * x0 + 0.5 * m * v0 * v0
+    kinetic = 0.5 * m * speed_m_s * speed_m_s
+    gravity = m * GRAVITY_M_S2 * float(state.body[k.XI_S])
+    lost_modal, lost_contact, injected, impulse = (float(b) for b in state.books)
+    gap = kinetic + gravity + modal_j + contact_j + lost_modal + lost_contact - injected - energy
+    change = m * (speed_m_s - v0)
+    weight = -m * GRAVITY_M_S2 * float(state.counts[k.STEP]) * model.step_s
+    return Books(
+        energy_start_j=energy,
+        kinetic_j=kinetic,
+        gravity_j=gravity,
+        modal_j=modal_j,
+        contact_j=contact_j,
+        modal_dissipated_j=lost_modal,
+        contact_dissipated_j=lost_contact,
+        injected_j=injected,
+        energy_residual=gap / (energy + abs(injected)),
+        momentum_change_n_s=change,
+        contact_impulse_n_s=impulse,
+        gravity_impulse_n_s=weight,
+        momentum_residual=(change - impulse - weight) / (abs(impulse) + abs(weight) + m * abs(v0)),
+        newton_iterations=int(state.counts[k.NEWTON_TOTAL]),
+        newton_iterations_max=int(state.counts[k.NEWTON_MAX]),
+        contact_steps=int(state.counts[k.CONTACT_STEPS]),
+    )
 
 
 class Plant:
@@ -205,40 +247,13 @@ class Plant:
         return float(self.state.body[k.FLIGHT_V] - GRAVITY_M_S2 * flight_s)
 
     def close_books(self) -> Books:
-        """Balance of the run so far; to be called once, at its end.
-
-        The energy residual is relative to the energy at the start plus the size of what the
-        actuator exchanged, the momentum residual to the impulses exchanged.
-        """
-        model, state = self.model, self.state
-        self.kernels.close_books(model, state)
-        m, (x0, v0) = model.mass_kg, self._start
-        start = m * GRAVITY_M_S2 * x0 + 0.5 * m * v0 * v0
-        v = self.sphere_speed_m_s()
-        kinetic = 0.5 * m * v * v
-        gravity = m * GRAVITY_M_S2 * float(state.body[k.XI_S])
-        modal = float(self.kernels.modal_energy(model, state))
-        contact = self.contact_energy_j()
-        lost_modal, lost_contact, injected, impulse = (float(b) for b in state.books)
-        gap = kinetic + gravity + modal + contact + lost_modal + lost_contact - injected - start
-        change = m * (v - float(v0))
-        weight = -m * GRAVITY_M_S2 * float(state.counts[k.STEP]) * model.step_s
-        return Books(
-            energy_start_j=start,
-            kinetic_j=kinetic,
-            gravity_j=gravity,
-            modal_j=modal,
-            contact_j=contact,
-            modal_dissipated_j=lost_modal,
-            contact_dissipated_j=lost_contact,
-            injected_j=injected,
-            energy_residual=gap / (start + abs(injected)),
-            momentum_change_n_s=change,
-            contact_impulse_n_s=impulse,
-            gravity_impulse_n_s=weight,
-            momentum_residual=(change - impulse - weight)
-            / (abs(impulse) + abs(weight) + m * abs(float(v0))),
-            newton_iterations=int(state.counts[k.NEWTON_TOTAL]),
-            newton_iterations_max=int(state.counts[k.NEWTON_MAX]),
-            contact_steps=int(state.counts[k.CONTACT_STEPS]),
+        """Balance of the run so far; to be called once, at its end. See `balance`."""
+        self.kernels.close_books(self.model, self.state)
+        return balance(
+            self.model,
+            self.state,
+            self._start,
+            self.sphere_speed_m_s(),
+            modal_j=float(self.kernels.modal_energy(self.model, self.state)),
+            contact_j=self.contact_energy_j(),
         )

@@ -32,7 +32,7 @@ BETA = 0.25 * (1.0 - ALPHA) ** 2
 # the same law with the memory as one extra state and a bracketed solve.
 VISCOUS, RELAXATION, RELAXATION_STATE = range(3)
 # Indices into ThesisState.motion: relative velocity and acceleration, memory of the
-# relaxation (N/m^0.5), elastic and damping force of the present sample, plate displacement.
+# relaxation (N/m^0.5), elastic and damping force of the present sample (N).
 REL_V, REL_A, MEMORY, ELASTIC, DAMPING = range(5)
 MOTION_SIZE = 5
 # Further indices into ThesisState.counts, after those of the modal scheme.
@@ -46,7 +46,8 @@ _TOUCH_M = 1e-300  # above contact, however the last digit falls
 
 class ThesisModel(NamedTuple):
     """What does not change during a run. `green_*`: response of displacement (m/N s),
-    velocity and acceleration at the struck point to a unit impulse, shape (steps + 1,).
+    velocity and acceleration at the struck point to a unit impulse, one value a step of
+    the longest run.
 
     Relaxation: F = (s_rel p - (s_tau/tau) int p(t') exp(-(t - t')/tau) dt') sqrt(p) with
     s_rel = s + (dt/tau) s_tau, so that the sum's own sample leaves s p.

@@ -2,7 +2,7 @@
 
 from numba import njit
 
-from plant.kernels import F_C1, V_P_OF_STEP, XI, XI_P, XI_S
+from plant.kernels import XI
 from plant.schemes import step
 from studies.integrator_kernels import slope
 
@@ -46,17 +46,3 @@ def many_slopes(y, omega2, drive, stiffness, mass, count):
     for i in range(count):
         total += slope(0.0, y, omega2, drive, stiffness, mass + 1e-9 * i)[0]
     return total
-
-
-@njit(cache=True, error_model="numpy")
-def plant_rows(model, state, rows):
-    """Step without control; rows of truth, shape (8, steps), as in the closed loop."""
-    body = state.body
-    for i in range(rows.shape[1]):
-        rows[0, i] = body[XI]
-        rows[1, i] = body[XI_S]
-        rows[2, i] = body[XI_P]
-        rows[4, i] = step(model, state, 0.0)
-        rows[3, i] = body[V_P_OF_STEP]
-        rows[6, i] = rows[2, i]
-        rows[7, i] = body[F_C1]

@@ -5,14 +5,14 @@ largest value in contact), of the rebound speed (to the impact speed) and of the
 itself), against twice the modes that any request chose and half the step.
 """
 
-import csv
 import math
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+from hertzloop.compiled import rows_under
 from hertzloop.impact_rows import modal_displacement
 from plant.collocation import CollocationPlant
 from plant.contact import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
@@ -21,8 +21,8 @@ from plant.materials import MATERIALS
 from plant.model_order import frequency_limit_hz
 from plant.plant import PlantSpec
 from plant.plate import Plate
-from studies import kernels as k
 from studies import pictures
+from studies.tabular import write_records
 
 REQUESTS = (1e-2, 1e-3, 1e-4)
 _STEP_S = 1e-6
@@ -79,8 +79,7 @@ def _first_impact(spec: PlantSpec, duration_s: float) -> tuple[np.ndarray, Impac
     plant = CollocationPlant(spec)
     every = round(_STEP_S / spec.step_s)
     steps = every * round(duration_s / _STEP_S)
-    rows = np.zeros((8, steps))
-    k.plant_rows(plant.model, plant.state, rows)
+    rows = rows_under(plant, np.zeros(steps))
     found = impacts(
         rows[0], rows[1], modal_displacement(spec, rows), rows[4], rows[5], None,
         spec.sphere.mass_kg, spec.step_s, rows[7], rows[3],
@@ -156,10 +155,7 @@ def run(folder: Path, scenes: int, seed: int) -> list[Outcome]:
         drawn = outcomes(number, random)
         number += bool(drawn)
         found += drawn
-    with (folder / "model_order.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [f.name for f in fields(Outcome)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(outcome) for outcome in found)
+    write_records(folder / "model_order.csv", found)
     _draw(folder / "model_order.png", found)
     return found
 

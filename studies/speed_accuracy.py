@@ -5,12 +5,11 @@ first contact against the default scheme at a far smaller step, which tests hold
 CPU times are measured in turn, round after round.
 """
 
-import csv
 import importlib.util
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from plant.plant import Plant, PlantSpec
 from studies import integrator_kernels as ik
 from studies import kernels as k
 from studies import pictures
+from studies.tabular import write_records
 
 _SAMPLE_S = 4e-6
 _REFERENCE_STEP_S = 3.125e-8
@@ -257,10 +257,7 @@ def run(folder: Path, quick: bool) -> list[Point]:
     names = list(_QUICK_SCENES if quick else _SCENES)
     points = [point for name in names for point in measure(name, _SCENES[name], 2 if quick else 5)]
     points += _omitted(names)
-    with (folder / "speed_accuracy.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [f.name for f in fields(Point)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(point) for point in points)
+    write_records(folder / "speed_accuracy.csv", points)
     _draw(folder / "speed_accuracy.png", names, points)
     return points
 

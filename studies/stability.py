@@ -5,12 +5,10 @@ the step; the default scheme's energy residual over sphere mass and step; the cl
 gain and latency.
 """
 
-import csv
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,6 +22,7 @@ from studies import integrator_kernels as ik
 from studies import kernels as k
 from studies import pictures
 from studies.speed_accuracy import Problem, problem
+from studies.tabular import write_records, write_rows
 
 LIMITS = {"verlet": 2.0, "rk4": 2.0 * math.sqrt(2.0)}  # of w h, for a free vibration
 _KERNELS: dict[str, tuple[Callable[..., None], tuple[float, ...]]] = {
@@ -144,29 +143,18 @@ def loop_map(name: str = "aluminium-3mm") -> Iterator[LoopPoint]:
             )
 
 
-def _write(path: Path, header: list[str], rows: list[Any]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(header)
-        writer.writerows(rows)
-
-
 def run(folder: Path) -> dict[str, str]:
     """Measure all, write stability.png and four CSV files; key figures to print."""
     free, contact = list(growth()), list(contact_drift())
     residuals, loop = list(residual_map()), list(loop_map())
-    _write(folder / "stability-growth.csv", ["scheme", "omega_h", "growth_per_step"], free)
-    _write(folder / "stability-contact.csv", ["scheme", "step_over_contact", "drift"], contact)
-    _write(
+    write_rows(folder / "stability-growth.csv", ["scheme", "omega_h", "growth_per_step"], free)
+    write_rows(folder / "stability-contact.csv", ["scheme", "step_over_contact", "drift"], contact)
+    write_rows(
         folder / "stability-residual.csv",
         ["mass_over_impedance_time", "step_over_contact", "energy_residual", "evaluations"],
         residuals,
     )
-    _write(
-        folder / "stability-loop.csv",
-        ["kappa", "latency_us", "injected", "plate_energy_db", "contact_us"],
-        [(p.kappa, p.latency_us, p.injected, p.plate_energy_db, p.contact_us) for p in loop],
-    )
+    write_records(folder / "stability-loop.csv", loop)
     _draw(folder / "stability.png", free, contact, residuals, loop)
     found = {}
     for scheme, limit in LIMITS.items():

@@ -4,7 +4,6 @@ Four checks without control: contact impulse against momentum change; contact ti
 as the step shrinks; Newton's iterations under relaxation damping; the sign of its force.
 """
 
-import csv
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
@@ -31,6 +30,7 @@ from plant.plant import Plant, PlantSpec
 from plant.thesis2008 import ThesisPlant
 from studies import pictures
 from studies.law_effect import law_effects
+from studies.tabular import write_records
 
 MATERIALS = ("aluminium", "oak", "sylomer")
 STEPS_US = (4.0, 2.0, 1.0, 0.5, 0.25)
@@ -268,13 +268,6 @@ def _table(title: str, rows: list[Any]) -> Table:
     return table
 
 
-def _write(path: Path, rows: list[Any]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [f.name for f in fields(rows[0])], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
-
-
 def run(folder: Path) -> list[Table]:
     """All checks: weaknesses.png and one CSV each in `folder`; the tables to print."""
     checks: dict[str, tuple[str, list[Any]]] = {
@@ -285,7 +278,7 @@ def run(folder: Path) -> list[Table]:
         "law": ("What the law does: kappa = 0.8, v_thr = -0.25 m/s", law_effects()),
     }
     for name, (_, rows) in checks.items():
-        _write(folder / f"weaknesses-{name}.csv", rows)
+        write_records(folder / f"weaknesses-{name}.csv", rows)
     _draw(folder / "weaknesses.png", {name: rows for name, (_, rows) in checks.items()})
     return [_table(title, rows) for title, rows in checks.values()]
 
