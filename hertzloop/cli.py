@@ -30,7 +30,7 @@ from hertzloop.options import (
     write_json,
 )
 from hertzloop.process_frame import bus_address, framed, progress_reporter
-from hertzloop.scene import DEFAULT, load, shipped
+from hertzloop.scene import DEFAULT, SceneError, load, shipped
 from hertzloop.terminal import err, fail, out, progress
 
 if TYPE_CHECKING:
@@ -97,6 +97,8 @@ def run(
     except KeyboardInterrupt:
         err.print(f"interrupted; what was recorded until now is in {recording}")
         raise typer.Exit(130) from None
+    except SceneError as error:
+        fail(str(error), 2)
     except (RunFailed, BusError, StreamFault, RecordingError) as error:
         fail(str(error), 1)
     report.print_run(out, data)

@@ -45,10 +45,10 @@ class ControllerNode:
     def _set_up(self, block: Packed) -> None:
         try:
             scene = parse(block.header.scene_toml)
+            self._controller = parts.controller(scene, block.header.stiffness)
         except SceneError as error:
             raise StreamFault(f"the plant announced a scene that cannot be: {error}") from error
         self._scene = scene
-        self._controller = parts.controller(scene, block.header.stiffness)
         self._publisher = Publisher(self.port, self.checker.run_id)
         self._events = ControllerEvents(scene)
 

@@ -6,7 +6,7 @@ import pytest
 from hertzloop import parts
 from hertzloop.compiled import simulate
 from hertzloop.precomputed import SHAPES, force_n, mobility_force_n, shaped, uncontrolled_force_n
-from hertzloop.scene import load
+from hertzloop.scene import SceneError, load
 
 PRECOMPUTED = ["controller.law=precomputed", "controller.kappa=0.4"]
 
@@ -66,3 +66,9 @@ def test_every_name_makes_a_force() -> None:
         scene = load("thesis-aluminium", [*PRECOMPUTED, f"controller.precomputed={name}"])
         force = np.array(force_n(scene))
         assert np.abs(force).max() > 1.0, name
+
+
+def test_a_contact_without_end_is_refused_with_a_sentence() -> None:
+    settings = [*PRECOMPUTED, "contact.viscous_n_s_m=5"]
+    with pytest.raises(SceneError, match="first contact does not end within"):
+        force_n(load("thesis-sylomer", settings))
