@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from plant import collocation_kernels as k
+from plant import contact_solve_kernels as solve
 from plant import kernels as pk
 from plant.contact import GRAVITY_M_S2
 from plant.phi import phi
@@ -39,19 +40,21 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
     def speeds(drive: np.ndarray, z: np.ndarray) -> float:
         return float(np.sum(weight_c * drive * theta * (z.real - rho * z.imag)))
 
-    gains = np.zeros(k.GAINS)
-    gains[k.PX0], gains[k.PX1] = (moves(weight_c, drive_c, z) for z in (constant, linear))
-    gains[k.PV0], gains[k.PV1] = (speeds(drive_c, z) for z in (constant, linear))
-    gains[k.PM0], gains[k.PM1] = (moves(weight_c, drive_c, z) for z in (mean_constant, mean_linear))
-    gains[k.X0] = gains[k.PX0] + h * h / (2.0 * m)
-    gains[k.X1] = gains[k.PX1] - h * h / (6.0 * m)
-    gains[k.V0], gains[k.V1] = gains[k.PV0] + h / m, gains[k.PV1]
-    gains[k.M0] = gains[k.PM0] + h * h / (6.0 * m)
-    gains[k.M1] = gains[k.PM1] - h * h / (12.0 * m)
-    gains[k.CA], gains[k.VA] = moves(weight_c, drive_a, constant), speeds(drive_a, constant)
-    gains[k.MA] = moves(weight_c, drive_a, mean_constant)
-    gains[k.AC0], gains[k.AC1] = (moves(weight_a, drive_c, z) for z in (constant, linear))
-    gains[k.AA] = moves(weight_a, drive_a, constant)
+    gains = np.zeros(solve.GAINS)
+    gains[solve.PX0], gains[solve.PX1] = (moves(weight_c, drive_c, z) for z in (constant, linear))
+    gains[solve.PV0], gains[solve.PV1] = (speeds(drive_c, z) for z in (constant, linear))
+    gains[solve.PM0], gains[solve.PM1] = (
+        moves(weight_c, drive_c, z) for z in (mean_constant, mean_linear)
+    )
+    gains[solve.X0] = gains[solve.PX0] + h * h / (2.0 * m)
+    gains[solve.X1] = gains[solve.PX1] - h * h / (6.0 * m)
+    gains[solve.V0], gains[solve.V1] = gains[solve.PV0] + h / m, gains[solve.PV1]
+    gains[solve.M0] = gains[solve.PM0] + h * h / (6.0 * m)
+    gains[solve.M1] = gains[solve.PM1] - h * h / (12.0 * m)
+    gains[solve.CA], gains[solve.VA] = moves(weight_c, drive_a, constant), speeds(drive_a, constant)
+    gains[solve.MA] = moves(weight_c, drive_a, mean_constant)
+    gains[solve.AC0], gains[solve.AC1] = (moves(weight_a, drive_c, z) for z in (constant, linear))
+    gains[solve.AA] = moves(weight_a, drive_a, constant)
 
     columns = {
         k.ROT_RE: turn.real,
@@ -143,9 +146,13 @@ def _losses(
         k.LOSS_RA: product("R", "A"), k.LOSS_IA: product("I", "A"),
     }  # fmt: skip
     sums = {
-        k.LOSS_00: product("0", "0"), k.LOSS_01: product("0", "1"), k.LOSS_11: product("1", "1"),
-        k.LOSS_0A: product("0", "A"), k.LOSS_1A: product("1", "A"), k.LOSS_AA: product("A", "A"),
-    }  # fmt: skip
+        solve.LOSS_00: product("0", "0"),
+        solve.LOSS_01: product("0", "1"),
+        solve.LOSS_11: product("1", "1"),
+        solve.LOSS_0A: product("0", "A"),
+        solve.LOSS_1A: product("1", "A"),
+        solve.LOSS_AA: product("A", "A"),
+    }
     return columns, {key: float(np.sum(value)) for key, value in sums.items()}
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant import collocation_kernels as k
+from plant import contact_solve_kernels as solve
 from plant import kernels as pk
 from plant.collocation import CollocationPlant, flexibility_m_n
 from plant.contact import Contact, Damping, hertz_stiffness, hunt_crossley_parameter
@@ -110,14 +110,14 @@ def test_every_contact_solve_ends_and_closes_its_energy(
     model = plant.model._replace(flexibility_m_n=share * 3e-8)
     x0, d0 = -(10.0**depth), -speed * what.step_s
     free_x, free_d = x0 + d0, d0 * way
-    before = k.elastic(model, x0)[1]
-    f0, f1, lost, evaluations = k.solve_contact(
+    before = solve.elastic(model, x0)[1]
+    f0, f1, lost, evaluations = solve.solve_contact(
         model, x0, d0, free_x, free_d, x0 + 0.5 * d0, before, 0.0, 0.0
     )
     g = model.gains
-    x1 = free_x + g[k.X0] * f0 + g[k.X1] * f1
-    mean = x0 + 0.5 * d0 + g[k.M0] * f0 + g[k.M1] * f1
-    after = k.elastic(model, x1)[1]
+    x1 = free_x + g[solve.X0] * f0 + g[solve.X1] * f1
+    mean = x0 + 0.5 * d0 + g[solve.M0] * f0 + g[solve.M1] * f1
+    after = solve.elastic(model, x1)[1]
     work = f0 * (x1 - x0) + f1 * (x1 + x0 - 2.0 * mean)
     size = abs(f0 * (x1 - x0)) + before + after + abs(lost)
     assert abs(work + after - before + lost) <= 1e-9 * size
@@ -129,16 +129,18 @@ def test_every_contact_solve_ends_and_closes_its_energy(
 @given(st.floats(1e-12, 1e-3), st.floats(0.0, 1e-6))
 def test_spring_in_series_takes_its_share(gap: float, flexibility: float) -> None:
     model = CollocationPlant(spec(limit_hz=8e3)).model._replace(flexibility_m_n=flexibility)
-    y = k.root_penetration(model, -gap)
+    y = solve.root_penetration(model, -gap)
     force = model.stiffness * y**3
     assert y * y + flexibility * force == pytest.approx(gap, rel=1e-13)
-    assert k.elastic(model, -gap)[0] == pytest.approx(force, rel=1e-13)
+    assert solve.elastic(model, -gap)[0] == pytest.approx(force, rel=1e-13)
     # Energy is the integral of the force over the gap.
     nodes, weights = np.polynomial.legendre.leggauss(40)
     # Substituting gap = u^2 smooths the kink.
     u = math.sqrt(gap) * 0.5 * (nodes + 1.0)
-    work = sum(w * 2.0 * x * k.elastic(model, -x * x)[0] for w, x in zip(weights, u, strict=True))
-    assert k.elastic(model, -gap)[1] == pytest.approx(0.5 * math.sqrt(gap) * work, rel=1e-6)
+    work = sum(
+        w * 2.0 * x * solve.elastic(model, -x * x)[0] for w, x in zip(weights, u, strict=True)
+    )
+    assert solve.elastic(model, -gap)[1] == pytest.approx(0.5 * math.sqrt(gap) * work, rel=1e-6)
 
 
 def test_modes_left_out_act_as_a_spring() -> None:

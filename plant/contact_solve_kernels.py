@@ -1,0 +1,287 @@
+"""Compiled kernels of the contact in a step of the default scheme `modal`: all that is scalar.
+
+Given gap, velocity and mean of the gap as they would be without contact force, and what a unit
+F_0 and F_1 change of them (`gains`), find the contact force F_0 + F_1 (2 t/h - 1) of the step.
+See `plant.collocation_kernels` for the modes and the idea.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+# Indices into CollocationModel.gains: gap at the end, its velocity, its mean, by F_0 and F_1;
+# then the plate's own displacement and velocity (up per force up on it).
+# CA, VA, MA: the same by F_a; AC0, AC1, AA: displacement at the actuator; LOSS: energy lost.
+X0, X1, V0, V1, M0, M1, PX0, PX1, PV0, PV1, PM0, PM1, CA, VA, MA, AC0, AC1, AA = range(18)
+LOSS_00, LOSS_01, LOSS_11, LOSS_0A, LOSS_1A, LOSS_AA = range(18, 24)
+GAINS = 24
+
+_NODES = 4
+_NEWTON_MOST = 12
+_CORRECTIONS = 12
+_ROUNDING, _BALANCED = 2e-16, 1e-13  # of the energies at hand: as good as can be, good enough
+_HALVINGS = 90
+_TIGHT = 1e-7  # of the force; Newton squares what is left
+# Gauss-Legendre nodes and weights on (0, 1).
+_half = 0.5 * np.polynomial.legendre.leggauss(_NODES)[0] + 0.5
+_GAUSS_T = tuple(float(x) for x in _half)
+_GAUSS_W = tuple(0.5 * float(x) for x in np.polynomial.legendre.leggauss(_NODES)[1])
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def root_penetration(model, gap):
+    """y = sqrt(p) of the Hertz penetration p under a modal gap < 0: y^2 + k s y^3 = -gap.
+
+    The spring of the modes left out takes k F = k s y^3 of the approach. Newton, from the series
+    in e = k s sqrt(-gap) where that is small; what is left after a change of 3e-8 is below
+    rounding.
+    """
+    y = math.sqrt(-gap)
+    share = model.flexibility_m_n * model.stiffness
+    if share == 0.0:
+        return y
+    e = share * y
+    if e < 0.25:
+        y *= 1.0 + e * (-0.5 + e * (0.625 + e * (-1.0 + e * (1.8046875 + e * -3.5))))
+    else:
+        y /= math.sqrt(1.0 + e)
+    for _ in range(_HALVINGS):
+        change = (y * y * (1.0 + share * y) + gap) / (y * (2.0 + 3.0 * share * y))
+        y -= change
+        if abs(change) <= 3e-8 * y:
+            break
+    return y
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def elastic(model, gap):
+    """Contact force without damping (N) at a modal gap, the energy in the contact and in the
+    spring of the modes left out (J), and the root of the penetration (m^0.5)."""
+    if gap >= 0.0:
+        return 0.0, 0.0, 0.0
+    y = root_penetration(model, gap)
+    force = model.stiffness * y * y * y
+    return force, force * (0.4 * y * y + 0.5 * model.flexibility_m_n * force), y
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _law(model, gap, rate):
+    """Force, its damping part, dF/dgap, dF/drate at a modal gap < 0 and its rate (m/s)."""
+    s = model.stiffness
+    y = root_penetration(model, gap)
+    soft = 2.0 + 3.0 * model.flexibility_m_n * s * y
+    spring = s * y * y * y
+    slope = -3.0 * s * y / soft
+    if model.viscous_n_s_m == 0.0 and model.hunt_crossley_s_m == 0.0:
+        return spring, 0.0, slope, 0.0
+    share = -2.0 / soft  # dp/dgap
+    factor = (model.viscous_n_s_m + model.hunt_crossley_s_m * spring) * share
+    # The change of `share` with the gap is left to Newton's next iteration.
+    return (
+        spring + factor * rate,
+        factor * rate,
+        slope + model.hunt_crossley_s_m * slope * share * rate,
+        factor,
+    )
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _quartic(t, x0, x1, d0, d1, q):
+    """Gap and its derivative by t at t in (0, 1): ends, end slopes, excess of the mean."""
+    u = 1.0 - t
+    gap = (
+        (1.0 + 2.0 * t) * u * u * x0 + t * t * (3.0 - 2.0 * t) * x1
+        + t * u * u * d0 - t * t * u * d1 + 30.0 * t * t * u * u * q
+    )  # fmt: skip
+    slope = (
+        6.0 * t * u * (x1 - x0) + u * (1.0 - 3.0 * t) * d0 + t * (3.0 * t - 2.0) * d1
+        + 60.0 * t * u * (u - t) * q
+    )  # fmt: skip
+    return gap, slope
+
+
+@njit(cache=True, error_model="numpy")
+def _crossing(negative, positive, x0, x1, d0, d1, q):
+    """Where the quartic changes sign between t = negative (gap < 0) and t = positive."""
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (negative + positive)
+        if middle == negative or middle == positive:
+            break
+        if _quartic(middle, x0, x1, d0, d1, q)[0] < 0.0:
+            negative = middle
+        else:
+            positive = middle
+    return negative
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _touching_part(x0, x1, d0, d1, q):
+    """The part (from, to) of the step that is in contact; from = to if none is."""
+    if x0 < 0.0 and x1 < 0.0:
+        return 0.0, 1.0
+    if x0 < 0.0:
+        return 0.0, _crossing(0.0, 1.0, x0, x1, d0, d1, q)
+    if x1 < 0.0:
+        return _crossing(1.0, 0.0, x0, x1, d0, d1, q), 1.0
+    if d0 < 0.0 and d1 > 0.0:  # it may dip in and out again
+        lowest, at = 0.0, -1.0
+        for i in range(1, 16):
+            gap = _quartic(i / 16.0, x0, x1, d0, d1, q)[0]
+            if gap < lowest:
+                lowest, at = gap, i / 16.0
+        if at > 0.0:
+            return (
+                _crossing(at, 0.0, x0, x1, d0, d1, q), _crossing(at, 1.0, x0, x1, d0, d1, q)
+            )  # fmt: skip
+    return 0.0, 0.0
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _project(model, x0, x1, d0, d1, mean):
+    """Projection of the law along the quartic: F_0, F_1, what damping takes (J), and the
+    derivatives of F_0 and F_1 by x1, d1 and the mean."""
+    q = mean - 0.5 * (x0 + x1) - (d0 - d1) / 12.0
+    start, end = _touching_part(x0, x1, d0, d1, q)
+    f0 = f1 = lost = 0.0
+    f0_x = f0_d = f0_m = f1_x = f1_d = f1_m = 0.0
+    if start == end:
+        return f0, f1, lost, f0_x, f0_d, f0_m, f1_x, f1_d, f1_m
+    h = model.step_s
+    for i in range(_NODES):
+        t = start + (end - start) * _GAUSS_T[i]
+        w = (end - start) * _GAUSS_W[i]
+        gap, slope = _quartic(t, x0, x1, d0, d1, q)
+        if gap >= 0.0:
+            continue
+        force, damping, by_gap, by_rate = _law(model, gap, slope / h)
+        by_slope = by_rate / h
+        u = 1.0 - t
+        lift = 30.0 * t * t * u * u
+        turn = 60.0 * t * u * (u - t)
+        by_q = by_gap * lift + by_slope * turn
+        by_x = by_gap * t * t * (3.0 - 2.0 * t) + by_slope * 6.0 * t * u - 0.5 * by_q
+        by_d = -by_gap * t * t * u + by_slope * t * (3.0 * t - 2.0) + by_q / 12.0
+        p = 3.0 * (2.0 * t - 1.0)
+        f0 += w * force
+        f1 += w * p * force
+        lost -= w * damping * slope
+        f0_x += w * by_x
+        f0_d += w * by_d
+        f0_m += w * by_q
+        f1_x += w * p * by_x
+        f1_d += w * p * by_d
+        f1_m += w * p * by_q
+    return f0, f1, lost, f0_x, f0_d, f0_m, f1_x, f1_d, f1_m
+
+
+@njit(cache=True, error_model="numpy")
+def _chord(model, x0, x1):
+    """Discrete gradient between two modal gaps, damping included, and damping's part (N)."""
+    if x0 >= 0.0 and x1 >= 0.0:
+        return 0.0, 0.0
+    a = root_penetration(model, x0) if x0 < 0.0 else 0.0
+    b = root_penetration(model, x1) if x1 < 0.0 else 0.0
+    s, share = model.stiffness, model.flexibility_m_n * model.stiffness
+    if (x0 < 0.0) != (x1 < 0.0):
+        force = (elastic(model, x1)[1] - elastic(model, x0)[1]) / (x0 - x1)
+    else:
+        five = b**4 + b**3 * a + b * b * a * a + b * a**3 + a**4
+        six = five * b + a**5
+        way = b + a + share * (b * b + b * a + a * a)
+        force = s * (0.4 * five + 0.5 * share * six) / way
+    rate = (b * b - a * a) / model.step_s
+    damping = (model.viscous_n_s_m + model.hunt_crossley_s_m * force) * rate
+    return force + damping, damping
+
+
+@njit(cache=True, error_model="numpy")
+def _solve_chord(model, x0, free_x):
+    """Constant force over the step by the discrete gradient, by bisection: always ends."""
+    gain = model.gains[X0]
+    low = min(0.0, _chord(model, x0, free_x)[0])
+    high = max(0.0, _chord(model, x0, free_x)[0])
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if middle == low or middle == high:
+            break
+        if middle > _chord(model, x0, free_x + gain * middle)[0]:
+            high = middle
+        else:
+            low = middle
+    f0 = 0.5 * (low + high)
+    x1 = free_x + gain * f0
+    return f0, -_chord(model, x0, x1)[1] * (x1 - x0)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def solve_contact(model, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
+    """Contact force F_0 + F_1 P of a step from its modal gaps without it.
+
+    x: gap (m) at the start and, free of force, at the end; d: its slope per step (m); mean:
+    its mean; `before`: energy in the contact at the start (J). Returns F_0, F_1 (N), what
+    damping takes (J), evaluations.
+
+    Newton on the projection; then the smallest change of F_0 and F_1 that makes the work equal
+    to what the contact gives and damping takes. Where Newton does not end, as with a step far
+    too large, the discrete gradient with a constant force takes over.
+    """
+    g, h = model.gains, model.step_s
+    f0, f1, lost = guess0, guess1, 0.0
+    evaluations = 0
+    done = False
+    while not done and evaluations < _NEWTON_MOST:
+        x1 = free_x + g[X0] * f0 + g[X1] * f1
+        d1 = free_d + h * (g[V0] * f0 + g[V1] * f1)
+        mean = free_mean + g[M0] * f0 + g[M1] * f1
+        p0, p1, lost, f0_x, f0_d, f0_m, f1_x, f1_d, f1_m = _project(model, x0, x1, d0, d1, mean)
+        evaluations += 1
+        a = 1.0 - (f0_x * g[X0] + f0_d * h * g[V0] + f0_m * g[M0])
+        b = -(f0_x * g[X1] + f0_d * h * g[V1] + f0_m * g[M1])
+        c = -(f1_x * g[X0] + f1_d * h * g[V0] + f1_m * g[M0])
+        d = 1.0 - (f1_x * g[X1] + f1_d * h * g[V1] + f1_m * g[M1])
+        det = a * d - b * c
+        r0, r1 = f0 - p0, f1 - p1
+        if not det > 0.0:
+            break
+        c0 = (d * r0 - b * r1) / det
+        c1 = (a * r1 - c * r0) / det
+        f0 -= c0
+        f1 -= c1
+        done = abs(c0) + abs(c1) <= _TIGHT * (abs(f0) + abs(f1))
+    if done:
+        f0, f1, done = _balance(model, x0, free_x, free_mean, f0, f1, lost, before)
+    if not done:
+        f0, lost = _solve_chord(model, x0, free_x)
+        f1 = 0.0
+        evaluations += _HALVINGS
+    return f0, f1, lost, evaluations
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _balance(model, x0, free_x, free_mean, f0, f1, lost, before):
+    """Least change of F_0, F_1 that closes the step's energy; whether it was found.
+
+    `before`: energy in the contact at the start. The work of F_0 + F_1 P on the gap is
+    F_0 (x1 - x0) + F_1 (x1 + x0 - 2 mean).
+    """
+    g = model.gains
+    last = math.inf
+    for _ in range(_CORRECTIONS):
+        x1 = free_x + g[X0] * f0 + g[X1] * f1
+        mean = free_mean + g[M0] * f0 + g[M1] * f1
+        way, bend = x1 - x0, x1 + x0 - 2.0 * mean
+        force, after, _ = elastic(model, x1)
+        wrong = f0 * way + f1 * bend + (after - before) + lost
+        size = abs(f0 * way) + abs(f1 * bend) + after + before
+        if abs(wrong) <= _ROUNDING * size or abs(wrong) >= last:
+            return f0, f1, abs(wrong) <= _BALANCED * size
+        last = abs(wrong)
+        by0 = way + f0 * g[X0] + f1 * (g[X0] - 2.0 * g[M0]) - force * g[X0]
+        by1 = bend + f0 * g[X1] + f1 * (g[X1] - 2.0 * g[M1]) - force * g[X1]
+        norm = by0 * by0 + by1 * by1
+        if norm == 0.0:
+            return f0, f1, wrong == 0.0
+        f0 -= wrong * by0 / norm
+        f1 -= wrong * by1 / norm
+    return f0, f1, False
