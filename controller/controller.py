@@ -7,37 +7,46 @@ from enum import IntEnum
 import numpy as np
 
 from controller import kernels as k
+from controller import law_kernels as laws
 
 _JITTER_STREAM, _DROP_OUT_STREAM = 2, 3  # random streams; the sensor's noise is another
 
 
 class Law(IntEnum):
-    """Force laws."""
+    """Kinds of force laws."""
 
-    OFF = k.OFF
-    SLOPE_THRESHOLD = k.SLOPE_THRESHOLD
+    OFF = laws.OFF
+    SLOPE_THRESHOLD = laws.SLOPE_THRESHOLD
     CONSTANT = 100  # a profile of one value
-    PROFILE = k.PROFILE
+    PROFILE = laws.PROFILE
+    PREDICTED = laws.PREDICTED
+    FEEDBACK = laws.FEEDBACK
+    INTEGRAL_FEEDBACK = laws.INTEGRAL_FEEDBACK
 
 
 class Mode(IntEnum):
     """States of a law. A profile that is over stays SPENT until the contact ends."""
 
-    IDLE = k.IDLE
-    WATCHING = k.WATCHING
-    ACTING = k.ACTING
-    SPENT = k.SPENT
+    IDLE = laws.IDLE
+    WATCHING = laws.WATCHING
+    ACTING = laws.ACTING
+    SPENT = laws.SPENT
 
 
 @dataclass(frozen=True)
 class LawSpec:
-    """Parameters of a law on the penetration.
+    """Parameters of a law.
 
     Slope threshold: `kappa` (1) scales s p^(3/2) with `stiffness` s (N/m^1.5), `v_thr_m_s`
-    is the slope (m/s) at which the delay is latched. Constant and profile: forces
-    `profile_n` (N), one a sample from the first sample in contact on.
-    A sample at or below `contact_level` counts as in contact. With a lead the law commands
-    what is due `lead_samples` later, to make up for the step between sample and force.
+    is the slope (m/s) at which the delay is latched, of a line through the last `window`
+    samples (least squares). After the contact the force fades over `fade_samples`.
+    Predicted: the same for what a sphere of `mass_kg` on an infinite plate of `impedance_n_s_m`
+    (N s/m) will do in the next `lead_samples`; it watches below `watch_level`.
+    Constant and profile: forces `profile_n` (N), one a sample from the first in contact on.
+    Feedback: `gain` times the sample (N per its unit), or, integral, per its integral, which
+    leaks with the corner `leak_hz`; samples up to `dead_zone` count as zero.
+    A sample at or below `contact_level` counts as in contact. With a lead a threshold law or
+    profile commands what is due `lead_samples` later.
     """
 
     law: Law
@@ -47,6 +56,37 @@ class LawSpec:
     profile_n: tuple[float, ...] = ()
     contact_level: float = 0.0
     lead_samples: int = 0
+    window: int = 2
+    fade_samples: int = 0
+    watch_level: float = 0.0
+    mass_kg: float = math.inf
+    impedance_n_s_m: float = math.inf
+    gain: float = 0.0
+    leak_hz: float = 0.0
+    dead_zone: float = 0.0
+
+
+def law_model(spec: LawSpec, sample_s: float) -> laws.LawModel:
+    """Compiled form of a law for samples `sample_s` apart (s)."""
+    place = np.arange(spec.window) - 0.5 * (spec.window - 1)
+    return laws.LawModel(
+        law=int(Law.PROFILE if spec.law is Law.CONSTANT else spec.law),
+        contact_level=spec.contact_level,
+        watch_level=max(spec.watch_level, spec.contact_level),
+        sample_s=sample_s,
+        kappa=spec.kappa,
+        v_thr_m_s=spec.v_thr_m_s,
+        stiffness=spec.stiffness,
+        mass_kg=spec.mass_kg,
+        impedance_n_s_m=spec.impedance_n_s_m,
+        profile=np.array(spec.profile_n, dtype=float),
+        slope_weights=place / (np.sum(place * place) * sample_s),
+        lead_samples=spec.lead_samples,
+        fade_samples=spec.fade_samples,
+        gain=spec.gain,
+        keep=math.exp(-2.0 * math.pi * spec.leak_hz * sample_s),
+        dead_zone=spec.dead_zone,
+    )
 
 
 @dataclass(frozen=True)
@@ -87,17 +127,10 @@ class Controller:
         self, law: LawSpec, line: LineSpec, step_s: float, steps: int, every_steps: int, seed: int
     ) -> None:
         samples = -(-steps // every_steps)
-        self.law = k.LawModel(
-            law=int(Law.PROFILE if law.law is Law.CONSTANT else law.law),
-            contact_level=law.contact_level,
-            sample_s=every_steps * step_s,
-            kappa=law.kappa,
-            v_thr_m_s=law.v_thr_m_s,
-            stiffness=law.stiffness,
-            profile=np.array(law.profile_n, dtype=float),
-            lead_samples=law.lead_samples,
+        self.law = law_model(law, every_steps * step_s)
+        self.law_state = laws.LawState(
+            np.zeros(laws.LAW_COUNTS, np.int64), np.zeros(samples), np.zeros(1)
         )
-        self.law_state = k.LawState(np.zeros(k.LAW_COUNTS, np.int64), np.zeros(samples))
         jitter, dropped = np.empty(0, np.int64), np.empty(0, np.bool_)
         if line.jitter_steps > 0:
             jitter = _random(seed, _JITTER_STREAM).integers(0, line.jitter_steps + 1, samples)
@@ -138,12 +171,18 @@ class Controller:
         return Reply(
             first_step=first,
             forces=self.forces[first:end],
-            samples_seen=int(self.law_state.counts[k.SAMPLES]),
+            samples_seen=int(self.law_state.counts[laws.SAMPLES]),
             promise_zero=bool(k.promises_zero(self.law, self.law_state, self.line_state)),
-            promise_level=-math.inf if self.law.law == k.OFF else self.law.contact_level,
+            promise_level=self._promise_level(),
             modes=modes,
             delays=delays,
         )
+
+    def _promise_level(self) -> float:
+        if self.law.law == laws.OFF:
+            return -math.inf
+        predicts = self.law.law == laws.PREDICTED
+        return float(self.law.watch_level if predicts else self.law.contact_level)
 
 
 def _random(seed: int, stream: int) -> np.random.Generator:

@@ -9,6 +9,7 @@ import numpy as np
 from bus.messages_pb2 import ForceBlock
 from bus.port import Port, Publisher
 from controller import kernels as ck
+from controller import law_kernels as laws
 from hertzloop import kernels as k
 from hertzloop import parts
 from hertzloop.events import ControllerEvents
@@ -90,7 +91,7 @@ def run_compiled(
         answer = ForceBlock(
             first_step=sent,
             step_ns=scene.run.step_ns,
-            samples_seen=int(controller.law_state.counts[ck.SAMPLES]),
+            samples_seen=int(controller.law_state.counts[laws.SAMPLES]),
         )
         publisher.send("force", answer, {"force_n": controller.forces[sent:end]})
         sent = end

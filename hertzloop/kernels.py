@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 
 from controller import kernels as ck
+from controller import law_kernels as laws
 from plant import kernels as pk
 from plant.schemes import step as step_plant
 from sensors import kernels as sk
@@ -129,6 +130,6 @@ def closed_loop(
         if _observe(plant_state, sensor, sensor_state, window):
             at = window.counts[SAMPLES_END] - 1 - window.counts[SAMPLES_FIRST]
             ck.control_sample(law, law_state, line, line_state, window.values[at], forces)
-            modes[at] = law_state.counts[ck.MODE]
-            delays[at] = law_state.counts[ck.DELAY]
+            modes[at] = law_state.counts[laws.MODE]
+            delays[at] = law_state.counts[laws.DELAY]
         _step_and_record(plant, plant_state, forces[plant_state.counts[pk.STEP]], window)

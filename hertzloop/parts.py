@@ -1,11 +1,20 @@
 """From a checked scene to the parts: plant, sensor, controller."""
 
 import math
+from dataclasses import replace
 
 from controller.controller import Controller, Law, LawSpec, LineSpec
-from hertzloop.scene import Scene, SceneError
+from controller.threshold import shifted_threshold_m_s
+from hertzloop.scene import SENSED, Scene, SceneError
 from plant.collocation import CollocationPlant
-from plant.contact import Contact, Damping, Sphere, hertz_stiffness, hunt_crossley_parameter
+from plant.contact import (
+    Contact,
+    Damping,
+    Sphere,
+    hertz_stiffness,
+    hunt_crossley_parameter,
+    rigid_contact_time_s,
+)
 from plant.materials import MATERIALS
 from plant.model_order import expected_error, frequency_limit_hz
 from plant.plant import Plant, PlantSpec
@@ -14,16 +23,23 @@ from plant.thesis2008 import ThesisPlant
 from sensors.acquisition import Quantity, Sensor, SensorSpec
 
 _MAX_MODES = 500_000
-_AUTO_LOW, _AUTO_HIGH = -1.25, 0.25  # of the penetration on a rigid plate
+# Ranges of converters, of the largest value on a rigid plate.
+_GAP_LOW, _GAP_HIGH, _ABOVE = -1.25, 0.25, 1.25
+_LAWS = {
+    "least_squares": Law.SLOPE_THRESHOLD,
+    "shifted_threshold": Law.SLOPE_THRESHOLD,
+    "fade_out": Law.SLOPE_THRESHOLD,
+    "precomputed": Law.PROFILE,
+    "force_feedback": Law.FEEDBACK,
+    "velocity_feedback": Law.FEEDBACK,
+    "acceleration_feedback": Law.INTEGRAL_FEEDBACK,
+}
 
 
 def plant_spec(scene: Scene) -> PlantSpec:
     """Description of the plant. Raises SceneError if the scene asks for too many modes."""
-    sphere = Sphere(
-        MATERIALS[scene.sphere.material], scene.sphere.radius_m, scene.sphere.drop_height_m
-    )
+    sphere, plate = _bodies(scene)
     table = scene.plate
-    plate = Plate(MATERIALS[table.material], table.size_m, table.thickness_m, table.loss_factor)
     contact = _contact(scene, sphere, plate)
     limit = 0.5 / scene.step_s  # thesis2008: all modes to pi/dt
     if scene.run.scheme != "thesis2008":
@@ -51,6 +67,13 @@ def plant_spec(scene: Scene) -> PlantSpec:
         lead_in_s=scene.run.lead_in_s,
         residual_flexibility=scene.run.scheme == "modal",
     )
+
+
+def _bodies(scene: Scene) -> tuple[Sphere, Plate]:
+    ball, table = scene.sphere, scene.plate
+    sphere = Sphere(MATERIALS[ball.material], ball.radius_m, ball.drop_height_m)
+    plate = Plate(MATERIALS[table.material], table.size_m, table.thickness_m, table.loss_factor)
+    return sphere, plate
 
 
 def _contact(scene: Scene, sphere: Sphere, plate: Plate) -> Contact:
@@ -96,22 +119,39 @@ def model_error(scene: Scene) -> float:
     )  # fmt: skip
 
 
+def full_scale(scene: Scene) -> tuple[float, float] | None:
+    """Range of the converter in units of its quantity; None without limits.
+
+    "auto" takes the largest value of a Hertz contact on a rigid plate as its measure: F, its
+    penetration, F/Z of the plate's velocity, and pi/T times that of its acceleration.
+    """
+    table = scene.sensors
+    if isinstance(table.full_scale, tuple):
+        return table.full_scale
+    if table.full_scale == "none" or table.bits == "ideal":
+        return None
+    spec = plant_spec(scene)
+    m, v = spec.sphere.mass_kg, spec.sphere.impact_speed_m_s
+    rigid = (1.25 * m * v * v / spec.contact.stiffness) ** 0.4
+    if table.quantity == "xi":
+        return _GAP_LOW * rigid, _GAP_HIGH * rigid
+    force_n = spec.contact.stiffness * rigid**1.5
+    if table.quantity == "contact_force":
+        return 0.0, _ABOVE * force_n
+    most = force_n / spec.plate.infinite_plate_impedance_n_s_m
+    if table.quantity == "acceleration":
+        most *= math.pi / rigid_contact_time_s(m, spec.contact.stiffness, v)
+    return -_ABOVE * most, _ABOVE * most
+
+
 def sensor(scene: Scene) -> Sensor:
     """The data-acquisition channel at the start of its run."""
     table = scene.sensors
-    full_scale: tuple[float, float] | None = None
-    if isinstance(table.full_scale, tuple):
-        full_scale = table.full_scale
-    elif table.full_scale == "auto" and table.bits != "ideal":
-        spec = plant_spec(scene)
-        m, v = spec.sphere.mass_kg, spec.sphere.impact_speed_m_s
-        rigid = (1.25 * m * v * v / spec.contact.stiffness) ** 0.4
-        full_scale = (_AUTO_LOW * rigid, _AUTO_HIGH * rigid)
     spec_ = SensorSpec(
         quantity=Quantity[table.quantity.upper()],
         every_steps=table.every_steps,
         low_pass_hz=table.low_pass_hz,
-        full_scale=full_scale,
+        full_scale=full_scale(scene),
         bits=None if table.bits == "ideal" else int(table.bits),
         noise_rms=table.noise_rms,
     )
@@ -137,14 +177,7 @@ def controller(scene: Scene, stiffness: float) -> Controller:
         profile = force_n(scene)
     if profile:
         profile = (0.0,) * samples(table.delay_us) + profile
-    law = LawSpec(
-        law=Law.PROFILE if table.law == "precomputed" else Law[table.law.upper()],
-        stiffness=stiffness,
-        kappa=table.kappa,
-        v_thr_m_s=table.v_thr_m_s,
-        profile_n=profile,
-        lead_samples=samples(table.lead_us),
-    )
+    law = replace(_law_spec(scene, stiffness), profile_n=profile)
     line = LineSpec(
         latency_steps=scene.in_steps(table.latency_us),
         jitter_steps=scene.in_steps(table.jitter_us),
@@ -154,3 +187,45 @@ def controller(scene: Scene, stiffness: float) -> Controller:
         slew_n_s=table.slew_n_s,
     )
     return Controller(law, line, scene.step_s, scene.steps, every, scene.run.seed)
+
+
+def _law_spec(scene: Scene, stiffness: float) -> LawSpec:
+    """The scene's law, without its profile."""
+    table, every = scene.controller, scene.sensors.every_steps
+    spec = LawSpec(
+        law=_LAWS.get(table.law) or Law[table.law.upper()],
+        stiffness=stiffness,
+        kappa=table.kappa,
+        v_thr_m_s=table.v_thr_m_s,
+        lead_samples=round(scene.in_steps(table.lead_us) / every),
+    )
+    sphere, plate = _bodies(scene)
+    impedance = plate.infinite_plate_impedance_n_s_m
+    speed = sphere.impact_speed_m_s
+    # The force of a sample acts one step after it at the earliest.
+    horizon_s = (1 + scene.in_steps(table.latency_us)) * scene.step_s
+    if table.law == "least_squares":
+        return replace(spec, window=table.window_samples)
+    if table.law == "fade_out":
+        return replace(spec, fade_samples=round(scene.in_steps(table.fade_us) / every))
+    if table.law == "shifted_threshold":
+        v_thr = shifted_threshold_m_s(
+            stiffness, sphere.mass_kg, impedance, speed, table.v_thr_m_s, horizon_s
+        )
+        return replace(spec, v_thr_m_s=v_thr)
+    if table.law == "predicted":
+        return replace(
+            spec,
+            window=table.window_samples,
+            mass_kg=sphere.mass_kg,
+            impedance_n_s_m=impedance,
+            lead_samples=round(horizon_s / (every * scene.step_s)),
+            watch_level=2.0 * speed * horizon_s,
+        )
+    if table.law in SENSED:
+        gain = table.kappa if table.law == "force_feedback" else -table.kappa * impedance
+        limits = full_scale(scene) if scene.sensors.bits != "ideal" else None
+        # Zero need not be a level of the converter; the nearest one is half a step off at most.
+        step = (limits[1] - limits[0]) / (2 ** int(scene.sensors.bits) - 1) if limits else 0.0
+        return replace(spec, gain=gain, leak_hz=table.leak_hz, dead_zone=0.5000001 * step)
+    return spec

@@ -29,6 +29,19 @@ PrecomputedName = Literal[
 ]  # fmt: skip
 
 
+LawName = Literal[
+    "off", "slope_threshold", "least_squares", "shifted_threshold", "predicted", "fade_out",
+    "force_feedback", "velocity_feedback", "acceleration_feedback",
+    "constant", "profile", "precomputed",
+]  # fmt: skip
+# What the feedback laws work on; the others, on the penetration.
+SENSED = {
+    "force_feedback": "contact_force",
+    "velocity_feedback": "v_p",
+    "acceleration_feedback": "acceleration",
+}
+
+
 class SphereTable(_Table):
     """The falling sphere."""
 
@@ -62,9 +75,10 @@ class ContactTable(_Table):
 
 
 class SensorsTable(_Table):
-    """Data acquisition. `full_scale` is lowest and highest value, "auto" or "none"."""
+    """Data acquisition. `quantity` "auto", or left out, becomes what the law works on;
+    `full_scale` is lowest and highest value, "auto" or "none"."""
 
-    quantity: Literal["xi", "v_p", "acceleration", "contact_force"] = "xi"
+    quantity: Literal["xi", "v_p", "acceleration", "contact_force", "auto"] = "auto"
     every_steps: Annotated[int, Field(ge=1, le=1_000_000)] = 1
     bits: Annotated[int, Field(ge=1, le=24)] | Literal["ideal"] = "ideal"
     full_scale: Point | Literal["auto", "none"] = "auto"
@@ -74,15 +88,20 @@ class SensorsTable(_Table):
 
 class ControllerTable(_Table):
     """Force law and the line to the actuator. `precomputed` names one of the study's forces;
-    with `lead_us` the law commands what is due that much later."""
+    with `lead_us` slope_threshold commands what is due that much later. `window_samples`: for the
+    slope of least_squares and predicted; `fade_us`: length of fade_out after the contact;
+    `leak_hz`: corner of the integral of acceleration_feedback."""
 
-    law: Literal["off", "slope_threshold", "constant", "profile", "precomputed"] = "slope_threshold"
+    law: LawName = "slope_threshold"
     kappa: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.8
     v_thr_m_s: Annotated[float, Field(ge=-1e3, le=1e3)] = -0.25
     force_n: float = 0.0
     profile_n: tuple[float, ...] = ()
     precomputed: PrecomputedName = "F_a2"
     lead_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    window_samples: Annotated[int, Field(ge=2, le=1000)] = 4
+    fade_us: Annotated[float, Field(ge=0.0, le=1e6)] = 10.0
+    leak_hz: Annotated[float, Field(ge=0.0, le=1e6)] = 20.0
     delay_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     duration_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     latency_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
@@ -137,6 +156,20 @@ class Scene(_Table):
             update={"controller": self.controller.model_copy(update={"law": "off"})}
         )
 
+    @model_validator(mode="before")
+    @classmethod
+    def _name_the_quantity(cls, data: Any) -> Any:
+        """Put what the law works on in the place of sensors.quantity = "auto"."""
+        if not isinstance(data, dict):
+            return data
+        sensors, control = data.get("sensors", {}), data.get("controller", {})
+        if not isinstance(sensors, dict) or not isinstance(control, dict):
+            return data
+        if sensors.get("quantity", "auto") != "auto":
+            return data
+        quantity = SENSED.get(str(control.get("law", "slope_threshold")), "xi")
+        return {**data, "sensors": {**sensors, "quantity": quantity}}
+
     @model_validator(mode="after")
     def _fits_together(self) -> "Scene":
         for problem in _problems(self):
@@ -160,17 +193,18 @@ def _problems(scene: Scene) -> "list[str]":
             f"run.duration_s = {run.duration_s:g} makes {scene.steps} steps of run.step_ns = "
             f"{run.step_ns}; a run has 1 to {_MAX_STEPS} steps"
         )
-    for key in ("latency_us", "jitter_us", "lead_us", "delay_us", "duration_us"):
+    for key in ("latency_us", "jitter_us", "lead_us", "fade_us", "delay_us", "duration_us"):
         value = getattr(control, key)
         if abs(value * 1000 / run.step_ns - scene.in_steps(value)) > 1e-9 * max(1.0, value):
             found.append(
                 f"controller.{key} = {value:g} is no whole number of steps; take a multiple of "
                 f"{run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})"
             )
-    if control.law != "off" and scene.sensors.quantity != "xi":
+    wanted = SENSED.get(control.law, "xi")
+    if control.law != "off" and scene.sensors.quantity != wanted:
         found.append(
             f"sensors.quantity = '{scene.sensors.quantity}' does not fit controller.law = "
-            f"'{control.law}', which works on the penetration; take 'xi', or law 'off'"
+            f"'{control.law}', which works on '{wanted}'; take that or 'auto', or law 'off'"
         )
     found += _scheme_problems(scene)
     if control.law == "profile" and not control.profile_n:
@@ -185,11 +219,6 @@ def _problems(scene: Scene) -> "list[str]":
     if isinstance(limits, tuple) and not limits[0] < limits[1]:
         found.append(
             f"sensors.full_scale = {list(limits)} is no range; the first number must be the lower"
-        )
-    if scene.sensors.quantity != "xi" and limits == "auto" and scene.sensors.bits != "ideal":
-        found.append(
-            f"sensors.full_scale = 'auto' is known for 'xi' only; give the lowest and highest "
-            f"value for '{scene.sensors.quantity}'"
         )
     if scene.sensors.bits != "ideal" and limits == "none":
         found.append(

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -85,7 +85,15 @@ def fingerprint() -> str:
         LineSpec(latency_steps=3, jitter_steps=4, drop_out_probability=0.2),
         LineSpec(bits=5, full_scale_n=3.0, slew_n_s=0.7),
     ]
-    laws = [SLOPE, LawSpec(Law.OFF, 1.0), LawSpec(Law.PROFILE, 1.0, profile_n=(0.3, -2.0, 5.0))]
+    laws = [
+        SLOPE,
+        replace(SLOPE, window=4, fade_samples=3),
+        replace(SLOPE, law=Law.PREDICTED, lead_samples=4, watch_level=0.5, mass_kg=200.0),
+        LawSpec(Law.OFF, 1.0),
+        LawSpec(Law.PROFILE, 1.0, profile_n=(0.3, -2.0, 5.0)),
+        LawSpec(Law.FEEDBACK, 1.0, gain=-2.0, dead_zone=0.1),
+        LawSpec(Law.INTEGRAL_FEEDBACK, 1.0, gain=-2.0, leak_hz=0.01),
+    ]
     for law in laws:
         for line in lines:
             for every_steps in (1, 3):

@@ -1,5 +1,7 @@
 """Hypothesis strategies for runs of the controller."""
 
+import math
+
 from hypothesis import strategies as st
 
 from controller.controller import Law, LawSpec, LineSpec
@@ -31,6 +33,37 @@ LAWS = st.one_of(
         profile_n=PROFILES,
         contact_level=LEVELS,
         lead_samples=LEADS,
+    ),
+    st.builds(
+        LawSpec,
+        st.just(Law.SLOPE_THRESHOLD),
+        st.just(3.7),
+        st.just(0.8),
+        THRESHOLDS,
+        contact_level=LEVELS,
+        window=st.sampled_from([2, 3, 5]),
+        fade_samples=st.sampled_from([0, 1, 4]),
+    ),
+    st.builds(
+        LawSpec,
+        st.just(Law.PREDICTED),
+        st.just(3.7),
+        st.just(0.8),
+        THRESHOLDS,
+        contact_level=LEVELS,
+        lead_samples=st.sampled_from([1, 2, 5]),
+        window=st.sampled_from([2, 4]),
+        watch_level=st.sampled_from([-1.0, 0.5, 2.0]),
+        mass_kg=st.sampled_from([0.5, 20.0]),
+        impedance_n_s_m=st.sampled_from([1.0, math.inf]),
+    ),
+    st.builds(
+        LawSpec,
+        st.sampled_from([Law.FEEDBACK, Law.INTEGRAL_FEEDBACK]),
+        st.just(1.0),
+        gain=st.sampled_from([2.0, -0.5]),
+        leak_hz=st.sampled_from([0.0, 0.1]),
+        dead_zone=st.sampled_from([0.0, 0.5]),
     ),
     st.just(LawSpec(Law.OFF, 1.0)),
 )

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller import kernels as k
+from controller import law_kernels as laws
 from controller.controller import LawSpec, LineSpec
 from tests.controller.drive import SLOPE, drive, make
 from tests.controller.strategies import CUTS, EVERY_STEPS, LATENCIES, LAWS, LINES, SEQUENCES
@@ -65,7 +65,7 @@ def test_nothing_is_granted_beyond_the_end_of_the_run(samples: list[float]) -> N
     controller = make(SLOPE, line, len(samples), after=0)
     reply = controller.process(np.array(samples), look_ahead=True)
     assert len(reply.forces) == len(samples)
-    assert controller.law_state.counts[k.COMMANDED] == len(samples)
+    assert controller.law_state.counts[laws.COMMANDED] == len(samples)
 
 
 def test_nothing_is_granted_ahead_unless_asked() -> None:

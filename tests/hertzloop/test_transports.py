@@ -45,6 +45,35 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
         ["run.duration_s=0.003", "controller.law=precomputed", "controller.precomputed=F_a6",
          "controller.lead_us=1"],
     ),
+    "window, few bits": (
+        "aluminium-3mm",
+        ["run.duration_s=0.002", "controller.law=least_squares", "sensors.bits=6",
+         "sensors.noise_rms=1e-7"],
+    ),
+    "shifted threshold": (
+        "aluminium-3mm",
+        ["run.duration_s=0.002", "controller.law=shifted_threshold", "controller.latency_us=5"],
+    ),
+    "predicted": (
+        "aluminium-3mm",
+        ["run.duration_s=0.002", "controller.law=predicted", "controller.latency_us=15",
+         "controller.jitter_us=2"],
+    ),
+    "fading": (
+        "aluminium-3mm",
+        ["run.duration_s=0.002", "controller.law=fade_out", "controller.latency_us=3"],
+    ),
+    "force feedback": (
+        "offcentre-6mm", ["run.duration_s=0.002", "controller.law=force_feedback"],
+    ),
+    "velocity feedback": (
+        "aluminium-3mm",
+        ["run.duration_s=0.0015", "controller.law=velocity_feedback", "controller.latency_us=2"],
+    ),
+    "acceleration feedback": (
+        "aluminium-3mm",
+        ["run.duration_s=0.0015", "controller.law=acceleration_feedback", "sensors.bits=12"],
+    ),
     "blocks that do not fit": ("aluminium-3mm", ["run.duration_s=0.002717"]),
     "a single step": ("aluminium-3mm", ["run.duration_s=1e-6"]),
 }  # fmt: skip
