@@ -40,4 +40,6 @@ def kernel_cache() -> Path:
     return folder
 
 
+# Matrices here are small: threads of the linear algebra cost more than they give.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ["NUMBA_CACHE_DIR"] = str(kernel_cache())

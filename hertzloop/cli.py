@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hertzloop import study_commands
+from hertzloop import study_commands, sweep_commands
 from hertzloop.options import (
     ConfigOption,
     ConnectOption,
@@ -318,6 +318,7 @@ def scenes() -> None:
 
 
 study_commands.register(app)
+sweep_commands.register(app)
 
 
 def main() -> None:

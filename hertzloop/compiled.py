@@ -26,26 +26,39 @@ from plant.thesis2008 import ThesisPlant
 
 
 @dataclass(frozen=True)
-class Truth:
-    """A simulated run in memory: rows as in TruthBlock, shape (8, steps), and its books."""
+class Simulated:
+    """A simulated run in memory: rows as in TruthBlock, shape (8, steps), samples as they would
+    be sent (values, or codes of a converter), delays (samples) that the law has latched after
+    each, books, and whether the run was cut because its first impact was over."""
 
     rows: np.ndarray
+    samples: np.ndarray
+    delays: np.ndarray
     books: Books
+    over: bool
 
 
-def simulate(scene: Scene) -> Truth:
-    """Run a scene without bus or recording."""
+def simulate(scene: Scene, quiet_steps: int = -1) -> Simulated:
+    """Run a scene without bus or recording.
+
+    With `quiet_steps` only until its first contact has been over for so long and no force is left
+    to come.
+    """
     plant, sensor = parts.plant(scene), parts.sensor(scene)
     controller = parts.controller(scene, plant.model.stiffness)
-    steps, samples = scene.steps, len(controller.law_state.history)
-    window = empty_window(steps, samples)
+    samples = len(controller.law_state.history)
+    window = empty_window(scene.steps, samples)
     modes, delays = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
-    k.closed_loop(
+    over = k.closed_loop(
         plant.model, plant.state, sensor.model, sensor.state, controller.law,
         controller.law_state, controller.line, controller.line_state, controller.forces,
-        window, modes, delays, steps,
+        window, modes, delays, scene.steps, quiet_steps,
     )  # fmt: skip
-    return Truth(window.truth, plant.close_books())
+    steps, taken = (int(window.counts[i]) for i in (k.TRUTH_END, k.SAMPLES_END))
+    sent = window.values if sensor.model.ideal else window.codes
+    return Simulated(
+        window.truth[:, :steps], sent[:taken], delays[:taken], plant.close_books(), bool(over)
+    )
 
 
 def rows_under(plant: Plant | ThesisPlant, forces: np.ndarray) -> np.ndarray:
@@ -73,7 +86,7 @@ def run_compiled(
         k.closed_loop(
             streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
             controller.law, controller.law_state, controller.line, controller.line_state,
-            controller.forces, streams.window, modes, delays, end,
+            controller.forces, streams.window, modes, delays, end, -1,
         )  # fmt: skip
 
     advance(0)  # loads the kernel before the clock starts

@@ -112,7 +112,7 @@ def _published(scene: Scene, rows: np.ndarray, spans: list[tuple[int, int]]) -> 
 
 
 @lru_cache(maxsize=8)
-def _modes(spec: PlantSpec) -> Oscillators:
+def modes_of(spec: PlantSpec) -> Oscillators:
     return oscillators(
         spec.plate, spec.contact_point_m, spec.actuator_point_m,
         2.0 * math.pi * spec.frequency_limit_hz,
@@ -130,7 +130,7 @@ def _consistent(
         spans, until, consistent_impacts(scene, rows), strict=False
     ):
         noise = impact_noise(
-            spec.sphere, spec.plate, _modes(spec),
+            spec.sphere, spec.plate, modes_of(spec),
             -rows[F_C, start:stop], rows[F_A, start:stop], -rows[F_C1, start:stop],
             work_j=impact.plate_energy_j,
             plate_speed_m_s=rows[V_P, start:stop],

@@ -123,13 +123,25 @@ def advance(plant, plant_state, sensor, sensor_state, forces, window, grant, end
 @njit(cache=True, error_model="numpy")
 def closed_loop(
     plant, plant_state, sensor, sensor_state, law, law_state, line, line_state,
-    forces, window, modes, delays, end,
+    forces, window, modes, delays, end, quiet_steps,
 ):  # fmt: skip
-    """Plant, sensor and controller together up to step `end`."""
+    """Plant, sensor and controller together up to step `end`, or, if `quiet_steps` is not
+    negative, until a contact has been over for so long and no force is left to come; returns
+    whether that was so."""
+    touched = False
+    last = 0
     while plant_state.counts[pk.STEP] < end:
         if _observe(plant_state, sensor, sensor_state, window):
             at = window.counts[SAMPLES_END] - 1 - window.counts[SAMPLES_FIRST]
             ck.control_sample(law, law_state, line, line_state, window.values[at], forces)
             modes[at] = law_state.counts[laws.MODE]
             delays[at] = law_state.counts[laws.DELAY]
-        _step_and_record(plant, plant_state, forces[plant_state.counts[pk.STEP]], window)
+        step = plant_state.counts[pk.STEP]
+        _step_and_record(plant, plant_state, forces[step], window)
+        if plant_state.body[pk.F_C] != 0.0:
+            touched = True
+            last = step
+        elif touched and 0 <= quiet_steps <= step - last:
+            if ck.promises_zero(law, law_state, line_state):
+                return True
+    return False

@@ -44,7 +44,7 @@ TransportName = Literal["zenoh", "inprocess", "compiled"]
 def scene_from(source: str, settings: list[str] | None, seed: int | None) -> Scene:
     """The scene a command works on; ends the command if it cannot be simulated."""
     try:
-        scene = load(source, settings, seed)
+        scene = load(source, settings or (), seed)
         from hertzloop import parts
 
         parts.plant_spec(scene)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 from controller.controller import Controller, Law, LawSpec, LineSpec
 from controller.threshold import shifted_threshold_m_s
@@ -99,7 +100,7 @@ def plant_of(spec: PlantSpec, scene: Scene) -> Plant | ThesisPlant:
     """A plant by the scene's scheme. Raises ValueError for what that scheme does not know."""
     if scene.run.scheme == "thesis2008":
         return ThesisPlant(spec, scene.steps)
-    return CollocationPlant(spec) if scene.run.scheme == "modal" else Plant(spec)
+    return _built(spec, scene.run.scheme).at_start()
 
 
 def plant(scene: Scene) -> Plant | ThesisPlant:
@@ -108,6 +109,12 @@ def plant(scene: Scene) -> Plant | ThesisPlant:
         return plant_of(plant_spec(scene), scene)
     except ValueError as error:
         raise SceneError(str(error)) from error
+
+
+@lru_cache(maxsize=8)
+def _built(spec: PlantSpec, scheme: str) -> Plant:
+    """A plant whose model is shared by all runs of the same description."""
+    return CollocationPlant(spec) if scheme == "modal" else Plant(spec)
 
 
 def model_error(scene: Scene) -> float:

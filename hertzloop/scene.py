@@ -2,6 +2,7 @@
 
 import difflib
 import tomllib
+from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -266,7 +267,7 @@ def shipped() -> list[str]:
 DEFAULT = "aluminium-3mm"
 
 
-def load(source: str, settings: list[str] | None = None, seed: int | None = None) -> Scene:
+def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> Scene:
     """Read a scene by shipped name or from a file, apply `key=value` settings and the seed.
 
     Raises SceneError with one sentence for anything wrong in it.
@@ -292,16 +293,30 @@ def _text(source: str) -> str:
     return (resources.files("hertzloop") / "scenes" / f"{source}.toml").read_text("utf-8")
 
 
-def parse(text: str, settings: list[str] | None = None, seed: int | None = None) -> Scene:
+def parse(text: str, settings: Iterable[str] = (), seed: int | None = None) -> Scene:
     """Make a scene from TOML text. Raises SceneError."""
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"the scene is not valid TOML: {error}") from error
-    for setting in settings or []:
+    for setting in settings:
         _apply(data, setting)
     if seed is not None:
         data.setdefault("run", {})["seed"] = seed
+    return _checked(data)
+
+
+def vary(scene: Scene, values: Mapping[str, Any]) -> Scene:
+    """A scene with other values of some keys, "table.key": value. Raises SceneError."""
+    data = scene.model_dump(exclude_none=True)
+    if "controller.law" in values and "sensors.quantity" not in values:
+        data["sensors"]["quantity"] = "auto"
+    for key, value in values.items():
+        _put(data, key, value)
+    return _checked(data)
+
+
+def _checked(data: dict[str, Any]) -> Scene:
     try:
         return Scene.model_validate(data)
     except ValidationError as error:
@@ -311,19 +326,28 @@ def parse(text: str, settings: list[str] | None = None, seed: int | None = None)
 def _apply(data: dict[str, Any], setting: str) -> None:
     """Apply one key=value; the value is TOML, a bare word counts as text."""
     key, equals, value = setting.partition("=")
-    path = key.strip().split(".")
-    if not equals or not all(path):
+    if not equals or not all(key.strip().split(".")):
         raise SceneError(f"'{setting}' is no setting; write table.key=value, e.g. sensors.bits=12")
+    _put(data, key.strip(), toml_value(value))
+
+
+def toml_value(text: str) -> Any:
+    """A value as written in TOML; a bare word counts as text."""
     try:
-        parsed = tomllib.loads(f"value = {value}")["value"]
+        return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
-        parsed = value.strip()
+        return text.strip()
+
+
+def _put(data: dict[str, Any], key: str, value: Any) -> None:
+    """Set table.key in nested tables."""
+    path = key.split(".")
     table = data
     for part in path[:-1]:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
             raise SceneError(f"'{key}' is no scene key: '{part}' is a value, not a table")
-    table[path[-1]] = parsed
+    table[path[-1]] = value
 
 
 def _known_keys(path: tuple[str, ...]) -> list[str]:

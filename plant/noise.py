@@ -6,6 +6,7 @@ the step. Spectra follow F(w) = integral F(t) exp(-i w t) dt (N s).
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -159,16 +160,26 @@ def _sampled_sum(force_n: np.ndarray, step_s: float, frequency_hz: np.ndarray) -
     used = np.flatnonzero(force_n)
     if not len(used):
         return np.zeros(len(omega), complex)
-    first = int(used[0])
-    pulse = np.asarray(force_n[first : used[-1] + 1], dtype=float)
-    turn = np.exp(-1j * omega * step_s)
+    first, last = int(used[0]), int(used[-1]) + 1
     # In blocks: exp(-i w t) for all pairs would not fit for a long force.
-    total, block = np.zeros(len(omega), complex), 64
-    powers = turn[:, None] ** np.arange(block)
-    for start in range(0, len(pulse), block):
-        piece = pulse[start : start + block]
-        total += np.exp(-1j * omega * (first + start) * step_s) * (powers[:, : len(piece)] @ piece)
-    return total
+    powers, turn = _turns(omega.tobytes(), step_s)
+    pulse = np.zeros(-(-(last - first) // _BLOCK) * _BLOCK)
+    pulse[: last - first] = force_n[first:last]
+    sums = powers @ pulse.reshape(-1, _BLOCK).T
+    total = np.zeros(len(omega), complex)
+    for block in range(sums.shape[1] - 1, -1, -1):  # Horner's rule
+        total = total * turn + sums[:, block]
+    return np.asarray(total * np.exp(-1j * omega * (first * step_s)))
+
+
+_BLOCK = 64
+
+
+@lru_cache(maxsize=16)
+def _turns(omega: bytes, step_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """exp(-i w n h) for n below _BLOCK, shape (frequencies, _BLOCK), and for n = _BLOCK."""
+    phase = -1j * step_s * np.frombuffer(omega)
+    return np.exp(phase[:, None] * np.arange(_BLOCK)), np.exp(phase * _BLOCK)
 
 
 def modal_shares_j(

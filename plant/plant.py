@@ -1,8 +1,9 @@
 """A plant made from a description: model arrays, initial state, books at the end."""
 
 import math
+from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -207,6 +208,12 @@ class Plant:
 
     def _build_model(self) -> Any:
         return build_model(self.spec, self.modes)
+
+    def at_start(self) -> Self:
+        """The same plant at the start of a run: model shared, state new."""
+        new = copy(self)
+        new.state = new._initial_state()
+        return new
 
     def contact_energy_j(self) -> float:
         """Energy stored in the contact at the present step, J."""

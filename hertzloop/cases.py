@@ -1,0 +1,168 @@
+"""One case of a sweep: a scene simulated in one compiled call, and its figures."""
+
+import hashlib
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from hertzloop import parts
+from hertzloop.compiled import Simulated, simulate
+from hertzloop.impact_rows import F_A, F_C, F_C1, V_P, consistent_impacts, modes_of
+from hertzloop.scene import ControllerTable, Scene, SceneError, SensorsTable
+from plant.impact_noise import impact_noise
+from plant.noise import ImpactNoise
+
+Span = Literal["impact", "run"]
+_QUIET_S = 1e-4  # a first impact is over when nothing has touched or pushed for so long
+_FIRST_STEPS = 512  # after the lead-in; four times as many until the impact is over
+
+
+@dataclass(frozen=True)
+class CaseFigures:
+    """Figures of a case. `*_db`: against the same scene without control; of energies 10 lg, of
+    the plate's largest speed and the pressure bound 20 lg.
+
+    `rebound_*`: when the sphere leaves at the end of the span, `contact_us`: of the first
+    contact, `plate_energy_j`: work of all forces on the plate, `injected_j`: the actuator's
+    share, `delay_us`: latched by the law, nan without. `digest`: of all samples and rows of
+    truth of the `steps` steps.
+    """
+
+    plate_energy_db: float
+    rebound_percent: float
+    radiated_db: float
+    plate_speed_db: float
+    pressure_db: float
+    longhorn_db: float
+    holmes_db: float
+    plate_energy_j: float
+    injected_j: float
+    impact_energy_j: float
+    rebound_m_s: float
+    contact_us: float
+    contacts: int
+    peak_force_n: float
+    delay_us: float
+    energy_residual: float
+    steps: int
+    digest: str
+
+
+def digest_of(rows: np.ndarray, samples: np.ndarray) -> str:
+    """Fingerprint of rows of truth, shape (8, steps), and samples (values, or codes)."""
+    total = hashlib.blake2b(np.ascontiguousarray(rows).tobytes(), digest_size=16)
+    total.update(np.ascontiguousarray(samples).tobytes())
+    return total.hexdigest()
+
+
+def lasting(scene: Scene, steps: int) -> Scene:
+    """The scene with a run of so many steps."""
+    run = scene.run.model_copy(update={"duration_s": steps * scene.step_s})
+    return scene.model_copy(update={"run": run})
+
+
+def _follow(scene: Scene, span: Span) -> Simulated:
+    """Simulate as much of a scene as the span asks for."""
+    if span == "run":
+        return simulate(scene)
+    steps = round(scene.run.lead_in_s / scene.step_s) + _FIRST_STEPS
+    quiet = max(round(_QUIET_S / scene.step_s), 1)
+    while steps < scene.steps:
+        found = simulate(lasting(scene, steps), quiet)
+        if found.over:
+            return found
+        steps *= 4
+    return simulate(scene, quiet)
+
+
+def _latched_us(scene: Scene, delays: np.ndarray) -> float:
+    latched = delays[delays > 0]
+    if not len(latched):
+        return math.nan
+    return float(latched[0]) * scene.sensors.every_steps * scene.run.step_ns / 1000
+
+
+def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
+    """Simulate a scene and compare it with the same without control.
+
+    `span`: "impact" until the first impact is over, the run's end at the latest; "run" to the
+    end. Raises SceneError for the published scheme, and for a run without contact.
+    """
+    if scene.run.scheme == "thesis2008":
+        raise SceneError(
+            "run.scheme = 'thesis2008' has figures of its own; take 'modal' or 'discrete_gradient'"
+        )
+    run = _follow(scene, span)
+    noise, contacts, peak_n = _noise(scene, run.rows)
+    free = _uncontrolled(_plain(scene), span)
+    return CaseFigures(
+        plate_energy_db=_db(noise.transmitted_j, free.transmitted_j),
+        rebound_percent=100.0 * noise.rebound_height_m / free.rebound_height_m
+        if free.rebound_height_m
+        else math.nan,
+        radiated_db=_db(noise.radiated_j, free.radiated_j),
+        plate_speed_db=2.0 * _db(noise.plate_speed_max_m_s, free.plate_speed_max_m_s),
+        pressure_db=2.0 * _db(noise.peak_pressure_pa, free.peak_pressure_pa),
+        longhorn_db=_db(noise.longhorn_j, free.longhorn_j),
+        holmes_db=_db(noise.holmes_j, free.holmes_j),
+        plate_energy_j=noise.transmitted_j,
+        injected_j=run.books.injected_j,
+        impact_energy_j=run.books.energy_start_j,
+        rebound_m_s=noise.next_impact_speed_m_s,
+        contact_us=1e6 * noise.contact_time_s,
+        contacts=contacts,
+        peak_force_n=peak_n,
+        delay_us=_latched_us(scene, run.delays),
+        energy_residual=run.books.energy_residual,
+        steps=run.rows.shape[1],
+        digest=digest_of(run.rows, run.samples),
+    )
+
+
+def _db(value: float, reference: float) -> float:
+    """10 lg of a ratio; nan where it has no logarithm."""
+    ratio = value / reference if reference else math.nan
+    return 10.0 * math.log10(ratio) if ratio > 0.0 else math.nan
+
+
+def _plain(scene: Scene) -> Scene:
+    """The scene without control and converters, in one form for all that differ in these only."""
+    off = scene.without_control()
+    plain = {
+        "sensors": SensorsTable(quantity="xi"),
+        "controller": ControllerTable(law="off"),
+        "run": off.run.model_copy(update={"seed": 0}),
+        "name": "plain",
+        "shows": "",
+    }
+    return off.model_copy(update=plain)
+
+
+@lru_cache(maxsize=64)
+def _uncontrolled(scene: Scene, span: Span) -> ImpactNoise:
+    return _noise(scene, _follow(scene, span).rows)[0]
+
+
+def _noise(scene: Scene, rows: np.ndarray) -> tuple[ImpactNoise, int, float]:
+    """Noise figures of all contacts of a run taken together, their number, the largest force."""
+    spec = parts.plant_spec(scene)
+    found = consistent_impacts(scene, rows, spec)
+    if not found:
+        raise SceneError(
+            f"run.duration_s = {scene.run.duration_s:g} ends before the first contact; take more, "
+            f"or less than run.lead_in_s = {scene.run.lead_in_s:g}"
+        )
+    noise = impact_noise(
+        spec.sphere, spec.plate, modes_of(spec),
+        -rows[F_C], rows[F_A], -rows[F_C1],
+        work_j=sum(impact.plate_energy_j for impact in found),
+        plate_speed_m_s=rows[V_P],
+        step_s=scene.step_s,
+        contact_time_s=found[0].duration_s,
+        impact_speed_m_s=found[0].impact_speed_m_s,
+        rebound_speed_m_s=found[-1].rebound_speed_m_s,
+    )  # fmt: skip
+    return noise, len(found), max(impact.peak_force_n for impact in found)

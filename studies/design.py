@@ -1,0 +1,140 @@
+"""Which cases a sweep has: a grid, or points spread over ranges, of any scene keys."""
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from scipy.stats import qmc
+
+from hertzloop.scene import Scene, SceneError, toml_value, vary
+
+Kind = Literal["grid", "lhs", "sobol"]
+_MOST_CASES = 10_000_000
+
+
+class DesignError(ValueError):
+    """The sweep asked for cannot be made; the message says why and what would do."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A scene key and what it is to be: `values`, or, for spread points, anything from `low` to
+    `high`."""
+
+    key: str
+    values: tuple[Any, ...] = ()
+    low: float = 0.0
+    high: float = 0.0
+
+    def at(self, share: float) -> Any:
+        """Value at a share in [0, 1) of the axis."""
+        if self.values:
+            return self.values[int(share * len(self.values))]
+        return self.low + share * (self.high - self.low)
+
+
+def parse_axis(text: str) -> Axis:
+    """`key=low:high:step` (both ends included), `key=low:high` (to be spread), or `key=a,b,c`.
+
+    Raises DesignError.
+    """
+    key, equals, given = (part.strip() for part in text.partition("="))
+    if not equals or not given or not all(key.split(".")):
+        raise DesignError(
+            f"'{text}' is no range; write key=low:high:step or key=a,b,c, "
+            "e.g. controller.latency_us=0:100:1"
+        )
+    parts = given.split(":")
+    if len(parts) == 1:
+        return Axis(key, tuple(toml_value(value) for value in _items(given)))
+    numbers = [toml_value(part) for part in parts]
+    if len(parts) > 3 or not all(isinstance(x, int | float) for x in numbers):
+        raise DesignError(f"'{text}' is no range of numbers; write {key}=low:high:step")
+    low, high = numbers[0], numbers[1]
+    if not low <= high:
+        raise DesignError(f"'{text}' runs backwards; its first number must be the lower")
+    if len(parts) == 2:
+        return Axis(key, (), float(low), float(high))
+    step = numbers[2]
+    if not step > 0:
+        raise DesignError(f"'{text}' has a step of {step}; it must be above 0")
+    count = math.floor((high - low) / step + 1e-9) + 1
+    if count > _MOST_CASES:
+        raise DesignError(f"'{text}' has {count} values, the most is {_MOST_CASES}")
+    if all(isinstance(x, int) for x in numbers):
+        return Axis(key, tuple(low + i * step for i in range(count)))
+    return Axis(key, tuple(float(f"{low + i * step:.12g}") for i in range(count)))
+
+
+def _items(text: str) -> list[str]:
+    """Split at commas outside of brackets."""
+    items, depth = [""], 0
+    for letter in text:
+        depth += (letter == "[") - (letter == "]")
+        if letter == "," and depth == 0:
+            items.append("")
+        else:
+            items[-1] += letter
+    return [item.strip() for item in items]
+
+
+@dataclass(frozen=True)
+class Design:
+    """A sweep's cases: all combinations of the axes, or `count` points spread over them."""
+
+    axes: tuple[Axis, ...]
+    kind: Kind = "grid"
+    count: int = 0
+    seed: int = 1
+
+    def cases(self) -> list[dict[str, Any]]:
+        """One {key: value} a case, always in the same order; the last axis runs fastest."""
+        keys = [axis.key for axis in self.axes]
+        if self.kind == "grid":
+            every = itertools.product(*(axis.values for axis in self.axes))
+            return [dict(zip(keys, values, strict=True)) for values in every]
+        sampler: Any = qmc.Sobol if self.kind == "sobol" else qmc.LatinHypercube
+        points = sampler(len(self.axes), rng=np.random.default_rng(self.seed)).random(self.count)
+        return [
+            {axis.key: axis.at(float(x)) for axis, x in zip(self.axes, point, strict=True)}
+            for point in points
+        ]
+
+
+def make_design(scene: Scene, over: list[str], kind: Kind, count: int, seed: int) -> Design:
+    """A design whose every axis fits the scene. Raises DesignError or SceneError."""
+    axes = tuple(parse_axis(text) for text in over)
+    if not axes:
+        raise DesignError("a sweep needs at least one --over, e.g. controller.latency_us=0:100:1")
+    keys = [axis.key for axis in axes]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise DesignError(f"--over {key} is given twice; put its values into one list")
+    design = Design(axes, kind, count, seed)
+    if kind == "grid":
+        for axis in axes:
+            if not axis.values:
+                raise DesignError(
+                    f"--over {axis.key}={axis.low:g}:{axis.high:g} has no step, which a grid "
+                    "needs; add one, or take --design sobol or lhs"
+                )
+        size = math.prod(len(axis.values) for axis in axes)
+        if size > _MOST_CASES:
+            raise DesignError(f"the grid has {size} cases, the most is {_MOST_CASES}")
+    elif not 1 <= count <= _MOST_CASES:
+        raise DesignError(f"--cases = {count}; --design {kind} needs 1 to {_MOST_CASES}")
+    _check_ends(scene, design)
+    return design
+
+
+def _check_ends(scene: Scene, design: Design) -> None:
+    """Refuse a key or an end of a range that no scene can have, before hours of work."""
+    first = {axis.key: axis.at(0.0) for axis in design.axes}
+    for axis in design.axes:
+        for value in (axis.values[0], axis.values[-1]) if axis.values else (axis.low, axis.high):
+            try:
+                vary(scene, {**first, axis.key: value})
+            except SceneError as error:
+                raise SceneError(f"--over {axis.key}, value {value}: {error}") from error

@@ -1,0 +1,238 @@
+"""Many cases of a scene, on the cores at hand or on many machines, that survive a kill."""
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields
+from importlib.metadata import version
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from hertzloop import kernel_cache
+from hertzloop.cases import CaseFigures, Span, figures_of_case
+from hertzloop.scene import Scene, SceneError, parse, to_toml, toml_value, vary
+from studies.design import Design
+from studies.journal import Journal
+
+_CHUNK = 16  # cases that travel together: some 40 ms of work
+_PACKAGES = ("hertzloop", "numpy", "numba")
+
+
+class SweepFailed(RuntimeError):
+    """The sweep ended before its last case; what was finished is kept."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a sweep went: all rows in the order of the cases, how many were run just now, in what
+    time, and how many could not be."""
+
+    rows: list[dict[str, Any]]
+    ran: int
+    wall_s: float
+
+    @property
+    def failed(self) -> list[dict[str, Any]]:
+        """Rows of cases that could not be simulated; `status` says why."""
+        return [row for row in self.rows if row["status"]]
+
+
+def run_chunk(scene_toml: str, span: Span, numbered: list[tuple[int, dict[str, Any]]]) -> list[Any]:
+    """Simulate some cases, in whatever process; a row each."""
+    scene = parse(scene_toml)
+    return [run_case(scene, span, number, values) for number, values in numbered]
+
+
+def run_case(scene: Scene, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
+    """One case: its number, the varied keys, the figures, and `status`, empty if all is well."""
+    row: dict[str, Any] = {"case": number, **values}
+    try:
+        return row | asdict(figures_of_case(vary(scene, values), span)) | {"status": ""}
+    except SceneError as error:
+        return row | dict.fromkeys(f.name for f in fields(CaseFigures)) | {"status": str(error)}
+
+
+def code_version() -> str:
+    """What decides the bits of a result: versions, and the digest of all compiled kernels."""
+    return ", ".join([*(f"{p} {version(p)}" for p in _PACKAGES), f"kernels {kernel_cache().name}"])
+
+
+def header_of(scene: Scene, design: Design, span: Span) -> dict[str, Any]:
+    """What names a sweep, and goes with its results."""
+    return {
+        "scene_toml": to_toml(scene),
+        "design": asdict(design),
+        "span": span,
+        "versions": code_version(),
+    }
+
+
+def sweep(
+    scene: Scene,
+    design: Design,
+    span: Span,
+    out: Path,
+    *,
+    workers: int | None = None,
+    dask: str | None = None,
+    on_progress: Callable[[int], None] = lambda finished: None,
+) -> Outcome:
+    """Run all cases that were not finished earlier, and write `out` (.parquet or .csv).
+
+    Unfinished, its rows are in `journal_of(out)`. Raises SweepFailed, JournalError, OSError.
+    """
+    cases = list(enumerate(design.cases()))
+    header = header_of(scene, design, span)
+    with Journal(journal_of(out), header) as journal:
+        open_ = [(number, values) for number, values in cases if number not in journal.done]
+        chunks = [open_[i : i + _CHUNK] for i in range(0, len(open_), _CHUNK)]
+        on_progress(len(journal.done))
+        started = time.perf_counter()
+        if chunks:
+            with _results(header["scene_toml"], span, chunks, workers, dask) as results:
+                for rows in results:
+                    for row in rows:
+                        journal.add(row)
+                    on_progress(len(journal.done))
+        wall_s = time.perf_counter() - started
+        rows = [journal.done[number] for number, _ in cases]
+    write_results(out, rows, header)
+    journal_of(out).unlink()
+    return Outcome(rows, len(open_), wall_s)
+
+
+def journal_of(out: Path) -> Path:
+    """Where the finished cases of an unfinished sweep are."""
+    return out.with_name(out.name + ".partial")
+
+
+def local_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+@contextmanager
+def _results(
+    toml: str, span: Span, chunks: list[Any], workers: int | None, dask: str | None
+) -> Iterator[Iterator[list[dict[str, Any]]]]:
+    """Rows of the chunks as they come, from local processes or a Dask cluster."""
+    if dask:
+        with _dask_results(dask, toml, span, chunks) as results:
+            yield results
+        return
+    count = min(workers or local_cores(), len(chunks))
+    if count == 1:
+        yield (run_chunk(toml, span, chunk) for chunk in chunks)
+        return
+    # Spawned, not forked: the caller may have threads.
+    with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+        try:
+            futures = [pool.submit(run_chunk, toml, span, chunk) for chunk in chunks]
+            yield (future.result() for future in as_completed(futures))
+        except BrokenProcessPool as error:
+            raise SweepFailed(
+                "a worker process died; finished cases are kept, the same command goes on with them"
+            ) from error
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+@contextmanager
+def _dask_results(
+    address: str, toml: str, span: Span, chunks: list[Any]
+) -> Iterator[Iterator[list[dict[str, Any]]]]:
+    """The same from the workers of a Dask scheduler; it gives a dead worker's work to others."""
+    try:
+        from distributed import Client
+        from distributed import as_completed as dask_completed
+    except ImportError as error:
+        raise SweepFailed(
+            "--dask needs the package distributed: pip install distributed"
+        ) from error
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError, TimeoutError) as error:
+        raise SweepFailed(f"there is no Dask scheduler at {address}: {error}") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=60)
+        except TimeoutError as error:
+            raise SweepFailed(f"the Dask scheduler at {address} has no workers") from error
+        ours = code_version()
+        for worker, theirs in client.run(code_version).items():
+            if theirs != ours:
+                raise SweepFailed(
+                    f"the worker {worker} has {theirs}, this process {ours}; install the same"
+                )
+        futures = client.map(
+            lambda chunk: run_chunk(toml, span, chunk), chunks, pure=False, retries=2
+        )
+        yield (future.result() for future in dask_completed(futures))
+
+
+def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any]) -> None:
+    """Write a Parquet file with `header` in its metadata, or a CSV file and `header` beside it in
+    NAME.csv.json; under its name only when whole."""
+    keys = [axis["key"] for axis in header["design"]["axes"]]
+    table = pa.Table.from_pylist(_one_type_a_column(rows, keys, out.suffix))
+    about = json.dumps(header, indent=2)
+    new = out.with_name(out.name + ".new")
+    if out.suffix == ".parquet":
+        kept = {b"hertzloop": about.encode(), **(table.schema.metadata or {})}
+        pyarrow.parquet.write_table(table.replace_schema_metadata(kept), new)
+    else:
+        pyarrow.csv.write_csv(table, new)
+        _beside(out).write_text(about + "\n", encoding="utf-8")
+    new.replace(out)
+
+
+def _beside(out: Path) -> Path:
+    """Header of results in CSV."""
+    return out.with_name(out.name + ".json")
+
+
+def _one_type_a_column(
+    rows: list[dict[str, Any]], keys: list[str], suffix: str
+) -> list[dict[str, Any]]:
+    """Rows with values as TOML text for keys that have values of several types, or lists in CSV."""
+    text = [
+        key
+        for key in keys
+        if len({type(row[key]) for row in rows}) > 1
+        or (suffix != ".parquet" and isinstance(rows[0][key], list))
+    ]
+    if not text:
+        return rows
+    return [
+        row | {key: row[key] if isinstance(row[key], str) else json.dumps(row[key]) for key in text}
+        for row in rows
+    ]
+
+
+def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Rows and header of a sweep's results. Raises ValueError for another kind of file."""
+    try:
+        if path.suffix == ".parquet":
+            table = pyarrow.parquet.read_table(path)
+            header = json.loads(table.schema.metadata[b"hertzloop"])
+        else:
+            table = pyarrow.csv.read_csv(path)
+            header = json.loads(_beside(path).read_text(encoding="utf-8"))
+    except (pa.ArrowInvalid, KeyError, TypeError, OSError, json.JSONDecodeError) as error:
+        raise ValueError(f"{path} holds no results of a sweep: {error}") from error
+    rows = table.to_pylist()
+    for axis in header["design"]["axes"]:
+        for row in rows:
+            if isinstance(row[axis["key"]], str):
+                row[axis["key"]] = toml_value(row[axis["key"]])
+    return rows, header
