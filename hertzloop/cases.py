@@ -20,6 +20,13 @@ _QUIET_S = 1e-4  # a first impact is over when nothing has touched or pushed for
 _FIRST_STEPS = 512  # after the lead-in; four times as many until the impact is over
 
 
+_UNSTABLE = 1e4  # of the impact's energy
+
+
+class UnstableLoop(SceneError):
+    """The actuator feeds in energy without bound: figures would say nothing."""
+
+
 @dataclass(frozen=True)
 class CaseFigures:
     """Figures of a case. `*_db`: against the same scene without control; of energies 10 lg, of
@@ -89,13 +96,20 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
     """Simulate a scene and compare it with the same without control.
 
     `span`: "impact" until the first impact is over, the run's end at the latest; "run" to the
-    end. Raises SceneError for the published scheme, and for a run without contact.
+    end. Raises SceneError for the published scheme, and for a run without contact;
+    UnstableLoop.
     """
     if scene.run.scheme == "thesis2008":
         raise SceneError(
             "run.scheme = 'thesis2008' has figures of its own; take 'modal' or 'discrete_gradient'"
         )
     run = _follow(scene, span)
+    books = run.books
+    if not abs(books.injected_j) < _UNSTABLE * books.energy_start_j:
+        raise UnstableLoop(
+            f"the closed loop is unstable: the actuator feeds in more than {_UNSTABLE:g} times the "
+            "energy of the impact"
+        )
     noise, contacts, peak_n = _noise(scene, run.rows)
     free = _uncontrolled(_plain(scene), span)
     return CaseFigures(
@@ -109,14 +123,14 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
         longhorn_db=_db(noise.longhorn_j, free.longhorn_j),
         holmes_db=_db(noise.holmes_j, free.holmes_j),
         plate_energy_j=noise.transmitted_j,
-        injected_j=run.books.injected_j,
-        impact_energy_j=run.books.energy_start_j,
+        injected_j=books.injected_j,
+        impact_energy_j=books.energy_start_j,
         rebound_m_s=noise.next_impact_speed_m_s,
         contact_us=1e6 * noise.contact_time_s,
         contacts=contacts,
         peak_force_n=peak_n,
         delay_us=_latched_us(scene, run.delays),
-        energy_residual=run.books.energy_residual,
+        energy_residual=books.energy_residual,
         steps=run.rows.shape[1],
         digest=digest_of(run.rows, run.samples),
     )

@@ -1,5 +1,6 @@
 """Commands that run a study; each loads what it needs when it is called."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -207,6 +208,42 @@ def stability(
     out.print(f"written: {folder}/stability.png and stability-*.csv", soft_wrap=True)
 
 
+def latency(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for charts and numbers.")],
+    quick: Annotated[bool, typer.Option("--quick", help="One scene's maps, coarser.")] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Maps of every figure over latency, bits, sampling, gain; what latency each law survives."""
+    from studies import latency as study
+
+    check_folder(json_file)
+    with _results_in(folder, "modal"), progress("latency", 100) as advance:
+        found = study.run(folder, quick, lambda done, of: advance(round(100 * done / of)))
+    table = Table(title="What each law survives (plate energy below that without control)",
+                  title_justify="left")  # fmt: skip
+    for heading in ("scene", "law", "kappa", "ideal (dB)", "rebound (%)", "latency (us)", "bits",
+                    "bits, 0.5 dB"):  # fmt: skip
+        left = heading in ("scene", "law")
+        table.add_column(heading, justify="left" if left else "right")
+    for c in found:
+        latency_us = "> " if c.critical_latency_us == math.inf else ""
+        latency_us += f"{min(c.critical_latency_us, c.most_latency_us):.0f}"
+        table.add_row(
+            c.scene, c.law, f"{c.kappa:g}", f"{c.ideal_db:.2f}", f"{c.ideal_rebound_percent:.0f}",
+            *(x.replace("nan", "none") for x in (
+                latency_us, f"{c.critical_bits:.0f}", f"{c.settled_bits:.0f}")),
+        )  # fmt: skip
+    out.print(table)
+    best = list(study.best_laws(found))
+    for name, law, survives, buys in best:
+        out.print(f"{name}: {law} survives {survives:.0f} us, {buys:.0f} us more than two points")
+    out.print(f"written: {folder}/latency-*.png and .csv", soft_wrap=True)
+    keys = ("scene", "law", "survives_us", "more_than_two_points_us")
+    data = {"critical": [vars(c) for c in found],
+            "best": [dict(zip(keys, row, strict=True)) for row in best]}  # fmt: skip
+    write_json(json_file, data)
+
+
 @contextmanager
 def _results_in(folder: Path, *schemes: str) -> Iterator[None]:
     """A study that writes into `folder`, which is made, with the kernels of `schemes` ready."""
@@ -230,6 +267,7 @@ def register(app: typer.Typer) -> None:
     chart.command("speed-accuracy")(speed_accuracy)
     chart.command("model-order")(model_order)
     chart.command("stability")(stability)
+    chart.command("latency")(latency)
     app.add_typer(chart, name="chart")
     for command in (tables, figures, weaknesses, calibrate, bench):
         app.command()(command)

@@ -1,15 +1,11 @@
 """Many cases of a scene, on the cores at hand or on many machines, that survive a kill."""
 
 import json
-import os
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +14,13 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from hertzloop import kernel_cache
-from hertzloop.cases import CaseFigures, Span, figures_of_case
-from hertzloop.scene import Scene, SceneError, parse, to_toml, toml_value, vary
+from hertzloop.cases import Span
+from hertzloop.scene import Scene, to_toml, toml_value
 from studies.design import Design
+from studies.evaluate import SweepFailed, chunked, local_cores, local_pool, run_chunk
 from studies.journal import Journal
 
-_CHUNK = 16  # cases that travel together: some 40 ms of work
 _PACKAGES = ("hertzloop", "numpy", "numba")
-
-
-class SweepFailed(RuntimeError):
-    """The sweep ended before its last case; what was finished is kept."""
 
 
 @dataclass(frozen=True)
@@ -44,21 +36,6 @@ class Outcome:
     def failed(self) -> list[dict[str, Any]]:
         """Rows of cases that could not be simulated; `status` says why."""
         return [row for row in self.rows if row["status"]]
-
-
-def run_chunk(scene_toml: str, span: Span, numbered: list[tuple[int, dict[str, Any]]]) -> list[Any]:
-    """Simulate some cases, in whatever process; a row each."""
-    scene = parse(scene_toml)
-    return [run_case(scene, span, number, values) for number, values in numbered]
-
-
-def run_case(scene: Scene, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
-    """One case: its number, the varied keys, the figures, and `status`, empty if all is well."""
-    row: dict[str, Any] = {"case": number, **values}
-    try:
-        return row | asdict(figures_of_case(vary(scene, values), span)) | {"status": ""}
-    except SceneError as error:
-        return row | dict.fromkeys(f.name for f in fields(CaseFigures)) | {"status": str(error)}
 
 
 def code_version() -> str:
@@ -94,7 +71,7 @@ def sweep(
     header = header_of(scene, design, span)
     with Journal(journal_of(out), header) as journal:
         open_ = [(number, values) for number, values in cases if number not in journal.done]
-        chunks = [open_[i : i + _CHUNK] for i in range(0, len(open_), _CHUNK)]
+        chunks = chunked(open_)
         on_progress(len(journal.done))
         started = time.perf_counter()
         if chunks:
@@ -115,11 +92,6 @@ def journal_of(out: Path) -> Path:
     return out.with_name(out.name + ".partial")
 
 
-def local_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
 @contextmanager
 def _results(
     toml: str, span: Span, chunks: list[Any], workers: int | None, dask: str | None
@@ -129,22 +101,8 @@ def _results(
         with _dask_results(dask, toml, span, chunks) as results:
             yield results
         return
-    count = min(workers or local_cores(), len(chunks))
-    if count == 1:
-        yield (run_chunk(toml, span, chunk) for chunk in chunks)
-        return
-    # Spawned, not forked: the caller may have threads.
-    with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
-        try:
-            futures = [pool.submit(run_chunk, toml, span, chunk) for chunk in chunks]
-            yield (future.result() for future in as_completed(futures))
-        except BrokenProcessPool as error:
-            raise SweepFailed(
-                "a worker process died; finished cases are kept, the same command goes on with them"
-            ) from error
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with local_pool(min(workers or local_cores(), len(chunks))) as pool:
+        yield pool(toml, span, chunks)
 
 
 @contextmanager

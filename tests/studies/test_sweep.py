@@ -18,6 +18,7 @@ from hertzloop.cases import figures_of_case
 from hertzloop.compiled import simulate
 from hertzloop.impact_rows import first_impact
 from hertzloop.scene import SceneError, load, vary
+from studies import evaluate
 from studies import sweep as study
 from studies.design import Axis, Design, DesignError, make_design, parse_axis
 from studies.journal import Journal, JournalError
@@ -104,7 +105,7 @@ def test_the_span_of_a_run_takes_all_contacts() -> None:
 
 
 def test_a_case_that_cannot_be_has_a_row_that_says_so() -> None:
-    rows = study.run_chunk(
+    rows = evaluate.run_chunk(
         study.to_toml(load("aluminium-3mm", COARSE)), "impact",
         [(0, {"controller.latency_us": 0.5}), (1, {"controller.latency_us": 1})],
     )  # fmt: skip
@@ -127,7 +128,7 @@ def test_random_cases_have_the_same_bytes_over_the_bus(transport: str) -> None:
     scene = load("aluminium-3mm", [*COARSE, "run.duration_s=0.0015"])
     axes = tuple(Axis(key, tuple(values)) for key, values in SETTINGS.items())
     design = Design(axes, "lhs", 24, 5)
-    rows = [study.run_case(scene, "impact", i, v) for i, v in enumerate(design.cases())]
+    rows = [evaluate.run_case(scene, "impact", i, v) for i, v in enumerate(design.cases())]
     assert not any(row["status"] for row in rows)
     header = study.header_of(scene, design, "impact")
     count = 12 if transport == "inprocess" else 3

@@ -1,0 +1,80 @@
+"""Simulate many cases of a scene on the cores at hand."""
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import asdict, fields
+from multiprocessing import get_context
+from typing import Any
+
+from hertzloop.cases import CaseFigures, Span, figures_of_case
+from hertzloop.scene import Scene, SceneError, parse, to_toml, vary
+
+_CHUNK = 16  # cases that travel together: some 40 ms of work
+
+Numbered = list[tuple[int, dict[str, Any]]]
+Rows = list[dict[str, Any]]
+Pool = Callable[[str, Span, list[Numbered]], Iterator[Rows]]
+
+
+class SweepFailed(RuntimeError):
+    """The cases were not all run; what was finished is kept."""
+
+
+def run_chunk(scene_toml: str, span: Span, numbered: list[tuple[int, dict[str, Any]]]) -> list[Any]:
+    """Simulate some cases, in whatever process; a row each."""
+    scene = parse(scene_toml)
+    return [run_case(scene, span, number, values) for number, values in numbered]
+
+
+def run_case(scene: Scene, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
+    """One case: its number, the varied keys, the figures, and `status`, empty if all is well."""
+    row: dict[str, Any] = {"case": number, **values}
+    try:
+        return row | asdict(figures_of_case(vary(scene, values), span)) | {"status": ""}
+    except SceneError as error:
+        return row | dict.fromkeys(f.name for f in fields(CaseFigures)) | {"status": str(error)}
+
+
+def chunked(numbered: Numbered) -> list[Numbered]:
+    """Cases in the portions that travel together."""
+    return [numbered[i : i + _CHUNK] for i in range(0, len(numbered), _CHUNK)]
+
+
+def local_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+@contextmanager
+def local_pool(workers: int | None = None) -> Iterator[Pool]:
+    """Processes that run chunks: a function of scene (TOML), span and chunks that yields their
+    rows as they come. Raises SweepFailed when a process dies."""
+    count = workers or local_cores()
+    if count == 1:
+        yield lambda toml, span, chunks: (run_chunk(toml, span, chunk) for chunk in chunks)
+        return
+    # Spawned, not forked: the caller may have threads.
+    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
+
+    def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
+        futures = [pool.submit(run_chunk, toml, span, chunk) for chunk in chunks]
+        return (future.result() for future in as_completed(futures))
+
+    try:
+        yield results
+    except BrokenProcessPool as error:
+        raise SweepFailed(
+            "a worker process died; finished cases are kept, the same command goes on with them"
+        ) from error
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def evaluate(pool: Pool, scene: Scene, span: Span, cases: list[dict[str, Any]]) -> Rows:
+    """Rows of all cases, in their order."""
+    chunks = chunked(list(enumerate(cases)))
+    rows = [row for some in pool(to_toml(scene), span, chunks) for row in some]
+    return sorted(rows, key=lambda row: int(row["case"]))

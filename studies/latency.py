@@ -1,0 +1,253 @@
+"""How much latency, how few bits, how slow a sampler and how much chance a law survives.
+
+"Survives": takes energy off the plate, against the same impact without control. Critical values
+are read off by scanning and bisection, to one step of latency.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hertzloop import parts
+from hertzloop.cases import Span
+from hertzloop.scene import Scene, load, vary
+from plant.contact import rigid_contact_time_s
+from studies.evaluate import Pool, Rows, evaluate, local_pool
+from studies.latency_pictures import draw_chance, draw_maps
+from studies.tabular import write_records, write_rows
+
+LAWS = (
+    "slope_threshold", "least_squares", "shifted_threshold", "predicted", "fade_out",
+    "force_feedback", "velocity_feedback", "acceleration_feedback",
+)  # fmt: skip
+FIGURES = {
+    "plate_energy_db": "plate energy (dB)", "radiated_db": "radiated energy (dB)",
+    "plate_speed_db": "largest plate speed (dB)", "pressure_db": "pressure bound (dB)",
+    "longhorn_db": "Longhorn's energy (dB)", "holmes_db": "Holmes's energy (dB)",
+    "rebound_percent": "rebound height (%)",
+}  # fmt: skip
+_BITS = tuple(range(3, 19))
+_WITHIN_DB = 0.5
+_CHANCE_COLUMNS = (
+    "controller.law", "run.seed", "controller.jitter_us", "controller.drop_out_probability",
+    "plate_energy_db", "rebound_percent",
+)  # fmt: skip
+_SEEDS = tuple(range(1, 21))
+
+
+@dataclass(frozen=True)
+class Named:
+    """A scene of the tables: its settings, and what its figures are taken over."""
+
+    name: str
+    source: str
+    settings: tuple[str, ...]
+    span: Span
+
+    def scene(self) -> Scene:
+        """The scene, with an ideal line."""
+        return load(self.source, [*self.settings, "sensors.bits=ideal"])
+
+
+# As long as the sphere needs to leave for good, or as the first impact; feedback acts for as long
+# as the plate moves, here 0.6 ms.
+_SHORT = "run.duration_s=0.0016"
+SCENES = (
+    Named("aluminium-3mm", "aluminium-3mm", (_SHORT,), "impact"),
+    Named("aluminium-3mm, early", "aluminium-3mm", (_SHORT, "controller.v_thr_m_s=-0.6"), "impact"),
+    Named("aluminium-20mm", "aluminium-20mm", ("run.duration_s=0.014",), "run"),
+    Named("oak-20mm", "oak-20mm", ("run.duration_s=0.01",), "run"),
+    Named("offcentre-6mm", "offcentre-6mm", (_SHORT,), "impact"),
+    Named("sylomer-20mm", "sylomer-20mm", ("run.duration_s=0.01",), "run"),
+)
+
+
+@dataclass(frozen=True)
+class Critical:
+    """What a law survives in a scene, alone and one at a time.
+
+    `ideal_db`: plate energy at no latency with an ideal converter; `critical_latency_us`: the
+    largest latency up to which it is below that without control, nan if it never is, inf if it
+    still is at the largest latency tried, `most_latency_us`; `critical_bits`: fewest bits from
+    which on every finer converter takes energy off the plate (nan: none does);
+    `settled_bits`: the same for plate energies within 0.5 dB of the ideal converter's.
+    """
+
+    scene: str
+    law: str
+    kappa: float
+    ideal_db: float
+    ideal_rebound_percent: float
+    critical_latency_us: float
+    most_latency_us: float
+    critical_bits: float
+    settled_bits: float
+
+
+def rigid_time_us(scene: Scene) -> float:
+    """Contact time on a rigid plate, us: the scale of a scene's latencies."""
+    spec = parts.plant_spec(scene)
+    seconds = rigid_contact_time_s(
+        spec.sphere.mass_kg, spec.contact.stiffness, spec.sphere.impact_speed_m_s
+    )
+    return 1e6 * seconds
+
+
+def _latencies(scene: Scene, count: int, times: float = 2.0) -> list[int]:
+    """Whole latencies from 0 to some contact times, us."""
+    step = max(1, math.ceil(times * rigid_time_us(scene) / count))
+    return [i * step for i in range(count + 1)]
+
+
+def _law_values(law: str) -> dict[str, Any]:
+    """Feedback of velocity is tried at half the gain: at 0.8 of the plate's impedance it is
+    unstable without latency."""
+    values: dict[str, Any] = {"controller.law": law}
+    return values | {"controller.kappa": 0.4} if law.endswith("feedback") else values
+
+
+def _first_failure(better: list[bool]) -> int:
+    """Index of the first value that is not better; the length if all are."""
+    return better.index(False) if False in better else len(better)
+
+
+def _fewest_bits(good: list[bool]) -> float:
+    """Fewest of _BITS from which on all are good."""
+    last_bad = max((i for i, ok in enumerate(good) if not ok), default=-1)
+    return float(_BITS[last_bad + 1]) if last_bad + 1 < len(_BITS) else math.nan
+
+
+def critical(pool: Pool, named: Named, law: str, points: int) -> Critical:
+    """Critical latency and bits of one law in one scene."""
+    scene, base = named.scene(), _law_values(law)
+    latencies = _latencies(scene, points)
+
+    def energies(cases: list[dict[str, Any]]) -> list[float]:
+        rows = evaluate(pool, scene, named.span, [base | case for case in cases])
+        # A loop that is unstable has no figures; it is worse than none.
+        return [math.inf if row["status"] else float(row["plate_energy_db"]) for row in rows]
+
+    scan = energies([{"controller.latency_us": latency} for latency in latencies])
+    at = _first_failure([db < 0.0 for db in scan])
+    survived = math.nan if at == 0 else math.inf
+    if 0 < at < len(latencies):
+        low, high = latencies[at - 1], latencies[at]
+        while high - low > 1:
+            middle = (low + high) // 2
+            if energies([{"controller.latency_us": middle}])[0] < 0.0:
+                low = middle
+            else:
+                high = middle
+        survived = float(low)
+    coarse = energies([{"sensors.bits": bits} for bits in _BITS])
+    ideal = evaluate(pool, scene, named.span, [base])[0]
+    return Critical(
+        scene=named.name,
+        law=law,
+        kappa=vary(scene, base).controller.kappa,
+        ideal_db=scan[0],
+        ideal_rebound_percent=math.nan if ideal["status"] else ideal["rebound_percent"],
+        critical_latency_us=survived,
+        most_latency_us=float(latencies[-1]),
+        critical_bits=_fewest_bits([db < 0.0 for db in coarse]),
+        settled_bits=_fewest_bits([abs(db - scan[0]) <= _WITHIN_DB for db in coarse]),
+    )
+
+
+def best_laws(found: list[Critical]) -> Iterator[tuple[str, str, float, float]]:
+    """Scene, the law that survives most latency there, how much (us), and what it buys over the
+    two-point law (one that never helps counts as 0)."""
+    for name in dict.fromkeys(c.scene for c in found):
+        mine = [c for c in found if c.scene == name]
+
+        def survives(c: Critical) -> float:
+            us = c.critical_latency_us
+            return 0.0 if math.isnan(us) else min(us, c.most_latency_us)
+
+        best = max(mine, key=lambda c: (survives(c), -c.ideal_db))
+        two_point = next(c for c in mine if c.law == "slope_threshold")
+        yield name, best.law, survives(best), survives(best) - survives(two_point)
+
+
+def map_axes(scene: Scene, count: int) -> dict[str, list[Any]]:
+    """What is mapped against the latency: key and values."""
+    return {
+        "sensors.bits": list(_BITS),
+        "sensors.every_steps": [1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20],
+        "controller.kappa": [round(x, 3) for x in np.linspace(0.0, 2.0, count)],
+        "controller.v_thr_m_s": [round(x, 3) for x in np.linspace(-0.95, 0.0, count)],
+    }
+
+
+def maps(pool: Pool, named: Named, count: int) -> dict[str, Rows]:
+    """Rows of every map of a scene, latency slowest."""
+    scene = named.scene()
+    found = {}
+    for key, values in map_axes(scene, count).items():
+        cases = [
+            {"controller.latency_us": latency, key: value}
+            for latency in _latencies(scene, count)
+            for value in values
+        ]
+        found[key] = evaluate(pool, scene, named.span, cases)
+    return found
+
+
+def chance(pool: Pool, named: Named, laws: tuple[str, ...]) -> Rows:
+    """Plate energy over jitter and drop-outs, for many seeds and some laws."""
+    scene = named.scene()
+    most = max(1, round(rigid_time_us(scene)))
+    cases: list[dict[str, Any]] = []
+    for law in laws:
+        for seed in _SEEDS:
+            both = _law_values(law) | {"run.seed": seed}
+            cases += [
+                both | {"controller.jitter_us": round(share * most)}
+                for share in np.linspace(0.0, 0.6, 13)
+            ]
+            cases += [
+                both | {"controller.drop_out_probability": float(round(p, 3))}
+                for p in np.linspace(0.0, 0.9, 13)
+            ]
+    return evaluate(pool, scene, named.span, cases)
+
+
+def run(
+    folder: Path, quick: bool, on_progress: Callable[[int, int], None] = lambda done, of: None
+) -> list[Critical]:
+    """Measure all, write pictures and CSV files; the table of critical values."""
+    count = 15 if quick else 30
+    mapped = SCENES[:1] if quick else (SCENES[0], SCENES[2])
+    steps, done = len(mapped) + 1 + len(SCENES) * len(LAWS), 0
+    found = []
+    with local_pool() as pool:
+        for named in mapped:
+            rows = maps(pool, named, count)
+            for key, some in rows.items():
+                name = f"latency-{named.source}-{key.split('.')[1]}.csv"
+                write_rows(folder / name, list(some[0]), (list(row.values()) for row in some))
+            draw_maps(folder / f"latency-{named.source}.png", named.name, rows, FIGURES)
+            done += 1
+            on_progress(done, steps)
+        early = SCENES[1]
+        laws = ("slope_threshold", "predicted", "force_feedback")
+        rows_of_chance = chance(pool, early, laws)
+        write_rows(
+            folder / "latency-chance.csv",
+            _CHANCE_COLUMNS,
+            ([row.get(key, 0) for key in _CHANCE_COLUMNS] for row in rows_of_chance),
+        )
+        draw_chance(folder / "latency-chance.png", early.name, rows_of_chance, laws)
+        done += 1
+        on_progress(done, steps)
+        for named in SCENES:
+            for law in LAWS:
+                found.append(critical(pool, named, law, 20 if quick else 40))
+                done += 1
+                on_progress(done, steps)
+    write_records(folder / "latency-critical.csv", found)
+    return found
