@@ -205,7 +205,9 @@ def stability(
         found = study.run(folder)
     for what, value in found.items():
         out.print(f"{what} {value}", soft_wrap=True)
-    out.print(f"written: {folder}/stability.png and stability-*.csv", soft_wrap=True)
+    out.print(
+        f"written: {folder}/stability.png, stability-energy.png and stability-*.csv", soft_wrap=True
+    )
 
 
 def latency(

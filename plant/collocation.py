@@ -104,7 +104,8 @@ def flexibility_m_n(spec: PlantSpec) -> float:
     )
 
 
-_NODES = 24  # of the time integral: v^2 of a mode turns by 2 pi in a step at most
+_NODES = 24  # of the time integral while no mode turns by more than pi in a step
+_NODES_PER_RADIAN = 0.75  # more for the turn beyond; Gauss's rule needs half a node a radian
 
 
 def _losses(
@@ -117,7 +118,9 @@ def _losses(
     moves the mass from rest in a known way; the coefficients of all products are integrated
     by Gauss's rule. (The closed form is a difference of large numbers for slow modes.)
     """
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    beyond = max(float(np.abs(s).max()) * h - math.pi, 0.0)
+    count = _NODES + math.ceil(_NODES_PER_RADIAN * beyond)
+    nodes, weights = np.polynomial.legendre.leggauss(count)
     t, weights = 0.5 * h * (nodes + 1.0), 0.5 * h * weights
     x = np.outer(s, t)
     one, two = phi(1, x), phi(2, x)

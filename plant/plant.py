@@ -9,6 +9,7 @@ import numpy as np
 
 from plant import kernels as k
 from plant.contact import GRAVITY_M_S2, Contact, Sphere
+from plant.phi import phi
 from plant.plate import Oscillators, Plate, oscillators
 
 
@@ -73,7 +74,8 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.PlantModel:
     s = (-rho + 1j) * theta
     turn = np.exp(s * h)
     # A held force f/Theta moves z by f/Theta (e^(sh) - 1)/s; the rest position is -f/(Theta s).
-    grown = scale / theta * (turn - 1.0) / s
+    # Written with phi_1: the difference would cancel for slow modes and short steps.
+    grown = scale / theta * h * phi(1, s * h)
     swing = scale / theta / s * turn  # z minus its rest position, after that step from zero
     same = spec.contact_point_m == spec.actuator_point_m
     b_c, b_a = modes.contact, modes.actuator

@@ -183,3 +183,14 @@ def test_phi_functions() -> None:
         np.testing.assert_allclose(
             phi(order, x), phi(order + 1, x) * x + 1.0 / math.factorial(order), rtol=1e-13
         )
+
+
+@pytest.mark.parametrize("turn", [10.0, 100.0, 500.0])
+def test_losses_are_booked_where_modes_turn_far_in_a_step(turn: float) -> None:
+    highest = CollocationPlant(spec(loss_factor=0.1)).modes.omega[-1]
+    plant = CollocationPlant(spec(loss_factor=0.1, step_s=turn / highest, lead_in_s=0.0))
+    for _ in range(300):
+        step(plant.model, plant.state, 0.0)
+    books = plant.close_books()
+    assert books.modal_dissipated_j > 1e-3 * books.energy_start_j
+    assert abs(books.energy_residual) < 1e-11

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -180,3 +181,17 @@ def test_uncompiled_kernels_give_the_same_values() -> None:
         for name, value in plain[3].items():
             size = 1.0 if "residual" in name else abs(value)
             assert compiled[3][name] == pytest.approx(value, abs=1e-12 * size), name
+
+
+@pytest.mark.parametrize("share", [0.01, 0.03, 0.1])
+def test_discrete_gradient_keeps_the_energy_of_a_stiff_contact_at_short_steps(share: float) -> None:
+    """A contact of 0.3 us: the slowest mode turns by 1e-6 in a step, where a difference of
+    exponentials would cancel."""
+    base = spec(contact=Contact(4.4e14), loss_factor=0.0)
+    plant = Plant(replace(base, step_s=share * 2.9e-7, lead_in_s=0.0))
+    for _ in range(round(3.0 / share)):
+        k.step(plant.model, plant.state, 0.0)
+    books = plant.close_books()
+    assert books.contact_steps > 3
+    assert books.contact_j == 0.0
+    assert abs(books.energy_residual) < 1e-12
