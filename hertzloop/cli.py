@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hertzloop import study_commands, sweep_commands
+from hertzloop import study_commands, sweep_commands, tune_command
 from hertzloop.options import (
     ConfigOption,
     ConnectOption,
@@ -319,6 +319,7 @@ def scenes() -> None:
 
 study_commands.register(app)
 sweep_commands.register(app)
+app.command()(tune_command.tune)
 
 
 def main() -> None:

@@ -221,21 +221,8 @@ def latency(
     check_folder(json_file)
     with _results_in(folder, "modal"), progress("latency", 100) as advance:
         found = study.run(folder, quick, lambda done, of: advance(round(100 * done / of)))
-    table = Table(title="What each law survives (plate energy below that without control)",
-                  title_justify="left")  # fmt: skip
-    for heading in ("scene", "law", "kappa", "ideal (dB)", "rebound (%)", "latency (us)", "bits",
-                    "bits, 0.5 dB"):  # fmt: skip
-        left = heading in ("scene", "law")
-        table.add_column(heading, justify="left" if left else "right")
-    for c in found:
-        latency_us = "> " if c.critical_latency_us == math.inf else ""
-        latency_us += f"{min(c.critical_latency_us, c.most_latency_us):.0f}"
-        table.add_row(
-            c.scene, c.law, f"{c.kappa:g}", f"{c.ideal_db:.2f}", f"{c.ideal_rebound_percent:.0f}",
-            *(x.replace("nan", "none") for x in (
-                latency_us, f"{c.critical_bits:.0f}", f"{c.settled_bits:.0f}")),
-        )  # fmt: skip
-    out.print(table)
+    for scene in dict.fromkeys(c.scene for c in found):
+        out.print(_survival_table(scene, [c for c in found if c.scene == scene]))
     best = list(study.best_laws(found))
     for name, law, survives, buys in best:
         out.print(f"{name}: {law} survives {survives:.0f} us, {buys:.0f} us more than two points")
@@ -244,6 +231,26 @@ def latency(
     data = {"critical": [vars(c) for c in found],
             "best": [dict(zip(keys, row, strict=True)) for row in best]}  # fmt: skip
     write_json(json_file, data)
+
+
+def _survival_table(scene: str, found: list[Any]) -> Table:
+    """What each law survives in a scene; see `studies.latency.Critical`."""
+    table = Table(title=f"{scene}: what each law survives", title_justify="left")
+    for heading in ("law", "kappa", "dB", "rebound", "latency (us)", "bits", "to 0.5 dB"):
+        table.add_column(heading, justify="left" if heading == "law" else "right")
+
+    def shown(x: float) -> str:
+        return "none" if math.isnan(x) else f"{x:.0f}"
+
+    for c in found:
+        more = "> " if c.critical_latency_us == math.inf else ""
+        latency_us = shown(min(c.critical_latency_us, c.most_latency_us))
+        table.add_row(
+            c.law, f"{c.kappa:g}", "unstable" if c.ideal_db == math.inf else f"{c.ideal_db:.2f}",
+            "" if math.isnan(c.ideal_rebound_percent) else f"{c.ideal_rebound_percent:.0f} %",
+            more + latency_us, shown(c.critical_bits), shown(c.settled_bits),
+        )  # fmt: skip
+    return table
 
 
 @contextmanager

@@ -7,13 +7,14 @@ are read off by scanning and bisection, to one step of latency.
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hertzloop import parts
-from hertzloop.cases import Span
+from hertzloop.cases import Span, figures_of_case
 from hertzloop.scene import Scene, load, vary
 from plant.contact import rigid_contact_time_s
 from studies.evaluate import Pool, Rows, evaluate, local_pool
@@ -60,9 +61,9 @@ SCENES = (
     Named("aluminium-3mm", "aluminium-3mm", (_SHORT,), "impact"),
     Named("aluminium-3mm, early", "aluminium-3mm", (_SHORT, "controller.v_thr_m_s=-0.6"), "impact"),
     Named("aluminium-20mm", "aluminium-20mm", ("run.duration_s=0.014",), "run"),
-    Named("oak-20mm", "oak-20mm", ("run.duration_s=0.01",), "run"),
+    Named("oak-20mm", "oak-20mm", ("run.duration_s=0.02",), "run"),
     Named("offcentre-6mm", "offcentre-6mm", (_SHORT,), "impact"),
-    Named("sylomer-20mm", "sylomer-20mm", ("run.duration_s=0.01",), "run"),
+    Named("sylomer-20mm", "sylomer-20mm", (), "run"),
 )
 
 
@@ -97,10 +98,18 @@ def rigid_time_us(scene: Scene) -> float:
     return 1e6 * seconds
 
 
-def _latencies(scene: Scene, count: int, times: float = 2.0) -> list[int]:
-    """Whole latencies from 0 to some contact times, us."""
-    step = max(1, math.ceil(times * rigid_time_us(scene) / count))
+def _latencies(scene: Scene, count: int) -> list[int]:
+    """Whole latencies from 0 to twice the contact time on a rigid plate, or 1.2 times that on the
+    scene's, but less than half the run; us."""
+    most = max(2.0 * rigid_time_us(scene), 1.2 * _contact_us(scene))
+    most = min(most, 0.45e6 * (scene.run.duration_s - scene.run.lead_in_s))
+    step = max(1, math.ceil(most / count))
     return [i * step for i in range(count + 1)]
+
+
+@lru_cache(maxsize=16)
+def _contact_us(scene: Scene) -> float:
+    return figures_of_case(scene.without_control()).contact_us
 
 
 def _law_values(law: str) -> dict[str, Any]:

@@ -1,0 +1,189 @@
+"""The command `tune`."""
+
+import re
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+from rich.table import Table
+
+from hertzloop.options import (
+    JsonOption,
+    SeedOption,
+    SetOption,
+    announce_compilation,
+    check_folder,
+    scene_from,
+    write_json,
+)
+from hertzloop.scene import DEFAULT, SceneError, vary
+from hertzloop.terminal import fail, out, progress
+
+if TYPE_CHECKING:
+    from studies.tune import Found
+
+_MOST_ROWS = 15
+
+
+def tune(
+    scenes: Annotated[
+        list[str] | None, typer.Argument(help="Scenes or .toml files; the worst of them counts.")
+    ] = None,
+    minimise: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Figure to lower; several for a Pareto front. Default: plate_energy_db "
+            "and rebound_percent."
+        ),
+    ] = None,
+    laws: Annotated[
+        list[str] | None,
+        typer.Option("--law", help="Law to tune, several times, or all; the scene's if left out."),
+    ] = None,
+    ranges: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--vary",
+            help="Scene key and its range, key=low:high or key=a,b,c; what the "
+            "law has if left out.",
+        ),
+    ] = None,
+    over: Annotated[
+        list[str] | None,
+        typer.Option(help="Key and values to be robust over, e.g. sphere.radius_m=0.002,0.004."),
+    ] = None,
+    at_most: Annotated[
+        list[str] | None, typer.Option(help="Limit of a figure, e.g. rebound_percent=120.")
+    ] = None,
+    span: Annotated[
+        Literal["impact", "run"],
+        typer.Option(help="Figures of the first impact, or of all contacts of the run."),
+    ] = "impact",
+    generations: Annotated[int, typer.Option(min=1, help="Generations of the search.")] = 25,
+    population: Annotated[int, typer.Option(min=4, help="Settings in a generation.")] = 40,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for chart and settings as CSV.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Find the law and parameters that do best under a scene's latency, bits and force limit."""
+    from hertzloop.warmup import ensure_compiled
+    from studies import tune as study
+    from studies.design import Design, DesignError, parse_axis
+    from studies.evaluate import SweepFailed, local_pool
+    from studies.latency import LAWS
+
+    check_folder(json_file)
+    names = scenes or [DEFAULT]
+    bases = [scene_from(name, settings, seed) for name in names]
+    objectives = tuple(minimise or ("plate_energy_db", "rebound_percent"))
+    limits = _limits(at_most or [])
+    for figure in (*objectives, *limits):
+        if figure not in study.OBJECTIVES:
+            fail(f"'{figure}' is no figure to tune for; known: {', '.join(study.OBJECTIVES)}", 2)
+    chosen = list(LAWS) if laws == ["all"] else laws or [bases[0].controller.law]
+    try:
+        given = tuple(parse_axis(text) for text in ranges or [])
+        around = Design(tuple(parse_axis(text) for text in over or [])).cases()
+        tried = [vary(base, case) for base in bases for case in around]
+        for law in chosen:
+            for scene in tried:
+                vary(scene, {"controller.law": law})
+                for axis in given:
+                    for value in axis.values or (axis.low, axis.high):
+                        vary(scene, {"controller.law": law, axis.key: value})
+    except (DesignError, SceneError) as error:
+        fail(str(error), 2)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    ensure_compiled(announce_compilation)
+    found: list[Found] = []
+    try:
+        with local_pool() as pool, progress("tuning", generations * len(chosen)) as advance:
+            reference = study.published(pool, tried, span, objectives)
+            for i, law in enumerate(chosen):
+                axes = given or study.ranges_of(law, _impact_speed(tried))
+                found += study.tune(
+                    pool, tried, span, law, axes, objectives, at_most=limits,
+                    generations=generations, population=population, seed=seed or 1,
+                    on_progress=lambda n, done=i * generations: advance(done + n),  # type: ignore[misc]
+                )  # fmt: skip
+    except (SweepFailed, SceneError) as error:
+        fail(str(error), 1)
+    best = study.front(found, objectives)
+    if not best:
+        fail("no setting of these laws is stable and keeps to --at-most", 1)
+    out.print(_table(best, reference, objectives))
+    verdict = _verdict(best, reference, objectives)
+    for line in verdict:
+        out.print(line, soft_wrap=True)
+    if folder is not None:
+        from studies.tabular import write_rows
+        from studies.tune_pictures import draw_front
+
+        name = "tune-" + "-".join(names)
+        keys = sorted({key for f in best for key in f.values})
+        write_rows(
+            folder / f"{name}.csv", [*objectives, *keys],
+            ([*f.figures.values(), *(f.values.get(key, "") for key in keys)] for f in best),
+        )  # fmt: skip
+        draw_front(folder / f"{name}.png", ", ".join(names), best, reference, objectives)
+        out.print(f"written: {folder}/{name}.csv and .png", soft_wrap=True)
+    write_json(
+        json_file,
+        {"front": [vars(f) for f in best], "published": vars(reference), "verdict": verdict},
+    )
+
+
+def _limits(texts: list[str]) -> dict[str, float]:
+    found = {}
+    for text in texts:
+        match = re.fullmatch(r"\s*(\w+)\s*=\s*(\S+)\s*", text)
+        with suppress(ValueError):
+            if match:
+                found[match[1]] = float(match[2])
+                continue
+        fail(f"--at-most '{text}' is no limit; write figure=number, e.g. rebound_percent=120", 2)
+    return found
+
+
+def _impact_speed(scenes: list[Any]) -> float:
+    from hertzloop import parts
+
+    return max(parts.plant_spec(scene).sphere.impact_speed_m_s for scene in scenes)
+
+
+def _words(values: dict[str, Any]) -> str:
+    rest = [f"{key.split('.')[-1]} {value:.4g}" for key, value in values.items()
+            if isinstance(value, int | float)]  # fmt: skip
+    return f"{values['controller.law']}: {', '.join(rest)}"
+
+
+def _table(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> Table:
+    table = Table(title=f"{len(best)} settings that no other beats", title_justify="left")
+    for heading in objectives:
+        table.add_column(heading, justify="right")
+    table.add_column("law and parameters")
+    step = max(1, -(-len(best) // _MOST_ROWS))
+    for f in [*best[::step], reference]:
+        note = " (published)" if f is reference else ""
+        table.add_row(*(f"{v:.3f}" for v in f.figures.values()), _words(f.values) + note)
+    return table
+
+
+def _verdict(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> list[str]:
+    """How the settings found compare with the published one."""
+    from studies.tune import better_than
+
+    first, rest = objectives[0], objectives[1:]
+    keep = rest[0] if rest else first
+    winner = better_than(reference, best, first, keep)
+    if winner is None:
+        return [f"none beats the published setting in {first} without raising {keep}"]
+    gained = reference.figures[first] - winner.figures[first]
+    also = f" at {keep} {winner.figures[keep]:.3f} against {reference.figures[keep]:.3f}"
+    return [f"{_words(winner.values)} beats the published setting in {first} by {gained:.3f}"
+            + (also if rest else "")]  # fmt: skip

@@ -1,0 +1,23 @@
+"""Picture of a Pareto front."""
+
+from pathlib import Path
+
+from studies import pictures
+from studies.tune import Found
+
+
+def draw_front(
+    path: Path, title: str, best: list[Found], reference: Found, objectives: tuple[str, ...]
+) -> None:
+    """The settings found, law by law, over the first two objectives (or over their number)."""
+    sheet, axes = pictures.sheet(1, 1, width=7.0, height=4.2)
+    ax = axes[0, 0]
+    x, y = objectives[0], objectives[1] if len(objectives) > 1 else objectives[0]
+    for i, law in enumerate(dict.fromkeys(f.values["controller.law"] for f in best)):
+        mine = [f for f in best if f.values["controller.law"] == law]
+        look = pictures.look(i, marked=True) | {"linestyle": ""}
+        ax.plot([f.figures[x] for f in mine], [f.figures[y] for f in mine], label=law, **look)
+    ax.plot(reference.figures[x], reference.figures[y], "k*", markersize=13, label="published")
+    ax.set(xlabel=x, ylabel=y, title=title)
+    ax.legend()
+    pictures.save(sheet, path)
