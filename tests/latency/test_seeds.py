@@ -1,0 +1,56 @@
+"""Chance is a function of the seed: repeatable, and one source does not move another."""
+
+import numpy as np
+import pytest
+
+from hertzloop.cases import figures_of_case
+from hertzloop.compiled import simulate
+from hertzloop.impact_rows import F_A
+from hertzloop.scene import load
+
+KEYS = ["run.duration_s=0.0013", "run.accuracy=0.05", "controller.v_thr_m_s=-0.6"]
+CHANCE = {
+    "jitter": ["controller.jitter_us=6"],
+    "drop-outs": ["controller.drop_out_probability=0.3"],
+    "noise": ["sensors.noise_rms=1e-7"],
+}
+
+
+@pytest.mark.parametrize("name", CHANCE)
+def test_a_seed_repeats_and_another_differs(name: str) -> None:
+    digests = [
+        figures_of_case(load("aluminium-3mm", [*KEYS, *CHANCE[name], f"run.seed={seed}"])).digest
+        for seed in (1, 1, 2, 3)
+    ]
+    assert digests[0] == digests[1]
+    assert len(set(digests)) == 3
+
+
+def test_a_longer_run_begins_with_the_same_chance() -> None:
+    both = [*KEYS, *(key for keys in CHANCE.values() for key in keys)]
+    short = simulate(load("aluminium-3mm", both))
+    long = simulate(load("aluminium-3mm", [*both, "run.duration_s=0.002"]))
+    assert np.array_equal(short.rows, long.rows[:, : short.rows.shape[1]])
+    assert np.array_equal(short.samples, long.samples[: len(short.samples)])
+
+
+def test_jitter_leaves_the_noise_alone() -> None:
+    noisy = [*KEYS, *CHANCE["noise"]]
+    calm = simulate(load("aluminium-3mm", noisy))
+    jittery = simulate(load("aluminium-3mm", [*noisy, *CHANCE["jitter"]]))
+    first = int(np.flatnonzero(calm.rows[F_A])[0])
+    assert first > 500
+    assert np.array_equal(calm.samples[:first], jittery.samples[:first])
+
+
+def test_jitter_delays_by_no_more_than_it_may() -> None:
+    keys = [*KEYS, "controller.law=force_feedback", "controller.kappa=1e-9"]
+    calm = simulate(load("aluminium-3mm", keys)).rows[F_A]
+    late = []
+    for seed in range(200):
+        scene = load("aluminium-3mm", [*keys, *CHANCE["jitter"], f"run.seed={seed}"])
+        late.append(np.flatnonzero(simulate(scene).rows[F_A])[0] - np.flatnonzero(calm)[0])
+    # The line keeps the order of its commands, and those before the contact are zero but late, too.
+    assert min(late) >= 0
+    assert max(late) == 6
+    assert len(set(late)) > 3

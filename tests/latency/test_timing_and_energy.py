@@ -1,0 +1,78 @@
+"""The timing error is the programmed latency; the actuator's energy is what the ledger says."""
+
+import numpy as np
+import pytest
+
+from hertzloop.cases import figures_of_case
+from hertzloop.compiled import simulate
+from hertzloop.impact_rows import F_A, XI_P, consistent_impacts
+from hertzloop.scene import load
+
+SHORT = ["run.duration_s=0.0013", "run.accuracy=0.02"]
+
+
+@pytest.mark.parametrize("law", ["slope_threshold", "least_squares", "fade_out", "force_feedback"])
+@pytest.mark.parametrize("latency_us", [1, 2, 7, 30])
+def test_the_force_is_late_by_the_latency_and_nothing_else(law: str, latency_us: int) -> None:
+    """With a gain so small that the impact does not feel it, the force is the same, shifted."""
+    keys = [*SHORT, f"controller.law={law}", "controller.kappa=1e-9"]
+    at_once = simulate(load("aluminium-3mm", keys)).rows[F_A]
+    late = simulate(load("aluminium-3mm", [*keys, f"controller.latency_us={latency_us}"])).rows[F_A]
+    assert np.flatnonzero(late)[0] - np.flatnonzero(at_once)[0] == latency_us
+    np.testing.assert_allclose(late[latency_us:], at_once[:-latency_us], rtol=1e-5, atol=1e-18)
+
+
+def test_without_latency_the_force_of_a_sample_acts_one_step_later() -> None:
+    scene = load(
+        "aluminium-3mm", [*SHORT, "controller.law=force_feedback", "controller.kappa=1e-9"]
+    )
+    run = simulate(scene)
+    np.testing.assert_array_equal(run.rows[F_A][1:], 1e-9 * run.samples[:-1])
+
+
+@pytest.mark.parametrize("latency_us", [0, 5, 40])
+@pytest.mark.parametrize("kappa", [0.8, -0.5])
+def test_the_ledger_s_injected_energy_is_force_times_way(latency_us: int, kappa: float) -> None:
+    """Added up from the rows by the scheme that holds the force over a step."""
+    scene = load("aluminium-3mm", [*SHORT, "run.scheme=discrete_gradient",
+                                   f"controller.kappa={kappa}",
+                                   f"controller.latency_us={latency_us}"])  # fmt: skip
+    run = simulate(scene)
+    work = float(np.sum(run.rows[F_A][:-1] * np.diff(run.rows[XI_P])))
+    assert run.books.injected_j == pytest.approx(work, rel=1e-9)
+    assert abs(run.books.injected_j) > 1e-9 * run.books.energy_start_j
+
+
+@pytest.mark.parametrize("law", ["slope_threshold", "predicted", "velocity_feedback"])
+@pytest.mark.parametrize("latency_us", [0, 12])
+def test_plate_sphere_and_actuator_exchange_the_same_energy(law: str, latency_us: int) -> None:
+    """Work on the plate = what the sphere lost + what the actuator fed in (no damping)."""
+    scene = load("aluminium-3mm", ["run.duration_s=0.0013", f"controller.law={law}",
+                                   "controller.kappa=0.4", f"controller.latency_us={latency_us}",
+                                   "plate.loss_factor=0.0"])  # fmt: skip
+    run = simulate(scene)
+    plate = sum(i.plate_energy_j for i in consistent_impacts(scene, run.rows))
+    books = run.books
+    mechanical = books.kinetic_j + books.gravity_j + books.contact_j
+    lost = books.energy_start_j - mechanical
+    # The last step's work is not in the rows.
+    assert plate == pytest.approx(lost + books.injected_j, rel=2e-3)
+    assert books.modal_j == pytest.approx(lost + books.injected_j, rel=1e-9)
+
+
+def test_a_force_after_the_contact_only_feeds_the_plate() -> None:
+    """At 40 us the ball has left: the plate gains what the actuator gives, the ball nothing."""
+    late = figures_of_case(load("aluminium-3mm", [*SHORT, "controller.latency_us=40"]))
+    free = figures_of_case(load("aluminium-3mm", [*SHORT, "controller.law=off"]))
+    assert late.rebound_percent == pytest.approx(100.0, abs=1e-6)
+    assert late.injected_j > 0.0
+    gained = late.plate_energy_j - free.plate_energy_j
+    assert gained == pytest.approx(late.injected_j, rel=1e-3)
+
+
+def test_a_force_in_time_takes_energy_off_the_plate_by_the_ledger() -> None:
+    """Early and not late, the plate does work on the actuator."""
+    early = figures_of_case(load("aluminium-3mm", [*SHORT, "controller.law=velocity_feedback",
+                                                   "controller.kappa=0.4"]))  # fmt: skip
+    assert early.injected_j < 0.0
+    assert early.plate_energy_db < -1.0
