@@ -21,7 +21,7 @@ from plant.plant import Plant
 from studies import integrator_kernels as ik
 from studies import kernels as k
 from studies import pictures
-from studies.speed_accuracy import Problem, problem
+from studies.speed_cases import Problem, problem
 from studies.tabular import write_records, write_rows
 
 LIMITS = {"verlet": 2.0, "rk4": 2.0 * math.sqrt(2.0)}  # of w h, for a free vibration
