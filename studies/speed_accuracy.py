@@ -62,6 +62,9 @@ def _cases(what: cases.Problem) -> dict[tuple[str, str], cases.Run]:
         found["rk4", setting] = cases.kernel_run(ik.rk4, what, step_s)
         found["newmark", setting] = cases.kernel_run(ik.alpha_method, what, step_s, 0.0)
         found["hht", setting] = cases.kernel_run(ik.alpha_method, what, step_s, -0.1)
+        for stages in (1, 2, 3):
+            run = cases.collocation_run(what, step_s, stages)
+            found[f"collocation-s{stages}", setting] = run
         if step_s in _THESIS_STEPS_S:
             found["thesis2008", setting] = cases.thesis_run(what, step_s)
     for tolerance in _TOLERANCES:
@@ -164,6 +167,7 @@ _COMPETITORS = {
     "DOP853's evaluations alone (compiled, an estimate)": ("dop853 estimate",),
     "discrete_gradient": ("discrete_gradient",),
     "convolution": ("convolution",),
+    "collocation of order 6": ("collocation-s3",),
 }
 
 

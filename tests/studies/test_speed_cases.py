@@ -105,6 +105,46 @@ def test_jacobian_is_the_slopes(small: cases.Problem) -> None:
         np.testing.assert_allclose((up - down) / 2e-9, matrix[:, i], rtol=1e-5, atol=1e-2)
 
 
+# --- collocation at Gauss nodes
+
+
+def collocation_errors(
+    small: cases.Problem, stages: int, steps: tuple[float, ...], levels: int | None, height_m: float
+) -> np.ndarray:
+    """Largest errors of the gap, relative, over a contact with its touch and its end."""
+    state, exact = small.start(), np.empty(small.samples)
+    state[-2] = height_m
+    dk.dop853(state, *small.arguments, cases.SAMPLE_S, exact, 1e-13, 1e-19, 1e-6, False)
+    assert exact[1] < 0.0 < exact[10]
+    runs = [cases.collocation_run(small, h, stages, levels, height_m) for h in steps]
+    return np.array([np.abs(run()[0] - exact).max() for run in runs]) / -exact.min()
+
+
+@pytest.mark.parametrize(
+    ("stages", "steps", "order"),
+    [
+        (1, (1e-6, 5e-7, 2.5e-7, 1.25e-7), 2),
+        (2, (1e-6, 5e-7, 2.5e-7, 1.25e-7), 4),
+        (3, (4e-6, 2e-6, 1e-6), 6),  # below, rounding of the reference
+    ],
+)
+@pytest.mark.parametrize("height_m", [0.0, 1.3e-6])
+def test_graded_collocation_has_its_order_over_a_contact(
+    small: cases.Problem, stages: int, steps: tuple[float, ...], order: int, height_m: float
+) -> None:
+    errors = collocation_errors(small, stages, steps, None, height_m)
+    mean = math.log2(errors[0] / errors[-1]) / (len(errors) - 1)
+    assert mean > order - 0.3
+    assert errors[-1] < 1e-5
+
+
+def test_equal_steps_lose_the_order_at_touch_and_end(small: cases.Problem) -> None:
+    steps = (4e-6, 2e-6, 1e-6, 5e-7, 2.5e-7, 1.25e-7)
+    errors = collocation_errors(small, 3, steps, 1, 0.0)
+    mean = math.log2(errors[0] / errors[-1]) / (len(errors) - 1)
+    assert 1.5 < mean < 3.5
+
+
 # --- quadratised potential
 
 
