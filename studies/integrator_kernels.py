@@ -42,6 +42,27 @@ def slope(t, y, omega2, drive, stiffness, mass, eta=0.0):
 
 
 @njit(cache=True, error_model="numpy")
+def jacobian(y, omega2, drive, stiffness, mass):
+    """Derivative of `slope` by y, shape (2 modes + 2, 2 modes + 2)."""
+    n = omega2.size
+    plate = 0.0
+    for i in range(n):
+        plate += y[i]
+    rise = 1.5 * stiffness * math.sqrt(max(plate - y[2 * n], 0.0))  # dF/dp
+    out = np.zeros((2 * n + 2, 2 * n + 2))
+    for i in range(n):
+        out[i, n + i] = 1.0
+        for j in range(n):
+            out[n + i, j] = -drive[i] * rise
+        out[n + i, i] -= omega2[i]
+        out[n + i, 2 * n] = drive[i] * rise
+        out[2 * n + 1, i] = rise / mass
+    out[2 * n, 2 * n + 1] = 1.0
+    out[2 * n + 1, 2 * n] = -rise / mass
+    return out
+
+
+@njit(cache=True, error_model="numpy")
 def energy(y, omega2, drive, stiffness, mass):
     """Total energy of a state, J."""
     n = omega2.size

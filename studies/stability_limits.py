@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from studies import integrator_kernels as ik
-from studies.speed_accuracy import Problem
+from studies.speed_cases import Problem
 
 Kernel = tuple[Callable[..., None], tuple[float, ...]]
 TEXTBOOK: dict[str, Kernel] = {

@@ -22,7 +22,7 @@ from plant.plate import oscillators
 from plant.thesis2008 import ThesisPlant
 from studies import integrator_kernels as ik
 from studies import kernels as k
-from studies.speed_accuracy import Problem, problem
+from studies.speed_cases import Problem, problem
 from studies.stability_limits import (
     LIMITS,
     TEXTBOOK,
