@@ -1,0 +1,73 @@
+"""The latency study: maps, critical values read off, pictures."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from studies import latency as study
+from studies.evaluate import Pool, local_pool
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[Pool]:
+    with local_pool(1) as pool:
+        yield pool
+
+
+def named(*settings: str) -> study.Named:
+    cheap = ("run.accuracy=0.1", "run.duration_s=0.0013")
+    return study.Named("cheap", "aluminium-3mm", (*cheap, *settings), "impact")
+
+
+def test_a_map_has_every_pair_and_a_picture(pool: Pool, tmp_path: Path) -> None:
+    maps = study.maps(pool, named(), 4)
+    for key, values in study.map_axes(named().scene(), 4).items():
+        pairs = {(row["controller.latency_us"], row[key]) for row in maps[key]}
+        assert len(pairs) == len(maps[key]) == 5 * len(values)
+    study.draw_maps(tmp_path / "m.png", "cheap", maps, study.FIGURES)
+    assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_critical_latency_is_where_the_plate_energy_crosses(pool: Pool) -> None:
+    early = named("controller.v_thr_m_s=-0.6")
+    found = study.critical(pool, early, "slope_threshold", 5)
+    scene = early.scene()
+    at, after = (
+        study.evaluate(pool, scene, "impact", [{"controller.latency_us": int(latency)}])[0]
+        for latency in (found.critical_latency_us, found.critical_latency_us + 1)
+    )
+    assert at["plate_energy_db"] < 0.0 <= after["plate_energy_db"]
+
+
+@pytest.mark.parametrize(
+    ("good", "bits"),
+    [([True] * 16, 3.0), ([False] * 16, math.nan), ([False, True, False, *[True] * 13], 6.0)],
+)
+def test_fewest_bits_from_which_on_all_are_good(good: list[bool], bits: float) -> None:
+    assert study._fewest_bits(good) == pytest.approx(bits, nan_ok=True)
+
+
+def test_an_unstable_law_survives_nothing(pool: Pool) -> None:
+    unstable = named("controller.kappa=3.0")
+    found = study.critical(pool, unstable, "slope_threshold", 2)
+    assert found.ideal_db > 0.0
+    assert math.isnan(found.critical_latency_us)
+
+
+def test_the_best_law_and_what_it_buys() -> None:
+    def row(law: str, us: float) -> study.Critical:
+        return study.Critical("s", law, 0.8, -1.0, 100.0, us, 50.0, 3.0, 3.0)
+
+    found = [row("slope_threshold", math.nan), row("predicted", math.inf), row("fade_out", 20.0)]
+    assert list(study.best_laws(found)) == [("s", "predicted", 50.0, 50.0)]
+    found[0] = row("slope_threshold", 12.0)
+    assert list(study.best_laws(found)) == [("s", "predicted", 50.0, 38.0)]
+
+
+def test_bands_over_seeds_have_a_picture(pool: Pool, tmp_path: Path) -> None:
+    rows = study.chance(pool, named("controller.v_thr_m_s=-0.6"), ("slope_threshold",))
+    assert len({row["run.seed"] for row in rows}) == 20
+    study.draw_chance(tmp_path / "c.png", "cheap", rows, ("slope_threshold",))
+    assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")

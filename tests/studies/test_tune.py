@@ -1,0 +1,133 @@
+"""Tuning: optima that a grid confirms, fronts, limits, sets of scenes."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hertzloop.cases import figures_of_case
+from hertzloop.cli import app
+from hertzloop.scene import Scene, load, vary
+from studies import tune as study
+from studies.design import Axis
+from studies.evaluate import Pool, local_pool
+
+KAPPA = (Axis("controller.kappa", (), -0.5, 1.5),)
+BOTH = ("plate_energy_db", "rebound_percent")
+CHEAP = ["run.accuracy=0.1", "run.duration_s=0.0013"]
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[Pool]:
+    with local_pool(1) as pool:
+        yield pool
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return load("aluminium-3mm", CHEAP)
+
+
+def energy(scene: Scene, kappa: float) -> float:
+    values = {"controller.law": "force_feedback", "controller.kappa": kappa}
+    return figures_of_case(vary(scene, values)).plate_energy_db
+
+
+def best(pool: Pool, scenes: list[Scene], at_most: dict[str, float]) -> study.Found:
+    return study.tune(
+        pool, scenes, "impact", "force_feedback", KAPPA, ("plate_energy_db",), at_most=at_most,
+        generations=12, population=10, seed=1,
+    )[0]  # fmt: skip
+
+
+def test_the_best_gain_is_the_one_that_a_fine_grid_finds(pool: Pool, scene: Scene) -> None:
+    kappas = np.linspace(-0.5, 1.5, 101)
+    grid = [energy(scene, float(kappa)) for kappa in kappas]
+    found = best(pool, [scene], {})
+    assert found.figures["plate_energy_db"] <= min(grid) + 0.02
+    assert abs(found.values["controller.kappa"] - kappas[int(np.argmin(grid))]) < 0.03
+
+
+def test_a_limit_is_kept(pool: Pool, scene: Scene) -> None:
+    free, limited = best(pool, [scene], {}), best(pool, [scene], {"rebound_percent": 130.0})
+    rebound = figures_of_case(vary(scene, limited.values)).rebound_percent
+    assert rebound <= 130.0
+    assert rebound > 120.0  # and used
+    assert limited.figures["plate_energy_db"] > free.figures["plate_energy_db"]
+
+
+def test_over_a_set_of_scenes_the_worst_counts(pool: Pool, scene: Scene) -> None:
+    other = vary(scene, {"controller.latency_us": 6})
+    found = best(pool, [scene, other], {})
+    alone = [figures_of_case(vary(s, found.values)).plate_energy_db for s in (scene, other)]
+    assert found.figures["plate_energy_db"] == pytest.approx(max(alone), abs=1e-12)
+    assert alone[0] != alone[1]
+
+
+def test_a_front_holds_nothing_that_another_beats(pool: Pool, scene: Scene) -> None:
+    found = study.tune(
+        pool, [scene], "impact", "predicted", study.ranges_of("predicted", 1.0), BOTH, at_most={},
+        generations=6, population=16, seed=2,
+    )  # fmt: skip
+    front = study.front(found + found, BOTH)
+    values = np.array([[f.figures[name] for name in BOTH] for f in front])
+    assert len(values) > 3
+    for row in values:
+        beats = np.all(values <= row, axis=1) & np.any(values < row, axis=1)
+        assert not beats.any()
+    assert np.all(np.diff(values[:, 0]) > 0.0)
+    assert all(isinstance(f.values["controller.window_samples"], int) for f in front)
+    # The published setting is beaten without raising the rebound.
+    reference = study.published(pool, [scene], "impact", BOTH)
+    winner = study.better_than(reference, front, *BOTH)
+    assert winner is not None
+    assert winner.figures["rebound_percent"] <= reference.figures["rebound_percent"]
+
+
+def test_without_a_better_setting_none_is_named() -> None:
+    good = study.Found({}, {"a": 0.0, "b": 0.0})
+    assert study.better_than(good, [study.Found({}, {"a": -1.0, "b": 1.0})], "a", "b") is None
+    assert study.better_than(good, [study.Found({}, {"a": 0.0, "b": -1.0})], "a", "b") is None
+
+
+def test_unstable_settings_are_not_offered(pool: Pool) -> None:
+    scene = load("aluminium-3mm", [*CHEAP, "controller.latency_us=5"])
+    axes = (Axis("controller.kappa", (), 25.0, 30.0),)
+    found = study.tune(
+        pool, [scene], "impact", "velocity_feedback", axes, BOTH, at_most={},
+        generations=2, population=6, seed=1,
+    )  # fmt: skip
+    assert found == []
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--minimise", "noise"], "no figure to tune for"),
+        (["--law", "magic"], "controller.law = 'magic'"),
+        (["--at-most", "rebound_percent<5"], "is no limit"),
+        (["--vary", "controller.kapa=0:1"], "did you mean kappa"),
+        (["--vary", "controller.kappa=0:1000"], "controller.kappa = 1000"),
+        (["--over", "sphere.radius_m=-1"], "sphere.radius_m = -1"),
+        (["no-such-scene"], "there is no scene"),
+    ],
+)
+def test_mistakes_end_with_a_sentence(words: list[str], says: str) -> None:
+    result = CliRunner().invoke(app, ["tune", *words])
+    assert result.exit_code == 2
+    assert says in " ".join(result.output.split())
+
+
+def test_the_command_writes_front_and_picture(tmp_path: Path) -> None:
+    words = ["tune", "--law", "force_feedback", "--generations", "2", "--population", "6",
+             "--set", "run.accuracy=0.1", "--set", "run.duration_s=0.0013",
+             "-o", str(tmp_path), "--json", str(tmp_path / "t.json")]  # fmt: skip
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
+    assert "published" in result.output
+    assert (tmp_path / "tune-aluminium-3mm.png").read_bytes().startswith(b"\x89PNG")
+    lines = (tmp_path / "tune-aluminium-3mm.csv").read_text().splitlines()
+    assert lines[0].startswith("plate_energy_db,rebound_percent,controller.kappa")
+    assert len(lines) > 2
