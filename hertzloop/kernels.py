@@ -2,7 +2,7 @@
 
 `advance` runs the plant process's side up to what it was granted; `closed_loop` runs all
 three in one call. Both take the same steps through the same kernels in the same order, so
-the samples are the same bits.
+the samples are the same bits. Nothing allocates: without reference counts (`_nrt=False`).
 """
 
 from typing import NamedTuple
@@ -46,7 +46,7 @@ class Grant(NamedTuple):
     lead_steps: int  # the force of a sample at step k acts from step k + lead_steps on
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
 def _observe(plant_state, sensor, sensor_state, window):
     """Let the sensor see the present step, once; returns whether it took a sample."""
     counts = window.counts
@@ -76,7 +76,7 @@ def _observe(plant_state, sensor, sensor_state, window):
     return True
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
 def _step_and_record(plant, plant_state, f_a, window):
     """One plant step; writes its row of truth."""
     row = window.counts[TRUTH_END] - window.counts[TRUTH_FIRST]
@@ -92,14 +92,14 @@ def _step_and_record(plant, plant_state, f_a, window):
     window.counts[TRUTH_END] += 1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def plant_alone(plant, plant_state, forces, window):
     """The plant under given actuator forces, one a step, without sensor and controller."""
     for i in range(forces.size):
         _step_and_record(plant, plant_state, forces[i], window)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def advance(plant, plant_state, sensor, sensor_state, forces, window, grant, end):
     """Run the plant to step `end` or as far as forces are known; True if it has to wait."""
     while plant_state.counts[pk.STEP] < end:
@@ -120,7 +120,7 @@ def advance(plant, plant_state, sensor, sensor_state, forces, window, grant, end
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def closed_loop(
     plant, plant_state, sensor, sensor_state, law, law_state, line, line_state,
     forces, window, modes, delays, end, quiet_steps,

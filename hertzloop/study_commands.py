@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -29,17 +30,19 @@ def bench(json_file: JsonOption = None) -> None:
     from hertzloop import report
     from hertzloop.launcher import RunFailed
     from hertzloop.warmup import ensure_compiled
-    from studies import baseline
+    from studies import baseline, roofline
 
     check_folder(json_file)
     ensure_compiled(announce_compilation)
     try:
         data = baseline.measure()
+        shares = [asdict(share) for share in roofline.shares()]
     except (RunFailed, BusError) as error:
         fail(str(error), 1)
     for title, costs in data.items():
         out.print(report.cost_table(title, costs))
-    write_json(json_file, data)
+    out.print(report.roofline_table("roofline of the default scheme's step", shares))
+    write_json(json_file, {**data, "roofline": shares})
 
 
 def tables(

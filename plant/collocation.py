@@ -24,21 +24,20 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
     s = (-rho + 1j) * theta
     x = s * h
     turn, one, two, three = (phi(i, x) for i in range(4))
-    w = scale / theta
-    constant = w * h * one  # change of z by a unit force, by a unit P(t)
-    linear = w * h * x * (2.0 * three - two)
-    mean_constant = w * h * two  # their shares of the mean over the step
-    mean_linear = w * h * (2.0 * three - two)
+    constant = scale * h * one  # change of z by a unit force, by a unit P(t)
+    linear = scale * h * x * (2.0 * three - two)
+    mean_constant = scale * h * two  # their shares of the mean over the step
+    mean_linear = scale * h * (2.0 * three - two)
     same = spec.contact_point_m == spec.actuator_point_m
     b_c, b_a = modes.contact, modes.actuator
     drive_c, drive_a = (b_c * b_c, b_c * b_c) if same else (b_c, b_a)
     weight_c, weight_a = (np.ones_like(b_c),) * 2 if same else (b_c, b_a)
 
     def moves(weight: np.ndarray, drive: np.ndarray, z: np.ndarray) -> float:
-        return float(np.sum(weight * drive * z.imag))
+        return float(np.sum(weight * drive * z.imag / theta))
 
     def speeds(drive: np.ndarray, z: np.ndarray) -> float:
-        return float(np.sum(weight_c * drive * theta * (z.real - rho * z.imag)))
+        return float(np.sum(weight_c * drive * (z.real - rho * z.imag)))
 
     gains = np.zeros(solve.GAINS)
     gains[solve.PX0], gains[solve.PX1] = (moves(weight_c, drive_c, z) for z in (constant, linear))
@@ -55,6 +54,11 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
     gains[solve.MA] = moves(weight_c, drive_a, mean_constant)
     gains[solve.AC0], gains[solve.AC1] = (moves(weight_a, drive_c, z) for z in (constant, linear))
     gains[solve.AA] = moves(weight_a, drive_a, constant)
+    gains[solve.SWING0], gains[solve.SWING1] = (
+        np.sum(drive_c * (z.real + rho * z.imag) / theta**2) for z in (constant, linear)
+    )
+    gains[solve.MEAN_BY_SWING] = -1.0 / (h * (1.0 + rho * rho))
+    gains[solve.NODE0 :] = solve.at_nodes(gains, h)
 
     columns = {
         k.ROT_RE: turn.real,
@@ -63,18 +67,19 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
         k.C0_IM: drive_c * constant.imag,
         k.C1_RE: drive_c * linear.real,
         k.C1_IM: drive_c * linear.imag,
+        k.OUT: weight_c / theta,
         # From z at the end of a step without force: phi_1(x)/e^x = phi_1(-x).
-        k.MEAN_RE: phi(1, -x).real,
-        k.MEAN_IM: phi(1, -x).imag,
+        k.MEAN_RE: phi(1, -x).real * weight_c / theta,
+        k.MEAN_IM: phi(1, -x).imag * weight_c / theta,
         k.THETA: theta,
         k.A_RE: drive_a * constant.real,
         k.A_IM: drive_a * constant.imag,
         k.B_C: weight_c,
-        k.B_A: weight_a,
+        k.B_A: weight_a / theta,
         k.ENERGY: 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c))),
     }
     if eta > 0.0:
-        lost, sums = _losses(s, rho, h, w, columns[k.ENERGY], drive_c, drive_a)
+        lost, sums = _losses(s, rho, h, scale, columns[k.ENERGY], drive_c, drive_a)
         columns |= lost
         for index, value in sums.items():
             gains[index] = value
@@ -109,7 +114,7 @@ _NODES_PER_RADIAN = 0.75  # more for the turn beyond; Gauss's rule needs half a 
 
 
 def _losses(
-    s: np.ndarray, rho: float, h: float, w: np.ndarray, energy: np.ndarray,
+    s: np.ndarray, rho: float, h: float, scale: float, energy: np.ndarray,
     drive_c: np.ndarray, drive_a: np.ndarray,
 ) -> tuple[dict[int, np.ndarray], dict[int, float]]:  # fmt: skip
     """Energy that damped oscillators lose in a step, 2 delta m times the integral of v^2.
@@ -125,9 +130,9 @@ def _losses(
     x = np.outer(s, t)
     one, two = phi(1, x), phi(2, x)
     back = np.exp(np.outer(s, t - h))
-    constant = w[:, None] * t * one
-    linear = w[:, None] * t * (2.0 * t / h * two - one)
-    tilt = (1.0 + 1j * rho) * s.imag[:, None]
+    constant = scale * t * one
+    linear = scale * t * (2.0 * t / h * two - one)
+    tilt = 1.0 + 1j * rho
 
     def speed(z: np.ndarray, drive: np.ndarray | float = 1.0) -> np.ndarray:
         return np.asarray((tilt * z).real * np.atleast_1d(drive)[:, None])

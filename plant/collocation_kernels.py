@@ -8,8 +8,12 @@ integrated along the quartic through gap and velocity at both ends and the mean 
 the modes give exactly, over the part of the step that is in contact.
 
 Modes left out act as a massless spring, `flexibility`, in series with the contact. Signs and
-one pass per step as in `plant.kernels`; the scalar equations of a step are in
+one pass per step as in `plant.kernels`, but z is Theta times the z there: velocity is
+Re z - rho Im z, displacement Im z/Theta. The scalar equations of a step are in
 `plant.contact_solve_kernels`.
+
+Nothing here allocates, so kernels are compiled without Numba's reference counts (`_nrt=False`):
+counting the arrays of model and state up and down took 0.15 us a step.
 """
 
 import math
@@ -22,26 +26,27 @@ from plant import contact_solve_kernels as solve
 from plant import kernels as pk
 
 # Columns of CollocationModel.table. ROT: e^(s h); C0, C1: change of z by a unit constant force
-# and a unit P(t) at the contact; A: by a constant force at the actuator; MEAN: mean over
-# the step from z at its end without force.
-ROT_RE, ROT_IM, C0_RE, C0_IM, C1_RE, C1_IM, MEAN_RE, MEAN_IM, THETA = range(9)
-A_RE, A_IM, B_C, B_A = range(9, 13)
+# and a unit P(t) at the contact; A: by a constant force at the actuator; OUT, B_A: displacement
+# at contact and actuator by Im z; B_C: velocity at the contact by z; MEAN: mean displacement
+# over the step from z at its end without force.
+ROT_RE, ROT_IM, OUT, C0_RE, C0_IM, C1_RE, C1_IM = range(7)
+MEAN_RE, MEAN_IM, A_RE, A_IM, B_C, B_A, THETA, ENERGY = range(7, 15)
 # Energy lost in a step: a quadratic form of z at its end without forces and F_0, F_1, F_a; the
 # terms without z are summed over all modes, in `gains`.
-ENERGY, LOSS_RR, LOSS_RI, LOSS_II = range(13, 17)
-LOSS_R0, LOSS_I0, LOSS_R1, LOSS_I1, LOSS_RA, LOSS_IA = range(17, 23)
-COLUMNS = 23
+LOSS_RR, LOSS_RI, LOSS_II, LOSS_R0, LOSS_I0, LOSS_R1, LOSS_I1, LOSS_RA, LOSS_IA = range(15, 24)
+COLUMNS = 24
 # Further indices into the state's body: displacement and velocity at the contact and
 # displacement at the actuator by the modes alone, energy stored in the contact (J), what the
-# actuator bends the spring of the modes left out by (m).
-MODAL_X, MODAL_V, MODAL_Y, STORED, OWN = range(pk.BODY_SIZE, pk.BODY_SIZE + 5)
-BODY_SIZE = pk.BODY_SIZE + 5
+# actuator bends the spring of the modes left out by (m), `swing` of `_propagate_same_point`
+# (m s; known after steps with force), F_C1 of the step before the last (N).
+MODAL_X, MODAL_V, MODAL_Y, STORED, OWN, SWING, F_C1_BEFORE = range(pk.BODY_SIZE, pk.BODY_SIZE + 7)
+BODY_SIZE = pk.BODY_SIZE + 7
 
 
 class CollocationState(NamedTuple):
     """What changes: z by modes, and scalars by the indices above; as PlantState."""
 
-    z: np.ndarray  # (2, modes): real and imaginary parts
+    z: np.ndarray  # (2, modes): real and imaginary parts, m/s
     free: np.ndarray  # z at step counts[FREE_SINCE], while no force acts
     body: np.ndarray
     books: np.ndarray
@@ -71,7 +76,7 @@ class CollocationModel(NamedTuple):
 _SUMS = {"reassoc", "contract"}
 
 
-@njit(cache=True, error_model="numpy", fastmath=_SUMS)
+@njit(cache=True, error_model="numpy", fastmath=_SUMS, _nrt=False)
 def _drift(n, z, table, rho):
     """One step without force of the first `n` modes: displacement and velocity at the point."""
     x = 0.0
@@ -81,26 +86,33 @@ def _drift(n, z, table, rho):
         d = table[ROT_RE, i] * z[1, i] + table[ROT_IM, i] * z[0, i]
         z[0, i] = c
         z[1, i] = d
-        x += d
-        v += table[THETA, i] * (c - rho * d)
+        x += table[OUT, i] * d
+        v += c - rho * d
     return x, v
 
 
-@njit(cache=True, error_model="numpy", fastmath=_SUMS)
-def _mean_of_drift(n, z, table):
-    """Mean displacement over the step that `_drift` has just made."""
-    m = 0.0
+@njit(cache=True, error_model="numpy", fastmath=_SUMS, _nrt=False)
+def _mean_of_drift(n, z, table, rho):
+    """Mean displacement over the step that `_drift` has just made, and `swing` at its end."""
+    mean = 0.0
+    swing = 0.0
     for i in range(n):
-        m += table[MEAN_RE, i] * z[1, i] + table[MEAN_IM, i] * z[0, i]
-    return m
+        mean += table[MEAN_RE, i] * z[1, i] + table[MEAN_IM, i] * z[0, i]
+        swing += table[OUT, i] * (table[OUT, i] * (z[0, i] + rho * z[1, i]))
+    return mean, swing
 
 
-@njit(cache=True, error_model="numpy", fastmath=_SUMS)
+@njit(cache=True, error_model="numpy", fastmath=_SUMS, _nrt=False)
 def _propagate_same_point(n, z, table, rho, f0, f1):
-    """Fold f0 + f1 P in, propagate one step; displacement, velocity, mean at the point."""
+    """Fold f0 + f1 P in, propagate one step; displacement, velocity, swing at the point.
+
+    `swing` is the sum of (Re z + rho Im z)/Theta^2, which falls by (1 + rho^2) times the time
+    integral of the displacement while no force acts.
+    """
     x = 0.0
     v = 0.0
-    m = 0.0
+    w = 0.0
+    swing = 0.0
     for i in range(n):
         a = z[0, i] + table[C0_RE, i] * f0 + table[C1_RE, i] * f1
         b = z[1, i] + table[C0_IM, i] * f0 + table[C1_IM, i] * f1
@@ -108,15 +120,18 @@ def _propagate_same_point(n, z, table, rho, f0, f1):
         d = table[ROT_RE, i] * b + table[ROT_IM, i] * a
         z[0, i] = c
         z[1, i] = d
-        x += d
-        v += table[THETA, i] * (c - rho * d)
-        m += table[MEAN_RE, i] * d + table[MEAN_IM, i] * c
-    return x, v, m
+        v += c
+        w += d
+        out = table[OUT, i]
+        x += out * d
+        swing += out * (out * (c + rho * d))
+    return x, v - rho * w, swing
 
 
-@njit(cache=True, error_model="numpy", fastmath=_SUMS)
+@njit(cache=True, error_model="numpy", fastmath=_SUMS, _nrt=False)
 def _propagate_two_points(n, z, table, rho, f0, f1, f_a):
-    """The same with the actuator elsewhere, and the displacement there."""
+    """The same with the actuator elsewhere: displacement, velocity, mean displacement over the
+    step at the contact, displacement at the actuator."""
     x = 0.0
     v = 0.0
     m = 0.0
@@ -128,35 +143,48 @@ def _propagate_two_points(n, z, table, rho, f0, f1, f_a):
         d = table[ROT_RE, i] * b + table[ROT_IM, i] * a
         z[0, i] = c
         z[1, i] = d
-        x += table[B_C, i] * d
-        v += table[B_C, i] * table[THETA, i] * (c - rho * d)
-        m += table[B_C, i] * (table[MEAN_RE, i] * d + table[MEAN_IM, i] * c)
+        x += table[OUT, i] * d
+        v += table[B_C, i] * (c - rho * d)
+        m += table[MEAN_RE, i] * d + table[MEAN_IM, i] * c
         y += table[B_A, i] * d
     return x, v, m, y
 
 
-@njit(cache=True, error_model="numpy", fastmath=_SUMS)
-def _dissipated_with_modes(z, table, f0, f1, f_a):
-    """The terms of a step's loss that depend on z, J."""
+@njit(cache=True, error_model="numpy", fastmath=_SUMS, _nrt=False)
+def _dissipated_with_modes(n, z, table, f0, f1):
+    """The terms of a step's loss that depend on z and the force at the contact, J."""
     lost = 0.0
-    for i in range(z.shape[1]):
+    for i in range(n):
         zr, zi = z[0, i], z[1, i]
-        lost += zr * (table[LOSS_RR, i] * zr + table[LOSS_RI, i] * zi) + table[LOSS_II, i] * zi * zi
-        lost += zr * (table[LOSS_R0, i] * f0 + table[LOSS_R1, i] * f1 + table[LOSS_RA, i] * f_a)
-        lost += zi * (table[LOSS_I0, i] * f0 + table[LOSS_I1, i] * f1 + table[LOSS_IA, i] * f_a)
+        by_r = table[LOSS_R0, i] * f0 + table[LOSS_R1, i] * f1
+        by_i = table[LOSS_I0, i] * f0 + table[LOSS_I1, i] * f1
+        lost += zr * (table[LOSS_RR, i] * zr + table[LOSS_RI, i] * zi + by_r)
+        lost += zi * (table[LOSS_II, i] * zi + by_i)
     return lost
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", fastmath=_SUMS, _nrt=False)
+def _dissipated_with_actuator(n, z, table):
+    """The terms that depend on z and a unit force at a separate actuator, J/N."""
+    lost = 0.0
+    for i in range(n):
+        lost += table[LOSS_RA, i] * z[0, i] + table[LOSS_IA, i] * z[1, i]
+    return lost
+
+
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
 def _dissipated_in_step(model, state, f0, f1, f_a):
     """Energy that the modes lost in the step just done, J; forces up on the plate."""
     g = model.gains
-    lost = _dissipated_with_modes(state.z, model.table, f0, f1, f_a)
+    modes = state.z.shape[1]
+    lost = _dissipated_with_modes(modes, state.z, model.table, f0, f1)
+    if f_a != 0.0:
+        lost += f_a * _dissipated_with_actuator(modes, state.z, model.table)
     lost += g[solve.LOSS_00] * f0 * f0 + g[solve.LOSS_01] * f0 * f1 + g[solve.LOSS_11] * f1 * f1
     return lost + f_a * (g[solve.LOSS_0A] * f0 + g[solve.LOSS_1A] * f1 + g[solve.LOSS_AA] * f_a)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def _dissipated_in_flight(model, state, steps):
     """Energy that the modes lost in `steps` steps without force since the snapshot, J."""
     lost = 0.0
@@ -166,13 +194,12 @@ def _dissipated_in_flight(model, state, steps):
         size = math.exp(-model.rho * th * duration)
         er = size * math.cos(th * duration)
         ei = size * math.sin(th * duration)
-        lost += model.table[ENERGY, i] * pk.dissipation(
-            th, model.rho, duration, state.free[0, i], state.free[1, i], er, ei
-        )
+        yr, yi = state.free[0, i] / th, state.free[1, i] / th
+        lost += model.table[ENERGY, i] * pk.dissipation(th, model.rho, duration, yr, yi, er, ei)
     return lost
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
 def _forces_on_plate(model, state):
     """Forces of the last step, up on the plate: F_0, F_1 at the contact, a separate actuator."""
     body = state.body
@@ -181,7 +208,7 @@ def _forces_on_plate(model, state):
     return -body[pk.F_C], -body[pk.F_C1], body[pk.F_A]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
 def settle_books(model, state):
     """Book the modal dissipation of the step just done. Called before z moves on."""
     if not model.damped:
@@ -198,11 +225,13 @@ def settle_books(model, state):
         counts[pk.FREE_SINCE] = -1
     state.books[pk.MODAL_DISSIPATED] += _dissipated_in_step(model, state, f0, f1, f_a)
     if quiet:
-        state.free[:] = state.z
+        for i in range(state.z.shape[1]):
+            state.free[0, i] = state.z[0, i]
+            state.free[1, i] = state.z[1, i]
         counts[pk.FREE_SINCE] = step
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def close_books(model, state):
     """Book the last step and the last flight; to be called once, after the last step."""
     if not model.damped or state.counts[pk.STEP] == 0:
@@ -213,7 +242,7 @@ def close_books(model, state):
         state.books[pk.MODAL_DISSIPATED] += _dissipated_in_flight(model, state, flight)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def modal_energy(model, state):
     """Kinetic and elastic energy of all oscillators at the present step, J."""
     f0, f1, f_a = _forces_on_plate(model, state)
@@ -227,12 +256,11 @@ def modal_energy(model, state):
             zr += table[A_RE, i] * f_a
             zi += table[A_IM, i] * f_a
         speed = zr - rho * zi
-        th2 = table[THETA, i] * table[THETA, i]
-        total += table[ENERGY, i] * th2 * (speed * speed + (1.0 + rho * rho) * zi * zi)
+        total += table[ENERGY, i] * (speed * speed + (1.0 + rho * rho) * zi * zi)
     return total
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
 def _silence(state):
     """Leave out the modes of highest frequency that have died away (see plant.kernels)."""
     n = state.counts[pk.ROWS]
@@ -243,7 +271,7 @@ def _silence(state):
     state.counts[pk.ROWS] = n
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
 def _observe(model, body, sphere, sphere_v, force, root, f_a):
     """Write what can be seen: gap and plate with the spring of the modes left out, which the
     contact force `force` (N, without damping) compresses; `root`: of the penetration."""
@@ -265,7 +293,7 @@ def _observe(model, body, sphere, sphere_v, force, root, f_a):
     body[pk.XI_A] = plate if model.same_point else body[MODAL_Y]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def step(model, state, f_a):
     """Advance one step under the actuator force `f_a` (N); returns the mean contact force (N)."""
     body, counts, g, h = state.body, state.counts, model.gains, model.step_s
@@ -278,17 +306,17 @@ def step(model, state, f_a):
     elif counts[pk.STEP] % pk.LOOK_EVERY == 0:
         _silence(state)
     awake = counts[pk.ROWS]
-    mean_known = True
-    mean = 0.0
-    if not model.same_point:
-        x, v, mean, y = _propagate_two_points(awake, state.z, model.table, model.rho, f0, f1, f_act)
-    elif quiet:
+    swing = mean = 0.0
+    drifts = quiet and model.same_point
+    if drifts:
         x, v = _drift(awake, state.z, model.table, model.rho)
-        mean_known = False
+        y = x
+    elif model.same_point:
+        x, v, swing = _propagate_same_point(awake, state.z, model.table, model.rho, f0, f1)
+        mean = g[solve.MEAN_BY_SWING] * (swing - body[SWING])
         y = x
     else:
-        x, v, mean = _propagate_same_point(awake, state.z, model.table, model.rho, f0, f1)
-        y = x
+        x, v, mean, y = _propagate_two_points(awake, state.z, model.table, model.rho, f0, f1, f_act)
     x += g[solve.CA] * f_a
     v += g[solve.VA] * f_a
     # The sphere, ballistic since FLIGHT_STEP.
@@ -314,14 +342,16 @@ def step(model, state, f_a):
         before = solve.elastic(model, gap_0)[1]
         state.books[pk.INJECTED] += before - body[STORED]
         body[OWN] = own
-    if gap_0 < 0.0 or free < 0.0 or (slope_0 < 0.0 < slope):
-        if not mean_known:
-            mean = _mean_of_drift(awake, state.z, model.table)
+    touches = gap_0 < 0.0 or free < 0.0 or (slope_0 < 0.0 < slope)
+    if drifts and (touches or f_a != 0.0):
+        mean, swing = _mean_of_drift(awake, state.z, model.table, model.rho)
+    root = 0.0
+    if touches:
         mean += g[solve.MA] * f_a
         free_mean = sphere_0 + 0.5 * h * before_v - h * h * gravity / 6.0 - mean - own
-        # Linear extrapolation of the last step's force is a good start for Newton.
-        guess1 = body[pk.F_C1]
-        f_c, f_c1, lost, evaluations = solve.solve_contact(
+        # A good start for Newton: no jump between steps, the slope extrapolated.
+        guess1 = 2.0 * body[pk.F_C1] - body[F_C1_BEFORE]
+        f_c, f_c1, lost, evaluations, root = solve.solve_contact(
             model,
             gap_0,
             slope_0,
@@ -329,7 +359,7 @@ def step(model, state, f_a):
             slope,
             free_mean,
             before,
-            body[pk.F_C] + 2.0 * guess1,
+            body[pk.F_C] + body[pk.F_C1] + guess1,
             guess1,
         )
         counts[pk.NEWTON_TOTAL] += evaluations
@@ -348,13 +378,15 @@ def step(model, state, f_a):
         state.books[pk.CONTACT_DISSIPATED] += lost
     y = x if model.same_point else y + g[solve.AA] * f_a
     modal_gap = sphere - x - own
-    force_1, body[STORED], root = solve.elastic(model, modal_gap)
+    force_1, body[STORED], root = solve.elastic_near(model, modal_gap, root)
     state.books[pk.INJECTED] += f_a * (y - body[MODAL_Y])
     body[MODAL_X] = x
     body[MODAL_V] = v
     body[MODAL_Y] = y
+    body[SWING] = swing + g[solve.SWING0] * (f_a - f_c) - g[solve.SWING1] * f_c1
     _observe(model, body, sphere, sphere_v, force_1, root, f_a)
     body[pk.F_C] = f_c
+    body[F_C1_BEFORE] = body[pk.F_C1]
     body[pk.F_C1] = f_c1
     body[pk.F_A] = f_a
     counts[pk.STEP] += 1

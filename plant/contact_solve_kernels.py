@@ -3,6 +3,9 @@
 Given gap, velocity and mean of the gap as they would be without contact force, and what a unit
 F_0 and F_1 change of them (`gains`), find the contact force F_0 + F_1 (2 t/h - 1) of the step.
 See `plant.collocation_kernels` for the modes and the idea.
+
+Products and sums may be contracted to multiply-adds: what is solved here is one long chain of
+operations, each waiting for the last, and a quarter of its time goes with them.
 """
 
 import math
@@ -15,21 +18,56 @@ from numba import njit
 # CA, VA, MA: the same by F_a; AC0, AC1, AA: displacement at the actuator; LOSS: energy lost.
 X0, X1, V0, V1, M0, M1, PX0, PX1, PV0, PV1, PM0, PM1, CA, VA, MA, AC0, AC1, AA = range(18)
 LOSS_00, LOSS_01, LOSS_11, LOSS_0A, LOSS_1A, LOSS_AA = range(18, 24)
-GAINS = 24
-
+# SWING: change of `swing` (see plant.collocation_kernels) by F_0 and F_1, and what turns its change
+# into the mean displacement of a step without force.
+SWING0, SWING1, MEAN_BY_SWING = range(24, 27)
 _NODES = 4
+# By node of Gauss's rule: gap by F_0 and F_1 there.
+NODE0, NODE1 = 27, 27 + _NODES
+GAINS = 27 + 2 * _NODES
+
 _NEWTON_MOST = 12
 _CORRECTIONS = 12
 _ROUNDING, _BALANCED = 2e-16, 1e-13  # of the energies at hand: as good as can be, good enough
 _HALVINGS = 90
 _TIGHT = 1e-7  # of the force; Newton squares what is left
+# Of the gap at all nodes; what Newton leaves of the force is 0.4 times its square.
+_NEAR = 3e-5
+_SLIGHT = 1e-9  # of the gap: a correction that moves it less needs no second one
+_SOFT = 0.2  # e of `root_penetration` below which its series and one Halley step give 1e-9
 # Gauss-Legendre nodes and weights on (0, 1).
 _half = 0.5 * np.polynomial.legendre.leggauss(_NODES)[0] + 0.5
 _GAUSS_T = tuple(float(x) for x in _half)
 _GAUSS_W = tuple(0.5 * float(x) for x in np.polynomial.legendre.leggauss(_NODES)[1])
+_GAUSS_P = tuple(3.0 * (2.0 * t - 1.0) for t in _GAUSS_T)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+def _by_ends(t: float) -> tuple[float, float, float, float, float]:
+    """The quartic of `_quartic` at t, by x0, x1, d0, d1 and the mean."""
+    u = 1.0 - t
+    lift = 30.0 * t * t * u * u
+    return (
+        (1.0 + 2.0 * t) * u * u - 0.5 * lift,
+        t * t * (3.0 - 2.0 * t) - 0.5 * lift,
+        t * u * u - lift / 12.0,
+        lift / 12.0 - t * t * u,
+        lift,
+    )
+
+
+_BY_X0, _BY_X1, _BY_D0, _BY_D1, _BY_MEAN = zip(*(_by_ends(t) for t in _GAUSS_T), strict=True)
+
+
+def at_nodes(gains: np.ndarray, step_s: float) -> np.ndarray:
+    """Gap at the nodes by F_0 and by F_1 (m/N), shape (2 nodes,): `gains` from NODE0 on."""
+    x, d, mean = np.array(_BY_X1), step_s * np.array(_BY_D1), np.array(_BY_MEAN)
+    return np.concatenate([
+        x * gains[X0] + d * gains[V0] + mean * gains[M0],
+        x * gains[X1] + d * gains[V1] + mean * gains[M1],
+    ])  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True, _nrt=False)
 def root_penetration(model, gap):
     """y = sqrt(p) of the Hertz penetration p under a modal gap < 0: y^2 + k s y^3 = -gap.
 
@@ -54,7 +92,7 @@ def root_penetration(model, gap):
     return y
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True, _nrt=False)
 def elastic(model, gap):
     """Contact force without damping (N) at a modal gap, the energy in the contact and in the
     spring of the modes left out (J), and the root of the penetration (m^0.5)."""
@@ -65,7 +103,24 @@ def elastic(model, gap):
     return force, force * (0.4 * y * y + 0.5 * model.flexibility_m_n * force), y
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True, _nrt=False)
+def elastic_near(model, gap, root):
+    """The same from a root nearby, by one step of Halley's rule, which cubes what is wrong; from
+    nothing if `root` is zero or not near enough."""
+    if root == 0.0 or gap >= 0.0:
+        return elastic(model, gap)
+    share = model.flexibility_m_n * model.stiffness
+    wrong = root * root * (1.0 + share * root) + gap
+    slope = root * (2.0 + 3.0 * share * root)
+    change = wrong * slope / (slope * slope - wrong * (1.0 + 3.0 * share * root))
+    if abs(change) > 3e-6 * root:
+        return elastic(model, gap)
+    y = root - change
+    force = model.stiffness * y * y * y
+    return force, force * (0.4 * y * y + 0.5 * model.flexibility_m_n * force), y
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True, _nrt=False)
 def _law(model, gap, rate):
     """Force, its damping part, dF/dgap, dF/drate at a modal gap < 0 and its rate (m/s)."""
     s = model.stiffness
@@ -86,7 +141,7 @@ def _law(model, gap, rate):
     )
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True, _nrt=False)
 def _quartic(t, x0, x1, d0, d1, q):
     """Gap and its derivative by t at t in (0, 1): ends, end slopes, excess of the mean."""
     u = 1.0 - t
@@ -101,7 +156,7 @@ def _quartic(t, x0, x1, d0, d1, q):
     return gap, slope
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _crossing(negative, positive, x0, x1, d0, d1, q):
     """Where the quartic changes sign between t = negative (gap < 0) and t = positive."""
     for _ in range(_HALVINGS):
@@ -115,7 +170,7 @@ def _crossing(negative, positive, x0, x1, d0, d1, q):
     return negative
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True, _nrt=False)
 def _touching_part(x0, x1, d0, d1, q):
     """The part (from, to) of the step that is in contact; from = to if none is."""
     if x0 < 0.0 and x1 < 0.0:
@@ -137,7 +192,7 @@ def _touching_part(x0, x1, d0, d1, q):
     return 0.0, 0.0
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True, _nrt=False)
 def _project(model, x0, x1, d0, d1, mean):
     """Projection of the law along the quartic: F_0, F_1, what damping takes (J), and the
     derivatives of F_0 and F_1 by x1, d1 and the mean."""
@@ -175,7 +230,7 @@ def _project(model, x0, x1, d0, d1, mean):
     return f0, f1, lost, f0_x, f0_d, f0_m, f1_x, f1_d, f1_m
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _chord(model, x0, x1):
     """Discrete gradient between two modal gaps, damping included, and damping's part (N)."""
     if x0 >= 0.0 and x1 >= 0.0:
@@ -195,7 +250,7 @@ def _chord(model, x0, x1):
     return force + damping, damping
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
 def _solve_chord(model, x0, free_x):
     """Constant force over the step by the discrete gradient, by bisection: always ends."""
     gain = model.gains[X0]
@@ -214,28 +269,79 @@ def _solve_chord(model, x0, free_x):
     return f0, -_chord(model, x0, x1)[1] * (x1 - x0)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def solve_contact(model, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
-    """Contact force F_0 + F_1 P of a step from its modal gaps without it.
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True, _nrt=False)
+def _solve_inside(model, x0, d0, free_x, free_d, free_mean, guess0, guess1):
+    """Newton for a step that is in contact all the way, without damping in the contact.
 
-    x: gap (m) at the start and, free of force, at the end; d: its slope per step (m); mean:
-    its mean; `before`: energy in the contact at the start (J). Returns F_0, F_1 (N), what
-    damping takes (J), evaluations.
-
-    Newton on the projection; then the smallest change of F_0 and F_1 that makes the work equal
-    to what the contact gives and damping takes. Where Newton does not end, as with a step far
-    too large, the discrete gradient with a constant force takes over.
+    The quartic is linear in F_0 and F_1, with coefficients at the nodes that do not change.
+    Returns F_0, F_1, evaluations (none if the general way has to be taken) and the root of the
+    penetration near the end (m^0.5).
     """
+    g = model.gains
+    s = model.stiffness
+    share = model.flexibility_m_n * s
+    f0, f1 = guess0, guess1
+    # While Newton works on the force the processor finds a root to start from when it is known.
+    root = elastic(model, free_x + g[X0] * f0 + g[X1] * f1)[2]
+    for evaluation in range(1, _NEWTON_MOST):
+        p0 = p1 = 0.0
+        a = d = 1.0
+        b = c = 0.0
+        highest = max(x0, free_x + g[X0] * f0 + g[X1] * f1)
+        lowest = min(x0, free_x + g[X0] * f0 + g[X1] * f1)
+        for i in range(_NODES):
+            gap = (
+                _BY_X0[i] * x0 + _BY_X1[i] * free_x + _BY_D0[i] * d0 + _BY_D1[i] * free_d
+                + _BY_MEAN[i] * free_mean + (g[NODE0 + i] * f0 + g[NODE1 + i] * f1)
+            )  # fmt: skip
+            highest = max(highest, gap)
+            lowest = min(lowest, gap)
+            y = math.sqrt(abs(gap))
+            e = share * y
+            e2 = e * e
+            y *= 1.0 - 0.5 * e + e2 * (0.625 - e + e2 * (1.8046875 - 3.5 * e))
+            wrong = y * y * (1.0 + share * y) + gap
+            rise = y * (2.0 + 3.0 * share * y)
+            part = 1.0 / (rise * rise - wrong * (1.0 + 3.0 * share * y))
+            y -= wrong * rise * part  # Halley's rule
+            force = s * y * y * y
+            slope = -3.0 * s * y * y * rise * part
+            w = _GAUSS_W[i]
+            p = _GAUSS_P[i]
+            p0 += w * force
+            p1 += w * p * force
+            by0 = w * slope * g[NODE0 + i]
+            by1 = w * slope * g[NODE1 + i]
+            a -= by0
+            b -= by1
+            c -= p * by0
+            d -= p * by1
+        det = a * d - b * c
+        if not (highest < 0.0 and share * share * -lowest < _SOFT * _SOFT and det > 0.0):
+            return guess0, guess1, 0, 0.0
+        r0, r1 = (f0 - p0) / det, (f1 - p1) / det
+        c0 = d * r0 - b * r1
+        c1 = a * r1 - c * r0
+        f0 -= c0
+        f1 -= c1
+        moved = 0.0
+        for i in range(_NODES):
+            moved = max(moved, abs(g[NODE0 + i] * c0 + g[NODE1 + i] * c1))
+        if moved <= -_NEAR * highest:
+            return f0, f1, evaluation, root
+    return guess0, guess1, 0, 0.0
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, _nrt=False)
+def _solve_anywhere(model, x0, d0, free_x, free_d, free_mean, guess0, guess1):
+    """Newton for any step: F_0, F_1, what damping takes (J), evaluations, whether it ended."""
     g, h = model.gains, model.step_s
     f0, f1, lost = guess0, guess1, 0.0
-    evaluations = 0
-    done = False
-    while not done and evaluations < _NEWTON_MOST:
+    for evaluation in range(1, _NEWTON_MOST + 1):
         x1 = free_x + g[X0] * f0 + g[X1] * f1
         d1 = free_d + h * (g[V0] * f0 + g[V1] * f1)
         mean = free_mean + g[M0] * f0 + g[M1] * f1
         p0, p1, lost, f0_x, f0_d, f0_m, f1_x, f1_d, f1_m = _project(model, x0, x1, d0, d1, mean)
-        evaluations += 1
         a = 1.0 - (f0_x * g[X0] + f0_d * h * g[V0] + f0_m * g[M0])
         b = -(f0_x * g[X1] + f0_d * h * g[V1] + f0_m * g[M1])
         c = -(f1_x * g[X0] + f1_d * h * g[V0] + f1_m * g[M0])
@@ -243,27 +349,55 @@ def solve_contact(model, x0, d0, free_x, free_d, free_mean, before, guess0, gues
         det = a * d - b * c
         r0, r1 = f0 - p0, f1 - p1
         if not det > 0.0:
-            break
+            return f0, f1, lost, evaluation, False
         c0 = (d * r0 - b * r1) / det
         c1 = (a * r1 - c * r0) / det
         f0 -= c0
         f1 -= c1
-        done = abs(c0) + abs(c1) <= _TIGHT * (abs(f0) + abs(f1))
+        if abs(c0) + abs(c1) <= _TIGHT * (abs(f0) + abs(f1)):
+            return f0, f1, lost, evaluation, True
+    return f0, f1, lost, _NEWTON_MOST, False
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True, _nrt=False)
+def solve_contact(model, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
+    """Contact force F_0 + F_1 P of a step from its modal gaps without it.
+
+    x: gap (m) at the start and, free of force, at the end; d: its slope per step (m); mean:
+    its mean; `before`: energy in the contact at the start (J). Returns F_0, F_1 (N), what
+    damping takes (J), evaluations, and the root of the penetration near the end (m^0.5).
+
+    Newton on the projection; then the smallest change of F_0 and F_1 that makes the work equal
+    to what the contact gives and damping takes. Where Newton does not end, as with a step far
+    too large, the discrete gradient with a constant force takes over.
+    """
+    f0, f1, lost, root = guess0, guess1, 0.0, 0.0
+    evaluations = 0
+    if x0 < 0.0 and model.viscous_n_s_m == 0.0 and model.hunt_crossley_s_m == 0.0:
+        f0, f1, evaluations, root = _solve_inside(
+            model, x0, d0, free_x, free_d, free_mean, guess0, guess1
+        )
+    done = evaluations > 0
+    if not done:
+        f0, f1, lost, evaluations, done = _solve_anywhere(
+            model, x0, d0, free_x, free_d, free_mean, guess0, guess1
+        )
     if done:
-        f0, f1, done = _balance(model, x0, free_x, free_mean, f0, f1, lost, before)
+        f0, f1, root, done = _balance(model, x0, free_x, free_mean, f0, f1, lost, before, root)
     if not done:
         f0, lost = _solve_chord(model, x0, free_x)
-        f1 = 0.0
+        f1 = root = 0.0
         evaluations += _HALVINGS
-    return f0, f1, lost, evaluations
+    return f0, f1, lost, evaluations, root
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _balance(model, x0, free_x, free_mean, f0, f1, lost, before):
-    """Least change of F_0, F_1 that closes the step's energy; whether it was found.
+@njit(cache=True, error_model="numpy", fastmath={"contract"}, forceinline=True, _nrt=False)
+def _balance(model, x0, free_x, free_mean, f0, f1, lost, before, root):
+    """Least change of F_0, F_1 that closes the step's energy, the root of the penetration at
+    the end before the last change, and whether it was found.
 
-    `before`: energy in the contact at the start. The work of F_0 + F_1 P on the gap is
-    F_0 (x1 - x0) + F_1 (x1 + x0 - 2 mean).
+    `before`: energy in the contact at the start; `root`: near that at the end, or zero. The work
+    of F_0 + F_1 P on the gap is F_0 (x1 - x0) + F_1 (x1 + x0 - 2 mean).
     """
     g = model.gains
     last = math.inf
@@ -271,17 +405,21 @@ def _balance(model, x0, free_x, free_mean, f0, f1, lost, before):
         x1 = free_x + g[X0] * f0 + g[X1] * f1
         mean = free_mean + g[M0] * f0 + g[M1] * f1
         way, bend = x1 - x0, x1 + x0 - 2.0 * mean
-        force, after, _ = elastic(model, x1)
+        force, after, root = elastic_near(model, x1, root)
         wrong = f0 * way + f1 * bend + (after - before) + lost
         size = abs(f0 * way) + abs(f1 * bend) + after + before
         if abs(wrong) <= _ROUNDING * size or abs(wrong) >= last:
-            return f0, f1, abs(wrong) <= _BALANCED * size
+            return f0, f1, root, abs(wrong) <= _BALANCED * size
         last = abs(wrong)
         by0 = way + f0 * g[X0] + f1 * (g[X0] - 2.0 * g[M0]) - force * g[X0]
         by1 = bend + f0 * g[X1] + f1 * (g[X1] - 2.0 * g[M1]) - force * g[X1]
         norm = by0 * by0 + by1 * by1
         if norm == 0.0:
-            return f0, f1, wrong == 0.0
-        f0 -= wrong * by0 / norm
-        f1 -= wrong * by1 / norm
-    return f0, f1, False
+            return f0, f1, root, wrong == 0.0
+        c0, c1 = wrong / norm * by0, wrong / norm * by1
+        f0 -= c0
+        f1 -= c1
+        # The energy is nearly quadratic in the change: what it leaves is below rounding.
+        if abs(g[X0] * c0) + abs(g[X1] * c1) <= -_SLIGHT * max(x0, x1):
+            return f0, f1, root, True
+    return f0, f1, root, False

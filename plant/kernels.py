@@ -317,7 +317,10 @@ def settle_books(model, state):
         counts[FREE_SINCE] = _NOT_FREE
     state.books[MODAL_DISSIPATED] += _dissipated_in_step(model, state, f_contact, f_actuator)
     if quiet:
-        state.free[:] = state.z
+        for i in range(state.z.shape[1]):
+            for j in range(LANES):
+                state.free[0, i, j] = state.z[0, i, j]
+                state.free[1, i, j] = state.z[1, i, j]
         counts[FREE_SINCE] = step
 
 
@@ -368,7 +371,9 @@ def _silence(state):
         for j in range(LANES):
             if abs(state.z[0, i, j]) + abs(state.z[1, i, j]) > SILENT_M:
                 return
-        state.z[:, i, :] = 0.0
+        for j in range(LANES):
+            state.z[0, i, j] = 0.0
+            state.z[1, i, j] = 0.0
         state.counts[ROWS] = i
 
 

@@ -25,7 +25,7 @@ def step(model: Any, state: Any, f_a: float) -> float:
     return float(_STEPS[type(model)](model, state, f_a))
 
 
-@overload(step)
+@overload(step, jit_options={"_nrt": False})
 def _compiled_step(model: Any, state: Any, f_a: Any) -> Any:
     kernel = _STEPS.get(model.instance_class) if isinstance(model, types.NamedTuple) else None
     if kernel is None:

@@ -46,7 +46,7 @@ class Cost:
     ratio: float
 
 
-def _in_turn(cases: dict[str, Callable[[], float]], rounds: int) -> list[Cost]:
+def in_turn(cases: dict[str, Callable[[], float]], rounds: int) -> list[Cost]:
     """Measure every case once a round; each returns microseconds per unit."""
     for measure in cases.values():
         measure()  # warm
@@ -62,7 +62,7 @@ def _in_turn(cases: dict[str, Callable[[], float]], rounds: int) -> list[Cost]:
     ]
 
 
-def _timed(work: Callable[[], object], units: int) -> float:
+def timed(work: Callable[[], object], units: int) -> float:
     started = time.perf_counter()
     work()
     return (time.perf_counter() - started) * 1e6 / units
@@ -79,15 +79,15 @@ def _plant_case(plant: Plant, *, contact: bool) -> Callable[[], float]:
     def measure() -> float:
         for array, value in zip(plant.state, kept, strict=True):
             array[:] = value
-        return _timed(lambda: k.plant_steps(plant.model, plant.state, 0.0, _STEPS), _STEPS)
+        return timed(lambda: k.plant_steps(plant.model, plant.state, 0.0, _STEPS), _STEPS)
 
     return measure
 
 
-def _two_pass_case(frequencies: int) -> Callable[[], float]:
+def two_pass_case(frequencies: int) -> Callable[[], float]:
     z, grown = np.zeros(frequencies, complex), np.full(frequencies, 1e-6 + 1e-6j)
     turn = np.exp(1j * np.linspace(0.01, 3.0, frequencies))
-    return lambda: _timed(lambda: k.two_pass_steps(z, turn, grown, _STEPS), _STEPS)
+    return lambda: timed(lambda: k.two_pass_steps(z, turn, grown, _STEPS), _STEPS)
 
 
 def step_costs(rounds: int = _ROUNDS) -> list[Cost]:
@@ -102,12 +102,12 @@ def step_costs(rounds: int = _ROUNDS) -> list[Cost]:
             make = CollocationPlant if scheme == "modal" else Plant
             count = len(make(parts.plant_spec(scene)).modes.omega)
             if not cases:
-                cases[f"two-pass loop, {count} frequencies"] = _two_pass_case(count)
+                cases[f"two-pass loop, {count} frequencies"] = two_pass_case(count)
             for name, contact in (("flight", False), ("contact", True)):
                 cases[f"{scheme}, {name}, {count} frequencies"] = _plant_case(
                     make(parts.plant_spec(scene)), contact=contact
                 )
-    return _in_turn(cases, rounds)
+    return in_turn(cases, rounds)
 
 
 def _echo_zenoh(listen: str, connect: str) -> None:
@@ -157,7 +157,7 @@ def _tcp() -> Iterator[Callable[[], float]]:
                 peer.sendall(_PAYLOAD)
                 peer.recv(4096)
 
-        yield lambda: _timed(trips, _TRIPS)
+        yield lambda: timed(trips, _TRIPS)
         peer.close()
 
 
@@ -175,7 +175,7 @@ def _zenoh() -> Iterator[Callable[[], float]]:
                 port.publish(Envelope("daq", _PAYLOAD))
                 port.receive(10.0, "the echo")
 
-        yield lambda: _timed(trips, _TRIPS)
+        yield lambda: timed(trips, _TRIPS)
         port.publish(Envelope("daq", _STOP))
         port.wait_until_gone(CONTROLLER, 5.0)
         port.close()
@@ -201,7 +201,7 @@ def _threads() -> Iterator[Callable[[], float]]:
             here.wait()
             here.clear()
 
-    yield lambda: _timed(trips, _TRIPS)
+    yield lambda: timed(trips, _TRIPS)
     over.set()
     there.set()
     thread.join()
@@ -211,7 +211,7 @@ def exchange_costs(rounds: int = _ROUNDS) -> list[Cost]:
     """us per round trip of 100 B between two processes; yardstick: plain TCP."""
     with _tcp() as tcp, _zenoh() as zenoh, _threads() as threads:
         cases = {"TCP between processes": tcp, "zenoh port between processes": zenoh}
-        return _in_turn({**cases, "two threads of a process": threads}, rounds)
+        return in_turn({**cases, "two threads of a process": threads}, rounds)
 
 
 def loop_costs() -> list[Cost]:
@@ -228,7 +228,7 @@ def loop_costs() -> list[Cost]:
 
         return measure
 
-    return _in_turn(
+    return in_turn(
         {
             "compiled": case(Transport.COMPILED, 0.1, None),
             "in-process bus": case(Transport.INPROCESS, 0.1, None),

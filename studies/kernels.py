@@ -7,7 +7,7 @@ from plant.schemes import step
 from studies.integrator_kernels import slope
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def plant_steps(model, state, f_a, count):
     """`count` plant steps under the same actuator force."""
     for _ in range(count):
@@ -30,7 +30,7 @@ def two_pass_steps(z, turn, grown, count):
     return x
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", _nrt=False)
 def plant_gaps(model, state, every, gaps):
     """Step without control; the gap after every `every` steps."""
     for i in range(gaps.size):

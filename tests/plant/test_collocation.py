@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from plant import collocation_kernels as k
 from plant import contact_solve_kernels as solve
 from plant import kernels as pk
 from plant.collocation import CollocationPlant, flexibility_m_n
@@ -111,7 +112,7 @@ def test_every_contact_solve_ends_and_closes_its_energy(
     x0, d0 = -(10.0**depth), -speed * what.step_s
     free_x, free_d = x0 + d0, d0 * way
     before = solve.elastic(model, x0)[1]
-    f0, f1, lost, evaluations = solve.solve_contact(
+    f0, f1, lost, evaluations, _ = solve.solve_contact(
         model, x0, d0, free_x, free_d, x0 + 0.5 * d0, before, 0.0, 0.0
     )
     g = model.gains
@@ -124,6 +125,49 @@ def test_every_contact_solve_ends_and_closes_its_energy(
     assert evaluations <= 150
     if damping == "none":
         assert lost == 0.0
+
+
+@given(
+    st.floats(-7, -4),
+    st.floats(-7.5, -5.5),
+    st.floats(-1.0, 1.0),
+    st.floats(-1.0, 1.0),
+    st.floats(0.0, 1.0),
+)
+def test_short_way_inside_a_contact_finds_what_the_general_way_does(
+    depth: float, step: float, speed: float, bend: float, share: float
+) -> None:
+    """Two independent codes for the same equations, from a guess that is off by a tenth."""
+    plant = CollocationPlant(spec(step_s=10.0**step, limit_hz=8e3))
+    model = plant.model._replace(flexibility_m_n=share * 1e-9)
+    x0, h = -(10.0**depth), model.step_s
+    d0, d1 = (0.3 * -x0 * part for part in (speed, speed + 0.2 * bend))
+    x1, mean = x0 + 0.5 * (d0 + d1), x0 + 0.5 * d0 + (d1 - d0) / 6.0
+    force, g = solve.elastic(model, x0)[0], model.gains
+    free = x1 - g[solve.X0] * force, d1 - h * g[solve.V0] * force, mean - g[solve.M0] * force
+    start = model, x0, d0, *free, 0.9 * force, 0.1 * force
+    short, general = solve._solve_inside(*start), solve._solve_anywhere(*start)
+    assert general[4]
+    if short[2] == 0:  # refused: not in contact all the way, or a spring too soft
+        assert x1 >= 0.0 or share * 1e-9 * model.stiffness * math.sqrt(-x0) > 0.05
+    else:
+        assert short[0] == pytest.approx(general[0], rel=1e-8)
+        assert short[1] == pytest.approx(general[1], abs=1e-8 * general[0])
+
+
+@pytest.mark.parametrize("push", [0.0, 15.0])
+def test_mean_from_swing_is_the_mean_of_the_modes(push: float) -> None:
+    plant = CollocationPlant(spec(loss_factor=0.05, lead_in_s=0.0))
+    model, state = plant.model, plant.state
+    gaps(plant, lambda _: push, 10)
+    f0, f1 = push - state.body[pk.F_C], -state.body[pk.F_C1]
+    assert f0 != 0.0
+    z, n = state.z.copy(), state.z.shape[1]
+    swing = k._propagate_same_point(n, z, model.table, model.rho, f0, f1)[2]
+    found = model.gains[solve.MEAN_BY_SWING] * (swing - state.body[k.SWING])
+    mean, same_swing = k._mean_of_drift(n, z, model.table, model.rho)
+    assert swing == pytest.approx(same_swing, rel=1e-12)
+    assert found == pytest.approx(mean, rel=1e-10)
 
 
 @given(st.floats(1e-12, 1e-3), st.floats(0.0, 1e-6))
