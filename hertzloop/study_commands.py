@@ -240,7 +240,8 @@ def _survival_table(scene: str, found: list[Any]) -> Table:
     """What each law survives in a scene; see `studies.latency.Critical`."""
     table = Table(title=f"{scene}: what each law survives", title_justify="left")
     for heading in ("law", "kappa", "dB", "rebound", "latency (us)", "bits", "to 0.5 dB"):
-        table.add_column(heading, justify="left" if heading == "law" else "right")
+        law = heading == "law"
+        table.add_column(heading, justify="left" if law else "right", no_wrap=law)
 
     def shown(x: float) -> str:
         return "none" if math.isnan(x) else f"{x:.0f}"
