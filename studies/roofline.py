@@ -88,7 +88,7 @@ def cases(scene: str, accuracy: str, before: int, _: int) -> dict[str, Case]:
     for what, numbers, settings in (
         ("flight", _FLIGHT, ["plate.loss_factor=0"]),
         ("contact", _CONTACT, ["plate.loss_factor=0"]),
-        ("contact, damped, booked", _BOOKED, []),
+        ("contact, booked", _BOOKED, []),
     ):
         wanted = [f"run.accuracy={accuracy}", "run.lead_in_s=0", *settings]
         plant = CollocationPlant(parts.plant_spec(load(scene, wanted)))
@@ -96,7 +96,9 @@ def cases(scene: str, accuracy: str, before: int, _: int) -> dict[str, Case]:
         if what == "flight":
             plant.state.body[pk.FLIGHT_X] += 1.0
             k.plant_steps(plant.model, plant.state, 0.0, 2)
-        found[f"{what}, {scene} at {accuracy}"] = Case(*numbers, plant.model, plant.state)
+        found[f"{what}, {scene.removeprefix('aluminium-')}, {accuracy}"] = Case(
+            *numbers, plant.model, plant.state
+        )
     return found
 
 
