@@ -160,19 +160,20 @@ def roofline_table(title: str, shares: list[dict[str, Any]]) -> Table:
     """What the parts of a step reach of the processor's peaks; rows of `studies.roofline`."""
     table = Table(title=title, title_justify="left")
     table.add_column("case", no_wrap=True)
-    for heading in ("modes", "floor us", "pass us", "reached", "step us", "reached", "two-pass"):
+    for heading in ("modes", "floor us", "pass us", "share", "step us", "share", "loops"):
         table.add_column(heading, justify="right")
     for share in shares:
         floor, alone, step = (share[key] for key in ("floor_us", "pass_us", "step_us"))
+        case = share["case"].rsplit(", ", 1)[0]
         table.add_row(
-            share["case"].rsplit(", ", 1)[0], str(share["frequencies"]), f"{floor:.3f}", f"{alone:.3f}",
+            case, str(share["frequencies"]), f"{floor:.3f}", f"{alone:.3f}",
             f"{floor / alone:.0%}", f"{step:.3f}", f"{floor / step:.0%}",
             f"{share['of_two_pass']:.2f}",
         )  # fmt: skip
     rates = [share["gigabytes_s"] for share in shares]
     table.caption = (
         f"peaks: {shares[0]['gigaoperations_s']:.1f} G multiply-adds/s, {min(rates):.0f} to "
-        f"{max(rates):.0f} GB/s; two-pass: the step in steps of the obvious loop over 1104"
+        f"{max(rates):.0f} GB/s; share: of the floor; loops: step in two-pass loops over 1104"
     )
     return table
 
