@@ -125,10 +125,16 @@ def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
         if not known:
             continue
         ends = [pick(known, key=lambda row: row[figure]) for pick in (min, max)]
-        where = [", ".join(f"{key.split('.')[-1]} {row[key]}" for key in keys) for row in ends]
+        where = [
+            ", ".join(f"{key.split('.')[-1]} {_short(row[key])}" for key in keys) for row in ends
+        ]
         least, most = (f"{row[figure]:.2f}" for row in ends)
         table.add_row(figure, least, where[0], most, where[1])
     return table
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def check(

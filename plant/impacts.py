@@ -61,7 +61,7 @@ def impacts(
     `xi_a` is the displacement at the actuator, None where that is the contact point. Where the
     contact force changes over a step, by `f_c1`, the plate velocity `v_p` is needed for the
     work of that part, F_1 h (v_1 - v_0)/6 by Hermite's mean of the displacement. A contact
-    that the run's end cuts off counts with what there is of it.
+    that the run's end cuts off counts with what there is of it, if there is any.
     """
     if len(xi) < 3:
         return []
@@ -81,6 +81,8 @@ def impacts(
         began = _crossing(xi, start) if xi[start] > 0.0 and start < last else float(start)
         cut_off = i >= len(ends) or xi[end] <= 0.0
         ended = float(end) if cut_off else _crossing(xi, end - 1)
+        if ended <= began:
+            continue  # began in the very last step of the run
         found.append(
             Impact(
                 start_s=began * step_s,

@@ -91,6 +91,13 @@ def test_contact_that_the_end_cuts_off_counts_with_what_there_is() -> None:
     assert late.peak_force_n == 1.0
 
 
+def test_a_contact_that_begins_in_the_last_step_is_not_one_yet() -> None:
+    # It would have no duration, by which figures divide.
+    found = of([1.0, -3.0, -2.0, 1.0, 2.0, 1.0], [5.0, 9.0, 7.0, 0.0, 0.0, 2.0])
+    assert len(found) == 1
+    assert of([3.0, 2.0, 1.0], [0.0, 0.0, 2.0]) == []
+
+
 def test_plate_energy_is_the_work_of_both_forces_at_their_points() -> None:
     xi = [1.0, -1.0, 1.0, 2.0, -1.0, 1.0]
     f_c = [2.0, 3.0, 0.0, 1.0, 5.0, 0.0]
