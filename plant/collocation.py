@@ -54,8 +54,9 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
     gains[solve.MA] = moves(weight_c, drive_a, mean_constant)
     gains[solve.AC0], gains[solve.AC1] = (moves(weight_a, drive_c, z) for z in (constant, linear))
     gains[solve.AA] = moves(weight_a, drive_a, constant)
+    slow = int(np.searchsorted(theta * h, _SLOW))  # oscillators are sorted by frequency
     gains[solve.SWING0], gains[solve.SWING1] = (
-        np.sum(drive_c * (z.real + rho * z.imag) / theta**2) for z in (constant, linear)
+        np.sum((drive_c * (z.real + rho * z.imag) / theta**2)[slow:]) for z in (constant, linear)
     )
     gains[solve.MEAN_BY_SWING] = -1.0 / (h * (1.0 + rho * rho))
     gains[solve.NODE0 :] = solve.at_nodes(gains, h)
@@ -94,6 +95,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
         same_point=same,
         damped=eta > 0.0,
         rho=rho,
+        slow=slow,
         gains=gains,
         table=np.stack([columns.get(c, np.zeros_like(theta)) for c in range(k.COLUMNS)]),
     )
@@ -109,6 +111,7 @@ def flexibility_m_n(spec: PlantSpec) -> float:
     )
 
 
+_SLOW = 0.02  # of w h; the difference of two `swing` loses as many digits as this has
 _NODES = 24  # of the time integral while no mode turns by more than pi in a step
 _NODES_PER_RADIAN = 0.75  # more for the turn beyond; Gauss's rule needs half a node a radian
 

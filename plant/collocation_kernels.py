@@ -67,6 +67,7 @@ class CollocationModel(NamedTuple):
     same_point: bool
     damped: bool
     rho: float
+    slow: int  # the first modes, whose mean over a step is taken one by one
     gains: np.ndarray
     table: np.ndarray
 
@@ -92,19 +93,43 @@ def _drift(n, z, table, rho):
 
 
 @njit(cache=True, error_model="numpy", fastmath=_SUMS, _nrt=False)
-def _mean_of_drift(n, z, table, rho):
+def _mean_of_drift(slow, n, z, table, rho):
     """Mean displacement over the step that `_drift` has just made, and `swing` at its end."""
     mean = 0.0
     swing = 0.0
     for i in range(n):
         mean += table[MEAN_RE, i] * z[1, i] + table[MEAN_IM, i] * z[0, i]
+    for i in range(slow, n):
         swing += table[OUT, i] * (table[OUT, i] * (z[0, i] + rho * z[1, i]))
     return mean, swing
 
 
 @njit(cache=True, error_model="numpy", fastmath=_SUMS, _nrt=False)
-def _propagate_same_point(n, z, table, rho, f0, f1):
-    """Fold f0 + f1 P in, propagate one step; displacement, velocity, swing at the point.
+def _propagate_slow(slow, z, table, rho, f0, f1):
+    """Fold f0 + f1 P into the first `slow` modes, propagate one step; displacement, velocity, mean
+    displacement at the point.
+
+    These modes turn so little in a step that a difference of `swing` would be all rounding.
+    """
+    x = 0.0
+    v = 0.0
+    mean = 0.0
+    for i in range(slow):
+        a = z[0, i] + table[C0_RE, i] * f0 + table[C1_RE, i] * f1
+        b = z[1, i] + table[C0_IM, i] * f0 + table[C1_IM, i] * f1
+        c = table[ROT_RE, i] * a - table[ROT_IM, i] * b
+        d = table[ROT_RE, i] * b + table[ROT_IM, i] * a
+        z[0, i] = c
+        z[1, i] = d
+        v += c - rho * d
+        x += table[OUT, i] * d
+        mean += table[MEAN_RE, i] * d + table[MEAN_IM, i] * c
+    return x, v, mean
+
+
+@njit(cache=True, error_model="numpy", fastmath=_SUMS, _nrt=False)
+def _propagate_same_point(slow, n, z, table, rho, f0, f1):
+    """The same for the other awake modes; displacement, velocity, swing at the point.
 
     `swing` is the sum of (Re z + rho Im z)/Theta^2, which falls by (1 + rho^2) times the time
     integral of the displacement while no force acts.
@@ -113,7 +138,7 @@ def _propagate_same_point(n, z, table, rho, f0, f1):
     v = 0.0
     w = 0.0
     swing = 0.0
-    for i in range(n):
+    for i in range(slow, n):
         a = z[0, i] + table[C0_RE, i] * f0 + table[C1_RE, i] * f1
         b = z[1, i] + table[C0_IM, i] * f0 + table[C1_IM, i] * f1
         c = table[ROT_RE, i] * a - table[ROT_IM, i] * b
@@ -312,8 +337,12 @@ def step(model, state, f_a):
         x, v = _drift(awake, state.z, model.table, model.rho)
         y = x
     elif model.same_point:
-        x, v, swing = _propagate_same_point(awake, state.z, model.table, model.rho, f0, f1)
-        mean = g[solve.MEAN_BY_SWING] * (swing - body[SWING])
+        slow = model.slow
+        x, v, swing = _propagate_same_point(slow, awake, state.z, model.table, model.rho, f0, f1)
+        x_slow, v_slow, mean = _propagate_slow(slow, state.z, model.table, model.rho, f0, f1)
+        x += x_slow
+        v += v_slow
+        mean += g[solve.MEAN_BY_SWING] * (swing - body[SWING])
         y = x
     else:
         x, v, mean, y = _propagate_two_points(awake, state.z, model.table, model.rho, f0, f1, f_act)
@@ -344,7 +373,7 @@ def step(model, state, f_a):
         body[OWN] = own
     touches = gap_0 < 0.0 or free < 0.0 or (slope_0 < 0.0 < slope)
     if drifts and (touches or f_a != 0.0):
-        mean, swing = _mean_of_drift(awake, state.z, model.table, model.rho)
+        mean, swing = _mean_of_drift(model.slow, awake, state.z, model.table, model.rho)
     root = 0.0
     if touches:
         mean += g[solve.MA] * f_a

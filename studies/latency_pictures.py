@@ -43,7 +43,7 @@ def draw_maps(
                 ax.set_ylabel(_AXES[key])
             if line == len(figures) - 1:
                 ax.set_xlabel("latency (us)")
-    sheet.suptitle(f"{title}: against no control; dashed: no better than that")
+    sheet.suptitle(f"{title}: against no control; dashed: no better than that; white: unstable")
     pictures.save(sheet, path)
 
 

@@ -65,7 +65,7 @@ def pushes(model, z, f0, f1, booked, rounds):
     for _ in range(rounds):
         if booked:
             total += ck._dissipated_with_modes(n, z, model.table, f0, f1)
-        x, v, swing = ck._propagate_same_point(n, z, model.table, model.rho, f0, f1)
+        x, v, swing = ck._propagate_same_point(0, n, z, model.table, model.rho, f0, f1)
         total += x + v + swing
     return total
 

@@ -112,10 +112,11 @@ def shake(plant: Plant, speed_m_s: float) -> float:
     theta = plant.model.table[plant.kernels.THETA].reshape(-1)
     each = speed_m_s / _SHAKEN_MODES
     state.z[0].reshape(-1)[:_SHAKEN_MODES] = each / theta[:_SHAKEN_MODES]
-    state.free[:] = state.z
     body[V_P] = speed_m_s
     if isinstance(plant, CollocationPlant):
+        state.z[0, :_SHAKEN_MODES] = each  # z is scaled by Theta there
         body[ck.MODAL_V] = speed_m_s
+    state.free[:] = state.z
     return float(plant.kernels.modal_energy(plant.model, state))
 
 

@@ -163,9 +163,11 @@ def test_mean_from_swing_is_the_mean_of_the_modes(push: float) -> None:
     f0, f1 = push - state.body[pk.F_C], -state.body[pk.F_C1]
     assert f0 != 0.0
     z, n = state.z.copy(), state.z.shape[1]
-    swing = k._propagate_same_point(n, z, model.table, model.rho, f0, f1)[2]
+    swing = k._propagate_same_point(model.slow, n, z, model.table, model.rho, f0, f1)[2]
     found = model.gains[solve.MEAN_BY_SWING] * (swing - state.body[k.SWING])
-    mean, same_swing = k._mean_of_drift(n, z, model.table, model.rho)
+    found += k._propagate_slow(model.slow, z, model.table, model.rho, f0, f1)[2]
+    assert 0 < model.slow < n
+    mean, same_swing = k._mean_of_drift(model.slow, n, z, model.table, model.rho)
     assert swing == pytest.approx(same_swing, rel=1e-12)
     assert found == pytest.approx(mean, rel=1e-10)
 
