@@ -16,5 +16,7 @@ def phi(k: int, x: np.ndarray) -> np.ndarray:
     safe = np.where(large, x, 1.0)
     direct = np.exp(safe) - sum(safe**i / math.factorial(i) for i in range(k))
     small = np.where(large, 0.0, x)
-    series = sum(small**i / math.factorial(i + k) for i in range(_SERIES_TERMS))
+    series = np.zeros_like(small)
+    for i in range(_SERIES_TERMS - 1, -1, -1):  # Horner's rule
+        series = series * small + 1.0 / math.factorial(i + k)
     return np.asarray(np.where(large, direct / safe**k, series))

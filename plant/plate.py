@@ -99,25 +99,25 @@ def oscillators(
     at_contact = plate.mode_shape(m, n, contact_m)
     at_actuator = plate.mode_shape(m, n, actuator_m)
     starts = np.flatnonzero(np.diff(omega, prepend=-1.0) > _SAME_FREQUENCY * omega)
-    rows = []
-    for start, end in zip(starts, np.append(starts, len(omega))[1:], strict=True):
-        c, a = at_contact[start:end], at_actuator[start:end]
-        along = math.sqrt(float(c @ c))
-        shared = 0.0
-        if along > _NO_PARTICIPATION:
-            shared = float(a @ c) / along
-            rows.append((omega[start], along, shared))
-            a = a - shared * c / along
-        across = math.sqrt(float(a @ a))
-        if across > _NO_PARTICIPATION:
-            rows.append((omega[start], 0.0, across))
-    if not rows:
+    counts = np.diff(starts, append=len(omega))
+    along = np.sqrt(np.add.reduceat(at_contact * at_contact, starts))
+    shared = np.add.reduceat(at_actuator * at_contact, starts)
+    moved = along > _NO_PARTICIPATION
+    shared = np.divide(shared, along, out=np.zeros_like(along), where=moved)
+    share = np.divide(shared, along, out=np.zeros_like(along), where=moved)
+    rest = at_actuator - np.repeat(share, counts) * at_contact
+    across = np.sqrt(np.add.reduceat(rest * rest, starts))
+    elsewhere = across > _NO_PARTICIPATION
+    if not np.any(moved | elsewhere):
         raise ValueError(
             f"no mode below {omega_max / (2 * np.pi):g} Hz moves the contact point; "
             "take a smaller step or another contact point"
         )
-    table = np.array(rows)
-    return Oscillators(table[:, 0], table[:, 1], table[:, 2], len(omega))
+    first = np.stack([omega[starts], along, shared])[:, moved]
+    second = np.stack([omega[starts], np.zeros_like(across), across])[:, elsewhere]
+    place = np.concatenate([np.flatnonzero(moved), np.flatnonzero(elsewhere)])
+    table = np.concatenate([first, second], axis=1)[:, np.argsort(place, kind="stable")]
+    return Oscillators(table[0], table[1], table[2], len(omega))
 
 
 def residual_flexibility_m_n(
