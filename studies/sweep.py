@@ -162,7 +162,11 @@ def _beside(out: Path) -> Path:
 def _one_type_a_column(
     rows: list[dict[str, Any]], keys: list[str], suffix: str
 ) -> list[dict[str, Any]]:
-    """Rows with values as TOML text for keys that have values of several types, or lists in CSV."""
+    """Rows with numbers of one type, and values as TOML text for keys that have values of several
+    types, or lists in CSV."""
+    for key in keys:
+        if {type(row[key]) for row in rows} == {int, float}:
+            rows = [row | {key: float(row[key])} for row in rows]
     text = [
         key
         for key in keys

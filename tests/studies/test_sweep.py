@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet
 import pytest
 
 from hertzloop.cases import figures_of_case
@@ -20,7 +21,7 @@ from hertzloop.impact_rows import first_impact
 from hertzloop.scene import SceneError, load, vary
 from studies import evaluate
 from studies import sweep as study
-from studies.design import Axis, Design, DesignError, make_design, parse_axis
+from studies.design import Axis, Design, DesignError, fitted, make_design, parse_axis
 from studies.journal import Journal, JournalError
 from studies.replay_cases import replay_cases
 
@@ -54,6 +55,8 @@ def test_values_of_an_axis(text: str, values: tuple[Any, ...]) -> None:
         (["controller.latency_us=0:5:0"], "must be above 0"),
         (["controller.latency_us=a:b"], "no range of numbers"),
         (["controller.latency_us=0:5"], "has no step"),
+        (["controller.latency_us=0:inf:1"], "no range of numbers"),
+        (["controller.kappa=1,,2"], "has an empty value"),
         (["controller.kappa=0:1:0.1", "controller.kappa=2"], "given twice"),
         (["controller.latncy_us=0:5:1"], "did you mean latency_us"),
         (["sensors.bits=4:30:1"], "sensors.bits = 30"),
@@ -78,6 +81,33 @@ def test_spread_points_fill_every_axis_and_are_repeatable(kind: Any) -> None:
     kappas = np.sort([case["controller.kappa"] for case in cases])
     assert np.all(np.abs(kappas - np.linspace(0.0, 2.0, 64)) < 0.07)
     assert [sum(c["sensors.bits"] == b for c in cases) for b in (4, 8, 12, 16)] == [16] * 4
+
+
+def test_spread_points_are_values_that_their_keys_can_have() -> None:
+    scene = load("aluminium-3mm", ["run.step_ns=500"])
+    over = ["sensors.bits=4:9", "controller.latency_us=1:3", "run.seed=1:4", "controller.kappa=0:2"]
+    cases = make_design(scene, over, "lhs", 60, 1).cases()
+    for case in cases:
+        vary(scene, case)
+    found = {key: sorted({case[key] for case in cases}) for key in cases[0]}
+    assert found["sensors.bits"] == [4, 5, 6, 7, 8, 9]
+    assert found["controller.latency_us"] == [1.0, 1.5, 2.0, 2.5, 3.0]
+    assert found["run.seed"] == [1, 2, 3, 4]
+    assert len(found["controller.kappa"]) == 60
+
+
+def test_a_tuned_time_is_a_whole_number_of_steps() -> None:
+    scene = load("aluminium-3mm", ["run.step_ns=500"])
+    axis = fitted(parse_axis("controller.latency_us=1:9"), scene)
+    assert [axis.grained(x) for x in (1.0, 2.2, 2.3, 8.9)] == [1.0, 2.0, 2.5, 9.0]
+
+
+def test_whole_and_other_numbers_of_an_axis_are_one_column_of_numbers(tmp_path: Path) -> None:
+    scene, out = load("aluminium-3mm", COARSE), tmp_path / "r.parquet"
+    study.sweep(scene, Design((parse_axis("controller.kappa=0,0.5,1"),)), "impact", out, workers=1)
+    rows, _ = study.read_results(out)
+    assert [row["controller.kappa"] for row in rows] == [0.0, 0.5, 1.0]
+    assert pyarrow.parquet.read_schema(out).field("controller.kappa").type == "double"
 
 
 def test_the_figures_of_a_case_are_those_of_its_run() -> None:
