@@ -11,7 +11,7 @@ import numpy as np
 from hertzloop import parts
 from hertzloop.compiled import Simulated, simulate
 from hertzloop.impact_rows import F_A, F_C, F_C1, V_P, consistent_impacts, modes_of
-from hertzloop.scene import ControllerTable, Scene, SceneError, SensorsTable
+from hertzloop.scene import NO_CASE_OF_THESIS, ControllerTable, Scene, SceneError, SensorsTable
 from plant.impact_noise import impact_noise
 from plant.noise import ImpactNoise
 
@@ -99,9 +99,7 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
     UnstableLoop.
     """
     if scene.run.scheme == "thesis2008":
-        raise SceneError(
-            "run.scheme = 'thesis2008' has figures of its own; take 'modal' or 'discrete_gradient'"
-        )
+        raise SceneError(NO_CASE_OF_THESIS)
     run = _follow(scene, span)
     books = run.books
     if not abs(books.injected_j) < _UNSTABLE * books.energy_start_j:

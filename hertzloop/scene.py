@@ -14,6 +14,11 @@ _MAX_STEPS = 20_000_000
 _MAX_THESIS_STEPS = 500_000
 
 
+NO_CASE_OF_THESIS = (
+    "run.scheme = 'thesis2008' has figures of its own; take 'modal' or 'discrete_gradient'"
+)
+
+
 class SceneError(ValueError):
     """The scene cannot be simulated; the message says which key, its value and what would do."""
 
