@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet
 import pytest
+from typer.testing import CliRunner
 
 from hertzloop.cases import figures_of_case
+from hertzloop.cli import app
 from hertzloop.compiled import simulate
 from hertzloop.impact_rows import first_impact
 from hertzloop.scene import SceneError, load, vary
@@ -191,6 +193,43 @@ def test_other_files_are_no_results(tmp_path: Path) -> None:
             study.read_results(tmp_path / name)
 
 
+@pytest.mark.parametrize("header", ["[1]", "{}", '{"design": {"axes": []}}'])
+def test_a_table_with_another_header_is_no_result(tmp_path: Path, header: str) -> None:
+    (tmp_path / "a.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "a.csv.json").write_text(header)
+    with pytest.raises(ValueError, match="no results of a sweep"):
+        study.read_results(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (b"garbage\n", "from line 1 on"),
+        (b"\xff\n", "from line 1 on"),
+        (b"[]\n3\n", "another a"),
+        (b'{"a": 1}\n{"x": 1}\n', "from line 2 on"),
+    ],
+)
+def test_a_damaged_journal_is_left_alone_with_a_sentence(
+    tmp_path: Path, text: bytes, says: str
+) -> None:
+    path = tmp_path / "j"
+    path.write_bytes(text)
+    with pytest.raises(JournalError, match=says):
+        Journal(path, {"a": 1})
+    assert path.read_bytes() == text
+
+
+def test_two_sweeps_do_not_write_one_journal(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    with Journal(path, {"a": 1}) as journal:
+        journal.add({"case": 0})
+        with pytest.raises(JournalError, match="in use by a sweep"):
+            Journal(path, {"a": 1})
+    with Journal(path, {"a": 1}) as journal:
+        assert list(journal.done) == [0]
+
+
 def test_a_torn_last_line_is_run_again(tmp_path: Path) -> None:
     path = tmp_path / "j"
     with Journal(path, {"a": 1}) as journal:
@@ -255,6 +294,44 @@ def test_a_killed_sweep_goes_on_without_losing_or_repeating_a_case(tmp_path: Pat
     assert again.returncode == 2  # the results are there already
 
 
+def _children(pid: int) -> list[int]:
+    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def _runs(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM])
+def test_workers_end_with_a_sweep_that_is_killed(tmp_path: Path, sent: signal.Signals) -> None:
+    out = tmp_path / "r.csv"
+    process = subprocess.Popen(command(*BIG, "-o", str(out), "--workers", "2"))
+    _wait_for(study.journal_of(out), 100, process)
+    workers = _children(process.pid)
+    assert len(workers) >= 2
+    process.send_signal(sent)
+    process.wait()
+    deadline = time.monotonic() + 30
+    while any(_runs(pid) for pid in workers) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(_runs(pid) for pid in workers)
+
+
+def test_ctrl_c_ends_a_sweep_with_a_sentence_alone(tmp_path: Path) -> None:
+    out = tmp_path / "r.csv"
+    process = subprocess.Popen(command(*BIG, "-o", str(out), "--workers", "2"),
+                               stderr=subprocess.PIPE, start_new_session=True)  # fmt: skip
+    _wait_for(study.journal_of(out), 100, process)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said.decode().splitlines()[-1].startswith("interrupted; finished cases are kept")
+    assert b"Traceback" not in said
+
+
 @contextmanager
 def cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """A Dask scheduler and workers, each a process."""
@@ -297,6 +374,20 @@ def test_a_dask_cluster_that_loses_a_worker_completes(tmp_path: Path) -> None:
     assert json.loads(report.read_text())["ran"] == 2400
 
 
+def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path: Path) -> None:
+    out = tmp_path / "r.csv"
+    with cluster(1) as (address, _):
+        process = subprocess.Popen(
+            command(*BIG, "-o", str(out), "--dask", address), stderr=subprocess.PIPE
+        )
+        _wait_for(study.journal_of(out), 100, process)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert b"was lost; finished cases are kept" in said.replace(b"\n", b" ")
+    assert b"Traceback" not in said
+    assert len(_lines(study.journal_of(out))) >= 100
+
+
 def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
     found = subprocess.run(
         command("sweep", "--over", "sensors.bits=4,5", "-o", str(tmp_path / "r.csv"),
@@ -305,6 +396,36 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
     )  # fmt: skip
     assert found.returncode == 1
     assert b"no Dask scheduler at tcp://127.0.0.1:1" in found.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (["thesis-aluminium"], 2, "run.scheme = 'thesis2008'"),
+        (["--out", "folder.csv", "--overwrite"], 2, "folder.csv is a folder"),
+        (["--json", "r.csv.json"], 2, "is a file of the results"),
+        (["--set", "run.duration_s=0.0009"], 1, "none of the 2 cases has figures"),
+        (["--over", "controller.latency_us"], 2, "controller.latency_us=0:100:1"),
+    ],
+)
+def test_mistakes_in_a_sweep_end_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], code: int, says: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("folder.csv").mkdir()
+    usual = ["sweep", "--workers", "1", "--over", "controller.kappa=0,1", "-o", "r.csv"]
+    found = CliRunner().invoke(app, [*usual, *words])
+    assert found.exit_code == code
+    assert says in found.stderr
+
+
+def test_results_without_a_case_cannot_be_checked(tmp_path: Path) -> None:
+    scene = load("aluminium-3mm", [*COARSE, "run.duration_s=0.0009"])
+    out = tmp_path / "r.csv"
+    study.sweep(scene, Design((Axis("controller.kappa", (0, 1)),)), "impact", out, workers=1)
+    found = CliRunner().invoke(app, ["check", str(out)])
+    assert found.exit_code == 2
+    assert "no case with figures" in " ".join(found.stderr.split())
 
 
 def test_a_case_is_the_scene_with_its_keys() -> None:
