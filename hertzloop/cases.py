@@ -11,15 +11,13 @@ import numpy as np
 from hertzloop import parts
 from hertzloop.compiled import Simulated, simulate
 from hertzloop.impact_rows import F_A, F_C, F_C1, V_P, consistent_impacts, modes_of
-from hertzloop.scene import ControllerTable, Scene, SceneError, SensorsTable
+from hertzloop.scene import NO_CASE_OF_THESIS, ControllerTable, Scene, SceneError, SensorsTable
 from plant.impact_noise import impact_noise
 from plant.noise import ImpactNoise
 
 Span = Literal["impact", "run"]
 _QUIET_S = 1e-4  # a first impact is over when nothing has touched or pushed for so long
 _FIRST_STEPS = 512  # after the lead-in; four times as many until the impact is over
-
-
 _UNSTABLE = 1e4  # of the impact's energy
 
 
@@ -29,7 +27,8 @@ class UnstableLoop(SceneError):
 
 @dataclass(frozen=True)
 class CaseFigures:
-    """Figures of a case. `*_db`: against the same scene without control; of energies 10 lg, of
+    """Figures of a case. `*_db`: against the same scene without control, over its first impact,
+    or over the whole run where the case takes that (feedback never ends); of energies 10 lg, of
     the plate's largest speed and the pressure bound 20 lg.
 
     `rebound_*`: when the sphere leaves at the end of the span, `contact_us`: of the first
@@ -100,9 +99,7 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
     UnstableLoop.
     """
     if scene.run.scheme == "thesis2008":
-        raise SceneError(
-            "run.scheme = 'thesis2008' has figures of its own; take 'modal' or 'discrete_gradient'"
-        )
+        raise SceneError(NO_CASE_OF_THESIS)
     run = _follow(scene, span)
     books = run.books
     if not abs(books.injected_j) < _UNSTABLE * books.energy_start_j:
@@ -111,7 +108,7 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
             "energy of the impact"
         )
     noise, contacts, peak_n = _noise(scene, run.rows)
-    free = _uncontrolled(_plain(scene), span)
+    free = _uncontrolled(_plain(scene), span if run.over else "run")
     return CaseFigures(
         plate_energy_db=_db(noise.transmitted_j, free.transmitted_j),
         rebound_percent=100.0 * noise.rebound_height_m / free.rebound_height_m

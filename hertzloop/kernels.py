@@ -120,14 +120,23 @@ def advance(plant, plant_state, sensor, sensor_state, forces, window, grant, end
     return False
 
 
+@njit(cache=True, error_model="numpy", forceinline=True, _nrt=False)
+def _last_push(forces, step, end):
+    """Last step after `step` and before `end` with a force; `step` without."""
+    for j in range(min(end, forces.size) - 1, step, -1):
+        if forces[j] != 0.0:
+            return j
+    return step
+
+
 @njit(cache=True, error_model="numpy", _nrt=False)
 def closed_loop(
     plant, plant_state, sensor, sensor_state, law, law_state, line, line_state,
     forces, window, modes, delays, end, quiet_steps,
 ):  # fmt: skip
     """Plant, sensor and controller together up to step `end`, or, if `quiet_steps` is not
-    negative, until a contact has been over for so long and no force is left to come; returns
-    whether that was so."""
+    negative, until after a contact nothing has touched or pushed for so long and no force is left
+    to come; returns whether that was so."""
     touched = False
     last = 0
     while plant_state.counts[pk.STEP] < end:
@@ -141,7 +150,12 @@ def closed_loop(
         if plant_state.body[pk.F_C] != 0.0:
             touched = True
             last = step
+        elif touched and forces[step] != 0.0:
+            last = step
         elif touched and 0 <= quiet_steps <= step - last:
             if ck.promises_zero(law, law_state, line_state):
-                return True
+                # The promise counts from the emitted forces on, which latency puts ahead.
+                last = _last_push(forces, step, line_state.counts[ck.EMITTED])
+                if last == step:
+                    return True
     return False

@@ -5,13 +5,18 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 _MAX_STEPS = 20_000_000
 _MAX_THESIS_STEPS = 500_000
+
+
+NO_CASE_OF_THESIS = (
+    "run.scheme = 'thesis2008' has figures of its own; take 'modal' or 'discrete_gradient'"
+)
 
 
 class SceneError(ValueError):
@@ -287,7 +292,7 @@ def _text(source: str) -> str:
     names = shipped()
     if source not in names:
         close = difflib.get_close_matches(source, names, 1)
-        hint = f"; did you mean {close[0]}?" if close else ""
+        hint = f"; did you mean {close[0]}?" if close else "."
         raise SceneError(
             f"there is no scene '{source}'{hint} Known scenes: {', '.join(names)}; "
             "or give the path of a .toml file"
@@ -358,6 +363,24 @@ def _known_keys(path: tuple[str, ...]) -> list[str]:
     for part in path:
         model = model.model_fields[part].annotation
     return list(model.model_fields)
+
+
+def grain_of(scene: Scene, key: str) -> float:
+    """How far apart the values of "table.key" are: 1 of whole numbers, a step of the controller's
+    times (us), 0 of any numbers and of what is no key."""
+    *path, last = key.split(".")
+    try:
+        model: Any = Scene
+        for part in path:
+            model = model.model_fields[part].annotation
+        kind = model.model_fields[last].annotation
+    except (KeyError, AttributeError):
+        return 0.0
+    if path == ["controller"] and last.endswith("_us"):
+        return scene.run.step_ns / 1000
+    kinds = {kind, *get_args(kind)}
+    kinds |= {inner for outer in kinds for inner in get_args(outer)}
+    return 1.0 if int in kinds else 0.0
 
 
 def _sentence(error: ValidationError) -> str:

@@ -220,10 +220,14 @@ def latency(
 ) -> None:
     """Maps of every figure over latency, bits, sampling, gain; what latency each law survives."""
     from studies import latency as study
+    from studies.evaluate import SweepFailed
 
     check_folder(json_file)
-    with _results_in(folder, "modal"), progress("latency", 100) as advance:
-        found = study.run(folder, quick, lambda done, of: advance(round(100 * done / of)))
+    try:
+        with _results_in(folder, "modal"), progress("latency", 100) as advance:
+            found = study.run(folder, quick, lambda done, of: advance(round(100 * done / of)))
+    except SweepFailed as error:
+        fail(str(error), 1)
     for scene in dict.fromkeys(c.scene for c in found):
         out.print(_survival_table(scene, [c for c in found if c.scene == scene]))
     best = list(study.best_laws(found))

@@ -19,7 +19,7 @@ from hertzloop.options import (
     scene_from,
     write_json,
 )
-from hertzloop.scene import DEFAULT, SceneError
+from hertzloop.scene import DEFAULT, NO_CASE_OF_THESIS, SceneError
 from hertzloop.terminal import err, fail, out, progress
 
 
@@ -65,13 +65,19 @@ def sweep(
     target = out_file or Path(f"{resolved.name}-sweep.parquet")
     if target.suffix not in (".parquet", ".csv"):
         fail(f"{target} is neither .parquet nor .csv, which say how to write the results", 2)
+    if target.is_dir():
+        fail(f"{target} is a folder; choose the name of a file with --out", 2)
     check_output(target, overwrite)
     check_folder(json_file)
+    if json_file in (target, target.with_name(target.name + ".json")):
+        fail(f"--json {json_file} is a file of the results; choose another name", 2)
+    if resolved.run.scheme == "thesis2008":
+        fail(NO_CASE_OF_THESIS, 2)
     try:
         planned = make_design(resolved, over or [], design, cases, resolved.run.seed)
     except (DesignError, SceneError) as error:
         fail(str(error), 2)
-    ensure_compiled(announce_compilation, resolved.run.scheme)
+    ensure_compiled(announce_compilation)
     total = len(planned.cases())
     try:
         with progress(f"{total} cases", total) as advance:
@@ -81,14 +87,15 @@ def sweep(
     except JournalError as error:
         fail(str(error), 2)
     except study.SweepFailed as error:
-        fail(str(error), 1)
+        fail(f"{error}; finished cases are kept, the same command goes on with them", 1)
     except OSError as error:
         fail(f"cannot write {target}: {error.strerror}", 1)
     except KeyboardInterrupt:
         err.print("interrupted; finished cases are kept, the same command goes on with them")
         raise typer.Exit(130) from None
     keys = [axis.key for axis in planned.axes]
-    out.print(_extremes(found.rows, keys))
+    if len(found.failed) < total:
+        out.print(_extremes(found.rows, keys))
     rate = found.ran / found.wall_s if found.wall_s else 0.0
     out.print(
         f"{found.ran} of {total} cases run in {found.wall_s:.2f} s: {rate:.0f} cases/s; "
@@ -96,7 +103,8 @@ def sweep(
         soft_wrap=True,
     )
     for row in found.failed[:3]:
-        err.print(f"case {row['case']} could not be: {row['status']}", soft_wrap=True)
+        said = f"case {row['case']} could not be: {row['status']}"
+        err.print(said, soft_wrap=True, markup=False)
     if len(found.failed) > 3:
         err.print(f"... and {len(found.failed) - 3} more; see the column status")
     write_json(
@@ -110,6 +118,8 @@ def sweep(
             "results": str(target),
         },
     )
+    if len(found.failed) == total:
+        fail(f"none of the {total} cases has figures", 1)
 
 
 _SHOWN = ("plate_energy_db", "rebound_percent", "radiated_db", "plate_speed_db", "pressure_db")
@@ -141,7 +151,7 @@ def check(
     results: Annotated[Path, typer.Argument(metavar="RESULTS", help="Results of a sweep.")],
     cases: Annotated[int, typer.Option(min=1, help="Number of cases, drawn at random.")] = 10,
     transport: Annotated[TransportName, typer.Option(help="How the parts talk.")] = "zenoh",
-    seed: Annotated[int, typer.Option(help="Seed of the draw.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the draw.")] = 1,
     json_file: JsonOption = None,
 ) -> None:
     """Run cases of a sweep again as processes over zenoh; exit 0 if all bytes are the same."""
@@ -158,6 +168,10 @@ def check(
         rows, header = read_results(results)
     except ValueError as error:
         fail(str(error), 2)
+    most = sum(not row["status"] for row in rows)
+    if not most:
+        fail(f"{results} has no case with figures, which could be checked", 2)
+    cases = min(cases, most)
     if header["versions"] != code_version():
         err.print(f"{results} was made with {header['versions']}; bits may differ", soft_wrap=True)
     ensure_compiled(announce_compilation)
@@ -169,7 +183,7 @@ def check(
                 if not equal:
                     differing.append(row["case"])
                 advance(same + len(differing))
-    except (RunFailed, BusError, StreamFault, RecordingError) as error:
+    except (RunFailed, BusError, StreamFault, RecordingError, SceneError) as error:
         fail(str(error), 1)
     out.print(f"{same} of {same + len(differing)} cases: the same bytes over {transport}")
     write_json(json_file, {"same": same, "differing": differing})

@@ -1,5 +1,6 @@
 """The command `tune`."""
 
+import math
 import re
 from contextlib import suppress
 from pathlib import Path
@@ -17,7 +18,7 @@ from hertzloop.options import (
     scene_from,
     write_json,
 )
-from hertzloop.scene import DEFAULT, SceneError, vary
+from hertzloop.scene import DEFAULT, NO_CASE_OF_THESIS, SceneError, vary
 from hertzloop.terminal import fail, out, progress
 
 if TYPE_CHECKING:
@@ -72,13 +73,15 @@ def tune(
     """Find the law and parameters that do best under a scene's latency, bits and force limit."""
     from hertzloop.warmup import ensure_compiled
     from studies import tune as study
-    from studies.design import Design, DesignError, parse_axis
+    from studies.design import DesignError, parse_axis
     from studies.evaluate import SweepFailed, local_pool
     from studies.latency import LAWS
 
     check_folder(json_file)
     names = scenes or [DEFAULT]
     bases = [scene_from(name, settings, seed) for name in names]
+    if any(base.run.scheme == "thesis2008" for base in bases):
+        fail(NO_CASE_OF_THESIS, 2)
     objectives = tuple(minimise or ("plate_energy_db", "rebound_percent"))
     limits = _limits(at_most or [])
     for figure in (*objectives, *limits):
@@ -87,7 +90,7 @@ def tune(
     chosen = list(LAWS) if laws == ["all"] else laws or [bases[0].controller.law]
     try:
         given = tuple(parse_axis(text) for text in ranges or [])
-        around = Design(tuple(parse_axis(text) for text in over or [])).cases()
+        around = _cases_of(over or [])
         tried = [vary(base, case) for base in bases for case in around]
         for law in chosen:
             for scene in tried:
@@ -98,7 +101,10 @@ def tune(
     except (DesignError, SceneError) as error:
         fail(str(error), 2)
     if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            fail(f"{folder} is no folder that could be made: {error.strerror}", 2)
     ensure_compiled(announce_compilation)
     found: list[Found] = []
     try:
@@ -108,7 +114,8 @@ def tune(
                 axes = given or study.ranges_of(law, _impact_speed(tried))
                 found += study.tune(
                     pool, tried, span, law, axes, objectives, at_most=limits,
-                    generations=generations, population=population, seed=seed or 1,
+                    generations=generations, population=population,
+                    seed=1 if seed is None else seed,
                     on_progress=lambda n, done=i * generations: advance(done + n),  # type: ignore[misc]
                 )  # fmt: skip
     except (SweepFailed, SceneError) as error:
@@ -121,21 +128,46 @@ def tune(
     for line in verdict:
         out.print(line, soft_wrap=True)
     if folder is not None:
-        from studies.tabular import write_rows
-        from studies.tune_pictures import draw_front
-
-        name = "tune-" + "-".join(names)
-        keys = sorted({key for f in best for key in f.values})
-        write_rows(
-            folder / f"{name}.csv", [*objectives, *keys],
-            ([*f.figures.values(), *(f.values.get(key, "") for key in keys)] for f in best),
-        )  # fmt: skip
-        draw_front(folder / f"{name}.png", ", ".join(names), best, reference, objectives)
-        out.print(f"written: {folder}/{name}.csv and .png", soft_wrap=True)
+        try:
+            _write(folder, [base.name for base in bases], best, reference, objectives)
+        except OSError as error:
+            fail(f"cannot write into {folder}: {error.strerror}", 1)
     write_json(
         json_file,
         {"front": [vars(f) for f in best], "published": vars(reference), "verdict": verdict},
     )
+
+
+def _write(
+    folder: Path, names: list[str], best: "list[Found]", reference: "Found",
+    objectives: tuple[str, ...],
+) -> None:  # fmt: skip
+    """Settings as CSV, and the chart."""
+    from studies.tabular import write_rows
+    from studies.tune_pictures import draw_front
+
+    name = "tune-" + "-".join(names)
+    keys = sorted({key for f in best for key in f.values})
+    write_rows(
+        folder / f"{name}.csv", [*objectives, *keys],
+        ([*f.figures.values(), *(f.values.get(key, "") for key in keys)] for f in best),
+    )  # fmt: skip
+    draw_front(folder / f"{name}.png", ", ".join(names), best, reference, objectives)
+    out.print(f"written: {folder}/{name}.csv and .png", soft_wrap=True)
+
+
+def _cases_of(over: list[str]) -> list[dict[str, Any]]:
+    """All combinations of the values to be robust over. Raises DesignError."""
+    from studies.design import Design, DesignError, parse_axis
+
+    axes = tuple(parse_axis(text) for text in over)
+    for axis in axes:
+        if not axis.values:
+            raise DesignError(
+                f"--over {axis.key}={axis.low:g}:{axis.high:g} has no step; write "
+                f"{axis.key}=low:high:step or {axis.key}=a,b,c"
+            )
+    return Design(axes).cases()
 
 
 def _limits(texts: list[str]) -> dict[str, float]:
@@ -143,7 +175,7 @@ def _limits(texts: list[str]) -> dict[str, float]:
     for text in texts:
         match = re.fullmatch(r"\s*(\w+)\s*=\s*(\S+)\s*", text)
         with suppress(ValueError):
-            if match:
+            if match and math.isfinite(float(match[2])):
                 found[match[1]] = float(match[2])
                 continue
         fail(f"--at-most '{text}' is no limit; write figure=number, e.g. rebound_percent=120", 2)

@@ -2,13 +2,14 @@
 
 import itertools
 import math
-from dataclasses import dataclass
+import warnings
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from scipy.stats import qmc
 
-from hertzloop.scene import Scene, SceneError, toml_value, vary
+from hertzloop.scene import Scene, SceneError, grain_of, toml_value, vary
 
 Kind = Literal["grid", "lhs", "sobol"]
 _MOST_CASES = 10_000_000
@@ -21,18 +22,34 @@ class DesignError(ValueError):
 @dataclass(frozen=True)
 class Axis:
     """A scene key and what it is to be: `values`, or, for spread points, anything from `low` to
-    `high`."""
+    `high`, in steps of `grain` if that is not 0."""
 
     key: str
     values: tuple[Any, ...] = ()
     low: float = 0.0
     high: float = 0.0
+    grain: float = 0.0
 
     def at(self, share: float) -> Any:
         """Value at a share in [0, 1) of the axis."""
         if self.values:
             return self.values[int(share * len(self.values))]
+        if self.grain:
+            places = math.floor((self.high - self.low) / self.grain + 1e-9) + 1
+            return self.grained(self.low + int(share * places) * self.grain)
         return self.low + share * (self.high - self.low)
+
+    def grained(self, value: float) -> Any:
+        """The value nearest to a number that the key can have."""
+        if not self.grain:
+            return value
+        near = self.low + round((value - self.low) / self.grain) * self.grain
+        return round(near) if self.grain == round(self.grain) else float(f"{near:.12g}")
+
+
+def fitted(axis: Axis, scene: Scene) -> Axis:
+    """The axis with the grain that the scene's key has."""
+    return axis if axis.values else replace(axis, grain=grain_of(scene, axis.key))
 
 
 def parse_axis(text: str) -> Axis:
@@ -48,9 +65,13 @@ def parse_axis(text: str) -> Axis:
         )
     parts = given.split(":")
     if len(parts) == 1:
-        return Axis(key, tuple(toml_value(value) for value in _items(given)))
+        items = _items(given)
+        if "" in items:
+            raise DesignError(f"'{text}' has an empty value; take one comma away")
+        return Axis(key, tuple(toml_value(value) for value in items))
     numbers = [toml_value(part) for part in parts]
-    if len(parts) > 3 or not all(isinstance(x, int | float) for x in numbers):
+    real = all(isinstance(x, int | float) and math.isfinite(x) for x in numbers)
+    if len(parts) > 3 or not real:
         raise DesignError(f"'{text}' is no range of numbers; write {key}=low:high:step")
     low, high = numbers[0], numbers[1]
     if not low <= high:
@@ -96,7 +117,10 @@ class Design:
             every = itertools.product(*(axis.values for axis in self.axes))
             return [dict(zip(keys, values, strict=True)) for values in every]
         sampler: Any = qmc.Sobol if self.kind == "sobol" else qmc.LatinHypercube
-        points = sampler(len(self.axes), rng=np.random.default_rng(self.seed)).random(self.count)
+        spread = sampler(len(self.axes), rng=np.random.default_rng(self.seed))
+        with warnings.catch_warnings():  # Sobol points are balanced best by powers of 2
+            warnings.simplefilter("ignore", UserWarning)
+            points = spread.random(self.count)
         return [
             {axis.key: axis.at(float(x)) for axis, x in zip(self.axes, point, strict=True)}
             for point in points
@@ -105,7 +129,7 @@ class Design:
 
 def make_design(scene: Scene, over: list[str], kind: Kind, count: int, seed: int) -> Design:
     """A design whose every axis fits the scene. Raises DesignError or SceneError."""
-    axes = tuple(parse_axis(text) for text in over)
+    axes = tuple(fitted(parse_axis(text), scene) for text in over)
     if not axes:
         raise DesignError("a sweep needs at least one --over, e.g. controller.latency_us=0:100:1")
     keys = [axis.key for axis in axes]

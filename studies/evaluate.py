@@ -1,12 +1,14 @@
 """Simulate many cases of a scene on the cores at hand."""
 
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import asdict, fields
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from typing import Any
 
 from hertzloop.cases import CaseFigures, Span, figures_of_case
@@ -48,6 +50,28 @@ def local_cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
+def _end_with_parent() -> None:
+    """Let a worker end when its parent is killed; it would wait for work for ever."""
+    parent = parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def _without_interrupt() -> Iterator[None]:
+    """Hold Ctrl-C back; processes started meanwhile never get it, it is for their parent."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 @contextmanager
 def local_pool(workers: int | None = None) -> Iterator[Pool]:
     """Processes that run chunks: a function of scene (TOML), span and chunks that yields their
@@ -57,18 +81,17 @@ def local_pool(workers: int | None = None) -> Iterator[Pool]:
         yield lambda toml, span, chunks: (run_chunk(toml, span, chunk) for chunk in chunks)
         return
     # Spawned, not forked: the caller may have threads.
-    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
+    pool = ProcessPoolExecutor(count, get_context("spawn"), _end_with_parent)
 
     def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
-        futures = [pool.submit(run_chunk, toml, span, chunk) for chunk in chunks]
+        with _without_interrupt():
+            futures = [pool.submit(run_chunk, toml, span, chunk) for chunk in chunks]
         return (future.result() for future in as_completed(futures))
 
     try:
         yield results
     except BrokenProcessPool as error:
-        raise SweepFailed(
-            "a worker process died; finished cases are kept, the same command goes on with them"
-        ) from error
+        raise SweepFailed("a worker process died") from error
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 

@@ -1,5 +1,6 @@
 """Finished cases of a sweep on disk, one line each, so that a killed sweep goes on where it was."""
 
+import fcntl
 import json
 import os
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import Any, Self
 
 
 class JournalError(ValueError):
-    """The journal found belongs to another sweep; the message says what differs."""
+    """The journal found is another sweep's, in use, or damaged; the message says which."""
 
 
 class Journal:
@@ -17,31 +18,48 @@ class Journal:
         """Open or go on with `path`. Raises JournalError, or OSError."""
         self.path = path
         self.done: dict[int, dict[str, Any]] = {}
-        whole = 0
-        if path.exists():
+        self._file = path.open("a+b")
+        try:
+            self._lock()
             whole = self._read(header)
-        self._file = path.open("r+b" if whole else "wb")
-        if not whole:
-            self._write(header)
-        else:
             # A line that a kill has torn is dropped; its case is not finished.
             self._file.truncate(whole)
-            self._file.seek(whole)
+            if not whole:
+                self._write(header)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _lock(self) -> None:
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise JournalError(
+                f"{self.path} is in use by a sweep that is running; wait for its end, or write to "
+                "another file"
+            ) from error
 
     def _read(self, header: dict[str, Any]) -> int:
         """Take over the finished cases; the length of the whole lines in bytes."""
         whole, found = 0, None
-        with self.path.open("rb") as file:
-            for line in file:
-                if not line.endswith(b"\n"):
-                    break
+        self._file.seek(0)
+        for number, line in enumerate(self._file, 1):
+            if not line.endswith(b"\n"):
+                break
+            try:
                 row = json.loads(line)
                 if found is None:
-                    found = row
-                    self._compare(found, header)
+                    found = dict(row)
                 else:
                     self.done[row["case"]] = row
-                whole += len(line)
+            except (ValueError, TypeError, KeyError) as error:
+                raise JournalError(
+                    f"{self.path} is no journal of a sweep from line {number} on; remove the file"
+                    + (", or that line and all after it, to go on" if number > 1 else "")
+                ) from error
+            if number == 1:
+                self._compare(found, header)
+            whole += len(line)
         return whole
 
     def _compare(self, found: dict[str, Any], header: dict[str, Any]) -> None:

@@ -1,10 +1,11 @@
 """Many cases of a scene, on the cores at hand or on many machines, that survive a kill."""
 
 import json
+import logging
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from hertzloop import kernel_cache
-from hertzloop.cases import Span
+from hertzloop.cases import CaseFigures, Span
 from hertzloop.scene import Scene, to_toml, toml_value
 from studies.design import Design
 from studies.evaluate import SweepFailed, chunked, local_cores, local_pool, run_chunk
@@ -111,12 +112,15 @@ def _dask_results(
 ) -> Iterator[Iterator[list[dict[str, Any]]]]:
     """The same from the workers of a Dask scheduler; it gives a dead worker's work to others."""
     try:
-        from distributed import Client
+        from distributed import CancelledError, Client, KilledWorker
         from distributed import as_completed as dask_completed
+        from distributed.comm import CommClosedError
     except ImportError as error:
         raise SweepFailed(
             "--dask needs the package distributed: pip install distributed"
         ) from error
+    # What it says of its own, with tracebacks, is said here in a sentence.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError, TimeoutError) as error:
@@ -135,7 +139,10 @@ def _dask_results(
         futures = client.map(
             lambda chunk: run_chunk(toml, span, chunk), chunks, pure=False, retries=2
         )
-        yield (future.result() for future in dask_completed(futures))
+        try:
+            yield (future.result() for future in dask_completed(futures))
+        except (CancelledError, CommClosedError, KilledWorker) as error:
+            raise SweepFailed(f"the Dask cluster at {address} was lost") from error
 
 
 def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any]) -> None:
@@ -162,7 +169,11 @@ def _beside(out: Path) -> Path:
 def _one_type_a_column(
     rows: list[dict[str, Any]], keys: list[str], suffix: str
 ) -> list[dict[str, Any]]:
-    """Rows with values as TOML text for keys that have values of several types, or lists in CSV."""
+    """Rows with numbers of one type, and values as TOML text for keys that have values of several
+    types, or lists in CSV."""
+    for key in keys:
+        if {type(row[key]) for row in rows} == {int, float}:
+            rows = [row | {key: float(row[key])} for row in rows]
     text = [
         key
         for key in keys
@@ -186,11 +197,17 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         else:
             table = pyarrow.csv.read_csv(path)
             header = json.loads(_beside(path).read_text(encoding="utf-8"))
-    except (pa.ArrowInvalid, KeyError, TypeError, OSError, json.JSONDecodeError) as error:
+        keys = [axis["key"] for axis in header["design"]["axes"]]
+        rows = table.select(["case", *keys, *(f.name for f in fields(CaseFigures)), "status"])
+        rows = rows.to_pylist()
+        for name in ("scene_toml", "span", "versions"):
+            header[name]
+    except KeyError as error:
+        raise ValueError(f"{path} holds no results of a sweep: it has no {error}") from error
+    except (pa.ArrowException, ValueError, TypeError, OSError) as error:
         raise ValueError(f"{path} holds no results of a sweep: {error}") from error
-    rows = table.to_pylist()
-    for axis in header["design"]["axes"]:
+    for key in keys:
         for row in rows:
-            if isinstance(row[axis["key"]], str):
-                row[axis["key"]] = toml_value(row[axis["key"]])
+            if isinstance(row[key], str):
+                row[key] = toml_value(row[key])
     return rows, header

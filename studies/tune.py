@@ -18,7 +18,7 @@ from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
 from hertzloop.cases import Span
 from hertzloop.scene import Scene
-from studies.design import Axis
+from studies.design import Axis, fitted
 from studies.evaluate import Pool, evaluate
 
 OBJECTIVES = (
@@ -28,7 +28,6 @@ OBJECTIVES = (
 PUBLISHED: dict[str, Any] = {
     "controller.law": "slope_threshold", "controller.kappa": 0.8, "controller.v_thr_m_s": -0.25,
 }  # fmt: skip
-_WHOLE = {"controller.window_samples", "controller.fade_us", "controller.lead_us"}
 _BAD = 1e6  # of a case without figures: unstable, or impossible
 
 
@@ -59,7 +58,7 @@ def ranges_of(law: str, impact_speed_m_s: float) -> tuple[Axis, ...]:
 def _value(axis: Axis, x: float) -> Any:
     if axis.values:
         return axis.values[min(int(x), len(axis.values) - 1)]
-    return round(x) if axis.key in _WHOLE else float(x)
+    return axis.grained(float(x))
 
 
 class _Settings(Problem):
@@ -76,6 +75,7 @@ class _Settings(Problem):
         at_most: dict[str, float],
     ) -> None:
         self.pool, self.scenes, self.span = pool, scenes, span
+        axes = tuple(fitted(axis, scenes[0]) for axis in axes)
         self.fixed, self.axes = fixed, axes
         self.objectives, self.at_most = objectives, at_most
         low = [0.0 if axis.values else axis.low for axis in axes]

@@ -12,15 +12,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet
 import pytest
+from typer.testing import CliRunner
 
 from hertzloop.cases import figures_of_case
+from hertzloop.cli import app
 from hertzloop.compiled import simulate
 from hertzloop.impact_rows import first_impact
 from hertzloop.scene import SceneError, load, vary
 from studies import evaluate
 from studies import sweep as study
-from studies.design import Axis, Design, DesignError, make_design, parse_axis
+from studies.design import Axis, Design, DesignError, fitted, make_design, parse_axis
 from studies.journal import Journal, JournalError
 from studies.replay_cases import replay_cases
 
@@ -54,6 +57,8 @@ def test_values_of_an_axis(text: str, values: tuple[Any, ...]) -> None:
         (["controller.latency_us=0:5:0"], "must be above 0"),
         (["controller.latency_us=a:b"], "no range of numbers"),
         (["controller.latency_us=0:5"], "has no step"),
+        (["controller.latency_us=0:inf:1"], "no range of numbers"),
+        (["controller.kappa=1,,2"], "has an empty value"),
         (["controller.kappa=0:1:0.1", "controller.kappa=2"], "given twice"),
         (["controller.latncy_us=0:5:1"], "did you mean latency_us"),
         (["sensors.bits=4:30:1"], "sensors.bits = 30"),
@@ -78,6 +83,33 @@ def test_spread_points_fill_every_axis_and_are_repeatable(kind: Any) -> None:
     kappas = np.sort([case["controller.kappa"] for case in cases])
     assert np.all(np.abs(kappas - np.linspace(0.0, 2.0, 64)) < 0.07)
     assert [sum(c["sensors.bits"] == b for c in cases) for b in (4, 8, 12, 16)] == [16] * 4
+
+
+def test_spread_points_are_values_that_their_keys_can_have() -> None:
+    scene = load("aluminium-3mm", ["run.step_ns=500"])
+    over = ["sensors.bits=4:9", "controller.latency_us=1:3", "run.seed=1:4", "controller.kappa=0:2"]
+    cases = make_design(scene, over, "lhs", 60, 1).cases()
+    for case in cases:
+        vary(scene, case)
+    found = {key: sorted({case[key] for case in cases}) for key in cases[0]}
+    assert found["sensors.bits"] == [4, 5, 6, 7, 8, 9]
+    assert found["controller.latency_us"] == [1.0, 1.5, 2.0, 2.5, 3.0]
+    assert found["run.seed"] == [1, 2, 3, 4]
+    assert len(found["controller.kappa"]) == 60
+
+
+def test_a_tuned_time_is_a_whole_number_of_steps() -> None:
+    scene = load("aluminium-3mm", ["run.step_ns=500"])
+    axis = fitted(parse_axis("controller.latency_us=1:9"), scene)
+    assert [axis.grained(x) for x in (1.0, 2.2, 2.3, 8.9)] == [1.0, 2.0, 2.5, 9.0]
+
+
+def test_whole_and_other_numbers_of_an_axis_are_one_column_of_numbers(tmp_path: Path) -> None:
+    scene, out = load("aluminium-3mm", COARSE), tmp_path / "r.parquet"
+    study.sweep(scene, Design((parse_axis("controller.kappa=0,0.5,1"),)), "impact", out, workers=1)
+    rows, _ = study.read_results(out)
+    assert [row["controller.kappa"] for row in rows] == [0.0, 0.5, 1.0]
+    assert pyarrow.parquet.read_schema(out).field("controller.kappa").type == "double"
 
 
 def test_the_figures_of_a_case_are_those_of_its_run() -> None:
@@ -161,6 +193,43 @@ def test_other_files_are_no_results(tmp_path: Path) -> None:
             study.read_results(tmp_path / name)
 
 
+@pytest.mark.parametrize("header", ["[1]", "{}", '{"design": {"axes": []}}'])
+def test_a_table_with_another_header_is_no_result(tmp_path: Path, header: str) -> None:
+    (tmp_path / "a.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "a.csv.json").write_text(header)
+    with pytest.raises(ValueError, match="no results of a sweep"):
+        study.read_results(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (b"garbage\n", "from line 1 on"),
+        (b"\xff\n", "from line 1 on"),
+        (b"[]\n3\n", "another a"),
+        (b'{"a": 1}\n{"x": 1}\n', "from line 2 on"),
+    ],
+)
+def test_a_damaged_journal_is_left_alone_with_a_sentence(
+    tmp_path: Path, text: bytes, says: str
+) -> None:
+    path = tmp_path / "j"
+    path.write_bytes(text)
+    with pytest.raises(JournalError, match=says):
+        Journal(path, {"a": 1})
+    assert path.read_bytes() == text
+
+
+def test_two_sweeps_do_not_write_one_journal(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    with Journal(path, {"a": 1}) as journal:
+        journal.add({"case": 0})
+        with pytest.raises(JournalError, match="in use by a sweep"):
+            Journal(path, {"a": 1})
+    with Journal(path, {"a": 1}) as journal:
+        assert list(journal.done) == [0]
+
+
 def test_a_torn_last_line_is_run_again(tmp_path: Path) -> None:
     path = tmp_path / "j"
     with Journal(path, {"a": 1}) as journal:
@@ -225,6 +294,44 @@ def test_a_killed_sweep_goes_on_without_losing_or_repeating_a_case(tmp_path: Pat
     assert again.returncode == 2  # the results are there already
 
 
+def _children(pid: int) -> list[int]:
+    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def _runs(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM])
+def test_workers_end_with_a_sweep_that_is_killed(tmp_path: Path, sent: signal.Signals) -> None:
+    out = tmp_path / "r.csv"
+    process = subprocess.Popen(command(*BIG, "-o", str(out), "--workers", "2"))
+    _wait_for(study.journal_of(out), 100, process)
+    workers = _children(process.pid)
+    assert len(workers) >= 2
+    process.send_signal(sent)
+    process.wait()
+    deadline = time.monotonic() + 30
+    while any(_runs(pid) for pid in workers) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(_runs(pid) for pid in workers)
+
+
+def test_ctrl_c_ends_a_sweep_with_a_sentence_alone(tmp_path: Path) -> None:
+    out = tmp_path / "r.csv"
+    process = subprocess.Popen(command(*BIG, "-o", str(out), "--workers", "2"),
+                               stderr=subprocess.PIPE, start_new_session=True)  # fmt: skip
+    _wait_for(study.journal_of(out), 100, process)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said.decode().splitlines()[-1].startswith("interrupted; finished cases are kept")
+    assert b"Traceback" not in said
+
+
 @contextmanager
 def cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """A Dask scheduler and workers, each a process."""
@@ -267,6 +374,20 @@ def test_a_dask_cluster_that_loses_a_worker_completes(tmp_path: Path) -> None:
     assert json.loads(report.read_text())["ran"] == 2400
 
 
+def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path: Path) -> None:
+    out = tmp_path / "r.csv"
+    with cluster(1) as (address, _):
+        process = subprocess.Popen(
+            command(*BIG, "-o", str(out), "--dask", address), stderr=subprocess.PIPE
+        )
+        _wait_for(study.journal_of(out), 100, process)
+    _, said = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert b"was lost; finished cases are kept" in said.replace(b"\n", b" ")
+    assert b"Traceback" not in said
+    assert len(_lines(study.journal_of(out))) >= 100
+
+
 def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
     found = subprocess.run(
         command("sweep", "--over", "sensors.bits=4,5", "-o", str(tmp_path / "r.csv"),
@@ -275,6 +396,36 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
     )  # fmt: skip
     assert found.returncode == 1
     assert b"no Dask scheduler at tcp://127.0.0.1:1" in found.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "says"),
+    [
+        (["thesis-aluminium"], 2, "run.scheme = 'thesis2008'"),
+        (["--out", "folder.csv", "--overwrite"], 2, "folder.csv is a folder"),
+        (["--json", "r.csv.json"], 2, "is a file of the results"),
+        (["--set", "run.duration_s=0.0009"], 1, "none of the 2 cases has figures"),
+        (["--over", "controller.latency_us"], 2, "controller.latency_us=0:100:1"),
+    ],
+)
+def test_mistakes_in_a_sweep_end_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], code: int, says: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("folder.csv").mkdir()
+    usual = ["sweep", "--workers", "1", "--over", "controller.kappa=0,1", "-o", "r.csv"]
+    found = CliRunner().invoke(app, [*usual, *words])
+    assert found.exit_code == code
+    assert says in found.stderr
+
+
+def test_results_without_a_case_cannot_be_checked(tmp_path: Path) -> None:
+    scene = load("aluminium-3mm", [*COARSE, "run.duration_s=0.0009"])
+    out = tmp_path / "r.csv"
+    study.sweep(scene, Design((Axis("controller.kappa", (0, 1)),)), "impact", out, workers=1)
+    found = CliRunner().invoke(app, ["check", str(out)])
+    assert found.exit_code == 2
+    assert "no case with figures" in " ".join(found.stderr.split())
 
 
 def test_a_case_is_the_scene_with_its_keys() -> None:

@@ -1,0 +1,37 @@
+"""The command `tune`: mistakes end with a sentence, results have the scene's name."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from hertzloop.cli import app
+
+QUICK = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--generations", "1",
+         "--population", "4", "--minimise", "plate_energy_db"]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["thesis-aluminium"], "run.scheme = 'thesis2008'"),
+        (["--over", "controller.kappa=0:1"], "has no step"),
+        (["--at-most", "rebound_percent=nan"], "is no limit"),
+        (["--law", "nonsense"], "controller.law = 'nonsense'"),
+        (["--minimise", "nonsense"], "is no figure"),
+        (["--out", __file__], "is no folder"),
+    ],
+)
+def test_mistakes_are_the_users(words: list[str], says: str) -> None:
+    found = CliRunner().invoke(app, ["tune", *words])
+    assert found.exit_code == 2
+    assert says in " ".join(found.stderr.split())
+
+
+def test_a_scene_file_gives_results_the_name_of_the_scene(tmp_path: Path) -> None:
+    scenes = Path(__file__).parents[2] / "hertzloop" / "scenes"
+    path = str(scenes / "aluminium-3mm.toml")
+    found = CliRunner().invoke(app, ["tune", path, *QUICK, "--out", str(tmp_path / "new")])
+    assert found.exit_code == 0
+    written = {f.name for f in (tmp_path / "new").iterdir()}
+    assert written == {"tune-aluminium-3mm.csv", "tune-aluminium-3mm.png"}
