@@ -39,7 +39,8 @@ class LawSpec:
 
     Slope threshold: `kappa` (1) scales s p^(3/2) with `stiffness` s (N/m^1.5), `v_thr_m_s`
     is the slope (m/s) at which the delay is latched, of a line through the last `window`
-    samples (least squares). After the contact the force fades over `fade_samples`.
+    samples (least squares). After the contact the force fades over `fade_samples`, if
+    given; 0 ends it at once.
     Predicted: the same for what a sphere of `mass_kg` on an infinite plate of `impedance_n_s_m`
     (N s/m) will do in the next `lead_samples`; it watches below `watch_level`.
     Constant and profile: forces `profile_n` (N), one a sample from the first in contact on.
@@ -57,7 +58,7 @@ class LawSpec:
     contact_level: float = 0.0
     lead_samples: int = 0
     window: int = 2
-    fade_samples: int = 0
+    fade_samples: int | None = None
     watch_level: float = 0.0
     mass_kg: float = math.inf
     impedance_n_s_m: float = math.inf
@@ -82,7 +83,7 @@ def law_model(spec: LawSpec, sample_s: float) -> laws.LawModel:
         profile=np.array(spec.profile_n, dtype=float),
         slope_weights=place / (np.sum(place * place) * sample_s),
         lead_samples=spec.lead_samples,
-        fade_samples=spec.fade_samples,
+        fade_samples=-1 if spec.fade_samples is None else spec.fade_samples,
         gain=spec.gain,
         keep=math.exp(-2.0 * math.pi * spec.leak_hz * sample_s),
         dead_zone=spec.dead_zone,

@@ -28,7 +28,7 @@ class LawModel(NamedTuple):
     `lead_samples` ahead: it commands what is due that much later. `slope_weights`: of the last
     samples, 1/s. Below `watch_level` the law `PREDICTED` watches. `gain`: command per sampled
     value, or per its integral, which keeps the share `keep` from sample to sample;
-    values up to `dead_zone` count as zero."""
+    values up to `dead_zone` count as zero; `fade_samples` below 0: the force does not fade."""
 
     law: int
     contact_level: float
@@ -78,7 +78,7 @@ def _hertz_command(model, xi):
 @njit(cache=True, error_model="numpy", forceinline=True)
 def _faded(model, counts, index):
     """Share of the command that is left `index - LEFT + 1` samples after the contact's end."""
-    if model.fade_samples == 0 or counts[WAS_IN_CONTACT] == 1:
+    if model.fade_samples < 0 or counts[WAS_IN_CONTACT] == 1:
         return 1.0
     after = index - counts[LEFT] + 1
     if after > model.fade_samples:
@@ -246,7 +246,7 @@ def take_sample(model, state, value):
 def known_ahead(model, state):
     """Number of samples to come whose command no longer depends on them."""
     counts = state.counts
-    if counts[MODE] != ACTING or model.law >= FEEDBACK or model.fade_samples > 0:
+    if counts[MODE] != ACTING or model.law >= FEEDBACK or model.fade_samples >= 0:
         return 0
     last = counts[SAMPLES] - 1
     if model.law == PROFILE:

@@ -8,8 +8,10 @@ from typing import Literal
 
 import numpy as np
 
+from controller.controller import Mode
 from hertzloop import parts
 from hertzloop.compiled import Simulated, simulate
+from hertzloop.events import LATCHING
 from hertzloop.impact_rows import F_A, F_C, F_C1, V_P, consistent_impacts, modes_of
 from hertzloop.scene import NO_CASE_OF_THESIS, ControllerTable, Scene, SceneError, SensorsTable
 from plant.impact_noise import impact_noise
@@ -84,11 +86,11 @@ def _follow(scene: Scene, span: Span) -> Simulated:
     return simulate(scene, quiet)
 
 
-def _latched_us(scene: Scene, delays: np.ndarray) -> float:
-    latched = delays[delays > 0]
-    if not len(latched):
+def _latched_us(scene: Scene, run: Simulated) -> float:
+    acting = np.flatnonzero(run.modes == Mode.ACTING)
+    if scene.controller.law not in LATCHING or not len(acting):
         return math.nan
-    return float(latched[0]) * scene.sensors.every_steps * scene.run.step_ns / 1000
+    return float(run.delays[acting[0]]) * scene.sensors.every_steps * scene.run.step_ns / 1000
 
 
 def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
@@ -126,7 +128,7 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
         contact_us=1e6 * noise.contact_time_s,
         contacts=contacts,
         peak_force_n=peak_n,
-        delay_us=_latched_us(scene, run.delays),
+        delay_us=_latched_us(scene, run),
         energy_residual=books.energy_residual,
         steps=run.rows.shape[1],
         digest=digest_of(run.rows, run.samples),

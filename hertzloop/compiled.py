@@ -28,11 +28,12 @@ from plant.thesis2008 import ThesisPlant
 @dataclass(frozen=True)
 class Simulated:
     """A simulated run in memory: rows as in TruthBlock, shape (8, steps), samples as they would
-    be sent (values, or codes of a converter), delays (samples) that the law has latched after
+    be sent (values, or codes of a converter), the law's mode and latched delay (samples) after
     each, books, and whether the run was cut because its first impact was over."""
 
     rows: np.ndarray
     samples: np.ndarray
+    modes: np.ndarray
     delays: np.ndarray
     books: Books
     over: bool
@@ -57,7 +58,12 @@ def simulate(scene: Scene, quiet_steps: int = -1) -> Simulated:
     steps, taken = (int(window.counts[i]) for i in (k.TRUTH_END, k.SAMPLES_END))
     sent = window.values if sensor.model.ideal else window.codes
     return Simulated(
-        window.truth[:, :steps], sent[:taken], delays[:taken], plant.close_books(), bool(over)
+        window.truth[:, :steps],
+        sent[:taken],
+        modes[:taken],
+        delays[:taken],
+        plant.close_books(),
+        bool(over),
     )
 
 

@@ -14,7 +14,7 @@ from hertzloop.scene import Scene
 from sensors.acquisition import Quantity
 
 # Laws that latch a delay when the slope crosses the threshold.
-_LATCHING = {"slope_threshold", "least_squares", "shifted_threshold", "predicted", "fade_out"}
+LATCHING = {"slope_threshold", "least_squares", "shifted_threshold", "predicted", "fade_out"}
 
 
 def log(name: str, step: int, step_ns: int, text: str, level: Any = Log.INFO) -> Log:
@@ -64,7 +64,7 @@ class ControllerEvents:
 
     def __init__(self, scene: Scene) -> None:
         self._step_ns, self._every = scene.run.step_ns, scene.sensors.every_steps
-        self._latches = scene.controller.law in _LATCHING
+        self._latches = scene.controller.law in LATCHING
         self._mode = int(Mode.IDLE)
 
     def of(self, first_sample: int, modes: np.ndarray, delays: np.ndarray) -> Iterator[Log]:

@@ -1,6 +1,7 @@
 """Options and checks that commands share."""
 
 import json
+import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -73,9 +74,18 @@ def write_json(path: Path | None, data: dict[str, Any]) -> None:
     if path is None:
         return
     try:
-        path.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(_strict(data), indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         fail(f"cannot write {path}: {error.strerror}", 1)
+
+
+def _strict(data: Any) -> Any:
+    """The same with null for numbers that JSON does not know."""
+    if isinstance(data, dict):
+        return {key: _strict(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_strict(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
 def announce_compilation() -> None:

@@ -122,7 +122,12 @@ def tune(
         fail(str(error), 1)
     best = study.front(found, objectives)
     if not best:
-        fail("no setting of these laws is stable and keeps to --at-most", 1)
+        fail(
+            "no setting of these laws has all figures and keeps to --at-most; a loop may be "
+            "unstable, and without control the sphere may not rebound within the span (try "
+            "--span run)",
+            1,
+        )
     out.print(_table(best, reference, objectives))
     verdict = _verdict(best, reference, objectives)
     for line in verdict:

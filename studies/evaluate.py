@@ -36,8 +36,9 @@ def run_case(scene: Scene, span: Span, number: int, values: dict[str, Any]) -> d
     row: dict[str, Any] = {"case": number, **values}
     try:
         return row | asdict(figures_of_case(vary(scene, values), span)) | {"status": ""}
-    except SceneError as error:
-        return row | dict.fromkeys(f.name for f in fields(CaseFigures)) | {"status": str(error)}
+    except Exception as error:  # one case must not end the others
+        status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
+        return row | dict.fromkeys(f.name for f in fields(CaseFigures)) | {"status": status}
 
 
 def chunked(numbered: Numbered) -> list[Numbered]:

@@ -120,7 +120,9 @@ def _dask_results(
             "--dask needs the package distributed: pip install distributed"
         ) from error
     # What it says of its own, with tracebacks, is said here in a sentence.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
+    for name in ("distributed", *logging.root.manager.loggerDict):
+        if name.startswith("distributed"):  # some have a level of their own
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError, TimeoutError) as error:

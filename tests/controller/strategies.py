@@ -42,7 +42,7 @@ LAWS = st.one_of(
         THRESHOLDS,
         contact_level=LEVELS,
         window=st.sampled_from([2, 3, 5]),
-        fade_samples=st.sampled_from([0, 1, 4]),
+        fade_samples=st.sampled_from([None, 0, 1, 4]),
     ),
     st.builds(
         LawSpec,

@@ -76,6 +76,8 @@ def test_the_force_fades_after_the_contact() -> None:
     assert full[:8].tolist() == [0, 0, 0, 4, 32, 32, 0, 0]
     # One sample after the contact half of it is left, then nothing.
     assert faded[:8].tolist() == [0, 0, 0, 4, 16, 0, 0, 0]
+    at_once = commands(replace(SLOPE, fade_samples=0), samples)
+    assert at_once[:8].tolist() == [0, 0, 0, 4, 0, 0, 0, 0]
 
 
 @pytest.mark.parametrize("lead", [1, 5, 12])

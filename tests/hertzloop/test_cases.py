@@ -30,3 +30,12 @@ def test_a_case_that_never_ends_is_compared_with_as_long_a_run_without_control()
     assert len(contacts) > 1
     change = figures.plate_energy_j / sum(c.plate_energy_j for c in contacts)
     assert 10.0 ** (0.1 * figures.plate_energy_db) == pytest.approx(change, rel=1e-9)
+
+
+def test_a_delay_of_zero_is_a_delay() -> None:
+    """A threshold below the impact speed is crossed by the first sample in contact."""
+    keys = ["run.accuracy=0.1", "run.duration_s=0.0013"]
+    at_once = figures_of_case(load("aluminium-3mm", [*keys, "controller.v_thr_m_s=-2"]))
+    assert at_once.delay_us == 0.0
+    off = figures_of_case(load("aluminium-3mm", [*keys, "controller.law=off"]))
+    assert off.delay_us != off.delay_us  # nan
