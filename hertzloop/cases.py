@@ -35,8 +35,9 @@ class CaseFigures:
 
     `rebound_*`: when the sphere leaves at the end of the span, `contact_us`: of the first
     contact, `plate_energy_j`: work of all forces on the plate, `injected_j`: the actuator's
-    share, `delay_us`: latched by the law, nan without. `digest`: of all samples and rows of
-    truth of the `steps` steps.
+    share, `delay_us`: latched by the law, nan without. `plate_model`: "modal" or "infinite",
+    what the scene's run.plate_model came to. `digest`: of all samples and rows of truth of the
+    `steps` steps.
     """
 
     plate_energy_db: float
@@ -55,6 +56,7 @@ class CaseFigures:
     peak_force_n: float
     delay_us: float
     energy_residual: float
+    plate_model: str
     steps: int
     digest: str
 
@@ -72,12 +74,38 @@ def lasting(scene: Scene, steps: int) -> Scene:
     return scene.model_copy(update={"run": run})
 
 
-def _follow(scene: Scene, span: Span) -> Simulated:
-    """Simulate as much of a scene as the span asks for."""
+def on_plate(scene: Scene, plate_model: str) -> Scene:
+    """The scene with run.plate_model set."""
+    return scene.model_copy(
+        update={"run": scene.run.model_copy(update={"plate_model": plate_model})}
+    )
+
+
+def _follow(scene: Scene, span: Span) -> tuple[Scene, Simulated]:
+    """Simulate as much of a scene as the span asks for; the scene with the model of the plate
+    that it came to.
+
+    "auto" means the infinite plate where it meets the accuracy until the span is over.
+    """
     if span == "run":
-        return simulate(scene)
-    steps = round(scene.run.lead_in_s / scene.step_s) + _FIRST_STEPS
+        scene = on_plate(scene, parts.plate_model(scene))
+        return scene, simulate(scene)
     quiet = max(round(_QUIET_S / scene.step_s), 1)
+    if scene.run.plate_model == "auto":
+        lasts_s = parts.infinite_plate_lasts_s(scene)
+        steps = int((parts.first_touch_s(scene) + lasts_s) / scene.step_s)
+        if lasts_s > 0.0:
+            infinite = on_plate(scene, "infinite")
+            found = simulate(lasting(infinite, min(steps, scene.steps)), quiet)
+            if found.over or steps >= scene.steps:
+                return infinite, found
+        scene = on_plate(scene, "modal")
+    return scene, _until_over(scene, quiet)
+
+
+def _until_over(scene: Scene, quiet: int) -> Simulated:
+    """Simulate until the first impact is over, the run's end at the latest."""
+    steps = round(scene.run.lead_in_s / scene.step_s) + _FIRST_STEPS
     while steps < scene.steps:
         found = simulate(lasting(scene, steps), quiet)
         if found.over:
@@ -102,7 +130,8 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
     """
     if scene.run.scheme == "thesis2008":
         raise SceneError(NO_CASE_OF_THESIS)
-    run = _follow(scene, span)
+    plain = _plain(scene)
+    scene, run = _follow(scene, span)
     books = run.books
     if not abs(books.injected_j) < _UNSTABLE * books.energy_start_j:
         raise UnstableLoop(
@@ -110,7 +139,7 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
             "energy of the impact"
         )
     noise, contacts, peak_n = _noise(scene, run.rows)
-    free = _uncontrolled(_plain(scene), span if run.over else "run")
+    free = _uncontrolled(plain, span if run.over else "run")
     return CaseFigures(
         plate_energy_db=_db(noise.transmitted_j, free.transmitted_j),
         rebound_percent=100.0 * noise.rebound_height_m / free.rebound_height_m
@@ -130,6 +159,7 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
         peak_force_n=peak_n,
         delay_us=_latched_us(scene, run),
         energy_residual=books.energy_residual,
+        plate_model=scene.run.plate_model,
         steps=run.rows.shape[1],
         digest=digest_of(run.rows, run.samples),
     )
@@ -156,7 +186,8 @@ def _plain(scene: Scene) -> Scene:
 
 @lru_cache(maxsize=64)
 def _uncontrolled(scene: Scene, span: Span) -> ImpactNoise:
-    return _noise(scene, _follow(scene, span).rows)[0]
+    scene, run = _follow(scene, span)
+    return _noise(scene, run.rows)[0]
 
 
 def _noise(scene: Scene, rows: np.ndarray) -> tuple[ImpactNoise, int, float]:

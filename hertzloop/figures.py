@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.impact_rows import impacts_of_rows
+from hertzloop.model_cost import chosen_model
 from hertzloop.plant_node import TRUTH_FIELDS
 from hertzloop.scene import Scene
 from recordings.reader import Recording
@@ -62,6 +63,7 @@ def run_report(
         "frequency_limit_hz": books.frequency_limit_hz,
         "expected_error": books.expected_error,
         "requested_accuracy": scene.run.accuracy,
+        "model": chosen_model(scene),
         "newton_iterations_max": books.newton_iterations_max,
         **figures_of(scene, rows_of(recording)),
         "uncontrolled": uncontrolled,

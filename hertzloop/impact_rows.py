@@ -12,6 +12,7 @@ from plant.collocation import flexibility_m_n
 from plant.contact import GRAVITY_M_S2
 from plant.impact_noise import impact_noise, published_noise
 from plant.impacts import Impact, impacts
+from plant.infinite import impedance_n_s_m
 from plant.noise import ImpactNoise
 from plant.plant import PlantSpec
 from plant.plate import Oscillators, oscillators
@@ -68,6 +69,7 @@ def consistent_impacts(
         rows[XI], rows[XI_S], modal_displacement(spec, rows), rows[F_C], rows[F_A],
         None if same else rows[XI_A],
         spec.sphere.mass_kg, spec.step_s, f_c1=rows[F_C1], v_p=rows[V_P],
+        impedance_n_s_m=impedance_n_s_m(spec.plate) if spec.infinite_plate else None,
     )  # fmt: skip
 
 

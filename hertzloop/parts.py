@@ -9,23 +9,28 @@ from controller.threshold import shifted_threshold_m_s
 from hertzloop.scene import SENSED, Scene, SceneError
 from plant.collocation import CollocationPlant
 from plant.contact import (
+    GRAVITY_M_S2,
     Contact,
     Damping,
     Sphere,
     hertz_stiffness,
     hunt_crossley_parameter,
     rigid_contact_time_s,
+    rigid_peak_force_n,
 )
+from plant.infinite import InfinitePlant
 from plant.materials import MATERIALS
 from plant.model_order import expected_error, frequency_limit_hz
 from plant.plant import Plant, PlantSpec
 from plant.plate import Plate
+from plant.reflections import Actuation, Reflections, reflections
 from plant.thesis2008 import ThesisPlant
 from sensors.acquisition import Quantity, Sensor, SensorSpec
 
 _MAX_MODES = 500_000
 # Ranges of converters, of the largest value on a rigid plate.
 _GAP_LOW, _GAP_HIGH, _ABOVE = -1.25, 0.25, 1.25
+_LONGER = 2.0  # the delay that a law may latch, against the contact without control
 _LAWS = {
     "least_squares": Law.SLOPE_THRESHOLD,
     "shifted_threshold": Law.SLOPE_THRESHOLD,
@@ -42,15 +47,14 @@ def plant_spec(scene: Scene) -> PlantSpec:
     sphere, plate = _bodies(scene)
     table = scene.plate
     contact = _contact(scene, sphere, plate)
+    infinite = plate_model(scene) == "infinite"
     limit = 0.5 / scene.step_s  # thesis2008: all modes to pi/dt
     if scene.run.scheme != "thesis2008":
         limit = frequency_limit_hz(
             sphere, plate, contact, scene.step_s, scene.run.accuracy,
             spring=scene.run.scheme == "modal",
         )  # fmt: skip
-    # Modal density of a plate: area/(4 pi) sqrt(m''/B') modes per rad/s.
-    density = math.sqrt(plate.mass_per_area_kg_m2 / plate.bending_stiffness_n_m) / (4 * math.pi)
-    modes = density * table.size_m[0] * table.size_m[1] * 2 * math.pi * limit
+    modes = plate.modes_below(limit)
     if modes > _MAX_MODES:
         raise SceneError(
             f"plate.size_m = {list(table.size_m)} with plate.thickness_m = {table.thickness_m:g} "
@@ -66,7 +70,8 @@ def plant_spec(scene: Scene) -> PlantSpec:
         step_s=scene.step_s,
         frequency_limit_hz=limit,
         lead_in_s=scene.run.lead_in_s,
-        residual_flexibility=scene.run.scheme == "modal",
+        residual_flexibility=scene.run.scheme == "modal" and not infinite,
+        infinite_plate=infinite,
     )
 
 
@@ -100,7 +105,7 @@ def plant_of(spec: PlantSpec, scene: Scene) -> Plant | ThesisPlant:
     """A plant by the scene's scheme. Raises ValueError for what that scheme does not know."""
     if scene.run.scheme == "thesis2008":
         return ThesisPlant(spec, scene.steps)
-    return _built(spec, scene.run.scheme).at_start()
+    return built(spec, scene.run.scheme).at_start()
 
 
 def plant(scene: Scene) -> Plant | ThesisPlant:
@@ -112,18 +117,107 @@ def plant(scene: Scene) -> Plant | ThesisPlant:
 
 
 @lru_cache(maxsize=8)
-def _built(spec: PlantSpec, scheme: str) -> Plant:
+def built(spec: PlantSpec, scheme: str) -> Plant:
     """A plant whose model is shared by all runs of the same description."""
+    if spec.infinite_plate:
+        return InfinitePlant(spec)
     return CollocationPlant(spec) if scheme == "modal" else Plant(spec)
 
 
 def model_error(scene: Scene) -> float:
-    """Error of the penetration that leaving out modes is expected to cost, relative."""
+    """Error of the penetration that leaving out modes, or the reflections, is expected to cost,
+    relative."""
     spec = plant_spec(scene)
+    if spec.infinite_plate:
+        return infinite_plate_error(scene)
     return expected_error(
         spec.sphere, spec.plate, spec.contact, spec.frequency_limit_hz,
         spring=spec.residual_flexibility,
     )  # fmt: skip
+
+
+def plate_model(scene: Scene) -> str:
+    """The model of the plate, "modal" or "infinite", that a scene's `run.plate_model` means.
+
+    "auto" is "infinite" where the run ends after the first contact, but before the
+    reflections matter at the accuracy asked for; a run without contact keeps the modes.
+    """
+    chosen = scene.run.plate_model
+    if chosen != "auto":
+        return chosen
+    return "infinite" if infinite_plate_error(scene) <= scene.run.accuracy else "modal"
+
+
+def infinite_plate_error(scene: Scene) -> float:
+    """Error that an infinite plate is expected to have at the run's end, relative to the
+    penetration or the plate energy; inf where it is not known, as while the contact lasts."""
+    until_s = scene.run.duration_s - first_touch_s(scene)
+    if until_s <= 0.0 or not _infinite_plate_possible(scene):
+        return math.inf
+    found = _reflections(scene)
+    if not found.contact_s <= until_s:
+        return math.inf
+    return found.error(until_s, scene.step_s, _actuation(scene))
+
+
+def infinite_plate_lasts_s(scene: Scene) -> float:
+    """How long after the first touch an infinite plate meets the scene's accuracy, s; zero where
+    it does not do so for a whole contact."""
+    if not _infinite_plate_possible(scene):
+        return 0.0
+    found = _reflections(scene)
+    lasts_s = found.lasts_s(scene.run.accuracy, scene.step_s, _actuation(scene))
+    return lasts_s if lasts_s >= found.contact_s else 0.0
+
+
+def first_touch_s(scene: Scene) -> float:
+    """When the sphere first touches the plate, from the start of the run, to a step, s."""
+    fall_s = _bodies(scene)[0].impact_speed_m_s / GRAVITY_M_S2
+    return min(scene.run.lead_in_s, fall_s)
+
+
+def _reflections(scene: Scene) -> Reflections:
+    sphere, plate = _bodies(scene)
+    return reflections(sphere, plate, _contact(scene, sphere, plate), scene.plate.contact_point_m)
+
+
+def _infinite_plate_possible(scene: Scene) -> bool:
+    """Whether the infinite plate can stand for the modes at all, by scheme, points and law: a
+    force of more than the contact's own has no known limit."""
+    point = scene.plate.actuator_point_m or scene.plate.contact_point_m
+    control = scene.controller
+    bounded = control.law in ("off", "constant", "profile") or abs(control.kappa) <= 1.0
+    return scene.run.scheme == "modal" and point == scene.plate.contact_point_m and bounded
+
+
+def _actuation(scene: Scene) -> Actuation:
+    """What the actuator may do.
+
+    A law that copies the contact force is as smooth as that, unless the line from sensor to
+    actuator is not, with a delay of at most a contact, which it makes longer; any other counts
+    as switched on and off at the largest force.
+    """
+    control, sensors = scene.controller, scene.sensors
+    if control.law == "off":
+        return Actuation()
+    if control.law == "constant":
+        return Actuation(jumps_n=2.0 * abs(control.force_n))
+    if control.law == "profile":
+        return Actuation(jumps_n=2.0 * max(map(abs, control.profile_n)))
+    line_is_smooth = (
+        sensors.bits == control.bits == "ideal"
+        and sensors.every_steps == 1
+        and sensors.noise_rms == control.jitter_us == control.lead_us == 0.0
+        and control.drop_out_probability == 0.0
+        and control.slew_n_s is None
+    )
+    if control.law == "slope_threshold" and line_is_smooth:
+        delay_s = _LONGER * _reflections(scene).contact_s + 1e-6 * control.latency_us
+        return Actuation(abs(control.kappa), delay_s)
+    sphere, plate = _bodies(scene)
+    stiffness = _contact(scene, sphere, plate).stiffness
+    peak_n = rigid_peak_force_n(sphere.mass_kg, stiffness, sphere.impact_speed_m_s)
+    return Actuation(jumps_n=2.0 * abs(control.kappa) * peak_n)
 
 
 def full_scale(scene: Scene) -> tuple[float, float] | None:

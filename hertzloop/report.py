@@ -92,7 +92,11 @@ def run_table(report: dict[str, Any]) -> Table:
     if report["scheme"] == "thesis2008":
         table.add_row("scheme", f"{report['scheme']}: published numerics, flaws included")
     table.add_row("exchanges waited for", f"{report['exchanges']:,}")
-    table.add_row("frequencies", _model_order(report))
+    table.add_row("model of the plate", _model_order(report))
+    if report["model"] is not None:
+        table.add_row("the full model", _full_model(report["model"]))
+        if offered := _infinite_plate(report):
+            table.add_row("infinite plate", offered)
     table.add_row("contact solve", f"at most {report['newton_iterations_max']} evaluations a step")
     table.add_row(
         "residuals",
@@ -105,10 +109,13 @@ def _model_order(report: dict[str, Any]) -> str:
     """What was chosen, what it is expected to cost, and whether that is what was asked."""
     if report["scheme"] == "thesis2008":
         limit = report["frequency_limit_hz"] / 1e3
-        return f"{report['frequencies']} up to {limit:.4g} kHz (pi/dt), as published"
+        return f"{report['frequencies']} frequencies up to {limit:.4g} kHz (pi/dt), as published"
+    if report["model"]["plate_model"] == "infinite":
+        return _chosen_infinite(report)
     chosen = (
-        f"{report['frequencies']} up to {report['frequency_limit_hz'] / 1e3:.4g} kHz; leaving out "
-        f"the rest may cost {report['expected_error']:.1g} of penetration or plate energy"
+        f"{report['frequencies']} frequencies up to {report['frequency_limit_hz'] / 1e3:.4g} kHz; "
+        f"leaving out the rest may cost {report['expected_error']:.1g} of penetration or plate "
+        "energy"
     )
     if report["expected_error"] > 1.001 * report["requested_accuracy"]:
         return (
@@ -116,6 +123,48 @@ def _model_order(report: dict[str, Any]) -> str:
             "carry, a smaller run.step_ns carries more)"
         )
     return chosen
+
+
+def _chosen_infinite(report: dict[str, Any]) -> str:
+    """The same for the infinite plate."""
+    expected, asked = report["expected_error"], report["requested_accuracy"]
+    chosen = f"infinite plate, a dashpot of {report['model']['impedance_n_s_m']:.4g} N s/m"
+    if math.isinf(expected):
+        return f"{chosen}; what the missing reflections cost by the run's end is not known"
+    found = f"{chosen}; missing reflections may cost {expected:.1g} by the run's end"
+    return f"{found} (asked: {asked:g}; missed)" if expected > asked else found
+
+
+def _full_model(model: dict[str, Any]) -> str:
+    """What all modes that the step can carry would have cost."""
+    full = model["full"]
+    limit = f"up to {full['frequency_limit_hz'] / 1e3:.4g} kHz = 1/(2 step)"
+    if full["frequencies"] is None:
+        return f"about {full['modes']:.2g} modes {limit}, too many to count here"
+    words = [f"{full['frequencies']:,} frequencies {limit}"]
+    if full["frequency_ratio"] is not None:
+        words.append(f"{full['frequency_ratio']:.3g} times as many")
+    if full["measured_ratio"] is not None:
+        words.append(
+            f"a step under force takes {full['measured_ratio']:.3g} times as long (measured)"
+        )
+    elif full["frequency_ratio"] is not None:
+        words.append("a ratio of frequencies, not of measured time")
+    return "; ".join(words)
+
+
+def _infinite_plate(report: dict[str, Any]) -> str:
+    """Until when an infinite plate would have done, where the first contact is over by then."""
+    until_s = report["model"]["infinite_until_s"]
+    if report["model"]["plate_model"] == "infinite" or until_s is None or not report["impacts"]:
+        return ""
+    first = report["impacts"][0]
+    if first["start_s"] + first["duration_s"] > until_s:
+        return ""
+    return (
+        f"would do until {until_s * 1e3:.4g} ms, beyond the first contact "
+        f"(run.plate_model, asked: {report['requested_accuracy']:g})"
+    )
 
 
 def comparison_line(controlled: list[dict[str, float]], free: list[dict[str, float]]) -> str:

@@ -120,10 +120,12 @@ class ControllerTable(_Table):
 
 class RunTable(_Table):
     """Length, scheme, step, accuracy and seed. The run starts `lead_in_s` before the first
-    contact."""
+    contact. `plate_model`: the plate's modes, an infinite plate, or ("auto") the infinite one
+    where the run is over before reflections matter at `accuracy`."""
 
     duration_s: Annotated[float, Field(gt=0.0)]
     scheme: Literal["modal", "discrete_gradient", "thesis2008"] = "modal"
+    plate_model: Literal["auto", "modal", "infinite"] = "auto"
     lead_in_s: Annotated[float, Field(ge=0.0)] = 1e-3
     step_ns: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
     accuracy: Annotated[float, Field(ge=1e-9, le=0.5)] = 1e-3
@@ -236,21 +238,33 @@ def _problems(scene: Scene) -> "list[str]":
 
 
 def _scheme_problems(scene: Scene) -> "list[str]":
-    """What the chosen scheme does not know."""
-    if scene.run.scheme != "thesis2008":
-        if scene.contact.damping != "relaxation":
-            return []
-        return [
-            "contact.damping = 'relaxation' is known to run.scheme = 'thesis2008' only; take "
-            "'none', 'viscous' or 'hunt_crossley', or that scheme"
-        ]
+    """What the chosen scheme and model of the plate do not know."""
     found = []
+    point = scene.plate.actuator_point_m
+    if scene.run.plate_model == "infinite":
+        if scene.run.scheme != "modal":
+            found.append(
+                "run.plate_model = 'infinite' is known to run.scheme = 'modal' only, not to "
+                f"'{scene.run.scheme}'; take that scheme, or plate_model 'auto'"
+            )
+        if point is not None and point != scene.plate.contact_point_m:
+            found.append(
+                f"plate.actuator_point_m = {list(point)} does not fit run.plate_model = "
+                "'infinite', which knows a force at the struck point only; leave the key out, or "
+                "take plate_model 'auto'"
+            )
+    if scene.run.scheme != "thesis2008":
+        if scene.contact.damping == "relaxation":
+            found.append(
+                "contact.damping = 'relaxation' is known to run.scheme = 'thesis2008' only; take "
+                "'none', 'viscous' or 'hunt_crossley', or that scheme"
+            )
+        return found
     if scene.contact.damping == "hunt_crossley":
         found.append(
             "contact.damping = 'hunt_crossley' is not known to run.scheme = 'thesis2008'; take "
             "'none', 'viscous' or 'relaxation', or the scheme 'modal'"
         )
-    point = scene.plate.actuator_point_m
     if point is not None and point != scene.plate.contact_point_m:
         found.append(
             f"plate.actuator_point_m = {list(point)} does not fit run.scheme = 'thesis2008', which "

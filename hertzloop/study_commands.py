@@ -198,6 +198,26 @@ def model_order(
     out.print(f"written: {folder}/model_order.csv and .png", soft_wrap=True)
 
 
+def infinite_plate(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for the numbers.")],
+    scenes: Annotated[int, typer.Option(min=1, help="Number of random scenes.")] = 80,
+    seed: Annotated[int, typer.Option(help="Seed of the scenes.")] = 1,
+) -> None:
+    """Whether an infinite plate meets its accuracy on random scenes as long as it is offered."""
+    from studies import infinite_plate as study
+
+    with _results_in(folder, "modal"):
+        found = study.run(folder, scenes, seed)
+    table = Table(title="Infinite plate, errors over what was asked", title_justify="left")
+    for heading in ("asked", "scenes", "offered", "gap", "rebound", "energy",
+                    "energy, no control"):  # fmt: skip
+        table.add_column(heading, justify="right")
+    for row in study.summary(found):
+        table.add_row(*row)
+    out.print(table)
+    out.print(f"written: {folder}/infinite_plate.csv", soft_wrap=True)
+
+
 def stability(
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for charts and numbers.")],
 ) -> None:
@@ -283,6 +303,7 @@ def register(app: typer.Typer) -> None:
     chart = typer.Typer(help="Charts that measure on this machine.", no_args_is_help=True)
     chart.command("speed-accuracy")(speed_accuracy)
     chart.command("model-order")(model_order)
+    chart.command("infinite-plate")(infinite_plate)
     chart.command("stability")(stability)
     chart.command("latency")(latency)
     app.add_typer(chart, name="chart")

@@ -49,7 +49,13 @@ def verify(scene: Scene, rows: np.ndarray) -> Verification | None:
     # Past the contact by one step, so that it is seen to end.
     until = min(first.end + 2, rows.shape[1])
     start = parts.plant_of(spec, scene).state.body[_START]
-    fine = replace(spec, step_s=spec.step_s / 2, frequency_limit_hz=2.0 * spec.frequency_limit_hz)
+    fine = replace(
+        spec,
+        step_s=spec.step_s / 2,
+        frequency_limit_hz=2.0 * spec.frequency_limit_hz,
+        residual_flexibility=scene.run.scheme == "modal",
+        infinite_plate=False,
+    )
     plant = parts.plant_of(fine, scene)
     plant.state.body[_START] = start
     doubled = rows_under(plant, np.repeat(rows[F_A, :until], 2))

@@ -55,12 +55,14 @@ def impacts(
     step_s: float,
     f_c1: np.ndarray | None = None,
     v_p: np.ndarray | None = None,
+    impedance_n_s_m: float | None = None,
 ) -> list[Impact]:
     """All impacts of a run from its rows of truth (arrays of shape (steps,)).
 
     `xi_a` is the displacement at the actuator, None where that is the contact point. Where the
     contact force changes over a step, by `f_c1`, the plate velocity `v_p` is needed for the
-    work of that part, F_1 h (v_1 - v_0)/6 by Hermite's mean of the displacement. A contact
+    work of that part, F_1 h (v_1 - v_0)/6 by Hermite's mean of the displacement; on an infinite
+    plate of `impedance_n_s_m`, v = F/Z, it is F_1^2 h/(3 Z). A contact
     that the run's end cuts off counts with what there is of it, if there is any.
     """
     if len(xi) < 3:
@@ -71,7 +73,9 @@ def impacts(
     speed = sphere_speed_m_s(xi_s, f_c, mass_kg, step_s, slope)
     at_actuator = xi_p if xi_a is None else xi_a
     work = np.append(-f_c[:-1] * np.diff(xi_p) + f_a[:-1] * np.diff(at_actuator), 0.0)
-    if v_p is not None:
+    if impedance_n_s_m is not None:
+        work[:-1] += slope[:-1] ** 2 * step_s / (3.0 * impedance_n_s_m)
+    elif v_p is not None:
         work[:-1] -= slope[:-1] * np.diff(v_p) * step_s / 6.0
     found = []
     last = len(xi) - 1

@@ -32,6 +32,7 @@ class PlantSpec:
     frequency_limit_hz: float
     lead_in_s: float
     residual_flexibility: bool = False  # of the modes left out, as a spring at the contact
+    infinite_plate: bool = False  # no modes: a dashpot, until reflections return
 
 
 @dataclass(frozen=True)

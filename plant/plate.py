@@ -13,6 +13,7 @@ from plant.materials import Material
 
 _SAME_FREQUENCY = 1e-12  # relative; phase error of merging stays below rounding of the sums
 _NO_PARTICIPATION = 1e-9  # of the largest possible value 1
+_ROUNDING = 1e-12  # of a squared length
 _TAIL = 16.0  # modes left out are summed one by one up to this multiple of the limit
 
 
@@ -49,6 +50,11 @@ class Plate:
     def infinite_plate_impedance_n_s_m(self) -> float:
         """8 sqrt(B' m''), point impedance until reflections return (Cremer & Heckl), N s/m."""
         return 8.0 * math.sqrt(self.bending_stiffness_n_m * self.mass_per_area_kg_m2)
+
+    def modes_below(self, frequency_hz: float) -> float:
+        """About how many modes the plate has up to a frequency, by its modal density."""
+        density = math.sqrt(self.mass_per_area_kg_m2 / self.bending_stiffness_n_m) / (4 * math.pi)
+        return density * self.size_m[0] * self.size_m[1] * 2 * math.pi * frequency_hz
 
     def mode_numbers(self, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """All modes up to `omega_max` rad/s by rising frequency: m, n, omega."""
@@ -98,7 +104,7 @@ def oscillators(
     m, n, omega = plate.mode_numbers(omega_max)
     at_contact = plate.mode_shape(m, n, contact_m)
     at_actuator = plate.mode_shape(m, n, actuator_m)
-    starts = np.flatnonzero(np.diff(omega, prepend=-1.0) > _SAME_FREQUENCY * omega)
+    starts = _groups(omega)
     counts = np.diff(starts, append=len(omega))
     along = np.sqrt(np.add.reduceat(at_contact * at_contact, starts))
     shared = np.add.reduceat(at_actuator * at_contact, starts)
@@ -118,6 +124,32 @@ def oscillators(
     place = np.concatenate([np.flatnonzero(moved), np.flatnonzero(elsewhere)])
     table = np.concatenate([first, second], axis=1)[:, np.argsort(place, kind="stable")]
     return Oscillators(table[0], table[1], table[2], len(omega))
+
+
+def _groups(omega: np.ndarray) -> np.ndarray:
+    """Where a group of equal frequencies starts among rising ones, shape (groups,)."""
+    return np.flatnonzero(np.diff(omega, prepend=-1.0) > _SAME_FREQUENCY * omega)
+
+
+def frequencies(
+    plate: Plate,
+    contact_m: tuple[float, float],
+    actuator_m: tuple[float, float],
+    omega_max: float,
+) -> int:
+    """How many oscillators `oscillators` would make, without making them."""
+    m, n, omega = plate.mode_numbers(omega_max)
+    if not len(omega):
+        return 0
+    c, a = (plate.mode_shape(m, n, point) for point in (contact_m, actuator_m))
+    starts = _groups(omega)
+    cc, ca, aa = (np.add.reduceat(product, starts) for product in (c * c, c * a, a * a))
+    along = np.sqrt(cc) > _NO_PARTICIPATION
+    if contact_m == actuator_m:
+        return int(np.count_nonzero(along))
+    across = aa - np.where(along, ca * ca / np.where(along, cc, 1.0), 0.0)
+    # The difference cancels: what is left of a group of one mode is rounding.
+    return int(np.count_nonzero(along) + np.count_nonzero(across > _ROUNDING * aa + 1e-18))
 
 
 def residual_flexibility_m_n(

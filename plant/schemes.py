@@ -10,12 +10,14 @@ from numba import types
 from numba.extending import overload
 
 from plant import collocation_kernels as collocation
+from plant import infinite_kernels as infinite
 from plant import kernels as discrete_gradient
 from plant import thesis2008_kernels as thesis2008
 
 _STEPS = {
     collocation.CollocationModel: collocation.step,
     discrete_gradient.PlantModel: discrete_gradient.step,
+    infinite.InfiniteModel: infinite.step,
     thesis2008.ThesisModel: thesis2008.step,
 }
 

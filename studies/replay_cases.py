@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.cases import digest_of, lasting
+from hertzloop.cases import digest_of, lasting, on_plate
 from hertzloop.figures import rows_of
 from hertzloop.run import RunOptions, Transport, run_scene
 from hertzloop.scene import parse, vary
@@ -26,7 +26,8 @@ def replay_cases(
     with TemporaryDirectory() as folder:
         for number in drawn:
             row = good[number]
-            case = lasting(vary(scene, {key: row[key] for key in keys}), int(row["steps"]))
+            varied = vary(scene, {key: row[key] for key in keys})
+            case = lasting(on_plate(varied, row["plate_model"]), int(row["steps"]))
             path = Path(folder) / "case.mcap"
             run_scene(case, path, RunOptions(transport=Transport(transport), overwrite=True))
             recording = read(path)

@@ -7,7 +7,7 @@ from hertzloop.compiled import simulate
 from hertzloop.impact_rows import consistent_impacts
 from hertzloop.scene import load
 
-SHORT = ["run.accuracy=0.05", "run.duration_s=0.0018"]
+SHORT = ["run.accuracy=0.05", "run.duration_s=0.0018", "run.plate_model=modal"]
 
 
 @pytest.mark.parametrize("line", [[], ["controller.slew_n_s=2e6"], ["sensors.every_steps=5"]])

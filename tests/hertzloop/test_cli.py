@@ -63,6 +63,50 @@ def test_first_run_of_a_new_user(here: Path) -> None:
     assert "--overwrite" in again.stderr
 
 
+def test_the_table_says_what_was_chosen_and_what_the_full_model_would_have_cost(
+    here: Path,
+) -> None:
+    done = call("run", *SHORT, "--json", "a.json")
+    for words in (
+        "564 frequencies up to 244.7 kHz", "1,104 frequencies up to 500 kHz", "1.96 times as many",
+        "times as long (measured)", "would do until 1.154 ms, beyond the first contact",
+    ):  # fmt: skip
+        assert words in said(done), words
+    model = json.loads((here / "a.json").read_text())["model"]
+    assert model["plate_model"] == "modal"
+    assert model["infinite_until_s"] == pytest.approx(1.154e-3, abs=1e-6)
+    assert model["full"]["frequencies"] == 1104
+    assert model["full"]["frequency_limit_hz"] == pytest.approx(5e5)
+    assert model["full"]["frequency_ratio"] == 1104 / 564
+    assert model["full"]["measured_ratio"] > 0.0
+
+    few = call("run", "sylomer-20mm", *SHORT, "--set", "run.accuracy=0.05", "--json", "s.json")
+    assert "a ratio of frequencies, not of measured time" in said(few)
+    assert "would do until" not in said(few)
+    assert json.loads((here / "s.json").read_text())["model"]["full"]["measured_ratio"] is None
+
+    old = call("run", "thesis-oak", *SHORT, "--json", "t.json")
+    assert "full model" not in said(old)
+    assert json.loads((here / "t.json").read_text())["model"] is None
+
+
+def test_a_run_on_an_infinite_plate(here: Path) -> None:
+    settings = ["--transport", "compiled", "--set", "controller.law=off", "--set"]
+    done = call("run", *settings, "run.duration_s=0.00114", "--verify", "--json", "a.json")
+    assert "infinite plate, a dashpot of 308.2 N s/m; missing reflections may cost" in said(done)
+    assert "missed" not in said(done)
+    data = json.loads((here / "a.json").read_text())
+    assert data["model"]["plate_model"] == "infinite"
+    assert (data["frequencies"], data["model"]["full"]["frequency_ratio"]) == (0, None)
+    assert data["expected_error"] <= data["requested_accuracy"]
+    assert data["verification"]["largest"] <= data["requested_accuracy"]
+    # Asked for where reflections matter, it is taken, and the table says what that costs.
+    late = [*settings, "run.duration_s=0.0012", "--set", "run.plate_model=infinite"]
+    assert "(asked: 0.001; missed)" in said(call("run", *late, "--out", "b.mcap"))
+    later = [*settings, "run.duration_s=0.01", "--set", "run.plate_model=infinite"]
+    assert "by the run's end is not known" in said(call("run", *later, "--out", "c.mcap"))
+
+
 def test_nothing_is_overwritten_unasked(here: Path) -> None:
     (here / "aluminium-3mm.mcap").write_text("mine")
     refused = call("run", *SHORT)

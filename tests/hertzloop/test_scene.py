@@ -122,6 +122,45 @@ def test_refused_with_a_sentence(setting: str, words: tuple[str, ...]) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("scene", "settings", "words"),
+    [
+        ("offcentre-6mm", [], "plate.actuator_point_m = [0.155, 0.09]"),
+        (DEFAULT, ["run.scheme=discrete_gradient"], "run.scheme = 'modal' only"),
+        ("thesis-oak", ["contact.damping=none"], "run.scheme = 'modal' only"),
+        (DEFAULT, ["contact.damping=relaxation"], "relaxation"),
+    ],
+)
+def test_what_an_infinite_plate_does_not_know(scene: str, settings: list[str], words: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        load(scene, [*settings, "run.plate_model=infinite"])
+    assert words in str(caught.value)
+
+
+def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
+    def model(name: str, *settings: str) -> str:
+        return parts.plate_model(load(name, settings))
+
+    until = "run.duration_s=0.00114"  # 140 us after the first touch
+    assert model(DEFAULT, until) == "infinite"
+    scene = load(DEFAULT, [until])
+    assert parts.plant_spec(scene).infinite_plate
+    assert parts.model_error(scene) <= scene.run.accuracy
+    assert scene.step_s < parts.infinite_plate_lasts_s(scene) - 140e-6 < 100e-6
+    for changed in (
+        "run.duration_s=0.0012", "run.duration_s=0.00101", "run.duration_s=0.0009",
+        "run.accuracy=1e-5", "run.scheme=discrete_gradient", "run.plate_model=modal",
+        "plate.contact_point_m=[0.1, 0.25]", "plate.actuator_point_m=[0.2, 0.25]",
+        "controller.kappa=1.5", "controller.drop_out_probability=0.1",
+    ):  # fmt: skip
+        assert model(DEFAULT, until, changed) == "modal", changed
+    assert model(DEFAULT, "run.duration_s=0.0012", "run.plate_model=infinite") == "infinite"
+    # Where the contact lasts until reflections are back it is never taken.
+    assert parts.infinite_plate_lasts_s(load("aluminium-20mm")) == 0.0
+    # Whole runs keep the modes.
+    assert {model(name) for name in shipped()} == {"modal"}
+
+
 def test_too_many_modes_are_refused_before_memory_is_gone() -> None:
     with pytest.raises(SceneError, match="thicker plate"):
         parts.plant_spec(

@@ -34,6 +34,14 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
          "controller.profile_n=[5.0, -3.0, 8.0, 1.5]", "sensors.every_steps=2"],
     ),
     "no control": ("aluminium-3mm", ["run.duration_s=0.0025", "controller.law=off"]),
+    "infinite plate": (
+        "aluminium-3mm",
+        ["run.duration_s=0.003", "run.plate_model=infinite", *CONVERTERS],
+    ),
+    "infinite plate, of itself": (
+        "aluminium-3mm", ["run.duration_s=0.00114", "contact.damping=hunt_crossley",
+                          "contact.restitution=0.8"],
+    ),
     "published scheme": ("thesis-aluminium", ["sphere.radius_m=0.003"]),
     "pre-computed force": (
         "thesis-aluminium",

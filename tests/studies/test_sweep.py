@@ -112,9 +112,12 @@ def test_whole_and_other_numbers_of_an_axis_are_one_column_of_numbers(tmp_path: 
     assert pyarrow.parquet.read_schema(out).field("controller.kappa").type == "double"
 
 
-def test_the_figures_of_a_case_are_those_of_its_run() -> None:
-    scene = load("aluminium-3mm", ["run.duration_s=0.0016", "controller.latency_us=3"])
+@pytest.mark.parametrize("model", ["modal", "infinite"])
+def test_the_figures_of_a_case_are_those_of_its_run(model: str) -> None:
+    settings = ["run.duration_s=0.0016", "controller.latency_us=3", f"run.plate_model={model}"]
+    scene = load("aluminium-3mm", settings)
     figures = figures_of_case(scene)
+    assert figures.plate_model == model
     mine = first_impact(scene, simulate(scene).rows)
     free_scene = scene.without_control()
     free = first_impact(free_scene, simulate(free_scene).rows)
@@ -128,6 +131,19 @@ def test_the_figures_of_a_case_are_those_of_its_run() -> None:
     change = 10.0 * np.log10(mine.noise.radiated_j / free.noise.radiated_j)
     assert figures.radiated_db == pytest.approx(change, abs=1e-9)
     assert figures.steps < scene.steps
+
+
+def test_a_case_takes_the_infinite_plate_where_that_meets_the_accuracy() -> None:
+    settings = ["run.duration_s=0.0016", "controller.kappa=0.5"]
+    scene = load("aluminium-3mm", settings)
+    mine, modal = (figures_of_case(vary(scene, {"run.plate_model": m})) for m in ("auto", "modal"))
+    assert (mine.plate_model, modal.plate_model) == ("infinite", "modal")
+    assert mine.digest != modal.digest
+    assert mine.rebound_m_s == pytest.approx(modal.rebound_m_s, rel=1e-3)
+    assert mine.plate_energy_j == pytest.approx(modal.plate_energy_j, rel=2e-3)
+    # Not to the end of the run, by when reflections are back; nor at a tighter accuracy.
+    assert figures_of_case(scene, "run").plate_model == "modal"
+    assert figures_of_case(vary(scene, {"run.accuracy": 1e-5})).plate_model == "modal"
 
 
 def test_the_span_of_a_run_takes_all_contacts() -> None:
@@ -162,12 +178,16 @@ def test_random_cases_have_the_same_bytes_over_the_bus(transport: str) -> None:
     design = Design(axes, "lhs", 24, 5)
     rows = [evaluate.run_case(scene, "impact", i, v) for i, v in enumerate(design.cases())]
     assert not any(row["status"] for row in rows)
+    assert {row["plate_model"] for row in rows} == {"modal", "infinite"}
     header = study.header_of(scene, design, "impact")
     count = 12 if transport == "inprocess" else 3
     found = list(replay_cases(rows, header, count, transport, 1))
     assert [same for _, same in found] == [True] * count
     # And the comparison can fail.
     wrong = [row | {"controller.latency_us": 1 + row["controller.latency_us"]} for row in rows]
+    assert not any(same for _, same in replay_cases(wrong, header, 3, "inprocess", 1))
+    other = {"modal": "infinite", "infinite": "modal"}
+    wrong = [row | {"plate_model": other[row["plate_model"]]} for row in rows]
     assert not any(same for _, same in replay_cases(wrong, header, 3, "inprocess", 1))
 
 

@@ -1,0 +1,180 @@
+"""The infinite plate: Zener's equation at order 4, books to rounding, modes of a big plate."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from plant import kernels as pk
+from plant.collocation import CollocationPlant
+from plant.contact import (
+    GRAVITY_M_S2,
+    Contact,
+    Damping,
+    hertz_stiffness,
+    hunt_crossley_parameter,
+    rigid_contact_time_s,
+)
+from plant.infinite import InfinitePlant, impedance_n_s_m
+from plant.materials import MATERIALS
+from plant.plant import PlantSpec
+from plant.schemes import step
+from tests.plant.rigs import IMMOVABLE, spec
+
+STIFFNESS = hertz_stiffness(0.003, MATERIALS["steel"], MATERIALS["aluminium"])
+CONTACTS = {
+    "undamped": Contact(STIFFNESS),
+    "viscous": Contact(STIFFNESS, Damping.VISCOUS, viscous_n_s_m=2.0),
+    "hunt_crossley": Contact(
+        STIFFNESS, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=hunt_crossley_parameter(0.6, 1.0)
+    ),
+}
+
+
+def run(plant, force: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
+    """Gap, sphere and plate velocity after every step."""
+    found = np.empty((3, len(force)))
+    for i, f_a in enumerate(force):
+        step(plant.model, plant.state, f_a)
+        found[:, i] = (
+            plant.state.body[pk.XI], plant.sphere_speed_m_s(), plant.state.body[pk.V_P]
+        )  # fmt: skip
+    return found[0], found[1], found[2]
+
+
+def zener(what: PlantSpec, push_n: float, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gap and sphere velocity by Zener's equation, with contact damping and an actuator."""
+    contact, mass = what.contact, what.sphere.mass_kg
+    z = impedance_n_s_m(what.plate)
+
+    def slope(_: float, y: np.ndarray) -> list[float]:
+        sphere, speed, plate = y
+        spring = contact.stiffness * max(plate - sphere, 0.0) ** 1.5
+        damper = contact.viscous_n_s_m + contact.hunt_crossley_s_m * spring
+        damper *= plate > sphere
+        plate_speed = (push_n - spring + damper * speed) / (z + damper)
+        force = spring - damper * (speed - plate_speed)
+        return [speed, force / mass - GRAVITY_M_S2, plate_speed]
+
+    start = [0.0, -what.sphere.impact_speed_m_s, 0.0]
+    done = solve_ivp(
+        slope, (0.0, times[-1] * (1.0 + 1e-12)), start, "DOP853", times,
+        rtol=1e-12, atol=1e-18, max_step=2e-7,
+    )  # fmt: skip
+    return done.y[0] - done.y[2], done.y[1]
+
+
+@pytest.mark.parametrize("push_n", [0.0, 20.0])
+@pytest.mark.parametrize("name", CONTACTS)
+def test_zeners_equation_at_order_four(name: str, push_n: float) -> None:
+    steps_s = (4e-6, 2e-6, 1e-6, 5e-7)
+    what = spec(contact=CONTACTS[name], lead_in_s=0.0)
+    times = 5e-7 * np.arange(1, 81)
+    gap, speed = zener(what, push_n, times)
+    assert gap[-1] > 0.0  # a whole contact
+    errors = []
+    for h in steps_s:
+        every = round(h / 5e-7)
+        plant = InfinitePlant(replace(what, step_s=h))
+        found, sphere, _ = run(plant, np.full(80 // every, push_n))
+        errors.append(abs(found - gap[every - 1 :: every]).max() / -gap.min())
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    print(f"{name}: errors {errors}, orders {orders}")
+    assert errors[2] < 3e-6
+    assert orders.mean() > (3.6 if name != "viscous" else 2.5)
+    # Restitution, at the smallest step.
+    lost = abs(sphere[-1] - speed[-1]) / what.sphere.impact_speed_m_s
+    assert lost < 1e-6
+    assert 0.3 < sphere[-1] / what.sphere.impact_speed_m_s < 0.95
+
+
+@pytest.mark.parametrize("step_us", [0.1, 1.0, 20.0, 1000.0])
+@pytest.mark.parametrize("name", CONTACTS)
+def test_books_close_at_any_step(name: str, step_us: float) -> None:
+    random = np.random.default_rng(5)
+    plant = InfinitePlant(spec(contact=CONTACTS[name], step_s=step_us * 1e-6))
+    _, _, speed = run(plant, 30.0 * random.standard_normal(400) * (random.random(400) < 0.5))
+    books = plant.close_books()
+    assert abs(books.energy_residual) < 1e-11
+    assert abs(books.momentum_residual) < 1e-13
+    assert books.contact_steps > 0
+    assert books.modal_j == 0.0
+    # What went into the plate is the integral of Z v^2; coarse between the samples.
+    assert books.modal_dissipated_j > 0.0
+    if step_us == 0.1:
+        absorbed = plant.model.impedance_n_s_m * float(np.sum(speed**2)) * plant.model.step_s
+        assert books.modal_dissipated_j == pytest.approx(absorbed, rel=1e-2)
+    assert (books.contact_dissipated_j > 0.0) == (name != "undamped")
+
+
+@pytest.mark.parametrize("fault", ["impedance_n_s_m", "mass_kg"])
+def test_a_fault_in_mid_contact_opens_the_books(fault: str) -> None:
+    plant = InfinitePlant(spec())
+    run(plant, np.full(15, 10.0))
+    assert plant.state.body[pk.F_C] > 10.0
+    plant.model = plant.model._replace(**{fault: getattr(plant.model, fault) * 1.0001})
+    run(plant, np.full(30, 10.0))
+    assert abs(plant.close_books().energy_residual) > 1e-8
+
+
+def test_an_immovable_plate_is_rigid() -> None:
+    what = spec(material=IMMOVABLE, contact=Contact(STIFFNESS), step_s=1e-7, lead_in_s=0.0)
+    plant = InfinitePlant(what)
+    plant.model = plant.model._replace(gravity_m_s2=0.0)
+    gap, _, plate = run(plant, np.zeros(400))
+    sphere = what.sphere
+    lasts_s = rigid_contact_time_s(sphere.mass_kg, STIFFNESS, sphere.impact_speed_m_s)
+    out = int(np.flatnonzero(gap > 0.0)[0])
+    crossing = out - gap[out] / (gap[out] - gap[out - 1])
+    assert (crossing + 1.0) * 1e-7 == pytest.approx(lasts_s, rel=1e-5)
+    rebound = float(plant.state.body[pk.FLIGHT_V])
+    assert rebound == pytest.approx(sphere.impact_speed_m_s, rel=1e-9)
+    assert abs(plate).max() < 1e-20
+
+
+@pytest.mark.parametrize(
+    ("material", "loss_factor", "thickness_m", "limit_hz", "steps"),
+    [
+        ("aluminium", 0.0, 0.01, 490e3, 100),
+        ("oak", 0.05, 0.01, 200e3, 700),
+        ("sylomer_m", 0.16, 0.0125, 30e3, 4000),
+    ],
+)
+def test_the_modes_of_a_big_plate_agree(
+    material: str, loss_factor: float, thickness_m: float, limit_hz: float, steps: int
+) -> None:
+    """Damped plates, too: there the impedance without damping is wrong by far more."""
+    what = spec(
+        material=material, thickness_m=thickness_m, loss_factor=loss_factor, limit_hz=limit_hz
+    )
+    modal = CollocationPlant(replace(what, residual_flexibility=True))
+    gap, *_ = run(modal, np.zeros(steps))
+    found, *_ = run(InfinitePlant(what), np.zeros(steps))
+    assert gap[-1] > 0.0
+    error = abs(found - gap).max() / -gap.min()
+    assert error < 1e-3
+    undamped = replace(what, plate=replace(what.plate, loss_factor=0.0))
+    plain, *_ = run(InfinitePlant(undamped), np.zeros(steps))
+    if loss_factor:
+        assert abs(plain - gap).max() / -gap.min() > 10.0 * error
+
+
+def test_impedance() -> None:
+    plate = spec(loss_factor=0.0).plate
+    assert impedance_n_s_m(plate) == pytest.approx(
+        8.0 * math.sqrt(plate.bending_stiffness_n_m * plate.mass_per_area_kg_m2), rel=1e-15
+    )
+    # 1/Z of a damped plate: the modal sum of a far larger plate's impulse response.
+    damped = replace(plate, loss_factor=0.1)
+    c = math.sqrt(1.0 - 0.1**2 / 4.0)
+    x = np.linspace(1e-6, 400.0, 4_000_001)  # omega t
+    integral = np.trapezoid(np.exp(-0.05 * x) * np.sin(c * x) / (c * x), x)
+    ratio = impedance_n_s_m(plate) / impedance_n_s_m(damped)
+    assert ratio == pytest.approx(2.0 / math.pi * integral, rel=1e-5)
+
+
+def test_an_actuator_elsewhere_is_refused() -> None:
+    with pytest.raises(ValueError, match="struck point only"):
+        InfinitePlant(spec(actuator_point_m=(0.2, 0.2)))
