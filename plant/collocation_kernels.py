@@ -99,7 +99,7 @@ def _mean_of_drift(slow, n, z, table, rho):
     swing = 0.0
     for i in range(n):
         mean += table[MEAN_RE, i] * z[1, i] + table[MEAN_IM, i] * z[0, i]
-    for i in range(slow, n):
+    for i in range(np.uint64(slow), np.uint64(n)):  # unsigned: no negative index to look for
         swing += table[OUT, i] * (table[OUT, i] * (z[0, i] + rho * z[1, i]))
     return mean, swing
 
@@ -138,7 +138,7 @@ def _propagate_same_point(slow, n, z, table, rho, f0, f1):
     v = 0.0
     w = 0.0
     swing = 0.0
-    for i in range(slow, n):
+    for i in range(np.uint64(slow), np.uint64(n)):  # unsigned: no negative index to look for
         a = z[0, i] + table[C0_RE, i] * f0 + table[C1_RE, i] * f1
         b = z[1, i] + table[C0_IM, i] * f0 + table[C1_IM, i] * f1
         c = table[ROT_RE, i] * a - table[ROT_IM, i] * b
