@@ -1,4 +1,5 @@
 from google.protobuf.internal import containers as _containers
+from google.protobuf.internal import enum_type_wrapper as _enum_type_wrapper
 from google.protobuf import descriptor as _descriptor
 from google.protobuf import message as _message
 from collections.abc import Iterable as _Iterable, Mapping as _Mapping
@@ -6,8 +7,21 @@ from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
 
 DESCRIPTOR: _descriptor.FileDescriptor
 
+class LaneAnswer(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    UNSAID: _ClassVar[LaneAnswer]
+    JOINED: _ClassVar[LaneAnswer]
+    OTHER_HOST: _ClassVar[LaneAnswer]
+    NOT_ALLOWED: _ClassVar[LaneAnswer]
+    SWITCHED_OFF: _ClassVar[LaneAnswer]
+UNSAID: LaneAnswer
+JOINED: LaneAnswer
+OTHER_HOST: LaneAnswer
+NOT_ALLOWED: LaneAnswer
+SWITCHED_OFF: LaneAnswer
+
 class Hello(_message.Message):
-    __slots__ = ("run_id", "scene", "scene_toml", "steps", "step_ns", "seed", "stiffness", "versions")
+    __slots__ = ("run_id", "scene", "scene_toml", "steps", "step_ns", "seed", "stiffness", "versions", "law", "law_digest", "law_source", "lane", "pace", "repeats")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     SCENE_FIELD_NUMBER: _ClassVar[int]
     SCENE_TOML_FIELD_NUMBER: _ClassVar[int]
@@ -16,6 +30,12 @@ class Hello(_message.Message):
     SEED_FIELD_NUMBER: _ClassVar[int]
     STIFFNESS_FIELD_NUMBER: _ClassVar[int]
     VERSIONS_FIELD_NUMBER: _ClassVar[int]
+    LAW_FIELD_NUMBER: _ClassVar[int]
+    LAW_DIGEST_FIELD_NUMBER: _ClassVar[int]
+    LAW_SOURCE_FIELD_NUMBER: _ClassVar[int]
+    LANE_FIELD_NUMBER: _ClassVar[int]
+    PACE_FIELD_NUMBER: _ClassVar[int]
+    REPEATS_FIELD_NUMBER: _ClassVar[int]
     run_id: int
     scene: str
     scene_toml: str
@@ -24,7 +44,23 @@ class Hello(_message.Message):
     seed: int
     stiffness: float
     versions: str
-    def __init__(self, run_id: _Optional[int] = ..., scene: _Optional[str] = ..., scene_toml: _Optional[str] = ..., steps: _Optional[int] = ..., step_ns: _Optional[int] = ..., seed: _Optional[int] = ..., stiffness: _Optional[float] = ..., versions: _Optional[str] = ...) -> None: ...
+    law: str
+    law_digest: str
+    law_source: str
+    lane: LaneOffer
+    pace: float
+    repeats: int
+    def __init__(self, run_id: _Optional[int] = ..., scene: _Optional[str] = ..., scene_toml: _Optional[str] = ..., steps: _Optional[int] = ..., step_ns: _Optional[int] = ..., seed: _Optional[int] = ..., stiffness: _Optional[float] = ..., versions: _Optional[str] = ..., law: _Optional[str] = ..., law_digest: _Optional[str] = ..., law_source: _Optional[str] = ..., lane: _Optional[_Union[LaneOffer, _Mapping]] = ..., pace: _Optional[float] = ..., repeats: _Optional[int] = ...) -> None: ...
+
+class LaneOffer(_message.Message):
+    __slots__ = ("host", "pid", "fd")
+    HOST_FIELD_NUMBER: _ClassVar[int]
+    PID_FIELD_NUMBER: _ClassVar[int]
+    FD_FIELD_NUMBER: _ClassVar[int]
+    host: str
+    pid: int
+    fd: int
+    def __init__(self, host: _Optional[str] = ..., pid: _Optional[int] = ..., fd: _Optional[int] = ...) -> None: ...
 
 class DaqBlock(_message.Message):
     __slots__ = ("run_id", "sequence", "first_step", "step_ns", "every_steps", "scale", "offset", "code", "value", "saturated")
@@ -51,7 +87,7 @@ class DaqBlock(_message.Message):
     def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., every_steps: _Optional[int] = ..., scale: _Optional[float] = ..., offset: _Optional[float] = ..., code: _Optional[_Iterable[int]] = ..., value: _Optional[_Iterable[float]] = ..., saturated: _Optional[bytes] = ...) -> None: ...
 
 class ForceBlock(_message.Message):
-    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "samples_seen", "promise_zero", "promise_level", "force_n")
+    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "samples_seen", "promise_zero", "promise_level", "lane", "force_n")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     FIRST_STEP_FIELD_NUMBER: _ClassVar[int]
@@ -59,6 +95,7 @@ class ForceBlock(_message.Message):
     SAMPLES_SEEN_FIELD_NUMBER: _ClassVar[int]
     PROMISE_ZERO_FIELD_NUMBER: _ClassVar[int]
     PROMISE_LEVEL_FIELD_NUMBER: _ClassVar[int]
+    LANE_FIELD_NUMBER: _ClassVar[int]
     FORCE_N_FIELD_NUMBER: _ClassVar[int]
     run_id: int
     sequence: int
@@ -67,11 +104,12 @@ class ForceBlock(_message.Message):
     samples_seen: int
     promise_zero: bool
     promise_level: float
+    lane: LaneAnswer
     force_n: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., samples_seen: _Optional[int] = ..., promise_zero: _Optional[bool] = ..., promise_level: _Optional[float] = ..., force_n: _Optional[_Iterable[float]] = ...) -> None: ...
+    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., samples_seen: _Optional[int] = ..., promise_zero: _Optional[bool] = ..., promise_level: _Optional[float] = ..., lane: _Optional[_Union[LaneAnswer, str]] = ..., force_n: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class TruthBlock(_message.Message):
-    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n", "xi_a_m", "f_c1_n")
+    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n", "xi_a_m", "f_c1_n", "f_a1_n", "deepest_m", "held_steps")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     FIRST_STEP_FIELD_NUMBER: _ClassVar[int]
@@ -84,6 +122,9 @@ class TruthBlock(_message.Message):
     F_A_N_FIELD_NUMBER: _ClassVar[int]
     XI_A_M_FIELD_NUMBER: _ClassVar[int]
     F_C1_N_FIELD_NUMBER: _ClassVar[int]
+    F_A1_N_FIELD_NUMBER: _ClassVar[int]
+    DEEPEST_M_FIELD_NUMBER: _ClassVar[int]
+    HELD_STEPS_FIELD_NUMBER: _ClassVar[int]
     run_id: int
     sequence: int
     first_step: int
@@ -96,10 +137,13 @@ class TruthBlock(_message.Message):
     f_a_n: _containers.RepeatedScalarFieldContainer[float]
     xi_a_m: _containers.RepeatedScalarFieldContainer[float]
     f_c1_n: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., xi_m: _Optional[_Iterable[float]] = ..., xi_s_m: _Optional[_Iterable[float]] = ..., xi_p_m: _Optional[_Iterable[float]] = ..., v_p_m_s: _Optional[_Iterable[float]] = ..., f_c_n: _Optional[_Iterable[float]] = ..., f_a_n: _Optional[_Iterable[float]] = ..., xi_a_m: _Optional[_Iterable[float]] = ..., f_c1_n: _Optional[_Iterable[float]] = ...) -> None: ...
+    f_a1_n: _containers.RepeatedScalarFieldContainer[float]
+    deepest_m: _containers.RepeatedScalarFieldContainer[float]
+    held_steps: _containers.RepeatedScalarFieldContainer[int]
+    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., xi_m: _Optional[_Iterable[float]] = ..., xi_s_m: _Optional[_Iterable[float]] = ..., xi_p_m: _Optional[_Iterable[float]] = ..., v_p_m_s: _Optional[_Iterable[float]] = ..., f_c_n: _Optional[_Iterable[float]] = ..., f_a_n: _Optional[_Iterable[float]] = ..., xi_a_m: _Optional[_Iterable[float]] = ..., f_c1_n: _Optional[_Iterable[float]] = ..., f_a1_n: _Optional[_Iterable[float]] = ..., deepest_m: _Optional[_Iterable[float]] = ..., held_steps: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class Books(_message.Message):
-    __slots__ = ("run_id", "energy_start_j", "kinetic_j", "gravity_j", "modal_j", "contact_j", "modal_dissipated_j", "contact_dissipated_j", "injected_j", "energy_residual", "momentum_change_n_s", "contact_impulse_n_s", "gravity_impulse_n_s", "momentum_residual", "newton_iterations", "newton_iterations_max", "contact_steps", "frequencies", "frequency_limit_hz", "expected_error")
+    __slots__ = ("run_id", "energy_start_j", "kinetic_j", "gravity_j", "modal_j", "contact_j", "modal_dissipated_j", "contact_dissipated_j", "injected_j", "energy_residual", "momentum_change_n_s", "contact_impulse_n_s", "gravity_impulse_n_s", "momentum_residual", "newton_iterations", "newton_iterations_max", "contact_steps", "frequencies", "frequency_limit_hz", "expected_error", "plastic_dissipated_j", "dent_m", "air_dissipated_j", "tail_dissipated_j")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     ENERGY_START_J_FIELD_NUMBER: _ClassVar[int]
     KINETIC_J_FIELD_NUMBER: _ClassVar[int]
@@ -120,6 +164,10 @@ class Books(_message.Message):
     FREQUENCIES_FIELD_NUMBER: _ClassVar[int]
     FREQUENCY_LIMIT_HZ_FIELD_NUMBER: _ClassVar[int]
     EXPECTED_ERROR_FIELD_NUMBER: _ClassVar[int]
+    PLASTIC_DISSIPATED_J_FIELD_NUMBER: _ClassVar[int]
+    DENT_M_FIELD_NUMBER: _ClassVar[int]
+    AIR_DISSIPATED_J_FIELD_NUMBER: _ClassVar[int]
+    TAIL_DISSIPATED_J_FIELD_NUMBER: _ClassVar[int]
     run_id: int
     energy_start_j: float
     kinetic_j: float
@@ -140,7 +188,11 @@ class Books(_message.Message):
     frequencies: int
     frequency_limit_hz: float
     expected_error: float
-    def __init__(self, run_id: _Optional[int] = ..., energy_start_j: _Optional[float] = ..., kinetic_j: _Optional[float] = ..., gravity_j: _Optional[float] = ..., modal_j: _Optional[float] = ..., contact_j: _Optional[float] = ..., modal_dissipated_j: _Optional[float] = ..., contact_dissipated_j: _Optional[float] = ..., injected_j: _Optional[float] = ..., energy_residual: _Optional[float] = ..., momentum_change_n_s: _Optional[float] = ..., contact_impulse_n_s: _Optional[float] = ..., gravity_impulse_n_s: _Optional[float] = ..., momentum_residual: _Optional[float] = ..., newton_iterations: _Optional[int] = ..., newton_iterations_max: _Optional[int] = ..., contact_steps: _Optional[int] = ..., frequencies: _Optional[int] = ..., frequency_limit_hz: _Optional[float] = ..., expected_error: _Optional[float] = ...) -> None: ...
+    plastic_dissipated_j: float
+    dent_m: float
+    air_dissipated_j: float
+    tail_dissipated_j: float
+    def __init__(self, run_id: _Optional[int] = ..., energy_start_j: _Optional[float] = ..., kinetic_j: _Optional[float] = ..., gravity_j: _Optional[float] = ..., modal_j: _Optional[float] = ..., contact_j: _Optional[float] = ..., modal_dissipated_j: _Optional[float] = ..., contact_dissipated_j: _Optional[float] = ..., injected_j: _Optional[float] = ..., energy_residual: _Optional[float] = ..., momentum_change_n_s: _Optional[float] = ..., contact_impulse_n_s: _Optional[float] = ..., gravity_impulse_n_s: _Optional[float] = ..., momentum_residual: _Optional[float] = ..., newton_iterations: _Optional[int] = ..., newton_iterations_max: _Optional[int] = ..., contact_steps: _Optional[int] = ..., frequencies: _Optional[int] = ..., frequency_limit_hz: _Optional[float] = ..., expected_error: _Optional[float] = ..., plastic_dissipated_j: _Optional[float] = ..., dent_m: _Optional[float] = ..., air_dissipated_j: _Optional[float] = ..., tail_dissipated_j: _Optional[float] = ...) -> None: ...
 
 class StreamCount(_message.Message):
     __slots__ = ("stream", "messages", "samples")
@@ -152,14 +204,52 @@ class StreamCount(_message.Message):
     samples: int
     def __init__(self, stream: _Optional[str] = ..., messages: _Optional[int] = ..., samples: _Optional[int] = ...) -> None: ...
 
+class SetUp(_message.Message):
+    __slots__ = ("scene_toml", "stiffness", "law", "law_digest")
+    SCENE_TOML_FIELD_NUMBER: _ClassVar[int]
+    STIFFNESS_FIELD_NUMBER: _ClassVar[int]
+    LAW_FIELD_NUMBER: _ClassVar[int]
+    LAW_DIGEST_FIELD_NUMBER: _ClassVar[int]
+    scene_toml: str
+    stiffness: float
+    law: str
+    law_digest: str
+    def __init__(self, scene_toml: _Optional[str] = ..., stiffness: _Optional[float] = ..., law: _Optional[str] = ..., law_digest: _Optional[str] = ...) -> None: ...
+
 class RunEnd(_message.Message):
-    __slots__ = ("run_id", "role", "count", "fault")
+    __slots__ = ("run_id", "role", "count", "fault", "set_up")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     ROLE_FIELD_NUMBER: _ClassVar[int]
     COUNT_FIELD_NUMBER: _ClassVar[int]
     FAULT_FIELD_NUMBER: _ClassVar[int]
+    SET_UP_FIELD_NUMBER: _ClassVar[int]
     run_id: int
     role: str
     count: _containers.RepeatedCompositeFieldContainer[StreamCount]
     fault: str
-    def __init__(self, run_id: _Optional[int] = ..., role: _Optional[str] = ..., count: _Optional[_Iterable[_Union[StreamCount, _Mapping]]] = ..., fault: _Optional[str] = ...) -> None: ...
+    set_up: SetUp
+    def __init__(self, run_id: _Optional[int] = ..., role: _Optional[str] = ..., count: _Optional[_Iterable[_Union[StreamCount, _Mapping]]] = ..., fault: _Optional[str] = ..., set_up: _Optional[_Union[SetUp, _Mapping]] = ...) -> None: ...
+
+class Pacing(_message.Message):
+    __slots__ = ("run_id", "pace", "response_max_ns", "late_max_ns", "behind_max_ns", "working_ns", "classes_an_octave", "lead_steps", "step_ns", "answers")
+    RUN_ID_FIELD_NUMBER: _ClassVar[int]
+    PACE_FIELD_NUMBER: _ClassVar[int]
+    RESPONSE_MAX_NS_FIELD_NUMBER: _ClassVar[int]
+    LATE_MAX_NS_FIELD_NUMBER: _ClassVar[int]
+    BEHIND_MAX_NS_FIELD_NUMBER: _ClassVar[int]
+    WORKING_NS_FIELD_NUMBER: _ClassVar[int]
+    CLASSES_AN_OCTAVE_FIELD_NUMBER: _ClassVar[int]
+    LEAD_STEPS_FIELD_NUMBER: _ClassVar[int]
+    STEP_NS_FIELD_NUMBER: _ClassVar[int]
+    ANSWERS_FIELD_NUMBER: _ClassVar[int]
+    run_id: int
+    pace: float
+    response_max_ns: int
+    late_max_ns: int
+    behind_max_ns: int
+    working_ns: int
+    classes_an_octave: int
+    lead_steps: int
+    step_ns: int
+    answers: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, run_id: _Optional[int] = ..., pace: _Optional[float] = ..., response_max_ns: _Optional[int] = ..., late_max_ns: _Optional[int] = ..., behind_max_ns: _Optional[int] = ..., working_ns: _Optional[int] = ..., classes_an_octave: _Optional[int] = ..., lead_steps: _Optional[int] = ..., step_ns: _Optional[int] = ..., answers: _Optional[_Iterable[float]] = ...) -> None: ...

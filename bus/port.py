@@ -7,8 +7,8 @@ import numpy as np
 from google.protobuf.message import Message
 
 from bus import wire
-from bus.messages_pb2 import RunEnd, StreamCount
-from bus.streams import STREAMS, Counter, Envelope
+from bus.messages_pb2 import RunEnd, SetUp, StreamCount
+from bus.streams import STREAMS, Counter, Envelope, StreamFault, refuse_not_finite
 
 
 class BusError(RuntimeError):
@@ -16,7 +16,26 @@ class BusError(RuntimeError):
 
 
 class PeerLost(BusError):
-    """A process that takes part in the run is gone, or never came, or is silent."""
+    """A process that takes part in the run is gone, or never came, or is silent.
+
+    `roles` are those that are missing, as far as known.
+    """
+
+    def __init__(self, sentence: str, *roles: str) -> None:
+        super().__init__(sentence)
+        self.roles = roles
+
+
+class EndedByOther(StreamFault):
+    """Another role announced that it ends the run; the sentence gives its reason."""
+
+
+_SAY_EVERY_S = 0.5
+
+
+def say_every_s(timeout_s: float) -> float:
+    """Time in which everybody hears something of a run, where each waits `timeout_s` for that."""
+    return min(_SAY_EVERY_S, timeout_s / 4)
 
 
 class Port(Protocol):
@@ -43,6 +62,7 @@ class Publisher:
 
     def __init__(self, port: Port, run_id: int) -> None:
         self.port, self.run_id = port, run_id
+        self.ended = False
         self.counters = {
             name: Counter()
             for name, stream in STREAMS.items()
@@ -52,24 +72,33 @@ class Publisher:
     def send(
         self, stream: str, header: Message, arrays: Mapping[str, np.ndarray] | None = None
     ) -> int:
-        """Publish one message, completing run id and sequence number. Returns its size, bytes."""
+        """Publish one message, completing run id and sequence number. Returns its size, bytes.
+
+        Raises StreamFault for a number that is not finite; nothing is sent then.
+        """
         counter = self.counters[stream]
         fields = header.DESCRIPTOR.fields_by_name
         if "run_id" in fields:
             header.run_id = self.run_id  # type: ignore[attr-defined]
         if "sequence" in fields:
             header.sequence = counter.messages  # type: ignore[attr-defined]
+        refuse_not_finite(stream, counter.messages, header, arrays or {})
         payload = wire.encode(header, **(arrays or {}))
         self.port.publish(Envelope(stream, payload, counter.messages))
         counter.messages += 1
         counter.samples += max((len(a) for a in (arrays or {}).values()), default=1)
         return len(payload)
 
-    def end(self, fault: str = "") -> None:
-        """Announce what was published; the last message of a role."""
+    def end(self, fault: str = "", set_up: SetUp | None = None) -> None:
+        """Announce what was published; the last message of a role, once."""
+        if self.ended:
+            return
+        self.ended = True
         counts = [
             StreamCount(stream=name, messages=c.messages, samples=c.samples)
             for name, c in self.counters.items()
         ]
-        header = RunEnd(run_id=self.run_id, role=self.port.role, count=counts, fault=fault)
+        header = RunEnd(
+            run_id=self.run_id, role=self.port.role, count=counts, fault=fault, set_up=set_up
+        )
         self.port.publish(Envelope(f"end/{self.port.role}", header.SerializeToString(), 0))

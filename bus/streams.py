@@ -1,47 +1,56 @@
 """The one table of streams, and the book-keeping that lets no loss pass silently."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from typing import Any
 
+import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.message import Message
 
+from bus import messages_pb2 as messages
 from bus import wire
-from bus.messages_pb2 import Books, DaqBlock, ForceBlock, Hello, RunEnd, TruthBlock
+from bus.finite import not_finite
+from bus.messages_pb2 import DaqBlock, Hello, RunEnd, SetUp
 
 PLANT, CONTROLLER, RECORDER = "plant", "controller", "recorder"
+LAST_NS = 2**63 - 1  # simulated time that every reader of a recording can hold
 
 
 @dataclass(frozen=True)
 class Stream:
-    """One numbered sequence of messages from one role."""
+    """One numbered sequence of messages from one role; `heard` by which, beside the recorder."""
 
     name: str
     publisher: str
     message: type[Message]
     topic: str  # in the recording
+    heard: str = ""
     compared: bool = False  # its samples must be the same in every repeat of a run
+    once: bool = False  # one message a run
 
 
 STREAMS = {
     s.name: s
     for s in (
-        Stream("hello", PLANT, Hello, "/hello"),
-        Stream("daq", PLANT, DaqBlock, "/daq", compared=True),
-        Stream("truth", PLANT, TruthBlock, "/truth", compared=True),
-        Stream("force", CONTROLLER, ForceBlock, "/force", compared=True),
+        Stream("hello", PLANT, messages.Hello, "/hello", CONTROLLER, once=True),
+        Stream("daq", PLANT, messages.DaqBlock, "/daq", CONTROLLER, compared=True),
+        Stream("truth", PLANT, messages.TruthBlock, "/truth", compared=True),
+        Stream("force", CONTROLLER, messages.ForceBlock, "/force", PLANT, compared=True),
         Stream("events/plant", PLANT, Log, "/events", compared=True),
         Stream("events/controller", CONTROLLER, Log, "/events", compared=True),
-        Stream("books", PLANT, Books, "/books"),
-        Stream("end/plant", PLANT, RunEnd, "/end"),
-        Stream("end/controller", CONTROLLER, RunEnd, "/end"),
+        Stream("books", PLANT, messages.Books, "/books", once=True),
+        Stream("end/plant", PLANT, messages.RunEnd, "/end", CONTROLLER, once=True),
+        Stream("end/controller", CONTROLLER, messages.RunEnd, "/end", PLANT, once=True),
+        Stream("pacing", PLANT, messages.Pacing, "/pacing", once=True),
     )
 }
 
 # What each role hears.
 SUBSCRIPTIONS = {
-    PLANT: ("force", "end/controller"),
-    CONTROLLER: ("hello", "daq", "end/plant"),
+    PLANT: tuple(s.name for s in STREAMS.values() if s.heard == PLANT),
+    CONTROLLER: tuple(s.name for s in STREAMS.values() if s.heard == CONTROLLER),
     RECORDER: tuple(STREAMS),
 }
 
@@ -86,18 +95,33 @@ def has_header_sequence(stream: str) -> bool:
     return "sequence" in STREAMS[stream].message.DESCRIPTOR.fields_by_name
 
 
+def refuse_not_finite(
+    stream: str, sequence: int | None, header: Message, arrays: Mapping[str, np.ndarray]
+) -> None:
+    """Raise StreamFault if a message holds a number that is infinite or none."""
+    found = not_finite(header, arrays)
+    if found:
+        raise StreamFault(
+            f"stream '{stream}' sequence {sequence} holds {found}; every number of a run is finite"
+        )
+
+
 @dataclass
 class Checker:
-    """Follows incoming streams: run, numbering and continuity of every block.
+    """Follows incoming streams of a role: run, numbering, continuity and numbers of every block.
 
-    The run and the length of a step are fixed by the first message that carries them.
+    The run and the length of a step are fixed by the first message that carries them;
+    `announced` is the plant's hello, as heard, or as sent by the plant itself.
     """
 
     run_id: int = 0
     step_ns: int = 0
+    role: str = RECORDER
+    announced: Hello | None = None
     counters: dict[str, Counter] = field(default_factory=dict)
     next_step: dict[str, int] = field(default_factory=dict)
     scales: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    latest_event_ns: int = 0
 
     def accept(self, envelope: Envelope) -> wire.Packed:
         """Decode and check one message. Raises StreamFault on anything out of order."""
@@ -112,20 +136,57 @@ class Checker:
             ) from error
         header: Any = block.header
         sequence = getattr(header, "sequence", envelope.sequence)
-        if hasattr(header, "run_id"):
-            self.run_id = self.run_id or header.run_id
-            if header.run_id != self.run_id:
-                raise StreamFault(
-                    f"stream '{name}' sequence {sequence} belongs to run {header.run_id:x}, "
-                    f"not to {self.run_id:x}: two runs share one name on the bus"
-                )
-        if sequence is not None and sequence != counter.messages:
-            what = "repeat" if sequence < counter.messages else "gap"
-            raise StreamFault(
-                f"{what} on stream '{name}': sequence {sequence} came, "
-                f"{counter.messages} was expected"
-            )
+        self._check_run(name, sequence, header)
+        self._check_number(name, sequence, counter)
         count = sample_count(block)
+        self._check_step(name, sequence, header)
+        if isinstance(header, DaqBlock):
+            self._check_channel(name, header, count)
+        refuse_not_finite(name, sequence, header, block.arrays)
+        if isinstance(header, Hello):
+            self._check_length(header)
+        elif isinstance(header, Log):
+            self._check_event(name, sequence, header)
+        elif isinstance(header, RunEnd) and header.role != STREAMS[name].publisher:
+            raise StreamFault(
+                f"stream '{name}' carries the end of '{header.role}', not of the "
+                f"{STREAMS[name].publisher}"
+            )
+        if hasattr(header, "first_step"):
+            every = getattr(header, "every_steps", 1)
+            self.next_step[name] = header.first_step + count * every
+        counter.messages += 1
+        counter.samples += count
+        return block
+
+    def _check_run(self, name: str, sequence: int | None, header: Any) -> None:
+        if not hasattr(header, "run_id"):
+            return
+        self.run_id = self.run_id or header.run_id
+        if header.run_id != self.run_id or not header.run_id:
+            raise StreamFault(
+                f"stream '{name}' sequence {sequence} belongs to run {header.run_id:x}, "
+                f"not to {self.run_id:x}: two runs share one name on the bus"
+            )
+
+    def _check_number(self, name: str, sequence: int | None, counter: Counter) -> None:
+        expected = counter.messages
+        if sequence is None:
+            raise StreamFault(
+                f"a message without a number came on stream '{name}', {expected} was expected"
+            )
+        if sequence != expected:
+            what = "repeat" if sequence < expected else "gap"
+            raise StreamFault(
+                f"{what} on stream '{name}': sequence {sequence} came, {expected} was expected"
+            )
+        if expected and STREAMS[name].once:
+            raise StreamFault(
+                f"a second message came on stream '{name}': a {STREAMS[name].publisher} sends "
+                "one a run"
+            )
+
+    def _check_step(self, name: str, sequence: int | None, header: Any) -> None:
         if hasattr(header, "step_ns"):
             self.step_ns = self.step_ns or header.step_ns
             if header.step_ns != self.step_ns or not header.step_ns:
@@ -133,8 +194,6 @@ class Checker:
                     f"stream '{name}' sequence {sequence} has steps of {header.step_ns} ns, "
                     f"announced were {self.step_ns} ns"
                 )
-        if isinstance(header, DaqBlock):
-            self._check_channel(name, header, count)
         if hasattr(header, "first_step"):
             expected = self.next_step.get(name, 0)
             if header.first_step != expected:
@@ -142,11 +201,6 @@ class Checker:
                     f"stream '{name}' sequence {sequence} starts at step {header.first_step}, "
                     f"expected {expected}"
                 )
-            every = getattr(header, "every_steps", 1)
-            self.next_step[name] = expected + count * every
-        counter.messages += 1
-        counter.samples += count
-        return block
 
     def _check_channel(self, name: str, header: DaqBlock, count: int) -> None:
         """A channel stays as its first block describes it, with a flag a sample or none."""
@@ -163,13 +217,43 @@ class Checker:
                 f"for {count} samples"
             )
 
+    def _check_length(self, hello: Hello) -> None:
+        """A hello says what is run, and for how long; no event may lie beyond."""
+        if not hello.scene_toml:
+            raise StreamFault("the plant announced a run without a scene")
+        if not 0 < hello.steps * hello.step_ns <= LAST_NS:
+            raise StreamFault(
+                f"the plant announced a run of {hello.steps} steps of {hello.step_ns} ns; it has "
+                f"1 step or more and lasts {LAST_NS} ns at most"
+            )
+        self.announced = hello
+        self._check_within(self.latest_event_ns)
+
+    def _check_event(self, name: str, sequence: int | None, event: Log) -> None:
+        time_ns = event.timestamp.seconds * 10**9 + event.timestamp.nanos
+        if not 0 <= time_ns <= LAST_NS or not 0 <= event.timestamp.nanos < 10**9:
+            raise StreamFault(
+                f"stream '{name}' sequence {sequence} has an event at {event.timestamp.seconds} s "
+                f"and {event.timestamp.nanos} ns, which is no time of a run"
+            )
+        self.latest_event_ns = max(self.latest_event_ns, time_ns)
+        self._check_within(time_ns)
+
+    def _check_within(self, time_ns: int) -> None:
+        """Events lie within the run; what came before its hello is looked at with it."""
+        if self.announced and time_ns > (end := self.announced.steps * self.announced.step_ns):
+            raise StreamFault(f"an event came for {time_ns} ns, the run ends at {end} ns")
+
     def reconcile(self, end: RunEnd) -> None:
-        """Compare a role's announced counts with what came. Raises StreamFault."""
-        missing = set(self.counters) - {announced.stream for announced in end.count}
-        for name in sorted(missing - {f"end/{end.role}"}):
-            if STREAMS[name].publisher == end.role:
-                raise StreamFault(f"the {end.role} announced no count for stream '{name}'")
+        """Compare what a role announced at its end with what came: counts, and after a run
+        without fault what the controller worked by. Raises StreamFault."""
+        heard = {s for s in SUBSCRIPTIONS[self.role] if STREAMS[s].publisher == end.role}
+        missing = heard - {announced.stream for announced in end.count} - {f"end/{end.role}"}
+        for name in sorted(missing):
+            raise StreamFault(f"the {end.role} announced no count for stream '{name}'")
         for announced in end.count:
+            if announced.stream not in heard:
+                continue
             came = self.counters.get(announced.stream, Counter())
             if (came.messages, came.samples) != (announced.messages, announced.samples):
                 raise StreamFault(
@@ -177,3 +261,24 @@ class Checker:
                     f"with {announced.samples} samples were announced, {came.messages} with "
                     f"{came.samples} came"
                 )
+        if end.role == CONTROLLER and not end.fault and self.announced:
+            compare_set_up(self.announced, end.set_up)
+
+
+def compare_set_up(announced: Hello, ran: SetUp) -> None:
+    """Raise StreamFault unless the controller worked by the scene that the plant announced."""
+    if not ran.scene_toml:
+        raise StreamFault("the controller did not say by which scene it worked")
+    for said, done in zip_longest(
+        announced.scene_toml.splitlines(), ran.scene_toml.splitlines(), fillvalue="nothing"
+    ):
+        if said != done:
+            raise StreamFault(
+                f"the controller worked by another scene: '{done[:100]}' where the plant "
+                f"announced '{said[:100]}'"
+            )
+    if ran.stiffness != announced.stiffness:
+        raise StreamFault(
+            f"the controller worked with a contact stiffness of {ran.stiffness:g} N/m^1.5, "
+            f"the plant announced {announced.stiffness:g}"
+        )

@@ -1,56 +1,40 @@
 """Bus between processes: one zenoh peer per role, a full mesh on explicit endpoints.
 
-Why the settings are what they are: a dropped or reordered sample would be a
-wrong result, so nothing may be dropped under congestion (BLOCK with a wait that
-does not end); multicast scouting and gossip are off, so that only the given
-endpoints are open; a liveliness token is declared after the subscribers exist,
-so a role that shows up can hear everything.
+A liveliness token is declared after the subscribers exist, so a role that shows up can
+hear everything. The settings of a session are in zenoh_config.
 """
 
-import json
 import os
 import queue
+import secrets
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import zenoh
 
+from bus import LEAVING
 from bus.port import BusError, PeerLost
 from bus.streams import STREAMS, SUBSCRIPTIONS, Envelope, has_header_sequence
+from bus.zenoh_config import is_known, session_config
 
-# One runtime thread instead of a pool saves a third of the round trip.
-ONE_THREAD_RUNTIME = (
+# Few runtime threads instead of several pools shorten the round trip. One would be fastest,
+# but while zenoh closes the link of a session that hangs, nothing else runs on its thread.
+SMALL_RUNTIME = (
     "(rx:(handover:app),acc:(handover:app),tx:(handover:app),net:(handover:app),"
-    "app:(worker_threads:1))"
+    "app:(worker_threads:2))"
 )
-_NEVER_US = 3_600_000_000  # an hour; -1 is documented as "never" but panics
-_LEASE_MS = 5_000  # how long a hung peer stays unnoticed
-
-
-def _config(
-    listen: Sequence[str], connect: Sequence[str], config_file: Path | None
-) -> zenoh.Config:
-    config = zenoh.Config.from_file(str(config_file)) if config_file else zenoh.Config()
-    settings: dict[str, object] = {
-        "mode": "peer",
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "transport/link/tx/lease": _LEASE_MS,
-        "transport/link/tx/queue/congestion_control/block/wait_before_close": _NEVER_US,
-        "connect/retry": {"period_init_ms": 20, "period_max_ms": 500, "period_increase_factor": 2},
-    }
-    if listen or not config_file:
-        settings["listen/endpoints"] = list(listen)
-    if connect or not config_file:
-        settings["connect/endpoints"] = list(connect)
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    return config
+_CLOSE_S = 2.0  # for zenoh to send what is under way
+_NOTICE_S = 4.0  # for zenoh to say whose link it has closed
 
 
 class ZenohPort:
-    """Port of one role. Raises BusError when an endpoint cannot be opened."""
+    """Port of one role. Raises BusError when an endpoint cannot be opened.
+
+    `patience_s` is how long a role of the run may leave messages untaken.
+    """
 
     def __init__(
         self,
@@ -59,19 +43,28 @@ class ZenohPort:
         listen: Sequence[str],
         connect: Sequence[str] = (),
         config_file: Path | None = None,
+        patience_s: float = 5.0,
     ) -> None:
-        os.environ.setdefault("ZENOH_RUNTIME", ONE_THREAD_RUNTIME)
+        os.environ.setdefault("ZENOH_RUNTIME", SMALL_RUNTIME)
         self.role, self.name = role, name
+        self._first: Envelope | PeerLost | KeyboardInterrupt | None = None  # out of the inbox
         self._inbox: queue.SimpleQueue[Envelope | PeerLost | KeyboardInterrupt] = (
             queue.SimpleQueue()
         )
         self._interrupted = False
-        self._alive: set[str] = set()
-        self._watched: set[str] = set()
-        self._gone: set[str] = set()
+        self._instance = secrets.token_hex(8)  # two processes of one role have two tokens
+        self._alive: dict[str, set[str]] = {r: set() for r in SUBSCRIPTIONS}  # instances
+        self._watched: dict[str, str] = {}  # the instance that takes part in the run
+        self._left: set[str] = set()  # roles of which some process has left
+        self._vouched: set[str] = set()
+        self._spoke_last: set[str] = set()  # roles that announced their end: they are not deaf
+        self._patience_s = patience_s
         self._root = f"hertzloop/{name}"
         try:
-            self._session = zenoh.open(_config(listen, connect, config_file))
+            config = session_config(
+                role, tuple(SUBSCRIPTIONS), name, listen, connect, config_file, patience_s
+            )
+            self._session = zenoh.open(config)
         except zenoh.ZError as error:
             where = ", ".join(listen) or str(config_file)
             in_use = "is the port in use? " if "in use" in str(error) else ""
@@ -92,11 +85,16 @@ class ZenohPort:
             for stream in SUBSCRIPTIONS[role]
         ]
         self._watch = self._session.liveliness().declare_subscriber(
-            f"{self._root}/alive/*",
+            f"{self._root}/alive/*/*",
             zenoh.handlers.Callback(self._on_liveliness, indirect=False),
             history=True,
         )
-        self._token: zenoh.LivelinessToken | None = None
+        self._vouchers = self._session.liveliness().declare_subscriber(
+            f"{self._root}/complete/*",
+            zenoh.handlers.Callback(self._on_voucher, indirect=False),
+            history=True,
+        )
+        self._tokens: list[zenoh.LivelinessToken] = []
 
     def _handler(self, stream: str) -> "zenoh.handlers.Callback[zenoh.Sample]":
         put, numbered = self._inbox.put, not has_header_sequence(stream)
@@ -104,74 +102,174 @@ class ZenohPort:
         def receive(sample: zenoh.Sample) -> None:
             sequence = None
             if numbered and sample.attachment is not None:
-                sequence = int.from_bytes(sample.attachment.to_bytes(), "little")
+                number = sample.attachment.to_bytes()
+                sequence = int.from_bytes(number, "little") if len(number) == 8 else None
             put(Envelope(stream, sample.payload.to_bytes(), sequence))
+            if stream.startswith("end/"):
+                self._spoke_last.add(stream.removeprefix("end/"))
 
         return zenoh.handlers.Callback(receive, indirect=False)
 
     def _on_liveliness(self, sample: zenoh.Sample) -> None:
-        role = str(sample.key_expr).rsplit("/", 1)[1]
+        role, instance = str(sample.key_expr).rsplit("/", 2)[1:]
+        if role not in self._alive:
+            return
         if sample.kind == zenoh.SampleKind.PUT:
-            self._alive.add(role)
+            self._alive[role].add(instance)
         else:
-            self._alive.discard(role)
-            self._gone.add(role)
-            self._inbox.put(PeerLost(f"{role} left the run"))
+            self._alive[role].discard(instance)
+            self._left.add(role)
+            self._inbox.put(PeerLost(f"{role} left the run", role))
+
+    def _on_voucher(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._vouched.add(str(sample.key_expr).rsplit("/", 1)[1])
+
+    def _declare(self, what: str) -> None:
+        token = self._session.liveliness().declare_token(f"{self._root}/{what}")
+        self._tokens.append(token)
+
+    def _gone(self) -> list[str]:
+        """Roles of the run that left it without a word. Who announced an end has said why: that
+        message is received before anything is missed. Who vouched for its part has heard all of
+        the others, whose last words may still be on their way to this one."""
+        said = self._spoke_last | self._vouched
+        return [
+            role
+            for role, one in list(self._watched.items())
+            if one not in self._alive[role] and role not in said
+        ]
+
+    def _refuse_doubles(self) -> None:
+        for role, instances in self._alive.items():
+            count = len(instances | {self._instance}) if role == self.role else len(instances)
+            if count > 1:
+                raise BusError(
+                    f"{count} processes are the {role} on bus '{self.name}', a run has one: end "
+                    "the others, or give each run a name of its own (--name)"
+                )
 
     def announce(self) -> None:
         """Tell the others that this role is ready to hear everything."""
-        self._token = self._session.liveliness().declare_token(f"{self._root}/alive/{self.role}")
+        self._declare(f"alive/{self.role}/{self._instance}")
+
+    def vouch(self) -> None:
+        """Tell the others that this role has done its part of the run, without a fault."""
+        self._declare(f"complete/{self.role}")
 
     def wait_for(self, roles: Sequence[str], timeout_s: float) -> None:
-        """Wait until the roles are there. Raises PeerLost naming those that are not."""
+        """Wait until the roles are there. Raises PeerLost naming those that are not, BusError
+        when a role is there twice.
+
+        A role that left while others were awaited may come again.
+        """
         deadline = time.monotonic() + timeout_s
-        while missing := [role for role in roles if role not in self._alive]:
+        while missing := [role for role in roles if not self._alive[role]]:
+            self._refuse_doubles()
             if self._interrupted:
                 raise KeyboardInterrupt
             if time.monotonic() > deadline:
+                left = [role for role in missing if role in self._left]
+                again = f" ({' and '.join(left)} came, but left again)" if left else ""
                 raise PeerLost(
                     f"{self.role} waited {timeout_s:g} s for {' and '.join(missing)} on bus "
-                    f"'{self.name}': not there"
+                    f"'{self.name}': not there{again}",
+                    *missing,
                 )
             time.sleep(0.002)
-        self._watched |= set(roles)
+        self._refuse_doubles()
+        # One that left at this very moment stays watched as "", which is never alive.
+        self._watched |= {role: next(iter(tuple(self._alive[role])), "") for role in roles}
+
+    def strangers(self) -> list[str]:
+        """Ids of the sessions linked to this one that are no role's: what they do not take in time
+        is dropped."""
+        linked = [str(number) for number in self._session.info.peers_zid()]
+        return [number for number in linked if not is_known(self.name, tuple(self._alive), number)]
 
     def release(self, role: str) -> None:
         """From now on `role` may leave: it has announced its end."""
-        self._watched.discard(role)
+        self._watched.pop(role, None)
 
-    def wait_until_gone(self, role: str, timeout_s: float) -> bool:
-        """Wait until a role has left, so that it has surely heard everything."""
-        deadline = time.monotonic() + timeout_s
-        while role in self._alive and time.monotonic() < deadline:
+    def wait_until_gone(self, role: str, timeout_s: float | None = None) -> bool:
+        """Wait until a role has left, so that it has surely heard everything.
+
+        Without a limit this ends too: zenoh notices who dies, and who hangs. Raises
+        KeyboardInterrupt when interrupted while there is no limit.
+        """
+        deadline = None if timeout_s is None else time.monotonic() + timeout_s
+        while self._alive[role] and (deadline is None or time.monotonic() < deadline):
+            if deadline is None and self._interrupted:
+                raise KeyboardInterrupt
             time.sleep(0.002)
-        return role not in self._alive
+        return not self._alive[role]
+
+    def wait_until_heard(self, timeout_s: float, besides: Collection[str] = ()) -> None:
+        """Wait until the last words of this role have reached all: each of the others has left, or
+        has announced an end of its own, or is one that nobody waits for (`besides`)."""
+        deadline = time.monotonic() + timeout_s
+
+        def listening() -> bool:
+            known = {self.role, *besides, *tuple(self._spoke_last)}
+            return any(alive for role, alive in self._alive.items() if role not in known)
+
+        while listening() and time.monotonic() < deadline:
+            time.sleep(0.002)
+
+    def wait_for_voucher(self, role: str) -> None:
+        """Wait until a role has left. Raises PeerLost unless it vouched for its part before."""
+        self.wait_until_gone(role)
+        if role not in self._vouched:
+            raise PeerLost(f"{role} left the run before its part was complete", role)
 
     def publish(self, envelope: Envelope) -> None:
-        """Send; blocks under congestion. Raises PeerLost if a role of the run has gone."""
-        for role in self._gone & self._watched:
-            raise PeerLost(f"{role} left the run; {self.role} was sending '{envelope.stream}'")
+        """Send; blocks under congestion. Raises PeerLost if a role of the run has gone, or does
+        not take its messages within the patience. Last words are sent to whoever is left."""
+        for role in [] if envelope.stream.startswith("end/") else self._gone():
+            raise PeerLost(
+                f"{role} left the run; {self.role} was sending '{envelope.stream}'", role
+            )
         attachment = None
         if not has_header_sequence(envelope.stream):
             attachment = (envelope.sequence or 0).to_bytes(8, "little")
+        started = time.monotonic()
         self._publishers[envelope.stream].put(envelope.payload, attachment=attachment)
+        if time.monotonic() - started >= self._patience_s:
+            self._blame(envelope.stream)
+
+    def _blame(self, stream: str) -> None:
+        """Name who did not take a message. Raises PeerLost: zenoh has given the message up."""
+        deadline = time.monotonic() + _NOTICE_S
+        while not (deaf := set(self._gone())) and time.monotonic() < deadline:
+            time.sleep(0.002)
+        named = sorted(deaf or self._watched.keys() - self._spoke_last or self._watched)
+        raise PeerLost(
+            f"{' or '.join(named)} took no message for {self._patience_s:g} s; {self.role} was "
+            f"sending '{stream}'",
+            *named,
+        )
 
     def receive(self, timeout_s: float, awaited: str) -> Envelope:
         """Next message; see Port. A role's departure is reported after what it sent."""
         deadline = time.monotonic() + timeout_s
         while True:
             try:
-                item = self._inbox.get(timeout=max(0.0, deadline - time.monotonic()))
+                item = self._first or self._inbox.get(timeout=max(0.0, deadline - time.monotonic()))
+                self._first = None
             except queue.Empty:
                 raise PeerLost(
-                    f"{self.role} waited {timeout_s:g} s for {awaited}: nothing came"
+                    f"{self.role} waited {timeout_s:g} s for {awaited}: nothing came",
+                    *self._awaited(awaited),
                 ) from None
             if isinstance(item, Envelope):
                 return item
             if isinstance(item, KeyboardInterrupt):
                 raise item
-            for role in self._gone & self._watched:
-                raise PeerLost(f"{role} left the run; {self.role} was waiting for {awaited}")
+            for role in self._gone():
+                raise PeerLost(f"{role} left the run; {self.role} was waiting for {awaited}", role)
+
+    def _awaited(self, awaited: str) -> list[str]:
+        return [role for role in self._watched if role in awaited.split()]
 
     def interrupt(self) -> None:
         """Make the next wait raise KeyboardInterrupt; may be called from a signal handler.
@@ -182,9 +280,28 @@ class ZenohPort:
         self._inbox.put(KeyboardInterrupt())
 
     def pending(self) -> bool:
-        """Whether something is there to receive."""
-        return not self._inbox.empty()
+        """Whether `receive` has something to give, or to raise, at once. That a role has left which
+        may leave is neither: who then waited for a message could wait in vain."""
+        while self._first is None:
+            try:
+                item = self._inbox.get_nowait()
+            except queue.Empty:
+                return False
+            if not isinstance(item, PeerLost) or self._gone():
+                self._first = item
+        return True
 
     def close(self) -> None:
-        """Leave the bus; what was sent is flushed first."""
-        self._session.close()
+        """Leave the bus; what was sent is flushed first, as far as the others take it.
+
+        A peer that hangs can make zenoh wait or fail here; whether all arrived, the announced
+        counts tell.
+        """
+
+        def leave() -> None:
+            with suppress(zenoh.ZError):
+                self._session.close()
+
+        leaving = threading.Thread(target=leave, name=LEAVING, daemon=True)
+        leaving.start()
+        leaving.join(_CLOSE_S)

@@ -2,92 +2,14 @@
 
 import math
 from dataclasses import dataclass, field
-from enum import IntEnum
 
 import numpy as np
 
 from controller import kernels as k
 from controller import law_kernels as laws
+from controller.door.bound import BoundLaw, LawFault
 
 _JITTER_STREAM, _DROP_OUT_STREAM = 2, 3  # random streams; the sensor's noise is another
-
-
-class Law(IntEnum):
-    """Kinds of force laws."""
-
-    OFF = laws.OFF
-    SLOPE_THRESHOLD = laws.SLOPE_THRESHOLD
-    CONSTANT = 100  # a profile of one value
-    PROFILE = laws.PROFILE
-    PREDICTED = laws.PREDICTED
-    FEEDBACK = laws.FEEDBACK
-    INTEGRAL_FEEDBACK = laws.INTEGRAL_FEEDBACK
-
-
-class Mode(IntEnum):
-    """States of a law. A profile that is over stays SPENT until the contact ends."""
-
-    IDLE = laws.IDLE
-    WATCHING = laws.WATCHING
-    ACTING = laws.ACTING
-    SPENT = laws.SPENT
-
-
-@dataclass(frozen=True)
-class LawSpec:
-    """Parameters of a law.
-
-    Slope threshold: `kappa` (1) scales s p^(3/2) with `stiffness` s (N/m^1.5), `v_thr_m_s`
-    is the slope (m/s) at which the delay is latched, of a line through the last `window`
-    samples (least squares). After the contact the force fades over `fade_samples`, if
-    given; 0 ends it at once.
-    Predicted: the same for what a sphere of `mass_kg` on an infinite plate of `impedance_n_s_m`
-    (N s/m) will do in the next `lead_samples`; it watches below `watch_level`.
-    Constant and profile: forces `profile_n` (N), one a sample from the first in contact on.
-    Feedback: `gain` times the sample (N per its unit), or, integral, per its integral, which
-    leaks with the corner `leak_hz`; samples up to `dead_zone` count as zero.
-    A sample at or below `contact_level` counts as in contact. With a lead a threshold law or
-    profile commands what is due `lead_samples` later.
-    """
-
-    law: Law
-    stiffness: float
-    kappa: float = 0.0
-    v_thr_m_s: float = 0.0
-    profile_n: tuple[float, ...] = ()
-    contact_level: float = 0.0
-    lead_samples: int = 0
-    window: int = 2
-    fade_samples: int | None = None
-    watch_level: float = 0.0
-    mass_kg: float = math.inf
-    impedance_n_s_m: float = math.inf
-    gain: float = 0.0
-    leak_hz: float = 0.0
-    dead_zone: float = 0.0
-
-
-def law_model(spec: LawSpec, sample_s: float) -> laws.LawModel:
-    """Compiled form of a law for samples `sample_s` apart (s)."""
-    place = np.arange(spec.window) - 0.5 * (spec.window - 1)
-    return laws.LawModel(
-        law=int(Law.PROFILE if spec.law is Law.CONSTANT else spec.law),
-        contact_level=spec.contact_level,
-        watch_level=max(spec.watch_level, spec.contact_level),
-        sample_s=sample_s,
-        kappa=spec.kappa,
-        v_thr_m_s=spec.v_thr_m_s,
-        stiffness=spec.stiffness,
-        mass_kg=spec.mass_kg,
-        impedance_n_s_m=spec.impedance_n_s_m,
-        profile=np.array(spec.profile_n, dtype=float),
-        slope_weights=place / (np.sum(place * place) * sample_s),
-        lead_samples=spec.lead_samples,
-        fade_samples=-1 if spec.fade_samples is None else spec.fade_samples,
-        gain=spec.gain,
-        keep=math.exp(-2.0 * math.pi * spec.leak_hz * sample_s),
-        dead_zone=spec.dead_zone,
-    )
 
 
 @dataclass(frozen=True)
@@ -125,12 +47,13 @@ class Controller:
     """Law and line for a run of `steps` steps, sampled every `every_steps` steps."""
 
     def __init__(
-        self, law: LawSpec, line: LineSpec, step_s: float, steps: int, every_steps: int, seed: int
+        self, law: BoundLaw, line: LineSpec, step_s: float, steps: int, every_steps: int, seed: int
     ) -> None:
         samples = -(-steps // every_steps)
-        self.law = law_model(law, every_steps * step_s)
+        self.bound = law
+        self.law = law.model
         self.law_state = laws.LawState(
-            np.zeros(laws.LAW_COUNTS, np.int64), np.zeros(samples), np.zeros(1)
+            np.zeros(laws.LAW_COUNTS, np.int64), np.zeros(samples), law.new_state()
         )
         jitter, dropped = np.empty(0, np.int64), np.empty(0, np.bool_)
         if line.jitter_steps > 0:
@@ -157,9 +80,13 @@ class Controller:
             np.full(steps, np.nan), np.zeros(k.LINE_COUNTS, np.int64), np.zeros(2)
         )
         self.forces = np.zeros(steps)
+        self._level = 0.0  # of the last promise
 
     def process(self, values: np.ndarray, look_ahead: bool = True) -> Reply:
-        """Feed samples; the forces that became final, those known ahead included if asked."""
+        """Feed samples; the forces that became final, those known ahead included if asked.
+
+        Raises LawFault when the law fails.
+        """
         first = int(self.line_state.counts[k.EMITTED])
         modes = np.empty(len(values), np.int64)
         delays = np.empty(len(values), np.int64)
@@ -168,22 +95,27 @@ class Controller:
         )
         if look_ahead:
             k.grant_ahead(self.law, self.law_state, self.line, self.line_state, self.forces)
+        self.check()
         end = int(self.line_state.counts[k.EMITTED])
+        level = float(laws.quiet_level(self.law, self.law_state))
+        if level < math.inf:
+            self._level = level
         return Reply(
             first_step=first,
             forces=self.forces[first:end],
             samples_seen=int(self.law_state.counts[laws.SAMPLES]),
-            promise_zero=bool(k.promises_zero(self.law, self.law_state, self.line_state)),
-            promise_level=self._promise_level(),
+            promise_zero=level < math.inf and bool(k.is_quiet(self.line_state)),
+            promise_level=self._level,
             modes=modes,
             delays=delays,
         )
 
-    def _promise_level(self) -> float:
-        if self.law.law == laws.OFF:
-            return -math.inf
-        predicts = self.law.law == laws.PREDICTED
-        return float(self.law.watch_level if predicts else self.law.contact_level)
+    def check(self) -> None:
+        """Raises LawFault if the law has failed on a sample so far."""
+        fault = int(self.law_state.counts[laws.FAULT])
+        if fault:
+            seen = self.law_state.history[: self.law_state.counts[laws.SAMPLES]]
+            raise LawFault(self.bound.explain(seen, fault - 1))
 
 
 def _random(seed: int, stream: int) -> np.random.Generator:

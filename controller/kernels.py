@@ -7,9 +7,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from controller import law_kernels as laws
+from jit import kernel
 
 # Indices into the line's counts and values.
 EMITTED, LAST_ACTING, LAST_PUSHING = range(3)  # steps; the last: of a force not zero
@@ -40,7 +40,7 @@ class LineState(NamedTuple):
     values: np.ndarray
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(inline=True)
 def convert_force(model, force):
     """Force that the actuator's converter puts out: clipped, on the nearest level.
 
@@ -55,7 +55,7 @@ def convert_force(model, force):
     return code * model.lsb_n
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(inline=True)
 def _schedule(line, state, index, command):
     """Enter the command of sample `index` into the line."""
     if line.dropped.size > 0 and line.dropped[index]:
@@ -72,7 +72,7 @@ def _schedule(line, state, index, command):
         state.scheduled[acts] = force
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(inline=True)
 def _emit(line, state, end, forces):
     """Write the actuator force of all steps before `end` that are still open."""
     values, counts = state.values, state.counts
@@ -89,7 +89,7 @@ def _emit(line, state, end, forces):
     counts[EMITTED] = max(counts[EMITTED], end)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(inline=True)
 def control_sample(law, law_state, line, line_state, value, forces):
     """One sample through law and line; `forces` is final up to the line's EMITTED step."""
     index = law_state.counts[laws.SAMPLES]
@@ -100,16 +100,16 @@ def control_sample(law, law_state, line, line_state, value, forces):
     _emit(line, line_state, (index + 1) * line.every_steps + 1 + line.latency_steps, forces)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(released=True)
 def control_block(law, law_state, line, line_state, values, forces, modes, delays):
     """Samples of a block through law and line; writes mode and delay after each."""
     for i in range(values.size):
         control_sample(law, law_state, line, line_state, values[i], forces)
-        modes[i] = law_state.counts[laws.MODE]
-        delays[i] = law_state.counts[laws.DELAY]
+        modes[i] = law_state.record[laws.MODE]
+        delays[i] = law_state.record[laws.DELAY]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def grant_ahead(law, law_state, line, line_state, forces):
     """Extend the forces by what the law already knows about samples to come."""
     index = law_state.counts[laws.SAMPLES]
@@ -122,11 +122,14 @@ def grant_ahead(law, law_state, line, line_state, forces):
         _emit(line, line_state, end, forces)
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
+def is_quiet(line_state):
+    """Whether no force acts, and none is on its way."""
+    quiet = line_state.values[HELD] == 0.0 and line_state.values[OUTPUT] == 0.0
+    return quiet and line_state.counts[LAST_PUSHING] < line_state.counts[EMITTED]
+
+
+@kernel
 def promises_zero(law, law_state, line_state):
     """Whether the force stays zero for as long as samples stay above the law's level."""
-    if law.law >= laws.FEEDBACK:
-        return False
-    idle = law.law == laws.OFF or law_state.counts[laws.MODE] == laws.IDLE
-    quiet = line_state.values[HELD] == 0.0 and line_state.values[OUTPUT] == 0.0
-    return idle and quiet and line_state.counts[LAST_PUSHING] < line_state.counts[EMITTED]
+    return is_quiet(line_state) and laws.quiet_level(law, law_state) < math.inf

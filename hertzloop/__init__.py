@@ -1,45 +1,48 @@
-"""hertzloop: an impact plant, a force law and a message bus between them, at 1 MHz.
+"""hertzloop: an impact plant, a force law and a message bus between them, at 1 MHz."""
 
-Importing this package decides where compiled kernels are cached. Numba does not notice
-when a kernel's callee changes in another file (numba #1833), so the cache folder carries
-a digest of all kernel sources.
-"""
-
-import hashlib
 import os
-import sys
-import tempfile
-from pathlib import Path
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from hertzloop.extras import sentence_on
 
 __version__ = "0.1.0"
 
-_KERNELS = ("plant", "sensors", "controller", "hertzloop", "studies")
-
-
-def _kernel_digest() -> str:
-    root = Path(__file__).resolve().parent.parent
-    digest = hashlib.sha256(sys.version.encode())
-    for package in _KERNELS:
-        for source in sorted((root / package).glob("*kernels.py")):
-            digest.update(source.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def kernel_cache() -> Path:
-    """Folder of the compiled kernels; NUMBA_CACHE_DIR, if set, is its parent."""
-    digest = _kernel_digest()
-    given = os.environ.get("NUMBA_CACHE_DIR")
-    base = Path(given) if given else Path.home() / ".cache" / "hertzloop"
-    folder = base if base.name == digest else base / digest
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / ".writable").touch()
-    except OSError:
-        folder = Path(tempfile.gettempdir()) / f"hertzloop-{os.getuid()}" / digest
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder
-
-
-# Matrices here are small: threads of the linear algebra cost more than they give.
+# Matrices here are small: threads of the linear algebra cost more than they give. NumPy reads
+# this once, when it is imported first.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ["NUMBA_CACHE_DIR"] = str(kernel_cache())
+
+# The Python interface, loaded when it is used: a process of a run needs only its part.
+_INTERFACE = (
+    "Impact", "ImpactNoise", "Run", "Scene", "SceneError", "load", "read", "run", "scene_names",
+    "simulate", "sweep", "tune", "vary",
+)  # fmt: skip
+if TYPE_CHECKING:
+    from hertzloop.interface import Impact as Impact
+    from hertzloop.interface import ImpactNoise as ImpactNoise
+    from hertzloop.interface import Run as Run
+    from hertzloop.interface import Scene as Scene
+    from hertzloop.interface import SceneError as SceneError
+    from hertzloop.interface import load as load
+    from hertzloop.interface import read as read
+    from hertzloop.interface import run as run
+    from hertzloop.interface import scene_names as scene_names
+    from hertzloop.interface import simulate as simulate
+    from hertzloop.interface import sweep as sweep
+    from hertzloop.interface import tune as tune
+    from hertzloop.interface import vary as vary
+
+
+def __getattr__(name: str) -> Any:
+    if name in _INTERFACE:
+        try:
+            interface = import_module("hertzloop.interface")
+        except ModuleNotFoundError as error:
+            sentence = sentence_on(error.name)
+            raise ImportError(sentence) if sentence else error from None
+        return getattr(interface, name)
+    raise AttributeError(f"module 'hertzloop' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_INTERFACE])

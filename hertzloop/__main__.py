@@ -1,5 +1,51 @@
-"""python -m hertzloop"""
+"""python -m hertzloop, and the command `hertzloop`"""
 
-from hertzloop.cli import main
+import atexit
+import os
+import signal
+import sys
+from types import FrameType
 
-main()
+from hertzloop.loop.signals import INTERRUPTED
+
+
+def _leave(number: int, frame: FrameType | None) -> None:
+    """End at once: an exception in the middle of an import may come out as anything."""
+    sys.stderr.write("interrupted\n")
+    sys.stderr.flush()
+    os._exit(INTERRUPTED)
+
+
+_code: list[int] = []  # to end with, whatever Python would make of it
+
+
+def _end() -> None:
+    """After an interrupt that came through exec(), as imports use it, Python ends by SIGINT at
+    last, however it was handled: this is before that, and after all that has to be done."""
+    if _code:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(_code[0])
+
+
+atexit.register(_end)  # the first to be registered, so the last to run
+
+
+def main() -> None:
+    """Entry point: the command line, with imports that can be interrupted quietly."""
+    before = signal.signal(signal.SIGINT, _leave)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # a launcher holds it back
+    from hertzloop.commands import cli
+
+    commands = cli.built()
+    signal.signal(signal.SIGINT, before)
+    try:
+        cli.main(commands)
+    except SystemExit as end:
+        if end.code == INTERRUPTED:
+            _code.append(INTERRUPTED)
+        raise
+
+
+if __name__ == "__main__":
+    main()

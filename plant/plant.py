@@ -2,15 +2,23 @@
 
 import math
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
 
-from plant import kernels as k
-from plant.contact import GRAVITY_M_S2, Contact, Sphere
-from plant.phi import phi
-from plant.plate import Oscillators, Plate, oscillators
+from plant.actuator.mass import mass_loaded
+from plant.actuator.model import IDEAL, Actuator
+from plant.books import Books, balance
+from plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
+from plant.schemes import discrete_gradient_kernels as k
+from plant.schemes import sphere_kernels as sphere_k
+from plant.schemes import state_kernels as pk
+from plant.schemes.phi import phi
+from plant.structures.plate import Oscillators, Plate, oscillators
+from plant.structures.radiation import air_loss_factor
+from plant.structures.solid_plate import SolidPlate
+from plant.structures.structure import Structure
 
 
 @dataclass(frozen=True)
@@ -19,12 +27,12 @@ class PlantSpec:
 
     The run starts `lead_in_s` before the first contact (or at the release, if that is
     later); the plate is at rest until then, so nothing is left out. A lead-in above zero is
-    rounded to an odd number of half steps: a contact that begins right on a sample would
-    leave it to rounding whether that sample is in contact.
+    rounded to whole steps and a touch phase, half a step unless asked otherwise: a contact that
+    begins right on a sample would leave it to rounding whether that sample is in contact.
     """
 
     sphere: Sphere
-    plate: Plate
+    plate: Structure
     contact: Contact
     contact_point_m: tuple[float, float]
     actuator_point_m: tuple[float, float]
@@ -32,29 +40,85 @@ class PlantSpec:
     frequency_limit_hz: float
     lead_in_s: float
     residual_flexibility: bool = False  # of the modes left out, as a spring at the contact
+    damped_tail: bool = False  # that as a damped mode in place of the spring
     infinite_plate: bool = False  # no modes: a dashpot, until reflections return
+    actuator: Actuator = IDEAL
+    radiating_faces: int = 0  # of a plate whose modes are damped by air
+
+    @property
+    def same_point(self) -> bool:
+        """Whether the actuator pushes at the struck point."""
+        return self.plate.same_point(self.contact_point_m, self.actuator_point_m)
+
+    @property
+    def simply_supported(self) -> Plate:
+        """The plate, for what is known of a simply supported one only. Raises ValueError."""
+        if isinstance(self.plate, SolidPlate):
+            return self.plate.plate
+        if not isinstance(self.plate, Plate):
+            raise ValueError(f"not defined for {self.plate}; it takes a simply supported plate")
+        return self.plate
+
+    @property
+    def local_plate(self) -> Plate:
+        """What the contact feels until reflections return. Raises ValueError if there is none."""
+        if self.plate.local_plate is None:
+            raise ValueError(
+                "the impedance of an infinite plate is not known for plate.modes alone; give "
+                "plate.thickness_m, if what is struck is a plate there"
+            )
+        return self.plate.local_plate
 
 
-@dataclass(frozen=True)
-class Books:
-    """Energy (J) and momentum (N s) of a run; residuals are relative, see `balance`."""
+_MOST_ETA = 1.9  # a mode is critically damped at 2
+RIGID_RAD_S = 1e-9  # after 20 s the displacement is wrong by 7e-17
 
-    energy_start_j: float
-    kinetic_j: float
-    gravity_j: float
-    modal_j: float
-    contact_j: float
-    modal_dissipated_j: float
-    contact_dissipated_j: float
-    injected_j: float
-    energy_residual: float
-    momentum_change_n_s: float
-    contact_impulse_n_s: float
-    gravity_impulse_n_s: float
-    momentum_residual: float
-    newton_iterations: int
-    newton_iterations_max: int
-    contact_steps: int
+
+def modes_of(spec: PlantSpec) -> Oscillators:
+    """Oscillators of a description: of its structure with the actuator's mass on it, in air.
+
+    Raises ValueError for a mass on modes with loss factors of their own, or on a rigid body's,
+    and where air would damp a mode critically, or what is struck is no plate that it is known for.
+    """
+    modes = _in_vacuum(spec)
+    if not spec.radiating_faces:
+        return modes
+    eta = np.asarray(modes.eta + air_eta(spec, modes.omega))
+    if not np.max(eta) < _MOST_ETA:
+        raise ValueError(
+            f"plate.radiation would give a mode a loss factor of {np.max(eta):.3g}, the most is "
+            f"{_MOST_ETA:g}; take a thicker plate, or leave the key out"
+        )
+    return replace(modes, eta=eta)
+
+
+def air_eta(spec: PlantSpec, omega: np.ndarray) -> np.ndarray:
+    """Loss factor that radiation adds to modes of these frequencies (rad/s), same shape."""
+    if not spec.radiating_faces:
+        return np.zeros_like(omega)
+    return air_loss_factor(spec.simply_supported, omega / (2.0 * np.pi), spec.radiating_faces)
+
+
+def _in_vacuum(spec: PlantSpec) -> Oscillators:
+    omega_max = 2.0 * math.pi * spec.frequency_limit_hz
+    at_actuator = spec.actuator_point_m
+    modes = oscillators(spec.plate, spec.contact_point_m, at_actuator, omega_max)
+    if spec.actuator.mass_kg == 0.0:
+        return modes
+    if isinstance(modes.eta, np.ndarray):
+        raise ValueError(
+            f"actuator.mass_kg = {spec.actuator.mass_kg:g} needs one loss factor for all modes; "
+            "leave it out, or give plate.modes of one loss factor"
+        )
+    if modes.omega[0] <= RIGID_RAD_S:
+        raise ValueError(
+            f"actuator.mass_kg = {spec.actuator.mass_kg:g} does not fit a plate that moves freely "
+            "as a whole; leave it out, or hold one of plate.edges"
+        )
+    spring = 0.0
+    if spec.residual_flexibility:
+        spring = spec.plate.residual_flexibility_m_n(omega_max, at_actuator)
+    return mass_loaded(modes, modes.scale_per_kg, spec.actuator.mass_kg, spring, spec.same_point)
 
 
 def _rows(values: np.ndarray, fill: float = 0.0) -> np.ndarray:
@@ -65,20 +129,40 @@ def _rows(values: np.ndarray, fill: float = 0.0) -> np.ndarray:
     return padded.reshape(count, k.LANES)
 
 
+def damped_frequency(modes: Oscillators) -> tuple[np.ndarray, float | np.ndarray]:
+    """Theta of every oscillator (rad/s), and delta/Theta: one number, or one for every oscillator.
+
+    A rigid body's mode takes a frequency so low that within any run it turns by less than
+    rounding can show.
+    """
+    omega = np.maximum(modes.omega, RIGID_RAD_S)
+    if isinstance(modes.eta, np.ndarray):
+        root = np.sqrt(1.0 - modes.eta * modes.eta / 4.0)
+        return omega * root, (modes.eta / 2.0) / root
+    one_root = math.sqrt(1.0 - modes.eta * modes.eta / 4.0)
+    return omega * one_root, (modes.eta / 2.0) / one_root
+
+
 def build_model(spec: PlantSpec, modes: Oscillators) -> k.PlantModel:
-    """Coefficients of one exact step for every oscillator (arrays: rows x LANES)."""
+    """Coefficients of one exact step for every oscillator (arrays: rows x LANES).
+
+    Raises ValueError for loss factors that differ from mode to mode.
+    """
     h = spec.step_s
-    eta = spec.plate.eta
-    scale = spec.plate.modal_scale_per_kg
-    theta = modes.omega * math.sqrt(1.0 - eta * eta / 4.0)
-    rho = (eta / 2.0) / math.sqrt(1.0 - eta * eta / 4.0)
+    eta, scale = modes.eta, modes.scale_per_kg
+    theta, rho = damped_frequency(modes)
+    if isinstance(eta, np.ndarray) or isinstance(rho, np.ndarray):
+        raise ValueError(
+            "loss factors that differ from mode to mode are known to run.scheme = 'modal' only, "
+            "not to 'discrete_gradient'; take that scheme"
+        )
     s = (-rho + 1j) * theta
     turn = np.exp(s * h)
     # A held force f/Theta moves z by f/Theta (e^(sh) - 1)/s; the rest position is -f/(Theta s).
     # Written with phi_1: the difference would cancel for slow modes and short steps.
     grown = scale / theta * h * phi(1, s * h)
     swing = scale / theta / s * turn  # z minus its rest position, after that step from zero
-    same = spec.contact_point_m == spec.actuator_point_m
+    same = spec.same_point
     b_c, b_a = modes.contact, modes.actuator
     # At one point z carries the output weight as well, so that the outputs are plain sums.
     drive_c, drive_a = (b_c * b_c, b_c * b_c) if same else (b_c, b_a)
@@ -139,53 +223,11 @@ def _loss_form(
 
     def lost(y_end: complex) -> np.ndarray:
         y = y_end / turn
-        terms = k.dissipation(theta, rho, h, y.real, y.imag, turn.real, turn.imag)
+        terms = pk.dissipation(theta, rho, h, y.real, y.imag, turn.real, turn.imag)
         return np.asarray(energy * terms)
 
     rr, ii = lost(1.0), lost(1.0j)
     return rr, lost(1.0 + 1.0j) - rr - ii, ii
-
-
-def balance(
-    model: Any,
-    state: Any,
-    start: np.ndarray,
-    speed_m_s: float,
-    *,
-    modal_j: float,
-    contact_j: float,
-) -> Books:
-    """Books of a run that began with the sphere at `start` (m, m/s) and ends at `speed_m_s`.
-
-    The energy residual is relative to the energy at the start plus the size of what the
-    actuator exchanged, the momentum residual to the impulses exchanged.
-    """
-    m, (x0, v0) = model.mass_kg, (float(x) for x in start)
-    energy = m * GRAVITY_M_S2 * x0 + 0.5 * m * v0 * v0
-    kinetic = 0.5 * m * speed_m_s * speed_m_s
-    gravity = m * GRAVITY_M_S2 * float(state.body[k.XI_S])
-    lost_modal, lost_contact, injected, impulse = (float(b) for b in state.books)
-    gap = kinetic + gravity + modal_j + contact_j + lost_modal + lost_contact - injected - energy
-    change = m * (speed_m_s - v0)
-    weight = -m * GRAVITY_M_S2 * float(state.counts[k.STEP]) * model.step_s
-    return Books(
-        energy_start_j=energy,
-        kinetic_j=kinetic,
-        gravity_j=gravity,
-        modal_j=modal_j,
-        contact_j=contact_j,
-        modal_dissipated_j=lost_modal,
-        contact_dissipated_j=lost_contact,
-        injected_j=injected,
-        energy_residual=gap / (energy + abs(injected)),
-        momentum_change_n_s=change,
-        contact_impulse_n_s=impulse,
-        gravity_impulse_n_s=weight,
-        momentum_residual=(change - impulse - weight) / (abs(impulse) + abs(weight) + m * abs(v0)),
-        newton_iterations=int(state.counts[k.NEWTON_TOTAL]),
-        newton_iterations_max=int(state.counts[k.NEWTON_MAX]),
-        contact_steps=int(state.counts[k.CONTACT_STEPS]),
-    )
 
 
 class Plant:
@@ -197,30 +239,27 @@ class Plant:
 
     scheme = "discrete_gradient"
     kernels: Any = k
+    touch_phase = 0.5  # of a step, from the last sample above the plate to the first touch
 
     def __init__(self, spec: PlantSpec) -> None:
         self.spec = spec
-        self.modes = oscillators(
-            spec.plate,
-            spec.contact_point_m,
-            spec.actuator_point_m,
-            2.0 * math.pi * spec.frequency_limit_hz,
-        )
+        self.modes = modes_of(spec)
         self.model: Any = self._build_model()
         self.state = self._initial_state()
 
     def _build_model(self) -> Any:
         return build_model(self.spec, self.modes)
 
-    def at_start(self) -> Self:
+    def at_start(self, touch_phase: float = 0.5) -> Self:
         """The same plant at the start of a run: model shared, state new."""
         new = copy(self)
+        new.touch_phase = touch_phase
         new.state = new._initial_state()
         return new
 
     def contact_energy_j(self) -> float:
         """Energy stored in the contact at the present step, J."""
-        penetration = max(-float(self.state.body[k.XI]), 0.0)
+        penetration = max(-float(self.state.body[pk.XI]), 0.0)
         return float(0.4 * self.model.stiffness * penetration**2.5)
 
     def _empty_state(self) -> Any:
@@ -229,32 +268,28 @@ class Plant:
             z=np.zeros((2, rows, k.LANES)),
             free=np.zeros((2, rows, k.LANES)),
             lanes=np.zeros((3, k.LANES)),
-            body=np.zeros(k.BODY_SIZE),
-            books=np.zeros(k.BOOKS_SIZE),
-            counts=np.zeros(k.COUNTS_SIZE, np.int64),
+            body=np.zeros(pk.BODY_SIZE),
+            books=np.zeros(pk.BOOKS_SIZE),
+            counts=np.zeros(pk.COUNTS_SIZE, np.int64),
         )
-        state.counts[k.ROWS] = rows
+        state.counts[pk.ROWS] = rows
         return state
 
     def _initial_state(self) -> Any:
         state = self._empty_state()
-        speed = self.spec.sphere.impact_speed_m_s
-        fall_s = speed / GRAVITY_M_S2
-        lead, h = self.spec.lead_in_s, self.spec.step_s
-        if lead > 0.0:
-            lead = min((math.floor(lead / h) + 0.5) * h, fall_s)
-        # Going back in time from the impact: height v t - g t^2/2, speed -(v - g t).
-        state.body[k.FLIGHT_X] = lead * (speed - 0.5 * GRAVITY_M_S2 * lead)
-        state.body[k.FLIGHT_V] = GRAVITY_M_S2 * lead - speed
-        state.body[k.XI] = state.body[k.XI_S] = state.body[k.FLIGHT_X]
-        self._start = state.body[[k.FLIGHT_X, k.FLIGHT_V]].copy()
+        spec = self.spec
+        state.body[pk.FLIGHT_X], state.body[pk.FLIGHT_V] = sphere_k.released(
+            float(spec.sphere.impact_speed_m_s), GRAVITY_M_S2, float(spec.lead_in_s), spec.step_s,
+            float(self.touch_phase),
+        )  # fmt: skip
+        state.body[pk.XI] = state.body[pk.XI_S] = state.body[pk.FLIGHT_X]
+        self._start = state.body[[pk.FLIGHT_X, pk.FLIGHT_V]].copy()
         return state
 
     def sphere_speed_m_s(self) -> float:
         """Speed of the sphere at the present step, up positive."""
-        counts = self.state.counts
-        flight_s = (counts[k.STEP] - counts[k.FLIGHT_STEP]) * self.model.step_s
-        return float(self.state.body[k.FLIGHT_V] - GRAVITY_M_S2 * flight_s)
+        body, counts = self.state.body, self.state.counts
+        return float(sphere_k.speed_now(GRAVITY_M_S2, self.model.step_s, body, counts))
 
     def close_books(self) -> Books:
         """Balance of the run so far; to be called once, at its end. See `balance`."""

@@ -1,63 +1,39 @@
-"""Read a recording, whole or cut off: streams joined over their blocks."""
+"""Read a recording, whole or damaged: what is there, and in sentences what is not.
 
-from collections.abc import Iterator
+Samples are read again whenever somebody asks for them, so that a long recording needs no
+more memory than what is looked at.
+"""
+
+import os
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
-from mcap.stream_reader import StreamReader
 
-from bus import streams as bus_streams
-from bus import wire
 from bus.messages_pb2 import Books, RunEnd
-from bus.wire import MessageError, array_fields
-from recordings.writer import RESULT_METADATA, RUN_METADATA, SCENE_ATTACHMENT, RecordingError
+from bus.streams import CONTROLLER, STREAMS
+from bus.wire import Packed
+from recordings.chunks import Damaged, Record, Walk
+from recordings.columns import SAMPLED, Arrays, Stream
+from recordings.intake import Event, Intake, Taken
+from recordings.writer import TOPICS, RecordingError
 
-_TOPICS = {s.topic: s for s in bus_streams.STREAMS.values() if s.topic not in ("/events", "/end")}
+__all__ = ["Event", "Recording", "Source", "Stream", "holds_a_run", "read"]
 
-
-@dataclass(frozen=True)
-class Event:
-    """A foxglove.Log: simulated time in ns, publisher ("plant", "controller"), level, text."""
-
-    time_ns: int
-    name: str
-    level: int
-    message: str
-
-
-@dataclass
-class Stream:
-    """One stream joined over its blocks: arrays by field name, all of one length.
-
-    `first_step`, `step_ns` and `every_steps` give the time of each sample.
-    """
-
-    messages: int = 0
-    first_step: int = 0
-    step_ns: int = 0
-    every_steps: int = 1
-    scale: float = 1.0
-    offset: float = 0.0
-    arrays: dict[str, np.ndarray] = field(default_factory=dict)
-
-    @property
-    def samples(self) -> int:
-        """Number of samples."""
-        return max((len(a) for a in self.arrays.values()), default=0)
-
-    @property
-    def time_ns(self) -> np.ndarray:
-        """Simulated time of every sample, shape (samples,), ns."""
-        steps = self.first_step + self.every_steps * np.arange(self.samples, dtype=np.int64)
-        return steps * self.step_ns
+_DAMAGES_NAMED = 5
 
 
 @dataclass
 class Recording:
-    """What a file holds. `problems` lists gaps and damage in sentences; empty when whole."""
+    """What a file holds. `problems` lists gaps and damage in sentences; empty when whole.
+
+    `law_ran`: name and digest of the law that the controller said it ran, empty where it did not
+    say; `law_source`: text of the one that the plant announced.
+    """
 
     path: Path
     scene_toml: str = ""
@@ -68,8 +44,16 @@ class Recording:
     truth: Stream = field(default_factory=Stream)
     events: list[Event] = field(default_factory=list)
     books: Books | None = None
+    pacing: Packed | None = None  # a Pacing, of a paced run
     ends: dict[str, RunEnd] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
+    law_source: str = ""
+
+    @property
+    def law_ran(self) -> tuple[str, str]:
+        """Name and digest of the law that the controller said it ran; empty where it did not."""
+        end = self.ends.get(CONTROLLER)
+        return (end.set_up.law, end.set_up.law_digest) if end else ("", "")
 
     @property
     def daq_values(self) -> np.ndarray:
@@ -80,65 +64,86 @@ class Recording:
         return self.daq.arrays.get("value", np.empty(0))
 
 
-class _Joiner:
-    """Collects the blocks of one stream and notes what does not join."""
+class Source:
+    """The file of a recording, open as long as somebody reads from it.
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.stream = Stream()
-        self.saturated: list[bytes] = []
-        self.parts: dict[str, list[np.ndarray]] = {
-            field_name: [] for field_name in array_fields(bus_streams.STREAMS[name].message)
-        }
-        self.next_step = 0
-
-    def add(self, header: Any, arrays: dict[str, np.ndarray], problems: list[str]) -> None:
-        stream = self.stream
-        if stream.messages == 0:
-            stream.step_ns = header.step_ns
-            stream.every_steps = getattr(header, "every_steps", 1)
-            stream.scale = getattr(header, "scale", 1.0)
-            stream.offset = getattr(header, "offset", 0.0)
-        if header.sequence != stream.messages or header.first_step != self.next_step:
-            problems.append(
-                f"stream '{self.name}': sequence {header.sequence} at step {header.first_step} "
-                f"follows where sequence {stream.messages} at step {self.next_step} was expected"
-            )
-        stream.messages += 1
-        count = max((len(a) for a in arrays.values()), default=0)
-        self.next_step = header.first_step + count * stream.every_steps
-        for name, values in arrays.items():
-            self.parts[name].append(values)
-        self.saturated.append(getattr(header, "saturated", b""))
-
-    def join(self) -> Stream:
-        arrays = {n: np.concatenate(p) for n, p in self.parts.items() if sum(map(len, p))}
-        if any(self.saturated):
-            arrays["saturated"] = np.frombuffer(b"".join(self.saturated), np.uint8)
-        self.stream.arrays = arrays
-        return self.stream
-
-
-class Damage(Exception):
-    """Where a file stops being readable."""
-
-
-def records(path: Path) -> Iterator[McapRecord]:
-    """All records of a file in order, checksums verified.
-
-    Raises Damage at the first one that is cut off or damaged, RecordingError if the file
-    cannot be opened.
+    Raises RecordingError, here and wherever it is read, if it cannot be read.
     """
-    try:
-        with path.open("rb") as file:
-            # No record is larger than its file: a damaged length must not claim the memory.
-            size = path.stat().st_size
-            reader = StreamReader(file, validate_crcs=True, record_size_limit=size)
-            yield from reader.records
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
-    except Exception as error:  # whatever MCAP and zstd make of bytes that mean nothing
-        raise Damage(str(error) or type(error).__name__) from error
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with self._reading():
+            # Without waiting for a writer, should it be a pipe.
+            self._handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+        status = os.fstat(self._handle)
+        if not stat.S_ISREG(status.st_mode):
+            kind = "Is a directory" if stat.S_ISDIR(status.st_mode) else "it is no file"
+            raise RecordingError(f"cannot read {path}: {kind}")
+        self.size = status.st_size
+        self._places: list[tuple[Record, frozenset[str]]] = []
+        self._channels: dict[int, str] = {}
+
+    def __del__(self) -> None:
+        if hasattr(self, "_handle"):
+            os.close(self._handle)
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise RecordingError(f"cannot read {self.path}: {error.strerror}") from error
+
+    def messages(self, intake: Intake, walk: Walk) -> Iterator[Taken]:
+        """All messages that belong to the run, in their order; `intake` and `walk` know then what
+        else is there."""
+        self._places.clear()
+        with self._reading():
+            for record in walk.records():
+                topics: set[str] = set()
+                for taken in intake.take(record):
+                    topics.add(STREAMS[taken.stream].topic)
+                    yield taken
+                if topics:
+                    place = (record._replace(content=b""), frozenset(topics))
+                    self._places.append(place)
+        self._channels = intake.channels
+
+    def walk(self) -> Walk:
+        """A new walk over the file."""
+        return Walk(self._handle, self.size)
+
+    def look(self) -> tuple[Intake, Walk]:
+        """Everything but the samples."""
+        intake, walk = Intake(), self.walk()
+        for _ in self.messages(intake, walk):
+            pass
+        if intake.unknown_channels:
+            # The record that names them is lost. The summary repeats it; without one, our
+            # writer's order is the best guess, and what a message is shows when it is decoded.
+            named = walk.late_channels or dict(enumerate(TOPICS, 1))
+            intake, walk = Intake(channels=dict(named)), self.walk()
+            for _ in self.messages(intake, walk):
+                pass
+            intake.unnamed_channels = True
+        return intake, walk
+
+    def again(self, stream: str, run_id: int) -> Iterator[Arrays]:
+        """The blocks of a stream once more, after `look`."""
+        topic, walk = STREAMS[stream].topic, self.walk()
+        intake = Intake(channels=dict(self._channels), only=topic, run_id=run_id)
+        with self._reading():
+            for place, topics in self._places:
+                if topic not in topics:
+                    continue
+                try:
+                    record = walk.again(place)
+                except Damaged as error:
+                    raise RecordingError(
+                        f"{self.path} changed while it was read ({error})"
+                    ) from error
+                for taken in intake.take(record):
+                    yield taken.arrays
 
 
 def read(path: Path) -> Recording:
@@ -146,84 +151,51 @@ def read(path: Path) -> Recording:
 
     Raises RecordingError if there is no file, or no recording of hertzloop in it.
     """
-    recording = Recording(path)
-    joiners = {name: _Joiner(name) for name in ("daq", "force", "truth")}
-    channels: dict[int, str] = {}
-    finished = False
-    try:
-        for record in records(path):
-            if isinstance(record, Channel):
-                channels[record.id] = record.topic
-            elif isinstance(record, Attachment) and record.name == SCENE_ATTACHMENT:
-                recording.scene_toml = record.data.decode()
-            elif isinstance(record, Metadata):
-                finished |= record.name == RESULT_METADATA
-                _take_metadata(recording, record)
-            elif isinstance(record, Message):
-                _take_message(recording, joiners, channels.get(record.channel_id, ""), record)
-    except (Damage, MessageError, ValueError) as error:
-        if not recording.scene_toml and not channels:
-            raise RecordingError(f"{path} is not a recording of hertzloop: {error}") from error
-        recording.problems.append(f"the file is cut off or damaged ({error})")
-    if not recording.scene_toml:
-        raise RecordingError(f"{path} holds no scene: not a recording of hertzloop")
-    recording.daq, recording.force, recording.truth = (
-        joiners[name].join() for name in ("daq", "force", "truth")
+    source = Source(path)
+    intake, walk = source.look()
+    intake.agree()
+    if not intake.scene_toml:
+        why = f" ({walk.damage[0]})" if walk.damage else ""
+        raise RecordingError(f"{path} holds no scene{why}: not a recording of hertzloop")
+    damage = [f"the file is cut off or damaged ({words})" for words in walk.damage]
+    if len(damage) > _DAMAGES_NAMED:
+        damage[_DAMAGES_NAMED:] = [f"... and in {len(damage) - _DAMAGES_NAMED} more places"]
+    recording = Recording(
+        path,
+        intake.scene_toml,
+        intake.metadata or {},
+        intake.result or {},
+        law_source=intake.law_source,
+        events=intake.events,
+        books=intake.books,
+        pacing=intake.pacing,
+        ends=intake.ends,
     )
-    _check_ends(recording, finished)
+    for name in SAMPLED:
+        again: Callable[[], Iterator[Arrays]] = partial(source.again, name, intake.run_id)
+        setattr(recording, name, intake.tracks[name].join(again))
+    intake.reconcile()
+    recording.problems = [*intake.problems, *damage, *_outcome(intake)]
     return recording
 
 
-def _take_metadata(recording: Recording, record: Metadata) -> None:
-    if record.name == RUN_METADATA:
-        recording.metadata = dict(record.metadata)
-    elif record.name == RESULT_METADATA:
-        recording.result = dict(record.metadata)
+def _outcome(intake: Intake) -> list[str]:
+    """What the recorder and the roles said of the run's end, if it was not good."""
+    if intake.result is None:
+        return ["the recorder did not finish the file"]
+    told = [intake.result.get("fault", ""), *(end.fault for end in intake.ends.values())]
+    fault = next((words for words in told if words), "")
+    return [f"the run failed: {fault}"] if fault else []
 
 
-def _take_message(
-    recording: Recording, joiners: dict[str, _Joiner], topic: str, record: Message
-) -> None:
-    if topic == "/events":
-        log = wire.decode(bus_streams.Log, record.data).header
-        recording.events.append(Event(record.log_time, log.name, log.level, log.message))
-    elif topic == "/end":
-        end = wire.decode(RunEnd, record.data).header
-        recording.ends[end.role] = end
-    elif topic in _TOPICS:
-        stream = _TOPICS[topic].name
-        block = bus_streams.decode(bus_streams.Envelope(stream, record.data))
-        if stream == "books":
-            recording.books = block.header
-        elif stream in joiners:
-            joiners[stream].add(block.header, block.arrays, recording.problems)
-
-
-def _check_ends(recording: Recording, finished: bool) -> None:
-    """Compare what is there with what the roles announced."""
+def holds_a_run(path: Path) -> bool:
+    """Whether a file can be read as a recording, if only its scene."""
     try:
-        steps = int(recording.metadata.get("steps", 0))
-    except ValueError:
-        recording.problems.append("the length of the run cannot be read")
-        steps = 0
-    for role in (bus_streams.PLANT, bus_streams.CONTROLLER):
-        if role not in recording.ends:
-            recording.problems.append(f"the {role} announced no end: counts cannot be reconciled")
-            continue
-        for count in recording.ends[role].count:
-            stream = {"daq": recording.daq, "force": recording.force, "truth": recording.truth}.get(
-                count.stream
-            )
-            if stream and (stream.messages, stream.samples) != (count.messages, count.samples):
-                recording.problems.append(
-                    f"stream '{count.stream}': {stream.messages} messages with {stream.samples} "
-                    f"samples are here, {count.messages} with {count.samples} were announced"
-                )
-    if recording.truth.samples < steps:
-        recording.problems.append(
-            f"stream 'truth' ends at step {recording.truth.samples} of {steps}"
-        )
-    if not finished:
-        recording.problems.append("the recorder did not finish the file")
-    elif recording.result.get("fault"):
-        recording.problems.append(f"the run failed: {recording.result['fault']}")
+        source = Source(path)
+        intake = Intake()
+        for _ in source.messages(intake, source.walk()):
+            if intake.scene_toml or intake.hello:
+                return True
+        return bool(intake.scene_toml)
+    except RecordingError:
+        return False

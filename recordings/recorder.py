@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from bus.streams import CONTROLLER, PLANT, STREAMS, Checker, Counter, Envelope, StreamFault
-from recordings.writer import RecordingWriter
+from recordings.writer import RecordingWriter, described_by
 
 
 class Recorder:
@@ -34,23 +34,15 @@ class Recorder:
         header: Any = block.header
         stream = envelope.stream
         if stream == "hello":
-            self._writer.scene(
-                header.scene_toml,
-                {
-                    "scene": header.scene,
-                    "run_id": f"{header.run_id:x}",
-                    "seed": str(header.seed),
-                    "steps": str(header.steps),
-                    "step_ns": str(header.step_ns),
-                    "versions": header.versions,
-                },
-            )
+            self._writer.scene(header.scene_toml, described_by(header), header.law_source)
             self._end_ns = header.steps * header.step_ns
         if hasattr(header, "first_step"):
             self._time_ns = header.first_step * header.step_ns
         elif STREAMS[stream].topic == "/events":
-            self._time_ns = header.timestamp.ToNanoseconds()
-        elif stream in ("books", "end/plant", "end/controller"):
+            # Not ToNanoseconds(): it refuses what is out of the calendar.
+            at = header.timestamp
+            self._time_ns = at.seconds * 1_000_000_000 + at.nanos
+        elif STREAMS[stream].once and stream != "hello":
             self._time_ns = self._end_ns
         sequence = self.counters[stream].messages - 1
         self._writer.write(stream, envelope.payload, sequence, self._time_ns)
@@ -60,18 +52,28 @@ class Recorder:
                 self.faults.append(header.fault)
 
     def reconcile(self) -> None:
-        """Compare announced and received counts. Raises StreamFault for a lost tail or a role
-        that never announced its end."""
-        for role in (PLANT, CONTROLLER):
-            if role not in self._ended:
-                raise StreamFault(f"the {role} never announced its end; its last messages may lack")
-            self.checker.reconcile(self._ended[role])
+        """Compare announced and received counts, and what the controller worked by with what the
+        plant announced. Raises StreamFault for a difference or a role that never announced its
+        end; after a fault that one announced, a difference is noted beside it."""
+        try:
+            for role in (PLANT, CONTROLLER):
+                if role not in self._ended:
+                    raise StreamFault(
+                        f"the {role} never announced its end; its last messages may lack"
+                    )
+                self.checker.reconcile(self._ended[role])
+        except StreamFault as difference:
+            if not self.faults:
+                raise
+            self.faults.append(str(difference))
 
     def close(self, fault: str = "") -> None:
         """Finish the file, whatever has happened; `fault` says why it is not complete."""
         if self._closed:
             return
         self._closed = True
-        faults = "; ".join(dict.fromkeys(f for f in [*self.faults, fault] if f))
+        told = [words for words in dict.fromkeys([*self.faults, fault]) if words]
+        # One role passes on what another has said.
+        faults = "; ".join(f for f in told if not any(f in more for more in told if more != f))
         counts = {name: f"{c.messages} {c.samples}" for name, c in self.counters.items()}
         self._writer.finish({"complete": "no" if faults else "yes", "fault": faults, **counts})

@@ -2,47 +2,38 @@
 
 from pathlib import Path
 
-from mcap.records import Attachment, Channel, Message, Metadata
-
-from bus.streams import STREAMS
-from recordings.reader import Damage, records
-from recordings.writer import RUN_METADATA, SCENE_ATTACHMENT, RecordingError, RecordingWriter
-
-_STREAM_OF_TOPIC = {stream.topic: stream.name for stream in STREAMS.values()}
+from recordings.intake import Intake
+from recordings.reader import Source, read
+from recordings.writer import RecordingError, RecordingWriter
 
 
 def recover(path: Path, whole: Path, overwrite: bool = False) -> int:
-    """Copy every readable message of `path` into a new file, with index and checksums.
+    """Copy every readable message of `path` that belongs to its run into a new file, with index
+    and checksums.
 
     The new file says that it is incomplete and why. Returns the number of messages. Raises
     RecordingError if there is nothing to recover or the new file cannot be written.
     """
-    scene, metadata, fault = "", {}, "the recorder did not finish the file"
-    topics: dict[int, str] = {}
-    writer: RecordingWriter | None = None
-    copied = 0
     try:
-        for record in records(path):
-            if isinstance(record, Channel):
-                topics[record.id] = record.topic
-            elif isinstance(record, Attachment) and record.name == SCENE_ATTACHMENT:
-                scene = record.data.decode()
-            elif isinstance(record, Metadata) and record.name == RUN_METADATA:
-                metadata = dict(record.metadata)
-            elif isinstance(record, Metadata):
-                fault = record.metadata.get("fault", "")
-            elif isinstance(record, Message):
-                stream = _STREAM_OF_TOPIC.get(topics.get(record.channel_id, ""))
-                if stream is None or not scene:
-                    continue
-                if writer is None:
-                    writer = RecordingWriter(whole, overwrite)
-                    writer.scene(scene, metadata)
-                writer.write(stream, record.data, record.sequence, record.log_time)
-                copied += 1
-    except (Damage, UnicodeDecodeError) as damage:
-        fault = f"recovered from {path.name}, which is cut off or damaged ({damage})"
-    if writer is None:
+        old = read(path)
+    except RecordingError as error:
+        raise RecordingError(f"{error}: nothing to recover") from error
+    if whole.exists() and whole.samefile(path):
+        raise RecordingError(f"{path} cannot be recovered into itself; choose another name")
+    fault = old.result.get("fault", "")
+    if old.problems and not fault:
+        fault = f"recovered from {path.name}, which is cut off or damaged ({old.problems[0]})"
+    source = Source(path)
+    seen, _ = source.look()
+    if not seen.counters:
         raise RecordingError(f"{path} holds no message of a run: nothing to recover")
+    writer = RecordingWriter(whole, overwrite)
+    writer.scene(old.scene_toml, old.metadata)
+    copied = 0
+    again, walk = Intake(channels=dict(seen.channels)), source.walk()
+    for taken in source.messages(again, walk):
+        message = taken.message
+        writer.write(taken.stream, message.data, message.sequence, message.log_time)
+        copied += 1
     writer.finish({"complete": "no" if fault else "yes", "fault": fault})
     return copied

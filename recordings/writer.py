@@ -1,5 +1,9 @@
 """One run in one MCAP file: the bus's own bytes, at simulated times."""
 
+import errno
+import fcntl
+import os
+import stat
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -8,10 +12,13 @@ from typing import BinaryIO
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
-from bus.streams import STREAMS
+from bus.messages_pb2 import Hello
+from bus.streams import LAST_NS, STREAMS
 
 SCENE_ATTACHMENT = "scene.toml"
+LAW_ATTACHMENT = "law"
 RUN_METADATA, RESULT_METADATA = "run", "result"
+TOPICS = tuple(dict.fromkeys(stream.topic for stream in STREAMS.values()))
 _CHUNK_BYTES = 1 << 20
 _FLUSH_EVERY_S = 0.05
 
@@ -23,75 +30,150 @@ class RecordingError(RuntimeError):
 class RecordingWriter:
     """Writes messages as they come; a killed process loses at most the last 50 ms.
 
-    Raises RecordingError when the file exists (unless `overwrite`) or cannot be written.
+    The file is locked until it is closed. What an existing one holds is replaced by the first
+    thing that is written, and not before. Raises RecordingError when the file exists (unless
+    `overwrite`), is another run's, or cannot be written.
     """
 
     def __init__(self, path: Path, overwrite: bool = False) -> None:
         self.path = path
-        try:
-            self._file: BinaryIO = path.open("wb" if overwrite else "xb")
-        except FileExistsError:
-            raise RecordingError(
-                f"{path} exists; choose another name with --out, or allow it with --overwrite"
-            ) from None
-        except OSError as error:
-            raise RecordingError(f"cannot create the recording {path}: {error.strerror}") from error
-        # Chunks have checksums anyway; the one over all data covers scene and metadata, too.
-        self._writer = Writer(
-            self._file, _CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
-        )
-        self._guarded(lambda: self._writer.start(profile="hertzloop", library="hertzloop"))
+        self._file, self._is_new = _opened(path, overwrite)
+        self._writer: Writer | None = None
         self._channels: dict[str, int] = {}
         self._flushed = time.monotonic()
 
-    def scene(self, text: str, metadata: dict[str, str]) -> None:
-        """What is recorded; written first, so that it survives whatever happens."""
+    def _begun(self) -> Writer:
+        """The writer, with the file's old content gone."""
+        if self._writer is None:
+            if stat.S_ISREG(os.fstat(self._file.fileno()).st_mode):
+                self._file.truncate(0)
+            # Chunks have checksums anyway; the one over all data covers scene and metadata, too.
+            self._writer = Writer(
+                self._file, _CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
+            )
+            self._writer.start(profile="hertzloop", library="hertzloop")
+        return self._writer
+
+    def scene(self, text: str, metadata: dict[str, str], law: str = "") -> None:
+        """What is recorded, and the text of its law; written first, so that it survives whatever
+        happens."""
 
         def write() -> None:
-            self._writer.add_attachment(0, 0, SCENE_ATTACHMENT, "application/toml", text.encode())
-            self._writer.add_metadata(RUN_METADATA, metadata)
-            self._writer.flush()
+            writer = self._begun()
+            writer.add_attachment(0, 0, SCENE_ATTACHMENT, "application/toml", text.encode())
+            if law:
+                writer.add_attachment(0, 0, LAW_ATTACHMENT, "text/plain", law.encode())
+            writer.add_metadata(RUN_METADATA, metadata)
+            writer.flush()
 
         self._guarded(write)
 
     def write(self, stream: str, payload: bytes, sequence: int, time_ns: int) -> None:
-        """One message of a stream at a simulated time."""
+        """One message of a stream at a simulated time, 0 to LAST_NS."""
+        if not 0 <= time_ns <= LAST_NS:
+            raise RecordingError(
+                f"stream '{stream}' sequence {sequence} is at {time_ns} ns; simulated time runs "
+                f"from 0 to {LAST_NS} ns"
+            )
         self._guarded(
-            lambda: self._writer.add_message(
+            lambda: self._begun().add_message(
                 self._channel(stream), time_ns, payload, time_ns, sequence
             )
         )
         now = time.monotonic()
         if now - self._flushed > _FLUSH_EVERY_S:
             self._flushed = now
-            self._guarded(self._writer.flush)
+            self._guarded(lambda: self._begun().flush())
 
     def finish(self, metadata: dict[str, str]) -> None:
-        """Write the outcome and the index, and close."""
+        """Write the outcome and the index, and close. Where nothing was written, leave the file
+        as it was: absent, or with the old content."""
 
         def write() -> None:
-            self._writer.add_metadata(RESULT_METADATA, metadata)
-            self._writer.finish()
+            self._begun().add_metadata(RESULT_METADATA, metadata)
+            self._begun().finish()
 
         try:
-            self._guarded(write)
+            if self._writer is not None:
+                self._guarded(write)
+            elif self._is_new:
+                self._guarded(self.path.unlink)
         finally:
             self._guarded(self._file.close)
 
     def _channel(self, stream: str) -> int:
-        entry = STREAMS[stream]
-        if entry.topic not in self._channels:
-            schema = register_schema(self._writer, entry.message)
-            self._channels[entry.topic] = self._writer.register_channel(
-                topic=entry.topic, message_encoding="protobuf", schema_id=schema
-            )
-        return self._channels[entry.topic]
+        if not self._channels:
+            # All at once, in the order of the table: so their numbers are known even where the
+            # part of the file that names them is lost.
+            for topic in TOPICS:
+                entry = next(s for s in STREAMS.values() if s.topic == topic)
+                schema = register_schema(self._begun(), entry.message)
+                self._channels[topic] = self._begun().register_channel(
+                    topic=topic, message_encoding="protobuf", schema_id=schema
+                )
+        return self._channels[STREAMS[stream].topic]
 
     def _guarded(self, action: Callable[[], object]) -> None:
         try:
             action()
         except OSError as error:
+            kept = "; what was written until now is readable" if self._channels else ""
             raise RecordingError(
-                f"cannot write the recording {self.path}: {error.strerror or error}; what was "
-                "written until now is readable"
+                f"cannot write the recording {self.path}: {error.strerror or error}{kept}"
             ) from error
+
+
+def described_by(hello: Hello) -> dict[str, str]:
+    """What a recording says of its run, from the hello."""
+    pace = {"pace": f"{hello.pace:g}"} if hello.pace else {}
+    repeats = {"repeats": f"{hello.repeats:x}"} if hello.repeats else {}
+    return {
+        "scene": hello.scene,
+        "run_id": f"{hello.run_id:x}",
+        "seed": str(hello.seed),
+        "steps": str(hello.steps),
+        "step_ns": str(hello.step_ns),
+        "versions": hello.versions,
+        "law": hello.law,
+        "law_digest": hello.law_digest,
+        **pace,
+        **repeats,
+    }
+
+
+def _opened(path: Path, overwrite: bool) -> tuple[BinaryIO, bool]:
+    """The file, open and locked, with what it holds; and whether it is new."""
+    flags = os.O_WRONLY | os.O_CLOEXEC | os.O_CREAT
+    while True:
+        try:
+            try:
+                handle, is_new = os.open(path, flags | os.O_EXCL, 0o666), True
+            except FileExistsError:
+                if not overwrite:
+                    raise
+                handle, is_new = os.open(path, flags, 0o666), False
+        except FileExistsError:
+            raise RecordingError(
+                f"{path} exists; choose another name with --out, or allow it with --overwrite"
+            ) from None
+        except OSError as error:
+            reason = error.strerror
+            raise RecordingError(f"cannot create the recording {path}: {reason}") from error
+        _lock(handle, path)
+        # Between opening and locking, another run may have taken its new file away.
+        if path.exists() and os.path.samestat(os.fstat(handle), path.stat()):
+            return os.fdopen(handle, "wb"), is_new
+        os.close(handle)
+
+
+def _lock(handle: int, path: Path) -> None:
+    """Take the system's own lock on a file: it is gone with its process, however that ends."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
+            return  # a file system without locks is no reason not to record
+        os.close(handle)
+        raise RecordingError(
+            f"another run is writing {path}; choose another name with --out"
+        ) from None

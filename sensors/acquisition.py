@@ -3,35 +3,25 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
 from sensors import kernels as k
 
-_STREAM = 1  # random stream of the noise; the controller has others
-
-
-class Quantity(IntEnum):
-    """What is sensed. Acceleration and contact force are means over the last step."""
-
-    XI = k.XI  # m
-    V_P = k.PLATE_VELOCITY  # m/s
-    ACCELERATION = k.PLATE_ACCELERATION  # m/s^2
-    CONTACT_FORCE = k.CONTACT_FORCE  # N
+NOISE_STREAM = 1  # random stream of the noise; the controller has others
 
 
 @dataclass(frozen=True)
 class SensorSpec:
     """One channel, in SI units of its quantity.
 
-    `every_steps`: steps between samples. `low_pass_hz`: corner of the one-pole filter, or
-    None. `full_scale`: lowest and highest value, or None for no limit. `bits`: 1 to 24, or
-    None for an ideal converter. `noise_rms`: standard deviation of white noise per sample.
-    Raises ValueError for values that no channel can have.
+    `of_state`: index of the quantity in the plant's state. `every_steps`: steps between samples.
+    `low_pass_hz`: corner of the one-pole filter, or None. `full_scale`: lowest and highest value,
+    or None for no limit. `bits`: 1 to 24, or None for an ideal converter. `noise_rms`: standard
+    deviation of white noise per sample. Raises ValueError for values that no channel can have.
     """
 
-    quantity: Quantity = Quantity.XI
+    of_state: int = 0
     every_steps: int = 1
     low_pass_hz: float | None = None
     full_scale: tuple[float, float] | None = None
@@ -82,7 +72,7 @@ class Sensor:
         samples = -(-steps // spec.every_steps)
         noise = np.empty(0)
         if spec.noise_rms > 0.0:
-            generator = np.random.Generator(np.random.Philox(key=[seed, _STREAM]))
+            generator = np.random.Generator(np.random.Philox(key=[seed, NOISE_STREAM]))
             noise = spec.noise_rms * generator.standard_normal(samples)
         low, high = spec.full_scale or (0.0, 0.0)
         scale, offset, first, last = 1.0, 0.0, 0, 0
@@ -90,7 +80,7 @@ class Sensor:
             scale, offset, first, last = converter_codes(spec.bits, (low, high))
         corner = spec.low_pass_hz
         self.model = k.SensorModel(
-            quantity=int(spec.quantity),
+            of_state=spec.of_state,
             every_steps=spec.every_steps,
             filter_gain=1.0 if corner is None else -math.expm1(-2.0 * math.pi * corner * step_s),
             ideal=spec.bits is None,

@@ -4,16 +4,16 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-XI, PLATE_VELOCITY, PLATE_ACCELERATION, CONTACT_FORCE = range(4)
+from jit import kernel
+
 FILTERED, STARTED = range(2)  # indices into the state
 
 
 class SensorModel(NamedTuple):
     """What does not change: see sensors.acquisition.SensorSpec for the meaning."""
 
-    quantity: int
+    of_state: int
     every_steps: int
     filter_gain: float  # 1 - exp(-2 pi f_c h); 1 without a filter
     ideal: bool
@@ -27,14 +27,14 @@ class SensorModel(NamedTuple):
     noise: np.ndarray  # one value a sample, in units of the quantity; empty without noise
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(inline=True)
 def quantise(value, scale, offset, first_code, last_code):
     """Nearest code of a mid-tread converter, ties upwards, clipped to its codes."""
     code = math.floor((value - offset) / scale + 0.5)
     return min(max(code, first_code), last_code)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(inline=True)
 def follow(model, state, value):
     """One-pole low-pass, stepped at every simulation step; starts at its first input.
 
@@ -47,7 +47,7 @@ def follow(model, state, value):
         state[FILTERED] += model.filter_gain * (value - state[FILTERED])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@kernel(inline=True)
 def sample(model, state, index):
     """Convert the filtered value: code (0 if ideal), value as read, 1 if clipped."""
     value = state[FILTERED]

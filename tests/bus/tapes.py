@@ -8,11 +8,12 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from bus import wire
-from bus.messages_pb2 import Books, DaqBlock, ForceBlock, Hello, TruthBlock
+from bus.messages_pb2 import Books, DaqBlock, ForceBlock, Hello, SetUp, TruthBlock
 from bus.port import Publisher
 from bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
 
 RUN = 0xABC
+SCENE = "# made up\nkappa = 0.8"
 
 
 class Tape:
@@ -41,9 +42,7 @@ def plant_says(blocks: int = 3, every_steps: int = 1) -> list[Envelope]:
     publisher = Publisher(tape, RUN)
     publisher.send(
         "hello",
-        Hello(
-            scene="made-up", scene_toml="# made up", steps=4 * every_steps * blocks, step_ns=1000
-        ),
+        Hello(scene="made-up", scene_toml=SCENE, steps=4 * every_steps * blocks, step_ns=1000),
     )
     for i in range(blocks):
         step = 4 * every_steps * i
@@ -78,5 +77,5 @@ def controller_says(blocks: int = 3) -> list[Envelope]:
         force = ForceBlock(first_step=4 * i, step_ns=1000, samples_seen=4 * (i + 1))
         publisher.send("force", force, {"force_n": np.ones(4)})
         publisher.send("events/controller", Log(message=f"mode {i}"))
-    publisher.end()
+    publisher.end(set_up=SetUp(scene_toml=SCENE))
     return tape.sent

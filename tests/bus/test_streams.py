@@ -1,7 +1,5 @@
 """The checker: anything that does not continue its stream is named, with its number."""
 
-import re
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -22,23 +20,8 @@ from bus.streams import (
     Envelope,
     StreamFault,
 )
+from tests.bus.checking import feed, refused
 from tests.bus.tapes import RUN, Tape, changed, places, plant_says
-
-
-def feed(sent: Sequence[Envelope]) -> Checker:
-    checker = Checker()
-    for envelope in sent:
-        block = checker.accept(envelope)
-        if isinstance(block.header, RunEnd):
-            checker.reconcile(block.header)
-    return checker
-
-
-def refused(sent: Sequence[Envelope], *words: str) -> None:
-    with pytest.raises(StreamFault) as caught:
-        feed(sent)
-    for word in words:
-        assert re.search(word, str(caught.value)), str(caught.value)
 
 
 @pytest.mark.parametrize("every_steps", [1, 3])
@@ -235,3 +218,48 @@ def test_a_publisher_numbers_each_stream() -> None:
         assert [h.sequence for h in headers] == [0, 1, 2]
         assert {h.run_id for h in headers} == {RUN}
     assert [sent[i].sequence for i in places(sent, "events/plant")] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("stream", ["hello", "books", "events/plant", "end/plant"])
+def test_a_message_without_its_number(stream: str) -> None:
+    sent = plant_says()
+    place = places(sent, stream)[0]
+    sent[place] = replace(sent[place], sequence=None)
+    refused(sent, f"a message without a number came on stream '{stream}', 0 was expected")
+
+
+@pytest.mark.parametrize("stream", ["hello", "books", "end/plant"])
+def test_a_second_message_where_one_is_due(stream: str) -> None:
+    """Numbered as if it continued the stream: the run would have two scenes, two books."""
+    sent = plant_says()
+    place = places(sent, stream)[0]
+    sent.insert(place + 1, replace(sent[place], sequence=1))
+    refused(sent, f"a second message came on stream '{stream}': a plant sends one a run")
+
+
+def test_a_run_without_number_is_none() -> None:
+    sent = plant_says()
+    sent[0] = changed(sent[0], run_id=0)
+    refused(sent, "stream 'hello' sequence 0 belongs to run 0")
+
+
+def test_a_role_ends_once() -> None:
+    tape = Tape(PLANT)
+    publisher = Publisher(tape, RUN)
+    publisher.end()
+    publisher.end("too late")
+    assert [RunEnd.FromString(e.payload).fault for e in tape.sent] == [""]
+
+
+def test_a_role_reconciles_all_that_it_hears_and_no_more() -> None:
+    """The controller hears the hello and the samples, not the truth."""
+    sent = [e for e in plant_says() if e.stream in SUBSCRIPTIONS[CONTROLLER]]
+    checker = Checker(role=CONTROLLER)
+    for envelope in sent:
+        block = checker.accept(envelope)
+    checker.reconcile(block.header)
+    for stream in ("hello", "daq"):
+        end = RunEnd.FromString(sent[-1].payload)
+        next(c for c in end.count if c.stream == stream).messages += 1
+        with pytest.raises(StreamFault, match=f"stream '{stream}' lost its tail"):
+            checker.reconcile(end)

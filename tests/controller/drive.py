@@ -8,10 +8,11 @@ from itertools import pairwise
 import numpy as np
 
 from controller import kernels as k
-from controller.controller import Controller, Law, LawSpec, LineSpec, Reply
+from controller.controller import Controller, LineSpec, Reply
+from tests.controller.specs import LawSpec
 
 # kappa s = 4: the command of a penetration p = 1, 4, 9 is exactly 4, 32, 108 N.
-SLOPE = LawSpec(Law.SLOPE_THRESHOLD, stiffness=8.0, kappa=0.5, v_thr_m_s=-0.25)
+SLOPE = LawSpec("slope_threshold", stiffness=8.0, kappa=0.5, v_thr_m_s=-0.25)
 
 
 @dataclass
@@ -38,7 +39,9 @@ def make(
 ) -> Controller:
     """A controller sampling once a second, for `samples` samples and `after` steps more."""
     steps = samples * every_steps + after
-    return Controller(law, line, 1.0 / every_steps, steps, every_steps, seed)
+    step_s = 1.0 / every_steps
+    bound = law.bound(every_steps * step_s)
+    return Controller(bound, line, step_s, steps, every_steps, seed)
 
 
 def drive(
@@ -87,12 +90,13 @@ def fingerprint() -> str:
     ]
     laws = [
         SLOPE,
-        replace(SLOPE, window=4, fade_samples=3),
-        replace(SLOPE, law=Law.PREDICTED, lead_samples=4, watch_level=0.5, mass_kg=200.0),
-        LawSpec(Law.OFF, 1.0),
-        LawSpec(Law.PROFILE, 1.0, profile_n=(0.3, -2.0, 5.0)),
-        LawSpec(Law.FEEDBACK, 1.0, gain=-2.0, dead_zone=0.1),
-        LawSpec(Law.INTEGRAL_FEEDBACK, 1.0, gain=-2.0, leak_hz=0.01),
+        replace(SLOPE, window=4),
+        replace(SLOPE, law="fade_out", window=4, fade_samples=3),
+        replace(SLOPE, law="predicted", lead_samples=4, watch_level=0.5, mass_kg=200.0),
+        LawSpec("off", 1.0),
+        LawSpec("profile", 1.0, profile_n=(0.3, -2.0, 5.0)),
+        LawSpec("force_feedback", 1.0, gain=-2.0, dead_zone=0.1),
+        LawSpec("acceleration_feedback", 1.0, gain=-2.0, leak_hz=0.01),
     ]
     for law in laws:
         for line in lines:
@@ -104,6 +108,7 @@ def fingerprint() -> str:
                     for part in (reply.forces, reply.modes, reply.delays, promise):
                         digest.update(part)
                 digest.update(controller.law_state.counts)
+                digest.update(controller.law_state.record)
                 digest.update(controller.line_state.values)
     digest.update(np.array([k.convert_force(controller.line, x) for x in samples]))
     return digest.hexdigest()

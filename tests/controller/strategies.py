@@ -1,10 +1,12 @@
 """Hypothesis strategies for runs of the controller."""
 
 import math
+from typing import Any
 
 from hypothesis import strategies as st
 
-from controller.controller import Law, LawSpec, LineSpec
+from controller.controller import LineSpec
+from tests.controller.specs import LawSpec
 
 # Few distinct values make long contacts, repeated values and short gaps likely; the others
 # try values in general. Three decimals keep p^1.5 away from underflow.
@@ -16,41 +18,35 @@ LEVELS = st.sampled_from([0.0, 0.25, -0.25])
 LEADS = st.sampled_from([0, 0, 1, 3])
 PROFILES = st.lists(st.sampled_from([0.0, 1.5, -2.0]), max_size=6).map(tuple)
 
+
+def _threshold_laws(
+    law: str, kappas: st.SearchStrategy[float], **more: st.SearchStrategy[Any]
+) -> st.SearchStrategy[LawSpec]:
+    return st.builds(
+        LawSpec, st.just(law), st.just(3.7), kappas, THRESHOLDS, contact_level=LEVELS, **more
+    )
+
+
 LAWS = st.one_of(
+    _threshold_laws("slope_threshold", st.sampled_from([0.8, -0.4]), lead_samples=LEADS),
     st.builds(
         LawSpec,
-        st.just(Law.SLOPE_THRESHOLD),
-        st.just(3.7),
-        st.sampled_from([0.8, -0.4]),
-        THRESHOLDS,
-        contact_level=LEVELS,
-        lead_samples=LEADS,
-    ),
-    st.builds(
-        LawSpec,
-        st.sampled_from([Law.PROFILE, Law.CONSTANT]),
+        st.sampled_from(["profile", "constant"]),
         st.just(1.0),
         profile_n=PROFILES,
         contact_level=LEVELS,
         lead_samples=LEADS,
     ),
-    st.builds(
-        LawSpec,
-        st.just(Law.SLOPE_THRESHOLD),
-        st.just(3.7),
+    _threshold_laws("least_squares", st.just(0.8), window=st.sampled_from([2, 3, 5])),
+    _threshold_laws(
+        "fade_out",
         st.just(0.8),
-        THRESHOLDS,
-        contact_level=LEVELS,
         window=st.sampled_from([2, 3, 5]),
-        fade_samples=st.sampled_from([None, 0, 1, 4]),
+        fade_samples=st.sampled_from([0, 1, 4]),
     ),
-    st.builds(
-        LawSpec,
-        st.just(Law.PREDICTED),
-        st.just(3.7),
+    _threshold_laws(
+        "predicted",
         st.just(0.8),
-        THRESHOLDS,
-        contact_level=LEVELS,
         lead_samples=st.sampled_from([1, 2, 5]),
         window=st.sampled_from([2, 4]),
         watch_level=st.sampled_from([-1.0, 0.5, 2.0]),
@@ -59,13 +55,13 @@ LAWS = st.one_of(
     ),
     st.builds(
         LawSpec,
-        st.sampled_from([Law.FEEDBACK, Law.INTEGRAL_FEEDBACK]),
+        st.sampled_from(["force_feedback", "acceleration_feedback"]),
         st.just(1.0),
         gain=st.sampled_from([2.0, -0.5]),
         leak_hz=st.sampled_from([0.0, 0.1]),
         dead_zone=st.sampled_from([0.0, 0.5]),
     ),
-    st.just(LawSpec(Law.OFF, 1.0)),
+    st.just(LawSpec("off", 1.0)),
 )
 
 # All that a line can do, except latency, which tests want to choose.

@@ -7,10 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller import kernels as k
-from controller.controller import Law, LawSpec, LineSpec
+from controller.controller import LineSpec
 from tests.controller.drive import make
+from tests.controller.specs import LawSpec
 
-OFF = LawSpec(Law.OFF, 1.0)
+OFF = LawSpec("off", 1.0)
 
 
 def line_of(bits: int | None, full_scale: float | None) -> k.LineModel:

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controller import law_kernels as laws
-from controller.controller import LawSpec, LineSpec
+from controller.controller import LineSpec
 from tests.controller.drive import SLOPE, drive, make
+from tests.controller.specs import LawSpec
 from tests.controller.strategies import CUTS, EVERY_STEPS, LATENCIES, LAWS, LINES, SEQUENCES
 from tests.controller.test_law import CONSTANT, PROFILE
 
@@ -134,7 +135,7 @@ def test_when_a_promise_is_given() -> None:
 
 
 def test_the_law_off_promises_zero_whatever_comes() -> None:
-    law = LawSpec(law=SLOPE.law.OFF, stiffness=1.0)
+    law = LawSpec("off", 1.0)
     reply = drive(law, LineSpec(), [1, -1, -4], look_ahead=True).replies[-1]
     assert reply.promise_zero
     assert reply.promise_level == -math.inf

@@ -7,15 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.controller import Controller, Law, LawSpec, LineSpec, Mode
+from controller.controller import Controller, LineSpec
+from controller.law import MODES
 from tests.controller import reference
 from tests.controller.drive import SLOPE, commands, drive
+from tests.controller.specs import LawSpec
 from tests.controller.strategies import LEVELS, PROFILES, SEQUENCES, THRESHOLDS
 
-LETTERS = {mode.name[0]: int(mode) for mode in Mode}  # I, W, A, S
+LETTERS = {name[0].upper(): mode for mode, name in enumerate(MODES)}  # I, W, A, S
 
-PROFILE = LawSpec(Law.PROFILE, 1.0, profile_n=(0.0, 2.0, -3.0))
-CONSTANT = LawSpec(Law.CONSTANT, 1.0, profile_n=(5.0, 5.0))
+PROFILE = LawSpec("profile", 1.0, profile_n=(0.0, 2.0, -3.0))
+CONSTANT = LawSpec("constant", 1.0, profile_n=(5.0, 5.0))
 
 # name: law, samples (one a second), modes, latched delays, commands
 ROWS = {
@@ -130,7 +132,7 @@ ROWS = {
         [0] * 6,
         [0, 2, -3, 0, 0, 2],
     ),
-    "off": (replace(SLOPE, law=Law.OFF), [1, -1, -4, -4, 1], "IIIII", [0] * 5, [0] * 5),
+    "off": (replace(SLOPE, law="off"), [1, -1, -4, -4, 1], "IIIII", [0] * 5, [0] * 5),
 }
 
 
@@ -147,7 +149,7 @@ def test_mode_delay_and_command_after_every_sample(name: str) -> None:
 def test_the_slope_is_per_second(step_s: float, every_steps: int) -> None:
     """Samples half a second apart: the slopes are twice the differences."""
     law = replace(SLOPE, v_thr_m_s=-3.0)
-    controller = Controller(law, LineSpec(), step_s, 20, every_steps, 0)
+    controller = Controller(law.bound(every_steps * step_s), LineSpec(), step_s, 20, every_steps, 0)
     modes = controller.process(np.array([1.0, -1.0, -3.0, -4.0, -4.0])).modes
     assert modes.tolist() == [LETTERS[letter] for letter in "IWWAA"]
 
@@ -157,7 +159,7 @@ def test_the_slope_is_per_second(step_s: float, every_steps: int) -> None:
 def test_slope_threshold_against_plain_python(
     samples: list[float], v_thr: float, level: float, kappa: float
 ) -> None:
-    law = LawSpec(Law.SLOPE_THRESHOLD, 3.7, kappa, v_thr, contact_level=level)
+    law = LawSpec("slope_threshold", 3.7, kappa, v_thr, contact_level=level)
     delays, latched = [], {}
     rows = reference.slope_threshold(samples, kappa * 3.7, v_thr, level, latched.__setitem__)
     for i in range(len(samples)):
@@ -176,7 +178,7 @@ def test_slope_threshold_against_plain_python(
 def test_profile_against_plain_python(
     samples: list[float], forces: tuple[float, ...], level: float
 ) -> None:
-    law = LawSpec(Law.PROFILE, 1.0, profile_n=forces, contact_level=level)
+    law = LawSpec("profile", 1.0, profile_n=forces, contact_level=level)
     rows = reference.profile(samples, forces, level)
     assert drive(law, LineSpec(), samples).modes.tolist() == [mode for mode, _ in rows]
     assert commands(law, samples).tolist() == [force for _, force in rows]

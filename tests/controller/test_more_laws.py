@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from controller import law_kernels as laws
-from controller.controller import Controller, Law, LawSpec, LineSpec, law_model
-from controller.threshold import shifted_threshold_m_s
+from controller.controller import Controller, LineSpec
+from controller.laws._local_model import look_ahead
+from controller.laws._threshold import slope
+from controller.laws.shifted_threshold import shifted_threshold_m_s
 from tests.controller.drive import SLOPE, commands, drive
+from tests.controller.specs import LawSpec
 
 STIFFNESS, MASS_KG, IMPEDANCE, SPEED = 1.1e10, 8.8e-4, 308.0, 1.0
 STEP_S = 1e-6
 IMPACT = LawSpec(
-    Law.PREDICTED, STIFFNESS, 0.8, -0.25, mass_kg=MASS_KG, impedance_n_s_m=IMPEDANCE,
+    "predicted", STIFFNESS, 0.8, -0.25, mass_kg=MASS_KG, impedance_n_s_m=IMPEDANCE,
     watch_level=1e-3,
 )  # fmt: skip
 
@@ -37,7 +39,7 @@ def gap(impedance: float = IMPEDANCE, lead_in_s: float = 20e-6, steps: int = 80)
 
 def acts(law: LawSpec, samples: np.ndarray) -> tuple[int, int, np.ndarray]:
     """First sample with a command, latched delay, commands by sample."""
-    controller = Controller(law, LineSpec(), STEP_S, len(samples) + 1, 1, 0)
+    controller = Controller(law.bound(STEP_S), LineSpec(), STEP_S, len(samples) + 1, 1, 0)
     reply = controller.process(samples)
     command = controller.forces[1 : len(samples) + 1]
     return int(np.flatnonzero(command)[0]), int(reply.delays[-1]), command
@@ -46,11 +48,11 @@ def acts(law: LawSpec, samples: np.ndarray) -> tuple[int, int, np.ndarray]:
 @pytest.mark.parametrize("window", [3, 4, 7])
 def test_the_slope_of_a_window_is_that_of_the_least_squares_line(window: int) -> None:
     samples = np.random.default_rng(1).standard_normal(30)
-    model = law_model(replace(SLOPE, window=window), 0.5)
+    constants = replace(SLOPE, window=window).constants(0.5)
     for index in range(window - 1, 30):
         last = samples[index + 1 - window : index + 1]
         line = np.polyfit(0.5 * np.arange(window), last, 1)
-        assert laws._slope(model, samples, index) == pytest.approx(line[0], rel=1e-12, abs=1e-13)
+        assert slope(constants, samples, index) == pytest.approx(line[0], rel=1e-12, abs=1e-13)
 
 
 def test_a_window_of_two_is_the_two_point_law() -> None:
@@ -60,7 +62,7 @@ def test_a_window_of_two_is_the_two_point_law() -> None:
 
 def test_noise_triggers_a_wide_window_closer_to_the_noiseless_moment() -> None:
     clean, random = gap(), np.random.default_rng(3)
-    law = replace(IMPACT, law=Law.SLOPE_THRESHOLD)
+    law = replace(IMPACT, law="slope_threshold")
     wide = replace(law, window=8)
     spread = []
     for which in (law, wide):
@@ -72,21 +74,24 @@ def test_noise_triggers_a_wide_window_closer_to_the_noiseless_moment() -> None:
 
 def test_the_force_fades_after_the_contact() -> None:
     samples = [1.0, -1.0, -4.0, -4.0, 1.0, 1.0, 1.0, 1.0]
-    full, faded = commands(SLOPE, samples), commands(replace(SLOPE, fade_samples=1), samples)
+    full, faded = (
+        commands(SLOPE, samples),
+        commands(replace(SLOPE, law="fade_out", fade_samples=1), samples),
+    )
     assert full[:8].tolist() == [0, 0, 0, 4, 32, 32, 0, 0]
     # One sample after the contact half of it is left, then nothing.
     assert faded[:8].tolist() == [0, 0, 0, 4, 16, 0, 0, 0]
-    at_once = commands(replace(SLOPE, fade_samples=0), samples)
+    at_once = commands(replace(SLOPE, law="fade_out"), samples)
     assert at_once[:8].tolist() == [0, 0, 0, 4, 0, 0, 0, 0]
 
 
 @pytest.mark.parametrize("lead", [1, 5, 12])
 def test_look_ahead_follows_the_impact_it_models(lead: int) -> None:
     samples = gap()
-    model = law_model(replace(IMPACT, lead_samples=lead), STEP_S)
+    constants = replace(IMPACT, lead_samples=lead).constants(STEP_S)
     deepest = -samples.min()
     for index in range(12, 50):
-        xi, slope, _, _ = laws.look_ahead(model, samples, index, float(lead))
+        xi, slope, _, _ = look_ahead(constants, samples, index, float(lead))
         assert xi == pytest.approx(samples[index + lead], abs=0.01 * deepest)
         central = (samples[index + lead + 1] - samples[index + lead - 1]) / (2.0 * STEP_S)
         assert slope == pytest.approx(central, abs=0.02 * SPEED)
@@ -97,7 +102,7 @@ def test_prediction_commands_now_what_is_due_later(lead: int) -> None:
     """The command `lead` samples early is that of a law without dead time, within 2 % of the
     peak; the two-point law without dead time latches one of the same two samples."""
     samples = gap(lead_in_s=40e-6, steps=110)
-    ideal, delay_0, wanted = acts(replace(IMPACT, law=Law.SLOPE_THRESHOLD), samples)
+    ideal, delay_0, wanted = acts(replace(IMPACT, law="slope_threshold"), samples)
     first, delay, command = acts(replace(IMPACT, lead_samples=lead), samples)
     assert abs(delay - delay_0) <= 1
     assert abs(first + lead - ideal) <= 1
@@ -115,7 +120,7 @@ def test_a_sphere_that_passes_by_is_left_alone() -> None:
     """Near the plate, but rising: nothing is due."""
     rising = 1e-6 * np.arange(5, 60) ** 1.0
     law = replace(IMPACT, lead_samples=10)
-    controller = Controller(law, LineSpec(), STEP_S, 60, 1, 0)
+    controller = Controller(law.bound(STEP_S), LineSpec(), STEP_S, 60, 1, 0)
     controller.process(rising)
     assert not controller.forces.any()
 
@@ -136,19 +141,19 @@ def test_a_threshold_that_cannot_be_earlier_is_crossed_by_the_first_sample() -> 
 
 
 def test_feedback_multiplies_and_its_dead_zone_is_silent() -> None:
-    law = LawSpec(Law.FEEDBACK, 1.0, gain=-2.0, dead_zone=0.5)
+    law = LawSpec("force_feedback", 1.0, gain=-2.0, dead_zone=0.5)
     assert commands(law, [0.0, 0.5, -0.5, 1.0, -3.0]).tolist()[:5] == [0, 0, 0, -2, 6]
 
 
 def test_integral_feedback_integrates_and_leaks() -> None:
     ones = [1.0] * 50
-    kept = commands(LawSpec(Law.INTEGRAL_FEEDBACK, 1.0, gain=3.0), ones)
+    kept = commands(LawSpec("acceleration_feedback", 1.0, gain=3.0), ones)
     assert kept[:50] == pytest.approx(3.0 * np.arange(1, 51), rel=1e-14)
-    leaking = commands(LawSpec(Law.INTEGRAL_FEEDBACK, 1.0, gain=3.0, leak_hz=0.05), ones)
+    leaking = commands(LawSpec("acceleration_feedback", 1.0, gain=3.0, leak_hz=0.05), ones)
     share = math.exp(-2.0 * math.pi * 0.05)
     assert leaking[49] == pytest.approx(3.0 * share / (1.0 - share), rel=1e-6)
 
 
 def test_feedback_never_promises_silence() -> None:
-    law = LawSpec(Law.FEEDBACK, 1.0, gain=1.0)
+    law = LawSpec("force_feedback", 1.0, gain=1.0)
     assert not any(r.promise_zero for r in drive(law, LineSpec(), [0.0, 0.0], cuts=[1]).replies)

@@ -12,9 +12,13 @@ import psutil
 HERTZLOOP = [sys.executable, "-m", "hertzloop"]
 # Long enough to be hit by a fault while it runs, far longer than a test waits.
 LONG = ["--set", "run.duration_s=15"]
+WELL_UNDER_WAY = 2_000_000  # bytes
+EVENTUALLY_S = 120.0  # for what has to happen: generous, other processes may keep the cores busy
 
 
-def hertzloop(*words: str, timeout_s: float = 120.0, **more: object) -> subprocess.CompletedProcess:
+def hertzloop(
+    *words: str, timeout_s: float = 2 * EVENTUALLY_S, **more: object
+) -> subprocess.CompletedProcess:
     """Run a command to its end."""
     return subprocess.run(
         [*HERTZLOOP, *words], capture_output=True, text=True, timeout=timeout_s, **more
@@ -28,7 +32,7 @@ def start(*words: str, **more: object) -> subprocess.Popen:
     )
 
 
-def finish(process: subprocess.Popen, timeout_s: float = 30.0) -> tuple[int, str, float]:
+def finish(process: subprocess.Popen, timeout_s: float = EVENTUALLY_S) -> tuple[int, str, float]:
     """Exit code, standard error in one line, seconds it took."""
     began = time.monotonic()
     try:
@@ -39,7 +43,9 @@ def finish(process: subprocess.Popen, timeout_s: float = 30.0) -> tuple[int, str
     return process.returncode, " ".join(err.split()), time.monotonic() - began
 
 
-def child_of(process: subprocess.Popen, command: str, timeout_s: float = 30.0) -> psutil.Process:
+def child_of(
+    process: subprocess.Popen, command: str, timeout_s: float = EVENTUALLY_S
+) -> psutil.Process:
     """The child process of a `hertzloop run` that runs `command` ("plant", "record", ...)."""
 
     def look() -> psutil.Process | None:
@@ -54,7 +60,7 @@ def child_of(process: subprocess.Popen, command: str, timeout_s: float = 30.0) -
     return wait_for(look, timeout_s)
 
 
-def wait_for(look: Callable, timeout_s: float = 30.0):  # type: ignore[no-untyped-def]
+def wait_for(look: Callable, timeout_s: float = EVENTUALLY_S):  # type: ignore[no-untyped-def]
     """Poll until `look` returns something true."""
     deadline = time.monotonic() + timeout_s
     while time.monotonic() < deadline:

@@ -1,11 +1,14 @@
 """Figures of a case: over the length of time that they are said to be over."""
 
+import math
+
 import pytest
 
-from hertzloop.cases import figures_of_case
-from hertzloop.compiled import simulate
-from hertzloop.impact_rows import consistent_impacts
-from hertzloop.scene import load
+from hertzloop.loop.compiled import Simulated, simulate
+from hertzloop.results import cases
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.impact_rows import consistent_impacts
+from hertzloop.scenes.scene import Scene, SceneError, load
 
 SHORT = ["run.accuracy=0.05", "run.duration_s=0.0018", "run.plate_model=modal"]
 
@@ -30,6 +33,48 @@ def test_a_case_that_never_ends_is_compared_with_as_long_a_run_without_control()
     assert len(contacts) > 1
     change = figures.plate_energy_j / sum(c.plate_energy_j for c in contacts)
     assert 10.0 ** (0.1 * figures.plate_energy_db) == pytest.approx(change, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("keys", "percent"),
+    [
+        ([], 156.0),
+        (["controller.latency_us=2"], 140.0),
+        (["controller.latency_us=10"], 102.0),
+        (["controller.v_thr_m_s=-0.6"], 192.0),
+        (["controller.lead_us=3"], 180.0),
+    ],
+)
+def test_the_rebound_is_a_height_in_per_cent_of_that_without_control(
+    keys: list[str], percent: float
+) -> None:
+    scene = load("aluminium-3mm", [*keys, "run.duration_s=0.002"])
+    found = figures_of_case(scene).rebound_percent
+    assert found == pytest.approx(percent, abs=0.5)
+    speeds = [
+        consistent_impacts(s, simulate(s).rows)[0].rebound_speed_m_s
+        for s in (scene, scene.without_control())
+    ]
+    assert found == pytest.approx(100.0 * (speeds[0] / speeds[1]) ** 2, rel=1e-3)
+
+
+def test_no_rebound_without_control_is_nothing_to_compare_with() -> None:
+    """The first impact leaves the heavy sphere falling still."""
+    figures = figures_of_case(load("aluminium-20mm", ["run.duration_s=0.003"]))
+    assert math.isnan(figures.rebound_percent)
+
+
+def test_numbers_that_are_not_finite_make_no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = load("aluminium-3mm", SHORT)
+
+    def broken(scene: Scene, quiet_steps: int = -1) -> Simulated:
+        found = simulate(scene, quiet_steps)
+        found.rows[3, -1] = math.nan
+        return found
+
+    monkeypatch.setattr(cases, "simulate", broken)
+    with pytest.raises(SceneError, match="not finite"):
+        figures_of_case(scene)
 
 
 def test_a_delay_of_zero_is_a_delay() -> None:

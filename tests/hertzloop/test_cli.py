@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from hertzloop.cli import app
+from hertzloop.commands.cli import app
 from recordings.reader import read
 from tests.hertzloop.processes import hertzloop
 
@@ -43,6 +43,7 @@ def test_first_run_of_a_new_user(here: Path) -> None:
     assert recording.truth.samples == recording.force.samples == recording.daq.samples == 120_000
     data = json.loads((here / "a.json").read_text())
     assert data["scene"] == "aluminium-3mm"
+    assert (data["law"], data["scene_law"]) == ("slope_threshold", "slope_threshold")
     assert (data["seed"], data["transport"], data["steps"]) == (1, "zenoh", 120_000)
     assert data["wall_s"] > 0
     assert data["real_time_factor"] == pytest.approx(0.12 / data["wall_s"])
@@ -51,7 +52,7 @@ def test_first_run_of_a_new_user(here: Path) -> None:
     assert abs(data["residuals"]["energy"]) < 1e-10
     keys = {
         "start_s", "duration_s", "impact_speed_m_s", "rebound_speed_m_s", "peak_force_n",
-        "plate_energy_j",
+        "plate_energy_j", "plate_speed_max_m_s",
     }  # fmt: skip
     assert len(data["impacts"]) == 1
     assert len(data["uncontrolled"]["impacts"]) == 2
@@ -155,7 +156,7 @@ def test_inspect_whole_and_cut_off(here: Path) -> None:
     content = (here / "a.mcap").read_bytes()
     (here / "cut.mcap").write_bytes(content[: len(content) // 2])
     cut = call("inspect", "cut.mcap", "--json", "cut.json")
-    assert cut.exit_code == 0
+    assert cut.exit_code == 1
     data = json.loads((here / "cut.json").read_text())
     assert 0 < data["streams"]["truth"]["samples"] < 300_000
     assert data["problems"]
@@ -198,9 +199,47 @@ def test_the_users_mistakes(here: Path, words: list[str], sentence: str) -> None
     assert "Traceback" not in result.output
 
 
+WRITERS = [
+    "run --out F.mcap", "run --json F.json", "record --out F.mcap",
+    "inspect none.mcap --json F.json", "replay none.mcap --save F.rrd",
+    "replay none.mcap --screenshot F.png",
+    "recover none.mcap --out F.mcap", "sweep --over sensors.bits=4,5 --out F.csv",
+    "sweep --over sensors.bits=4,5 --json F.json", "check none.csv --json F.json", "tune --out F",
+    "tune --json F.json", "bench --json F.json", "tables none.csv --out F.csv",
+    "tables none.csv --json F.json", "calibrate --json F.json", "figures --out F",
+    "weaknesses --out F", "chart stability --out F", "chart speed-accuracy --out F",
+    "chart model-order --out F", "chart infinite-plate --out F", "chart latency --out F",
+    "chart latency --out good --json F.json", "chart real --out F",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("words", WRITERS)
+def test_what_cannot_be_written_is_said_before_work_starts(
+    here: Path, monkeypatch: pytest.MonkeyPatch, words: str
+) -> None:
+    """In /proc not even root can make a file."""
+
+    def work(*_: object) -> None:
+        raise AssertionError("work has started")
+
+    monkeypatch.setattr("hertzloop.commands.warmup.ensure_compiled", work)
+    result = call(*words.replace("F", "/proc/no").split())
+    assert result.exit_code == 2
+    folder = words.endswith(" F")  # that would have to be made
+    sentence = "no folder that could be made" if folder else "cannot write into the folder /proc"
+    assert sentence in said(result)
+
+
+def test_a_folder_is_not_written_as_a_file(here: Path) -> None:
+    (here / "folder.json").mkdir()
+    result = call("bench", "--json", "folder.json")
+    assert result.exit_code == 2
+    assert "folder.json is a folder" in said(result)
+
+
 def test_rerun_is_imported_only_where_it_is_used(here: Path) -> None:
     script = (
-        "import sys; from typer.testing import CliRunner; from hertzloop.cli import app;"
+        "import sys; from typer.testing import CliRunner; from hertzloop.commands.cli import app;"
         f"assert CliRunner().invoke(app, {['run', *SHORT]!r}).exit_code == 0;"
         "assert 'rerun' not in sys.modules and 'matplotlib' not in sys.modules"
     )

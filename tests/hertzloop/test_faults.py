@@ -1,4 +1,4 @@
-"""Whatever dies, hangs or lies: the run ends within seconds with one sentence and exit code 1,
+"""Whatever dies, hangs or lies: the run ends soon with one sentence and exit code 1,
 no process is left behind, and what was recorded is readable."""
 
 import resource
@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from hertzloop.launcher import free_ports
 from recordings.reader import read
 from tests.hertzloop.processes import (
     LONG,
+    WELL_UNDER_WAY,
     child_of,
     finish,
     grown_to,
@@ -21,8 +21,10 @@ from tests.hertzloop.processes import (
     start,
     wait_for,
 )
+from tests.ports import free_ports
 
-WELL_UNDER_WAY = 2_000_000  # bytes
+SECONDS = 60  # far from for ever, even if other processes keep the cores busy
+pytestmark = pytest.mark.usefixtures("warm_kernels")
 
 
 @pytest.fixture
@@ -36,12 +38,12 @@ def check_ended(recording: Path, code: int, err: str, seconds: float, *words: st
     for word in words:
         assert word in err
     assert "Traceback" not in err
-    assert seconds < 20
+    assert seconds < SECONDS
     assert not leftovers(recording)
     kept = read(recording)
     assert kept.truth.samples > 10_000
     assert kept.problems
-    assert hertzloop("inspect", str(recording)).returncode == 0
+    assert hertzloop("inspect", str(recording)).returncode == 1  # and no traceback
 
 
 @pytest.mark.parametrize(
@@ -78,7 +80,7 @@ def test_interrupt_keeps_the_recording(recording: Path) -> None:
     code, err, seconds = finish(run)
     assert code == 130
     assert "interrupted" in err
-    assert seconds < 10
+    assert seconds < SECONDS
     assert not leftovers(recording)
     kept = read(recording)
     assert kept.truth.samples > 10_000
@@ -95,25 +97,23 @@ def test_full_disk(recording: Path) -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 
     run = start("run", *LONG, "--out", str(recording), preexec_fn=limit)
-    check_ended(recording, *finish(run, 60), "cannot write the recording", str(recording))
+    check_ended(recording, *finish(run), "cannot write the recording", str(recording))
 
 
 def test_port_in_use(recording: Path) -> None:
-    ports = free_ports(1)
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", ports[0]))
-        taken.listen()
+    ports = free_ports(3, in_a_row=True)
+    with socket.create_server(("127.0.0.1", ports[0])):
         code, err, seconds = finish(start("run", "--out", str(recording), "--port", str(ports[0])))
     assert code == 1
     assert "is the port in use?" in err
     assert str(ports[0]) in err
-    assert seconds < 20
+    assert seconds < SECONDS
     assert not leftovers(recording)
 
 
 def test_controller_never_started(recording: Path) -> None:
     a, b, c = (f"tcp/127.0.0.1:{port}" for port in free_ports(3))
-    bus = ["--name", "lonely", "--wait", "2"]
+    bus = ["--name", "lonely", "--wait", "10"]
     recorder = start(
         "record", "--out", str(recording), *bus, "--listen", c, "--connect", a, "--connect", b
     )
@@ -122,18 +122,17 @@ def test_controller_never_started(recording: Path) -> None:
     assert code == 1
     assert "controller" in err
     assert "not there" in err
-    assert seconds < 20
+    assert seconds < SECONDS
     code, err, _ = finish(recorder)
     assert code == 1
     assert "controller" in err
-    with pytest.raises(Exception, match="no scene"):
-        read(recording)
+    assert not recording.exists()  # nothing was to be recorded
 
 
 @pytest.mark.parametrize("stream", ["daq", "force", "truth"])
 def test_malformed_message(recording: Path, stream: str) -> None:
     """A stranger who knows the port publishes rubbish on a stream."""
-    base = min(free_ports(3))
+    base = free_ports(3, in_a_row=True)[0]
     run = start("run", *LONG, "--out", str(recording), "--port", str(base), "--name", "victim")
     wait_for(grown_to(recording, WELL_UNDER_WAY))
     config = zenoh.Config()

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.inprocess import record_in_process
-from hertzloop.scene import parse
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.scenes.scene import parse
 from recordings.compare import first_difference
 from recordings.reader import read
 

@@ -3,12 +3,21 @@
 import numpy as np
 import pytest
 
-from hertzloop import parts
-from hertzloop.compiled import simulate
-from hertzloop.precomputed import SHAPES, force_n, mobility_force_n, shaped, uncontrolled_force_n
-from hertzloop.scene import SceneError, load
+from controller.laws.precomputed import SHAPES, mobility_force_n, shaped
+from hertzloop import assembly as parts
+from hertzloop import control
+from hertzloop.control import uncontrolled_force_n
+from hertzloop.loop.compiled import simulate
+from hertzloop.scenes.scene import Scene, SceneError, load
 
 PRECOMPUTED = ["controller.law=precomputed", "controller.kappa=0.4"]
+
+
+def profile_of(scene: Scene) -> np.ndarray:
+    """Forces that the scene's law plays, N, one a sample."""
+    about = control.about(scene, parts.plant_spec(scene).contact.stiffness)
+    profile: np.ndarray = scene.law.constants(scene.controller.keys, about).profile
+    return profile
 
 
 def test_thirteen_forces() -> None:
@@ -47,10 +56,10 @@ def test_uncontrolled_force_in_the_published_scheme_is_without_damping() -> None
 def test_mobility_force_solves_its_equation(source: str) -> None:
     scene = load(source, ["run.step_ns=1000"])
     spec = parts.plant_spec(scene)
-    force, h = mobility_force_n(scene), scene.step_s
+    force, h = mobility_force_n(control.about(scene, spec.contact.stiffness)), scene.step_s
     slope, bend = np.gradient(force, h), np.gradient(np.gradient(force, h), h)
     m, v = spec.sphere.mass_kg, spec.sphere.impact_speed_m_s
-    from plant.contact import rigid_contact_time_s
+    from plant.contact.hertz import rigid_contact_time_s
 
     spring = m * (np.pi / rigid_contact_time_s(m, spec.contact.stiffness, v)) ** 2
     z = spec.plate.infinite_plate_impedance_n_s_m
@@ -64,11 +73,11 @@ def test_mobility_force_solves_its_equation(source: str) -> None:
 def test_every_name_makes_a_force() -> None:
     for name in [*SHAPES, "F_mobility"]:
         scene = load("thesis-aluminium", [*PRECOMPUTED, f"controller.precomputed={name}"])
-        force = np.array(force_n(scene))
+        force = profile_of(scene)
         assert np.abs(force).max() > 1.0, name
 
 
 def test_a_contact_without_end_is_refused_with_a_sentence() -> None:
     settings = [*PRECOMPUTED, "contact.viscous_n_s_m=5"]
     with pytest.raises(SceneError, match="first contact does not end within"):
-        force_n(load("thesis-sylomer", settings))
+        control.law(load("thesis-sylomer", settings), 1e9)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hertzloop import parts
-from hertzloop.scene import DEFAULT, Scene, SceneError, load, parse, shipped, to_toml
+from hertzloop import assembly as parts
+from hertzloop.scenes.scene import DEFAULT, Scene, SceneError, load, parse, shipped, to_toml
 
 
 def test_the_scenes_that_come_with_it() -> None:

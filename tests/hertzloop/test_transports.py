@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.run import RunOptions, Transport, run_scene
-from hertzloop.scene import Scene, load
+from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.scenes.scene import Scene, load
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 
@@ -82,10 +82,31 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
         "aluminium-3mm",
         ["run.duration_s=0.0015", "controller.law=acceleration_feedback", "sensors.bits=12"],
     ),
+    "actuator": (
+        "aluminium-3mm",
+        ["run.duration_s=0.002", *CONVERTERS, "actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3",
+         "actuator.force_limit_n=20"],
+    ),
+    "actuator beside": (
+        "offcentre-6mm",
+        ["run.duration_s=0.002", "actuator.bandwidth_hz=3e4", "actuator.damping=0.3",
+         "actuator.mass_kg=5e-3", "plate.loss_factor=0.02"],
+    ),
+    "yielding": (
+        "aluminium-3mm",
+        ["run.duration_s=0.003", "contact.plasticity=thornton",
+         "contact.limiting_pressure_pa=7.7e8", "contact.damping=hunt_crossley",
+         "contact.restitution=0.8", "actuator.bandwidth_hz=3e5"],
+    ),
+    "yielding, two points": (
+        "offcentre-6mm",
+        ["run.duration_s=0.003", "contact.plasticity=thornton",
+         "contact.limiting_pressure_pa=5e8", "controller.latency_us=3"],
+    ),
     "blocks that do not fit": ("aluminium-3mm", ["run.duration_s=0.002717"]),
     "a single step": ("aluminium-3mm", ["run.duration_s=1e-6"]),
 }  # fmt: skip
-SOME = ["default", "converters", "two points"]
+SOME = ["default", "converters", "two points", "actuator"]
 
 
 @cache

@@ -1,17 +1,29 @@
 """The check after a run: it sees what a finer model would have changed."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from hertzloop.compiled import simulate
-from hertzloop.scene import SceneError, load
-from hertzloop.verify import Verification, verify
+from hertzloop import assembly as parts
+from hertzloop.loop.compiled import rows_under, simulate
+from hertzloop.loop.finer import finer_loop
+from hertzloop.results.impact_rows import F_A, XI, consistent_impacts
+from hertzloop.results.verify import _START, Verification, finer_spec, verify
+from hertzloop.scenes.scene import Scene, SceneError, load
+from plant.plant import Plant
 
 SHORT = ["run.duration_s=0.0015", "controller.law=off"]
 
 
+def check(scene: Scene) -> Verification | None:
+    run = simulate(scene)
+    return verify(scene, run.rows)
+
+
 def checked(*settings: str) -> Verification:
     scene = load("aluminium-3mm", [*SHORT, *settings])
-    found = verify(scene, simulate(scene).rows)
+    found = check(scene)
     assert found is not None
     return found
 
@@ -28,8 +40,58 @@ def test_more_modes_and_a_smaller_step_change_less() -> None:
     assert second_order.largest > 2.0 * fine.largest
 
 
-def test_recorded_forces_act_at_their_times() -> None:
-    """With the law active the same forces act on both models: changes stay small."""
+LINES = {
+    "threshold": [],
+    "late, coarse samples": ["controller.latency_us=3", "sensors.every_steps=3"],
+    "by chance": [
+        "sensors.bits=12", "sensors.noise_rms=2e-8", "controller.jitter_us=3",
+        "controller.drop_out_probability=0.2", "run.touch_phase=random",
+    ],
+    "force": ["controller.law=force_feedback"],
+    "acceleration": ["controller.law=acceleration_feedback", "sensors.low_pass_hz=1e5"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_the_loop_on_the_same_plant_has_the_same_bytes(name: str) -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name]])
+    plant = parts.plant(scene)
+    assert isinstance(plant, Plant)
+    rows = finer_loop(scene, plant, scene.steps, 1)
+    assert rows[F_A].any()
+    assert np.array_equal(rows, simulate(scene).rows)
+
+
+@pytest.mark.parametrize("name", LINES)
+def test_the_loop_on_half_the_step_is_the_same_loop(name: str) -> None:
+    """Samples, latency and chance keep the scene's step; the plant, of order 4, alone is finer."""
+    scene = load("aluminium-3mm", ["run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name]])
+    spec = parts.plant_spec(scene)
+    plant = parts.built(replace(spec, step_s=spec.step_s / 2), "modal").at_start()
+    plant.state.body[_START] = parts.plant_of(spec, scene).state.body[_START]
+    finer, rows = finer_loop(scene, plant, scene.steps, 2), simulate(scene).rows
+    assert np.abs(finer[XI, ::2] - rows[XI]).max() < 1e-4 * -rows[XI].min()
+    assert np.array_equal(finer[F_A, ::2], finer[F_A, 1::2])  # a force is held over a step
+    assert np.abs(finer[F_A, ::2] - rows[F_A]).max() < 0.01 * rows[F_A].max()
+
+
+def test_the_law_answers_the_finer_plant() -> None:
+    """With the forces of the run itself the check would miss what the law makes of an error."""
+    scene = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
+    run, fine = simulate(scene), finer_spec(scene)
+    closed = verify(scene, run.rows)
+    assert closed is not None
+    plant = parts.built(fine, "modal").at_start()
+    plant.state.body[_START] = parts.plant(scene).state.body[_START]
+    forces = np.repeat(run.forces, 2)
+    (free,) = consistent_impacts(scene, rows_under(plant, forces), fine)
+    (coarse,) = consistent_impacts(scene, run.rows)
+    open_loop = abs(free.plate_energy_j / coarse.plate_energy_j - 1.0)
+    print(f"plate energy: {open_loop:.1e} with the same forces, {closed.plate_energy:.1e} closed")
+    assert closed.plate_energy > 1.5 * open_loop
+
+
+def test_forces_act_at_their_times() -> None:
     found = checked("controller.law=slope_threshold", "controller.latency_us=3")
     assert found.penetration < 1e-3
     assert found.rebound_speed < 1e-3
@@ -37,15 +99,15 @@ def test_recorded_forces_act_at_their_times() -> None:
 
 def test_nothing_to_verify() -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0005"])
-    assert verify(scene, simulate(scene).rows) is None
+    assert check(scene) is None
     published = load("thesis-aluminium")
     with pytest.raises(SceneError, match="does not converge"):
-        verify(published, simulate(published).rows)
+        check(published)
 
 
 def test_a_force_that_still_pushes_when_the_contact_ends_is_compared_over_the_same_time() -> None:
     """Work is counted from row to row; half a step more on one side was 1 % of the energy here."""
     scene = load("aluminium-3mm", ["run.duration_s=0.0013"])
-    found = verify(scene, simulate(scene).rows)
+    found = check(scene)
     assert found is not None
     assert found.plate_energy < 3e-3

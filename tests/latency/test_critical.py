@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from studies.evaluate import Pool, local_pool
-from studies.latency import SCENES, Critical, critical
+from studies.latency.study import SCENES, Critical, critical
+from studies.sweeps.evaluate import Pool, local_pool
 
 NAMED = {named.name: named for named in SCENES}
 # Scene, law: least and largest critical latency (us; inf: survives all tried), bits.

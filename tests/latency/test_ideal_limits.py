@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hertzloop import parts
-from hertzloop.cases import figures_of_case
-from hertzloop.compiled import simulate
-from hertzloop.impact_rows import F_A, XI
-from hertzloop.scene import Scene, load
+from hertzloop import assembly as parts
+from hertzloop.loop.compiled import simulate
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.impact_rows import F_A, XI
+from hertzloop.scenes.scene import Scene, load
 from plant.plant import Plant
 
 # The scheme without a spring for the modes left out, so that the equations are those below.
@@ -37,7 +37,7 @@ def continuous() -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     of = scene(1000)
     spec = parts.plant_spec(of)
     modes = Plant(spec).modes
-    drive = spec.plate.modal_scale_per_kg * modes.contact**2
+    drive = modes.scale_per_kg * modes.contact**2
     m, s = spec.sphere.mass_kg, spec.contact.stiffness
     kappa, v_thr, n = of.controller.kappa, of.controller.v_thr_m_s, len(modes.omega)
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hertzloop.cases import figures_of_case
-from hertzloop.compiled import simulate
-from hertzloop.impact_rows import F_A
-from hertzloop.scene import load
+from hertzloop.loop.compiled import simulate
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.impact_rows import F_A
+from hertzloop.scenes.scene import load
 
 KEYS = ["run.duration_s=0.0013", "run.accuracy=0.05", "controller.v_thr_m_s=-0.6"]
 CHANCE = {

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from controller.controller import Controller
-from hertzloop import parts
-from hertzloop.inprocess import record_in_process
-from hertzloop.scene import Scene, load
+from hertzloop import control
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.scenes.scene import Scene, load
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 
@@ -26,14 +26,14 @@ def run(scene: Scene, path: Path) -> Recording:
 
 def lie(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
     """Make the controller's line longer by `steps` (of 1 us); the plant is honest."""
-    honest = parts.controller
+    honest = control.controller
 
     def dishonest(scene: Scene, stiffness: float) -> Controller:
         table = scene.controller
         table = table.model_copy(update={"latency_us": table.latency_us + steps})
         return honest(scene.model_copy(update={"controller": table}), stiffness)
 
-    monkeypatch.setattr(parts, "controller", dishonest)
+    monkeypatch.setattr(control, "controller", dishonest)
 
 
 @pytest.mark.parametrize("steps", [-3, -1, 1, 2, 10])

@@ -1,10 +1,10 @@
-"""The plate by the textbook's formulas, all modes written out: nothing of plant/plate.py."""
+"""The plate by the textbook's formulas, all modes written out: nothing of plant/."""
 
 import math
 
 import numpy as np
 
-from plant.plate import Plate
+from plant.structures.plate import Plate
 
 
 def all_modes(plate: Plate, limit_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant import kernels as k
-from plant.contact import Contact, Sphere, hertz_stiffness
-from plant.materials import MATERIALS, Material
+from plant.contact.hertz import Contact, Sphere, hertz_stiffness
 from plant.plant import Plant, PlantSpec
-from plant.plate import Plate
+from plant.schemes import discrete_gradient_kernels as k
+from plant.schemes import state_kernels as pk
+from plant.structures.materials import MATERIALS, Material
+from plant.structures.plate import Plate
 
 # Aluminium, but so heavy and stiff that a double of the gap does not show the plate's motion.
 IMMOVABLE = Material(7.2e30, 2.7e23, 0.34)
@@ -61,12 +62,12 @@ def spec(
 def run(plant: Plant, steps: int, force: np.ndarray | None = None) -> Rows:
     """Step `plant` under the actuator forces `force` (none: zero)."""
     force = np.zeros(steps) if force is None else force
-    body, places = plant.state.body, np.empty((steps, k.BODY_SIZE))
+    body, places = plant.state.body, np.empty((steps, pk.BODY_SIZE))
     contact_force = np.empty(steps)
     for i in range(steps):
         places[i] = body
         contact_force[i] = k.step(plant.model, plant.state, force[i])
-    columns = (places[:, c] for c in (k.XI, k.XI_S, k.XI_P, k.V_P, k.XI_A))
+    columns = (places[:, c] for c in (pk.XI, pk.XI_S, pk.XI_P, pk.V_P, pk.XI_A))
     return Rows(*columns, contact_force, force[:steps])
 
 
@@ -77,6 +78,6 @@ def rigid(
     plant = Plant(spec(radius_m=radius_m, material=IMMOVABLE, contact=contact, step_s=step_s))
     plant.model = plant.model._replace(gravity_m_s2=0.0)
     body = plant.state.body
-    body[k.FLIGHT_V] = -speed_m_s
-    body[[k.FLIGHT_X, k.XI, k.XI_S]] = 0.5 * step_s * speed_m_s
+    body[pk.FLIGHT_V] = -speed_m_s
+    body[[pk.FLIGHT_X, pk.XI, pk.XI_S]] = 0.5 * step_s * speed_m_s
     return plant

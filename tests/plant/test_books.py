@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hertzloop.compiled import simulate
-from hertzloop.scene import load
-from plant import kernels as k
+from hertzloop.loop.compiled import simulate
+from hertzloop.scenes.scene import load
 from plant.plant import Plant
+from plant.schemes import state_kernels as pk
 from tests.plant.rigs import run, spec
 
 # Promised of every run. Rounding grows with the steps in contact: 1e-12 over ten thousand.
@@ -75,11 +75,11 @@ def none(plant: Plant) -> None:
 
 
 def stronger_force(plant: Plant) -> None:
-    plant.state.body[k.F_C] *= 1.0 + FAULT  # the plate feels another force than the sphere
+    plant.state.body[pk.F_C] *= 1.0 + FAULT  # the plate feels another force than the sphere
 
 
 def moved_sphere(plant: Plant) -> None:
-    plant.state.body[k.FLIGHT_V] *= 1.0 + FAULT
+    plant.state.body[pk.FLIGHT_V] *= 1.0 + FAULT
 
 
 def moved_plate(plant: Plant) -> None:
@@ -95,11 +95,11 @@ def weaker_plate(plant: Plant) -> None:
 
 
 def less_dissipation(plant: Plant) -> None:
-    plant.state.books[k.MODAL_DISSIPATED] *= 1.0 - FAULT
+    plant.state.books[pk.MODAL_DISSIPATED] *= 1.0 - FAULT
 
 
 def forgotten_injection(plant: Plant) -> None:
-    plant.state.books[k.INJECTED] -= FAULT * abs(plant.state.books[k.INJECTED])
+    plant.state.books[pk.INJECTED] -= FAULT * abs(plant.state.books[pk.INJECTED])
 
 
 FAULTS = [
@@ -114,7 +114,7 @@ def test_a_fault_in_mid_contact_opens_the_books(fault: Callable[[Plant], None]) 
     plant = Plant(spec(loss_factor=0.05))
     force = np.where(np.arange(200) > 10, 20.0, 0.0)
     run(plant, 15, force[:15])
-    assert plant.state.body[k.F_C] > 10.0
+    assert plant.state.body[pk.F_C] > 10.0
     fault(plant)
     run(plant, 185, force[15:])
     books = plant.close_books()

@@ -9,16 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant import collocation_kernels as k
-from plant import contact_solve_kernels as solve
-from plant import kernels as pk
-from plant.collocation import CollocationPlant, flexibility_m_n
-from plant.contact import Contact, Damping, hertz_stiffness, hunt_crossley_parameter
-from plant.materials import MATERIALS
-from plant.phi import phi
+from plant.contact import hertz_kernels as hertz
+from plant.contact import solve_kernels as solve
+from plant.contact.hertz import Contact, Damping, hertz_stiffness, hunt_crossley_parameter
 from plant.plant import Plant
-from plant.plate import residual_flexibility_m_n
-from plant.schemes import step
+from plant.schemes import collocation_kernels as k
+from plant.schemes import collocation_modes_kernels as modes
+from plant.schemes import state_kernels as pk
+from plant.schemes.collocation import CollocationPlant, flexibility_m_n
+from plant.schemes.door import step
+from plant.schemes.phi import phi
+from plant.structures.materials import MATERIALS
 from tests.plant.rigs import spec
 from tests.plant.test_solution import reference
 
@@ -111,14 +112,14 @@ def test_every_contact_solve_ends_and_closes_its_energy(
     model = plant.model._replace(flexibility_m_n=share * 3e-8)
     x0, d0 = -(10.0**depth), -speed * what.step_s
     free_x, free_d = x0 + d0, d0 * way
-    before = solve.elastic(model, x0)[1]
+    before = hertz.elastic(model, x0)[1]
     f0, f1, lost, evaluations, _ = solve.solve_contact(
         model, x0, d0, free_x, free_d, x0 + 0.5 * d0, before, 0.0, 0.0
     )
     g = model.gains
     x1 = free_x + g[solve.X0] * f0 + g[solve.X1] * f1
     mean = x0 + 0.5 * d0 + g[solve.M0] * f0 + g[solve.M1] * f1
-    after = solve.elastic(model, x1)[1]
+    after = hertz.elastic(model, x1)[1]
     work = f0 * (x1 - x0) + f1 * (x1 + x0 - 2.0 * mean)
     size = abs(f0 * (x1 - x0)) + before + after + abs(lost)
     assert abs(work + after - before + lost) <= 1e-9 * size
@@ -143,7 +144,7 @@ def test_short_way_inside_a_contact_finds_what_the_general_way_does(
     x0, h = -(10.0**depth), model.step_s
     d0, d1 = (0.3 * -x0 * part for part in (speed, speed + 0.2 * bend))
     x1, mean = x0 + 0.5 * (d0 + d1), x0 + 0.5 * d0 + (d1 - d0) / 6.0
-    force, g = solve.elastic(model, x0)[0], model.gains
+    force, g = hertz.elastic(model, x0)[0], model.gains
     free = x1 - g[solve.X0] * force, d1 - h * g[solve.V0] * force, mean - g[solve.M0] * force
     start = model, x0, d0, *free, 0.9 * force, 0.1 * force
     short, general = solve._solve_inside(*start), solve._solve_anywhere(*start)
@@ -163,11 +164,11 @@ def test_mean_from_swing_is_the_mean_of_the_modes(push: float) -> None:
     f0, f1 = push - state.body[pk.F_C], -state.body[pk.F_C1]
     assert f0 != 0.0
     z, n = state.z.copy(), state.z.shape[1]
-    swing = k._propagate_same_point(model.slow, n, z, model.table, model.rho, f0, f1)[2]
+    swing = modes.propagate_same_point(model.slow, n, z, model.table, model.rho, f0, f1)[2]
     found = model.gains[solve.MEAN_BY_SWING] * (swing - state.body[k.SWING])
-    found += k._propagate_slow(model.slow, z, model.table, model.rho, f0, f1)[2]
+    found += modes.propagate_slow(model.slow, z, model.table, model.rho, f0, f1)[2]
     assert 0 < model.slow < n
-    mean, same_swing = k._mean_of_drift(model.slow, n, z, model.table, model.rho)
+    mean, same_swing = modes.mean_of_drift(model.slow, n, z, model.table, model.rho)
     assert swing == pytest.approx(same_swing, rel=1e-12)
     assert found == pytest.approx(mean, rel=1e-10)
 
@@ -175,18 +176,18 @@ def test_mean_from_swing_is_the_mean_of_the_modes(push: float) -> None:
 @given(st.floats(1e-12, 1e-3), st.floats(0.0, 1e-6))
 def test_spring_in_series_takes_its_share(gap: float, flexibility: float) -> None:
     model = CollocationPlant(spec(limit_hz=8e3)).model._replace(flexibility_m_n=flexibility)
-    y = solve.root_penetration(model, -gap)
+    y = hertz.root_penetration(model, -gap)
     force = model.stiffness * y**3
     assert y * y + flexibility * force == pytest.approx(gap, rel=1e-13)
-    assert solve.elastic(model, -gap)[0] == pytest.approx(force, rel=1e-13)
+    assert hertz.elastic(model, -gap)[0] == pytest.approx(force, rel=1e-13)
     # Energy is the integral of the force over the gap.
     nodes, weights = np.polynomial.legendre.leggauss(40)
     # Substituting gap = u^2 smooths the kink.
     u = math.sqrt(gap) * 0.5 * (nodes + 1.0)
     work = sum(
-        w * 2.0 * x * solve.elastic(model, -x * x)[0] for w, x in zip(weights, u, strict=True)
+        w * 2.0 * x * hertz.elastic(model, -x * x)[0] for w, x in zip(weights, u, strict=True)
     )
-    assert solve.elastic(model, -gap)[1] == pytest.approx(0.5 * math.sqrt(gap) * work, rel=1e-6)
+    assert hertz.elastic(model, -gap)[1] == pytest.approx(0.5 * math.sqrt(gap) * work, rel=1e-6)
 
 
 def test_modes_left_out_act_as_a_spring() -> None:
@@ -204,7 +205,7 @@ def test_modes_left_out_act_as_a_spring() -> None:
     assert abs(sprung - many).max() < 0.1 * abs(bare - many).max()
     what = replace(spec(limit_hz=125e3), residual_flexibility=True)
     assert flexibility_m_n(what) == pytest.approx(
-        residual_flexibility_m_n(what.plate, 2 * math.pi * 125e3), rel=0.2
+        what.plate.residual_flexibility_m_n(2 * math.pi * 125e3), rel=0.2
     )
 
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from hertzloop.compiled import simulate
-from hertzloop.scene import load
-from plant import kernels as k
-from plant.contact import (
+from hertzloop.loop.compiled import simulate
+from hertzloop.scenes.scene import load
+from plant.contact.hertz import (
     Contact,
     Damping,
     hertz_stiffness,
@@ -17,9 +16,10 @@ from plant.contact import (
     rigid_contact_time_s,
     rigid_peak_force_n,
 )
-from plant.impacts import impacts
-from plant.materials import MATERIALS
+from plant.figures.impacts import impacts
 from plant.plant import Plant
+from plant.schemes import state_kernels as pk
+from plant.structures.materials import MATERIALS
 from tests.plant.rigs import rigid, run, spec
 
 STIFFNESS = hertz_stiffness(0.003, MATERIALS["steel"], MATERIALS["aluminium"])
@@ -72,7 +72,7 @@ def rebound(restitution: float, step_s: float) -> float:
         step_s, Contact(STIFFNESS, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=d), speed_m_s=SPEED
     )
     run(plant, round(120e-6 / step_s))  # the longest contact lasts 50 us
-    return float(plant.state.body[k.FLIGHT_V] / SPEED)
+    return float(plant.state.body[pk.FLIGHT_V] / SPEED)
 
 
 @pytest.mark.parametrize("restitution", RESTITUTIONS)
@@ -145,7 +145,7 @@ def test_damping_of_a_scene_reaches_the_contact() -> None:
 def test_the_faintest_touch_is_a_contact() -> None:
     # A sphere laid on the plate sinks by g h^2/2 = 5e-12 m in its first step.
     plant = Plant(spec(loss_factor=0.0))
-    plant.state.body[[k.FLIGHT_X, k.FLIGHT_V, k.XI, k.XI_S]] = 0.0
+    plant.state.body[[pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]] = 0.0
     rows = run(plant, 50)
     assert np.all(np.diff(rows.xi) < 0.0)
     assert np.all(rows.f_c > 0.0)

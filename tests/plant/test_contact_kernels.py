@@ -7,8 +7,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from plant import kernels as k
-from plant.contact import Contact, hunt_crossley_parameter, rigid_contact_time_s
+from plant.contact import chord_kernels as chords
+from plant.contact.hertz import Contact, hunt_crossley_parameter, rigid_contact_time_s
+from plant.schemes import discrete_gradient_kernels as k
 from tests.plant.rigs import rigid
 
 MODEL = rigid(1e-6, Contact(1.0)).model
@@ -49,15 +50,15 @@ def test_chord_is_the_mean_of_the_hertz_law(p0: float, p1: float) -> None:
     assume(p0 != p1)
     with localcontext(prec=60):
         expected = exact_force(model(1.0), -p0, -Decimal(p1))[0]
-    assert k.chord(p0, p1)[0] == pytest.approx(float(expected), rel=ROUNDING)
-    assert k.chord(p0, p0)[0] == pytest.approx(p0**1.5, rel=ROUNDING)
+    assert chords.chord(p0, p1)[0] == pytest.approx(float(expected), rel=ROUNDING)
+    assert chords.chord(p0, p0)[0] == pytest.approx(p0**1.5, rel=ROUNDING)
 
 
 @given(gaps, gaps, stiffnesses, viscous, hunt_crossley)
 def test_force_and_its_slope(xi0: float, xi1: float, s: float, c: float, d: float) -> None:
     assume(xi0 != xi1)
     m = model(s, c, d)
-    force, damping, slope = k.contact_force(m, xi0, xi1)
+    force, damping, slope = chords.contact_force(m, xi0, xi1)
     with localcontext(prec=60):
         x = Decimal(xi1)
         elastic, damped = exact_force(m, xi0, x)
@@ -75,7 +76,7 @@ def test_force_and_its_slope(xi0: float, xi1: float, s: float, c: float, d: floa
 
 @given(gaps, gaps, stiffnesses)
 def test_undamped_force_is_the_discrete_gradient(xi0: float, xi1: float, s: float) -> None:
-    force, damping, _ = k.contact_force(model(s), xi0, xi1)
+    force, damping, _ = chords.contact_force(model(s), xi0, xi1)
     assert force >= 0.0
     assert damping == 0.0
     with localcontext(prec=60):
@@ -91,8 +92,8 @@ def test_force_falls_with_the_gap(
 ) -> None:
     m = model(s, c, d)
     near, far = min(a, b), max(a, b)
-    f_near, d_near, _ = k.contact_force(m, xi0, near)
-    f_far, d_far, _ = k.contact_force(m, xi0, far)
+    f_near, d_near, _ = chords.contact_force(m, xi0, near)
+    f_far, d_far, _ = chords.contact_force(m, xi0, far)
     size = abs(f_near - d_near) + abs(d_near) + abs(f_far - d_far) + abs(d_far)
     assert f_near >= f_far - ROUNDING * size
 
@@ -103,7 +104,7 @@ def test_solve_contact_finds_the_root(
     xi0: float, xi_free: float, gain: float, s: float, c: float, d: float
 ) -> None:
     m = model(s, c, d)
-    force, _, _ = k.solve_contact(m, xi0, xi_free, gain)
+    force, _, _ = chords.solve_contact(m, xi0, xi_free, gain)
     xi1 = xi_free + gain * force
 
     def mismatch(x: float) -> float:
@@ -112,10 +113,10 @@ def test_solve_contact_finds_the_root(
             at = Decimal(x) + (Decimal("1e-40") if x == xi0 else 0)
             return float(at - Decimal(xi_free) - Decimal(gain) * sum(exact_force(m, xi0, at)))
 
-    reach = abs(xi_free) + 2.0 * abs(gain * k.contact_force(m, xi0, xi_free)[0]) + 1e-30
+    reach = abs(xi_free) + 2.0 * abs(gain * chords.contact_force(m, xi0, xi_free)[0]) + 1e-30
     low, high = xi_free - reach, xi_free + reach
     root = brentq(mismatch, low, high, xtol=1e-16 * reach, maxiter=500)
-    _, damping, slope = k.contact_force(m, xi0, root)
+    _, damping, slope = chords.contact_force(m, xi0, root)
     # The root is known to a rounding of itself, which the steepness of the force magnifies.
     scale = (1.0 - gain * slope) * abs(root) + abs(xi_free) + gain * (abs(force) + abs(damping))
     assert abs(xi1 - root) <= ROUNDING * scale + 1e-16 * reach
@@ -127,7 +128,7 @@ def test_solve_contact_ends_for_any_undamped_step(
     xi0: float, xi_free: float, gain: float, s: float
 ) -> None:
     # 12 Newton steps, then a bisection every other time: 53 bits and 14 decades of bracket.
-    assert k.solve_contact(model(s), xi0, xi_free, gain)[2] <= 150
+    assert chords.solve_contact(model(s), xi0, xi_free, gain)[2] <= 150
 
 
 @settings(max_examples=1000)
@@ -153,7 +154,9 @@ def test_solve_contact_is_quick_where_steps_resolve_the_contact(
     d = hunt_crossley_parameter(restitution, speed)
     way = min(way, restitution)  # a sphere does not leave faster
     for m in (model(s), model(s, d=d), model(s, c=viscous * mass / contact_s)):
-        found = k.solve_contact(m._replace(step_s=step_s), xi0, xi0 + way * speed * step_s, gain)
+        found = chords.solve_contact(
+            m._replace(step_s=step_s), xi0, xi0 + way * speed * step_s, gain
+        )
         assert found[2] <= 8  # 6 is the most met in 150 000 random problems
 
 
@@ -161,4 +164,4 @@ def test_solve_contact_stops_between_neighbouring_doubles() -> None:
     # A plate that gives way so much that damping, not inertia, decides the next gap.
     m = model(36969458.723302245, 14.642637918905685, 89.24685581736642)
     gap, free, gain = -0.09745193253909562, -2.212870118542158e-06, 1.8809216755703732e-10
-    assert k.solve_contact(m, gap, free, gain)[2] < 100
+    assert chords.solve_contact(m, gap, free, gain)[2] < 100

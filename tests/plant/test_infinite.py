@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from plant import kernels as pk
-from plant.collocation import CollocationPlant
-from plant.contact import (
+from plant.contact.hertz import (
     GRAVITY_M_S2,
     Contact,
     Damping,
@@ -17,10 +15,12 @@ from plant.contact import (
     hunt_crossley_parameter,
     rigid_contact_time_s,
 )
-from plant.infinite import InfinitePlant, impedance_n_s_m
-from plant.materials import MATERIALS
 from plant.plant import PlantSpec
-from plant.schemes import step
+from plant.schemes import state_kernels as pk
+from plant.schemes.collocation import CollocationPlant
+from plant.schemes.door import step
+from plant.schemes.infinite import InfinitePlant, impedance_n_s_m
+from plant.structures.materials import MATERIALS
 from tests.plant.rigs import IMMOVABLE, spec
 
 STIFFNESS = hertz_stiffness(0.003, MATERIALS["steel"], MATERIALS["aluminium"])

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plant.model_order import energy_beyond, expected_error, frequency_limit_hz
 from plant.plant import Plant, PlantSpec
+from plant.structures.model_order import energy_beyond, expected_error, frequency_limit_hz
 from tests.plant.rigs import run, spec
 
 STEP_S = 2.5e-7

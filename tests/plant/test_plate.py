@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from plant import kernels as k
-from plant.contact import GRAVITY_M_S2
-from plant.materials import MATERIALS
-from plant.model_order import expected_error
+from plant.contact.hertz import GRAVITY_M_S2
 from plant.plant import Plant
-from plant.plate import Plate, oscillators, residual_flexibility_m_n
+from plant.schemes import state_kernels as pk
+from plant.structures.materials import MATERIALS
+from plant.structures.model_order import expected_error
+from plant.structures.plate import Plate, oscillators
 from tests.plant.brute import all_modes, modal_scale, shape
 from tests.plant.rigs import run, spec
 
@@ -101,15 +101,15 @@ def test_residual_flexibility_is_the_sum_over_the_modes_left_out(
     exact = modal_scale(ALUMINIUM) * np.sum(
         shape(ALUMINIUM, m[out], n[out], CENTRE) ** 2 / omega[out] ** 2
     )
-    estimate = residual_flexibility_m_n(ALUMINIUM, 2.0 * np.pi * low_hz)
-    estimate -= residual_flexibility_m_n(ALUMINIUM, 2.0 * np.pi * high_hz)
+    estimate = ALUMINIUM.residual_flexibility_m_n(2.0 * np.pi * low_hz)
+    estimate -= ALUMINIUM.residual_flexibility_m_n(2.0 * np.pi * high_hz)
     # Modal density is smooth to one ring of modes: pi/(2 k L) = 5 % at 50 kHz in wave number.
     assert estimate == pytest.approx(exact, rel=0.05)
 
 
 def flying(plant: Plant) -> Plant:
     """The sphere far above, so that the plate is alone."""
-    plant.state.body[[k.FLIGHT_X, k.XI, k.XI_S]] = 1e3
+    plant.state.body[[pk.FLIGHT_X, pk.XI, pk.XI_S]] = 1e3
     return plant
 
 

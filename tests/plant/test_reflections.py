@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.special import sici
 
-from plant.plate import Plate, frequencies, oscillators
-from plant.reflections import Actuation, images, reflections, twice_integrated
+from plant.structures.plate import Plate, frequencies, oscillators
+from plant.structures.reflections import Actuation, images, reflections, twice_integrated
 from tests.plant.rigs import spec
 
 
@@ -84,7 +84,7 @@ def test_nothing_is_promised_where_the_contact_is_at_the_edge_or_does_not_end() 
         ((0.4, 0.25), (0.14, 0.09), (0.155, 0.09)),
     ],
 )
-def test_frequencies_are_counted_without_being_made(
+def test_frequencies_are_those_of_the_oscillators(
     size: tuple[float, float], contact: tuple[float, float], actuator: tuple[float, float]
 ) -> None:
     plate = replace(spec().plate, size_m=size)

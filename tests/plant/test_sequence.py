@@ -8,10 +8,10 @@ last digit is good to half a unit.
 import numpy as np
 import pytest
 
-from hertzloop import parts
-from hertzloop.compiled import simulate
-from hertzloop.scene import load
-from plant.impacts import Impact, impacts
+from hertzloop import assembly as parts
+from hertzloop.loop.compiled import simulate
+from hertzloop.scenes.scene import load
+from plant.figures.impacts import Impact, impacts
 
 FREE = ["controller.law=off", "contact.damping=none", "run.accuracy=1e-9"]
 

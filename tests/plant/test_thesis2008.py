@@ -6,21 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plant import kernels as pk
-from plant import thesis2008_kernels as k
-from plant.calibration import (
+from plant.contact.hertz import Contact, Damping, Sphere, hertz_stiffness
+from plant.figures.calibration import (
     calibrate_relaxation,
     calibrate_viscous,
     first_contact,
     relaxation_stiffness,
     restitution,
 )
-from plant.contact import Contact, Damping, Sphere, hertz_stiffness
-from plant.materials import MATERIALS
 from plant.plant import PlantSpec
-from plant.plate import Plate
-from plant.schemes import step
-from plant.thesis2008 import ThesisPlant, green_functions, relative_speed_m_s
+from plant.schemes import state_kernels as pk
+from plant.schemes import thesis2008_kernels as k
+from plant.schemes.door import step
+from plant.schemes.thesis2008 import ThesisPlant, green_functions, relative_speed_m_s
+from plant.structures.materials import MATERIALS
+from plant.structures.plate import Plate
 
 THICKNESS = {"aluminium": 0.003, "oak": 0.01, "sylomer_m": 0.0125}
 VISCOUS = {"aluminium": 9.41, "oak": 1.6379, "sylomer_m": 0.093915}

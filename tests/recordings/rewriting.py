@@ -13,8 +13,8 @@ from mcap.stream_reader import StreamReader
 from bus import wire
 from bus.messages_pb2 import RunEnd
 from bus.streams import STREAMS
-from hertzloop.inprocess import record_in_process
-from hertzloop.scene import Scene, load
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.scenes.scene import Scene, load
 from recordings.reader import read
 from recordings.writer import RecordingWriter
 

@@ -8,7 +8,6 @@ import pytest
 from mcap.reader import make_reader
 
 import recordings.writer
-from recordings.compare import first_difference
 from recordings.reader import Recording, read
 from recordings.writer import RecordingError
 from tests.recordings.rewriting import record
@@ -84,8 +83,8 @@ def test_a_cut_loses_only_what_was_behind_it(whole: Path, tmp_path: Path) -> Non
 
 
 def test_flipped_bits_anywhere(whole: Path, tmp_path: Path) -> None:
-    """Each is reported, unless nothing of what is read has changed."""
-    content, original = whole.read_bytes(), read(whole)
+    """Each is reported, in the index behind the data, too."""
+    content = whole.read_bytes()
     path = tmp_path / "flipped.mcap"
     silent = []
     for at in places(len(content)):
@@ -96,21 +95,12 @@ def test_flipped_bits_anywhere(whole: Path, tmp_path: Path) -> None:
         if kept is None or kept.problems:
             continue
         silent.append(at)
-        assert first_difference(original, kept) is None, at
-        assert kept.scene_toml == original.scene_toml, at
-        assert (kept.metadata, kept.result) == (original.metadata, original.result), at
-        assert (kept.books, kept.ends) == (original.books, original.ends), at
-    with whole.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    last = summary.chunk_indexes[-1]
-    # Only behind the data, where the index is, may damage pass unnoticed.
-    assert all(at >= last.chunk_start_offset + last.chunk_length for at in silent), silent
+    assert not silent, silent
 
 
 @pytest.mark.parametrize("part", [0.0, 0.5, 1.0])
 def test_a_flipped_byte_in_a_chunk_is_reported(whole: Path, tmp_path: Path, part: float) -> None:
-    """Before the damaged chunk everything is there."""
+    """Before and after the damaged chunk everything is there, at its time."""
     with whole.open("rb") as file:
         summary = make_reader(file).get_summary()
     assert summary is not None
@@ -124,7 +114,11 @@ def test_a_flipped_byte_in_a_chunk_is_reported(whole: Path, tmp_path: Path, part
     kept = read(path)
     assert any("cut off or damaged" in problem for problem in kept.problems)
     original = read(whole)
+    lost = sum(getattr(original, n).messages - getattr(kept, n).messages for n in STREAMS)
+    assert lost <= 1
     for name in STREAMS:
-        for label, values in getattr(kept, name).arrays.items():
-            full = getattr(original, name).arrays[label]
-            assert full.tobytes().startswith(values.tobytes())
+        stream, full = getattr(kept, name), getattr(original, name)
+        steps = stream.step_at(np.arange(stream.samples))
+        assert np.array_equal(steps * 1000, stream.time_ns)
+        for label, values in stream.arrays.items():
+            assert full.arrays[label][steps].tobytes() == values.tobytes()

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from bus.messages_pb2 import RunEnd
-from bus.streams import Envelope, StreamFault
+from bus.messages_pb2 import Hello, RunEnd
+from bus.streams import LAST_NS, Envelope, StreamFault
 from recordings.reader import read
 from recordings.recorder import Recorder
-from recordings.writer import RecordingError
-from tests.bus.tapes import changed, controller_says, places, plant_says
+from recordings.writer import RecordingError, RecordingWriter
+from tests.bus.tapes import SCENE, changed, controller_says, places, plant_says
 
 
 @pytest.fixture
@@ -144,6 +144,18 @@ def test_a_fault_that_a_role_announces(path: Path) -> None:
     assert kept.problems == ["the run failed: the plate broke"]
 
 
+def test_a_lost_tail_does_not_hide_why_a_run_failed(path: Path) -> None:
+    """Who is cut off in the middle of a message cannot count what of it arrived."""
+    heard = both()
+    end = places(heard, "end/plant")[0]
+    heard[end] = changed(heard[end], fault="the controller took no message")
+    del heard[places(heard, "books")[0]]
+    first, second = hear(path, heard).faults
+    assert first == "the controller took no message"
+    assert "stream 'books' lost its tail" in second
+    assert read(path).result["fault"] == f"{first}; {second}"
+
+
 def test_closing_twice_is_closing_once(path: Path) -> None:
     recorder = hear(path, both())
     size = path.stat().st_size
@@ -163,3 +175,53 @@ def test_an_end_without_a_beginning(path: Path) -> None:
         recorder.close("no plant")
     with pytest.raises(RecordingError, match="holds no scene"):
         read(path)
+
+
+@pytest.mark.parametrize("scene", ["", "# another"])
+def test_a_second_hello(path: Path, scene: str) -> None:
+    """The recording keeps the scene of the first, and says what came."""
+    heard = both()
+    second = changed(heard[0], scene_toml=scene)
+    heard.insert(places(heard, "truth")[1], replace(second, sequence=1))
+    check_fault(path, heard, "a second message came on stream 'hello'")
+    assert read(path).scene_toml == SCENE
+
+
+@pytest.mark.parametrize(
+    ("said", "sentence"),
+    [
+        (SCENE.replace("0.8", "-5.0"), "another scene: 'kappa = -5.0' where .* 'kappa = 0.8'"),
+        (SCENE + "\nmore = 1", "another scene: 'more = 1' where the plant announced 'nothing'"),
+        ("", "the controller did not say by which scene it worked"),
+    ],
+)
+def test_a_controller_that_worked_by_another_scene(path: Path, said: str, sentence: str) -> None:
+    heard = both()
+    place = places(heard, "end/controller")[0]
+    end = RunEnd.FromString(heard[place].payload)
+    end.set_up.scene_toml = said
+    heard[place] = replace(heard[place], payload=end.SerializeToString())
+    check_fault(path, heard, sentence)
+
+
+def test_a_controller_that_failed_need_not_say_by_which_scene(path: Path) -> None:
+    heard = both()
+    place = places(heard, "end/controller")[0]
+    end = RunEnd.FromString(heard[place].payload)
+    end.ClearField("set_up")
+    end.fault = "out of force"
+    heard[place] = replace(heard[place], payload=end.SerializeToString())
+    assert hear(path, heard).faults == ["out of force"]
+
+
+@pytest.mark.parametrize("time_ns", [-1, 2**64])
+def test_a_time_that_no_recording_holds(path: Path, time_ns: int) -> None:
+    """What the recorder's checks let through would be told, too, and leave the file whole."""
+    writer = RecordingWriter(path)
+    writer.scene(SCENE, {})
+    hello = Hello(scene_toml=SCENE).SerializeToString()
+    with pytest.raises(RecordingError, match=f"stream 'hello' sequence 0 is at {time_ns} ns"):
+        writer.write("hello", hello, 0, time_ns)
+    writer.write("hello", hello, 0, LAST_NS)
+    writer.finish({})
+    assert read(path).scene_toml == SCENE

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from hertzloop.inprocess import record_in_process
-from hertzloop.scene import load
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.scenes.scene import load
 from recordings.compare import first_difference
 from recordings.reader import read
 from recordings.recovery import recover

@@ -14,7 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import recordings.writer
 from bus.messages_pb2 import TruthBlock
-from hertzloop.scene import parse
+from hertzloop.scenes.scene import parse
 from recordings.reader import Recording, read
 from recordings.writer import RecordingError, RecordingWriter
 from tests.recordings.rewriting import messages, record, rewrite, scene
@@ -60,6 +60,7 @@ class TestByTheMcapLibrary:
         announced = {c.stream: c.messages for i in decoded["/end"] for c in i[3].count}
         events = announced.pop("events/plant") + announced.pop("events/controller")
         assert len(decoded["/events"]) == events
+        assert announced.pop("pacing") == 0  # of a paced run only
         assert announced == {name: len(decoded[f"/{name}"]) for name in announced}
         assert set(announced) == {"hello", "daq", "force", "truth", "books"}
 
@@ -97,10 +98,11 @@ class TestByTheMcapLibrary:
     def test_scene_and_metadata(self, whole: Path) -> None:
         with whole.open("rb") as file:
             reader = make_reader(file)
-            [attachment] = list(reader.iter_attachments())
+            attachments = {a.name: a for a in reader.iter_attachments()}
             metadata = {m.name: m.metadata for m in reader.iter_metadata()}
-        assert attachment.name == "scene.toml"
-        assert parse(attachment.data.decode()) == scene(*SETTINGS)
+        assert set(attachments) == {"scene.toml", "law"}
+        assert parse(attachments["scene.toml"].data.decode()) == scene(*SETTINGS)
+        assert attachments["law"].data.decode() == scene(*SETTINGS).law.source
         run = metadata["run"]
         assert (run["seed"], run["steps"], run["step_ns"]) == ("77", "2500", "1000")
         assert json.loads(run["versions"])["numpy"] == np.__version__
@@ -191,6 +193,10 @@ class TestWriter:
             RecordingWriter(path)
         assert path.read_bytes() == b"precious"
         RecordingWriter(path, overwrite=True).finish({})
+        assert path.read_bytes() == b"precious"  # nothing has come to replace it
+        writer = RecordingWriter(path, overwrite=True)
+        writer.scene("# scene", {})
+        writer.finish({})
         assert path.read_bytes().startswith(b"\x89MCAP")
 
     def test_no_such_folder(self, tmp_path: Path) -> None:

@@ -1,6 +1,13 @@
 """The benchmark measures what it says; how fast that is here is not for a test to judge."""
 
-from studies import baseline
+from pathlib import Path
+
+import pytest
+
+from hertzloop.scenes.scene import load
+from studies.cost import baseline, exchange
+from studies.cost.strangers import run_beside
+from studies.cost.structures import mode_file_costs
 
 
 def test_step_and_exchange_costs() -> None:
@@ -11,3 +18,30 @@ def test_step_and_exchange_costs() -> None:
     for cost in steps + exchanges:
         assert 0 < cost.least_us <= cost.median_us
     assert steps[0].ratio == exchanges[0].ratio == 1.0
+
+
+def test_plates_by_their_modes() -> None:
+    costs = mode_file_costs(rounds=2)
+    counts = [int(cost.case.split()[-2]) for cost in costs]
+    assert counts[1:3] == counts[3:5]  # all modes of the plate
+    assert counts[5:] == [100, 100]
+    assert all(cost.least_us > 0 for cost in costs)
+
+
+@pytest.mark.parametrize("pause_s", [None, 0.0, 0.5])
+def test_a_run_beside_a_stranger(pause_s: float | None) -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.0016", "run.accuracy=0.1"])
+    assert run_beside(scene, pause_s)() > 0
+
+
+def test_exchanges_of_all_ways_that_are_installed(tmp_path: Path) -> None:
+    found = exchange.measure(rounds=1)
+    ways = {row.way for row in found.rows}
+    assert {"hertzloop, fast lane", "hertzloop, zenoh port", "multiprocessing Pipe"} <= ways
+    assert len(ways) + len(found.left_out) == 6
+    for row in found.rows:
+        assert 0 < row.least_us <= row.median_us
+    for way in found.left_out:
+        assert found.left_out[way]
+    exchange.draw(found, tmp_path / "exchange.png")
+    assert (tmp_path / "exchange.png").stat().st_size > 1000

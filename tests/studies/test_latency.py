@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from studies import latency as study
-from studies.evaluate import Pool, local_pool
+from studies.latency import study as study
+from studies.sweeps.evaluate import Pool, local_pool
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,9 @@ def test_an_unstable_law_survives_nothing(pool: Pool) -> None:
 
 def test_the_best_law_and_what_it_buys() -> None:
     def row(law: str, us: float) -> study.Critical:
-        return study.Critical("s", law, 0.8, -1.0, 100.0, us, 50.0, 3.0, 3.0)
+        return study.Critical(
+            "s", law, 0.8, -1.0, 100.0, us, 50.0, 3.0, 3.0, -1.0, -1.0, -1.0, us, us
+        )
 
     found = [row("slope_threshold", math.nan), row("predicted", math.inf), row("fade_out", 20.0)]
     assert list(study.best_laws(found)) == [("s", "predicted", 50.0, 50.0)]

@@ -2,10 +2,10 @@
 
 import pytest
 
-from hertzloop import report
-from plant import kernels as pk
-from studies import kernels as k
-from studies import roofline
+from hertzloop.commands.bench import roofline_table
+from plant.schemes import state_kernels as pk
+from studies.cost import roofline
+from studies.speed_accuracy import kernels as k
 
 
 def test_shares_name_what_was_measured() -> None:
@@ -18,7 +18,7 @@ def test_shares_name_what_was_measured() -> None:
         held = numbers[share.case.rsplit(", ", 2)[0]]
         assert share.kilobytes == pytest.approx(8 * held * share.frequencies / 1024)
     rows = [vars(share) for share in found]
-    assert report.roofline_table("roofline", rows).row_count == 9
+    assert roofline_table("roofline", rows).row_count == 9
 
 
 @pytest.mark.parametrize("scene", roofline.SCENES)

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studies import integrator_kernels as ik
-from studies import speed_accuracy as study
-from studies import speed_cases as cases
-from studies.speed_chart import draw
+from studies.speed_accuracy import cases as cases
+from studies.speed_accuracy import integrator_kernels as ik
+from studies.speed_accuracy import study as study
+from studies.speed_accuracy.chart import draw
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from studies import dop853_kernels as dk
-from studies import exponential_kernels as ek
-from studies import integrator_kernels as ik
-from studies import speed_cases as cases
+from studies.speed_accuracy import cases as cases
+from studies.speed_accuracy import dop853_kernels as dk
+from studies.speed_accuracy import exponential_kernels as ek
+from studies.speed_accuracy import integrator_kernels as ik
 
 
 @pytest.fixture(scope="module")

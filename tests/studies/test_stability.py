@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plant.collocation import CollocationPlant
 from plant.plant import Plant
-from studies import integrator_kernels as ik
-from studies import kernels as k
-from studies import stability as study
-from studies import stability_limits as limits
-from studies import stability_maps as maps
+from plant.schemes.collocation import CollocationPlant
+from studies.speed_accuracy import integrator_kernels as ik
+from studies.speed_accuracy import kernels as k
+from studies.stability import limits as limits
+from studies.stability import maps as maps
+from studies.stability import study as study
 
 BALANCED = ("modal", "discrete_gradient")
 

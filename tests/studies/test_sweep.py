@@ -1,13 +1,7 @@
-"""Sweeps: designs, same bits as processes, kills and resumption, a Dask cluster that loses one."""
+"""Sweeps: designs, cases and their figures, same bytes as processes, results, mistakes."""
 
 import json
-import os
-import signal
 import subprocess
-import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,23 +10,16 @@ import pyarrow.parquet
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop.cases import figures_of_case
-from hertzloop.cli import app
-from hertzloop.compiled import simulate
-from hertzloop.impact_rows import first_impact
-from hertzloop.scene import SceneError, load, vary
-from studies import evaluate
-from studies import sweep as study
-from studies.design import Axis, Design, DesignError, fitted, make_design, parse_axis
-from studies.journal import Journal, JournalError
-from studies.replay_cases import replay_cases
-
-COARSE = ["run.accuracy=0.05"]
-LATENCIES = Axis("controller.latency_us", tuple(range(12)))
-
-
-def command(*words: str) -> list[str]:
-    return [sys.executable, "-m", "hertzloop", *words]
+from hertzloop.commands.cli import app
+from hertzloop.loop.compiled import simulate
+from hertzloop.results.cases import UNSTABLE, figures_of_case
+from hertzloop.results.impact_rows import first_impact
+from hertzloop.scenes.scene import SceneError, load, vary
+from studies.sweeps import evaluate
+from studies.sweeps import sweep as study
+from studies.sweeps.design import Axis, Design, DesignError, fitted, make_design, parse_axis
+from studies.sweeps.replay_cases import replay_cases
+from tests.studies.sweeping import COARSE, command
 
 
 @pytest.mark.parametrize(
@@ -177,18 +164,22 @@ def test_random_cases_have_the_same_bytes_over_the_bus(transport: str) -> None:
     axes = tuple(Axis(key, tuple(values)) for key, values in SETTINGS.items())
     design = Design(axes, "lhs", 24, 5)
     rows = [evaluate.run_case(scene, "impact", i, v) for i, v in enumerate(design.cases())]
-    assert not any(row["status"] for row in rows)
+    # Feedback of the velocity 3 us late is unstable on one of the balls, which then has no figures.
+    unstable = [row["status"] for row in rows if row["status"]]
+    assert len(unstable) == 1
+    assert unstable[0].startswith(UNSTABLE)
+    rows = [row for row in rows if not row["status"]]
     assert {row["plate_model"] for row in rows} == {"modal", "infinite"}
     header = study.header_of(scene, design, "impact")
     count = 12 if transport == "inprocess" else 3
     found = list(replay_cases(rows, header, count, transport, 1))
-    assert [same for _, same in found] == [True] * count
+    assert [checked.same for checked in found] == [True] * count
     # And the comparison can fail.
     wrong = [row | {"controller.latency_us": 1 + row["controller.latency_us"]} for row in rows]
-    assert not any(same for _, same in replay_cases(wrong, header, 3, "inprocess", 1))
+    assert not any(checked.same for checked in replay_cases(wrong, header, 3, "inprocess", 1))
     other = {"modal": "infinite", "infinite": "modal"}
     wrong = [row | {"plate_model": other[row["plate_model"]]} for row in rows]
-    assert not any(same for _, same in replay_cases(wrong, header, 3, "inprocess", 1))
+    assert not any(checked.same for checked in replay_cases(wrong, header, 3, "inprocess", 1))
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv"])
@@ -221,201 +212,59 @@ def test_a_table_with_another_header_is_no_result(tmp_path: Path, header: str) -
         study.read_results(tmp_path / "a.csv")
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        (b"garbage\n", "from line 1 on"),
-        (b"\xff\n", "from line 1 on"),
-        (b"[]\n3\n", "another a"),
-        (b'{"a": 1}\n{"x": 1}\n', "from line 2 on"),
-    ],
-)
-def test_a_damaged_journal_is_left_alone_with_a_sentence(
-    tmp_path: Path, text: bytes, says: str
-) -> None:
-    path = tmp_path / "j"
-    path.write_bytes(text)
-    with pytest.raises(JournalError, match=says):
-        Journal(path, {"a": 1})
-    assert path.read_bytes() == text
-
-
-def test_two_sweeps_do_not_write_one_journal(tmp_path: Path) -> None:
-    path = tmp_path / "j"
-    with Journal(path, {"a": 1}) as journal:
-        journal.add({"case": 0})
-        with pytest.raises(JournalError, match="in use by a sweep"):
-            Journal(path, {"a": 1})
-    with Journal(path, {"a": 1}) as journal:
-        assert list(journal.done) == [0]
-
-
-def test_a_torn_last_line_is_run_again(tmp_path: Path) -> None:
-    path = tmp_path / "j"
-    with Journal(path, {"a": 1}) as journal:
-        journal.add({"case": 0, "x": 1.5})
-        journal.add({"case": 1, "x": float("nan")})
-    whole = path.read_bytes()
-    path.write_bytes(whole[:-4])
-    with Journal(path, {"a": 1}) as journal:
-        assert list(journal.done) == [0]
-        journal.add({"case": 1, "x": float("nan")})
-    assert path.read_bytes() == whole
-
-
-def test_the_journal_of_another_sweep_is_left_alone(tmp_path: Path) -> None:
-    path = tmp_path / "j"
-    with Journal(path, {"span": "impact"}) as journal:
-        journal.add({"case": 0})
-    before = path.read_bytes()
-    with pytest.raises(JournalError, match="another span"):
-        Journal(path, {"span": "run"})
-    assert path.read_bytes() == before
-
-
-def _lines(path: Path) -> list[dict[str, Any]]:
-    if not path.exists():
-        return []
-    return [json.loads(line) for line in path.read_bytes().splitlines(keepends=True)[1:]
-            if line.endswith(b"\n")]  # fmt: skip
-
-
-def _wait_for(path: Path, cases: int, process: subprocess.Popen[Any]) -> None:
-    deadline = time.monotonic() + 120
-    while len(_lines(path)) < cases:
-        assert process.poll() is None, "the sweep ended before it could be killed"
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
-BIG = ["sweep", "aluminium-3mm", "--set", "run.accuracy=0.05", "--over",
-       "controller.latency_us=0:199:1", "--over", "sensors.bits=4:15:1"]  # fmt: skip
-
-
-def test_a_killed_sweep_goes_on_without_losing_or_repeating_a_case(tmp_path: Path) -> None:
-    out = tmp_path / "r.parquet"
-    words = command(*BIG, "-o", str(out))
-    process = subprocess.Popen(words, start_new_session=True)
-    _wait_for(study.journal_of(out), 200, process)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    assert not out.exists()
-    kept = {row["case"]: row for row in _lines(study.journal_of(out))}
-    other = subprocess.run([*words, "--over", "controller.kappa=1,2"], capture_output=True)
-    assert other.returncode == 2
-    assert b"another design" in other.stderr
-    report = tmp_path / "r.json"
-    subprocess.run([*words, "--json", str(report)], check=True, timeout=280)
-    rows, _ = study.read_results(out)
-    assert [row["case"] for row in rows] == list(range(2400))
-    assert json.loads(report.read_text())["ran"] == 2400 - len(kept)
-    assert all(rows[case]["digest"] == row["digest"] for case, row in kept.items())
-    again = subprocess.run(words, capture_output=True)
-    assert again.returncode == 2  # the results are there already
-
-
-def _children(pid: int) -> list[int]:
-    return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-
-
-def _runs(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM])
-def test_workers_end_with_a_sweep_that_is_killed(tmp_path: Path, sent: signal.Signals) -> None:
-    out = tmp_path / "r.csv"
-    process = subprocess.Popen(command(*BIG, "-o", str(out), "--workers", "2"))
-    _wait_for(study.journal_of(out), 100, process)
-    workers = _children(process.pid)
-    assert len(workers) >= 2
-    process.send_signal(sent)
-    process.wait()
-    deadline = time.monotonic() + 30
-    while any(_runs(pid) for pid in workers) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not any(_runs(pid) for pid in workers)
-
-
-def test_ctrl_c_ends_a_sweep_with_a_sentence_alone(tmp_path: Path) -> None:
-    out = tmp_path / "r.csv"
-    process = subprocess.Popen(command(*BIG, "-o", str(out), "--workers", "2"),
-                               stderr=subprocess.PIPE, start_new_session=True)  # fmt: skip
-    _wait_for(study.journal_of(out), 100, process)
-    os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert said.decode().splitlines()[-1].startswith("interrupted; finished cases are kept")
-    assert b"Traceback" not in said
-
-
-@contextmanager
-def cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """A Dask scheduler and workers, each a process."""
-    started = [subprocess.Popen([sys.executable, "-m", "distributed.cli.dask_scheduler", "--port",
-                                 "0", "--host", "127.0.0.1", "--no-dashboard"],
-                                stderr=subprocess.PIPE)]  # fmt: skip
-    try:
-        assert started[0].stderr is not None
-        address = ""
-        for line in started[0].stderr:
-            if b"Scheduler at:" in line:
-                address = line.decode().split()[-1]
-                break
-        for _ in range(workers):
-            started.append(
-                subprocess.Popen(
-                    [sys.executable, "-m", "distributed.cli.dask_worker", address, "--no-nanny",
-                     "--nthreads", "1", "--no-dashboard"], stderr=subprocess.DEVNULL,
-                )
-            )  # fmt: skip
-        yield address, started[1:]
-    finally:
-        for process in started:
-            process.kill()
-            process.wait()
-
-
-def test_a_dask_cluster_that_loses_a_worker_completes(tmp_path: Path) -> None:
+def test_cases_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:
+    """Three of five runs end before the sphere has fallen."""
     out, report = tmp_path / "r.csv", tmp_path / "r.json"
-    with cluster(2) as (address, workers):
-        process = subprocess.Popen(
-            command(*BIG, "-o", str(out), "--dask", address, "--json", str(report))
-        )
-        _wait_for(study.journal_of(out), 200, process)
-        workers[0].kill()
-        assert process.wait(timeout=250) == 0
-    rows, _ = study.read_results(out)
-    assert [row["case"] for row in rows] == list(range(2400))
-    assert not any(row["status"] for row in rows)
-    assert json.loads(report.read_text())["ran"] == 2400
-
-
-def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path: Path) -> None:
-    out = tmp_path / "r.csv"
-    with cluster(1) as (address, _):
-        process = subprocess.Popen(
-            command(*BIG, "-o", str(out), "--dask", address), stderr=subprocess.PIPE
-        )
-        _wait_for(study.journal_of(out), 100, process)
-    _, said = process.communicate(timeout=120)
-    assert process.returncode == 1
-    assert b"was lost; finished cases are kept" in said.replace(b"\n", b" ")
-    assert b"Traceback" not in said
-    assert len(_lines(study.journal_of(out))) >= 100
-
-
-def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
-    found = subprocess.run(
-        command("sweep", "--over", "sensors.bits=4,5", "-o", str(tmp_path / "r.csv"),
-                "--dask", "tcp://127.0.0.1:1"),
-        capture_output=True,
+    words = ["sweep", "aluminium-3mm", "--set", COARSE[0], "--workers", "1", "-o", str(out),
+             "--json", str(report), "--over",
+             "run.duration_s=0.0005,0.0007,0.0009,0.002,0.003"]  # fmt: skip
+    done = subprocess.run(command(*words), capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "2 of 5 cases run in" in done.stdout
+    assert "3 of 5 cases could not be run" in done.stderr
+    told = json.loads(report.read_text())
+    assert (told["cases"], told["ran"], told["failed"], told["unstable"]) == (5, 2, 3, 0)
+    again = subprocess.run(
+        command("check", str(out), "--transport", "inprocess", "--json", str(report)),
+        capture_output=True, text=True,
     )  # fmt: skip
-    assert found.returncode == 1
-    assert b"no Dask scheduler at tcp://127.0.0.1:1" in found.stderr
+    assert again.returncode == 1, again.stdout
+    assert "2 of 2 cases: the same bytes" in again.stdout
+    assert "3 of 5 cases have no figures that could be checked" in again.stdout
+    assert "3 of 5 cases could not be run" in again.stderr
+    assert json.loads(report.read_text())["without_figures"] == 3
+
+
+def test_an_unstable_case_was_run_but_has_no_figures(tmp_path: Path) -> None:
+    report = tmp_path / "r.json"
+    words = ["sweep", "aluminium-20mm", "--workers", "1", "--span", "run", "--json", str(report),
+             "-o", str(tmp_path / "r.csv"), "--over", "controller.kappa=0.2,1.2"]  # fmt: skip
+    for setting in (*COARSE, "controller.law=velocity_feedback", "controller.latency_us=20",
+                    "run.duration_s=0.01"):  # fmt: skip
+        words += ["--set", setting]
+    done = subprocess.run(command(*words), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "1 of 2 cases are unstable and have no figures" in done.stdout
+    told = json.loads(report.read_text())
+    assert (told["ran"], told["failed"], told["unstable"]) == (2, 0, 1)
+
+
+def test_a_case_that_check_cannot_run_is_counted_apart(tmp_path: Path) -> None:
+    out, report = tmp_path / "r.csv", tmp_path / "c.json"
+    axes = (Axis("controller.latency_us", (0, 1, 2)),)
+    study.sweep(load("aluminium-3mm", COARSE), Design(axes), "impact", out, workers=1)
+    text = out.read_text().splitlines()
+    text[2] = text[2].replace("1,1,", "1,0.5,", 1)  # what no scene can have
+    out.write_text("\n".join(text) + "\n")
+    done = subprocess.run(
+        command("check", str(out), "--transport", "inprocess", "--json", str(report)),
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "2 of 2 cases: the same bytes" in done.stdout
+    assert "1 of 3 cases could not be run" in done.stderr
+    told = json.loads(report.read_text())
+    assert (told["same"], told["differing"], told["failed"]) == (2, [], 1)
 
 
 @pytest.mark.parametrize(
@@ -424,7 +273,8 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
         (["thesis-aluminium"], 2, "run.scheme = 'thesis2008'"),
         (["--out", "folder.csv", "--overwrite"], 2, "folder.csv is a folder"),
         (["--json", "r.csv.json"], 2, "is a file of the results"),
-        (["--set", "run.duration_s=0.0009"], 1, "none of the 2 cases has figures"),
+        (["--set", "run.duration_s=0.0009"], 1, "2 of 2 cases could not be run"),
+        (["--out", "/proc/r.csv"], 2, "cannot write into the folder /proc"),
         (["--over", "controller.latency_us"], 2, "controller.latency_us=0:100:1"),
     ],
 )

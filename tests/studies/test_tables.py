@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop.cli import app
-from hertzloop.compiled import simulate
-from hertzloop.figures import figures_of
-from hertzloop.scene import load
-from studies import tables
+from hertzloop.commands.cli import app
+from hertzloop.loop.compiled import simulate
+from hertzloop.results.figures import figures_of
+from hertzloop.scenes.scene import load
+from studies.published import tables
 
-PUBLISHED = Path(tables.__file__).parent / "published"
+PUBLISHED = Path(tables.__file__).parent
 
 
 def computed(name: str) -> list[dict[str, str]]:

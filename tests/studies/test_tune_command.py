@@ -1,11 +1,12 @@
 """The command `tune`: mistakes end with a sentence, results have the scene's name."""
 
+import json
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop.cli import app
+from hertzloop.commands.cli import app
 
 QUICK = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--generations", "1",
          "--population", "4", "--minimise", "plate_energy_db"]  # fmt: skip
@@ -20,6 +21,7 @@ QUICK = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--gene
         (["--law", "nonsense"], "controller.law = 'nonsense'"),
         (["--minimise", "nonsense"], "is no figure"),
         (["--out", __file__], "is no folder"),
+        (["--out", "/proc"], "cannot write into the folder /proc"),
     ],
 )
 def test_mistakes_are_the_users(words: list[str], says: str) -> None:
@@ -35,3 +37,18 @@ def test_a_scene_file_gives_results_the_name_of_the_scene(tmp_path: Path) -> Non
     assert found.exit_code == 0
     written = {f.name for f in (tmp_path / "new").iterdir()}
     assert written == {"tune-aluminium-3mm.csv", "tune-aluminium-3mm.png"}
+
+
+def test_settings_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:
+    """A run of 0.9 ms ends before the sphere has fallen; the search goes on without it."""
+    report = tmp_path / "r.json"
+    words = ["tune", *QUICK, "--json", str(report)]
+    found = CliRunner().invoke(app, words)
+    told = json.loads(report.read_text())
+    assert (found.exit_code, told["cases"], told["failed"]) == (0, 5, 0)  # 4, and the published
+    found = CliRunner().invoke(app, [*words, "--vary", "run.duration_s=0.0009,0.0016"])
+    told = json.loads(report.read_text())
+    assert found.exit_code == 1
+    assert 1 <= told["failed"] <= 3
+    assert told["front"]
+    assert f"{told['failed']} of 5 cases could not be run" in found.stderr

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studies import figures, law_effect, weaknesses
+from studies.published import figures, law_effect, weaknesses
 
 
 def test_contact_impulse_against_momentum_change() -> None:

@@ -1,0 +1,152 @@
+"""Compiled kernels of the fast lane: two rings in shared memory, as hertzloop_lane.h has them in C.
+
+See docs/lane.md.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bus.atomics import load_acquire, now_ns, sleep_us, store_release, yield_core
+from jit import kernel
+
+# Words of the segment.
+MAGIC, VERSION, RUN_ID, SLOTS, STEPS, EVERY_STEPS, JOINED, CLOSED = range(8)
+ANSWERS_TAKEN, SAMPLE_RING = 16, 32
+SAMPLE_WORDS, ANSWER_WORDS = 2, 4
+# What one end counts for itself. FORCES_PUT: steps whose force the controller has put into the
+# lane, SAMPLES_PUT: samples that it has answered there.
+OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_PUT = range(6)
+OWN_COUNTS = 6
+_SLEEP_US = 50
+
+
+class Lane(NamedTuple):
+    """One end of the lane: the segment as integers and, the same memory, as doubles; this end's
+    counts; looks before it lets others run, and how long it does that and waits at all (ns)."""
+
+    words: np.ndarray
+    numbers: np.ndarray
+    own: np.ndarray
+    slots: int
+    spins: int
+    yield_ns: int
+    wait_ns: int
+
+
+@kernel(borrowed=True)
+def _wait_slowly(lane, at, expected):
+    """Wait for `expected` in word `at`, letting others run; False after `wait_ns`, or once a side
+    has left."""
+    began = now_ns()
+    while load_acquire(lane.words, at) < expected:
+        waited = now_ns() - began
+        if waited > lane.wait_ns or load_acquire(lane.words, CLOSED) != 0:
+            return load_acquire(lane.words, at) >= expected
+        if waited < lane.yield_ns:
+            yield_core()
+        else:
+            sleep_us(_SLEEP_US)
+    return True
+
+
+@kernel(inline=True, borrowed=True)
+def _wait(lane, at, expected):
+    """Wait until word `at`, which grows, has reached `expected`; False if it did not in time."""
+    for _ in range(lane.spins):
+        if load_acquire(lane.words, at) >= expected:
+            return True
+    return _wait_slowly(lane, at, expected)
+
+
+@kernel(inline=True, borrowed=True)
+def _sample_slot(lane, i):
+    return SAMPLE_RING + (i & (lane.slots - 1)) * SAMPLE_WORDS
+
+
+@kernel(inline=True, borrowed=True)
+def _answer_slot(lane, i):
+    ring = SAMPLE_RING + lane.slots * SAMPLE_WORDS
+    return ring + (i & (lane.slots - 1)) * ANSWER_WORDS
+
+
+@kernel(inline=True, borrowed=True)
+def put_sample(lane, i, value):
+    """The plant: write sample `i`; the one a lap before must have been answered."""
+    at = _sample_slot(lane, i)
+    lane.numbers[at + 1] = value
+    store_release(lane.words, at, i + 1)
+
+
+@kernel(inline=True, borrowed=True)
+def sample_is_there(lane, i):
+    """Whether sample `i` can be taken."""
+    return load_acquire(lane.words, _sample_slot(lane, i)) >= i + 1
+
+
+@kernel(inline=True, borrowed=True)
+def wait_for_sample(lane, i):
+    """Wait for sample `i`; False if it did not come in time."""
+    return _wait(lane, _sample_slot(lane, i), i + 1)
+
+
+@kernel(inline=True, borrowed=True)
+def sample_number(lane, i):
+    """What stands as number in the place of sample `i`: i + 1, or something was lost."""
+    return lane.words[_sample_slot(lane, i)]
+
+
+@kernel(inline=True, borrowed=True)
+def sample_value(lane, i):
+    """Sample `i`, which is there."""
+    return lane.numbers[_sample_slot(lane, i) + 1]
+
+
+@kernel(inline=True, borrowed=True)
+def wait_for_room(lane):
+    """The controller: wait until the next record may be written; False if not in time."""
+    own = lane.own
+    if own[PUT] < own[ROOM]:
+        return True
+    if not _wait(lane, ANSWERS_TAKEN, own[PUT] + 1 - lane.slots):
+        return False
+    own[ROOM] = lane.slots + load_acquire(lane.words, ANSWERS_TAKEN)
+    return True
+
+
+@kernel(inline=True, borrowed=True)
+def put_answer(lane, samples, force, level):
+    """The controller: write the next record, for which there is room."""
+    i = lane.own[PUT]
+    at = _answer_slot(lane, i)
+    lane.words[at + 1] = samples
+    lane.numbers[at + 2] = force
+    lane.numbers[at + 3] = level
+    store_release(lane.words, at, i + 1)
+    lane.own[PUT] = i + 1
+
+
+@kernel(inline=True, borrowed=True)
+def answer_is_there(lane):
+    """Whether the next record of an answer can be taken."""
+    i = lane.own[TAKEN]
+    return load_acquire(lane.words, _answer_slot(lane, i)) >= i + 1
+
+
+@kernel(inline=True, borrowed=True)
+def wait_for_answer(lane):
+    """Wait for the next record of an answer; False if it did not come in time."""
+    i = lane.own[TAKEN]
+    return _wait(lane, _answer_slot(lane, i), i + 1)
+
+
+@kernel(inline=True, borrowed=True)
+def take_answer(lane):
+    """The next record, which is there: its number less the expected one, samples, force, level."""
+    i = lane.own[TAKEN]
+    at = _answer_slot(lane, i)
+    excess = lane.words[at] - (i + 1)
+    samples, force, level = lane.words[at + 1], lane.numbers[at + 2], lane.numbers[at + 3]
+    lane.own[TAKEN] = i + 1
+    store_release(lane.words, ANSWERS_TAKEN, i + 1)
+    return excess, samples, force, level

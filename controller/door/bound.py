@@ -1,0 +1,122 @@
+"""A law with its constants, ready to be called by the compiled loop."""
+
+import ctypes
+import math
+import numbers
+import time
+import traceback
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from controller.door.callbacks import plain, python_functions, state_view
+from controller.door.compiled import FUNCTIONS, UNCOMPILED, Entries
+from controller.door.records import Packed, pack, state_of
+from controller.law_kernels import LawModel
+
+
+class LawFault(RuntimeError):
+    """A law failed in a run; the sentence names it, the sample and what it did."""
+
+
+class BoundLaw:
+    """A law's functions, the bytes of its constants, and its state at the start.
+
+    `trouble`: why it runs as Python, empty if it is compiled.
+    """
+
+    def __init__(
+        self, name: str, addresses: Mapping[str, int], constants: Packed, state: Packed, held: Any
+    ) -> None:
+        self.name, self.trouble = name, ""
+        at: list[Any] = [addresses.get(function, 0) for function in FUNCTIONS]
+        self.model = LawModel(*[*at, constants.data])
+        self._state, self._held = state, (constants, held)
+
+    def new_state(self) -> np.ndarray:
+        """Words of the state at the start of a run."""
+        return self._state.data.copy()
+
+    def explain(self, samples: np.ndarray, index: int) -> str:
+        """One sentence on what the law did wrong at sample `index`."""
+        return f"the law {self.name} gave no finite number as the command of sample {index}"
+
+
+class BoundPython(BoundLaw):
+    """The same of a law written in Python; `constants` are what it sees as `p`.
+
+    With `ahead` false it has `command` alone: what it knows of later samples is not asked for.
+    """
+
+    def __init__(
+        self, name: str, digest: str, home: Any, constants: Any, ahead: bool = True
+    ) -> None:
+        fields = constants._asdict() if hasattr(constants, "_asdict") else vars(constants)
+        packed, state = pack(fields), state_of(home)
+        self._home, self._constants = home, _with_arrays(constants, fields)
+        wanted = tuple(FUNCTIONS) if ahead else ("command",)
+        addresses: dict[str, int] = {}
+        held: Any = None
+        trouble = ""
+        if not UNCOMPILED:
+            held = _entries(name, digest, home, packed.dtype, state.dtype)
+            addresses, trouble = held.addresses(wanted), held.trouble
+        if not addresses:
+            held = python_functions(home, self._constants, state.dtype, wanted)
+            addresses = {
+                key: ctypes.cast(function, ctypes.c_void_p).value or 0
+                for key, function in held.items()
+            }
+        super().__init__(name, addresses, packed, state, held)
+        self.trouble = trouble
+
+    def explain(self, samples: np.ndarray, index: int) -> str:
+        """One sentence on what the law did wrong, from running it once more in Python."""
+        state = state_view(self.new_state(), self._state.dtype)
+        command = plain(self._home.command)
+        for i in range(len(samples)):
+            where = f"the law {self.name}, at sample {i}"
+            try:
+                force = command(self._constants, state, samples[: i + 1], i)
+            except Exception as error:
+                return f"{where}, failed: {_said(error)}"
+            if not isinstance(force, numbers.Real):
+                return f"{where}, returned {force!r}, which is no number"
+            if not math.isfinite(force):
+                return f"{where}, commanded {float(force)} N"
+        return super().explain(samples, index)
+
+    def cost_us(self) -> float:
+        """What a sample costs, us; measured with samples of zero."""
+        state = state_view(self.new_state(), self._state.dtype)
+        samples, command = np.zeros(200), plain(self._home.command)
+        started = time.perf_counter()
+        for i in range(len(samples)):
+            command(self._constants, state, samples[: i + 1], i)
+        return 1e6 * (time.perf_counter() - started) / len(samples)
+
+
+# By name and digest of the law and by the layouts, which are kept and thus known by identity.
+_ENTRIES: dict[tuple[str, str, int, int], tuple[Entries, np.dtype, np.dtype]] = {}
+
+
+def _entries(name: str, digest: str, home: Any, parameters: np.dtype, state: np.dtype) -> Entries:
+    key = (name, digest, id(parameters), id(state))
+    if key not in _ENTRIES:
+        made = Entries(home, name, digest, parameters, state)
+        _ENTRIES[key] = (made, parameters, state)
+    return _ENTRIES[key][0]
+
+
+def _with_arrays(constants: Any, fields: Mapping[str, Any]) -> Any:
+    """The constants as Python sees them: numbers, and arrays instead of tuples."""
+    arrays = {k: np.asarray(v, float) for k, v in fields.items() if isinstance(v, tuple | list)}
+    return constants._replace(**arrays) if arrays else constants
+
+
+def _said(error: Exception) -> str:
+    """An exception, with its line."""
+    frames = traceback.extract_tb(error.__traceback__)
+    at = f" (line {frames[-1].lineno}: {frames[-1].line})" if len(frames) > 1 else ""
+    return f"{type(error).__name__}: {error}{at}"

@@ -1,0 +1,63 @@
+"""A law's functions as C functions that call back into Python: for what Numba cannot compile."""
+
+import ctypes
+import math
+import numbers
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from controller.door.compiled import FUNCTIONS
+
+_RESULTS: dict[str, Any] = {"double": ctypes.c_double, "int64": ctypes.c_int64}
+
+
+def plain(function: Any) -> Any:
+    """The Python function behind a compiled one."""
+    return getattr(function, "py_func", function)
+
+
+def state_view(words: np.ndarray, dtype: np.dtype) -> Any:
+    """A state's fields as attributes that can be set; `words` are the record's."""
+    return words.view(dtype).view(np.recarray)[0]
+
+
+def python_functions(
+    home: Any, constants: Any, state: np.dtype, wanted: Iterable[str]
+) -> dict[str, Any]:
+    """Those `wanted` that a law has, as C functions by name; what a law raises, or returns that
+    is no number, becomes nan."""
+    return {
+        name: _callback(plain(getattr(home, name)), *FUNCTIONS[name], constants, state)
+        for name in wanted
+        if callable(getattr(home, name, None))
+    }
+
+
+def _callback(function: Any, result: str, arguments: str, constants: Any, state: np.dtype) -> Any:
+    seen: dict[int, Any] = {}  # states by address
+
+    def view(address: int) -> Any:
+        if address not in seen:
+            words = (ctypes.c_int64 * (state.itemsize // 8)).from_address(address)
+            seen[address] = state_view(np.frombuffer(words, np.int64), state)
+        return seen[address]
+
+    convert: Any
+    convert, failed = (float, math.nan) if result == "double" else (int, -1)
+
+    def call(p: int, s: int, *rest: int) -> Any:
+        try:
+            if arguments:
+                known = (ctypes.c_double * (rest[1] + 1)).from_address(rest[0])
+                value = function(constants, view(s), np.frombuffer(known), *rest[1:])
+            else:
+                value = function(constants, view(s))
+            return convert(value) if isinstance(value, numbers.Real) else failed
+        except Exception:
+            return failed
+
+    pointers: list[Any] = [ctypes.c_void_p] * (3 if arguments else 2)
+    integers: list[Any] = [ctypes.c_int64] * arguments.count(",")
+    return ctypes.CFUNCTYPE(_RESULTS[result], *pointers, *integers)(call)

@@ -1,0 +1,212 @@
+"""A law's functions as C functions: compiled by Numba and kept on disk, or called back in Python.
+
+A small module of text is written into the folder of compiled kernels, named by the digest of the
+law and of that text: Numba then finds what it has compiled for that file. (It never does for a
+function defined in a function.)
+"""
+
+import hashlib
+import os
+import sys
+from collections import namedtuple
+from collections.abc import Iterable
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import cfunc, config, from_dtype, types
+from numba.core import cgutils
+from numba.core.dispatcher import Dispatcher
+from numba.extending import intrinsic
+from numba.np.numpy_support import as_dtype
+
+from jit import kernel
+from jit.cache import cache_folder
+from jit.decorator import kept_in
+from jit.words import array_at
+
+UNCOMPILED = bool(config.DISABLE_JIT)  # all runs as Python, to be tested line by line
+# Result and arguments after p and s.
+FUNCTIONS = {
+    "command": ("double", "samples, i"),
+    "known_ahead": ("int64", "samples, i"),
+    "command_ahead": ("double", "samples, i, j"),
+    "quiet_level": ("double", ""),
+}
+_TYPES = {"double": types.float64, "int64": types.int64}
+_WORDS = {"f": types.float64, "i": types.int64}  # by the kind of a record's field
+_SAMPLES = types.Array(types.float64, 1, "C")
+
+
+def _constants(context: Any, builder: Any, kind: Any, record: np.dtype, p: Any) -> Any:
+    """The parameters at `p` as the NamedTuple of type `kind` that a law sees."""
+
+    def loaded(name: str) -> Any:
+        word = record.fields[name]  # type: ignore[index]
+        in_llvm = ir.DoubleType() if word[0].kind == "f" else ir.IntType(64)
+        at = builder.gep(start, [ir.Constant(ir.IntType(64), word[1])])
+        return builder.load(builder.bitcast(at, in_llvm.as_pointer()))
+
+    start = builder.bitcast(p, ir.IntType(8).as_pointer())
+    values = []
+    for name, field in zip(kind.fields, kind.types, strict=True):
+        value = loaded(name)
+        if isinstance(field, types.Array):
+            value = array_at(context, builder, field, value, [loaded(f"{name}_count")])
+        values.append(value)
+    return context.make_tuple(builder, kind, values)
+
+
+def _entry(result: Any, failed: float) -> Any:
+    """A call of a law's function with what came from C; gives `failed` where that raises.
+
+    Written down as machine code would be: Numba takes many times longer to compile the same from
+    Python, once a function and law.
+    """
+
+    def typed(typingctx: Any, function: Any, given: Any) -> Any:
+        p, s, *more = given.types
+        record = as_dtype(p.dtype)
+        seen = [_constants_type(record), s.dtype, *([_SAMPLES, *more[1:]] if more else [])]
+        function.dispatcher.get_call_template(tuple(seen), {})
+        compiled = function.dispatcher.overloads[tuple(seen)]
+
+        def codegen(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            at_p, at_s, *rest = cgutils.unpack_tuple(builder, values[1], len(given.types))
+            state = builder.bitcast(at_s, context.get_value_type(seen[1]))
+            passed = [_constants(context, builder, seen[0], record, at_p), state]
+            if rest:
+                count = builder.add(rest[1], context.get_constant(types.int64, 1))
+                address = builder.ptrtoint(rest[0], ir.IntType(64))
+                passed += [array_at(context, builder, _SAMPLES, address, [count]), *rest[1:]]
+            context.add_linking_libs([compiled.library])
+            status, value = context.call_internal_no_propagate(
+                builder, compiled.fndesc, compiled.signature, passed
+            )
+            value = context.cast(builder, value, compiled.signature.return_type, result)
+            return builder.select(status.is_error, context.get_constant(result, failed), value)
+
+        return result(function, given), codegen
+
+    @intrinsic
+    def call(typingctx, function, given):
+        return typed(typingctx, function, given)
+
+    return call
+
+
+call_double = _entry(types.float64, float("nan"))
+call_int64 = _entry(types.int64, -1)
+
+
+def is_function(value: Any) -> bool:
+    """Whether a law's attribute can be called for a command."""
+    return callable(value)
+
+
+@lru_cache(maxsize=256)
+def _constants_type(record: np.dtype) -> types.NamedTuple:
+    """The type of a law's `p` of a record's fields: numbers, and arrays with their counts."""
+    names = record.names or ()
+    counts = {f"{name}_count" for name in names} & set(names)
+    fields = [name for name in names if name not in counts]
+    kinds = [
+        _SAMPLES if f"{name}_count" in counts else _WORDS[record[name].kind] for name in fields
+    ]
+    return types.NamedTuple(kinds, namedtuple("Constants", fields))
+
+
+def text_of(name: str, names: list[str]) -> str:
+    """The module that stands between C and a law's functions `names`."""
+    parts = [f'"""Between the compiled loop and the law {name}."""\n']
+    for function in names:
+        result, more = FUNCTIONS[function]
+        arguments = f"p, s, {more}" if more else "p, s"
+        parts.append(
+            f"def {function}({arguments}):\n"
+            f"    return call_{result}(law_{function}, ({arguments}))\n"
+        )
+    return "\n".join(parts)
+
+
+class Entries:
+    """A law's functions as C functions for records of these layouts, each compiled, or loaded from
+    the disk, when it is first asked for.
+
+    `trouble`: why Numba could not compile one of them, empty while it could.
+    """
+
+    def __init__(
+        self, home: Any, name: str, digest: str, parameters: np.dtype, state: np.dtype
+    ) -> None:
+        self._names = [name for name in FUNCTIONS if is_function(getattr(home, name, None))]
+        text = text_of(name, self._names)
+        layout = f"{digest} {parameters} {state} {text}"
+        module = ModuleType(f"hertzloop_law_{hashlib.sha256(layout.encode()).hexdigest()[:24]}")
+        module.__file__ = str(_written(module.__name__, text))
+        module.__dict__.update(call_double=call_double, call_int64=call_int64)
+        for function in self._names:
+            module.__dict__[f"law_{function}"] = _dispatcher(getattr(home, function))
+        # Numba looks for the module of what it loads by name.
+        sys.modules[module.__name__] = module
+        exec(compile(text, module.__file__, "exec"), module.__dict__)
+        self._module, self._made = module, dict[str, Any]()
+        self._records = types.CPointer(from_dtype(parameters)), types.CPointer(from_dtype(state))
+        self._refused = Path(module.__file__).with_suffix(".refused")
+        self.trouble = ""
+        if self._refused.exists():  # Numba takes seconds to say so
+            self.trouble = self._refused.read_text(encoding="utf-8")
+
+    def addresses(self, wanted: Iterable[str]) -> dict[str, int]:
+        """Addresses of those of the functions that the law has; none if one was refused."""
+        try:
+            for name in wanted:
+                if name in self._names and name not in self._made and not self.trouble:
+                    self._made[name] = self._compiled(name)
+        except Exception as error:  # whatever Numba does not know: there is Python instead
+            self.trouble = _first_line(error)
+            _put(self._refused, self.trouble)
+        if self.trouble:
+            return {}
+        return {name: self._made[name].address for name in wanted if name in self._made}
+
+    def _compiled(self, name: str) -> Any:
+        result, more = FUNCTIONS[name]
+        words = (types.int64,) * more.count(",")
+        samples = (types.CPointer(types.float64),) if more else ()
+        signature = _TYPES[result](*self._records, *samples, *words)
+        with kept_in(cache_folder()):
+            made = cfunc(signature, cache=True, error_model="numpy")
+            return made(self._module.__dict__[name])
+
+
+def _dispatcher(function: Any) -> Any:
+    if isinstance(function, Dispatcher):
+        return function
+    return kernel(function, inline=True, bare=True, kept=False)
+
+
+def _written(name: str, text: str) -> Path:
+    """The text as a file in the folder of compiled kernels."""
+    path = cache_folder() / "laws" / f"{name}.py"
+    if not path.exists():
+        path.parent.mkdir(mode=0o700, exist_ok=True)
+        _put(path, text)
+    return path
+
+
+def _put(path: Path, text: str) -> None:
+    """Write a file that other processes may be looking for."""
+    new = path.with_suffix(f".{os.getpid()}")
+    new.write_text(text, encoding="utf-8")
+    new.replace(path)
+
+
+def _first_line(error: Exception) -> str:
+    """What Numba complains about, in a line."""
+    lines = [line.strip() for line in str(error).splitlines()]
+    said = [line for line in lines if line and not line.startswith(("Failed in", "During:", ">>>"))]
+    return said[0] if said else type(error).__name__

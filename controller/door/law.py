@@ -1,0 +1,130 @@
+"""A law as it was found: its scene keys, what it senses, its text and digest."""
+
+import math
+from collections import namedtuple
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+from annotated_types import Ge, Le
+from pydantic import BaseModel
+
+from controller.door.bound import BoundLaw, BoundPython
+from controller.door.records import numbers_of
+from controller.law import WHOLE_STEPS, About, Keys, Reach
+
+# What a law without `prepare` knows of the run, besides its keys.
+ABOUT_FIELDS = (
+    "sample_s", "horizon_s", "stiffness", "sphere_mass_kg", "impact_speed_m_s", "impedance_n_s_m",
+    "converter_step", "limit_n",
+)  # fmt: skip
+
+
+class LawError(ValueError):
+    """There is no such law, or it is none; the sentence says what would be right."""
+
+
+@dataclass(frozen=True)
+class Law:
+    """A law written in Python. `home` is the module, or the class in it, with its functions."""
+
+    name: str
+    path: Path
+    source: str
+    digest: str
+    home: Any = field(repr=False, compare=False)
+
+    @cached_property
+    def keys(self) -> type[BaseModel]:
+        """Its scene keys."""
+        return getattr(self.home, "Parameters", Keys)
+
+    @property
+    def senses(self) -> str:
+        """The quantity that it has to be given; "any" if that is all the same."""
+        return str(getattr(self.home, "senses", "xi"))
+
+    @property
+    def latches(self) -> bool:
+        """Whether the state's delay is one that the law latches."""
+        return bool(getattr(self.home, "latches", False))
+
+    @cached_property
+    def whole_steps(self) -> list[str]:
+        """Keys that have to be a whole number of steps."""
+        fields = self.keys.model_fields.items()
+        return [name for name, about in fields if WHOLE_STEPS in about.metadata]
+
+    def reach(self, keys: Any) -> Reach:
+        """How far its force can go; without limit if it does not say."""
+        reach = getattr(self.home, "reach", None)
+        return reach(keys) if reach else Reach()
+
+    def ranges(self, about: About) -> dict[str, tuple[float, float]]:
+        """Ranges that a search takes for its keys: what it says, else their bounds."""
+        tune = getattr(self.home, "tune", None)
+        if tune:
+            return dict(tune(about))
+        found = {}
+        for name, info in self.keys.model_fields.items():
+            low = next((float(m.ge) for m in info.metadata if isinstance(m, Ge)), math.nan)  # type: ignore[arg-type]
+            high = next((float(m.le) for m in info.metadata if isinstance(m, Le)), math.nan)  # type: ignore[arg-type]
+            if low < high:
+                found[name] = (low, high)
+        return found
+
+    def constants(self, keys: Any, about: About) -> Any:
+        """What its functions see as `p`. Raises LawError."""
+        prepare = getattr(self.home, "prepare", None)
+        if prepare:
+            try:
+                return prepare(keys, about)
+            except LawError:
+                raise
+            except Exception as error:
+                raise LawError(f"the law {self.name} could not be prepared: {error}") from error
+        own = numbers_of(vars(keys).items())
+        known = (getattr(about, name) for name in ABOUT_FIELDS)
+        return _constants_of((*ABOUT_FIELDS, *own))(*known, *own.values())
+
+    def bind(self, keys: Any, about: About, ahead: bool = True) -> BoundLaw:
+        """The law with its constants; without `ahead` its commands alone. Raises LawError."""
+        return self.bound_to(self.constants(keys, about), ahead)
+
+    def bound_to(self, constants: Any, ahead: bool = True) -> BoundLaw:
+        """The law with given constants. Raises LawError."""
+        try:
+            return BoundPython(self.name, self.digest, self.home, constants, ahead)
+        except TypeError as error:
+            raise LawError(f"the law {self.name} cannot be: {error}") from error
+
+
+@lru_cache(maxsize=64)
+def _constants_of(names: tuple[str, ...]) -> Any:
+    return namedtuple("Constants", names)
+
+
+def check_home(name: str, home: Any) -> None:
+    """Whether a module or class holds a law. Raises LawError."""
+    wanted = {
+        "command": ("p", "s", "samples", "i"),
+        "known_ahead": ("p", "s", "samples", "i"),
+        "command_ahead": ("p", "s", "samples", "i", "j"),
+        "quiet_level": ("p", "s"),
+    }
+    for function, arguments in wanted.items():
+        found = getattr(home, function, None)
+        if found is None and function != "command":
+            continue
+        signature = f"{function}({', '.join(arguments)})"
+        if not callable(found):
+            raise LawError(f"{name} has no function {signature}, so it is no law")
+        code = getattr(getattr(found, "py_func", found), "__code__", None)
+        if code is None or code.co_argcount != len(arguments):
+            raise LawError(f"{function} of {name} has to take {signature}")
+    if hasattr(home, "known_ahead") != hasattr(home, "command_ahead"):
+        raise LawError(f"{name} has one of known_ahead and command_ahead; a law has both or none")
+    keys = getattr(home, "Parameters", Keys)
+    if not (isinstance(keys, type) and issubclass(keys, Keys)):
+        raise LawError(f"Parameters of {name} has to be a class derived from controller.law.Keys")

@@ -1,0 +1,136 @@
+"""Laws as shared libraries: see hertzloop_law.h, which says what they export."""
+
+import ctypes
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, Field, create_model
+
+from controller.door.bound import BoundLaw
+from controller.door.compiled import FUNCTIONS
+from controller.door.law import ABOUT_FIELDS, Law, LawError
+from controller.door.records import Packed
+from controller.law import About, Keys
+
+_ABI = 1
+
+
+class _Description(ctypes.Structure):
+    _fields_ = (
+        ("abi", ctypes.c_int64),
+        ("senses", ctypes.c_char_p),
+        ("parameters_bytes", ctypes.c_int64),
+        ("state_bytes", ctypes.c_int64),
+    )
+
+
+class _Key(ctypes.Structure):
+    _fields_ = (
+        ("name", ctypes.c_char_p),
+        ("unit", ctypes.c_char_p),
+        ("description", ctypes.c_char_p),
+        ("initial", ctypes.c_double),
+        ("least", ctypes.c_double),
+        ("most", ctypes.c_double),
+    )
+
+
+@dataclass(frozen=True)
+class LibraryLaw(Law):
+    """A law in a shared library; `home` is the library."""
+
+    @cached_property
+    def _description(self) -> _Description:
+        return _Description.in_dll(self.home, "hertzloop_law")
+
+    @cached_property
+    def keys(self) -> type[BaseModel]:
+        """Its scene keys, as the library describes them."""
+        fields: dict[str, Any] = {}
+        table = ctypes.cast(
+            ctypes.addressof(_Key.in_dll(self.home, "hertzloop_keys")), ctypes.POINTER(_Key)
+        )
+        for key in iter(table):
+            if not key.name:
+                break
+            low = None if key.least == -math.inf else key.least
+            high = None if key.most == math.inf else key.most
+            said = f"{(key.description or b'').decode()} ({(key.unit or b'').decode()})"
+            info = Field(key.initial, ge=low, le=high, description=said)
+            fields[key.name.decode()] = (float, info)
+        return create_model("Parameters", __base__=Keys, **fields)
+
+    @property
+    def senses(self) -> str:
+        """The quantity that it has to be given."""
+        return (self._description.senses or b"").decode()
+
+    def constants(self, keys: Any, about: About) -> Mapping[str, float]:
+        """What is known of the run and the keys, in the order of the record."""
+        own = {name: getattr(keys, name) for name in self.keys.model_fields}
+        return {name: float(getattr(about, name)) for name in ABOUT_FIELDS} | own
+
+    def bound_to(self, constants: Mapping[str, float], ahead: bool = True) -> BoundLaw:
+        """The law with given constants, with all its functions, as they are there."""
+        data = np.zeros(self._description.parameters_bytes // 8)
+        data[: len(constants)] = list(constants.values())
+        prepare = getattr(self.home, "hertzloop_prepare", None)
+        if prepare is not None:
+            prepare.restype = None
+            prepare(ctypes.c_void_p(data.ctypes.data))
+        words = np.zeros(self._description.state_bytes // 8, np.int64)
+        return BoundLaw(
+            self.name,
+            {name: _address(self.home, f"hertzloop_{name}") for name in FUNCTIONS},
+            Packed(data.dtype, data.view(np.uint8), ()),
+            Packed(words.dtype, words, ()),
+            self.home,
+        )
+
+
+def library_law(path: Path, digest: str) -> LibraryLaw:
+    """The law in a shared library. Raises LawError."""
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise LawError(f"the law {path} cannot be loaded: {_why(path, error)}") from error
+    for name in ("hertzloop_law", "hertzloop_keys", "hertzloop_command"):
+        if not _address(library, name):
+            raise LawError(f"{path} exports no {name}, so it is no law; see hertzloop_law.h")
+    law = LibraryLaw(path.name, path, "", digest, library)
+    about = law._description
+    if about.abi != _ABI:
+        raise LawError(f"{path} was built for version {about.abi} of hertzloop_law.h, not {_ABI}")
+    least = 8 * (len(ABOUT_FIELDS) + len(law.keys.model_fields))
+    if about.parameters_bytes < least or about.parameters_bytes % 8:
+        raise LawError(
+            f"{path} has {about.parameters_bytes} bytes of parameters; what is known of a run and "
+            f"its keys need {least}, or more in steps of 8"
+        )
+    if about.state_bytes < 16 or about.state_bytes % 8:
+        raise LawError(f"{path} has a state of {about.state_bytes} bytes; 16, 24, ... are possible")
+    return law
+
+
+def _address(library: Any, name: str) -> int:
+    """Address of what a library exports, 0 without."""
+    try:
+        return ctypes.addressof(ctypes.c_char.in_dll(library, name))
+    except ValueError:
+        return 0
+
+
+def _why(path: Path, error: OSError) -> str:
+    """What is wrong with a library that cannot be loaded."""
+    head = path.read_bytes()[:20]
+    if head[:4] != b"\x7fELF":
+        return "it is no shared library of this system"
+    ours = Path("/proc/self/exe").read_bytes()[:20]
+    if head[4:6] != ours[4:6] or head[18:20] != ours[18:20]:
+        return "it was built for another processor architecture than this one"
+    return str(error).removeprefix(f"{path}: ")

@@ -1,0 +1,201 @@
+"""Laws by what a scene calls them: a shipped name, a file, a module, an entry point."""
+
+import difflib
+import importlib
+import importlib.metadata
+import importlib.util
+import re
+import sys
+from functools import cache, lru_cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from pydantic.fields import FieldInfo
+
+from controller.door import patience
+from controller.door.law import Law, LawError, check_home
+from controller.door.patience import Overdue, given_up_in_time
+from controller.door.sources import SHIPPED, digest_of
+
+ENTRY_POINTS = "hertzloop.laws"
+_FILE = re.compile(r"(?P<file>.+\.(?:py|so|dylib|fmu))(?::(?P<name>\w+))?", re.DOTALL)
+_MODULE = re.compile(r"(?P<module>\w+(?:\.\w+)+|\w+(?=:))(?::(?P<name>\w+))?")
+
+
+@cache
+def shipped() -> tuple[str, ...]:
+    """Names of the laws that come with hertzloop, one file each."""
+    files = (f.stem for f in SHIPPED.glob("*.py"))
+    return tuple(sorted(name for name in files if not name.startswith("_")))
+
+
+def known() -> list[str]:
+    """Names of all laws that need no file: shipped and of installed packages."""
+    return [*shipped(), *sorted(_entry_points())]
+
+
+@cache
+def _entry_points() -> dict[str, str]:
+    return {e.name: e.value for e in importlib.metadata.entry_points(group=ENTRY_POINTS)}
+
+
+def resolve(reference: str, folder: Path | None = None) -> str:
+    """A reference with the whole path of its file: in `folder`, else in the working folder."""
+    match = _FILE.fullmatch(reference)
+    if not match:
+        return reference
+    tried = [*([folder] if folder else []), Path.cwd()]
+    found = next((f / match["file"] for f in tried if (f / match["file"]).is_file()), None)
+    path = (found or tried[-1] / match["file"]).resolve()
+    return f"{path}:{match['name']}" if match["name"] else str(path)
+
+
+def find(reference: str, digest: str | None = None) -> Law:
+    """The law that a reference means. Raises LawError; also if it has not the `digest` given, of
+    which nothing is executed then."""
+    file = _FILE.fullmatch(reference)
+    if file:
+        return _from_file(reference, Path(file["file"]), file["name"], digest)
+    if reference in shipped():
+        return _shipped_law(reference, digest)
+    installed = _entry_points().get(reference)
+    module = _MODULE.fullmatch(installed or reference)
+    if module:
+        return _from_module(reference, module["module"], module["name"], digest)
+    close = difflib.get_close_matches(reference, known(), 1)
+    hint = f"did you mean {close[0]}? " if close else ""
+    raise LawError(
+        f"controller.law = '{reference}' is no law; {hint}Known: {', '.join(known())}; or give a "
+        "file, mine.py, mine.so or mine.fmu, or package.module:Name"
+    )
+
+
+def _check_digest(reference: str, found: str, wanted: str | None) -> None:
+    if wanted is not None and found != wanted:
+        raise LawError(
+            f"the law {reference} on this disk has the digest {found}, asked for was {wanted}; "
+            "both sides need the same file"
+        )
+
+
+def _shipped_law(name: str, digest: str | None) -> Law:
+    law = _loaded_shipped(name)
+    _check_digest(name, law.digest, digest)
+    return law
+
+
+@cache
+def _loaded_shipped(name: str) -> Law:
+    path = SHIPPED / f"{name}.py"
+    home = importlib.import_module(f"controller.laws.{name}")
+    check_home(name, home)
+    return Law(name, path, path.read_text(encoding="utf-8"), digest_of(path), home)
+
+
+def _from_file(reference: str, path: Path, name: str | None, digest: str | None) -> Law:
+    path = path if path.is_absolute() else Path.cwd() / path
+    try:
+        stat = path.stat()
+        return _loaded_file(reference, path, name, digest, (stat.st_mtime_ns, stat.st_size))
+    except OSError as error:
+        raise LawError(
+            f"controller.law = '{reference}': {path} cannot be read: {error.strerror or error}"
+        ) from error
+
+
+@lru_cache(maxsize=64)
+def _loaded_file(
+    reference: str, path: Path, name: str | None, digest: str | None, stamp: tuple[int, int]
+) -> Law:
+    try:
+        found = digest_of(path)
+    except (SyntaxError, UnicodeDecodeError) as error:
+        raise LawError(f"the law {path} is not Python: {error}") from error
+    _check_digest(str(path), found, digest)
+    if path.suffix == ".fmu":
+        from controller.door.unit import unit_law
+
+        return unit_law(path, found)
+    if path.suffix != ".py":
+        from controller.door.library import library_law
+
+        return library_law(path, found)
+    source = path.read_text(encoding="utf-8")
+    module = ModuleType(f"hertzloop_file_{path.stem}_{found}")
+    module.__file__ = str(path)
+    sys.modules[module.__name__] = module
+    sys.path.append(str(path.parent))
+    try:
+        with given_up_in_time():
+            exec(compile(source, str(path), "exec"), module.__dict__)
+    except Overdue:
+        raise LawError(_not_over(str(path))) from None
+    except Exception as error:
+        raise LawError(f"the law {path} cannot be loaded: {_said(error, path)}") from error
+    finally:
+        sys.path.remove(str(path.parent))
+    return _checked(
+        path.name if not name else f"{path.name}:{name}", module, name, path, source, found
+    )
+
+
+def _from_module(reference: str, module: str, name: str | None, digest: str | None) -> Law:
+    try:
+        spec = importlib.util.find_spec(module)
+    except (ImportError, ValueError) as error:
+        raise LawError(f"controller.law = '{reference}': {error}") from error
+    if spec is None or not spec.origin or not spec.origin.endswith(".py"):
+        raise LawError(f"controller.law = '{reference}': there is no Python module {module}")
+    path = Path(spec.origin)
+    try:
+        found = digest_of(path)
+        _check_digest(reference, found, digest)
+        with given_up_in_time():
+            home = importlib.import_module(module)
+    except LawError:
+        raise
+    except Overdue:
+        raise LawError(_not_over(reference)) from None
+    except Exception as error:
+        raise LawError(f"the law {reference} cannot be loaded: {_said(error, path)}") from error
+    return _checked(reference, home, name, path, path.read_text(encoding="utf-8"), found)
+
+
+def _checked(
+    label: str, module: ModuleType, name: str | None, path: Path, source: str, digest: str
+) -> Law:
+    home: Any = module
+    if name:
+        home = getattr(module, name, None)
+        if home is None:
+            raise LawError(f"{path} has no {name}, which the scene asks for as its law")
+    check_home(label, home)
+    return Law(label, path, source, digest, home)
+
+
+def _not_over(law: str) -> str:
+    return (
+        f"the law {law} was not loaded within {patience.PATIENCE_S:g} s; does a loop of it never "
+        "end?"
+    )
+
+
+def _said(error: Exception, path: Path) -> str:
+    """An exception, with the line of the law's file."""
+    trace, line = error.__traceback__, None
+    while trace is not None:
+        if trace.tb_frame.f_code.co_filename == str(path):
+            line = trace.tb_lineno
+        trace = trace.tb_next
+    return f"{type(error).__name__}: {error}" + (f" (line {line})" if line else "")
+
+
+@cache
+def shipped_keys() -> dict[str, FieldInfo]:
+    """Scene keys of all shipped laws, so that a scene may keep those of laws not in use."""
+    return {
+        name: info
+        for law in shipped()
+        for name, info in _loaded_shipped(law).keys.model_fields.items()
+    }

@@ -1,0 +1,1 @@
+"""The laws that come with hertzloop, one file each; the file's name is the law's."""

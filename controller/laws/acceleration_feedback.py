@@ -1,0 +1,58 @@
+"""Against the velocity of the struck point, from its acceleration by a leaking integral."""
+
+import math
+from typing import NamedTuple
+
+from pydantic import Field
+
+from controller.law import ACTING, IDLE, About
+from controller.laws import force_feedback
+from controller.laws.force_feedback import dead_zone, reach  # noqa: F401
+
+senses = "acceleration"
+
+
+class Parameters(force_feedback.Parameters):
+    """Scene keys."""
+
+    leak_hz: float = Field(20.0, ge=0.0, le=1e6, description="corner of the integral")
+
+
+class State:
+    """What the law remembers; `integral` of the samples."""
+
+    mode: int = IDLE
+    delay: int = 0
+    integral: float = 0.0
+
+
+class Constants(NamedTuple):
+    """What the compiled function knows; `keep`: share of the integral left by the next sample."""
+
+    gain: float
+    dead_zone: float
+    keep: float
+    sample_s: float
+
+
+def prepare(keys, about: About) -> Constants:
+    """Constants of the function."""
+    keep = math.exp(-2.0 * math.pi * keys.leak_hz * about.sample_s)
+    gain = -keys.kappa * about.impedance_n_s_m
+    return Constants(gain, dead_zone(about), keep, about.sample_s)
+
+
+def tune(about: About) -> dict[str, tuple[float, float]]:
+    """Ranges that `tune` searches."""
+    return force_feedback.tune(about) | {"leak_hz": (1.0, 2000.0)}
+
+
+def command(p, s, samples, i):
+    """Force of sample `i`, N."""
+    value = samples[i]
+    if abs(value) <= p.dead_zone:
+        value = 0.0
+    s.integral = p.keep * (s.integral + p.sample_s * value)
+    if s.integral != 0.0:
+        s.mode = ACTING
+    return p.gain * s.integral

@@ -1,0 +1,80 @@
+"""The published law, but the force fades as soon as the contact is over."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from controller.law import ACTING, IDLE, WATCHING, About, Reach, StepsUs, kernel
+from controller.laws import slope_threshold
+from controller.laws.slope_threshold import (  # noqa: F401
+    State,
+    follow_contact,
+    hertz,
+    latches,
+    quiet_level,
+    stored,
+    watch,
+)
+
+
+class Parameters(slope_threshold.Parameters):
+    """Scene keys."""
+
+    fade_us: StepsUs = Field(10.0, description="length of the fading; 0 ends the force at once")
+
+
+class Constants(NamedTuple):
+    """Those of the published law, and the length of the fading."""
+
+    kappa: float
+    v_thr_m_s: float
+    stiffness: float
+    sample_s: float
+    lead_samples: int
+    slope_weights: np.ndarray
+    contact_level: float
+    fade_samples: int
+
+
+def prepare(keys, about: About) -> Constants:
+    """Constants of the published law and of the fading."""
+    return Constants(*slope_threshold.prepare(keys, about), about.samples(keys.fade_us))
+
+
+def reach(keys) -> Reach:
+    """A share of the contact force."""
+    return Reach(share=abs(keys.kappa))
+
+
+def tune(about: About) -> dict[str, tuple[float, float]]:
+    """Ranges that `tune` searches."""
+    return slope_threshold.tune(about) | {"fade_us": (0.0, 50.0)}
+
+
+@kernel
+def left_over(p, s, i):
+    """Share of the command that is left so long after the contact's end."""
+    if s.in_contact:
+        return 1.0
+    after = i - s.left + 1
+    if after > p.fade_samples:
+        return 0.0
+    return 0.5 + 0.5 * math.cos(math.pi * after / (p.fade_samples + 1))
+
+
+def command(p, s, samples, i):
+    """Force of sample `i`, N."""
+    follow_contact(p, s, samples, i)
+    watch(p, s, samples, i)
+    if s.mode != ACTING:
+        return 0.0
+    xi, share = stored(p, s, samples, i), left_over(p, s, i)
+    if xi > p.contact_level:
+        force, goes_on = 0.0, False
+    else:
+        force, goes_on = hertz(p, xi) * share, share > 0.0
+    if not goes_on:
+        s.mode = WATCHING if s.in_contact else IDLE
+    return force

@@ -1,0 +1,22 @@
+"""No control."""
+
+import math
+
+from controller.law import Reach
+
+senses = "any"
+
+
+def reach(keys) -> Reach:
+    """Never a force."""
+    return Reach(force_n=0.0)
+
+
+def command(p, s, samples, i):
+    """No force, whatever is sampled."""
+    return 0.0
+
+
+def quiet_level(p, s):
+    """No sample is below this."""
+    return -math.inf

@@ -1,0 +1,92 @@
+"""The study's pre-computed forces F_a1 to F_a13, and the early alternative of its appendix A.1.
+
+All but the last follow from the contact force F_c0 of the same impact without control; its
+duration T0 is that of F_c0. They are shifted by `delay_us` = (t_a - 1) dt.
+"""
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from controller.law import About, Gain, Reach
+from controller.laws import profile
+from controller.laws.profile import (  # noqa: F401
+    State,
+    command,
+    command_ahead,
+    known_ahead,
+    quiet_level,
+)
+
+CONSTANT, CONTACT_FORCE, SINE, COSINE = "constant", "contact_force", "sine", "cosine"
+# F_a3 to F_a5 are F_a2 at another shift or under a sweep of it, and so on.
+SHAPES = {
+    "F_a1": CONSTANT,
+    **{f"F_a{i}": CONTACT_FORCE for i in range(2, 6)},
+    **{f"F_a{i}": SINE for i in range(6, 10)},
+    **{f"F_a{i}": COSINE for i in range(10, 14)},
+}
+Name = Literal[
+    "F_a1", "F_a2", "F_a3", "F_a4", "F_a5", "F_a6", "F_a7", "F_a8", "F_a9", "F_a10", "F_a11",
+    "F_a12", "F_a13", "F_mobility",
+]  # fmt: skip
+
+
+class Parameters(profile.Timing):
+    """Scene keys."""
+
+    precomputed: Name = Field("F_a2", description="the study's name of the force")
+    kappa: Gain = Field(0.8, description="its factor")
+
+
+def prepare(keys, about: About) -> profile.Constants:
+    """Constants of a profile."""
+    if keys.precomputed == "F_mobility":
+        force = keys.kappa * mobility_force_n(about)
+    else:
+        force = shaped(SHAPES[keys.precomputed], keys.kappa, about.uncontrolled_force_n())
+    return profile.played(force[:: about.every_steps], keys, about)
+
+
+def reach(keys) -> Reach:
+    """A share of the contact force."""
+    return Reach(share=abs(keys.kappa))
+
+
+def shaped(shape: str, kappa: float, contact_n: np.ndarray) -> np.ndarray:
+    """kappa max(F_c0), or kappa F_c0 times 1, sin or cos of 2 pi t/T0; as long as F_c0.
+
+    A constant force lasts as long as F_c0, too: without an end, kappa = 1 and 2 would never
+    let the published impact end.
+    """
+    if shape == CONSTANT:
+        return np.full(len(contact_n), kappa * float(contact_n.max()))
+    phase = 2.0 * np.pi * np.arange(len(contact_n)) / len(contact_n)
+    windows = {CONTACT_FORCE: np.ones(len(phase)), SINE: np.sin(phase), COSINE: np.cos(phase)}
+    window = windows[shape]
+    return np.asarray(kappa * contact_n * window)
+
+
+def mobility_force_n(about: About) -> np.ndarray:
+    """Contact force of a simplified mobility model of the impact; shape (steps,), N.
+
+    Our derivation of the idea of appendix A.1, whose own formula is not at hand: sphere of mass
+    m, Hertz contact as a spring s_l of the same contact time on a rigid plate, plate as the
+    point impedance Z = 8 sqrt(B' m'') of an infinite one:
+    F'' + (s_l/Z) F' + (s_l/m) F = 0, F(0) = 0, F'(0) = s_l v0; until F returns to zero, or,
+    overdamped, falls below 1e-3 of its peak.
+    """
+    m, v, step_s = about.sphere_mass_kg, about.impact_speed_m_s, about.step_s
+    spring = m * (np.pi / about.rigid_contact_s) ** 2
+    decay = 0.5 * spring / about.impedance_n_s_m
+    squared = spring / m - decay * decay
+    root = np.sqrt(abs(squared))
+    if squared > 0.0:
+        t = np.arange(int(np.pi / root / step_s) + 1) * step_s
+        return np.asarray(spring * v / root * np.exp(-decay * t) * np.sin(root * t))
+    slow = decay - root  # of the two decays; the quick one is over long before
+    t = np.arange(int(np.log(1e3) / slow / step_s) + 1) * step_s
+    if root == 0.0:
+        return np.asarray(spring * v * t * np.exp(-decay * t))
+    return np.asarray(spring * v / (2.0 * root) * (np.exp(-slow * t) - np.exp(-(decay + root) * t)))

@@ -1,0 +1,136 @@
+"""Answers the penetration that a local model expects when the force will act: latency is paid for.
+
+Below `watch_level` the law asks a model of the sphere on an infinite plate when the slope will
+pass the threshold; it then commands what the published law would command that much later.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from controller.law import (
+    ACTING,
+    IDLE,
+    NO_PROMISE,
+    SPENT,
+    WATCHING,
+    About,
+    Gain,
+    Keys,
+    Reach,
+    kernel,
+)
+from controller.laws import slope_threshold
+from controller.laws._local_model import look_ahead
+from controller.laws.slope_threshold import (  # noqa: F401
+    State,
+    command_ahead,
+    follow_contact,
+    hertz,
+    known_ahead,
+    latches,
+    slope_weights,
+    stored,
+)
+
+
+class Parameters(Keys):
+    """Scene keys."""
+
+    kappa: Gain = Field(0.8, description="share of the contact force")
+    v_thr_m_s: float = Field(-0.25, ge=-1e3, le=1e3, description="slope that latches the delay")
+    window_samples: int = Field(4, ge=2, le=1000, description="samples that the slope needs")
+
+
+class Constants(NamedTuple):
+    """What the compiled functions know; below `watch_level` (m) the law watches."""
+
+    kappa: float
+    v_thr_m_s: float
+    stiffness: float
+    sample_s: float
+    lead_samples: int
+    slope_weights: np.ndarray
+    contact_level: float
+    watch_level: float
+    mass_kg: float
+    impedance_n_s_m: float
+
+
+def prepare(keys, about: About) -> Constants:
+    """Constants for the run's latency."""
+    return Constants(
+        keys.kappa, keys.v_thr_m_s, about.stiffness, about.sample_s,
+        lead_samples=round(about.horizon_s / about.sample_s),
+        slope_weights=slope_weights(keys.window_samples, about.sample_s),
+        contact_level=0.0,
+        watch_level=max(2.0 * about.impact_speed_m_s * about.horizon_s, 0.0),
+        mass_kg=about.sphere_mass_kg,
+        impedance_n_s_m=about.impedance_n_s_m,
+    )  # fmt: skip
+
+
+def reach(keys) -> Reach:
+    """A share of the contact force."""
+    return Reach(share=abs(keys.kappa))
+
+
+def tune(about: About) -> dict[str, tuple[float, float]]:
+    """Ranges that `tune` searches."""
+    return slope_threshold.tune(about) | {"window_samples": (2, 12)}
+
+
+@kernel
+def expects_threshold(p, s, samples, i):
+    """Whether the slope will have passed the threshold when the force acts; latches the delay."""
+    if i + 1 < p.slope_weights.size:
+        return False
+    _, _, touches, crosses = look_ahead(p, samples, i, p.lead_samples)
+    if crosses == math.inf:
+        return False
+    since = i - s.contact_start if s.in_contact else -touches
+    s.delay = max(math.ceil(since + max(crosses, -since)), 0)
+    return True
+
+
+@kernel
+def due(p, s, samples, i):
+    """Command for a force that acts `lead_samples` later, and whether it goes on: for as long as
+    there is contact then, or will be again."""
+    if s.delay < p.lead_samples:
+        xi, speed, _, _ = look_ahead(p, samples, i, p.lead_samples - s.delay)
+        if xi > p.contact_level:
+            return 0.0, speed < 0.0
+        return hertz(p, xi), True
+    at = i - max(s.delay - p.lead_samples, 0)
+    if samples[at] > p.contact_level:
+        return 0.0, at > 0 and samples[at] < samples[at - 1]
+    return hertz(p, samples[at]), True
+
+
+def command(p, s, samples, i):
+    """Force of sample `i`, N."""
+    follow_contact(p, s, samples, i)
+    near = s.in_contact or samples[i] <= p.watch_level
+    if s.mode == IDLE and near:
+        s.mode = WATCHING
+    if s.mode == WATCHING:
+        if not near:
+            s.mode = IDLE
+        elif expects_threshold(p, s, samples, i):
+            s.mode = ACTING
+    if s.mode == ACTING:
+        force, goes_on = due(p, s, samples, i)
+        if not goes_on:
+            s.mode = SPENT if s.in_contact else IDLE
+        return force
+    if s.mode == SPENT and not s.in_contact:
+        s.mode = IDLE
+    return 0.0
+
+
+def quiet_level(p, s):
+    """Far from the plate there will be no force."""
+    return p.watch_level if s.mode == IDLE else NO_PROMISE

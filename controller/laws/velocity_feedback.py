@@ -1,0 +1,19 @@
+"""Against the plate's velocity at the struck point, in shares of the plate's impedance."""
+
+from controller.law import About
+from controller.laws.force_feedback import (  # noqa: F401
+    Constants,
+    Parameters,
+    State,
+    command,
+    dead_zone,
+    reach,
+    tune,
+)
+
+senses = "v_p"
+
+
+def prepare(keys, about: About) -> Constants:
+    """Constants of the function."""
+    return Constants(-keys.kappa * about.impedance_n_s_m, dead_zone(about))

@@ -1,0 +1,141 @@
+"""The commands for laws of one's own: a start that runs as it is, and a law on recorded samples."""
+
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from hertzloop.commands.options import (
+    JsonOption,
+    OverwriteOption,
+    SetOption,
+    check_folder,
+    check_output,
+    write_json,
+)
+from hertzloop.commands.terminal import err, fail, out
+from hertzloop.scenes.scene import DEFAULT, SceneError, shipped_text, toml_value
+
+if TYPE_CHECKING:
+    from studies.law_on import Comparison
+
+_SCENE = """# A scene for hertzloop: run it with   hertzloop run {name}
+#
+# Every key is in its table; a wrong one is refused with a sentence. What is left out has its
+# default. `hertzloop run {name} --set sensors.bits=12` changes a key for one run.
+
+"""
+_KINDS = {"law": (".py", ".c"), "scene": (".toml",)}
+
+
+def new(
+    kind: Annotated[Literal["law", "scene"], typer.Argument(help="What to start.")],
+    file: Annotated[Path, typer.Argument(help="mine.py or mine.c for a law, mine.toml.")],
+) -> None:
+    """Write a commented law (Python, or C) or scene that runs as it is."""
+    if file.suffix not in _KINDS[kind]:
+        fail(f"{file} has to end in {' or '.join(_KINDS[kind])} for a {kind}", 2)
+    check_folder(file)
+    texts = {file: _text(kind, file)}
+    header = file.with_name("hertzloop_law.h")
+    if file.suffix == ".c" and not header.exists():
+        texts[header] = _resource("hertzloop_law.h")
+    try:
+        for path, text in texts.items():
+            with path.open("x", encoding="utf-8") as target:
+                target.write(text)
+    except FileExistsError:
+        fail(f"{file} exists; choose another name", 2)
+    except OSError as error:
+        fail(f"cannot write {file}: {error.strerror}", 1)
+    out.print(f"written: {', '.join(map(str, texts))}; {_next(kind, file)}", soft_wrap=True)
+
+
+def _resource(name: str) -> str:
+    return (resources.files("controller") / "door" / "start" / name).read_text("utf-8")
+
+
+def _text(kind: str, file: Path) -> str:
+    if kind == "law":
+        return _resource(f"law{file.suffix}.txt").replace("NAME", file.stem)
+    text = shipped_text(DEFAULT).replace(f'name = "{DEFAULT}"', f'name = "{_scene_name(file)}"')
+    return _SCENE.format(name=file.name) + text
+
+
+def _scene_name(file: Path) -> str:
+    """A name that a scene may have."""
+    kept = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in file.stem)
+    return kept.lstrip("._-")[:80] or "mine"
+
+
+def _next(kind: str, file: Path) -> str:
+    if kind == "scene":
+        return f"hertzloop run {file}"
+    if file.suffix == ".py":
+        return f"hertzloop run --set controller.law={file}"
+    library = file.with_suffix(".so")
+    return (
+        f"cc -O2 -fPIC -shared -ffp-contract=off {file} -o {library} -lm && "
+        f"hertzloop run --set controller.law={library}"
+    )
+
+
+def law_on(
+    file: Annotated[Path, typer.Argument(help="A recording.", metavar="F.mcap")],
+    law: Annotated[str, typer.Option(help="Law to feed the recorded samples to.")],
+    settings: SetOption = None,
+    picture: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Picture; F-law.png if left out.")
+    ] = None,
+    overwrite: OverwriteOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Feed a recording's samples to another law: where does its force differ first?"""
+    from controller.door.bound import LawFault
+    from recordings.reader import read
+    from recordings.writer import RecordingError
+    from studies import law_on as study
+
+    target = picture or file.with_name(f"{file.stem}-law.png")
+    check_output(target, overwrite)
+    check_folder(json_file)
+    try:
+        recording = read(file)
+        keys = dict(_setting(text) for text in settings or [])
+        scene = study.scene_with(recording, law, keys)
+        found = study.law_on(recording, scene)
+    except (RecordingError, SceneError) as error:
+        fail(str(error), 2)
+    except LawFault as error:
+        fail(str(error), 1)
+    for problem in recording.problems:
+        err.print(f"{file}: {problem}", soft_wrap=True, markup=False)
+    ran = recording.law_ran[0] or recording.metadata.get("law") or "as recorded"
+    study.draw(found, (f"recorded: {ran}", scene.law.name), target)
+    out.print(_difference(found, scene.law.name), soft_wrap=True, markup=False)
+    out.print(f"written: {target}", soft_wrap=True)
+    write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})
+
+
+def _difference(found: "Comparison", name: str) -> str:
+    if found.first is None:
+        return f"the same forces in all {len(found.other_n):,} steps"
+    at = found.first
+    return (
+        f"the forces differ first at step {at} ({1e3 * at * found.step_s:.6g} ms): recorded "
+        f"{found.recorded_n[at]:.9g} N, {name} {found.other_n[at]:.9g} N"
+    )
+
+
+def _setting(text: str) -> tuple[str, object]:
+    key, equals, value = text.partition("=")
+    if not equals:
+        fail(f"'{text}' is no setting; write table.key=value, e.g. controller.kappa=0.5", 2)
+    return key.strip(), toml_value(value)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command()(new)
+    app.command()(law_on)

@@ -1,0 +1,74 @@
+"""Commands that list what there is: scenes and their keys, the version."""
+
+from typing import Annotated
+
+import typer
+from rich.table import Column, Table
+
+from hertzloop import __version__
+from hertzloop.commands.terminal import fail, out, styled
+from hertzloop.scenes.scene import DEFAULT, load, shipped, shipped_text
+from hertzloop.scenes.sentences import shown
+
+
+def scenes(
+    name: Annotated[
+        str | None, typer.Argument(help="Print this one, as a file to start from.")
+    ] = None,
+) -> None:
+    """The scenes that come with hertzloop, and what each shows; or one of them as TOML."""
+    if name is not None:
+        if name not in shipped():
+            fail(f"there is no scene {shown(name)}; known are {', '.join(shipped())}", 2)
+        print(shipped_text(name), end="")
+        return
+    for one in shipped():
+        note = " (default)" if one == DEFAULT else ""
+        out.print(styled((one, "bold"), f"{note}\n    {load(one).shows}"), soft_wrap=True)
+
+
+def keys(
+    part: Annotated[str, typer.Argument(help="Only keys that contain this.")] = "",
+    law: Annotated[str | None, typer.Option(help="Only the keys of this law.")] = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="As a page.")] = False,
+) -> None:
+    """All keys of a scene: what they take, unit, default and meaning."""
+    from controller.door.law import LawError
+    from hertzloop.scenes import keys as all_keys
+
+    if markdown:
+        print(all_keys.page(), end="")
+        return
+    try:
+        found = all_keys.keys() if law is None else all_keys.keys_of(law)
+    except LawError as error:
+        fail(str(error), 2)
+    chosen = [key for key in found if part in key.name]
+    if part and not chosen:
+        fail(f"no key contains '{part}'; `hertzloop keys` lists all", 2)
+    table = Table(Column("key", no_wrap=True), "takes", "default", "means")
+    for key in chosen:
+        unit = f" ({key.unit})" if key.unit else ""
+        table.add_row(key.name, all_keys.value_of(key) + unit, key.default, key.meaning)
+    out.print(table)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        print(f"hertzloop {__version__}")
+        raise typer.Exit()
+
+
+def _main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which it is.")
+    ] = False,
+) -> None:
+    pass
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the command line."""
+    app.callback()(_main)
+    app.command()(scenes)
+    app.command()(keys)

@@ -1,0 +1,184 @@
+"""Options and checks that commands share."""
+
+import errno
+import json
+import math
+import os
+import tempfile
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from controller.door.registry import shipped as shipped_laws
+from hertzloop.commands.terminal import err, fail
+from hertzloop.scenes.scene import Scene, SceneError, load
+
+SceneArgument = Annotated[str, typer.Argument(help="A shipped scene's name, or a .toml file.")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", help="Change a scene key, e.g. sensors.bits=12.")
+]
+SeedOption = Annotated[
+    int | None, typer.Option(help="Seed of all randomness; the scene's if left out.")
+]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
+HorizonOption = Annotated[
+    int | None,
+    typer.Option(min=1, help="Most steps between two exchanges; as the law allows if left out."),
+]
+TimeoutOption = Annotated[
+    float, typer.Option(min=0.1, help="Longest wait for a message of another process, s.")
+]
+WaitOption = Annotated[
+    float, typer.Option(min=0.1, help="Longest wait for the other processes to appear, s.")
+]
+NameOption = Annotated[str, typer.Option(help="Name of the run on the bus.")]
+ListenOption = Annotated[list[str] | None, typer.Option(help="Endpoint to listen on.")]
+ConnectOption = Annotated[list[str] | None, typer.Option(help="Endpoint to connect to.")]
+ConfigOption = Annotated[
+    Path | None,
+    typer.Option(help="zenoh configuration (JSON5), e.g. for TLS and access control.", exists=True),
+]
+FastLaneOption = Annotated[
+    bool,
+    typer.Option(
+        "--fast-lane/--no-fast-lane",
+        help="Let plant and controller on one host talk through shared memory.",
+    ),
+]
+RealtimeOption = Annotated[
+    Literal["auto", "on", "off"],
+    typer.Option(help="Real-time scheduling: auto takes it where permitted and a core is left."),
+]
+PaceOption = Annotated[
+    float | None,
+    typer.Option(
+        min=1e-9,
+        max=1000.0,
+        help="Follow the wall clock at this rate of simulated over wall time, and wait for no "
+        "force; in lock-step if left out.",
+    ),
+]
+MachineOption = Annotated[bool, typer.Option("--machine", hidden=True)]
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")]
+
+
+TransportName = Literal["zenoh", "inprocess", "compiled"]
+
+
+def scene_from(source: str, settings: list[str] | None, seed: int | None) -> Scene:
+    """The scene a command works on; ends the command if it cannot be simulated."""
+    try:
+        scene = load(source, settings or (), seed)
+        from hertzloop import assembly as parts
+
+        parts.plant_spec(scene)
+        check_law(scene)
+        return scene
+    except SceneError as error:
+        fail(str(error), 2)
+
+
+def check_pace(scene: Scene, pace: float | None, timeout: float, **others: object) -> None:
+    """End the command for a pace that cannot be, or beside options (`others`) that need the
+    lock-step."""
+    if pace is None:
+        return
+    for name, given in others.items():
+        if given:
+            fail(f"--{name} needs the lock-step; with --pace the plant waits for no force", 2)
+    from hertzloop.loop.paced import check_pace as check
+
+    try:
+        check(scene, pace, timeout)
+    except SceneError as error:
+        fail(str(error), 2)
+
+
+def check_law(scene: Scene) -> None:
+    """Try a law that is not shipped for a moment, and say so if it is slow. Raises SceneError."""
+    if scene.controller.law in shipped_laws():
+        return
+    from hertzloop.loop.law_trial import try_law
+
+    note = try_law(scene)
+    if note:
+        err.print(note, soft_wrap=True, markup=False)
+
+
+def check_output(path: Path, overwrite: bool, option: str = "--out") -> None:
+    """End the command unless `path` can be written, and may be."""
+    if path.exists() and not path.is_file() and not overwrite:
+        fail(f"{path} is no file that could be written to", 2)
+    if path.is_file() and not overwrite:
+        fail(f"{path} exists; choose another name with {option}, or allow it with --overwrite", 2)
+    check_folder(path)
+
+
+def check_folder(path: Path | None) -> None:
+    """End the command unless a file to write, if there is one, can be."""
+    if path is None:
+        return
+    if path.is_dir():
+        fail(f"{path} is a folder; choose the name of a file", 2)
+    if not path.parent.is_dir():
+        fail(f"the folder {path.parent} does not exist", 2)
+    if not path.exists():
+        check_writable(path.parent)
+    elif not os.access(path, os.W_OK):
+        fail(f"cannot write {path}: {os.strerror(errno.EACCES)}", 2)
+
+
+def check_writable(folder: Path) -> None:
+    """End the command unless a file can be made in an existing folder."""
+    try:
+        # Tried, since permissions do not tell of read-only and special file systems.
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        fail(f"cannot write into the folder {folder}: {error.strerror}", 2)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder for results; end the command unless files can be written into it."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        fail(f"{folder} is no folder that could be made: {error.strerror}", 2)
+    check_writable(folder)
+
+
+def end_if_not_run(reasons: list[str], total: int) -> None:
+    """End a command of many cases with exit code 1 if some could not be run; `reasons`: of each."""
+    if not reasons:
+        return
+    counted = Counter(reasons).most_common()
+    for reason, times in counted[:3]:
+        err.print(f"{times} times: {reason}" if times > 1 else reason, soft_wrap=True)
+    if len(counted) > 3:
+        err.print(f"... and {len(counted) - 3} more reasons")
+    fail(f"{len(reasons)} of {total} cases could not be run", 1)
+
+
+def write_json(path: Path | None, data: dict[str, Any]) -> None:
+    """Write what --json asks for, if it does."""
+    if path is None:
+        return
+    try:
+        path.write_text(json.dumps(_strict(data), indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        fail(f"cannot write {path}: {error.strerror}", 1)
+
+
+def _strict(data: Any) -> Any:
+    """The same with null for numbers that JSON does not know."""
+    if isinstance(data, dict):
+        return {key: _strict(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_strict(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
+
+
+def announce_compilation() -> None:
+    """Say why the next half minute is silent."""
+    err.print("Compiling the kernels: once after every change of version, about half a minute.")

@@ -1,0 +1,98 @@
+"""What the commands of single processes share: faults in words, addresses, progress."""
+
+import json
+import re
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from hertzloop.commands.terminal import err, fail
+from hertzloop.loop.signals import INTERRUPTED, end_with_the_launcher, raise_when_ended
+
+if TYPE_CHECKING:
+    from hertzloop.loop.processes import BusAddress
+
+
+@contextmanager
+def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
+    """Frame of a process of a run: yields a function that reports to a launcher (`machine`).
+
+    Faults are reported too, or told to a person; then the command ends with exit code 1, or
+    130 if it was interrupted. A report says whether the fault is another role's (`others`),
+    and which roles were missing (`lost`).
+    """
+    from bus.port import BusError, EndedByOther, PeerLost
+    from bus.streams import StreamFault
+    from hertzloop.loop.processes import Interrupted
+    from recordings.writer import RecordingError
+
+    def tell(**what: object) -> None:
+        if machine:
+            with suppress(BrokenPipeError):  # the launcher is gone, and cannot be told
+                print(json.dumps(what), flush=True)
+
+    raise_when_ended()
+    if machine:
+        end_with_the_launcher()
+    try:
+        yield tell
+    except (BusError, StreamFault, RecordingError) as error:
+        lost = error.roles if isinstance(error, PeerLost) else ()
+        tell(fault=str(error), others=isinstance(error, PeerLost | EndedByOther), lost=list(lost))
+        if not machine:
+            fail(str(error), 1)
+        raise typer.Exit(1) from None
+    except (Interrupted, KeyboardInterrupt) as error:
+        sentence = str(error) or f"{role} was interrupted"
+        tell(fault=sentence)
+        if not machine:
+            err.print(sentence, markup=False)
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def bus_address(
+    role: str,
+    name: str,
+    listen: list[str] | None,
+    connect: list[str] | None,
+    config: Path | None,
+    timeout: float,
+    wait: float,
+) -> "BusAddress":
+    """Address from the options of a command, else from `config`, else on loopback.
+
+    Ends the command if an endpoint is none; raises BusError for a `config` that is none.
+    """
+    from bus.zenoh_config import names_endpoints
+    from hertzloop.loop.processes import BASE_PORT, BusAddress, default_endpoints
+
+    for endpoint in [*(listen or []), *(connect or [])]:
+        if not re.fullmatch(r"[a-z]+/\S+", endpoint):
+            fail(f"'{endpoint}' is no endpoint; write e.g. tcp/127.0.0.1:{BASE_PORT}", 2)
+    own, others = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
+    return BusAddress(
+        name,
+        listen or ([] if config and names_endpoints(config, "listen") else own),
+        connect or ([] if config and names_endpoints(config, "connect") else others),
+        config,
+        timeout,
+        wait,
+    )
+
+
+def progress_reporter(tell: Callable[..., None]) -> Callable[[int], None]:
+    """Report progress at most ten times a second."""
+
+    last = [0.0]
+
+    def report(step: int) -> None:
+        now = time.monotonic()
+        if now - last[0] > 0.1:
+            last[0] = now
+            tell(step=step)
+
+    return report

@@ -1,0 +1,215 @@
+"""Commands that look at recordings: inspect, compare, replay, recover."""
+
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hertzloop.commands.options import (
+    JsonOption,
+    OverwriteOption,
+    check_folder,
+    check_output,
+    write_json,
+)
+from hertzloop.commands.terminal import err, fail, out
+
+if TYPE_CHECKING:
+    from hertzloop.loop.repeating import Repeat
+    from hertzloop.scenes.scene import Scene
+    from recordings.reader import Recording
+
+
+def read_or_fail(path: Path) -> "Recording":
+    """A recording; ends the command if there is none."""
+    from recordings.reader import read
+    from recordings.writer import RecordingError
+
+    try:
+        return read(path)
+    except RecordingError as error:
+        fail(str(error), 2)
+
+
+def scene_to_run(recording: "Recording") -> "Scene":
+    """The scene of a recording; ends the command if it cannot be simulated here."""
+    from hertzloop.scenes.scene import SceneError, parse
+
+    try:
+        return parse(recording.scene_toml)
+    except SceneError as error:
+        fail(f"the scene of {recording.path} cannot be simulated here: {error}", 2)
+
+
+def repeat_or_fail(recording: "Recording", scene: "Scene") -> "Repeat":
+    """What is to be repeated of a recording of this scene; ends the command if that cannot be."""
+    from hertzloop.loop.repeating import repeat_of
+    from hertzloop.scenes.scene import to_toml
+    from recordings.writer import RecordingError
+
+    try:
+        if to_toml(scene) != recording.scene_toml:
+            fail(f"{recording.path} is a recording of another scene", 2)
+        return repeat_of(recording)
+    except RecordingError as error:
+        fail(str(error), 2)
+
+
+FileArgument = Annotated[Path, typer.Argument(help="A recording.", metavar="F.mcap")]
+
+
+def inspect(file: FileArgument, json_file: JsonOption = None) -> None:
+    """Streams, counts, gaps, scene and figures of a recording; exit 1 if something is missing."""
+    from hertzloop.results import inspection
+    from recordings.writer import RecordingError
+
+    check_folder(json_file)
+    recording = read_or_fail(file)
+    try:
+        data = inspection.summary(recording)
+    except RecordingError as error:
+        fail(str(error), 1)
+    inspection.show(out, recording, data)
+    write_json(json_file, data)
+    if data["problems"]:
+        raise typer.Exit(1)
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(metavar="A.mcap")],
+    b: Annotated[Path, typer.Argument(metavar="B.mcap")],
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            max=1.0,
+            help="Allowed difference as a share of a field's largest value; for runs on "
+            "different processors, 1e-9 say.",
+        ),
+    ] = 0.0,
+) -> None:
+    """Exit 0 if every compared stream of two recordings has the same bytes, else 1."""
+    from recordings.compare import first_difference
+    from recordings.writer import RecordingError
+
+    left, right = read_or_fail(a), read_or_fail(b)
+    for recording in (left, right):
+        for problem in recording.problems:
+            err.print(f"{recording.path}: {problem}", soft_wrap=True)
+    until = _horizon(left, tolerance) if tolerance else None
+    try:
+        difference = first_difference(left, right, tolerance, until)
+    except RecordingError as error:
+        fail(str(error), 1)
+    if difference:
+        out.print(difference, soft_wrap=True)
+        raise typer.Exit(1)
+    within = f" within {tolerance:g} of the largest" if tolerance else ""
+    if until is not None:
+        out.print(
+            f"Compared up to {until * left.truth.step_ns * 1e-6:.6g} ms: from there on the run "
+            f"depends on rounding by more than {tolerance:g}, so that processors may differ.",
+            soft_wrap=True,
+        )
+    out.print(
+        f"the same{within}: {left.truth.samples:,} steps of truth, {left.daq.samples:,} samples, "
+        f"{left.force.samples:,} forces, {len(left.events)} events"
+    )
+
+
+def _horizon(recording: "Recording", tolerance: float) -> int | None:
+    """Step up to which the recorded run can be the same on another processor, None for the end, or
+    where its scene cannot be simulated here."""
+    from hertzloop.results.predictability import horizon_step
+    from hertzloop.scenes.scene import SceneError, parse
+
+    try:
+        return horizon_step(parse(recording.scene_toml), tolerance)
+    except SceneError as error:
+        err.print(f"compared to the end, as the run cannot be repeated here: {error}",
+                  soft_wrap=True)  # fmt: skip
+        return None
+
+
+def replay(
+    file: FileArgument,
+    other: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Another run to lay it over; itself without control if left out.",
+            metavar="[B.mcap]",
+            show_default=False,
+        ),
+    ] = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Write an .rrd file for the Rerun viewer.", metavar="F.rrd")
+    ] = None,
+    screenshot: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write a picture of the first contact; no screen needed.", metavar="F.png"
+        ),
+    ] = None,
+    alone: Annotated[bool, typer.Option("--alone", help="Without a run to compare with.")] = False,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Watch a recording in slow motion over the same run without control, or over another: plate,
+    forces, energies, events. Opens a window by default."""
+    for option, output in (("--save", save), ("--screenshot", screenshot)):
+        if output is not None:
+            check_output(output, overwrite, option)
+    if alone and other is not None:
+        fail(f"--alone leaves nothing to compare with, but {other} is named", 2)
+    recording = read_or_fail(file)
+    compared = read_or_fail(other) if other else None
+
+    # Here and not above: Rerun takes a second to load, and only a replay needs it.
+    from hertzloop.commands import replaying
+    from recordings.writer import RecordingError
+
+    if save is None and screenshot is None and not replaying.has_display():
+        fail(
+            "there is no screen to open a window on; write a picture with --screenshot F.png, "
+            "or a file for the Rerun viewer elsewhere with --save F.rrd",
+            2,
+        )
+    for one in (recording, compared) if compared else (recording,):
+        for problem in one.problems:
+            err.print(f"{one.path}: {problem}", soft_wrap=True)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        replaying.replay(recording, save, screenshot, compared, alone)
+    except KeyboardInterrupt:
+        raise typer.Exit(130) from None
+    except RecordingError as error:
+        fail(str(error), 1)
+    for output in (save, screenshot):
+        if output is not None:
+            out.print(f"written: {output}", soft_wrap=True)
+
+
+def recover(
+    file: FileArgument,
+    out_file: Annotated[
+        Path | None, typer.Option("--out", help="New file; F-recovered.mcap if left out.")
+    ] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Make a whole file of a recording that was cut off, so that any MCAP tool opens it."""
+    from recordings.recovery import recover as recover_file
+    from recordings.writer import RecordingError
+
+    whole = out_file or file.with_name(f"{file.stem}-recovered.mcap")
+    check_output(whole, overwrite)
+    try:
+        messages = recover_file(file, whole, overwrite)
+    except RecordingError as error:
+        fail(str(error), 2)
+    out.print(f"recovered {messages:,} messages into {whole}", soft_wrap=True)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    for command in (inspect, compare, replay, recover):
+        app.command()(command)

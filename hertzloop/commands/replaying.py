@@ -1,0 +1,186 @@
+"""Replay of a recording: a file for the Rerun viewer, a picture, or a window."""
+
+import dataclasses
+import tempfile
+from pathlib import Path
+
+from bus.streams import LAST_NS
+from hertzloop.loop.compiled import uncontrolled_rows
+from hertzloop.results import what_ran
+from hertzloop.results.deflection import deflection
+from hertzloop.results.figures import blocks_of
+from hertzloop.results.overlay import Overlay, overlay
+from hertzloop.results.stability import StabilityMeter
+from hertzloop.scenes.scene import Scene, SceneError, parse
+from recordings.reader import Recording
+from recordings.replay import as_rerun as rerun_replay
+from recordings.replay import viewer
+from recordings.replay.as_rerun import Told
+from recordings.replay.data import SIGNALS, Curve, Plot, Twin, contact_spans
+from recordings.replay.screenshot import screenshot
+from recordings.replay.spectrum import spectrum
+from recordings.writer import RecordingError
+
+has_display = viewer.has_display
+_OF_TWIN = ("xi", "F_c", "F_a", "v_p", "plate")
+_ENERGIES = {
+    "sphere": "sphere", "plate": "plate", "contact": "contact", "fed": "fed in by actuator",
+}  # fmt: skip
+_PREFIXES = ((1.0, "J"), (1e-3, "mJ"), (1e-6, "µJ"), (1e-9, "nJ"))
+
+
+def replay(
+    recording: Recording,
+    save: Path | None,
+    picture: Path | None,
+    other: Recording | None = None,
+    alone: bool = False,
+) -> None:
+    """Write `save` (.rrd) and `picture` (.png); with neither, open a window and wait for it.
+
+    The run is laid over `other`, or over itself without control unless it is to be `alone`.
+    Raises RecordingError if there is nothing to replay, the scene inside cannot be read, a
+    file cannot be written or the viewer fails.
+    """
+    shown = prepare(recording, other, alone)
+    if save is not None:
+        rerun_replay.save(shown, save)
+    if save is not None and picture is None:
+        return
+    with tempfile.TemporaryDirectory(prefix="hertzloop-") as folder:
+        rrd = Path(folder) / f"{recording.path.stem}.rrd"
+        rerun_replay.save(shown, rrd, still=picture is not None)
+        if picture is None:
+            viewer.show(rrd, shown.when.selection_ns[0])
+        else:
+            screenshot(rrd, picture, shown.when.still_ns)
+
+
+def prepare(
+    recording: Recording, other: Recording | None = None, alone: bool = False
+) -> rerun_replay.Shown:
+    """All that a replay shows. Raises RecordingError."""
+    # Deflections follow from all forces before them: where some are missing, the replay ends.
+    recording = dataclasses.replace(recording, truth=recording.truth.before_a_hole())
+    rerun_replay.check_replayable(recording)
+    scene = scene_of(recording)
+    plate = deflection(scene, recording)
+    twin: tuple[Twin, Overlay, float] | None = None
+    lines: list[str] = []
+    if other is not None:
+        theirs, found, lines = _beside(recording, scene, other)
+        twin = theirs, found, other.truth.step_ns * 1e-9
+    elif not alone and scene.controller.law != "off":
+        try:
+            twin = *without_control(recording, scene), scene.step_s
+            lines = ["Faint: the same without control."]
+        except SceneError as error:
+            lines = [f"The run without control cannot be simulated: {error}"]
+    return rerun_replay.prepare(recording, plate, _told(recording, scene, twin, lines))
+
+
+def scene_of(recording: Recording) -> Scene:
+    """The recorded scene. Raises RecordingError."""
+    try:
+        return parse(recording.scene_toml, recorded=True)
+    except SceneError as error:
+        raise RecordingError(f"the scene in {recording.path} cannot be read: {error}") from error
+
+
+def without_control(recording: Recording, scene: Scene) -> tuple[Twin, Overlay]:
+    """The run without control, simulated here and now. Raises SceneError."""
+    free = scene.without_control()
+    found = overlay(free, uncontrolled_rows(free), _OF_TWIN, free.steps)
+    twin, _ = _twin(recording, free, found, "", "no control")
+    return twin, found
+
+
+def _beside(
+    recording: Recording, scene: Scene, other: Recording
+) -> tuple[Twin, Overlay, list[str]]:
+    other = dataclasses.replace(other, truth=other.truth.before_a_hole())
+    rerun_replay.check_replayable(other)
+    theirs = scene_of(other)
+    found = overlay(theirs, blocks_of(other), _OF_TWIN, other.truth.samples)
+    twin, shift_ns = _twin(recording, theirs, found, "A", "B")
+    lines = [
+        f"A: {recording.path.name}. B, faint: {other.path.name}",
+        *what_ran.compared(scene, theirs),
+    ]
+    if shift_ns:
+        lines.append(f"B is moved by {shift_ns * 1e-6:+.3f} ms: first contacts begin together.")
+    return twin, found, lines
+
+
+def _twin(
+    recording: Recording, scene: Scene, found: Overlay, own: str, name: str
+) -> tuple[Twin, int]:
+    """Curves of another run, and by how much they are moved for first contacts to begin together,
+    ns; 0 where one of the runs has none."""
+    truth, shift_ns = recording.truth, 0
+    spans = contact_spans(truth.arrays["xi_m"])
+    if spans and found.touched is not None:
+        begins_ns = int(truth.step_at(spans[0][0])) * truth.step_ns
+        shift_ns = begins_ns - found.touched * scene.run.step_ns
+    curves: dict[str, list[Curve]] = {}
+    for plot, signal, _, factor, held in SIGNALS:
+        steps, values = found.lines[signal]
+        if signal == "F_a" and not values.any():
+            continue
+        times = steps * scene.run.step_ns + shift_ns
+        label = f"{signal} {name}"
+        curves.setdefault(plot, []).append(
+            Curve(f"{signal}_twin", times, factor * values, held, label, True)
+        )
+    steps, values = found.lines["plate"]
+    times = steps * scene.run.step_ns + shift_ns
+    curves["energy"] = [Curve("plate_twin", times, values, label=f"plate {name}", faint=True)]
+    return Twin(curves, own, name), shift_ns
+
+
+def _told(
+    recording: Recording,
+    scene: Scene,
+    twin: tuple[Twin, Overlay, float] | None,
+    lines: list[str],
+) -> Told:
+    """`twin` with its curves and the length of its steps, s."""
+    meter = StabilityMeter(scene)
+    blocks = meter.through(blocks_of(recording))
+    own = overlay(scene, blocks, _ENERGIES, recording.truth.samples)
+    described = what_ran.description(scene, recording)
+    told = [*described[:2], *lines, *described[2:]]
+    since_s, until_ns = meter.result().since_s, LAST_NS
+    if since_s is not None:
+        until_ns = round(since_s * 1e9)
+        told.insert(0, f"**Unstable** from {1e3 * since_s:.3f} ms on")
+    name = twin[0].own if twin and twin[0].own else "run"
+    spectra = [spectrum(name, own.speed_m_s, scene.step_s)]
+    if twin is not None:
+        spectra.append(spectrum(twin[0].name, twin[1].speed_m_s, twin[2]))
+    return Told(
+        heading=recording.metadata.get("scene", recording.path.stem),
+        lines=told,
+        more_plots=[_energies(scene, own, twin[0] if twin else None, until_ns < LAST_NS)],
+        spectra=[one for one in spectra if one is not None],
+        twin=twin[0] if twin else None,
+        actuator_m=None if scene.controller.law == "off" else scene.plate.points_m[1],
+        until_ns=until_ns,
+    )
+
+
+def _energies(scene: Scene, own: Overlay, twin: Twin | None, explodes: bool) -> Plot:
+    """The ledger as a plot in a unit with readable numbers."""
+    factor, unit = next((f for f in _PREFIXES if own.start_j >= f[0]), _PREFIXES[-1])
+    curves = [
+        dataclasses.replace(curve, values=curve.values / factor)
+        for curve in (twin.curves["energy"] if twin else [])
+    ]
+    for name, label in _ENERGIES.items():
+        steps, values = own.lines[name]
+        # Where the published scheme ends a contact, its sphere jumps.
+        known = scene.run.scheme != "thesis2008" or name in ("plate", "fed")
+        if known and (name != "fed" or values.any()):
+            curves.append(Curve(name, steps * scene.run.step_ns, values / factor, label=label))
+    most = 3.0 * own.start_j / factor if explodes else None
+    return Plot("energy", f"Energies ({unit})", tuple(curves), most)

@@ -1,0 +1,323 @@
+"""Commands that run a study; each loads what it needs when it is called."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+from rich.table import Table
+
+from hertzloop.commands.options import (
+    JsonOption,
+    SceneArgument,
+    SetOption,
+    announce_compilation,
+    check_folder,
+    check_law,
+    scene_from,
+    write_json,
+)
+from hertzloop.commands.plate_models import plate_models
+from hertzloop.commands.real import real
+from hertzloop.commands.response import response
+from hertzloop.commands.study_frame import numbers, results_in
+from hertzloop.commands.terminal import err, fail, out, progress
+from hertzloop.commands.validity import validity_map
+from hertzloop.scenes.scene import DEFAULT, SceneError, load
+
+SchemeName = Literal["thesis2008", "modal"]
+
+
+def tables(
+    rows_file: Annotated[Path, typer.Argument(metavar="ROWS.csv", help="Rows to compute.")],
+    out_file: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Table to write; to the screen if left out.")
+    ] = None,
+    scheme: Annotated[SchemeName, typer.Option(help="How the plant is computed.")] = "thesis2008",
+    maidanik: Annotated[
+        bool, typer.Option("--maidanik", help="Erad by eq. 3.13, not by the study's 3.12.")
+    ] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Compute every row of a published table again, beside what was published."""
+    from hertzloop.commands.warmup import ensure_compiled
+    from studies.published import tables as study
+
+    for path in (out_file, json_file):
+        check_folder(path)
+    if out_file is not None and out_file.resolve() == rows_file.resolve():
+        fail(f"{out_file} is the table to read; write to another file", 2)
+    try:
+        header, rows = study.read_rows(rows_file)
+        ensure_compiled(announce_compilation, scheme)
+        with progress(rows_file.name, len(rows)) as advance:
+            new_header, new_rows, endless = study.compute_table(
+                header, rows, scheme, advance, study.WITH_MAIDANIK if maidanik else study.FIGURES
+            )
+    except study.RowError as error:
+        fail(str(error), 2)
+    try:
+        study.write_table(out_file, new_header, new_rows)
+    except OSError as error:
+        fail(f"cannot write {out_file}: {error.strerror}", 1)
+    console = out if out_file else err
+    agreements, shares = study.agreement(new_rows), study.shares(new_rows)
+    if agreements:
+        console.print(_agreement_table(scheme, [vars(a) for a in agreements], study.UNITS))
+    for what, share in shares.items():
+        console.print(f"{what}: {100.0 * share:.0f} % of the rows")
+    if endless:
+        console.print(f"{endless} of {len(new_rows)} contacts do not end; their cells are empty")
+    if out_file:
+        console.print(f"{len(new_rows)} rows written: {out_file}", soft_wrap=True)
+    data = {"agreement": [vars(a) for a in agreements], "shares": shares, "endless": endless}
+    write_json(json_file, {"rows": len(new_rows), "scheme": scheme, **data})
+
+
+def _agreement_table(scheme: str, agreements: list[dict[str, Any]], units: dict[str, str]) -> Table:
+    table = Table(title=f"{scheme} against the published rows", title_justify="left")
+    for heading in ("figure", "rows", "median off by", "worst", "in row"):
+        table.add_column(heading, justify="left" if heading == "figure" else "right")
+    for a in agreements:
+        unit = units.get(a["column"], "dB")
+        table.add_row(
+            a["column"], str(a["rows"]), f"{a['median']:.3f} {unit}", f"{a['worst']:.3f} {unit}",
+            str(a["worst_row"]),
+        )  # fmt: skip
+    return table
+
+
+def calibrate(
+    scene: SceneArgument = "thesis-aluminium",
+    restitution: Annotated[
+        float | None,
+        typer.Option(help="Target, relative velocity after over before; the plate material's."),
+    ] = None,
+    relaxation_s: Annotated[
+        float, typer.Option(min=1e-7, help="Time constant tau of the relaxation, s.")
+    ] = 1e-3,
+    settings: SetOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Damping parameters of the published scheme for a coefficient of restitution."""
+    from hertzloop import assembly as parts
+    from plant.figures import calibration
+
+    resolved = scene_from(scene, settings, None)
+    check_folder(json_file)
+    target = restitution or resolved.material("plate").restitution
+    spec = parts.plant_spec(resolved)
+    data = {"restitution": target, "relaxation_s": relaxation_s}
+    try:
+        data["viscous_n_s_m"] = calibration.calibrate_viscous(spec, target)
+        data["relaxation_stiffness"] = calibration.calibrate_relaxation(spec, target, relaxation_s)
+    except ValueError as error:
+        fail(str(error), 2)
+    for key, value in data.items():
+        out.print(f"{key} = {value:.8g}")
+    write_json(json_file, data)
+
+
+def weaknesses(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for chart and numbers.")],
+) -> None:
+    """Where the published numerics fail, beside the consistent scheme: chart and numbers."""
+    from studies.published import weaknesses as study
+
+    with results_in(folder, "modal", "thesis2008"):
+        found = study.run(folder)
+    for table in found:
+        out.print(table)
+    out.print(f"written: {folder}", soft_wrap=True)
+
+
+def figures(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for the pictures.")],
+) -> None:
+    """The study's figures redrawn from our own runs, published and consistent scheme."""
+    from studies.published import figures as study
+
+    with results_in(folder, "modal", "thesis2008"):
+        found = study.draw(folder)
+    for path in found:
+        out.print(f"written: {path}", soft_wrap=True)
+
+
+def published(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for the pictures.")],
+) -> None:
+    """The study's other figures redrawn: single and all-round optima, damping, spectra, forces."""
+    from studies.published import gallery
+
+    with (
+        results_in(folder, "modal", "thesis2008"),
+        progress("published", gallery.COUNT) as advance,
+    ):
+        found = gallery.draw(folder, advance)
+    for path in found:
+        out.print(f"written: {path}", soft_wrap=True)
+
+
+def speed_accuracy(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for chart and numbers.")],
+    quick: Annotated[bool, typer.Option("--quick", help="Two scenes, fewer rounds.")] = False,
+) -> None:
+    """Error against CPU time of every scheme, on the same equations, in one run."""
+    from studies.speed_accuracy import study as study
+
+    with results_in(folder, "modal"):
+        points = study.run(folder, quick)
+    for title, rows in study.ratios(points).items():
+        headings = ("scene", "error", "modal (s/ms)", "competitor (s/ms)", "times faster")
+        out.print(numbers(title, headings, rows))
+    out.print(f"written: {folder}/speed_accuracy.csv and .png", soft_wrap=True)
+
+
+def model_order(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for chart and numbers.")],
+    scenes: Annotated[int, typer.Option(min=1, help="Number of random scenes.")] = 40,
+    seed: Annotated[int, typer.Option(help="Seed of the scenes.")] = 1,
+) -> None:
+    """Whether the automatic choice of modes meets its accuracy on random scenes, and its cost; the
+    same of whole scenes with losses in the contact, without and with a law."""
+    from hertzloop.commands.warmup import SPRING_TAIL
+    from studies.model_order import closed_loop
+    from studies.model_order import study as study
+
+    with results_in(folder, "modal", SPRING_TAIL):
+        found = study.run(folder, scenes, seed)
+        whole = closed_loop.run(folder, scenes, seed)
+    headings = ("asked", "scenes", "beyond the step", "met", "worst error/asked",
+                "cost/cheapest, median", "largest")  # fmt: skip
+    out.print(numbers("Automatic choice of modes", headings, study.summary(found)))
+    for outcome in found:
+        if outcome.error > outcome.request and not outcome.capped:
+            out.print(f"missed: {outcome}", soft_wrap=True)
+    title = "Damper 0.3 to 0.9, or yield: within what was asked, loop closed"
+    out.print(numbers(title, closed_loop.HEADINGS, closed_loop.summary(whole)))
+    for missed in closed_loop.missed(whole):
+        out.print(missed, soft_wrap=True)
+    out.print(
+        f"written: {folder}/model_order.csv and .png, model_order_closed_loop.csv", soft_wrap=True
+    )
+
+
+def infinite_plate(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for the numbers.")],
+    scenes: Annotated[int, typer.Option(min=1, help="Number of random scenes.")] = 80,
+    seed: Annotated[int, typer.Option(help="Seed of the scenes.")] = 1,
+) -> None:
+    """Whether an infinite plate meets its accuracy on random scenes as long as it is offered."""
+    from studies.model_order import infinite_plate as study
+
+    with results_in(folder, "modal"):
+        found = study.run(folder, scenes, seed)
+    headings = ("asked", "scenes", "offered", "gap", "rebound", "energy", "energy, no control")
+    title = "Infinite plate, errors over what was asked"
+    out.print(numbers(title, headings, study.summary(found)))
+    out.print(f"written: {folder}/infinite_plate.csv", soft_wrap=True)
+
+
+def stability(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for charts and numbers.")],
+) -> None:
+    """Where each scheme and the closed loop blow up or lose their energy balance."""
+    from studies.stability import study as study
+
+    with results_in(folder, "modal"):
+        found = study.run(folder)
+    for what, value in found.items():
+        out.print(f"{what} {value}", soft_wrap=True)
+    out.print(
+        f"written: {folder}/stability.png, stability-energy.png and stability-*.csv", soft_wrap=True
+    )
+
+
+def latency(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for charts and numbers.")],
+    quick: Annotated[bool, typer.Option("--quick", help="One scene's maps, coarser.")] = False,
+    laws: Annotated[
+        list[str] | None,
+        typer.Option("--law", help="A law of your own, beside the shipped ones; several times."),
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Maps of every figure over latency, bits, sampling, gain; what latency each law survives."""
+    from studies.latency import study as study
+    from studies.sweeps.evaluate import SweepFailed
+
+    check_folder(json_file)
+    try:
+        for law in laws or []:
+            check_law(load(DEFAULT, [f"controller.law={law}"]))
+    except SceneError as error:
+        fail(str(error), 2)
+    try:
+        with results_in(folder, "modal"), progress("latency", 100) as advance:
+            found = study.run(
+                folder, quick, lambda done, of: advance(round(100 * done / of)), tuple(laws or ())
+            )
+    except SweepFailed as error:
+        fail(str(error), 1)
+    for scene in dict.fromkeys(c.scene for c in found):
+        out.print(_survival_table(scene, [c for c in found if c.scene == scene]))
+    best = list(study.best_laws(found))
+    for name, law, survives, buys in best:
+        out.print(f"{name}: {law} survives {survives:.0f} us, {buys:.0f} us more than two points")
+    out.print(f"written: {folder}/latency-*.png and .csv", soft_wrap=True)
+    keys = ("scene", "law", "survives_us", "more_than_two_points_us")
+    data = {"critical": [vars(c) for c in found],
+            "best": [dict(zip(keys, row, strict=True)) for row in best]}  # fmt: skip
+    write_json(json_file, data)
+
+
+def _range(least: float, most: float, digits: str) -> str:
+    """Least to most, in words where they are no numbers."""
+
+    def one(x: float) -> str:
+        return "never" if math.isnan(x) else "all" if math.isinf(x) else f"{x:{digits}}"
+
+    return one(least) if one(least) == one(most) else f"{one(least)} to {one(most)}"
+
+
+def _survival_table(scene: str, found: list[Any]) -> Table:
+    """What each law survives in a scene; see `studies.latency.study.Critical`."""
+    table = Table(title=f"{scene}: what each law survives", title_justify="left")
+    headings = ("law", "kappa", "dB", "over phases", "rebound", "latency (us)", "over phases",
+                "bits", "to 0.5 dB")  # fmt: skip
+    for heading in headings:
+        law = heading == "law"
+        table.add_column(heading, justify="left" if law else "right", no_wrap=law)
+
+    def shown(x: float) -> str:
+        return "none" if math.isnan(x) else f"{x:.0f}"
+
+    for c in found:
+        more = "> " if c.critical_latency_us == math.inf else ""
+        latency_us = shown(min(c.critical_latency_us, c.most_latency_us))
+        table.add_row(
+            c.law, f"{c.kappa:g}", "unstable" if c.ideal_db == math.inf else f"{c.ideal_db:.2f}",
+            _range(c.least_db, c.most_db, ".2f"),
+            "" if math.isnan(c.ideal_rebound_percent) else f"{c.ideal_rebound_percent:.0f} %",
+            more + latency_us, _range(c.least_latency_us, c.most_survived_us, ".0f"),
+            shown(c.critical_bits), shown(c.settled_bits),
+        )  # fmt: skip
+    return table
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    chart = typer.Typer(help="Charts that measure on this machine.", no_args_is_help=True)
+    chart.command("speed-accuracy")(speed_accuracy)
+    chart.command("model-order")(model_order)
+    chart.command("infinite-plate")(infinite_plate)
+    chart.command("plate-models")(plate_models)
+    chart.command("stability")(stability)
+    chart.command("latency")(latency)
+    chart.command("real")(real)
+    chart.command("response")(response)
+    chart.command("published")(published)
+    chart.command("validity")(validity_map)
+    app.add_typer(chart, name="chart")
+    for command in (tables, figures, weaknesses, calibrate):
+        app.command()(command)

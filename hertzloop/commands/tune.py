@@ -1,0 +1,249 @@
+"""The command `tune`."""
+
+import math
+import re
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+from rich.table import Table
+
+from hertzloop.commands.options import (
+    JsonOption,
+    SeedOption,
+    SetOption,
+    announce_compilation,
+    check_folder,
+    check_law,
+    end_if_not_run,
+    make_folder,
+    scene_from,
+    write_json,
+)
+from hertzloop.commands.terminal import fail, out, progress
+from hertzloop.extras import need
+from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, SceneError, vary
+
+if TYPE_CHECKING:
+    from studies.tuning.tune import Found
+
+_MOST_ROWS = 15
+_PARTS = ("mean", "least", "most")  # of a spread over touch phases
+
+
+def tune(
+    scenes: Annotated[
+        list[str] | None, typer.Argument(help="Scenes or .toml files; the worst of them counts.")
+    ] = None,
+    minimise: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Figure to lower; several for a Pareto front. Default: plate_energy_db "
+            "and rebound_percent."
+        ),
+    ] = None,
+    laws: Annotated[
+        list[str] | None,
+        typer.Option("--law", help="Law to tune, several times, or all; the scene's if left out."),
+    ] = None,
+    ranges: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--vary",
+            help="Scene key and its range, key=low:high or key=a,b,c; what the "
+            "law has if left out.",
+        ),
+    ] = None,
+    over: Annotated[
+        list[str] | None,
+        typer.Option(help="Key and values to be robust over, e.g. sphere.radius_m=0.002,0.004."),
+    ] = None,
+    at_most: Annotated[
+        list[str] | None, typer.Option(help="Limit of a figure, e.g. rebound_percent=120.")
+    ] = None,
+    span: Annotated[
+        Literal["impact", "run"],
+        typer.Option(help="Figures of the first impact, or of all contacts of the run."),
+    ] = "impact",
+    generations: Annotated[int, typer.Option(min=1, help="Generations of the search.")] = 25,
+    population: Annotated[int, typer.Option(min=4, help="Settings in a generation.")] = 40,
+    phases: Annotated[
+        int, typer.Option(min=1, max=100, help="Search by the mean over so many touch phases.")
+    ] = 1,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for chart and settings as CSV.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Find the law and parameters that do best under a scene's latency, bits and force limit."""
+    need("matplotlib", "pymoo")
+    from hertzloop.commands.warmup import ensure_compiled
+    from studies.latency.study import LAWS
+    from studies.sweeps.design import DesignError, parse_axis
+    from studies.sweeps.evaluate import SweepFailed, Tally, local_pool
+    from studies.tuning import tune as study
+
+    check_folder(json_file)
+    names = scenes or [DEFAULT]
+    bases = [scene_from(name, settings, seed) for name in names]
+    if any(base.run.scheme == "thesis2008" for base in bases):
+        fail(NO_CASE_OF_THESIS, 2)
+    objectives = tuple(minimise or ("plate_energy_db", "rebound_percent"))
+    limits = _limits(at_most or [])
+    for figure in (*objectives, *limits):
+        if figure not in study.OBJECTIVES:
+            fail(f"'{figure}' is no figure to tune for; known: {', '.join(study.OBJECTIVES)}", 2)
+    chosen = list(LAWS) if laws == ["all"] else laws or [bases[0].controller.law]
+    try:
+        given = tuple(parse_axis(text) for text in ranges or [])
+        around = _cases_of(over or [])
+        tried = [vary(base, case) for base in bases for case in around]
+        for law in chosen:
+            for scene in tried:
+                check_law(vary(scene, {"controller.law": law}))
+                for axis in given:
+                    for value in axis.values or (axis.low, axis.high):
+                        vary(scene, {"controller.law": law, axis.key: value})
+    except (DesignError, SceneError) as error:
+        fail(str(error), 2)
+    if folder is not None:
+        make_folder(folder)
+    ensure_compiled(announce_compilation)
+    found: list[Found] = []
+    tally = Tally()
+    try:
+        with local_pool() as cores, progress("tuning", generations * len(chosen)) as advance:
+            pool = tally.of(cores)
+            reference = study.published(pool, tried, span, objectives, phases)
+            for i, law in enumerate(chosen):
+                axes = given or study.ranges_of(law, _impact_speed(tried))
+                found += study.tune(
+                    pool, tried, span, law, axes, objectives, at_most=limits,
+                    generations=generations, population=population, phases=phases,
+                    seed=1 if seed is None else seed,
+                    on_progress=lambda n, done=i * generations: advance(done + n),  # type: ignore[misc]
+                )  # fmt: skip
+            best = study.front(found, objectives)
+            reference, *best = study.with_spreads(
+                cores, tried, span, [reference, *best], objectives
+            )
+    except (SweepFailed, SceneError) as error:
+        fail(str(error), 1)
+    not_run = [row["status"] for row in tally.not_run]
+    if not best:
+        end_if_not_run(not_run, tally.cases)
+        fail(
+            "no setting of these laws has all figures and keeps to --at-most; a loop may be "
+            "unstable, and without control the sphere may not rebound within the span (try "
+            "--span run)",
+            1,
+        )
+    out.print(_table(best, reference, objectives))
+    verdict = _verdict(best, reference, objectives)
+    for line in verdict:
+        out.print(line, soft_wrap=True)
+    if folder is not None:
+        try:
+            _write(folder, [base.name for base in bases], best, reference, objectives)
+        except OSError as error:
+            fail(f"cannot write into {folder}: {error.strerror}", 1)
+    write_json(
+        json_file,
+        {"front": [asdict(f) for f in best], "published": asdict(reference), "verdict": verdict,
+         "cases": tally.cases, "failed": len(not_run)},
+    )  # fmt: skip
+    end_if_not_run(not_run, tally.cases)
+
+
+def _write(
+    folder: Path, names: list[str], best: "list[Found]", reference: "Found",
+    objectives: tuple[str, ...],
+) -> None:  # fmt: skip
+    """Settings as CSV, and the chart."""
+    from studies.tabular import write_rows
+    from studies.tuning.pictures import draw_front
+
+    name = "tune-" + "-".join(names)
+    keys = sorted({key for f in best for key in f.values})
+    write_rows(
+        folder / f"{name}.csv",
+        [*objectives, *(f"{o}_{part}" for o in objectives for part in _PARTS), *keys],
+        (
+            [*f.figures.values(), *(getattr(f.spreads[o], part) for o in objectives
+             for part in _PARTS), *(f.values.get(key, "") for key in keys)]
+            for f in best
+        ),
+    )  # fmt: skip
+    draw_front(folder / f"{name}.png", ", ".join(names), best, reference, objectives)
+    out.print(f"written: {folder}/{name}.csv and .png", soft_wrap=True)
+
+
+def _cases_of(over: list[str]) -> list[dict[str, Any]]:
+    """All combinations of the values to be robust over. Raises DesignError."""
+    from studies.sweeps.design import Design, DesignError, parse_axis
+
+    axes = tuple(parse_axis(text) for text in over)
+    for axis in axes:
+        if not axis.values:
+            raise DesignError(
+                f"--over {axis.key}={axis.low:g}:{axis.high:g} has no step; write "
+                f"{axis.key}=low:high:step or {axis.key}=a,b,c"
+            )
+    return Design(axes).cases()
+
+
+def _limits(texts: list[str]) -> dict[str, float]:
+    found = {}
+    for text in texts:
+        match = re.fullmatch(r"\s*(\w+)\s*=\s*(\S+)\s*", text)
+        with suppress(ValueError):
+            if match and math.isfinite(float(match[2])):
+                found[match[1]] = float(match[2])
+                continue
+        fail(f"--at-most '{text}' is no limit; write figure=number, e.g. rebound_percent=120", 2)
+    return found
+
+
+def _impact_speed(scenes: list[Any]) -> float:
+    from hertzloop import assembly as parts
+
+    return max(parts.plant_spec(scene).sphere.impact_speed_m_s for scene in scenes)
+
+
+def _words(values: dict[str, Any]) -> str:
+    rest = [f"{key.split('.')[-1]} {value:.4g}" for key, value in values.items()
+            if isinstance(value, int | float)]  # fmt: skip
+    return f"{values['controller.law']}: {', '.join(rest)}"
+
+
+def _table(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> Table:
+    table = Table(title=f"{len(best)} settings that no other beats", title_justify="left")
+    for heading in objectives:
+        table.add_column(heading, justify="right")
+    table.add_column(f"{objectives[0]} over touch phases", justify="right")
+    table.add_column("law and parameters")
+    step = max(1, -(-len(best) // _MOST_ROWS))
+    for f in [*best[::step], reference]:
+        note = " (published)" if f is reference else ""
+        spread = str(f.spreads[objectives[0]])
+        table.add_row(*(f"{v:.3f}" for v in f.figures.values()), spread, _words(f.values) + note)
+    return table
+
+
+def _verdict(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> list[str]:
+    """How the settings found compare with the published one."""
+    from studies.tuning.tune import better_than
+
+    first, rest = objectives[0], objectives[1:]
+    keep = rest[0] if rest else first
+    winner = better_than(reference, best, first, keep)
+    if winner is None:
+        return [f"none beats the published setting in {first} without raising {keep}"]
+    gained = reference.figures[first] - winner.figures[first]
+    also = f" at {keep} {winner.figures[keep]:.3f} against {reference.figures[keep]:.3f}"
+    return [f"{_words(winner.values)} beats the published setting in {first} by {gained:.3f}"
+            + (also if rest else "")]  # fmt: skip

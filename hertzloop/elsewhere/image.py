@@ -1,0 +1,150 @@
+"""What an exported plant carries with it: its model's arrays, the state at the start, constants.
+
+`image.bin` holds the words that the kernels are put together from, relocations (index of the word,
+which memory, offset), the state and the model; `image.h` says where.
+"""
+
+import hashlib
+import json
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hertzloop import assembly as parts
+from hertzloop.elsewhere.kernels import ENERGIES, Unit, is_known
+from hertzloop.elsewhere.objects import needed
+from hertzloop.loop import kernels as loop
+from hertzloop.loop.plant_node import empty_window
+from hertzloop.quantities import SENSED
+from hertzloop.results.impact_windows import F_A, F_C
+from hertzloop.scenes.scene import Scene, SceneError
+from jit.words import leaves
+from plant.schemes import state_kernels as pk
+from sensors.acquisition import NOISE_STREAM
+
+_MODEL, _STATE, _NOISE = range(3)
+_LINE, _WORD = 64, 8
+
+
+@dataclass(frozen=True)
+class Image:
+    """A plant to export: its scene and kernels' unit, the binary image, the constants by name."""
+
+    scene: Scene
+    unit: Unit
+    data: bytes
+    constants: dict[str, Any]
+
+    def header(self, cpu: str) -> str:
+        """The text of image.h for code of a processor."""
+        looks = " ".join(f"LOOK({json.dumps(name)})" for name in needed(cpu))
+        lines = [f"#define IMAGE_{name} {_in_c(value)}" for name, value in self.constants.items()]
+        return "\n".join(
+            ["/* Generated. */", *lines, f"#define IMAGE_PROCESSOR {_in_c(cpu)}",
+             f"#define IMAGE_NEEDS(LOOK) {looks}", ""]
+        )  # fmt: skip
+
+
+def image(scene: Scene) -> Image:
+    """The image of a scene's plant and sensor. Raises SceneError for a scheme that cannot go."""
+    plant, sensor = parts.plant(scene), parts.sensor(scene)
+    if not is_known(plant.model):
+        raise SceneError(
+            f"run.scheme = {scene.run.scheme!r} cannot be exported; take 'modal' or "
+            "'discrete_gradient'"
+        )
+    unit = Unit(
+        plant.model, plant.state, sensor.model, sensor.state, empty_window(1, 1), np.zeros(2),
+        np.zeros(ENERGIES), float(scene.run.lead_in_s),
+    )  # fmt: skip
+    memory = _Memory()
+    memory.take(_MODEL, unit.plant)
+    memory.take(_STATE, unit.plant_state)
+    memory.take(_MODEL, unit.sensor, noise=unit.sensor.noise)
+    for part in unit[unit._fields.index("sensor_state") :]:
+        memory.take(_STATE, part)
+    # One sample more than the loop takes, after the last step.
+    count = scene.steps // scene.sensors.every_steps + 1 if unit.sensor.noise.size else 0
+    data, places = memory.laid_out(count)
+    at = memory.offset_of
+    body, window = at(unit.plant_state.body), unit.window
+    truth = at(window.truth)
+    phase = scene.run.touch_phase
+    sensed = SENSED[scene.sensors.quantity]
+    constants = {
+        "SCENE": scene.name, "QUANTITY": f"{sensed.meaning}, {sensed.unit}",
+        "STEP_S": scene.step_s, "STEPS": scene.steps, "EVERY_STEPS": scene.sensors.every_steps,
+        "DROP_HEIGHT_M": scene.sphere.drop_height_m, "SEED": scene.run.seed,
+        "NOISE": count, "NOISE_RMS": scene.sensors.noise_rms, "NOISE_STREAM": NOISE_STREAM,
+        "PHASE_STREAM": parts.PHASE_STREAM,
+        "TOUCH_PHASE": -1.0 if phase == "random" else float(phase),
+        "DIGEST": int.from_bytes(hashlib.sha256(data).digest()[:7], "little"), **places,
+        "STEP": at(unit.plant_state.counts) + _WORD * pk.STEP,
+        "SAMPLES": at(window.counts) + _WORD * loop.SAMPLES_END,
+        "SAMPLE": at(window.values), "CODE": at(window.codes), "CLIPPED": at(window.clipped),
+        "GAP": body + _WORD * pk.XI, "HEIGHT": body + _WORD * pk.XI_S,
+        "DEFLECTION": body + _WORD * pk.XI_P, "VELOCITY": body + _WORD * pk.V_P,
+        "CONTACT_FORCE": truth + _WORD * F_C, "ACTUATOR_FORCE": truth + _WORD * F_A,
+        "ENERGIES": at(unit.energies),
+    }  # fmt: skip
+    return Image(scene, unit, data, constants)
+
+
+class _Memory:
+    """Words and arrays as they are taken in, in the order of the unit's leaves."""
+
+    def __init__(self) -> None:
+        self._words: list[bytes] = []
+        self._relocations: list[tuple[int, int, int]] = []
+        self._blocks = (bytearray(), bytearray())
+        self._offsets: dict[int, int] = {}
+        self._noise_length = 0
+
+    def take(self, block: int, part: Any, noise: np.ndarray | None = None) -> None:
+        """Take in a part, its arrays into a block; that of the noise is made on the target."""
+        for leaf in leaves(part):
+            if not isinstance(leaf, np.ndarray):
+                kind = "d" if isinstance(leaf, float) else "q"
+                self._words.append(struct.pack(f"<{kind}", leaf))
+                continue
+            index = len(self._words)
+            self._words += [struct.pack("<q", number) for number in (0, *leaf.shape)]
+            if leaf is noise:
+                self._relocations.append((index, _NOISE, 0))
+                self._noise_length = index + 1
+            else:
+                held = self._blocks[block]
+                self._relocations.append((index, block, len(held)))
+                self._offsets[id(leaf)] = len(held)
+                held += _padded(np.ascontiguousarray(leaf).tobytes())
+
+    def offset_of(self, array: np.ndarray) -> int:
+        """Where an array that was taken in begins in its block."""
+        return self._offsets[id(array)]
+
+    def laid_out(self, noise: int) -> tuple[bytes, dict[str, int]]:
+        """The image, with so many values of noise, and where its pieces are."""
+        self._words[self._noise_length] = struct.pack("<q", noise)
+        relocations = b"".join(struct.pack("<3q", *r) for r in self._relocations)
+        words = _padded(b"".join(self._words))
+        state_at = len(words) + len(_padded(relocations))
+        model, state = (bytes(block) for block in self._blocks)
+        places = {
+            "WORDS": len(self._words), "RELOCATIONS": len(self._relocations),
+            "RELOCATIONS_AT": len(words), "STATE_AT": state_at, "STATE_BYTES": len(state),
+            "MODEL_AT": state_at + len(state),
+        }  # fmt: skip
+        return words + _padded(relocations) + state + model, places
+
+
+def _padded(data: bytes) -> bytes:
+    return data + bytes(-len(data) % _LINE)
+
+
+def _in_c(value: Any) -> str:
+    """A constant as C spells it."""
+    if isinstance(value, str):
+        return json.dumps(value)
+    return value.hex() if isinstance(value, float) else f"INT64_C({value})"

@@ -1,0 +1,114 @@
+"""Compiled kernels of an exported plant: release of the sphere, steps under a command, energies.
+
+A unit is all that they need, put together from the exported library's own memory.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hertzloop.loop import kernels as loop
+from jit import kernel
+from jit.by_type import by_type
+from plant.schemes import collocation_kernels as collocation
+from plant.schemes import discrete_gradient_kernels as discrete_gradient
+from plant.schemes import infinite_kernels as infinite
+from plant.schemes import sphere_kernels as sphere
+from plant.schemes import state_kernels as pk
+
+# Indices into a unit's energies (J); RESIDUAL: relative, see plant.books.balance.
+KINETIC, GRAVITY, MODAL, CONTACT, INJECTED, MODAL_LOST, AIR_LOST, TAIL_LOST = range(8)
+CONTACT_LOST, PLASTIC_LOST, RESIDUAL = range(8, 11)
+ENERGIES = 11
+
+
+class Unit(NamedTuple):
+    """Plant, sensor and a window of one row; `start`: height (m) and velocity (m/s) of the sphere
+    at the start of the run, `lead_s` before the first touch."""
+
+    plant: Any
+    plant_state: Any
+    sensor: Any
+    sensor_state: np.ndarray
+    window: loop.Window
+    start: np.ndarray
+    energies: np.ndarray
+    lead_s: float
+
+
+@kernel(inline=True, borrowed=True)
+def _in_body(model, state):
+    return state.body[collocation.STORED]
+
+
+@kernel(inline=True, borrowed=True)
+def _in_infinite(model, state):
+    return state.body[infinite.STORED]
+
+
+@kernel(inline=True, borrowed=True)
+def _by_depth(model, state):
+    return 0.4 * model.stiffness * max(-state.body[pk.XI], 0.0) ** 2.5
+
+
+_KNOWN = {
+    collocation.CollocationModel: (collocation, _in_body),
+    discrete_gradient.PlantModel: (discrete_gradient, _by_depth),
+    infinite.InfiniteModel: (infinite, _in_infinite),
+}
+_stored = by_type({model: stored for model, (_, stored) in _KNOWN.items()})
+_close_books = by_type({model: kernels.close_books for model, (kernels, _) in _KNOWN.items()})
+_modal_energy = by_type({model: kernels.modal_energy for model, (kernels, _) in _KNOWN.items()})
+
+
+def is_known(model: Any) -> bool:
+    """Whether a plant's model can be exported."""
+    return type(model) in _KNOWN
+
+
+@kernel(borrowed=True)
+def release(unit, drop_height_m, touch_phase):
+    """Put the sphere where it is at the start of a run."""
+    model, body = unit.plant, unit.plant_state.body
+    speed = math.sqrt(2.0 * model.gravity_m_s2 * drop_height_m)
+    height, velocity = sphere.released(
+        speed, model.gravity_m_s2, unit.lead_s, model.step_s, touch_phase
+    )
+    body[pk.FLIGHT_X] = body[pk.XI] = body[pk.XI_S] = unit.start[0] = height
+    body[pk.FLIGHT_V] = unit.start[1] = velocity
+
+
+@kernel(inline=True, borrowed=True)
+def advance(unit, command, steps):
+    """`steps` steps under one commanded actuator force (N). The sensor sees the first state too,
+    once, also with no steps at all."""
+    loop.held(
+        unit.plant, unit.plant_state, unit.sensor, unit.sensor_state, unit.window, command, steps
+    )
+
+
+@kernel(borrowed=True)
+def balance(unit):
+    """The energies at the present step. It closes the books: the run goes on from a copy of the
+    state from before."""
+    model, state, energies = unit.plant, unit.plant_state, unit.energies
+    books, mass, gravity = state.books, model.mass_kg, model.gravity_m_s2
+    _close_books(model, state)
+    speed = sphere.speed_now(gravity, model.step_s, state.body, state.counts)
+    energies[KINETIC] = 0.5 * mass * speed * speed
+    energies[GRAVITY] = mass * gravity * state.body[pk.XI_S]
+    energies[MODAL] = _modal_energy(model, state)
+    energies[CONTACT] = _stored(model, state)
+    energies[INJECTED] = books[pk.INJECTED]
+    energies[MODAL_LOST] = books[pk.MODAL_DISSIPATED] - books[pk.AIR]
+    energies[AIR_LOST] = books[pk.AIR]
+    energies[TAIL_LOST] = books[pk.TAIL_DISSIPATED]
+    energies[CONTACT_LOST] = books[pk.CONTACT_DISSIPATED]
+    energies[PLASTIC_LOST] = books[pk.PLASTIC_DISSIPATED]
+    begun = mass * gravity * unit.start[0] + 0.5 * mass * unit.start[1] * unit.start[1]
+    gap = energies[KINETIC] + energies[GRAVITY] + energies[MODAL] + energies[CONTACT]
+    gap += books[pk.MODAL_DISSIPATED] + books[pk.CONTACT_DISSIPATED]
+    gap += books[pk.PLASTIC_DISSIPATED]
+    gap += books[pk.TAIL_DISSIPATED] - books[pk.INJECTED] - begun
+    energies[RESIDUAL] = gap / (begun + abs(books[pk.INJECTED]))

@@ -1,0 +1,145 @@
+"""The variables of the co-simulation unit, and its model description for FMI 2.0 and 3.0."""
+
+from dataclasses import dataclass
+from typing import Literal
+from xml.etree import ElementTree as xml
+
+from hertzloop import __version__
+from hertzloop.elsewhere.image import Image
+from hertzloop.quantities import SENSED
+
+Version = Literal["2", "3"]
+_BASE_UNITS = {
+    "s": {"s": 1}, "m": {"m": 1}, "N": {"kg": 1, "m": 1, "s": -2},
+    "m/s": {"m": 1, "s": -1}, "m/s^2": {"m": 1, "s": -2}, "J": {"kg": 1, "m": 2, "s": -2},
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable: its name, unit ("" for whole numbers and ratios), meaning, what it is for, and
+    what it starts at, where the master may set it."""
+
+    name: str
+    unit: str
+    meaning: str
+    causality: Literal["independent", "input", "parameter", "output"] = "output"
+    whole: bool = False
+    start: float | int | None = None
+
+    @property
+    def constant(self) -> str:
+        """Its value reference in C; see unit.c."""
+        short = {"force_command": "COMMAND", "energy_residual": "RESIDUAL"}
+        return "V_" + short.get(self.name, self.name.removesuffix("_energy").upper())
+
+
+def variables(image: Image) -> list[Variable]:
+    """All variables in the order of their value references, the time first."""
+    scene = image.scene
+    unit, meaning = SENSED[scene.sensors.quantity][:2]
+    so_far = "so far"
+    return [
+        Variable("time", "s", "simulated time", "independent"),
+        Variable("force_command", "N", "commanded actuator force, up positive, held over the step",
+                 "input", start=0.0),
+        Variable("drop_height", "m", "height of the drop; modes, damping and the converter's range "
+                 "stay those of the scene", "parameter", start=scene.sphere.drop_height_m),
+        Variable("noise_seed", "", "seed of the sensor's noise and of a random touch phase",
+                 "parameter", whole=True, start=scene.run.seed),
+        Variable("sample", unit, f"latest {meaning}, as read"),
+        Variable("sample_code", "", "code of the converter, 0 of an ideal one", whole=True),
+        Variable("sample_clipped", "", "1 if the sample was out of range, else 0", whole=True),
+        Variable("gap", "m", "gap between sphere and plate, negative in contact"),
+        Variable("sphere_height", "m", "height of the sphere above the plate at rest"),
+        Variable("plate_deflection", "m", "deflection of the struck point, up positive"),
+        Variable("plate_velocity", "m/s", "velocity of the struck point, up positive"),
+        Variable("contact_force", "N", "mean over the last step, up on the sphere"),
+        Variable("actuator_force", "N", "mean over the last step, up on the plate"),
+        Variable("kinetic_energy", "J", "of the sphere"),
+        Variable("gravity_energy", "J", "of the sphere above the plate at rest"),
+        Variable("modal_energy", "J", "in the plate"),
+        Variable("contact_energy", "J", "stored in the contact"),
+        Variable("injected_energy", "J", f"given by the actuator, {so_far}"),
+        Variable("modal_lost_energy", "J", f"lost in the plate, {so_far}"),
+        Variable("air_lost_energy", "J", f"radiated, {so_far}"),
+        Variable("tail_lost_energy", "J", f"gone to modes left out, {so_far}"),
+        Variable("contact_lost_energy", "J", f"lost in the contact, {so_far}"),
+        Variable("plastic_lost_energy", "J", f"lost by yielding, {so_far}"),
+        Variable("energy_residual", "", "what the books of energy miss, relative"),
+    ]  # fmt: skip
+
+
+def header(image: Image, token: str) -> str:
+    """The text of variables.h."""
+    names = ", ".join(variable.constant for variable in variables(image))
+    return f'/* Generated. */\n#define UNIT_TOKEN "{token}"\nenum {{ {names} }};\n'
+
+
+def identifier(image: Image) -> str:
+    """Name of the unit's library, a word in C."""
+    return "hertzloop_" + "".join(c if c.isalnum() else "_" for c in image.scene.name)
+
+
+def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
+    """modelDescription.xml."""
+    scene, name = image.scene, identifier(image)
+    root = xml.Element("fmiModelDescription", {
+        "fmiVersion": f"{version}.0", "modelName": scene.name,
+        "guid" if version == "2" else "instantiationToken": token,
+        "description": scene.shows or "a sphere strikes a plate",
+        "generationTool": f"hertzloop {__version__}, for {cpu}",
+        "variableNamingConvention": "flat",
+    })  # fmt: skip
+    state = "FMUstate" if version == "2" else "FMUState"
+    if version == "2":
+        root.set("numberOfEventIndicators", "0")
+    xml.SubElement(root, "CoSimulation", {
+        "modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true",
+        f"canGetAndSet{state}": "true", f"canSerialize{state}": "true",
+        **({"fixedInternalStepSize": f"{scene.step_s:.12g}"} if version == "3" else {}),
+    })  # fmt: skip
+    units = xml.SubElement(root, "UnitDefinitions")
+    for unit in dict.fromkeys(variable.unit for variable in variables(image) if variable.unit):
+        powers = {base: str(power) for base, power in _BASE_UNITS[unit].items()}
+        xml.SubElement(xml.SubElement(units, "Unit", name=unit), "BaseUnit", powers)
+    categories = xml.SubElement(root, "LogCategories")
+    for category in ("logStatusDiscard", "logStatusError"):
+        xml.SubElement(categories, "Category", name=category)
+    xml.SubElement(root, "DefaultExperiment", {
+        "startTime": "0", "stopTime": f"{scene.steps * scene.step_s:.12g}",
+        "stepSize": f"{scene.step_s * scene.sensors.every_steps:.12g}",
+    })  # fmt: skip
+    _add_variables(root, variables(image), version)
+    xml.indent(root)
+    return bytes(xml.tostring(root, "utf-8", xml_declaration=True)) + b"\n"
+
+
+def _add_variables(root: xml.Element, every: list[Variable], version: Version) -> None:
+    listed = xml.SubElement(root, "ModelVariables")
+    for reference, variable in enumerate(every):
+        said = {"name": variable.name, "valueReference": str(reference),
+                "causality": variable.causality, "description": variable.meaning}  # fmt: skip
+        if variable.causality == "parameter":
+            said["variability"] = "fixed"
+        elif variable.whole:
+            said["variability"] = "discrete"
+        typed = {"unit": variable.unit} if variable.unit else {}
+        if variable.start is not None:
+            typed["start"] = repr(variable.start)
+        if version == "2":
+            scalar = xml.SubElement(listed, "ScalarVariable", said)
+            xml.SubElement(scalar, "Integer" if variable.whole else "Real", typed)
+        else:
+            xml.SubElement(listed, "Int64" if variable.whole else "Float64", said | typed)
+    structure = xml.SubElement(root, "ModelStructure")
+    outputs = [(r, v) for r, v in enumerate(every) if v.causality == "output"]
+    if version == "3":
+        for tag in ("Output", "InitialUnknown"):
+            for reference, _ in outputs:
+                xml.SubElement(structure, tag, valueReference=str(reference), dependencies="")
+        return
+    for tag in ("Outputs", "InitialUnknowns"):
+        group = xml.SubElement(structure, tag)
+        for reference, _ in outputs:  # counted from 1
+            xml.SubElement(group, "Unknown", index=str(reference + 1), dependencies="")

@@ -1,0 +1,39 @@
+"""Packages that only some commands need: which extra brings them."""
+
+import importlib.util
+
+EXTRAS = {
+    "matplotlib": "charts",
+    "jinja2": "charts",
+    "xarray": "python",
+    "pymoo": "tune",
+    "gymnasium": "gym",
+}
+
+
+def need(*packages: str) -> None:
+    """Raise ModuleNotFoundError for all of these packages that are missing, not for the first."""
+    missing = [package for package in packages if not _is_there(package)]
+    if missing:
+        raise ModuleNotFoundError(f"No module named {', '.join(missing)}", name=" ".join(missing))
+
+
+def _is_there(package: str) -> bool:
+    try:
+        return importlib.util.find_spec(package) is not None
+    except ValueError:  # set to None in sys.modules
+        return False
+
+
+def sentence_on(missing: str | None) -> str | None:
+    """How to install packages that could not be imported, apart by spaces; None if no extra brings
+    one of them."""
+    packages = [name.partition(".")[0] for name in (missing or "").split()]
+    if not packages or not EXTRAS.keys() >= set(packages):
+        return None
+    extras = ",".join(dict.fromkeys(EXTRAS[package] for package in packages))
+    are = "is" if len(packages) == 1 else "are"
+    return (
+        f"this needs {' and '.join(packages)}, which {are} not installed: "
+        f"pip install 'hertzloop[{extras}]'"
+    )

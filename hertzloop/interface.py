@@ -1,0 +1,227 @@
+"""The Python interface: scenes, runs, recordings, sweeps and tuning as functions and objects.
+
+`import hertzloop` offers these names; the command line is made of the same parts.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from hertzloop.quantities import TRUTH
+from hertzloop.results.labelled import FORCE_LABEL, cases_of, labelled, sensed_label, truth_of
+from hertzloop.scenes import scene as scenes
+from hertzloop.scenes.scene import Scene, SceneError, shipped, vary
+from plant.figures.impacts import Impact
+from plant.figures.noise import ImpactNoise
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from recordings.reader import Event, Recording
+    from studies.tuning.tune import Found
+
+__all__ = [
+    "Impact", "ImpactNoise", "Run", "Scene", "SceneError", "load", "read", "run", "scene_names",
+    "simulate", "sweep", "tune", "vary",
+]  # fmt: skip
+
+TransportName = Literal["zenoh", "inprocess", "compiled"]
+Range = str | Sequence[Any]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A simulated run, from memory or from a recording.
+
+    `truth`: a Dataset over `step` of gap, displacements, forces; `samples`: what the law saw,
+    over `sample`; `force`: what it commanded, over `step` (None where it was not kept).
+    `impacts` and `noise`: one a contact. `energy_residual`, `momentum_residual`: of the books,
+    relative. `events`: of a recording; empty otherwise. `path`: the recording, if there is one.
+    """
+
+    scene: Scene
+    truth: "xr.Dataset"
+    samples: "xr.DataArray"
+    force: "xr.DataArray | None"
+    impacts: list[Impact]
+    noise: list[ImpactNoise]
+    energy_residual: float
+    momentum_residual: float
+    events: "list[Event]"
+    path: Path | None = None
+
+    def without_control(self) -> "Run":
+        """The same run with the law off, simulated on the spot."""
+        return simulate(self.scene.without_control())
+
+
+def scene_names() -> list[str]:
+    """Names of the shipped scenes."""
+    return shipped()
+
+
+def load(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scene:
+    """A scene by shipped name or from a TOML file, with `changes` such as
+    {"controller.latency_us": 5}. Raises SceneError with one sentence for anything wrong."""
+    scene = scenes.load(str(source))
+    return vary(scene, changes) if changes else scene
+
+
+def simulate(scene: Scene) -> Run:
+    """Simulate a scene in this process, in one compiled loop, and keep the result in memory.
+
+    The samples are the same bytes as over the bus. Raises SceneError.
+    """
+    from hertzloop.assembly import plant_spec
+    from hertzloop.loop import compiled
+    from hertzloop.loop.plant_node import truth_columns
+
+    found = compiled.simulate(scene)
+    columns = truth_columns(found.rows, scene, plant_spec(scene).same_point)
+    return _run(
+        scene, found.rows, columns, found.values, None,
+        (found.books.energy_residual, found.books.momentum_residual),
+    )  # fmt: skip
+
+
+def run(
+    scene: Scene,
+    recording: str | Path | None = None,
+    *,
+    transport: TransportName = "zenoh",
+    overwrite: bool = False,
+    horizon: int | None = None,
+    on_progress: Callable[[int], None] = lambda step: None,
+) -> Run:
+    """Run a scene, by default as processes over zenoh, and record it.
+
+    `recording` is the MCAP file to write; without one the run is kept in memory only. Raises
+    SceneError, RunFailed, BusError, StreamFault or RecordingError with one sentence.
+    """
+    from hertzloop.one_run import RunOptions, Transport, record
+
+    options = RunOptions(Transport(transport), overwrite=overwrite, horizon=horizon)
+    if recording is not None:
+        record(scene, Path(recording), options, on_progress)
+        return read(recording)
+    with TemporaryDirectory(prefix="hertzloop-") as folder:
+        path = Path(folder) / "run.mcap"
+        record(scene, path, options, on_progress)
+        found = read(path)
+        return Run(**{**vars(found), "path": None})
+
+
+def read(recording: str | Path) -> Run:
+    """A recording as a run. Raises RecordingError if it is damaged or no recording."""
+    from hertzloop.results.figures import rows_of
+    from recordings.reader import read as read_file
+    from recordings.writer import RecordingError
+
+    found = read_file(Path(recording))
+    if found.problems or found.books is None:
+        raise RecordingError(f"{recording}: {[*found.problems, 'the run has no books'][0]}")
+    scene = scenes.parse(found.scene_toml)
+    kept = {name: found.truth.arrays[name] for name in TRUTH if name in found.truth.arrays}
+    books = (found.books.energy_residual, found.books.momentum_residual)
+    return _run(scene, rows_of(found), kept, found.daq_values, found, books)
+
+
+def _run(
+    scene: Scene,
+    rows: np.ndarray,
+    columns: Mapping[str, np.ndarray],
+    values: np.ndarray,
+    recording: "Recording | None",
+    residuals: tuple[float, float],
+) -> Run:
+    from hertzloop.results.impact_rows import impacts_of_rows
+
+    step_s = scene.step_s
+    sampled_s = np.arange(len(values)) * scene.sensors.every_steps * step_s
+    label = sensed_label(scene.sensors.quantity)
+    found = impacts_of_rows(scene, rows)
+    truth = truth_of(columns, step_s)
+    force = None
+    if recording is not None:
+        commanded = recording.force.arrays.get("force_n", np.empty(0))
+        force = labelled(commanded, FORCE_LABEL, "step", np.arange(len(commanded)) * step_s)
+    return Run(
+        scene=scene,
+        truth=truth,
+        samples=labelled(values, label, "sample", sampled_s),
+        force=force,
+        impacts=[one.impact for one in found],
+        noise=[one.noise for one in found],
+        energy_residual=residuals[0],
+        momentum_residual=residuals[1],
+        events=recording.events if recording is not None else [],
+        path=recording.path if recording is not None else None,
+    )
+
+
+def sweep(
+    scene: Scene,
+    over: Mapping[str, Range],
+    *,
+    design: Literal["grid", "lhs", "sobol"] = "grid",
+    cases: int = 256,
+    span: Literal["impact", "run"] = "impact",
+    workers: int | None = None,
+) -> "xr.Dataset":
+    """Figures of a scene over ranges of its keys, a Dataset over `case`.
+
+    `over`: key to values, or to "low:high:step" (a grid), "low:high" (to be spread) as on the
+    command line. All combinations, or `cases` points spread over the ranges. Raises
+    DesignError, SceneError, SweepFailed.
+    """
+    from studies.sweeps.design import as_axis, design_of
+    from studies.sweeps.evaluate import evaluate, local_pool
+
+    axes = [as_axis(key, values) for key, values in over.items()]
+    planned = design_of(scene, axes, design, cases, scene.run.seed)
+    with local_pool(workers) as pool:
+        rows = evaluate(pool, scene, span, planned.cases())
+    return cases_of(rows, list(over), {"scene": scene.name, "span": span})
+
+
+def tune(
+    scene: Scene | Sequence[Scene],
+    laws: Sequence[str] = (),
+    *,
+    minimise: Sequence[str] = ("plate_energy_db", "rebound_percent"),
+    at_most: Mapping[str, float] | None = None,
+    over: Mapping[str, Range] | None = None,
+    span: Literal["impact", "run"] = "impact",
+    generations: int = 25,
+    population: int = 40,
+    seed: int = 1,
+    workers: int | None = None,
+) -> "list[Found]":
+    """Settings of the laws (the scene's own if none is named) that no other beats in the figures
+    to `minimise`, best first; of several scenes the worst counts.
+
+    `over`: ranges of keys other than a law's usual ones; `at_most`: largest values of figures.
+    Raises DesignError, SceneError, SweepFailed.
+    """
+    from hertzloop.assembly import plant_spec
+    from studies.sweeps.design import as_axis
+    from studies.sweeps.evaluate import local_pool
+    from studies.tuning import tune as study
+
+    bases = [scene] if isinstance(scene, Scene) else list(scene)
+    objectives = tuple(minimise)
+    speed = max(plant_spec(base).sphere.impact_speed_m_s for base in bases)
+    given = tuple(as_axis(key, values) for key, values in (over or {}).items())
+    found: list[Found] = []
+    with local_pool(workers) as pool:
+        for law in laws or [bases[0].controller.law]:
+            found += study.tune(
+                pool, bases, span, law, given or study.ranges_of(law, speed), objectives,
+                at_most=dict(at_most or {}), generations=generations, population=population,
+                seed=seed,
+            )  # fmt: skip
+    return study.front(found, objectives)

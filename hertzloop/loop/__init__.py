@@ -1,0 +1,1 @@
+"""The closed loop: in one compiled call, through a port in one process, as processes."""

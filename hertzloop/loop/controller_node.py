@@ -1,0 +1,222 @@
+"""The controller's side of the exchange: samples in, forces and promises out."""
+
+import time
+from contextlib import suppress
+
+import numpy as np
+
+from bus import lane
+from bus.messages_pb2 import DaqBlock, ForceBlock, LaneAnswer, SetUp
+from bus.port import BusError, PeerLost, Port, Publisher
+from bus.streams import CONTROLLER, Checker, Envelope, StreamFault, compare_set_up
+from bus.wire import Packed
+from controller.controller import Controller, Reply
+from controller.door.bound import LawFault
+from hertzloop import control
+from hertzloop.loop.events import ControllerEvents
+from hertzloop.loop.lane_answers import LaneAnswers
+from hertzloop.scenes.scene import Scene, SceneError, parse, to_toml
+
+# Answers in the lane make blocks of whole thousands on the bus, not more than one in this time.
+_BLOCK, _EVERY_S = 1000, 0.01
+
+
+def sampled_values(block: Packed) -> np.ndarray:
+    """Physical values of a DaqBlock, shape (samples,), in the unit of its quantity."""
+    codes = block.arrays["code"]
+    if len(codes):
+        return physical_values(codes, block.header.scale, block.header.offset)
+    return np.array(block.arrays["value"], dtype=float)
+
+
+def physical_values(codes: np.ndarray, scale: float, offset: float) -> np.ndarray:
+    """What codes of a converter stand for, in the unit of the quantity."""
+    with np.errstate(over="ignore", invalid="ignore"):  # the caller refuses what is not finite
+        return np.asarray(offset + scale * codes)
+
+
+def set_up_by(scene: Scene, stiffness: float, law: str | None = None) -> SetUp:
+    """What a controller says at its end that it worked by; `law`: what the plant calls the law, if
+    this side has it elsewhere."""
+    named = scene.controller.model_copy(update={"law": law or scene.controller.law})
+    return SetUp(
+        scene_toml=to_toml(scene.model_copy(update={"controller": named})),
+        stiffness=stiffness,
+        law=scene.law.name,
+        law_digest=scene.law.digest,
+    )
+
+
+class ControllerNode:
+    """Answers every block of samples with a block of forces; set up by the plant's hello.
+
+    It announces its end once all samples of the run are answered, and is done when the plant has
+    announced its own. In the fast lane it answers there, and publishes forces in longer blocks.
+    """
+
+    def __init__(
+        self, port: Port, look_ahead: bool = True, law: str | None = None, fast_lane: bool = True
+    ) -> None:
+        """`law`: where this side has its law, if not where the scene says."""
+        self.port, self.look_ahead, self._law = port, look_ahead, law
+        self.checker = Checker(role=CONTROLLER)
+        self.done = False
+        self.fault = ""  # with which the plant ended the run
+        self._fast_lane = fast_lane
+        self._lane: LaneAnswers | None = None
+        self._joined: LaneAnswer = LaneAnswer.UNSAID
+        self._controller: Controller | None = None
+        self._publisher: Publisher | None = None
+        self._set_up_by: SetUp | None = None
+        self._next_block_s = 0.0
+        self._samples = 0  # of which the answers are published
+        # Loads the kernels before anybody waits for an answer.
+        LaneAnswers(control.idle(), lane.closed(), look_ahead).serve(0)
+
+    @property
+    def set_up(self) -> bool:
+        """Whether the plant has announced the run."""
+        return self._controller is not None
+
+    @property
+    def samples(self) -> int:
+        """Samples that were answered so far."""
+        return self._lane.samples if self._lane else self._samples
+
+    def work(self, timeout_s: float) -> None:
+        """Take what comes next, from the bus or from the lane. Raises StreamFault, or BusError when
+        nothing comes within `timeout_s`."""
+        if self._lane is None or (self._publisher and self._publisher.ended):
+            self.handle(self.port.receive(timeout_s, "samples from the plant"))
+            return
+        block_end = (self._lane.samples // _BLOCK + 1) * _BLOCK
+        self._lane.serve(min(block_end, self._lane.total))
+        if self._lane.idle_s > timeout_s:
+            raise PeerLost(
+                f"controller waited {timeout_s:g} s for samples from the plant: nothing came in "
+                "the lane",
+                "plant",
+            )
+        self._publish_served()
+        while self.port.pending():
+            self.handle(self.port.receive(timeout_s, "samples from the plant"))
+
+    def handle(self, envelope: Envelope) -> None:
+        """Take one message. Raises StreamFault if it is not what had to come."""
+        block = self.checker.accept(envelope)
+        if envelope.stream == "hello":
+            self._set_up(block)
+        elif envelope.stream == "daq":
+            self._answer(block)
+        elif envelope.stream == "end/plant":
+            self._end(block)
+
+    def _set_up(self, block: Packed) -> None:
+        self._publisher = Publisher(self.port, self.checker.run_id)
+        try:
+            scene = parse(block.header.scene_toml, law=self._law)
+            announced = block.header.law_digest
+            if announced and announced != scene.law.digest:
+                raise SceneError(
+                    f"the law {scene.law.path} here has the digest {scene.law.digest}, the plant "
+                    f"announced {announced}; both sides need the same file"
+                )
+            self._controller = control.controller(scene, block.header.stiffness)
+        except SceneError as error:
+            raise StreamFault(f"the plant announced a scene that cannot be: {error}") from error
+        asked = scene.controller.law  # as the plant calls it, wherever this side has it
+        if self._law is not None:
+            asked = parse(block.header.scene_toml, recorded=True).controller.law
+        self._set_up_by = set_up_by(scene, block.header.stiffness, asked)
+        compare_set_up(block.header, self._set_up_by)  # another version may read it otherwise
+        if (scene.steps, scene.run.step_ns) != (block.header.steps, block.header.step_ns):
+            raise StreamFault(
+                f"the plant announced {block.header.steps} steps of {block.header.step_ns} ns, its "
+                f"scene has {scene.steps} of {scene.run.step_ns} ns"
+            )
+        self._every_steps, self._step_ns = scene.sensors.every_steps, scene.run.step_ns
+        self._events = ControllerEvents(scene)
+        self._offered, self._joined = lane.join(block.header, self._fast_lane)
+        if self._offered is not None and block.header.pace:
+            sample_ns = self._every_steps * self._step_ns / block.header.pace
+            self._offered = lane.at_pace(self._offered, sample_ns)
+
+    def _answer(self, block: Packed) -> None:
+        if self._controller is None or self._publisher is None:
+            raise StreamFault("samples came before the plant announced the run")
+        header: DaqBlock = block.header
+        if header.every_steps != self._every_steps:
+            raise StreamFault(
+                f"stream 'daq' sequence {header.sequence} has a sample every {header.every_steps} "
+                f"steps, the scene every {self._every_steps}"
+            )
+        values, total = sampled_values(block), len(self._controller.law_state.history)
+        first = header.first_step // self._every_steps
+        if first + len(values) > total:
+            raise StreamFault(f"stream 'daq' sequence {header.sequence} is beyond the run's end")
+        if not np.all(np.isfinite(values)):
+            raise StreamFault(f"stream 'daq' sequence {header.sequence} holds a value not finite")
+        if self._lane is not None:
+            self._lane.expect(header.sequence, first, values)
+            return
+        try:
+            reply = self._controller.process(values, self.look_ahead)
+        except LawFault as error:
+            raise StreamFault(str(error)) from error
+        self._publish(reply, self._joined)
+        self._joined = LaneAnswer.UNSAID  # said once
+        if self._offered is not None:
+            self._lane = LaneAnswers(self._controller, self._offered, self.look_ahead)
+            lane.sleep_precisely()
+
+    def _publish_served(self) -> None:
+        """Publish what was answered in the lane, by blocks."""
+        assert self._lane is not None
+        served, now = self._lane.samples, time.monotonic()
+        if served == self._samples or (served % _BLOCK and served != self._lane.total):
+            return
+        if served < self._lane.total and not self._lane.full and now < self._next_block_s:
+            return
+        self._next_block_s = now + _EVERY_S
+        self._publish(self._lane.reply())
+
+    def _publish(self, reply: Reply, joined: "LaneAnswer" = LaneAnswer.UNSAID) -> None:
+        assert self._publisher is not None
+        assert self._controller is not None
+        answer = ForceBlock(
+            first_step=reply.first_step,
+            step_ns=self._step_ns,
+            samples_seen=reply.samples_seen,
+            promise_zero=reply.promise_zero,
+            promise_level=reply.promise_level,
+            lane=joined,
+        )
+        self._publisher.send("force", answer, {"force_n": reply.forces})
+        for event in self._events.of(self._samples, reply.modes, reply.delays):
+            self._publisher.send("events/controller", event)
+        self._samples = reply.samples_seen
+        if self._samples == len(self._controller.law_state.history):
+            self._publisher.end(set_up=self._set_up_by)
+
+    def _end(self, block: Packed) -> None:
+        """The plant's end: all that was heard is all that was sent, unless the run failed."""
+        self.done = True
+        self.fault = fault = block.header.fault
+        if fault:
+            self.fail(fault)
+            return
+        self.checker.reconcile(block.header)
+        if self._publisher is None or not self._publisher.ended:
+            raise StreamFault(f"the plant ended after {self._samples} samples, before its run did")
+        if self._lane is not None:
+            self._lane.reconcile()
+
+    def fail(self, sentence: str) -> None:
+        """Tell the others why this role gives up, if it has not ended yet."""
+        if self._lane is not None:
+            self._lane.leave()
+        if self._publisher is not None and not self._publisher.ended:
+            if self._lane is not None and self._lane.samples > self._samples:
+                with suppress(StreamFault, BusError):
+                    self._publish(self._lane.reply())
+            self._publisher.end(fault=sentence, set_up=self._set_up_by)

@@ -1,0 +1,341 @@
+"""Compiled kernels that join plant, sensor and controller.
+
+`advance` runs the plant process's side up to what it was granted, or, in the fast lane, takes
+what `serve` puts there from the controller's; `closed_loop` runs all three in one call. All take
+the same steps through the same kernels in the same order, so the samples are the same bits.
+Nothing allocates: arrays are `borrowed`.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from bus import lane_kernels as lane_k
+from bus.atomics import now_ns
+from controller import kernels as ck
+from controller import law_kernels as laws
+from jit import kernel
+from plant.schemes import door as scheme
+from plant.schemes import state_kernels as pk
+from sensors import kernels as sk
+
+# Columns of a truth window, in the order of the message's fields.
+TRUTH_COLUMNS = 10  # xi, xi_s, xi_p, v_p, F_c, F_a, xi_a, F_c1, F_a1, deepest penetration
+# Indices into Window.counts.
+TRUTH_FIRST, TRUTH_END, SAMPLES_FIRST, SAMPLES_END, OBSERVED = range(5)
+WINDOW_COUNTS = 5
+# Indices into Grant arrays.
+GRANTED_END, PROMISED, BROKEN_AT, FORCES_END, SEEN, EXCHANGES = range(6)
+GRANT_COUNTS = 6
+# How `advance`, `settle` and `serve` end: as far as asked, a force is missing, the lane is silent;
+# or what is wrong in the lane.
+REACHED, MUST_WAIT, SILENT, GAP, WRONG_COUNT, BEYOND_END, NO_NUMBER, BROKEN_PROMISE = range(8)
+_AT_ONCE = 64  # samples that are answered together, if so many are there
+_LOOK_EVERY = 32  # exchanges between two looks at the clock
+
+
+class Window(NamedTuple):
+    """Rows of truth and samples that were not sent yet, by position since *_FIRST."""
+
+    truth: np.ndarray  # (TRUTH_COLUMNS, steps)
+    codes: np.ndarray
+    values: np.ndarray
+    clipped: np.ndarray
+    counts: np.ndarray
+
+
+class Grant(NamedTuple):
+    """What the controller allowed: forces known before step GRANTED_END, and, while
+    PROMISED is 1, zero for as long as samples stay above `level`. BROKEN_AT: number of
+    samples taken when a sample last fell to the level; FORCES_END: steps whose force has come,
+    promised ones not counted; SEEN: samples answered; EXCHANGES: forces waited for in the lane."""
+
+    counts: np.ndarray
+    level: np.ndarray
+    lead_steps: int  # the force of a sample at step k acts from step k + lead_steps on
+
+
+@kernel(inline=True, borrowed=True)
+def observe(plant_state, sensor, sensor_state, window):
+    """Let the sensor see the present step, once; returns whether it took a sample."""
+    counts = window.counts
+    step = plant_state.counts[pk.STEP]
+    if counts[OBSERVED] > step:
+        return False
+    counts[OBSERVED] = step + 1
+    sk.follow(sensor, sensor_state, plant_state.body[sensor.of_state])
+    if step % sensor.every_steps != 0:
+        return False
+    index = counts[SAMPLES_END]
+    at = index - counts[SAMPLES_FIRST]
+    code, value, clipped = sk.sample(sensor, sensor_state, index)
+    window.codes[at] = code
+    window.values[at] = value
+    window.clipped[at] = clipped
+    counts[SAMPLES_END] = index + 1
+    return True
+
+
+@kernel(inline=True, borrowed=True)
+def step_and_record(plant, plant_state, command, window):
+    """One plant step under a commanded force; writes its row of truth.
+
+    A column that the plant's model has nothing for keeps the zeros it was made with.
+    """
+    row = window.counts[TRUTH_END] - window.counts[TRUTH_FIRST]
+    body, truth = plant_state.body, window.truth
+    truth[0, row] = body[pk.XI]
+    truth[1, row] = body[pk.XI_S]
+    truth[2, row] = body[pk.XI_P]
+    truth[6, row] = body[pk.XI_A]
+    if scheme.yields(plant):
+        truth[9, row] = body[pk.DEEPEST]
+    truth[4, row] = scheme.step(plant, plant_state, command)
+    truth[3, row] = body[pk.V_P_OF_STEP]
+    truth[5, row] = body[pk.F_A]
+    truth[7, row] = body[pk.F_C1]
+    if scheme.has_slope(plant):
+        truth[8, row] = body[pk.F_A1]
+    window.counts[TRUTH_END] += 1
+
+
+@kernel(borrowed=True)
+def plant_alone(plant, plant_state, forces, window):
+    """The plant under commanded actuator forces, one a step, without sensor and controller."""
+    for i in range(forces.size):
+        step_and_record(plant, plant_state, forces[i], window)
+
+
+@kernel(inline=True, borrowed=True)
+def held(plant, plant_state, sensor, sensor_state, window, command, steps):
+    """`steps` steps under one command for a caller elsewhere; the sensor sees every step up to the
+    one reached. The window, of one row each, keeps what came last."""
+    counts = window.counts
+    while True:
+        if observe(plant_state, sensor, sensor_state, window):
+            counts[SAMPLES_FIRST] = counts[SAMPLES_END]
+        if steps <= 0:
+            break
+        steps -= 1
+        counts[TRUTH_FIRST] = counts[TRUTH_END]
+        step_and_record(plant, plant_state, command, window)
+
+
+@kernel(inline=True, borrowed=True)
+def _hear(step, samples, force, level, forces, window, grant):
+    """One record of an answer; `force` may be NaN, and `level`, where nothing is promised."""
+    counts = grant.counts
+    taken = window.counts[SAMPLES_END]
+    if not counts[SEEN] <= samples <= taken:
+        return WRONG_COUNT
+    if not math.isnan(force):
+        at = counts[FORCES_END]
+        if at >= forces.size:
+            return BEYOND_END
+        if math.isinf(force):
+            return NO_NUMBER
+        if at < step and forces[at] != force:
+            return BROKEN_PROMISE
+        forces[at] = force
+        counts[FORCES_END] = at + 1
+        counts[GRANTED_END] = max(counts[GRANTED_END], at + 1)
+    if samples == counts[SEEN]:
+        return REACHED  # more of this answer follows
+    counts[SEEN] = samples
+    if level == math.inf:
+        return NO_NUMBER
+    promises = not math.isnan(level)
+    # As in Answers: a promise speaks of samples after those seen.
+    if samples == taken or (
+        samples >= counts[BROKEN_AT] and (not promises or level == grant.level[0])
+    ):
+        counts[PROMISED] = promises
+        if promises:
+            grant.level[0] = level
+    return REACHED
+
+
+@kernel(inline=True, borrowed=True)
+def take_answer(lane, step, forces, window, grant):
+    """The next record of an answer, which is there."""
+    excess, samples, force, level = lane_k.take_answer(lane)
+    if excess != 0:
+        return GAP
+    return _hear(step, samples, force, level, forces, window, grant)
+
+
+@kernel(inline=True, borrowed=True)
+def weigh_promise(step, value, window, grant):
+    """End a promise with a sample of `step`, taken just now, that fell to its level."""
+    counts = grant.counts
+    if value <= grant.level[0]:
+        counts[BROKEN_AT] = window.counts[SAMPLES_END]
+        if counts[PROMISED] == 1:
+            # All samples before this one were above the level: forces are known to be zero until
+            # this one's own force acts.
+            counts[PROMISED] = 0
+            counts[GRANTED_END] = max(counts[GRANTED_END], step + grant.lead_steps)
+
+
+@kernel(borrowed=True)
+def _exchange(step, until, forces, window, grant, lane):
+    """Wait in the lane until the force of `step` is known and `until` samples are answered."""
+    counts = grant.counts
+    while counts[SEEN] < until or (counts[PROMISED] == 0 and counts[GRANTED_END] <= step):
+        if counts[SEEN] == window.counts[SAMPLES_END]:
+            return MUST_WAIT  # all is answered, and no force granted
+        if not lane_k.wait_for_answer(lane):
+            return SILENT
+        said = take_answer(lane, step, forces, window, grant)
+        if said != REACHED:
+            return said
+    return REACHED
+
+
+@kernel(borrowed=True, released=True)
+def settle(plant_state, forces, window, grant, lane):
+    """Wait in the lane until all samples are answered, with all forces of steps that are over."""
+    step = plant_state.counts[pk.STEP]
+    return _exchange(step - 1, window.counts[SAMPLES_END], forces, window, grant, lane)
+
+
+@kernel(borrowed=True, released=True)
+def advance(
+    plant, plant_state, sensor, sensor_state, forces, commands, window, grant, lane, end
+):  # fmt: skip
+    """Run the plant to step `end` or as far as `forces` are known, under `commands`: the same
+    array, or those of a run that is repeated. Ends before where exchanges are slow."""
+    counts = grant.counts
+    in_lane = lane.own[lane_k.OPEN] != 0
+    began = now_ns() if in_lane else 0
+    while plant_state.counts[pk.STEP] < end:
+        step = plant_state.counts[pk.STEP]
+        if in_lane and window.counts[SAMPLES_END] - counts[SEEN] >= lane.slots:
+            said = _exchange(-1, counts[SEEN] + 1, forces, window, grant, lane)  # for room
+            if said != REACHED:
+                return said
+        if observe(plant_state, sensor, sensor_state, window):
+            at = window.counts[SAMPLES_END] - 1 - window.counts[SAMPLES_FIRST]
+            if in_lane:
+                lane_k.put_sample(lane, window.counts[SAMPLES_END] - 1, window.values[at])
+            weigh_promise(step, window.values[at], window, grant)
+        if counts[PROMISED] == 0 and step >= counts[GRANTED_END]:
+            if not in_lane:
+                return MUST_WAIT
+            said = _exchange(step, 0, forces, window, grant, lane)
+            if said != REACHED:
+                return said
+            counts[EXCHANGES] += 1
+            if counts[EXCHANGES] % _LOOK_EVERY == 0 and now_ns() - began > lane.wait_ns:
+                end = step + 1  # slow exchanges, none of which takes as long as a silence
+        step_and_record(plant, plant_state, commands[step], window)
+    while in_lane and lane_k.answer_is_there(lane):
+        said = take_answer(lane, plant_state.counts[pk.STEP], forces, window, grant)
+        if said != REACHED:
+            return said
+    return REACHED
+
+
+@kernel(inline=True, borrowed=True)
+def _answer(law, law_state, line, line_state, forces, lane):
+    """Put the forces that became known into the lane; False if there was no room in time."""
+    own, seen = lane.own, law_state.counts[laws.SAMPLES]
+    if own[lane_k.SAMPLES_PUT] == seen:
+        return True
+    end = line_state.counts[ck.EMITTED]
+    while own[lane_k.FORCES_PUT] < end - 1:
+        if not lane_k.wait_for_room(lane):
+            return False
+        force = forces[own[lane_k.FORCES_PUT]]
+        lane_k.put_answer(lane, own[lane_k.SAMPLES_PUT], force, math.nan)
+        own[lane_k.FORCES_PUT] += 1
+    if not lane_k.wait_for_room(lane):
+        return False
+    level = math.nan
+    if ck.is_quiet(line_state):
+        level = laws.quiet_level(law, law_state)
+        if level == math.inf:
+            level = math.nan
+    force = math.nan
+    if own[lane_k.FORCES_PUT] < end:
+        force = forces[own[lane_k.FORCES_PUT]]
+        own[lane_k.FORCES_PUT] += 1
+    lane_k.put_answer(lane, seen, force, level)
+    own[lane_k.SAMPLES_PUT] = seen
+    return True
+
+
+@kernel(released=True)
+def serve(
+    law, law_state, line, line_state, forces, modes, delays, lane, first, limit, look_ahead
+):  # fmt: skip
+    """The controller's side of the lane: answer samples from `first` on, up to `limit`, writing
+    mode and delay after each. Ends before where exchanges are slow."""
+    counts, rounds, began = law_state.counts, 0, now_ns()
+    while True:
+        if not _answer(law, law_state, line, line_state, forces, lane):
+            return SILENT
+        rounds += 1
+        slow = rounds % _LOOK_EVERY == 0 and now_ns() - began > lane.wait_ns
+        if slow or counts[laws.SAMPLES] >= limit:
+            return REACHED
+        if not lane_k.wait_for_sample(lane, counts[laws.SAMPLES]):
+            return SILENT
+        for _ in range(_AT_ONCE):
+            i = counts[laws.SAMPLES]
+            if lane_k.sample_number(lane, i) != i + 1:
+                return GAP
+            value = lane_k.sample_value(lane, i)
+            if not math.isfinite(value):
+                return NO_NUMBER
+            ck.control_sample(law, law_state, line, line_state, value, forces)
+            modes[i - first] = law_state.record[laws.MODE]
+            delays[i - first] = law_state.record[laws.DELAY]
+            if i + 1 >= limit or not lane_k.sample_is_there(lane, i + 1):
+                break
+        if counts[laws.FAULT] != 0:
+            return REACHED
+        if look_ahead:
+            ck.grant_ahead(law, law_state, line, line_state, forces)
+
+
+@kernel(inline=True, borrowed=True)
+def _last_push(forces, step, end):
+    """Last step after `step` and before `end` with a force; `step` without."""
+    for j in range(min(end, forces.size) - 1, step, -1):
+        if forces[j] != 0.0:
+            return j
+    return step
+
+
+@kernel(borrowed=True, released=True)
+def closed_loop(
+    plant, plant_state, sensor, sensor_state, law, law_state, line, line_state,
+    forces, window, modes, delays, end, quiet_steps,
+):  # fmt: skip
+    """Plant, sensor and controller together up to step `end`, or, if `quiet_steps` is not
+    negative, until after a contact nothing has touched or pushed for so long and no force is left
+    to come; returns whether that was so."""
+    touched = False
+    last = 0
+    while plant_state.counts[pk.STEP] < end:
+        if observe(plant_state, sensor, sensor_state, window):
+            at = window.counts[SAMPLES_END] - 1 - window.counts[SAMPLES_FIRST]
+            ck.control_sample(law, law_state, line, line_state, window.values[at], forces)
+            modes[at] = law_state.record[laws.MODE]
+            delays[at] = law_state.record[laws.DELAY]
+        step = plant_state.counts[pk.STEP]
+        step_and_record(plant, plant_state, forces[step], window)
+        if plant_state.body[pk.F_C] != 0.0:
+            touched = True
+            last = step
+        elif touched and plant_state.body[pk.F_A] != 0.0:
+            last = step
+        elif touched and 0 <= quiet_steps <= step - last:
+            if ck.promises_zero(law, law_state, line_state):
+                # The promise counts from the emitted forces on, which latency puts ahead.
+                last = _last_push(forces, step, line_state.counts[ck.EMITTED])
+                if last == step:
+                    return True
+    return False

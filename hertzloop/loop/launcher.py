@@ -1,0 +1,220 @@
+"""Start plant, controller and recorder as processes, watch them, end them together."""
+
+import json
+import math
+import os
+import queue
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bus.reserved import reserved_ports
+from bus.streams import CONTROLLER, PLANT, RECORDER
+from hertzloop.loop.processes import default_endpoints
+from hertzloop.loop.signals import INTERRUPTED, ending_signals, interrupts_held_back
+from hertzloop.scenes.scene import Scene, to_toml
+
+_GRACE_S = 6.0  # for the others to notice a fault, close their files and leave the bus
+_PATIENCE_S = 5.0  # for a process to react to a signal
+_SCENE = "scene.toml"
+_ALL = {PLANT, CONTROLLER, RECORDER}
+
+
+class RunFailed(RuntimeError):
+    """A process of the run failed; the sentence is that of the first cause."""
+
+
+@dataclass
+class Child:
+    """One process of a run and what it reported."""
+
+    role: str
+    process: subprocess.Popen[str]
+    stderr: Path
+    ready: bool = False
+    fault: str = ""
+    others: bool = False  # the fault is another role's
+    lost: list[str] = field(default_factory=list)  # roles that it missed
+    done: dict[str, Any] = field(default_factory=dict)
+
+    def own_reason(self) -> str:
+        """Why it failed, if for a reason of its own; "" if another role was the reason."""
+        code = self.process.returncode
+        if code < 0:
+            return f"{self.role} was killed by {signal.Signals(-code).name}"
+        if self.fault:
+            return "" if self.others else self.fault
+        if code == INTERRUPTED:
+            return f"{self.role} was interrupted"
+        lines = self.stderr.read_text().strip().splitlines() or ["without a word"]
+        return f"{self.role} failed with exit code {code}: {lines[-1]}"
+
+
+class Launcher:
+    """Runs a scene as three processes. Use as a context manager: leaving it ends them all."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        recording: Path,
+        *,
+        overwrite: bool = False,
+        horizon: int | None = None,
+        ports: Sequence[int] | None = None,
+        name: str | None = None,
+        timeout_s: float = 5.0,
+        wait_s: float = 30.0,
+        fast_lane: bool = True,
+        realtime: str = "off",
+        pace: float | None = None,
+        repeat: Path | None = None,
+    ) -> None:
+        self._reports: queue.SimpleQueue[tuple[Child, dict[str, Any]] | None] = queue.SimpleQueue()
+        self._signals = 0
+        self._scene = scene
+        self._in_use = ExitStack()
+        self.children: list[Child] = []
+        self._ports = ports  # None: any that are free
+        self._name = name
+        self._commands = {
+            RECORDER: ["record", "--out", str(recording)] + ["--overwrite"] * overwrite,
+            CONTROLLER: ["controller"],
+            PLANT: ["plant", _SCENE] + (["--horizon", str(horizon)] if horizon else []),
+        }
+        self._commands[PLANT] += [] if fast_lane else ["--no-fast-lane"]
+        self._commands[PLANT] += ["--pace", repr(pace)] if pace else []
+        self._commands[PLANT] += ["--repeat", str(repeat)] if repeat else []
+        self._common = ["--timeout", str(timeout_s), "--wait", str(wait_s)]
+        self._common += ["--realtime", realtime]
+
+    def _bus(self, role: str, ports: Sequence[int]) -> list[str]:
+        """Options by which a process meets the others."""
+        listen, connect = default_endpoints(role, ports)
+        words = ["--name", self._name or f"run-{os.getpid()}-{ports[0]}", *self._common]
+        words += [word for url in listen for word in ("--listen", url)]
+        return words + [word for url in connect for word in ("--connect", url)]
+
+    def _start(self, role: str, words: list[str], folder: Path) -> None:
+        words = [str(folder / word) if word == _SCENE else word for word in words]
+        stderr = folder / f"{role}.stderr"
+        with stderr.open("w") as sink, interrupts_held_back():
+            process = subprocess.Popen(
+                # -P: a folder of the user's that is called like one of ours must not be imported
+                [sys.executable, "-P", "-m", "hertzloop", *words],
+                stdin=subprocess.PIPE,  # never written to: it ends with the launcher, however
+                stdout=subprocess.PIPE,
+                stderr=sink,
+                text=True,
+                start_new_session=True,  # Ctrl-C comes to the launcher, which ends them in order
+            )
+        child = Child(role, process, stderr)
+        self.children.append(child)
+        threading.Thread(target=self._listen, args=(child,), daemon=True).start()
+
+    def _listen(self, child: Child) -> None:
+        assert child.process.stdout is not None
+        for line in child.process.stdout:
+            try:
+                self._reports.put((child, json.loads(line)))
+            except json.JSONDecodeError:
+                continue
+        child.process.wait()
+        self._reports.put((child, {"exited": True}))
+
+    def __enter__(self) -> "Launcher":
+        with ExitStack() as stack:
+            stack.enter_context(ending_signals(self._on_signal))
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="hertzloop-"))
+            (Path(folder) / _SCENE).write_text(to_toml(self._scene), encoding="utf-8")
+            ports = self._ports or stack.enter_context(reserved_ports(3))
+            stack.callback(self._end_all)
+            for role, words in self._commands.items():
+                self._start(role, [*words, *self._bus(role, ports), "--machine"], Path(folder))
+            self._in_use = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._in_use.close()
+
+    def _on_signal(self, count: int) -> None:
+        self._signals = count
+        self._reports.put(None)
+
+    def wait(self, on_progress: Callable[[int], None] = lambda step: None) -> dict[str, Any]:
+        """Wait for the end of the run; the plant's statistics.
+
+        Raises RunFailed with the sentence of whoever failed first for a reason of its own, and
+        KeyboardInterrupt after a signal.
+        """
+        running = {child.role: child for child in self.children}
+        failed: list[Child] = []  # in the order of their ends
+        deadline = math.inf
+        while running and time.monotonic() < deadline:
+            try:
+                item = self._reports.get(timeout=0.2)
+            except queue.Empty:
+                continue
+            if item is None:
+                raise KeyboardInterrupt
+            child, report = item
+            if "step" in report:
+                on_progress(report["step"])
+            for name in ("ready", "fault", "others", "lost", "done"):
+                setattr(child, name, report.get(name, getattr(child, name)))
+            if "exited" in report:
+                del running[child.role]
+                if child.process.returncode != 0:
+                    failed.append(child)
+            if failed:
+                # Who still waits for the others to appear would wait for nothing.
+                known = any(c.own_reason() for c in failed)
+                in_vain = known and not any(c.ready for c in running.values())
+                deadline = min(deadline, time.monotonic() + (0.0 if in_vain else _GRACE_S))
+        if failed:
+            raise RunFailed(_cause(failed, set(running)))
+        return next(c.done for c in self.children if c.role == PLANT)
+
+    def _end_all(self) -> None:
+        """End the plant first: it tells the others, who then close in order.
+
+        A second signal cuts the waiting short.
+        """
+        stages = ((signal.SIGTERM, {PLANT}), (signal.SIGTERM, _ALL), (signal.SIGKILL, _ALL))
+        for end, roles in stages:
+            chosen = [c for c in self.children if c.role in roles and c.process.poll() is None]
+            for child in chosen:
+                child.process.send_signal(end)
+            deadline = time.monotonic() + _PATIENCE_S
+            while chosen and any(c.process.poll() is None for c in self.children):
+                hurry = self._signals > 1 and end != signal.SIGKILL
+                if hurry or time.monotonic() > deadline:
+                    break
+                time.sleep(0.01)
+        for child in self.children:
+            assert child.process.stdin is not None
+            child.process.stdin.close()
+
+
+def _cause(failed: list[Child], running: set[str]) -> str:
+    """The sentence that explains a failure: a death, a fault, a hang, at last a lost peer.
+
+    `failed` is in the order of the ends. Whoever merely lost another, or was told of a fault,
+    is not to blame; nor is one that still runs, unless another missed it.
+    """
+    for child in sorted(failed, key=lambda c: c.process.returncode >= 0):
+        if reason := child.own_reason():
+            return reason
+    missed = {role for child in failed for role in child.lost}
+    lost = next(child.fault for child in failed)
+    if hung := sorted(running & missed):
+        verb = "does" if len(hung) == 1 else "do"
+        return f"{' and '.join(hung)} {verb} not react any more; {lost}"
+    return lost

@@ -1,0 +1,104 @@
+"""A law that is not shipped, tried for a moment before a run: in a child, since it may hang."""
+
+import os
+import select
+import signal
+from contextlib import suppress
+
+import numpy as np
+
+from controller.controller import Controller, LineSpec
+from controller.door.bound import BoundLaw, BoundPython, LawFault
+from controller.door.law import LawError
+from controller.door.patience import Overdue, given_up_in_time
+from controller.door.registry import shipped
+from controller.law import About
+from hertzloop import assembly as parts
+from hertzloop import control
+from hertzloop.quantities import SENSED, Trial
+from hertzloop.scenes.scene import Scene, SceneError
+from plant.contact.hertz import rigid_penetration_m
+
+_SAMPLES = 2000
+_PATIENCE_S = 10.0
+_PREPARED_S = 60.0  # what a law prepares may take kernels that have to be compiled first
+
+
+def try_law(scene: Scene) -> str:
+    """Let the scene's law answer an impact on a rigid plate; a line on what it costs if it is not
+    compiled, else nothing. Raises SceneError if it fails or does not answer."""
+    if scene.law.name in shipped():
+        return ""
+    stiffness = parts.plant_spec(scene).contact.stiffness
+    about = control.about(scene, stiffness)
+    try:
+        with suppress(LawError), given_up_in_time(_PREPARED_S):  # it is told below
+            scene.law.constants(scene.controller.keys, about)
+    except Overdue:
+        raise SceneError(
+            f"the law {scene.law.name} was not prepared within {_PREPARED_S:g} s; does a loop of "
+            "it never end?"
+        ) from None
+    bound = control.law(scene, stiffness)
+    said = _in_child(bound, _samples(scene, about), scene)
+    if said:
+        raise SceneError(said)
+    if isinstance(bound, BoundPython) and bound.trouble:
+        return (
+            f"the law {bound.name} runs as Python, {bound.cost_us():.1f} us a sample instead of "
+            f"about 0.01, because Numba says: {bound.trouble}"
+        )
+    return ""
+
+
+def _samples(scene: Scene, about: About) -> np.ndarray:
+    """What the law would sense of an impact on a rigid plate."""
+    contact = max(int(about.rigid_contact_s / about.sample_s), 4)
+    before = min(_SAMPLES // 4, 200)
+    phase = np.clip((np.arange(_SAMPLES) - before) / contact, 0.0, 1.0) * np.pi
+    pulse = np.sin(phase)
+    deepest = rigid_penetration_m(about.sphere_mass_kg, about.stiffness, about.impact_speed_m_s)
+    away = np.arange(_SAMPLES) - before
+    gap = np.where(away < 0, -away, np.maximum(away - contact, 0))
+    return SENSED[scene.sensors.quantity].trial(
+        Trial(
+            gap_m=gap * about.impact_speed_m_s * about.sample_s - deepest * pulse,
+            force_n=about.rigid_peak_n * pulse,
+            velocity_m_s=-about.rigid_peak_n / about.impedance_n_s_m * pulse,
+            sample_s=about.sample_s,
+        )
+    )
+
+
+def _in_child(bound: BoundLaw, samples: np.ndarray, scene: Scene) -> str:
+    """What a law does wrong with these samples, in a sentence; empty if nothing."""
+    control.idle()  # what is compiled here is no time of the law's
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        said = ""
+        try:
+            Controller(bound, LineSpec(), scene.step_s, _SAMPLES + 1, 1, 0).process(samples)
+        except LawFault as error:
+            said = str(error)
+        except BaseException as error:
+            said = f"the law {bound.name} failed: {error!r}"
+        finally:
+            os.write(writing, said.encode()[:4000])
+            os._exit(0)
+    os.close(writing)
+    try:
+        ready, _, _ = select.select([reading], [], [], _PATIENCE_S)
+        if not ready:
+            return (
+                f"the law {bound.name} did not answer {_SAMPLES} samples within "
+                f"{_PATIENCE_S:g} s; does a loop of it never end?"
+            )
+        said = os.read(reading, 4000).decode()
+    finally:
+        os.close(reading)
+        os.kill(child, signal.SIGKILL)
+        _, status = os.waitpid(child, 0)
+    if not said and os.WIFSIGNALED(status) and os.WTERMSIG(status) != signal.SIGKILL:
+        return f"the law {bound.name} ended its process by signal {os.WTERMSIG(status)}"
+    return said

@@ -1,0 +1,170 @@
+"""The plant by the wall clock: it takes every step when it is due, and waits for no force.
+
+The rule, here and nowhere else: step k acts under its own force if that has come when the step is
+taken, else under the newest force that has (`follow` in pace_kernels). See docs/paced.md.
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from bus.lane import sleep_precisely
+from bus.messages_pb2 import Pacing
+from bus.port import PeerLost, Port, say_every_s
+from bus.streams import StreamFault
+from hertzloop.loop import kernels as k
+from hertzloop.loop import pace_kernels as pk
+from hertzloop.loop.answers import refusal
+from hertzloop.loop.plant_node import BLOCK_STEPS, PlantNode
+from hertzloop.scenes.scene import Scene, SceneError
+
+_MOST_WAITING = 1 << 22  # samples that are not answered
+_REST_S = 50e-6
+
+
+def check_pace(scene: Scene, pace: float, timeout_s: float) -> None:
+    """Raise SceneError for a pace (simulated over wall time) at which processes that wait
+    `timeout_s` for a message would take each other for dead."""
+    sample_s, most_s = scene.step_s * scene.sensors.every_steps, timeout_s / 4
+    if not sample_s / pace <= most_s:
+        raise SceneError(
+            f"--pace {pace:g} brings a sample every {sample_s / pace:.3g} s, but the processes "
+            f"wait {timeout_s:g} s for each other: take a pace of {sample_s / most_s:.2g} or more, "
+            "or a longer --timeout"
+        )
+
+
+def _pace(scene: Scene, pace: float) -> pk.Pace:
+    """What a run at a pace keeps, at its start."""
+    room = 1 << min(_MOST_WAITING, scene.steps // scene.sensors.every_steps + 1).bit_length()
+    return pk.Pace(
+        held=np.zeros(scene.steps, np.int32),
+        values=np.zeros(room),
+        taken_ns=np.zeros(room, np.int64),
+        counts=np.zeros(pk.PACE_COUNTS, np.int64),
+        histogram=np.zeros(pk.CLASSES, np.int64),
+        step_ns=scene.run.step_ns / pace,
+    )
+
+
+class PacedPlantNode(PlantNode):
+    """As PlantNode, but for the wall clock. The first sample is still exchanged in lock-step, and
+    sets up the lane; the clock starts with its answer."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        port: Port,
+        pace: float,
+        timeout_s: float = 10.0,
+        on_progress: Callable[[int], None] = lambda step: None,
+        fast_lane: bool = False,
+    ) -> None:
+        """Raises SceneError for a pace that cannot be."""
+        check_pace(scene, pace, timeout_s)
+        self._pace = _pace(scene, pace)
+        held = self._pace.held
+        super().__init__(scene, port, None, timeout_s, on_progress, fast_lane, held=held)
+        self.streams.hello.pace = pace
+        super()._advance(0)
+        pk.note_answers(self._pace, 0, 0, 0)
+        pk.note_forces(self._pace, 0, 0, 0)
+
+    def _advance(self, end: int) -> int:
+        streams, answers = self.streams, self.answers
+        said = int(pk.follow(
+            streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
+            answers.forces, streams.window, answers.grant, answers.lane, self._pace, end,
+        ))  # fmt: skip
+        if said == pk.FULL:
+            raise StreamFault(
+                f"the controller has not answered {len(self._pace.values):,} samples: it cannot "
+                "follow; take a lower --pace"
+            )
+        if said > k.SILENT:
+            raise StreamFault(refusal(said, answers))
+        return said
+
+    def _settle(self) -> int:
+        self._advance(self.streams.step)
+        if self.answers.samples == int(self.streams.window.counts[k.SAMPLES_END]):
+            return k.REACHED
+        self._check_patience()
+        time.sleep(_REST_S)
+        return k.SILENT
+
+    def _check_patience(self) -> None:
+        """Raise PeerLost if a sample has not been answered for too long."""
+        first, end = self.answers.samples, int(self.streams.window.counts[k.SAMPLES_END])
+        ring = self._pace.taken_ns
+        if first < end and time.monotonic_ns() - ring[first % len(ring)] > self.timeout_s * 1e9:
+            raise PeerLost(
+                f"plant waited {self.timeout_s:g} s for the force for step {self.answers.end} from "
+                "the controller: nothing came",
+                "controller",
+            )
+
+    def _loop(self) -> None:
+        streams, steps = self.streams, self.scene.steps
+        super()._advance(1)
+        streams.send_samples()
+        while not self.answers.samples:
+            super()._take()
+        sleep_precisely()
+        self._pace.counts[pk.PUT] = self.answers.samples
+        self._pace.counts[pk.START_NS] = time.monotonic_ns() - int(
+            streams.step * self._pace.step_ns
+        )
+        said_s, every_s = time.monotonic(), say_every_s(self.timeout_s)
+        while streams.step < steps:
+            boundary = (streams.step // BLOCK_STEPS + 1) * BLOCK_STEPS
+            said = self._advance(min(boundary, steps))
+            if said == k.REACHED or time.monotonic() - said_s > every_s:
+                streams.send_samples()
+                streams.send_truth()
+                self.on_progress(streams.step)
+                said_s = time.monotonic()
+            elif not self.answers.in_lane:
+                streams.send_samples()
+            while self.port.pending():
+                self._take()
+            self._check_patience()
+            if said == k.SILENT and not self.answers.in_lane:
+                self._rest()
+
+    def _rest(self) -> None:
+        """Without a lane: let time pass until the next step is due or something came."""
+        began = time.monotonic_ns()
+        due = self._pace.counts[pk.START_NS] + self.streams.step * self._pace.step_ns
+        while not self.port.pending() and time.monotonic_ns() < due - _REST_S * 1e9:
+            time.sleep(_REST_S)
+        self._pace.counts[pk.WAITED_NS] += time.monotonic_ns() - began
+
+    def _take(self) -> None:
+        """As in lock-step; what the bus brings counts as an answer where there is no lane."""
+        if self.answers.in_lane:
+            super()._take()
+            return
+        samples, forces = self.answers.samples, self.answers.end
+        super()._take()
+        now = time.monotonic_ns()
+        pk.note_answers(self._pace, now, samples, self.answers.samples)
+        pk.note_forces(self._pace, now, forces, self.answers.end)
+
+    def _say_how(self) -> None:
+        counts = self._pace.counts
+        wall_ns = time.monotonic_ns() - int(counts[pk.START_NS])
+        header = Pacing(
+            pace=self.streams.hello.pace,
+            response_max_ns=int(counts[pk.RESPONSE_MAX_NS]),
+            late_max_ns=int(counts[pk.LATE_MAX_NS]),
+            behind_max_ns=int(counts[pk.BEHIND_MAX_NS]),
+            working_ns=max(0, wall_ns - int(counts[pk.WAITED_NS])),
+            classes_an_octave=pk.CLASSES_AN_OCTAVE,
+            lead_steps=self.answers.grant.lead_steps,
+            step_ns=self.scene.run.step_ns,
+        )
+        self.streams.publisher.send(
+            "pacing", header, {"answers": np.trim_zeros(self._pace.histogram, "b").astype(float)}
+        )

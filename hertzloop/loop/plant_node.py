@@ -1,0 +1,348 @@
+"""The plant's side of the exchange: run as far as forces are known, send, wait, go on."""
+
+import math
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from foxglove_schemas_protobuf.Log_pb2 import Log
+
+from bus.messages_pb2 import Books, DaqBlock, RunEnd, TruthBlock
+from bus.port import BusError, EndedByOther, Port, Publisher, say_every_s
+from bus.streams import PLANT, Checker, StreamFault
+from hertzloop import assembly as parts
+from hertzloop.loop import kernels as k
+from hertzloop.loop.answers import Answers, controllers_fault
+from hertzloop.loop.events import PlantEvents, log
+from hertzloop.loop.hello import hello, new_run_id
+from hertzloop.loop.lane_offer import LaneOffer
+from hertzloop.loop.repeating import Repeat
+from hertzloop.quantities import TRUTH
+from hertzloop.scenes.scene import Scene
+from plant.contact.plastic import above_dent_m
+from plant.schemes import state_kernels as pk
+
+BLOCK_STEPS = 1000  # steps in a block of truth, samples in a block at most
+_AHEAD_BLOCKS = 64  # samples that may be on their way while the controller has promised zero
+
+
+def truth_columns(rows: np.ndarray, scene: Scene, same_point: bool) -> dict[str, np.ndarray]:
+    """Rows of truth, shape (10, steps), by the message's fields: those that the scene has, the
+    actuator's displacement only where it pushes elsewhere (see `PlantSpec.same_point`)."""
+    arrays = dict(zip(TRUTH, rows, strict=True))
+    if same_point:
+        del arrays["xi_a_m"]
+    if scene.run.scheme != "modal":
+        del arrays["f_c1_n"]
+    if scene.actuator.bandwidth_hz is None:
+        del arrays["f_a1_n"]
+    if scene.contact.plasticity == "none":
+        del arrays["deepest_m"]
+    return arrays
+
+
+@dataclass(frozen=True)
+class LoopStats:
+    """Which run it was and how it went in wall time; never part of a compared stream."""
+
+    wall_s: float
+    exchanges: int
+    run_id: str  # as the recording gives it
+    lane: str = ""  # what became of the fast lane: a LaneAnswer's name, "" if none was offered
+
+
+def empty_window(steps: int, samples: int) -> k.Window:
+    """Room for the truth of `steps` steps and for `samples` samples."""
+    return k.Window(
+        truth=np.zeros((k.TRUTH_COLUMNS, steps)),
+        codes=np.zeros(samples, np.int64),
+        values=np.zeros(samples),
+        clipped=np.zeros(samples, np.int64),
+        counts=np.zeros(k.WINDOW_COUNTS, np.int64),
+    )
+
+
+class PlantStreams:
+    """Window of what the plant produced, and its way onto the bus in blocks.
+
+    Blocks of truth and their events are cut at multiples of BLOCK_STEPS, whatever the
+    exchange does.
+    """
+
+    def __init__(self, scene: Scene, publisher: Publisher, held: np.ndarray | None = None) -> None:
+        """`held`: by how many steps each step's command is too old, where some may be."""
+        self.scene, self.publisher, self._held = scene, publisher, held
+        self.plant = parts.plant(scene)
+        self.sensor = parts.sensor(scene)
+        self.hello = hello(scene, self.plant.model.stiffness)
+        self.window = empty_window(BLOCK_STEPS, BLOCK_STEPS)
+        spec = self.sensor.spec
+        quantity = scene.sensors.quantity
+        self._events = PlantEvents(scene.run.step_ns, spec.every_steps, quantity, scene.steps)
+        self._clipped: list[np.ndarray] = []  # flags since the last block of truth
+        self._flags_first = 0
+
+    @property
+    def step(self) -> int:
+        """Present step."""
+        return int(self.plant.state.counts[pk.STEP])
+
+    def greet(self) -> None:
+        """Announce the run."""
+        self.publisher.send("hello", self.hello)
+
+    def samples_waiting(self) -> int:
+        """Samples taken, but not sent."""
+        counts = self.window.counts
+        return int(counts[k.SAMPLES_END] - counts[k.SAMPLES_FIRST])
+
+    def send_samples(self) -> None:
+        """Publish the waiting samples, if there are any."""
+        count, counts = self.samples_waiting(), self.window.counts
+        if not count:
+            return
+        model, every = self.sensor.model, self.sensor.spec.every_steps
+        clipped = self.window.clipped[:count].astype(np.uint8)
+        header = DaqBlock(
+            first_step=int(counts[k.SAMPLES_FIRST]) * every,
+            step_ns=self.scene.run.step_ns,
+            every_steps=every,
+            scale=model.scale,
+            offset=model.offset,
+            saturated=clipped.tobytes() if model.limited else b"",
+        )
+        arrays = (
+            {"value": self.window.values[:count]}
+            if model.ideal
+            else {"code": self.window.codes[:count]}
+        )
+        self.publisher.send("daq", header, arrays)
+        self._clipped.append(clipped)
+        counts[k.SAMPLES_FIRST] += count
+
+    def send_truth(self) -> None:
+        """Publish the waiting rows of truth and their events; samples must be sent before."""
+        counts = self.window.counts
+        first, end = int(counts[k.TRUTH_FIRST]), int(counts[k.TRUTH_END])
+        if first == end:
+            return
+        rows = self.window.truth[:, : end - first]
+        arrays = truth_columns(rows, self.scene, self.plant.spec.same_point)
+        held = None
+        if self._held is not None:
+            arrays["held_steps"] = held = self._held[first:end]
+        header = TruthBlock(first_step=first, step_ns=self.scene.run.step_ns)
+        self.publisher.send("truth", header, arrays)
+        # Flags of samples up to here; a later sample belongs to the next block.
+        flags = np.concatenate([np.empty(0, np.uint8), *self._clipped])
+        share = -(-end // self.sensor.spec.every_steps) - self._flags_first
+        for event in self._events.of(
+            first,
+            above_dent_m(self.plant.spec.contact, rows[0], rows[9]),
+            self._flags_first,
+            flags[:share],
+            held,
+        ):
+            self.publisher.send("events/plant", event)
+        self._clipped, self._flags_first = [flags[share:]], self._flags_first + share
+        counts[k.TRUTH_FIRST] = end
+
+    def finish(self) -> None:
+        """Publish the books and the counts."""
+        plant = self.plant
+        closed = plant.close_books()
+        header = Books(
+            **vars(closed),
+            frequencies=len(plant.modes.omega),
+            frequency_limit_hz=plant.spec.frequency_limit_hz,
+            expected_error=parts.model_error(self.scene),
+        )
+        self.publisher.send("books", header)
+        self.publisher.end()
+
+    def fail(self, sentence: str) -> None:
+        """Publish what is there and why it ends here; a dead bus is no second fault, nor is a
+        block that holds the fault itself. Where one of the run is gone, the end is told to the
+        others all the same."""
+        event = log("plant", self.step, self.scene.run.step_ns, sentence, Log.FATAL)
+        last_words: tuple[Callable[[], object], ...] = (
+            self.send_samples,
+            self.send_truth,
+            lambda: self.publisher.send("events/plant", event),
+        )
+        with suppress(BusError):
+            for say in last_words:
+                with suppress(StreamFault):
+                    say()
+        with suppress(BusError):
+            self.publisher.end(fault=sentence)
+
+
+class PlantNode:
+    """Runs a scene through a port, in lock-step with the controller at its other end.
+
+    `horizon` is the largest number of steps between two exchanges; None leaves it to what
+    the controller grants. With `fast_lane` a controller on this host may answer in shared memory.
+    Both change the speed and the blocks, never a sample. With `repeat` the commands of that run
+    act, and the controller has to give the same forces.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        port: Port,
+        horizon: int | None = None,
+        timeout_s: float = 10.0,
+        on_progress: Callable[[int], None] = lambda step: None,
+        fast_lane: bool = False,
+        repeat: Repeat | None = None,
+        held: np.ndarray | None = None,
+    ) -> None:
+        """`held` as in PlantStreams; that of `repeat`, if there is one."""
+        self.scene, self.port, self.timeout_s = scene, port, timeout_s
+        self.horizon = horizon or math.inf
+        self.on_progress = on_progress
+        publisher = Publisher(port, new_run_id())
+        self.streams = PlantStreams(scene, publisher, repeat.held if repeat else held)
+        self.answers = Answers(scene, self.streams.window, held)
+        self._repeat, self._commands = repeat, self.answers.forces
+        if repeat:
+            self._commands, self.streams.hello.repeats = repeat.commands, repeat.run_id
+        self._lane: LaneOffer | None = None
+        if fast_lane:
+            run_id, every = publisher.run_id, scene.sensors.every_steps
+            self._lane = LaneOffer(self.streams.hello, run_id, every, self.answers, timeout_s)
+        self.checker = Checker(publisher.run_id, scene.run.step_ns, PLANT, self.streams.hello)
+        self.controller_ended = False
+        self.exchanges = 0
+        self._advance(0)  # loads the kernels before the clock starts
+        self._settle()
+
+    def _advance(self, end: int) -> int:
+        streams, answers = self.streams, self.answers
+        said = k.advance(
+            streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
+            answers.forces, self._commands, streams.window, answers.grant, answers.lane, end,
+        )  # fmt: skip
+        return self._checked(int(said))
+
+    def _settle(self) -> int:
+        streams, answers = self.streams, self.answers
+        said = k.settle(
+            streams.plant.state, answers.forces, streams.window, answers.grant, answers.lane
+        )
+        return self._checked(int(said))
+
+    def _checked(self, said: int) -> int:
+        return self._lane.checked(said) if self._lane else said
+
+    def run(self) -> LoopStats:
+        """The whole run. Raises BusError or StreamFault; says so on the bus first."""
+        try:
+            self.streams.greet()
+            started = time.perf_counter()
+            self._loop()
+            self._await_end()
+            wall_s = time.perf_counter() - started
+            self._say_how()
+            self.streams.finish()
+        except (BusError, StreamFault) as error:
+            self.streams.fail(f"run ended at step {self.streams.step}: {error}")
+            raise
+        finally:
+            if self._lane:
+                self._lane.leave()
+        lane = self._lane.became if self._lane else ""
+        exchanges = self.exchanges + int(self.answers.grant.counts[k.EXCHANGES])
+        return LoopStats(wall_s, exchanges, f"{self.streams.publisher.run_id:x}", lane)
+
+    def _loop(self) -> None:
+        streams, steps = self.streams, self.scene.steps
+        last_exchange, told_s = 0, time.monotonic()
+        every_s = say_every_s(self.timeout_s)
+        while streams.step < steps:
+            boundary = (streams.step // BLOCK_STEPS + 1) * BLOCK_STEPS
+            end = int(min(boundary, steps, last_exchange + self.horizon))
+            said = self._advance(end)
+            must_wait = said == k.MUST_WAIT
+            # A slow run is not to be taken for a dead one.
+            overdue = time.monotonic() - told_s > every_s
+            if said != k.SILENT or overdue:
+                if streams.step >= last_exchange + self.horizon:
+                    must_wait, last_exchange = True, streams.step
+                streams.send_samples()
+                if overdue or streams.step % BLOCK_STEPS == 0 or streams.step == steps:
+                    streams.send_truth()
+                    self.on_progress(streams.step)
+                    told_s = time.monotonic()
+                if must_wait or self._too_far_ahead():
+                    self._exchange()
+            while self.port.pending():
+                self._take()
+
+    def _await_end(self) -> None:
+        """Wait for all answers and the controller's end: what it heard and worked by is compared
+        before the plant's own end says that the run was as announced."""
+        self._await_answers()
+        while not self.controller_ended:
+            self._take()
+
+    def _say_how(self) -> None:
+        """What is to be said of a run that went well, beside its books."""
+
+    def _sent(self) -> int:
+        return int(self.streams.window.counts[k.SAMPLES_FIRST])
+
+    def _too_far_ahead(self) -> bool:
+        return self._sent() - self.answers.samples > _AHEAD_BLOCKS * BLOCK_STEPS
+
+    def _await_answers(self) -> None:
+        """Wait until the controller has answered all samples sent."""
+        while self.answers.samples < self._sent():
+            if not self.answers.in_lane:
+                self._take()
+            elif self._settle() == k.SILENT:
+                while self.port.pending():
+                    self._take()
+
+    def _exchange(self) -> None:
+        self.exchanges += 1
+        self._await_answers()
+        if self.answers.missing_at(self.streams.step):
+            raise StreamFault(
+                f"the controller has seen all {self.answers.samples} samples, but granted no "
+                f"force for step {self.streams.step}"
+            )
+
+    def _take(self) -> None:
+        """Receive one message of the controller. Raises StreamFault when it cannot be."""
+        awaited = f"the force for step {self.answers.end}"
+        if self.answers.end == self.scene.steps:
+            awaited = "the end"
+        envelope = self.port.receive(self.timeout_s, f"{awaited} from the controller")
+        block = self.checker.accept(envelope)
+        if envelope.stream == "end/controller":
+            self._hear_end(block.header)
+        elif self.answers.in_lane:
+            self._advance(self.streams.step)  # what is in the lane came before
+            try:
+                self.answers.confirm(block.header, block.arrays["force_n"])
+            except StreamFault as error:
+                raise controllers_fault(self.port, self.checker, self.timeout_s) or error from None
+        else:
+            self.answers.take(block.header, block.arrays["force_n"], self.streams.step)
+            if self._lane:
+                self._lane.hear(block.header.lane, self._sent())
+
+    def _hear_end(self, end: RunEnd) -> None:
+        self.controller_ended = True
+        self._advance(self.streams.step)  # takes what is left in the lane
+        if end.fault or self.answers.end < self.scene.steps:
+            raise EndedByOther(f"the controller gave up: {end.fault or 'too early'}")
+        self.checker.reconcile(end)
+        if not self.answers.all_confirmed():
+            raise StreamFault("stream 'force' ended before it held all that the lane brought")
+        if self._repeat:
+            self._repeat.compare(self.answers.forces)

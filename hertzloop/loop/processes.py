@@ -1,0 +1,216 @@
+"""The three processes of a run over zenoh, each as one function: role, port, loop, end.
+
+Every function returns statistics for the launcher, or raises BusError, StreamFault or
+RecordingError with one sentence.
+"""
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bus.port import BusError, EndedByOther, PeerLost
+from bus.streams import CONTROLLER, PLANT, RECORDER, StreamFault
+from bus.zenoh_port import ZenohPort
+from hertzloop.loop.realtime import Profile, Wanted
+from hertzloop.loop.repeating import Repeat
+from hertzloop.loop.signals import INTERRUPTED, ending_signals
+from hertzloop.scenes.scene import Scene
+from recordings.recorder import Recorder
+from recordings.writer import RecordingError
+
+BASE_PORT = 7450
+_GRACE_S = 2.0  # for the others to hear of a fault
+_PATIENCE_S = 4.0  # for an interrupted role to end in order
+_ORDER = (PLANT, CONTROLLER, RECORDER)
+
+
+@dataclass(frozen=True)
+class BusAddress:
+    """Where a role meets the others: the run's name and explicit endpoints, full mesh."""
+
+    name: str
+    listen: Sequence[str]
+    connect: Sequence[str] = ()
+    config_file: Path | None = None
+    timeout_s: float = 5.0  # longest wait for a message during the run
+    wait_s: float = 30.0  # longest wait for the others to appear
+
+    def open(self, role: str) -> ZenohPort:
+        """Join the bus. Raises BusError."""
+        return ZenohPort(
+            role, self.name, self.listen, self.connect, self.config_file, self.timeout_s
+        )
+
+
+def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[str]]:
+    """Endpoints on loopback for a role: listen on its own, connect to those before it."""
+    urls = [f"tcp/127.0.0.1:{port}" for port in ports]
+    place = _ORDER.index(role)
+    return [urls[place]], urls[:place]
+
+
+class Interrupted(RuntimeError):
+    """Somebody asked the run to stop."""
+
+
+@contextmanager
+def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
+    """Join the bus, and leave it after the recorder, so that nothing sent is lost.
+
+    A signal makes the next wait raise KeyboardInterrupt; a second one, or a role that does
+    not get to its next wait because another hangs, ends the process at once.
+    """
+    port = address.open(role)
+
+    def leave() -> None:
+        sys.stderr.write(f"{role} was interrupted, and left before its part was in order\n")
+        sys.stderr.flush()
+        os._exit(INTERRUPTED)
+
+    patience = threading.Timer(_PATIENCE_S, leave)
+    patience.daemon = True
+
+    def react(count: int) -> None:
+        if count > 1:
+            leave()
+        port.interrupt()
+        patience.start()
+
+    with ending_signals(react):
+        try:
+            yield port
+        except BaseException as error:
+            # Who does not react will not hear either; the recorder may still write. It has no last
+            # words: what it heard, the others shall hear before they miss it, and name the cause.
+            if role != RECORDER or isinstance(error, StreamFault):
+                lost = error.roles if isinstance(error, PeerLost) else ()
+                port.wait_until_heard(_GRACE_S, {*lost} - {RECORDER})
+            raise
+        else:
+            if role != RECORDER:
+                port.wait_for_voucher(RECORDER)
+        finally:
+            port.close()
+            patience.cancel()
+
+
+def run_plant(
+    scene: Scene,
+    address: BusAddress,
+    horizon: int | None = None,
+    on_ready: Callable[[], None] = lambda: None,
+    on_progress: Callable[[int], None] = lambda step: None,
+    fast_lane: bool = True,
+    realtime: Wanted = Wanted.OFF,
+    pace: float | None = None,
+    repeat: Repeat | None = None,
+) -> dict[str, Any]:
+    """The plant process: waits for the others, runs the scene, in lock-step, perhaps as a `repeat`
+    of another run, or at a `pace`; says how fast that went."""
+    from hertzloop.loop.paced import PacedPlantNode
+    from hertzloop.loop.plant_node import PlantNode
+
+    profile = Profile(realtime, PLANT)
+    with _joined(address, PLANT) as port:
+        common = (address.timeout_s, on_progress, fast_lane)
+        node = (
+            PacedPlantNode(scene, port, pace, *common)
+            if pace
+            else PlantNode(scene, port, horizon, *common, repeat)
+        )
+        port.announce()
+        port.wait_for([CONTROLLER, RECORDER], address.wait_s)
+        on_ready()
+        try:
+            with profile.loop(lambda: node.streams.step):
+                stats = node.run()
+        except KeyboardInterrupt as error:
+            node.streams.fail(f"interrupted at step {node.streams.step}")
+            raise Interrupted(f"plant was interrupted at step {node.streams.step}") from error
+    return vars(stats) | {"realtime": profile.line()}
+
+
+def run_controller(
+    address: BusAddress,
+    on_ready: Callable[[], None] = lambda: None,
+    law: str | None = None,
+    fast_lane: bool = True,
+    realtime: Wanted = Wanted.OFF,
+) -> dict[str, Any]:
+    """The controller process: answers samples until the plant announces its end, by the law that
+    the scene names, or by the file `law`, if that is the same."""
+    from hertzloop.loop.controller_node import ControllerNode
+
+    profile = Profile(realtime, CONTROLLER)
+    with _joined(address, CONTROLLER) as port:
+        node = ControllerNode(port, law=law, fast_lane=fast_lane)
+        port.announce()
+        port.wait_for([PLANT, RECORDER], address.wait_s)
+        on_ready()
+        try:
+            with profile.loop(lambda: node.samples):
+                while not node.done:
+                    node.work(address.timeout_s if node.set_up else address.wait_s)
+        except (StreamFault, BusError, KeyboardInterrupt) as error:
+            sentence = str(error) or "the controller was interrupted"
+            with suppress(BusError):  # the first fault is the one to tell
+                node.fail(sentence)
+            if isinstance(error, KeyboardInterrupt):
+                raise Interrupted(sentence) from error
+            raise
+        if node.fault:
+            raise EndedByOther(f"the plant ended the run: {node.fault}")
+    return {"realtime": profile.line()}
+
+
+@contextmanager
+def _recording(path: Path, overwrite: bool) -> Iterator[Recorder]:
+    """A recorder whose file is closed in any case, and says why it is not complete."""
+    recorder = Recorder(path, overwrite)
+    try:
+        yield recorder
+    except BaseException as error:
+        interrupted = isinstance(error, KeyboardInterrupt)
+        sentence = "the recorder was interrupted" if interrupted else str(error) or repr(error)
+        with suppress(RecordingError):  # the first fault is the one to tell
+            recorder.close(sentence)
+        if interrupted:
+            raise Interrupted(sentence) from error
+        raise
+    recorder.close()
+
+
+def run_recorder(
+    path: Path,
+    address: BusAddress,
+    overwrite: bool = False,
+    on_ready: Callable[[], None] = lambda: None,
+    realtime: Wanted = Wanted.OFF,
+) -> dict[str, Any]:
+    """The recorder process: writes everything down until both roles have ended."""
+    started, profile = time.monotonic(), Profile(realtime, RECORDER)
+    with _joined(address, RECORDER) as port:
+        with _recording(path, overwrite) as recorder:
+            port.announce()
+            port.wait_for([PLANT, CONTROLLER], address.wait_s)
+            on_ready()
+            with profile.loop(lambda: 0):
+                # Whom this role sees the plant may still wait for: the run is yet to begin.
+                patience_s = address.wait_s
+                while not recorder.done:
+                    envelope = port.receive(patience_s, "messages from plant and controller")
+                    recorder.handle(envelope)
+                    patience_s = address.timeout_s
+                    if envelope.stream.startswith("end/"):
+                        port.release(envelope.stream.removeprefix("end/"))
+            recorder.reconcile()
+        if recorder.faults:
+            raise EndedByOther(recorder.faults[0])
+        port.vouch()
+    return {"recorder_s": time.monotonic() - started, "realtime": profile.line()}

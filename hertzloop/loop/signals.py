@@ -1,0 +1,84 @@
+"""Signals that end a process: Ctrl-C, termination, a closed terminal."""
+
+import os
+import signal
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+INTERRUPTED = 130  # exit code
+
+
+def _ending() -> list[signal.Signals]:
+    """All of them; without SIGHUP where it is ignored, as under nohup."""
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    return numbers + [signal.SIGHUP] * (signal.getsignal(signal.SIGHUP) != signal.SIG_IGN)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def raise_when_ended() -> None:
+    """From now on every ending signal raises KeyboardInterrupt, as Ctrl-C does."""
+    for number in _ending():
+        signal.signal(number, _interrupt)
+
+
+@contextmanager
+def ending_signals(react: Callable[[int], None]) -> Iterator[None]:
+    """Call react(1), react(2), ... for the signals that come, instead of raising.
+
+    It runs in a thread of its own, so that it works while the main thread is inside a call
+    that does not return. In another than the main thread Python hears no signals: nothing
+    is done there.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
+
+    def listen() -> None:
+        count = 0
+        while reader.recv(1):
+            count += 1
+            react(count)
+
+    thread = threading.Thread(target=listen, daemon=True)
+    thread.start()
+    # The descriptor first: a signal in between is only delayed by its old handler.
+    woken = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
+    before = {number: signal.signal(number, lambda *_: None) for number in _ending()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(woken)
+        writer.close()
+        thread.join()
+        reader.close()
+
+
+@contextmanager
+def interrupts_held_back() -> Iterator[None]:
+    """Hold Ctrl-C back; a process started meanwhile hears it when it can say so, or never."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def end_with_the_launcher() -> None:
+    """End this process as a signal would when its standard input ends: its launcher is gone."""
+
+    def wait() -> None:
+        while os.read(0, 1):
+            pass
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=wait, daemon=True).start()

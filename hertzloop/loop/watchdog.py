@@ -1,0 +1,98 @@
+"""A law that never returns blocks its process for good: a thread notices and ends it."""
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass, field
+
+from controller.door.registry import shipped
+from hertzloop.scenes.scene import Scene
+
+PATIENCE_S = 20.0
+_LOOKS = 4  # in that time
+
+
+@dataclass(eq=False)
+class _Run:
+    """One that is watched, with what was last seen of it, and since when."""
+
+    law: str
+    progress: Callable[[], int]
+    on_stuck: Callable[[str], None]
+    what: str
+    patience_s: float
+    seen: int = 0
+    since_s: float = field(default_factory=time.monotonic)
+
+    def stuck(self) -> bool:
+        """Whether it has come no further for too long; kernels may compile before its start."""
+        now = self.progress()
+        if now != self.seen or now == 0:
+            self.seen, self.since_s = now, time.monotonic()
+        return time.monotonic() - self.since_s > self.patience_s
+
+    def end(self) -> None:
+        """End the process."""
+        sentence = (
+            f"the law {self.law} has not answered for {self.patience_s:g} s, {self.seen} "
+            f"{self.what} into the run; does a loop of it never end?"
+        )
+        self.on_stuck(sentence)
+        print(f"error: {sentence}", file=sys.stderr, flush=True)
+        os._exit(1)
+
+
+# One thread for all runs of a process: one a case took a third of what the case took.
+_runs: list[_Run] = []
+_started = threading.Lock()
+_thread = threading.Thread()
+
+
+def watching(
+    scene: Scene,
+    progress: Callable[[], int],
+    on_stuck: Callable[[str], None] = lambda sentence: None,
+    what: str = "samples",
+) -> AbstractContextManager[None]:
+    """Watch a run of a scene; those of shipped laws need no watching."""
+    name = scene.controller.law
+    return nullcontext() if name in shipped() else watched(scene.law.name, progress, on_stuck, what)
+
+
+@contextmanager
+def watched(
+    law: str,
+    progress: Callable[[], int],
+    on_stuck: Callable[[str], None] = lambda sentence: None,
+    what: str = "samples",
+    patience_s: float | None = None,
+) -> Iterator[None]:
+    """End this process with exit code 1 and a sentence when `progress` stays the same for too
+    long; `on_stuck` can save what there is first. Needs kernels that release the interpreter."""
+    run = _Run(law, progress, on_stuck, what, patience_s or PATIENCE_S)
+    _runs.append(run)
+    _ensure_watch()
+    try:
+        yield
+    finally:
+        _runs.remove(run)
+
+
+def _ensure_watch() -> None:
+    """Start the thread, unless there is one; after a fork there is none."""
+    global _thread
+    with _started:
+        if not _thread.is_alive():
+            _thread = threading.Thread(target=_watch, name="watchdog of laws", daemon=True)
+            _thread.start()
+
+
+def _watch() -> None:
+    while True:
+        time.sleep(min((run.patience_s for run in tuple(_runs)), default=PATIENCE_S) / _LOOKS)
+        for run in tuple(_runs):
+            if run.stuck() and run in _runs:
+                run.end()

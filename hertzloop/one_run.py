@@ -1,0 +1,155 @@
+"""One run from start to report: the main job, whatever carries the messages."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from hertzloop import assembly as parts
+from hertzloop import control
+from hertzloop.loop.compiled import uncontrolled_rows
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.launcher import Launcher
+from hertzloop.results import figures
+from hertzloop.results.impact_rows import through_first_contact
+from hertzloop.results.predictability import DISTURBANCE, as_dicts, known_impacts
+from hertzloop.results.verify import as_json, verify
+from hertzloop.scenes.scene import Scene
+from recordings.compare import first_difference
+from recordings.reader import holds_a_run, read
+from recordings.writer import RecordingError
+
+
+class Transport(StrEnum):
+    """Three ways to run the same closed loop."""
+
+    ZENOH = "zenoh"
+    INPROCESS = "inprocess"
+    COMPILED = "compiled"
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How to run a scene; but for `pace`, nothing here changes a sample. See the command line."""
+
+    transport: Transport = Transport.ZENOH
+    overwrite: bool = False
+    horizon: int | None = None
+    ports: Sequence[int] | None = None
+    name: str | None = None
+    timeout_s: float = 5.0
+    verify: bool = False
+    fast_lane: bool = True
+    realtime: str = "off"
+    pace: float | None = None  # simulated over wall time; None: in lock-step
+    repeat: Path | None = None  # a recording whose forces act, late ones as late as there
+
+
+def _check_parts(scene: Scene) -> None:
+    """Build all parts of a scene once. Raises SceneError."""
+    parts.sensor(scene)
+    control.controller(scene, parts.plant(scene).model.stiffness)
+
+
+def record(
+    scene: Scene,
+    recording: Path,
+    options: RunOptions,
+    on_progress: Callable[[int], None] = lambda step: None,
+) -> dict[str, Any]:
+    """Run and record a scene; wall time and exchanges of the loop.
+
+    Raises RunFailed, BusError, StreamFault or RecordingError with one sentence; SceneError for
+    parts that cannot be built, before there is a file.
+    """
+    _check_parts(scene)
+    if options.transport is Transport.ZENOH:
+        with Launcher(
+            scene,
+            recording,
+            overwrite=options.overwrite,
+            horizon=options.horizon,
+            ports=options.ports,
+            name=options.name,
+            timeout_s=options.timeout_s,
+            fast_lane=options.fast_lane,
+            realtime=options.realtime,
+            pace=options.pace,
+            repeat=options.repeat,
+        ) as processes:
+            return processes.wait(on_progress)
+    loop = record_in_process(
+        scene,
+        recording,
+        compiled=options.transport is Transport.COMPILED,
+        horizon=options.horizon,
+        overwrite=options.overwrite,
+        on_progress=on_progress,
+    )
+    return dict(vars(loop))
+
+
+def run_scene(
+    scene: Scene,
+    recording: Path,
+    options: RunOptions,
+    on_progress: Callable[[int], None] = lambda step: None,
+) -> dict[str, Any]:
+    """Run and record a scene; the report that `run --json` writes. Raises as `record`."""
+    stats = record(scene, recording, options, on_progress)
+    recorded = read(recording)
+    if recorded.metadata.get("run_id") != stats["run_id"]:
+        raise RecordingError(
+            f"{recording} holds run {recorded.metadata.get('run_id')}, not {stats['run_id']} that "
+            "was started here: another run has replaced it"
+        )
+    if recorded.problems:
+        raise RecordingError(f"{recording}: {recorded.problems[0]}")
+    without = scene.without_control()
+    free = None
+    if without != scene:
+        free = figures.figures_of(without, uncontrolled_rows(without))
+    verified = None
+    if options.verify:
+        rows = through_first_contact(figures.blocks_of(recorded))
+        verified = verify(scene, rows)
+    report = figures.run_report(
+        scene,
+        recorded,
+        free,
+        transport=options.transport.value,
+        wall_s=stats["wall_s"],
+        exchanges=int(stats["exchanges"]),
+        lane=stats["lane"],
+        realtime=stats.get("realtime", ""),
+    )
+    report["predictability"] = _predictability(scene, without, report)
+    if options.repeat:
+        report["repeats"] = str(options.repeat)
+        report["differs"] = first_difference(read(options.repeat), recorded)
+    if options.verify:
+        report["verification"] = as_json(verified)
+    return report
+
+
+def _predictability(scene: Scene, without: Scene, report: dict[str, Any]) -> dict[str, Any]:
+    """How well the impacts of a run, and of that without control, can be known."""
+    error = report["expected_error"]
+    found: dict[str, Any] = {"disturbance": DISTURBANCE, "model_error": error}
+    if report["stability"]["unstable"]:
+        return found | {"controlled": None, "uncontrolled": None}
+    known = known_impacts(scene, report["impacts"], error)
+    other = known
+    if without != scene:
+        other = known_impacts(without, report["uncontrolled"]["impacts"], error)
+    return found | {"controlled": as_dicts(known), "uncontrolled": as_dicts(other)}
+
+
+def what_is_kept(recording: Path, since_s: float) -> str:
+    """What a person finds of a run that was started at `since_s` (seconds since the epoch) and
+    did not end."""
+    # Until something comes to replace it, an existing file is kept.
+    if holds_a_run(recording) and recording.stat().st_mtime >= since_s:
+        return f"what was recorded until now is in {recording}"
+    return "nothing was recorded"

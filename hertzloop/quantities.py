@@ -1,0 +1,88 @@
+"""The one table of sensed quantities, and that of the columns of truth: names, units, meaning.
+
+A new sensed quantity is a row of `SENSED`. Scenes, laws, converter, exports and the trial of a law
+follow; the replay draws it with the gap, unless `recordings/replay/data.py` names another plot.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from plant.schemes import state_kernels as pk
+
+# Columns of truth by the names of the message's fields: unit, meaning. Their order is that of
+# the rows which the loop writes.
+TRUTH = {
+    "xi_m": ("m", "gap: sphere's lowest point minus plate surface"),
+    "xi_s_m": ("m", "sphere's lowest point"),
+    "xi_p_m": ("m", "plate at the contact point"),
+    "v_p_m_s": ("m/s", "plate velocity at the contact point"),
+    "f_c_n": ("N", "contact force, mean of the step, up on the sphere"),
+    "f_a_n": ("N", "actuator force, up on the plate"),
+    "xi_a_m": ("m", "plate at the actuator"),
+    "f_c1_n": ("N", "slope of the contact force over the step: f_c + f_c1 (2 t/h - 1)"),
+    "f_a1_n": ("N", "slope of the actuator force over the step: f_a + f_a1 (2 t/h - 1)"),
+    "deepest_m": ("m", "deepest penetration so far, at least that of first yield"),
+}
+# Ranges of converters, of the largest value on a rigid plate.
+_GAP_LOW, _GAP_HIGH, _ABOVE = -1.25, 0.25, 1.25
+
+
+class Expected(NamedTuple):
+    """How far an impact goes, on a rigid plate; `flight_m` above it a law has to see the sphere,
+    `velocity_m_s()` is that of the plate, which something else than a plate has not."""
+
+    rigid_m: float
+    deepest_m: float  # the same, where the contact yields
+    flight_m: float
+    force_n: float
+    velocity_m_s: Callable[[], float]
+    contact_s: float
+
+
+class Trial(NamedTuple):
+    """A made-up impact that a law is tried on, a value a sample; shapes (samples,)."""
+
+    gap_m: np.ndarray
+    force_n: np.ndarray
+    velocity_m_s: np.ndarray  # of the plate
+    sample_s: float
+
+
+class Sensed(NamedTuple):
+    """A quantity that the data acquisition can have as its input."""
+
+    unit: str
+    meaning: str
+    of_state: int  # index into the plant's state
+    range: Callable[[Expected], tuple[float, float]]  # of a converter: lowest, highest value
+    trial: Callable[[Trial], np.ndarray]  # samples of the made-up impact
+    over_step: bool = False  # a mean over the last step, not the value at its end
+
+
+def _gap_range(e: Expected) -> tuple[float, float]:
+    return _GAP_LOW * e.deepest_m, max(_GAP_HIGH * e.rigid_m, e.flight_m)
+
+
+def _either_way(most: float) -> tuple[float, float]:
+    return -_ABOVE * most, _ABOVE * most
+
+
+# By the name that scenes and laws use.
+SENSED = {
+    "xi": Sensed("m", "sampled gap", pk.XI, _gap_range, lambda t: t.gap_m),
+    "v_p": Sensed(
+        "m/s", "sampled plate velocity", pk.V_P,
+        lambda e: _either_way(e.velocity_m_s()), lambda t: t.velocity_m_s,
+    ),
+    "acceleration": Sensed(
+        "m/s^2", "sampled plate acceleration", pk.A_P,
+        lambda e: _either_way(e.velocity_m_s() * (np.pi / e.contact_s)),
+        lambda t: np.gradient(t.velocity_m_s, t.sample_s), over_step=True,
+    ),
+    "contact_force": Sensed(
+        "N", "sampled contact force", pk.F_C,
+        lambda e: (0.0, _ABOVE * e.force_n), lambda t: t.force_n, over_step=True,
+    ),
+}  # fmt: skip

@@ -1,0 +1,1 @@
+"""From rows of truth to impacts, figures and reports."""

@@ -1,0 +1,260 @@
+"""One case of a sweep: a scene simulated in one compiled call, and its figures."""
+
+import hashlib
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+import numpy as np
+
+from controller.law import ACTING
+from hertzloop import assembly as parts
+from hertzloop.loop.compiled import Simulated, simulate
+from hertzloop.results.extremes import ExtremesMeter
+from hertzloop.results.facts import Facts
+from hertzloop.results.impact_rows import (
+    F_A,
+    F_A1,
+    F_C,
+    F_C1,
+    V_P,
+    consistent_impacts,
+    modes_of,
+)
+from hertzloop.results.stability import StabilityMeter
+from hertzloop.results.validity import Finding, findings, in_state
+from hertzloop.scenes.scene import (
+    NO_CASE_OF_THESIS,
+    ControllerTable,
+    Scene,
+    SceneError,
+    SensorsTable,
+)
+from hertzloop.scenes.shared import by_tables
+from plant.figures.impact_noise import impact_noise
+from plant.figures.impacts import Impact
+from plant.figures.noise import ImpactNoise, modal_shares_j
+
+Span = Literal["impact", "run"]
+_QUIET_S = 1e-4  # a first impact is over when nothing has touched or pushed for so long
+# After the lead-in; four times as many until the impact is over. A run that is over ends before.
+_FIRST_STEPS = 2048
+UNSTABLE = "the closed loop is unstable"  # how the reason of such a case begins
+
+
+_PLAIN_SENSORS, _NO_CONTROL = SensorsTable(quantity="xi"), ControllerTable(law="off")
+
+
+class UnstableLoop(SceneError):
+    """The actuator feeds in energy without bound: figures would say nothing."""
+
+
+@dataclass(frozen=True)
+class CaseFigures:
+    """Figures of a case. `*_db`: against the same scene without control, over its first impact,
+    or over the whole run where the case takes that (feedback never ends); of energies 10 lg, of
+    the plate's largest speed and the pressure bound 20 lg.
+
+    `rebound_*`: when the sphere leaves at the end of the span, `contact_us`: of the first contact,
+    `plate_energy_j`: work of all forces on the plate, `injected_j`: the actuator's share, `pumps`:
+    whether that was more than the impact's energy at a time, `delay_us`: latched by the law, nan
+    without. `plate_model`: "modal" or "infinite", what the scene's run.plate_model came to.
+    `leaves_out`, `out_of_range`: names of indicators above their threshold, and by far (see
+    hertzloop.results.validity). `digest`: of all samples and rows of truth of the `steps` steps.
+    """
+
+    plate_energy_db: float
+    rebound_percent: float
+    radiated_db: float
+    plate_speed_db: float
+    pressure_db: float
+    longhorn_db: float
+    holmes_db: float
+    plate_energy_j: float
+    injected_j: float
+    pumps: bool
+    impact_energy_j: float
+    rebound_m_s: float
+    contact_us: float
+    contacts: int
+    peak_force_n: float
+    delay_us: float
+    energy_residual: float
+    plate_model: str
+    leaves_out: str
+    out_of_range: str
+    steps: int
+    digest: str
+
+
+def digest_of(rows: np.ndarray, samples: np.ndarray) -> str:
+    """Fingerprint of rows of truth, shape (10, steps), and samples (values, or codes)."""
+    total = hashlib.blake2b(np.ascontiguousarray(rows), digest_size=16)
+    total.update(np.ascontiguousarray(samples))
+    return total.hexdigest()
+
+
+def lasting(scene: Scene, steps: int) -> Scene:
+    """The scene with a run of so many steps."""
+    run = scene.run.model_copy(update={"duration_s": steps * scene.step_s})
+    return scene.model_copy(update={"run": run})
+
+
+def on_plate(scene: Scene, plate_model: str) -> Scene:
+    """The scene with run.plate_model set."""
+    return scene.model_copy(
+        update={"run": scene.run.model_copy(update={"plate_model": plate_model})}
+    )
+
+
+def _follow(scene: Scene, span: Span) -> tuple[Scene, Simulated]:
+    """Simulate as much of a scene as the span asks for; the scene with the model of the plate
+    that it came to.
+
+    "auto" means the infinite plate where it meets the accuracy until the span is over.
+    """
+    if span == "run":
+        scene = on_plate(scene, parts.plate_model(scene))
+        return scene, simulate(scene)
+    quiet = max(round(_QUIET_S / scene.step_s), 1)
+    if scene.run.plate_model == "auto":
+        lasts_s = parts.infinite_plate_lasts_s(scene)
+        steps = int((parts.first_touch_s(scene) + lasts_s) / scene.step_s)
+        if lasts_s > 0.0:
+            infinite = on_plate(scene, "infinite")
+            found = simulate(lasting(infinite, min(steps, scene.steps)), quiet)
+            if found.over or steps >= scene.steps:
+                return infinite, found
+        scene = on_plate(scene, "modal")
+    return scene, _until_over(scene, quiet)
+
+
+def _until_over(scene: Scene, quiet: int) -> Simulated:
+    """Simulate until the first impact is over, the run's end at the latest."""
+    steps = round(scene.run.lead_in_s / scene.step_s) + _FIRST_STEPS
+    while steps < scene.steps:
+        found = simulate(lasting(scene, steps), quiet)
+        if found.over:
+            return found
+        steps *= 4
+    return simulate(scene, quiet)
+
+
+def _latched_us(scene: Scene, run: Simulated) -> float:
+    acting = np.flatnonzero(run.modes == ACTING)
+    if not scene.law.latches or not len(acting):
+        return math.nan
+    return float(run.delays[acting[0]]) * scene.sensors.every_steps * scene.run.step_ns / 1000
+
+
+def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
+    """Simulate a scene and compare it with the same without control.
+
+    `span`: "impact" until the first impact is over, the run's end at the latest; "run" to the
+    end. Raises SceneError for the published scheme, and for a run without contact;
+    UnstableLoop.
+    """
+    if scene.run.scheme == "thesis2008":
+        raise SceneError(NO_CASE_OF_THESIS)
+    plain = _plain(scene)
+    scene, run = _follow(scene, span)
+    books = run.books
+    stable = StabilityMeter(scene)
+    stable.feed(0, run.rows)
+    found = stable.result()
+    if found.unstable:
+        raise UnstableLoop(
+            f"{UNSTABLE}: the actuator exchanges {found.most_injected:.3g} times the energy of the "
+            "impact"
+        )
+    if not (np.isfinite(run.rows).all() and math.isfinite(books.energy_residual)):
+        raise SceneError("the run has numbers that are not finite; its figures would say nothing")
+    noise, impacts = _noise(scene, run.rows)
+    left_out = _left_out(scene, run.rows, impacts)
+    free = _uncontrolled(plain, span if run.over else "run")
+    return CaseFigures(
+        plate_energy_db=_db(noise.transmitted_j, free.transmitted_j),
+        rebound_percent=100.0 * noise.rebound_height_m / free.rebound_height_m
+        if free.rebound_height_m
+        else math.nan,
+        radiated_db=_db(noise.radiated_j, free.radiated_j),
+        plate_speed_db=2.0 * _db(noise.plate_speed_max_m_s, free.plate_speed_max_m_s),
+        pressure_db=2.0 * _db(noise.peak_pressure_pa, free.peak_pressure_pa),
+        longhorn_db=_db(noise.longhorn_j, free.longhorn_j),
+        holmes_db=_db(noise.holmes_j, free.holmes_j),
+        plate_energy_j=noise.transmitted_j,
+        injected_j=books.injected_j,
+        pumps=found.pumps,
+        impact_energy_j=books.energy_start_j,
+        rebound_m_s=noise.next_impact_speed_m_s,
+        contact_us=1e6 * noise.contact_time_s,
+        contacts=len(impacts),
+        peak_force_n=max(impact.peak_force_n for impact in impacts),
+        delay_us=_latched_us(scene, run),
+        energy_residual=books.energy_residual,
+        plate_model=scene.run.plate_model,
+        leaves_out=in_state(left_out, "left out"),
+        out_of_range=in_state(left_out, "out of range"),
+        steps=run.rows.shape[1],
+        digest=digest_of(run.rows, run.samples),
+    )
+
+
+def _db(value: float, reference: float) -> float:
+    """10 lg of a ratio; nan where it has no logarithm."""
+    ratio = value / reference if reference else math.nan
+    return 10.0 * math.log10(ratio) if ratio > 0.0 else math.nan
+
+
+@by_tables("sphere", "plate", "contact", "actuator", "materials", "run")
+def _plain(scene: Scene) -> Scene:
+    """The scene without control and converters, in one form for all that differ in these only."""
+    off = scene.without_control()
+    plain = {
+        "sensors": _PLAIN_SENSORS,
+        "controller": _NO_CONTROL,
+        "run": off.run.model_copy(update={"seed": 0, "touch_phase": 0.5}),
+        "name": "plain",
+        "shows": "",
+    }
+    return off.model_copy(update=plain)
+
+
+@lru_cache(maxsize=64)
+def _uncontrolled(scene: Scene, span: Span) -> ImpactNoise:
+    scene, run = _follow(scene, span)
+    return _noise(scene, run.rows)[0]
+
+
+def _left_out(scene: Scene, rows: np.ndarray, impacts: list[Impact]) -> list[Finding]:
+    scene = lasting(scene, rows.shape[1])
+    spec = parts.plant_spec(scene)
+    meter = ExtremesMeter(spec)
+    meter.feed(rows)
+    return findings(Facts(scene, spec, meter.result(impacts)), in_words=False)
+
+
+def _noise(scene: Scene, rows: np.ndarray) -> tuple[ImpactNoise, list[Impact]]:
+    """Noise figures of all contacts of a run taken together, and these."""
+    spec = parts.plant_spec(scene)
+    found = consistent_impacts(scene, rows, spec)
+    if not found:
+        raise SceneError(
+            f"run.duration_s = {scene.run.duration_s:g} ends before the first contact; take more, "
+            f"or less than run.lead_in_s = {scene.run.lead_in_s:g}"
+        )
+    modes = modes_of(spec)
+    noise = impact_noise(
+        spec.sphere,
+        spec.plate,
+        modes,
+        modal_shares_j(modes, -rows[F_C], rows[F_A], scene.step_s, -rows[F_C1], rows[F_A1]),
+        work_j=sum(impact.plate_energy_j for impact in found),
+        plate_speed_max_m_s=float(np.max(np.abs(rows[V_P]), initial=0.0)),
+        contact_time_s=found[0].duration_s,
+        impact_speed_m_s=found[0].impact_speed_m_s,
+        rebound_speed_m_s=found[-1].rebound_speed_m_s,
+        faces=spec.radiating_faces or 1,
+    )
+    return noise, found

@@ -1,0 +1,248 @@
+"""Deflection of the whole plate, worked out again from the recorded forces.
+
+Every mode is propagated exactly with the forces held over a step, as in the plant, but
+modes of equal frequency are kept apart: their shapes differ away from the contact.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hertzloop import assembly as parts
+from hertzloop.results.figures import rows_of
+from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, V_P, XI, XI_A
+from hertzloop.scenes.scene import Scene
+from plant.plant import RIGID_RAD_S, PlantSpec, air_eta
+from plant.schemes.phi import phi
+from plant.structures.edged_plate import EdgedPlate
+from plant.structures.modal_structure import ModalStructure
+from plant.structures.solid_plate import SolidPlate
+from recordings.reader import Recording
+from recordings.replay.data import Deflection, contact_spans
+
+NODES = 2401  # of the grid, about
+MODES_PER_AXIS = 160  # at most; all modes of the shipped scenes
+_MOST_MODES = 4000  # of a plate with other edges than simply supported ones
+_PIECE = 64  # steps under force that are advanced at once
+_FIRST_FRAMES = 360  # around the first contact
+_LATER_FRAMES = 150  # around all later contacts
+_COARSE_FRAMES = 150  # over the whole run
+_AFTER = 10.0  # of the first contact's length, for waves to run to the edge and back
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Modes of what is struck; arrays have the shape (modes along x, modes along y) where they are
+    products of sines, (modes,) elsewhere.
+
+    `shapes`: along x (places, modes along x) and along y (modes along y, places), or one array
+    (modes, x, y).
+
+    z is one complex number a mode: its deflection is Im z, a step turns it by `turn`, and a
+    unit modal force held over the step adds `grown`, one that rises from -1 to 1 over it
+    `grown_1`. `powers` holds turn^0 .. turn^_PIECE.
+    """
+
+    shapes: tuple[np.ndarray, ...]
+    s_step: np.ndarray  # exponent of one step
+    grown: np.ndarray
+    grown_1: np.ndarray
+    at_contact: np.ndarray
+    at_actuator: np.ndarray
+    powers: np.ndarray
+
+
+def _taking_part(numbers: np.ndarray, *shares: float) -> np.ndarray:
+    """Mode numbers along one axis whose shape is not zero at all points (0..1 along it)."""
+    largest = np.max([abs(np.sin(numbers * np.pi * share)) for share in shares], axis=0)
+    return numbers[largest > 1e-9]
+
+
+def _modes(
+    spec: PlantSpec, omega: np.ndarray, eta: float | np.ndarray, scale: float,
+    at_contact: np.ndarray, at_actuator: np.ndarray, shapes: tuple[np.ndarray, ...],
+) -> Modes:  # fmt: skip
+    """Modes that move as the plant's do; those above its limit stay at rest."""
+    h = spec.step_s
+    root = np.sqrt(1.0 - np.asarray(eta) ** 2 / 4.0)
+    theta = np.maximum(omega, RIGID_RAD_S) * root
+    s = theta * (1j - eta / (2.0 * root))
+    x = s * h
+    grown = scale / theta * h * phi(1, x)
+    grown_1 = scale / theta * h * x * (2.0 * phi(3, x) - phi(2, x))
+    for by in (grown, grown_1):
+        by[omega > 2.0 * np.pi * spec.frequency_limit_hz] = 0.0
+    powers = np.exp(np.arange(_PIECE + 1).reshape(-1, *(1,) * omega.ndim) * x)
+    return Modes(shapes, x, grown, grown_1, at_contact, at_actuator, powers)
+
+
+def separable_modes(
+    spec: PlantSpec, x_m: np.ndarray, y_m: np.ndarray, per_axis: int = MODES_PER_AXIS
+) -> Modes:
+    """Modes of a simply supported plate with both numbers up to `per_axis`."""
+    plate = spec.simply_supported
+    numbers = np.arange(1, per_axis + 1)
+    points = (spec.contact_point_m, spec.actuator_point_m)
+    m, n = (
+        _taking_part(numbers, *(p[axis] / plate.size_m[axis] for p in points)) for axis in (0, 1)
+    )
+    mm, nn = np.meshgrid(m, n, indexing="ij")
+    wave_number = (mm * np.pi / plate.size_m[0]) ** 2 + (nn * np.pi / plate.size_m[1]) ** 2
+    omega = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2) * wave_number
+    shapes = (
+        np.sin(np.outer(x_m, m) * np.pi / plate.size_m[0]),
+        np.sin(np.outer(n, y_m) * np.pi / plate.size_m[1]),
+    )
+    return _modes(
+        spec, omega, plate.eta + air_eta(spec, omega), plate.modal_scale_per_kg,
+        plate.mode_shape(mm, nn, points[0]), plate.mode_shape(mm, nn, points[1]), shapes,
+    )  # fmt: skip
+
+
+def _edged_modes(
+    spec: PlantSpec, plate: EdgedPlate | SolidPlate, x_m: np.ndarray, y_m: np.ndarray
+) -> Modes:
+    """The lower modes of a plate with other edges, or in three dimensions."""
+    limit = 2.0 * np.pi * spec.frequency_limit_hz
+    modes = plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
+    if len(modes.omega) > _MOST_MODES:
+        limit = float(modes.omega[_MOST_MODES - 1])
+        modes = plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
+    moved = np.maximum(abs(modes.at_contact), abs(modes.at_actuator)) > modes.silent_below
+    return _modes(
+        spec, modes.omega[moved], modes.eta, modes.scale_per_kg, modes.at_contact[moved],
+        modes.at_actuator[moved], (plate.on_grid(limit, x_m, y_m)[moved],),
+    )  # fmt: skip
+
+
+def _modes_of_file(
+    spec: PlantSpec, structure: ModalStructure
+) -> tuple[np.ndarray, np.ndarray, Modes]:
+    """Grid and modes of a file; without a grid in it a small one that stays flat."""
+    table = structure.table
+    if table.grid is None:
+        flat = np.array([-1.0, 0.0, 1.0])
+        grid = spec.contact_point_m[0] + flat, spec.contact_point_m[1] + flat
+        shapes = np.zeros((len(table.omega_rad_s), 3, 3))
+    else:
+        grid, shapes = table.grid[:2], table.grid[2]
+    mass = np.sqrt(table.per_modal_mass_1_kg)
+    modes = _modes(
+        spec, table.omega_rad_s, table.loss_factor, 1.0, mass * table.shape_contact,
+        mass * table.shape_actuator, (mass[:, None, None] * shapes,),
+    )  # fmt: skip
+    return *grid, modes
+
+
+def _under_force(modes: Modes, z: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """z after at most _PIECE steps under forces up on the plate, shape (4, steps)."""
+    count = forces.shape[1]
+    turned = modes.powers[:count][::-1]
+    contact, contact_1, actuator, actuator_1 = (np.tensordot(f, turned, 1) for f in forces)
+    drive = modes.at_actuator * actuator + modes.at_contact * contact
+    tilt = modes.at_actuator * actuator_1 + modes.at_contact * contact_1
+    return np.asarray(z * modes.powers[count] + modes.grown * drive + modes.grown_1 * tilt)
+
+
+def forces_on_plate(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
+    """Forces up on the plate by rows of truth, shape (4, steps): at the contact, at the actuator,
+    each its mean over a step and its slope. A mass on the plate pushes back by its inertia."""
+    forces = np.stack([-rows[F_C], -rows[F_C1], rows[F_A], rows[F_A1]])
+    if spec.actuator.mass_kg > 0.0 and rows.shape[1] > 1:
+        same = spec.same_point
+        speed = rows[V_P] if same else np.gradient(rows[XI_A], spec.step_s)
+        forces[2, :-1] -= spec.actuator.mass_kg * np.diff(speed) / spec.step_s
+    return forces
+
+
+def _states(modes: Modes, forces: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """Deflection of every mode at the steps `frames` (ascending), shape (frames, m, n)."""
+    forced = np.flatnonzero(np.any(forces != 0.0, axis=0))
+    z = np.zeros_like(modes.grown)
+    found = np.empty((len(frames), *z.shape))
+    step = 0
+    for i, target in enumerate(frames):
+        while step < target:
+            following = np.searchsorted(forced, step)
+            force_at = forced[following] if following < len(forced) else target
+            if force_at > step:
+                end = min(int(force_at), int(target))
+                z = z * np.exp((end - step) * modes.s_step)
+            else:
+                end = min(step + _PIECE, int(target))
+                z = _under_force(modes, z, forces[:, step:end])
+            step = end
+        found[i] = z.imag
+    return found
+
+
+def frame_steps(xi_m: np.ndarray) -> np.ndarray:
+    """Steps at which a frame is worth its memory, ascending: at most about 600.
+
+    Dense from shortly before the first contact to ten times its length after it, less so
+    around later ones, coarse elsewhere.
+    """
+    steps, contacts = len(xi_m), contact_spans(xi_m)
+    frames = [np.linspace(0, steps - 1, min(steps, _COARSE_FRAMES)).astype(np.int64)]
+    if contacts:
+        start, end = contacts[0]
+        first = max(0, start - (end - start))
+        last = min(steps, end + int(_AFTER * (end - start)))
+        frames.append(np.arange(first, last, -(-(last - first) // _FIRST_FRAMES)))
+    if contacts[1:]:
+        around = [np.arange(max(0, 2 * a - b), min(2 * b - a, steps)) for a, b in contacts[1:]]
+        later = np.unique(np.concatenate(around))
+        frames.append(later[:: -(-len(later) // _LATER_FRAMES)])
+    return np.unique(np.concatenate(frames))
+
+
+def _axis(length_m: float, node_m: float, count: int) -> np.ndarray:
+    """About `count` coordinates from 0 to the length, one of them exactly at `node_m`."""
+    before = min(max(round(count * node_m / length_m), 1), count - 2)
+    left = np.linspace(0.0, node_m, before + 1)
+    return np.concatenate([left, np.linspace(node_m, length_m, count - before)[1:]])
+
+
+def axes(
+    size_m: tuple[float, float], point_m: tuple[float, float], nodes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Axes of a grid of about `nodes` nodes, one of them at a point."""
+    side = math.sqrt(nodes / (size_m[0] * size_m[1]))
+    x, y = (
+        _axis(length, at, max(5, round(side * length)))
+        for length, at in zip(size_m, point_m, strict=True)
+    )
+    return x, y
+
+
+def deflection(
+    scene: Scene,
+    recording: Recording,
+    frames: np.ndarray | None = None,
+    per_axis: int = MODES_PER_AXIS,
+) -> Deflection:
+    """Deflection of the plate at the steps `frames` (default: `frame_steps`) of a recording.
+
+    Modes beyond `per_axis` along an axis (or _MOST_MODES) are left out: they matter next to the
+    contact, and only while it lasts. Raises SceneError if the recorded scene cannot be simulated.
+    """
+    spec = parts.plant_spec(scene)
+    rows = rows_of(recording)
+    if frames is None:
+        frames = frame_steps(rows[XI])
+    contact, structure = spec.contact_point_m, spec.plate
+    if isinstance(structure, ModalStructure):
+        x, y, modes = _modes_of_file(spec, structure)
+    else:
+        x, y = axes(scene.plate.size_m or (1.0, 1.0), contact, NODES)
+        if isinstance(structure, EdgedPlate | SolidPlate):
+            modes = _edged_modes(spec, structure, x, y)
+        else:
+            modes = separable_modes(spec, x, y, per_axis)
+    states = _states(modes, forces_on_plate(spec, rows), frames)
+    if len(modes.shapes) == 2:
+        w = modes.shapes[0] @ states @ modes.shapes[1]
+    else:
+        w = np.tensordot(states, modes.shapes[0], 1)
+    return Deflection(recording.truth.time_ns[frames], x, y, w, contact)

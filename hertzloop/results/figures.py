@@ -1,0 +1,175 @@
+"""Figures of a run, from its recording or from memory: what `run` and `inspect` report."""
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from bus.messages_pb2 import Books
+from hertzloop import assembly as parts
+from hertzloop.plant_tables import limit_of
+from hertzloop.quantities import TRUTH
+from hertzloop.results import left_out, pacing
+from hertzloop.results.demand import DemandMeter
+from hertzloop.results.extremes import ExtremesMeter
+from hertzloop.results.impact_rows import Block, impacts_of_blocks
+from hertzloop.results.law import law_of
+from hertzloop.results.model_cost import chosen_model
+from hertzloop.results.plate_words import tail_of, theory_of
+from hertzloop.results.stability import StabilityMeter
+from hertzloop.results.verdict import PushMeter, saturation_of, verdict
+from hertzloop.scenes.scene import Scene
+from hertzloop.struck import structure
+from plant.structures.edged_plate import EdgedPlate
+from plant.structures.modal_structure import ModalStructure
+from recordings.reader import Recording
+
+NEEDED_FIELDS = set(TRUTH) - {"xi_a_m", "f_c1_n", "f_a1_n", "deepest_m"}
+
+
+def rows_of(recording: Recording) -> np.ndarray:
+    """Rows of truth of a recording, shape (10, steps); the actuator's place is the struck point
+    and forces are constant over a step where the recording does not say otherwise.
+
+    All of them at once: for a long recording, see `blocks_of`.
+    """
+    rows = np.zeros((len(TRUTH), recording.truth.samples))
+    at = 0
+    for _, block in blocks_of(recording):
+        rows[:, at : at + block.shape[1]] = block
+        at += block.shape[1]
+    return rows[:, :at]
+
+
+def blocks_of(recording: Recording) -> Iterator[Block]:
+    """The same in blocks, each with its first step, up to the first value that is not finite."""
+    truth, at = recording.truth, 0
+    if not set(truth.arrays) >= NEEDED_FIELDS:
+        return
+    for arrays in truth.blocks():
+        count = len(arrays["xi_m"])
+        constant = np.zeros(count)
+        missing = dict.fromkeys(("f_c1_n", "f_a1_n", "deepest_m"), constant)
+        known = missing | {"xi_a_m": arrays["xi_p_m"]} | arrays
+        rows = np.stack([known[name] for name in TRUTH])
+        finite = np.isfinite(rows).all(axis=0)
+        if not finite.all():
+            yield int(truth.step_at(at)), rows[:, : int(np.argmin(finite))]
+            return
+        yield int(truth.step_at(at)), rows
+        at += count
+
+
+def figures_of(scene: Scene, rows: np.ndarray | Iterable[Block]) -> dict[str, Any]:
+    """Impacts, their noise figures, the loop's stability and what it asks of the actuator for
+    --json from rows of truth, at once or in blocks.
+
+    Two lists of the same length: `impacts` with keys as in `Impact`, `noise` as in
+    `ImpactNoise`, and whether the `last_contact_ended`; `stability` as in `Stability`, `demand` on
+    the actuator as in `Demand` or None, `push` as in `PushMeter`; `validity` and `warnings` as in
+    `left_out.as_json`, empty of an unstable loop.
+    """
+    figures: dict[str, Any] = {"impacts": [], "noise": [], "last_contact_ended": True}
+    blocks = [(0, rows)] if isinstance(rows, np.ndarray) else rows
+    spec = parts.plant_spec(scene)
+    stable, asked = StabilityMeter(scene), DemandMeter(spec)
+    extremes, push, impacts = ExtremesMeter(spec), PushMeter(scene), []
+    for meter in (stable, asked, extremes, push):
+        blocks = meter.through(blocks)
+    with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
+        for found in impacts_of_blocks(scene, blocks):
+            impacts.append(found.impact)
+            figures["impacts"].append(asdict(found.impact))
+            figures["noise"].append(asdict(found.noise))
+            figures["last_contact_ended"] = found.ended
+    demand, stability = asked.result(), stable.result()
+    figures["stability"] = asdict(stability)
+    figures["demand"] = None if demand is None else asdict(demand)
+    figures["push"] = push.result()
+    if stability.unstable:
+        return figures | {"validity": [], "warnings": []}
+    return figures | left_out.as_json(scene, extremes.result(impacts))
+
+
+def yield_of(books: Books) -> dict[str, float] | None:
+    """Dent and energy of a contact that yielded; None of one that did not."""
+    if books.dent_m == 0.0:
+        return None
+    return {"dent_m": books.dent_m, "dissipated_j": books.plastic_dissipated_j}
+
+
+def radiation_of(scene: Scene, books: Books) -> dict[str, float] | None:
+    """Faces of the plate that radiate, and what air took over the run; None where it takes
+    nothing."""
+    faces = scene.plate.radiating_faces
+    return {"faces": faces, "dissipated_j": books.air_dissipated_j} if faces else None
+
+
+def struck(scene: Scene) -> dict[str, Any]:
+    """What is struck: `name`, `closed_form`, and what its modes are worth; see `Reached` and
+    `ModalStructure.mobility_ratio`."""
+    what = structure(scene)
+    found: dict[str, Any] = {"name": str(what), "closed_form": False}
+    if isinstance(what, EdgedPlate):
+        return found | asdict(what.reached)
+    if isinstance(what, ModalStructure):
+        modes = scene.plate.modes
+        return found | {
+            "modes_in_file": len(what.table.omega_rad_s),
+            "sha256": modes.sha256 if modes else "",
+            "mobility_ratio": what.mobility_ratio,
+        }
+    return found | {"name": "a simply supported plate", "closed_form": True}
+
+
+def run_report(
+    scene: Scene,
+    recording: Recording,
+    uncontrolled: dict[str, Any] | None,
+    *,
+    transport: str,
+    wall_s: float,
+    exchanges: int,
+    lane: str = "",
+    realtime: str = "",
+) -> dict[str, Any]:
+    """Everything that `run --json` writes; `uncontrolled` are the figures of the same run without
+    control, None if it is that itself."""
+    books = recording.books
+    if books is None:
+        raise ValueError("the recording has no books: the run did not end")
+    found = figures_of(scene, blocks_of(recording))
+    report = {
+        "scene": scene.name,
+        "seed": scene.run.seed,
+        "transport": transport,
+        "scheme": scene.run.scheme,
+        **law_of(recording),
+        "steps": scene.steps,
+        "wall_s": wall_s,
+        "real_time_factor": scene.run.duration_s / wall_s if wall_s else math.inf,
+        "exchanges": exchanges,
+        "lane": lane,
+        "realtime": realtime,
+        "residuals": {"momentum": books.momentum_residual, "energy": books.energy_residual},
+        "injected_j": books.injected_j,
+        "yield": yield_of(books),
+        "tail": tail_of(scene, books),
+        "theory": theory_of(scene),
+        "limiting_pressure": limit_of(scene),
+        "radiation": radiation_of(scene, books),
+        "frequencies": books.frequencies,
+        "frequency_limit_hz": books.frequency_limit_hz,
+        "expected_error": books.expected_error,
+        "requested_accuracy": scene.run.accuracy,
+        "model": chosen_model(scene),
+        "struck": struck(scene),
+        "newton_iterations_max": books.newton_iterations_max,
+        **found,
+        "uncontrolled": uncontrolled or found,
+        "recording": str(recording.path),
+        "pacing": pacing.of(recording),
+    }
+    return report | {"verdict": verdict(report, saturation_of(recording.events))}

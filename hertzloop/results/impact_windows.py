@@ -1,0 +1,252 @@
+"""Rows of truth cut at the starts of impacts as they come, however long a run lasts.
+
+The figures of an impact reach to the start of the next one; they are summed over pieces of at
+most `PIECE` steps, counted from the impact's start, so that how a run comes in blocks does not
+count.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from plant.contact.plastic import dents_m, elastic_n
+from plant.figures.impact_noise import impact_noise
+from plant.figures.impacts import Impact, impacts, step_work_j
+from plant.figures.noise import ImpactNoise, modal_drive, shares_of_drive_j
+from plant.figures.peaks import peak_force_n, peak_speed_m_s
+from plant.plant import PlantSpec
+from plant.schemes.collocation import damped_tail, flexibility_m_n
+from plant.schemes.infinite import impedance_n_s_m
+from plant.structures.plate import Oscillators
+
+# Rows of truth, shape (10, steps).
+_ROWS = range(10)
+XI, XI_S, XI_P, V_P, F_C, F_A, XI_A, F_C1, F_A1, DEEPEST = _ROWS
+PIECE = 1 << 19  # steps; 32 MB of rows
+
+Block = tuple[int, np.ndarray]  # first step, rows of truth from there on, shape (10, steps)
+
+
+@dataclass(frozen=True)
+class RowsOfImpact:
+    """One impact: first step in contact, first step after it, contact force in between (N, its
+    elastic part in the published scheme), whether it ended within the run, and its figures; those
+    of the published scheme are the study's: contact time by samples, plate energy as summed."""
+
+    start: int
+    end: int
+    contact_n: np.ndarray
+    ended: bool
+    impact: Impact
+    noise: ImpactNoise
+
+
+class Window(Protocol):
+    """Takes the rows from the start of one impact to that of the next."""
+
+    def feed(self, rows: np.ndarray) -> None:
+        """The rows that follow, shape (10, steps)."""
+
+    def close(self, following: np.ndarray | None) -> RowsOfImpact | None:
+        """Its figures, with the first row of the next impact, shape (10, 1), or None at the end of
+        the run; None if there is too little of it."""
+
+
+def cut(
+    blocks: Iterable[Block],
+    touching: Callable[[np.ndarray], np.ndarray],
+    opened: Callable[[int, np.ndarray | None], Window],
+) -> Iterator[RowsOfImpact]:
+    """Impacts of a run from its rows in blocks; where steps are missing, it begins anew.
+
+    `touching` tells from rows (10, steps) where there is contact; `opened` makes the window of an
+    impact from its first step and the row before, shape (10, 1), None at the beginning.
+    """
+    window: Window | None = None
+    before: np.ndarray | None = None
+    expected = 0
+    for first, rows in blocks:
+        if not rows.shape[1]:
+            continue
+        if first != expected:
+            yield from _closed(window, None)
+            window = before = None
+        contact = touching(rows).astype(np.int8)
+        was = np.int8(0) if before is None else touching(before).astype(np.int8)[0]
+        at = 0
+        for start in np.flatnonzero(np.diff(contact, prepend=was) == 1).tolist():
+            if window:
+                window.feed(rows[:, at:start])
+                yield from _closed(window, rows[:, start : start + 1])
+            window = opened(first + start, rows[:, start - 1 : start] if start else before)
+            at = start
+        if window:
+            window.feed(rows[:, at:])
+        before, expected = rows[:, -1:].copy(), first + rows.shape[1]
+    yield from _closed(window, None)
+
+
+def _closed(window: Window | None, following: np.ndarray | None) -> Iterator[RowsOfImpact]:
+    found = window.close(following) if window else None
+    if found:
+        yield found
+
+
+def modal_displacement(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
+    """Displacement at the struck point without that of the modes left out, a spring between the
+    present contact force and the actuator force of the step before. It takes no energy."""
+    spring = flexibility_m_n(spec)
+    if spring == 0.0:
+        return rows[XI_P]
+    contact_n = elastic_n(spec.contact, -rows[XI], rows[DEEPEST])
+    before = np.concatenate([[0.0], rows[F_A, :-1] + rows[F_A1, :-1]])
+    actuator_n = before if spec.same_point else 0.0
+    return np.asarray(rows[XI_P] - spring * (actuator_n - contact_n))
+
+
+def starting_speed(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
+    """Velocity of the struck point right at the start of every step, under its forces, m/s: the
+    part of a damped tail follows them at once. In the first row it is that of the row."""
+    tail = damped_tail(spec)[0]
+    if tail is None:
+        return rows[V_P]
+    mean, slope = -rows[F_C], -rows[F_C1]
+    if spec.same_point:
+        mean, slope = mean + rows[F_A], slope + rows[F_A1]
+    jumps = np.zeros(rows.shape[1])
+    jumps[1:] = (mean - slope)[1:] - (mean + slope)[:-1]
+    return np.asarray(rows[V_P] + tail.mobility_m_ns * jumps)
+
+
+def impacts_in(
+    spec: PlantSpec, rows: np.ndarray, displaced: np.ndarray, v_start: np.ndarray,
+    first_step: int = 0,
+) -> list[Impact]:  # fmt: skip
+    """Contact figures of every impact from rows (10, steps), `modal_displacement` and
+    `starting_speed` of them."""
+    same = spec.same_point
+    return impacts(
+        rows[XI], rows[XI_S], displaced, rows[F_C], rows[F_A], None if same else rows[XI_A],
+        spec.sphere.mass_kg, spec.step_s, f_c1=rows[F_C1], v_p=rows[V_P],
+        impedance_n_s_m=impedance_n_s_m(spec.local_plate) if spec.infinite_plate else None,
+        first_step=first_step, f_a1=rows[F_A1],
+        dent_m=dents_m(spec.contact, rows[DEEPEST]), v_start=v_start,
+    )  # fmt: skip
+
+
+def _work_j(spec: PlantSpec, rows: np.ndarray, displaced: np.ndarray, v_start: np.ndarray) -> float:
+    """Work of both forces on the plate over rows (10, steps), J."""
+    same = spec.same_point
+    impedance = impedance_n_s_m(spec.local_plate) if spec.infinite_plate else None
+    work = step_work_j(
+        displaced, rows[F_C], rows[F_A], displaced if same else rows[XI_A], rows[F_C1],
+        rows[V_P], spec.step_s, impedance, rows[F_A1], same, v_start,
+    )  # fmt: skip
+    return float(work.sum())
+
+
+class ConsistentWindow:
+    """Figures of one impact of a consistent scheme, from its start to that of the next."""
+
+    def __init__(
+        self, spec: PlantSpec, modes: Oscillators, start: int, before: np.ndarray | None
+    ) -> None:
+        self.spec, self.modes, self.start = spec, modes, start
+        self._before = np.zeros((len(_ROWS), 0)) if before is None else before
+        self._parts: list[np.ndarray] = []
+        self._held = self._done = 0
+        self._impact: Impact | None = None
+        # Of the contact: force, its slope, plate speed, the latter to the step after it.
+        self._contact: tuple[list[np.ndarray], ...] = ([], [], [])
+        self._ended = False
+        self._drive: np.ndarray | float = 0.0
+        self._speed_max = 0.0
+
+    def feed(self, rows: np.ndarray) -> None:
+        """The rows that follow, shape (10, steps)."""
+        self._parts.append(rows)
+        self._held += rows.shape[1]
+        while self._held > PIECE + 2:  # never leave less than a step with both its ends
+            rows = np.concatenate(self._parts, axis=1)
+            # The rebound is seen in the step after a contact: it must be in the same piece.
+            ends_here = rows[F_C, PIECE - 1] != 0.0 and rows[F_C, PIECE] == 0.0
+            count = PIECE + int(ends_here)
+            self._take(rows[:, :count], rows[:, count : count + 1])
+            self._parts, self._held = [rows[:, count:]], rows.shape[1] - count
+
+    def close(self, following: np.ndarray | None) -> RowsOfImpact | None:
+        """See Window."""
+        last = np.concatenate(self._parts, axis=1)
+        self._take(last, np.zeros((len(_ROWS), 0)) if following is None else following)
+        impact = self._impact
+        if impact is None:
+            return None
+        contact_n, slope_n, speed = (np.concatenate(parts) for parts in self._contact)
+        impact = replace(
+            impact,
+            peak_force_n=peak_force_n(contact_n, slope_n),
+            plate_speed_max_m_s=peak_speed_m_s(speed),
+        )
+        noise = impact_noise(
+            self.spec.sphere, self.spec.plate, self.modes,
+            shares_of_drive_j(self.modes, np.asarray(self._drive)),
+            impact.plate_energy_j, self._speed_max, impact.duration_s,
+            impact.impact_speed_m_s, impact.rebound_speed_m_s,
+            faces=self.spec.radiating_faces or 1,
+        )  # fmt: skip
+        end = self.start + len(contact_n)
+        return RowsOfImpact(self.start, end, contact_n, self._ended, impact, noise)
+
+    def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
+        """Add a piece, shape (10, steps), and the row behind it, if there is one."""
+        lead = self._before.shape[1]
+        rows = np.concatenate([self._before, piece, following], axis=1)
+        displaced, v_start = modal_displacement(self.spec, rows), starting_speed(self.spec, rows)
+        if self._done == 0:
+            found = impacts_in(self.spec, rows, displaced, v_start, self.start - lead)
+            self._impact = found[0] if found else None
+        else:
+            self._continue(rows[:, lead:], displaced[lead:], v_start[lead:])
+        if not self._ended:
+            apart = np.flatnonzero(piece[F_C] == 0.0)
+            self._ended = bool(len(apart))
+            end = int(apart[0]) if len(apart) else piece.shape[1]
+            for parts, row, until in zip(
+                self._contact, (F_C, F_C1, V_P), (end, end, end + 1), strict=True
+            ):
+                parts.append(piece[row, :until].copy())
+        self._drive = self._drive + modal_drive(
+            self.modes,
+            -piece[F_C],
+            piece[F_A],
+            self.spec.step_s,
+            -piece[F_C1],
+            self._done,
+            piece[F_A1],
+        )
+        speed = np.max(np.abs(piece[V_P]), initial=0.0)
+        self._speed_max = max(self._speed_max, float(speed))
+        self._before = piece[:, -1:].copy()
+        self._done += piece.shape[1]
+
+    def _continue(self, rows: np.ndarray, displaced: np.ndarray, v_start: np.ndarray) -> None:
+        """Carry the impact on over further rows."""
+        impact = self._impact
+        if impact is None:
+            return
+        if self._ended or rows[F_C, 0] == 0.0:
+            energy = impact.plate_energy_j + _work_j(self.spec, rows, displaced, v_start)
+            self._impact = replace(impact, plate_energy_j=energy)
+            return
+        more = impacts_in(self.spec, rows, displaced, v_start)[0]
+        self._impact = Impact(
+            start_s=impact.start_s,
+            duration_s=impact.duration_s + more.duration_s,
+            impact_speed_m_s=impact.impact_speed_m_s,
+            rebound_speed_m_s=more.rebound_speed_m_s,
+            peak_force_n=max(impact.peak_force_n, more.peak_force_n),
+            plate_energy_j=impact.plate_energy_j + more.plate_energy_j,
+            plate_speed_max_m_s=max(impact.plate_speed_max_m_s, more.plate_speed_max_m_s),
+        )

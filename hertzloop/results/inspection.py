@@ -1,0 +1,126 @@
+"""What a recording holds: for `hertzloop inspect`."""
+
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from hertzloop.commands.terminal import styled
+from hertzloop.results import figures, pacing, report
+from hertzloop.results.impacts_table import impacts_table
+from hertzloop.results.law import law_line, law_of
+from hertzloop.results.left_out import show_left_out
+from hertzloop.results.verdict import saturation_of, verdict
+from hertzloop.scenes.scene import SceneError, parse
+from recordings.reader import Recording
+
+
+def summary(recording: Recording) -> dict[str, Any]:
+    """Streams, counts, problems, scene, books and impacts as plain data."""
+    streams = {
+        name: {
+            "messages": stream.messages,
+            "samples": stream.samples,
+            "first_step": stream.first_step,
+            "fields": sorted(stream.arrays),
+        }
+        for name, stream in (
+            ("daq", recording.daq), ("force", recording.force), ("truth", recording.truth)
+        )
+    }  # fmt: skip
+    data: dict[str, Any] = {
+        "file": str(recording.path),
+        "complete": not recording.problems,
+        "problems": recording.problems,
+        "scene": recording.metadata.get("scene", ""),
+        "seed": _number(recording, "seed"),
+        "steps": _number(recording, "steps"),
+        "streams": streams,
+        "events": [
+            {"time_s": e.time_ns * 1e-9, "name": e.name, "message": e.message}
+            for e in recording.events
+        ],
+        "scene_toml": recording.scene_toml,
+        **law_of(recording),
+    }
+    if recording.books is not None:
+        data["residuals"] = {
+            "momentum": recording.books.momentum_residual,
+            "energy": recording.books.energy_residual,
+        }
+        data["yield"] = figures.yield_of(recording.books)
+    data["pacing"] = pacing.of(recording)
+    found, problem = _figures(recording)
+    data |= found
+    data["verdict"] = verdict(data, saturation_of(recording.events)) if not problem else []
+    if problem:
+        data["problems"] = [*recording.problems, problem]
+        data["complete"] = False
+    return data
+
+
+def _number(recording: Recording, key: str) -> int:
+    """A number of the run's description, 0 where there is none."""
+    try:
+        return int(recording.metadata.get(key, "0"))
+    except ValueError:
+        return 0
+
+
+def _figures(recording: Recording) -> tuple[dict[str, Any], str]:
+    """Impacts, noise, stability and demand, and why there are none. What a file says of itself may
+    be anything: numbers that no figures follow from are one more thing wrong with it, not with us.
+    """
+    nothing: dict[str, Any] = {"impacts": [], "noise": [], "stability": None, "demand": None,
+                               "validity": [], "warnings": [], "push": None,
+                               "last_contact_ended": True}  # fmt: skip
+    truth = recording.truth
+    try:
+        scene = parse(recording.scene_toml, recorded=True)
+        if truth.samples and scene.run.step_ns != truth.step_ns:
+            steps = f"{truth.step_ns} ns, those of its scene {scene.run.step_ns} ns"
+            return nothing, f"stream 'truth' has steps of {steps}"
+        lacking = figures.NEEDED_FIELDS - set(truth.arrays)
+        if truth.samples and lacking:
+            return nothing, f"stream 'truth' has no {', '.join(sorted(lacking))}"
+        with np.errstate(all="ignore"):
+            return figures.figures_of(scene, figures.blocks_of(recording)), ""
+    except (SceneError, RecursionError) as error:
+        return nothing, f"the scene inside cannot be read: {error}"
+    except (ArithmeticError, ValueError) as error:
+        return nothing, f"no figures follow from what was recorded: {error}"
+
+
+def show(console: Console, recording: Recording, data: dict[str, Any]) -> None:
+    """Print a summary."""
+    title = f"{data['file']}: scene {data['scene']}, seed {data['seed']}"
+    table = Table(title=title)
+    for heading in ("stream", "messages", "samples", "fields"):
+        table.add_column(heading, justify="left" if heading in ("stream", "fields") else "right")
+    for name, stream in data["streams"].items():
+        counts = (f"{stream['messages']:,}", f"{stream['samples']:,}")
+        row = (*counts, ", ".join(stream["fields"]))
+        table.add_row(f"/{name}", *row)
+    table.add_row("/events", f"{len(data['events']):,}", "", "")
+    console.print(table)
+    console.print(styled("Law really run: ", law_line(data)), soft_wrap=True)
+    console.print(impacts_table("Impacts", data["impacts"]))
+    if data["noise"]:
+        console.print(report.noise_table([("", data["noise"][0])]))
+    if data["demand"]:
+        console.print(f"Demand on the actuator: {report.demand_words(data['demand'])}.")
+    if data.get("yield"):
+        console.print(f"Yield: {report.yield_words(data['yield'])}.")
+    show_left_out(console, data["validity"])
+    report.show_verdict(console, data["verdict"])
+    pacing.show(console, data)
+    if "residuals" in data:
+        console.print(
+            f"Residuals: energy {data['residuals']['energy']:.1e}, "
+            f"momentum {data['residuals']['momentum']:.1e} (relative)"
+        )
+    for problem in data["problems"]:
+        console.print(styled(("missing or damaged:", "red"), f" {problem}"), soft_wrap=True)
+    if not data["problems"]:
+        console.print("Complete: every announced message is here.")

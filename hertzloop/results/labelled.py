@@ -1,0 +1,61 @@
+"""Streams of a run as labelled arrays with units, for notebooks and scripts."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from hertzloop.quantities import SENSED, TRUTH
+
+FORCE_LABEL = ("N", "force commanded of the actuator, up on the plate")
+
+
+def sensed_label(quantity: str) -> tuple[str, str]:
+    """Unit and meaning of the samples."""
+    found = SENSED.get(quantity)
+    return (found.unit, found.meaning) if found else ("", "sampled quantity")
+
+
+def export_labels(quantity: str) -> dict[str, tuple[str, str]]:
+    """Unit and meaning of the columns of an export, where the converter senses `quantity`."""
+    return TRUTH | {
+        "held_steps": ("", "by how many steps the command was too old, in a paced run"),
+        "command_n": FORCE_LABEL,
+        "daq_value": sensed_label(quantity),
+        "daq_code": ("", "the converter's code of it"),
+        "daq_saturated": ("", "1 where the converter was out of its range"),
+    }
+
+
+def labelled(values: np.ndarray, label: tuple[str, str], dim: str, time_s: np.ndarray) -> Any:
+    """One stream as a DataArray over `dim`, with its time (s) as coordinate, without a copy."""
+    units, meaning = label
+    coords = {"time_s": (dim, time_s, {"units": "s", "long_name": "simulated time"})}
+    attrs = {"units": units, "long_name": meaning}
+    return xr.DataArray(values, dims=(dim,), coords=coords, attrs=attrs)
+
+
+def truth_of(columns: Mapping[str, np.ndarray], step_s: float) -> xr.Dataset:
+    """Rows of truth as a Dataset over `step`; `columns` by names as in TRUTH."""
+    steps = max((len(values) for values in columns.values()), default=0)
+    time_s = np.arange(steps) * step_s
+    return xr.Dataset(
+        {name: labelled(values, TRUTH[name], "step", time_s) for name, values in columns.items()}
+    )
+
+
+def cases_of(rows: list[dict[str, Any]], keys: list[str], header: Mapping[str, Any]) -> xr.Dataset:
+    """Rows of a sweep as a Dataset over `case`; the varied scene keys are coordinates.
+
+    Figures that a case does not have are nan; `status` says why. Units are in the names, as in
+    the file of the sweep.
+    """
+    names = [name for name in rows[0] if name not in ("case", *keys)] if rows else []
+    data = {name: ("case", [_number(row[name]) for row in rows]) for name in names}
+    coords = {key: ("case", [row[key] for row in rows]) for key in keys}
+    return xr.Dataset(data, coords, attrs=dict(header))
+
+
+def _number(value: Any) -> Any:
+    return np.nan if value is None else value

@@ -1,0 +1,50 @@
+"""Which law a recording's forces come from: as its controller said, and as its scene says."""
+
+from typing import Any
+
+from controller.door.registry import shipped
+from hertzloop.scenes.scene import SceneError, parse
+from recordings.reader import Recording
+
+_LONGEST = 200  # characters that are shown of what a controller says
+
+
+def law_of(recording: Recording) -> dict[str, Any]:
+    """`law`, `law_digest`: what the controller said that it ran, None if it did not say;
+    `scene_law`, `scene_law_digest`: what was announced, None where that is not known."""
+    ran, digest = recording.law_ran
+    announced = recording.metadata.get("law") or _law_of_scene(recording)
+    return {
+        "law": ran or None,
+        "law_digest": digest or None,
+        "scene_law": announced,
+        "scene_law_digest": recording.metadata.get("law_digest") or None,
+    }
+
+
+def _law_of_scene(recording: Recording) -> str | None:
+    """Of recordings that do not say more."""
+    try:
+        return parse(recording.scene_toml, recorded=True).controller.law
+    except (SceneError, RecursionError):
+        return None
+
+
+def law_line(data: dict[str, Any]) -> str:
+    """The same in words."""
+    ran, announced = _shown(data["law"], data["law_digest"]), data["scene_law"]
+    if ran and data["law"] == announced and data["law_digest"] in (None, data["scene_law_digest"]):
+        return ran
+    said = ran or "not said by the controller"
+    return (
+        f"{said} (the scene says {_shown(announced, data['scene_law_digest'])})"
+        if announced
+        else said
+    )
+
+
+def _shown(name: str | None, digest: str | None) -> str:
+    """A law's name, with no more of it than fits, and what its files are."""
+    words = "".join(c for c in " ".join((name or "").split()) if c.isprintable())[:_LONGEST]
+    own = name is not None and name not in shipped()
+    return f"{words}, digest {digest[:_LONGEST]}" if digest and own else words

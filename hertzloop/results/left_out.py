@@ -1,0 +1,77 @@
+"""What a run leaves out, in words: sentences of a run, the table of all indicators."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from hertzloop import assembly as parts
+from hertzloop.commands.terminal import styled
+from hertzloop.loop.compiled import simulate
+from hertzloop.results.cases import lasting
+from hertzloop.results.extremes import Extremes, ExtremesMeter
+from hertzloop.results.facts import Facts
+from hertzloop.results.impact_rows import impacts_of_rows
+from hertzloop.results.stability import StabilityMeter
+from hertzloop.results.validity import findings, warnings_of
+from hertzloop.scenes.scene import Scene
+
+_MOST_STEPS = 2_000_000  # that `validity` simulates in memory
+
+
+def as_json(scene: Scene, run: Extremes) -> dict[str, Any]:
+    """`validity`: all indicators, fields as in `Finding`; `warnings`: sentences on those that are
+    out of range by far."""
+    found = findings(Facts(scene, parts.plant_spec(scene), run))
+    return {"validity": [asdict(f) for f in found], "warnings": warnings_of(found)}
+
+
+def of_scene(scene: Scene) -> dict[str, Any]:
+    """The same of a scene, simulated here, the beginning of a very long one; `stable` is false and
+    there are no indicators where the loop explodes."""
+    scene = lasting(scene, min(scene.steps, _MOST_STEPS))
+    rows = simulate(scene).rows
+    stability, extremes = StabilityMeter(scene), ExtremesMeter(parts.plant_spec(scene))
+    stability.feed(0, rows)
+    extremes.feed(rows)
+    if stability.result().unstable:
+        return {"stable": False, "validity": [], "warnings": []}
+    with np.errstate(over="ignore", invalid="ignore"):
+        impacts = [found.impact for found in impacts_of_rows(scene, rows)]
+    return {"stable": True, **as_json(scene, extremes.result(impacts))}
+
+
+def show_left_out(console: Console, found: Iterable[dict[str, Any]]) -> None:
+    """Sentences on what is out of range, and on what is left out."""
+    found = list(found)
+    for finding in found:
+        if finding["state"] == "out of range":
+            console.print(
+                styled(("OUT OF RANGE:", "bold red"), f" {finding['sentence']}."), soft_wrap=True
+            )
+    for finding in found:
+        if finding["state"] == "left out":
+            console.print(
+                styled(("Left out:", "yellow"), f" {finding['sentence']}."), soft_wrap=True
+            )
+
+
+def table_of(found: Iterable[dict[str, Any]]) -> Table:
+    """All indicators with their thresholds."""
+    table = Table(title="What the run leaves out", title_justify="left")
+    for heading in ("effect", "formula", "value", "threshold", ""):
+        table.add_column(heading, justify="right" if heading in ("value", "threshold") else "left")
+    for finding in found:
+        value = finding["value"]
+        falls = finding["beyond"] < finding["threshold"]
+        style = {"out of range": "bold red", "left out": "yellow"}.get(finding["state"], "")
+        table.add_row(
+            finding["name"], finding["formula"], "" if math.isnan(value) else f"{value:.2g}",
+            f"{'>' if falls else '<'} {finding['threshold']:.2g}",
+            styled((finding["state"], style)),
+        )  # fmt: skip
+    return table

@@ -1,0 +1,213 @@
+"""What a run sounds like at a point: the modes of its plate, heard through Rayleigh's integral."""
+
+import math
+import wave
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hertzloop import assembly as parts
+from hertzloop.results.deflection import forces_on_plate
+from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, modes_of
+from hertzloop.scenes.scene import Scene, SceneError
+from plant.figures.noise import (
+    RADIATED_UP_TO_HZ,
+    SOUND_SPEED_M_S,
+    modal_shares_j,
+    radiated_shares_j,
+)
+from plant.figures.sound import Drive, Grid, Products, Radiator, pressure_pa, radiated_j
+from plant.structures.edged_plate import EdgedPlate
+from plant.structures.modal_structure import ModalStructure
+from plant.structures.plate import Plate
+from plant.structures.radiation import air_loss_factor
+from plant.structures.structure import NO_PARTICIPATION, Structure
+
+RATE_HZ = 48_000
+_NODES_A_WAVE = 6.0  # at the highest frequency, of the shorter of both waves
+_MOST_NODES = 40_000
+_MOST_MODES = 3000
+_PEAK = 0.9  # of full scale, for the loudest sample of all that are compared
+_FULL_SCALE = 32767
+_WHOLE = 480  # samples: a whole number of steps
+
+
+@dataclass(frozen=True)
+class Heard:
+    """Sound pressure at a point from the start of a run on, Pa, `rate_hz` samples a second of
+    simulated time."""
+
+    pressure_pa: np.ndarray
+    rate_hz: float
+
+    @property
+    def peak_pa(self) -> float:
+        """Largest pressure."""
+        return float(np.max(np.abs(self.pressure_pa), initial=0.0))
+
+    @property
+    def exposure_pa2_s(self) -> float:
+        """Integral of the squared pressure."""
+        return float(np.sum(self.pressure_pa**2)) / self.rate_hz
+
+
+def radiator_of(scene: Scene) -> Radiator:
+    """The modes of a scene's plate up to 20 kHz, on a grid fine enough for them.
+
+    Raises SceneError for a structure without shapes.
+    """
+    spec = parts.plant_spec(scene)
+    limit_hz = _limit_hz(scene)
+    omega_max = 2.0 * math.pi * limit_hz
+    structure = spec.plate
+    modes = structure.modes(omega_max, spec.contact_point_m, spec.actuator_point_m)
+    if isinstance(structure, ModalStructure):
+        x, y, shapes = _of_file(structure, omega_max)
+    else:
+        assert isinstance(structure, Plate | EdgedPlate)
+        size = scene.plate.size_m or (1.0, 1.0)
+        x, y = (_midpoints(length, _spacing(structure, omega_max)) for length in size)
+        shapes = structure.on_grid(omega_max, x, y)
+    cell = np.outer(_widths(x), _widths(y)).ravel()
+    moved = np.maximum(abs(modes.at_contact), abs(modes.at_actuator)) > modes.silent_below
+    if np.count_nonzero(moved) > _MOST_MODES:
+        raise SceneError(
+            f"{np.count_nonzero(moved)} modes below {limit_hz:.3g} Hz sound, the most is "
+            f"{_MOST_MODES}; take a smaller or stiffer plate"
+        )
+    xx, yy = np.meshgrid(x, y, indexing="ij")
+    return Radiator(
+        omega=modes.omega[moved],
+        eta=(modes.eta + radiation_loss(structure, modes.omega, spec.radiating_faces or 1))[moved],
+        scale_per_kg=modes.scale_per_kg,
+        at_contact=modes.at_contact[moved],
+        at_actuator=modes.at_actuator[moved],
+        shapes=shapes.reshape(len(modes.omega), -1)[moved],
+        places_m=np.stack([xx.ravel(), yy.ravel()], axis=1),
+        area_m2=cell,
+    )
+
+
+def radiation_loss(structure: Structure, omega: np.ndarray, faces: int = 1) -> np.ndarray:
+    """Loss factors by what modes radiate, (modes,): a plate that rings on as in a vacuum radiates
+    more than it was given. Zero for what is no simply supported plate, whose efficiencies are not
+    known."""
+    if not isinstance(structure, Plate):
+        return np.zeros(len(omega))
+    return air_loss_factor(structure, omega / (2.0 * math.pi), faces)
+
+
+def _of_file(
+    structure: ModalStructure, omega_max: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    if structure.table.grid is None:
+        raise SceneError(
+            "the file of plate.modes has no shapes on a grid, without which nothing can be heard; "
+            "write them into it (hertzloop modes --grid shows how)"
+        )
+    x, y, shapes = structure.table.grid
+    below = structure.table.omega_rad_s <= omega_max
+    per_mass = structure.table.per_modal_mass_1_kg[below]
+    same = bool(len(per_mass)) and bool(np.all(per_mass == per_mass[0]))
+    scale = 1.0 if same else np.sqrt(per_mass)[:, None, None]
+    return x, y, shapes[below] * scale
+
+
+def _spacing(structure: Structure, omega_max: float) -> float:
+    """Distance of nodes: a share of the shortest wave in the plate or in the air, m."""
+    plate = structure.local_plate
+    air = 2.0 * math.pi * SOUND_SPEED_M_S / omega_max
+    if plate is None:
+        return air / _NODES_A_WAVE
+    speed = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2)
+    return min(air, 2.0 * math.pi * math.sqrt(speed / omega_max)) / _NODES_A_WAVE
+
+
+def _midpoints(length: float, spacing: float) -> np.ndarray:
+    count = min(max(8, math.ceil(length / spacing)), round(math.sqrt(_MOST_NODES)))
+    return (np.arange(count) + 0.5) * (length / count)
+
+
+def _widths(x: np.ndarray) -> np.ndarray:
+    """What each place of an axis stands for, m."""
+    inner = 0.5 * (x[1:] + x[:-1])
+    first, last = 1.5 * x[0] - 0.5 * x[1], 1.5 * x[-1] - 0.5 * x[-2]
+    return np.diff(np.concatenate([[first], inner, [last]]))
+
+
+def drive_of(scene: Scene, rows: np.ndarray) -> Drive:
+    """Forces on the plate from rows of truth, shape (10, steps)."""
+    forces = forces_on_plate(parts.plant_spec(scene), rows)
+    return Drive(forces[0], forces[2], scene.step_s)
+
+
+def grid_of(scene: Scene, tail_s: float, slow: float = 1.0) -> Grid:
+    """Samples from the start of a run to `tail_s` after its end: so many that they sound at RATE_HZ
+    when played `slow` times slower."""
+    spec = parts.plant_spec(scene)
+    step_s = 1.0 / (RATE_HZ * slow)
+    steps = math.ceil((scene.run.duration_s + tail_s) / step_s / _WHOLE) * _WHOLE
+    up_to = min(RADIATED_UP_TO_HZ, spec.frequency_limit_hz, 0.45 / step_s)
+    return Grid(steps, step_s, up_to)
+
+
+def listen(scene: Scene, rows: np.ndarray, listener_m: np.ndarray, grid: Grid) -> Heard:
+    """Sound pressure of a run at a point. Raises SceneError for a run that explodes."""
+    if not np.isfinite(rows).all():
+        raise SceneError("the run has numbers that are not finite; there is nothing to hear")
+    found = pressure_pa(radiator_of(scene), drive_of(scene, rows), listener_m, grid)
+    return Heard(found, 1.0 / grid.step_s)
+
+
+def radiated_energy_j(scene: Scene, rows: np.ndarray, grid: Grid) -> float:
+    """Sound energy through a half sphere far away, within the grid's time; nan for what is no
+    simply supported plate, J."""
+    plate = parts.plant_spec(scene).plate
+    if not isinstance(plate, Plate):
+        return math.nan
+    radiator = radiator_of(scene)
+    m, n, _ = plate.mode_numbers(2.0 * math.pi * _limit_hz(scene))
+    spec = parts.plant_spec(scene)
+    points = (spec.contact_point_m, spec.actuator_point_m)
+    kept = np.max([abs(plate.mode_shape(m, n, at)) for at in points], axis=0) > NO_PARTICIPATION
+    x, y = (np.unique(radiator.places_m[:, axis]) for axis in (0, 1))
+    products = Products(
+        np.sin(np.outer(m[kept], x) * (np.pi / plate.size_m[0])), x,
+        np.sin(np.outer(n[kept], y) * (np.pi / plate.size_m[1])), y,
+    )  # fmt: skip
+    return radiated_j(radiator, products, drive_of(scene, rows), grid)
+
+
+def _limit_hz(scene: Scene) -> float:
+    """Up to where modes sound."""
+    return min(RADIATED_UP_TO_HZ, parts.plant_spec(scene).frequency_limit_hz)
+
+
+def until_rest_j(scene: Scene, rows: np.ndarray) -> float:
+    """What the plate radiates until it is at rest, by the energy that its modes were given: of
+    each mode's energy the radiation's share of its losses; nan for what is no simply supported
+    plate, J."""
+    spec = parts.plant_spec(scene)
+    if not isinstance(spec.plate, Plate):
+        return math.nan
+    modes = modes_of(spec)
+    shares = modal_shares_j(modes, -rows[F_C], rows[F_A], scene.step_s, -rows[F_C1], rows[F_A1])
+    radiation = radiation_loss(spec.plate, modes.omega)
+    losses = modes.eta if spec.radiating_faces else modes.eta + radiation
+    return radiated_shares_j(modes, shares, radiation / losses)
+
+
+def write_wavs(heard: dict[Path, Heard]) -> float:
+    """Write 16 bit files on one scale; the pressure that is full scale, Pa (0 for silence)."""
+    loudest = max(one.peak_pa for one in heard.values())
+    full_pa = loudest / _PEAK
+    for path, one in heard.items():
+        share = one.pressure_pa / full_pa if full_pa > 0.0 else one.pressure_pa
+        samples = np.round(np.clip(share, -1.0, 1.0) * _FULL_SCALE).astype("<i2")
+        with wave.open(str(path), "wb") as file:
+            file.setnchannels(1)
+            file.setsampwidth(2)
+            file.setframerate(RATE_HZ)
+            file.writeframes(samples.tobytes())
+    return full_pa

@@ -1,0 +1,82 @@
+"""Curves of a run for a replay, thinned as its rows come: a long run needs no more memory."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hertzloop.results.impact_rows import F_A, F_C, V_P, XI, Block
+from hertzloop.results.ledger import ledgers
+from hertzloop.scenes.scene import Scene
+from recordings.replay.data import FULL_RATE_SAMPLES, extremes
+
+SPECTRUM_STEPS = 1 << 19  # from a run's start
+_POINTS = 40_000  # of a line away from contacts, smallest and largest of equal pieces
+_NEAR = 2000  # steps before and after a contact that are kept
+_ROWS = {"xi": XI, "F_c": F_C, "F_a": F_A, "v_p": V_P}
+
+Line = tuple[np.ndarray, np.ndarray]  # steps and values
+
+
+@dataclass
+class Overlay:
+    """Signals (m, N, m/s) and energies (J) by name; the step of the first contact, None without
+    one; plate velocity from the start on, for a spectrum."""
+
+    lines: dict[str, Line]
+    touched: int | None
+    speed_m_s: np.ndarray
+    start_j: float
+
+
+@dataclass
+class _Growing:
+    steps: list[np.ndarray] = field(default_factory=list)
+    values: list[np.ndarray] = field(default_factory=list)
+
+
+def overlay(scene: Scene, blocks: Iterable[Block], names: Iterable[str], steps: int) -> Overlay:
+    """Those of "xi", "F_c", "F_a", "v_p", "sphere", "plate", "contact", "fed" that are asked for,
+    of a run of so many steps; short ones in full."""
+    growing = {name: _Growing() for name in names}
+    touched, start_j = None, 0.0
+    speed: list[np.ndarray] = []
+    left = FULL_RATE_SAMPLES
+    for first, rows, energies in ledgers(scene, blocks):
+        touching = np.flatnonzero(rows[XI] < 0.0)
+        if touched is None:
+            start_j = start_j or float(energies.sphere[0])
+            touched = first + int(touching[0]) if len(touching) else None
+        if first < SPECTRUM_STEPS:
+            speed.append(rows[V_P, : SPECTRUM_STEPS - first].copy())
+        # A sphere that comes to rest touches for ever: the first contacts are shown in full.
+        near = _around(touching, rows.shape[1])
+        if left <= 0:
+            near[:] = False
+        left -= int(np.count_nonzero(near))
+        for name, line in growing.items():
+            values = rows[_ROWS[name]] if name in _ROWS else getattr(energies, name)
+            chosen = near.copy()
+            if steps <= FULL_RATE_SAMPLES:
+                chosen[:] = True
+            else:
+                points = max(4, len(values) * _POINTS // steps)
+                chosen[extremes(values, points)] = True
+            line.steps.append(first + np.flatnonzero(chosen))
+            line.values.append(values[chosen])
+    nothing = np.empty(0, np.int64), np.empty(0)
+    lines = {
+        name: (np.concatenate(line.steps), np.concatenate(line.values)) if line.steps else nothing
+        for name, line in growing.items()
+    }
+    return Overlay(lines, touched, np.concatenate(speed) if speed else np.empty(0), start_j)
+
+
+def _around(touching: np.ndarray, count: int) -> np.ndarray:
+    """Whether each of `count` steps of a block is next to a contact."""
+    if not len(touching):
+        return np.zeros(count, bool)
+    change = np.zeros(count + 1, np.int64)
+    np.add.at(change, np.maximum(touching - _NEAR, 0), 1)
+    np.add.at(change, np.minimum(touching + _NEAR + 1, count), -1)
+    return np.cumsum(change)[:count] > 0

@@ -1,0 +1,83 @@
+"""How well each impact of a run can be known: the run again, disturbed a little at its start.
+
+A bounce on a vibrating plate depends on the plate's phase at the touch, so that later impacts may
+magnify what came before them a hundredfold each. What a disturbance of 1e-9 grows to tells by how
+much the model's own error grows, and what two processors that round differently may differ by.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hertzloop.loop.compiled import closed_loop_rows
+from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, impacts_of_blocks
+from hertzloop.scenes.scene import Scene
+
+DISTURBANCE = 1e-9  # of the sphere's speed at the start
+# What rounding does is as if the start differed by 2e-16 to 6e-16 (measured between a processor
+# with fused multiply-add and one without, three scenes); with a margin of more than ten.
+ROUNDING = 1e-14
+CHAOTIC = 10.0  # times as large as the disturbance: what came before decides
+_QUANTITIES = (
+    "start_s", "duration_s", "impact_speed_m_s", "rebound_speed_m_s", "peak_force_n",
+    "plate_energy_j",
+)  # fmt: skip
+_FOLLOWS = ("plate_speed_max_m_s",)  # with waves that samples hardly carry: says little of chaos
+
+
+@dataclass(frozen=True)
+class Known:
+    """Of one impact: how often the disturbance is found in the quantity that moved most, relative
+    to it, and by how much each quantity may be wrong at the model's error, in its unit; infinite
+    where the disturbed run has no such impact."""
+
+    amplification: float
+    errors: dict[str, float]
+
+
+def known_impacts(
+    scene: Scene, impacts: list[dict[str, float]], model_error: float
+) -> list[Known] | None:
+    """What can be known of the impacts of a run; None where nothing can depend on one before, and
+    of the published scheme. `model_error`: relative, of the run."""
+    if len(impacts) < 2 or scene.run.scheme == "thesis2008":
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        disturbed = impacts_of_blocks(scene, closed_loop_rows(scene, DISTURBANCE))
+        others = [vars(found.impact) for found in disturbed]
+    found = []
+    for i, impact in enumerate(impacts):
+        moved = {
+            name: abs(others[i][name] - impact[name]) if i < len(others) else np.inf
+            for name in (*_QUANTITIES, *_FOLLOWS)
+        }
+        share = [moved[name] / abs(impact[name]) if impact[name] else 0.0 for name in _QUANTITIES]
+        errors = {name: value * model_error / DISTURBANCE for name, value in moved.items()}
+        found.append(Known(float(np.max(share)) / DISTURBANCE, errors))
+    return found
+
+
+def as_dicts(known: list[Known] | None) -> list[dict[str, Any]] | None:
+    """For --json."""
+    return None if known is None else [vars(each) for each in known]
+
+
+def horizon_step(scene: Scene, tolerance: float) -> int | None:
+    """First step at which two processors may differ by more than `tolerance` of a field's largest
+    value, None if they agree to the end. Raises SceneError where the scene cannot be simulated."""
+    if scene.run.scheme == "thesis2008":
+        return None
+    allowed = tolerance * DISTURBANCE / ROUNDING
+    largest = 0.0 * next(closed_loop_rows(scene))[1][:, 0]
+    for _, rows in closed_loop_rows(scene):
+        largest = np.maximum(largest, np.abs(rows).max(axis=1))
+    largest[[F_C1, F_A1]] = largest[[F_C, F_A]]  # slopes are as exact as their forces
+    largest[largest == 0.0] = 1.0
+    both = zip(closed_loop_rows(scene), closed_loop_rows(scene, DISTURBANCE), strict=True)
+    for (first, rows), (_, disturbed) in both:
+        apart = np.max(np.abs(rows - disturbed) / largest[:, None], axis=0)
+        beyond = np.flatnonzero(~(apart <= allowed))
+        if len(beyond):
+            return first + int(beyond[0])
+    return None

@@ -1,0 +1,309 @@
+"""Tables on the terminal."""
+
+import math
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from hertzloop.commands.terminal import styled
+from hertzloop.results import pacing
+from hertzloop.results.impacts_table import impacts_table
+from hertzloop.results.law import law_line
+from hertzloop.results.left_out import show_left_out
+from hertzloop.results.plate_words import tail_words, theory_words, what_limits
+
+_NOISE_ROWS = (
+    ("contact time", "contact_time_s", 1e6, "us"),
+    ("next impact speed", "next_impact_speed_m_s", 1.0, "m/s"),
+    ("rebound height", "rebound_height_m", 1e3, "mm"),
+    ("acceleration noise, Longhorn", "longhorn_j", 1e6, "uJ"),
+    ("acceleration noise, Holmes", "holmes_j", 1e6, "uJ"),
+    ("peak pressure bound at 1 m", "peak_pressure_pa", 1.0, "Pa"),
+    ("transmitted energy, in time", "transmitted_j", 1e6, "uJ"),
+    ("transmitted energy, by spectrum", "transmitted_spectrum_j", 1e6, "uJ"),
+    ("largest plate speed to next contact", "plate_speed_max_m_s", 1.0, "m/s"),
+    ("sigma E to 20 kHz, eq. 3.12 (study)", "radiated_j", 1e6, "uJ"),
+    ("sigma E to 20 kHz, eq. 3.13", "radiated_maidanik_j", 1e6, "uJ"),
+    ("radiated to 20 kHz, eq. 3.12", "sound_j", 1e6, "uJ"),
+    ("radiated to 20 kHz, eq. 3.13", "sound_maidanik_j", 1e6, "uJ"),
+)
+_AMPLITUDES = ("peak_pressure_pa", "plate_speed_max_m_s")
+
+
+def noise_table(columns: list[tuple[str, dict[str, float]]], compare: bool = True) -> Table:
+    """Noise figures of the first impact, one column a case; the change from the second to the
+    first in dB where there are two and they `compare`, in per cent for speed, height and time."""
+    compare = compare and len(columns) == 2
+    table = Table(title="Noise and vibration of the first impact", title_justify="left")
+    table.add_column("figure")
+    for heading, _ in columns:
+        table.add_column(heading, justify="right")
+    if compare:
+        table.add_column("change", justify="right")
+    for row in noise_rows([figures for _, figures in columns], compare):
+        table.add_row(*row)
+    if any(math.isnan(figures["radiated_j"]) for _, figures in columns):
+        table.caption = "radiation efficiencies are not defined but for a simply supported plate"
+    return table
+
+
+def noise_rows(columns: list[dict[str, float]], compare: bool) -> list[list[str]]:
+    """The rows of that table: label, a cell for every column, and the change if they `compare`."""
+    rows = []
+    for label, key, factor, unit in _NOISE_ROWS:
+        values = [figures[key] for figures in columns]
+        cells = [
+            "not defined" if math.isnan(value) else f"{value * factor:.4g} {unit}"
+            for value in values
+        ]
+        if compare:
+            cells.append(_change(key, *values))
+        rows.append([label, *cells])
+    return rows
+
+
+def _change(key: str, value: float, reference: float) -> str:
+    """Ratio in dB for energies and amplitudes, in per cent otherwise."""
+    if reference == 0.0 or math.isnan(value):
+        return ""
+    if key in ("contact_time_s", "next_impact_speed_m_s", "rebound_height_m"):
+        return f"{100.0 * value / reference:.1f} %"
+    if value / reference <= 0.0:
+        return ""
+    factor = 20.0 if key in _AMPLITUDES else 10.0
+    return f"{factor * math.log10(value / reference):+.2f} dB"
+
+
+def run_table(report: dict[str, Any]) -> Table:
+    """Key figures of the run itself."""
+    residuals = report["residuals"]
+    table = Table(show_header=False)
+    table.add_column()
+    table.add_column()
+    table.add_row(
+        "scene, seed, transport", f"{report['scene']}, {report['seed']}, {report['transport']}"
+    )
+    table.add_row("law really run", styled(law_line(report)))
+    table.add_row("steps", f"{report['steps']:,}")
+    table.add_row(
+        "wall time of the loop",
+        f"{report['wall_s']:.3f} s, {report['real_time_factor']:.3g} times real time, "
+        f"{report['steps'] / max(report['wall_s'], 1e-9):,.0f} steps/s",
+    )
+    if report["scheme"] == "thesis2008":
+        table.add_row("scheme", f"{report['scheme']}: published numerics, flaws included")
+    if report["demand"]:
+        table.add_row("demand on the actuator", demand_words(report["demand"]))
+    if report["limiting_pressure"]:
+        table.add_row("limiting pressure", pressure_words(report["limiting_pressure"]))
+    if report["yield"]:
+        table.add_row("yield", yield_words(report["yield"]))
+    if report["radiation"]:
+        table.add_row("radiation", radiation_words(report["radiation"]))
+    table.add_row("exchanges waited for", _exchanges(report))
+    if report["realtime"]:
+        table.add_row("real-time profile", styled(report["realtime"]))
+    if not report["struck"]["closed_form"]:
+        table.add_row("what is struck", _struck(report["struck"]))
+    if report["theory"] and report["theory"]["asked"] != "kirchhoff":
+        table.add_row("theory of the plate", theory_words(report["theory"]))
+    table.add_row("model of the plate", _model_order(report))
+    if report["tail"]:
+        table.add_row("modes left out", tail_words(report["tail"]))
+    if report["model"] is not None:
+        if "modes_in_file" not in report["struck"]:
+            table.add_row("the full model", _full_model(report["model"]))
+        if offered := _infinite_plate(report):
+            table.add_row("infinite plate", offered)
+    table.add_row("contact solve", f"at most {report['newton_iterations_max']} evaluations a step")
+    table.add_row(
+        "residuals",
+        f"energy {residuals['energy']:.1e}, momentum {residuals['momentum']:.1e} (relative)",
+    )
+    return table
+
+
+_LANES = {
+    "JOINED": "in the fast lane",
+    "UNSAID": "over the bus; the controller knows of no fast lane",
+    "OTHER_HOST": "over the bus, the controller being on another host",
+    "NOT_ALLOWED": "over the bus; the controller could not open the plant's shared memory",
+    "SWITCHED_OFF": "over the bus, the controller's fast lane being switched off",
+}
+
+
+def _exchanges(report: dict[str, Any]) -> str:
+    """How many, how many a second, and which way."""
+    words = f"{report['exchanges']:,}"
+    if report["transport"] != "zenoh":
+        return words
+    way = _LANES.get(report["lane"], "over the bus, without fast lane")
+    return f"{words}, {report['exchanges'] / max(report['wall_s'], 1e-9):,.0f}/s, {way}"
+
+
+def _struck(struck: dict[str, Any]) -> str:
+    """What is struck where that is no simply supported plate, and how well it is known."""
+    if "low_modes" in struck:
+        return (
+            f"{struck['name']}: {struck['low_modes']} modes by Ritz's method, whose frequencies "
+            f"change by {struck['low_change']:.1g} at most with the basis; those beyond, by phases "
+            f"at the edges, to {struck['beyond_error']:.1g}"
+        )
+    words = [f"{struck['name']}: {struck['modes_in_file']}, sha256 {struck['sha256'][:16]}"]
+    if struck["mobility_ratio"] is not None:
+        words.append(
+            f"their mean mobility is {struck['mobility_ratio']:.3g} of an infinite plate's"
+        )
+    return "; ".join(words)
+
+
+def yield_words(found: dict[str, float]) -> str:
+    """What a contact that yielded left and took."""
+    return f"a dent of {found['dent_m'] * 1e6:.3g} um, {found['dissipated_j'] * 1e6:.4g} uJ taken"
+
+
+def pressure_words(limit: dict[str, Any]) -> str:
+    """At which pressure a contact yields, and by what that was chosen."""
+    words, by = f"{limit['pressure_pa'] * 1e-9:.3g} GPa", limit["by"]
+    if by is None:
+        return f"{words}, as the scene says"
+    return (
+        f"{words}: {by['factor']:g} times the {by['measure']} of the {by['body']}, "
+        f"{by['value_pa'] * 1e-9:.3g} GPa, known to {100 * by['spread']:.0f} %"
+    )
+
+
+def radiation_words(found: dict[str, float]) -> str:
+    """What the plate gave to the air."""
+    faces = "one face" if found["faces"] == 1 else "two faces"
+    return f"{found['dissipated_j'] * 1e6:.4g} uJ went into air by {faces} until the run's end"
+
+
+def demand_words(asked: dict[str, float]) -> str:
+    """Largest force, slew and power that a run asked of its actuator."""
+    words = (
+        f"{asked['force_n']:.4g} N, {asked['slew_n_s'] * 1e-6:.3g} N/us, {asked['power_w']:.3g} W"
+    )
+    if asked["delay_s"]:
+        words += f"; its bandwidth adds {asked['delay_s'] * 1e6:.3g} us to the latency"
+    return words
+
+
+def _model_order(report: dict[str, Any]) -> str:
+    """What was chosen, what it is expected to cost, and whether that is what was asked."""
+    if report["scheme"] == "thesis2008":
+        limit = report["frequency_limit_hz"] / 1e3
+        return f"{report['frequencies']} frequencies up to {limit:.4g} kHz (pi/dt), as published"
+    if report["model"]["plate_model"] == "infinite":
+        return _chosen_infinite(report)
+    chosen = (
+        f"{report['frequencies']} frequencies up to {report['frequency_limit_hz'] / 1e3:.4g} kHz; "
+        f"leaving out the rest may cost {report['expected_error']:.1g} of penetration or plate "
+        "energy"
+    )
+    if report["expected_error"] > 1.001 * report["requested_accuracy"]:
+        return f"{chosen} (asked: {report['requested_accuracy']:g}; {what_limits(report)})"
+    return chosen
+
+
+def _chosen_infinite(report: dict[str, Any]) -> str:
+    """The same for the infinite plate."""
+    expected, asked = report["expected_error"], report["requested_accuracy"]
+    chosen = f"infinite plate, a dashpot of {report['model']['impedance_n_s_m']:.4g} N s/m"
+    if math.isinf(expected):
+        return f"{chosen}; what the missing reflections cost by the run's end is not known"
+    found = f"{chosen}; missing reflections may cost {expected:.1g} by the run's end"
+    return f"{found} (asked: {asked:g}; missed)" if expected > asked else found
+
+
+def _full_model(model: dict[str, Any]) -> str:
+    """What all modes that the step can carry would have cost."""
+    full = model["full"]
+    limit = f"up to {full['frequency_limit_hz'] / 1e3:.4g} kHz = 1/(2 step)"
+    if full["frequencies"] is None:
+        return f"about {full['modes']:.2g} modes {limit}, too many to count here"
+    words = [f"{full['frequencies']:,} frequencies {limit}"]
+    if full["frequency_ratio"] is not None:
+        words.append(f"{full['frequency_ratio']:.3g} times as many")
+    if full["measured_ratio"] is not None:
+        words.append(
+            f"a step under force takes {full['measured_ratio']:.3g} times as long (measured)"
+        )
+    elif full["frequency_ratio"] is not None:
+        words.append("a ratio of frequencies, not of measured time")
+    return "; ".join(words)
+
+
+def _infinite_plate(report: dict[str, Any]) -> str:
+    """Until when an infinite plate would have done, where the first contact is over by then."""
+    until_s = report["model"]["infinite_until_s"]
+    if report["model"]["plate_model"] == "infinite" or until_s is None or not report["impacts"]:
+        return ""
+    first = report["impacts"][0]
+    if first["start_s"] + first["duration_s"] > until_s:
+        return ""
+    return (
+        f"would do until {until_s * 1e3:.4g} ms, beyond the first contact "
+        f"(run.plate_model, asked: {report['requested_accuracy']:g})"
+    )
+
+
+def show_verdict(console: Console, said: list[str]) -> None:
+    """What a run comes to, in sentences."""
+    for sentence in said:
+        head, colon, rest = sentence.partition("UNSTABLE:")
+        words = (
+            styled((f"{head}{colon}", "bold red"), rest) if colon else styled((sentence, "bold"))
+        )
+        console.print(words, soft_wrap=True)
+
+
+def _verification_line(report: dict[str, Any]) -> Text:
+    """What halving the step and doubling the modes changed."""
+    found = report["verification"]
+    if found is None:
+        return styled("Nothing to verify: no impact ends within the run.")
+    met = ("met", "") if found["largest"] <= report["requested_accuracy"] else ("missed", "red")
+    return styled(
+        f"Verified with half the step and modes to {found['frequency_limit_hz'] / 1e3:.4g} kHz: "
+        f"penetration {found['penetration']:.1e}, rebound speed {found['rebound_speed']:.1e}, "
+        f"plate energy {found['plate_energy']:.1e}; asked for {report['requested_accuracy']:g}: ",
+        met,
+        ".",
+    )
+
+
+def print_run(console: Console, report: dict[str, Any]) -> None:
+    """The closing table of a run."""
+    controlled, unstable = report["scene_law"] != "off", report["stability"]["unstable"]
+    noise, free = report["noise"], report["uncontrolled"]
+    known = report.get("predictability", {"controlled": None, "uncontrolled": None})
+    if controlled:
+        console.print(impacts_table("Impacts with control", report["impacts"], known["controlled"]))
+        console.print(
+            impacts_table("The same without control", free["impacts"], known["uncontrolled"])
+        )
+        if noise and free["noise"]:
+            cases = [("with control", noise[0]), ("without", free["noise"][0])]
+            console.print(noise_table(cases, compare=not unstable))
+    else:
+        console.print(impacts_table("Impacts, no control", report["impacts"], known["controlled"]))
+        if noise:
+            console.print(noise_table([("no control", noise[0])]))
+    console.print(run_table(report))
+    show_left_out(console, report["validity"])
+    if "verification" in report:
+        console.print(_verification_line(report))
+    show_verdict(console, report["verdict"])
+    pacing.show(console, report)
+    console.print(
+        styled(
+            "Recording: ",
+            (report["recording"], "bold"),
+            ". Look at it with ",
+            (f"hertzloop replay {report['recording']}", "bold"),
+        ),
+        soft_wrap=True,
+    )

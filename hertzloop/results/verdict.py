@@ -1,0 +1,194 @@
+"""A run's result in words: whether control helped, in what, why not; what spoils the figures.
+
+Decibels have one digit: where in a sample the touch falls decides about the second.
+"""
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+
+from hertzloop.results.impact_rows import F_A, F_C, Block
+from hertzloop.scenes.scene import Scene
+
+_HARDLY_DB = 0.1
+_MUCH = 0.1  # share of the push, or of the contact, that is worth a word
+_FIGURES = (
+    ("radiated_j", "radiated energy", 10.0),
+    ("plate_speed_max_m_s", "largest plate speed", 20.0),
+)
+
+
+class PushMeter:
+    """When an actuator pushes, against the contacts, over rows of truth that come in blocks."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._step_s = scene.step_s
+        self._apart = self._all = 0.0  # impulse while nothing touches, and all, in N steps
+        self._touch: int | None = None
+        self._push: int | None = None
+
+    def feed(self, first: int, rows: np.ndarray) -> None:
+        """Take the next rows, shape (10, steps), from step `first` on."""
+        touching, pushed = rows[F_C] != 0.0, np.abs(rows[F_A])
+        if self._touch is None and touching.any():
+            self._touch = first + int(np.argmax(touching))
+        if self._push is None and pushed.any():
+            self._push = first + int(np.argmax(pushed > 0.0))
+        self._all += float(np.sum(pushed))
+        self._apart += float(np.sum(pushed[~touching]))
+
+    def through(self, blocks: Iterable[Block]) -> Iterator[Block]:
+        """The same blocks, followed as they pass."""
+        for first, rows in blocks:
+            self.feed(first, rows)
+            yield first, rows
+
+    def result(self) -> dict[str, float] | None:
+        """`after_touch_s`: from the first contact to the first force (negative: before), nan
+        without a contact; `apart`: share of the push while nothing touches. None without one."""
+        if self._push is None:
+            return None
+        steps = math.nan if self._touch is None else self._push - self._touch
+        return {"after_touch_s": steps * self._step_s, "apart": self._apart / self._all}
+
+
+def verdict(report: dict[str, Any], saturation: dict[str, Any] | None) -> list[str]:
+    """Sentences on a run's figures, as in `figures.run_report`; without those of the same run
+    without control (`uncontrolled`) on that alone which spoils them."""
+    said = []
+    free = report.get("uncontrolled")
+    stability = report["stability"] or {"unstable": False, "pumps": False}
+    if stability["pumps"] and not stability["unstable"]:
+        said.append(pumping(stability))
+    if stability["unstable"]:
+        said.append(unstable(stability))
+    elif not report["impacts"]:
+        said.append("No impact within the run.")
+    elif free is not None and report["scene_law"] != "off" and free["impacts"]:
+        said += _compared(report, free)
+    if report["impacts"] and not report["last_contact_ended"]:
+        said.append(
+            "The last contact is not over at the end of the run: its length, its rebound and the "
+            "energies have what there is of it; take a longer run.duration_s."
+        )
+    if saturation is not None:
+        times = saturation["times"]
+        said.append(
+            f"The samples left the sensor's range {'once' if times == 1 else f'{times} times'}, "
+            f"first at {saturation['since_s'] * 1e3:.4g} ms: there the law saw the end of the "
+            "range, not what happened (sensors.full_scale)."
+        )
+    return said
+
+
+def unstable(stability: dict[str, Any]) -> str:
+    """That the loop is unstable, from when on, and how far it went."""
+    since = ""
+    if stability["since_s"] is not None:
+        since = f" From {stability['since_s'] * 1e3:.4g} ms on it has put in more than all of it."
+    return (
+        "UNSTABLE: the actuator answers what it causes itself and puts in "
+        f"{stability['most_injected']:.3g} times the energy of the impact.{since} Its largest "
+        f"force, {stability['largest_force_n']:.3g} N, is {stability['of_contact']:.3g} times what "
+        "the impact can cause. A comparison with the run without control would say nothing."
+    )
+
+
+def pumping(stability: dict[str, Any]) -> str:
+    """That the loop puts in more than there was, though it does not go on doing so."""
+    since = ""
+    if stability["since_s"] is not None:
+        since = f", from {stability['since_s'] * 1e3:.4g} ms on"
+    return (
+        f"The loop pumps: the actuator puts in {stability['fed_in']:.2g} times the energy that the "
+        f"sphere brought{since}. What moves then is its own doing: no impact could cause it."
+    )
+
+
+def _db(value: float, reference: float, factor: float = 10.0) -> float:
+    ratio = value / reference if reference else math.nan
+    return factor * math.log10(ratio) if ratio > 0.0 else math.nan
+
+
+def _compared(report: dict[str, Any], free: dict[str, Any]) -> list[str]:
+    """Whether control helped, in what, and why not."""
+    if report["push"] is None:
+        return ["Control did nothing: the law never pushed."]
+    with_, without = report["impacts"], free["impacts"]
+    energy = _db(*(sum(i["plate_energy_j"] for i in impacts) for impacts in (with_, without)))
+    once = len(with_) == len(without) == 1
+    better, worse = _others(report, free, "" if once else " (first impact)")
+    over = "" if once else " over all contacts"
+    if energy < -_HARDLY_DB:
+        words = f"Control helps: plate energy {energy:+.1f} dB{over}"
+    elif energy > _HARDLY_DB:
+        words = f"Control does harm: plate energy {energy:+.1f} dB{over}"
+    else:
+        words = f"Control hardly changes the plate energy{over}"
+    words += "".join(f", {word}" for word in better)
+    if worse:
+        words += f"; {'but' if better or energy < 0.0 else 'and'} {', '.join(worse)}"
+    said = [f"{words}."]
+    if not energy < -_HARDLY_DB:
+        said += _why(report, without[0]["duration_s"])
+    return said
+
+
+def _others(report: dict[str, Any], free: dict[str, Any], of: str) -> tuple[list[str], list[str]]:
+    """Other figures that are better, and worse, of the first impact."""
+    better: list[str] = []
+    worse: list[str] = []
+    if not report["noise"] or not free["noise"]:
+        return better, worse
+    with_, without = report["noise"][0], free["noise"][0]
+    for key, name, factor in _FIGURES:
+        change = _db(with_[key], without[key], factor)
+        if abs(change) > _HARDLY_DB:
+            (better if change < 0.0 else worse).append(f"{name} {change:+.1f} dB{of}")
+    height, before = with_["rebound_height_m"], without["rebound_height_m"]
+    if before > 0.0 and abs(height / before - 1.0) > 0.02:
+        share = f"the sphere rebounds {100.0 * height / before:.0f} % as high"
+        (better if height < before else worse).append(share)
+    return better, worse
+
+
+def _why(report: dict[str, Any], contact_s: float) -> list[str]:
+    """What the rows say of the reasons."""
+    push, reasons = report["push"], []
+    late = push["after_touch_s"] / contact_s
+    if late > _MUCH:
+        reasons.append(
+            f"its first force comes {1e6 * push['after_touch_s']:.3g} us after the touch, "
+            f"{100.0 * late:.0f} % of the contact without control"
+        )
+    if push["apart"] > _MUCH:
+        reasons.append(f"{100.0 * push['apart']:.0f} % of its push falls where nothing touches")
+    if report["injected_j"] > 0.0:
+        reasons.append(f"it puts {1e6 * report['injected_j']:.3g} uJ into the plate")
+    if report["yield"] and "dent" not in report["scene_law"]:
+        reasons.append(
+            f"the plate keeps a dent of {1e6 * report['yield']['dent_m']:.2g} um, which a law that "
+            "answers the gap takes for penetration"
+        )
+    return [f"Why not: {'; '.join(reasons)}."] if reasons else []
+
+
+def saturation_of(events: Iterable[Any]) -> dict[str, Any] | None:
+    """How often, and since when (s), samples were out of the converter's range where it matters, by
+    a recording's events: a gap during a contact, anything else at any time. None if never."""
+    since_ns: list[int] = []
+    touching = out = counted = False
+    for event in events:
+        if event.name != "plant":
+            continue
+        if event.message.startswith("contact "):
+            touching = event.message.endswith("began")
+        elif event.message.endswith("converter's range"):
+            out, counted = "left the" in event.message, False
+        matters = touching or not event.message.startswith("xi ")
+        if out and matters and not counted:
+            since_ns.append(event.time_ns)
+            counted = True
+    return {"times": len(since_ns), "since_s": since_ns[0] * 1e-9} if since_ns else None

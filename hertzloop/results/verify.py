@@ -1,0 +1,97 @@
+"""A-posteriori check of a run: its first impact again with half the step and twice the modes, the
+loop closed."""
+
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from hertzloop import assembly as parts
+from hertzloop.loop.finer import finer_loop
+from hertzloop.results.impact_rows import XI, consistent_impacts, impacts_of_rows
+from hertzloop.scenes.scene import Scene, SceneError
+from plant.plant import PlantSpec
+from plant.schemes import state_kernels as pk
+from plant.structures.modal_structure import ModalStructure
+from plant.structures.solid_plate import SolidPlate
+
+_START = [pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What the finer model changes in the first impact: gap relative to its largest value in
+    contact, rebound speed to the impact speed, plate energy to itself; and what it was."""
+
+    penetration: float
+    rebound_speed: float
+    plate_energy: float
+    step_ns: float
+    frequency_limit_hz: float
+
+    @property
+    def largest(self) -> float:
+        """Largest of the three relative changes."""
+        return max(self.penetration, self.rebound_speed, self.plate_energy)
+
+
+def verify(scene: Scene, rows: np.ndarray) -> Verification | None:
+    """Repeat the first impact of a run, known by its rows of truth, with the loop closed: the law
+    answers the finer plant, from samples of the scene's own step.
+
+    None without an impact that ends within the run. Raises SceneError for the published scheme.
+    """
+    if scene.run.scheme == "thesis2008":
+        raise SceneError(
+            "run.scheme = 'thesis2008' does not converge, so there is nothing to verify; take "
+            "'modal' or 'discrete_gradient'"
+        )
+    return against(scene, rows, finer_spec(scene))
+
+
+def finer_spec(scene: Scene) -> PlantSpec:
+    """A scene's plant with half the step and twice the modes, as far as they are known."""
+    spec = parts.plant_spec(scene)
+    # A file has the modes that it has.
+    limit_hz = spec.frequency_limit_hz * (1.0 if isinstance(spec.plate, ModalStructure) else 2.0)
+    if isinstance(spec.plate, SolidPlate):
+        limit_hz = min(limit_hz, spec.plate.highest_hz)
+    return replace(
+        spec,
+        step_s=spec.step_s / 2,
+        frequency_limit_hz=limit_hz,
+        residual_flexibility=scene.run.scheme == "modal",
+        infinite_plate=False,
+    )
+
+
+def against(scene: Scene, rows: np.ndarray, fine: PlantSpec) -> Verification | None:
+    """What a finer plant changes in the first impact of a run; None as for `verify`."""
+    found = impacts_of_rows(scene, rows, most=1)
+    if not found or not found[0].ended:
+        return None
+    spec, times = parts.plant_spec(scene), round(scene.step_s / fine.step_s)
+    # Past the contact by one step, so that it is seen to end.
+    until = min(found[0].end + 2, rows.shape[1])
+    plant = parts.built(fine, scene.run.scheme).at_start(parts.touch_phase(scene))
+    plant.state.body[_START] = parts.plant_of(spec, scene).state.body[_START]
+    finer_rows = finer_loop(scene, plant, until, times)
+    gap, finer = rows[XI, :until], finer_rows[XI, ::times]
+    coarse_impact = consistent_impacts(scene, rows[:, :until], spec)[0]
+    # Work counts from row to row: without the last part of a step both end at the same time.
+    by_finer = consistent_impacts(scene, finer_rows[:, : len(finer_rows[0]) + 1 - times], fine)
+    if not by_finer:
+        return None
+    energy = by_finer[0].plate_energy_j
+    change = by_finer[0].rebound_speed_m_s - coarse_impact.rebound_speed_m_s
+    return Verification(
+        penetration=float(np.abs(gap - finer).max() / -finer.min()),
+        rebound_speed=abs(change) / coarse_impact.impact_speed_m_s,
+        plate_energy=abs(coarse_impact.plate_energy_j - energy) / abs(energy),
+        step_ns=1e9 * fine.step_s,
+        frequency_limit_hz=fine.frequency_limit_hz,
+    )
+
+
+def as_json(found: Verification | None) -> dict[str, float] | None:
+    """For --json."""
+    return None if found is None else {**asdict(found), "largest": found.largest}

@@ -1,0 +1,122 @@
+"""What really ran, in words: for labels of pictures, replays and reports."""
+
+from typing import Any
+
+from hertzloop.results.law import law_line, law_of
+from hertzloop.scenes.keys import unit_of
+from hertzloop.scenes.scene import Scene, load, shipped
+from recordings.reader import Recording
+
+_NOT_NAMED = ("name", "shows")
+
+
+def keys_of(scene: Scene) -> dict[str, Any]:
+    """All keys of a scene that say what is simulated, "table.key": value."""
+    found: dict[str, Any] = {}
+
+    def walk(prefix: str, value: Any) -> None:
+        if isinstance(value, dict):
+            for key, inner in value.items():
+                walk(f"{prefix}.{key}" if prefix else key, inner)
+        elif prefix not in _NOT_NAMED:
+            found[prefix] = value
+
+    walk("", scene.model_dump(exclude_none=True))
+    return found
+
+
+def differences(a: Scene, b: Scene) -> list[tuple[str, Any, Any]]:
+    """Keys with other values: key, that of `a`, that of `b`; None where a scene has no such key."""
+    left, right = keys_of(a), keys_of(b)
+    return [
+        (key, left.get(key), right.get(key))
+        for key in dict.fromkeys([*left, *right])
+        if left.get(key) != right.get(key)
+    ]
+
+
+def closest_shipped(scene: Scene) -> tuple[str, list[tuple[str, Any, Any]]]:
+    """The shipped scene that a scene differs least from, and in what."""
+    known = [(name, differences(scene, load(name))) for name in shipped()]
+    return min(known, key=lambda found: (found[0] != scene.name, len(found[1])))
+
+
+def bodies(scene: Scene) -> str:
+    """Such as "3 mm steel on 3 mm aluminium"."""
+    ball = f"R = {1e3 * scene.sphere.radius_m:g} mm, {_material(scene, 'sphere')}"
+    if scene.plate.modes is not None:
+        return f"{ball}, on a structure from a file of modes"
+    return f"{ball}, on {1e3 * (scene.plate.thickness_m or 0):g} mm {_material(scene, 'plate')}"
+
+
+def _material(scene: Scene, body: Any) -> str:
+    given = getattr(scene, body).material
+    if isinstance(given, str):
+        return given.replace("_", " ")
+    return str(getattr(given, "name", None) or "own material")
+
+
+def control(scene: Scene, law: str | None = None) -> str:
+    """Law with its parameters, latency, converters: "slope_threshold, kappa 0.8, ..."; `law`: what
+    really ran, where that is known."""
+    table = scene.controller
+    name = law or table.law
+    if name == "off":
+        return "no control"
+    pieces = [name]
+    for key, value in table.model_dump(exclude_none=True).items():
+        plain = isinstance(value, int | float) and not isinstance(value, bool)
+        if plain and key not in _LINE_KEYS:
+            plain_name, unit = unit_of(key)
+            pieces.append(f"{plain_name} {value:g} {unit}".strip())
+    pieces.append(f"latency {table.latency_us:g} us")
+    if table.jitter_us:
+        pieces.append(f"jitter {table.jitter_us:g} us")
+    if table.drop_out_probability:
+        pieces.append(f"{100 * table.drop_out_probability:g} % of commands lost")
+    pieces.append(_bits("sensor", scene.sensors.bits))
+    if table.bits != "ideal":
+        pieces.append(_bits("actuator", table.bits))
+    if scene.sensors.every_steps > 1:
+        period = scene.sensors.every_steps * scene.run.step_ns / 1000
+        pieces.append(f"a sample every {period:g} us")
+    return ", ".join(pieces)
+
+
+_LINE_KEYS = ("latency_us", "jitter_us", "drop_out_probability", "bits", "full_scale_n", "slew_n_s")
+
+
+def _bits(where: str, bits: int | str) -> str:
+    return f"ideal {where}" if bits == "ideal" else f"{where} {bits} bit"
+
+
+def description(scene: Scene, recording: Recording) -> list[str]:
+    """What ran, in lines of markdown."""
+    name, changed = closest_shipped(scene)
+    lines = [bodies(scene) + f", drop {1e3 * scene.sphere.drop_height_m:g} mm", control(scene)]
+    ran = law_of(recording)
+    if ran["law"] and ran["law"] != scene.controller.law:
+        lines.append(f"Law that really ran: {law_line(ran)}")
+    if changed:
+        listed = [f"{key} = {_value(own)} ({_value(theirs)})" for key, own, theirs in changed[:8]]
+        more = f" and {len(changed) - 8} more" if len(changed) > 8 else ""
+        lines.append(f"Differs from the shipped {name} (in brackets): {', '.join(listed)}{more}")
+    else:
+        lines.append(f"As the shipped scene {name}")
+    return lines
+
+
+def compared(a: Scene, b: Scene) -> list[str]:
+    """How two runs differ, in lines of markdown."""
+    found = differences(a, b)
+    if not found:
+        return ["A and B are the same scene."]
+    listed = [f"{key} A {_value(own)}, B {_value(theirs)}" for key, own, theirs in found[:10]]
+    more = f" and {len(found) - 10} more" if len(found) > 10 else ""
+    return [f"A and B differ in: {'; '.join(listed)}{more}"]
+
+
+def _value(value: Any) -> str:
+    if value is None:
+        return "not there"
+    return f"{value:g}" if isinstance(value, float) else str(value)

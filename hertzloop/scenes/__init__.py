@@ -1,0 +1,1 @@
+"""Scenes: tables of keys, what does not fit together, reading and writing; the shipped ones."""

@@ -1,0 +1,170 @@
+"""The table [controller] of a scene: the line's keys, and those of the law that it names."""
+
+from collections.abc import Mapping
+from functools import cache
+from types import SimpleNamespace
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic.fields import FieldInfo
+
+from controller.door.law import Law, LawError
+from controller.door.registry import find, shipped, shipped_keys
+from hertzloop.scenes.materials import Table
+from hertzloop.scenes.sentences import refused, unknown_key
+
+# Laws of checked tables by reference and digest: a case asks for its law a dozen times.
+_CHECKED: dict[tuple[str, str], Law] = {}
+_MOST_CHECKED = 64
+
+
+def _remember(reference: str, law: Law) -> None:
+    if len(_CHECKED) >= _MOST_CHECKED:
+        _CHECKED.clear()
+    _CHECKED[reference, law.digest] = law
+
+
+class ControllerTable(Table):
+    """The law, the line to the actuator, and the law's own keys.
+
+    `law`: a shipped name, "mine.py", "mine.py:Name", "package.module:Name", an entry point's name,
+    "mine.so" or "mine.fmu". Keys of shipped laws not in use may stay, so that one setting switches
+    the law.
+    `law_digest`: of a law that is not shipped; one with another digest is refused.
+    """
+
+    model_config = ConfigDict(extra="allow")
+
+    law: str = "slope_threshold"
+    """a shipped name, a file (mine.py, mine.py:Name), package.module:Name, an entry point's name,
+    a library (mine.so), or a co-simulation unit (mine.fmu)"""
+    law_digest: str | None = None
+    """of a law that is not shipped; another one is refused"""
+    latency_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    """beyond the one step that cannot be avoided"""
+    jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    """largest random addition to the latency"""
+    drop_out_probability: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """of a command, which then repeats the last"""
+    bits: Annotated[int, Field(ge=2, le=24)] | Literal["ideal"] = "ideal"
+    """of the converter to the actuator"""
+    full_scale_n: Annotated[float, Field(ge=1e-9, le=1e9)] | None = None
+    """of that converter, either way"""
+    slew_n_s: Annotated[float, Field(ge=1e-9, le=1e15)] | None = None
+    """fastest change of the force"""
+
+    @property
+    def found(self) -> Law:
+        """The law; on the disk it is looked for, and its digest compared, when a table is checked.
+        Raises LawError."""
+        known = _CHECKED.get((self.law, self.law_digest or ""))
+        return known or find(self.law, self.law_digest)
+
+    @property
+    def keys(self) -> Any:
+        """The law's own keys."""
+        given = self.__pydantic_extra__ or {}
+        own = self.found.keys.model_fields
+        return SimpleNamespace(**{name: given[name] for name in own if name in given})
+
+    def switched_off(self) -> "ControllerTable":
+        """The same line without control."""
+        if self.law in shipped():
+            return self.model_copy(update={"law": "off"})
+        data = self.model_dump()
+        switch_law(data, "off")
+        return ControllerTable(**data)
+
+    @model_validator(mode="after")
+    def _keys_of_laws(self, info: ValidationInfo) -> "ControllerTable":
+        """Check the law's keys, fill in its defaults, drop what other laws have by default."""
+        given = self.__pydantic_extra__
+        assert given is not None
+        try:
+            law = find(self.law, self.law_digest)
+        except LawError as error:
+            if is_recorded(info):
+                return self
+            raise ValueError(str(error)) from error
+        own, others = law.keys.model_fields, shipped_keys()
+        for name in given:
+            if name not in own and name not in others:
+                known = dict.fromkeys([*ControllerTable.model_fields, *own, *others])
+                raise ValueError(unknown_key(("controller", name), list(known)))
+        try:
+            mine = law.keys.model_validate({k: v for k, v in given.items() if k in own})
+            kept = {k: _checked(k, others[k], v) for k, v in given.items() if k not in own}
+        except ValidationError as error:
+            raise ValueError(_sentence(error, own)) from error
+        kept = {k: v for k, v in kept.items() if v != others[k].default}
+        given.clear()
+        given.update(vars(mine) | kept)
+        if law.name not in shipped():
+            self.__dict__["law_digest"] = law.digest
+            _remember(self.law, law)
+        return self
+
+
+def is_recorded(info: ValidationInfo) -> bool:
+    """Whether a scene is read from a recording, which may outlive its law."""
+    return bool(info.context and info.context.get("recorded"))
+
+
+def law_key(table: ControllerTable, name: str) -> FieldInfo | None:
+    """What is known of a key: the line's, the law's, or a shipped law's."""
+    for fields in (ControllerTable.model_fields, table.found.keys.model_fields, shipped_keys()):
+        if name in fields:
+            return fields[name]
+    return None
+
+
+@cache
+def _adapter(name: str) -> TypeAdapter[Any]:
+    info = shipped_keys()[name]
+    kind: Any = Annotated[info.annotation, info]
+    return TypeAdapter(kind, config=ConfigDict(allow_inf_nan=False))
+
+
+def _checked(name: str, info: FieldInfo, value: Any) -> Any:
+    """A value of a shipped law's key. Raises ValidationError that names it."""
+    try:
+        return _adapter(name).validate_python(value)
+    except ValidationError as error:
+        raise ValueError(_sentence(error, {name: info}, name)) from error
+
+
+def _sentence(
+    error: ValidationError, fields: Mapping[str, FieldInfo], name: str | None = None
+) -> str:
+    """On the first problem with the key `name`, or with one of several keys."""
+    problem = error.errors()[0]
+    if problem["type"] == "value_error":
+        return str(problem["ctx"]["error"])
+    key = name or str(problem["loc"][0])
+    same = [p for p in error.errors() if name or p["loc"][:1] == problem["loc"][:1]]
+    return refused(("controller", key), problem["input"], same, fields[key])
+
+
+def switch_law(data: dict[str, Any], name: str) -> None:
+    """Put another law into a table, and drop what belongs to the old one alone: its digest, keys
+    that it has by default, and keys that neither the new law nor a shipped one has. Raises
+    LawError."""
+    fields = find(name).keys.model_fields
+    digest = data.pop("law_digest", None)
+    try:
+        old = find(str(data.get("law")), digest).keys.model_fields
+    except LawError:  # of a recording, say, that has outlived it
+        old = {}
+    line = ControllerTable.model_fields
+    for key in [key for key in data if key not in line]:
+        is_known = key in fields or key in shipped_keys()
+        if not is_known or (key in old and data[key] == old[key].default):
+            del data[key]
+    data["law"] = name

@@ -1,0 +1,124 @@
+"""All keys of a scene with kind, bounds, default and meaning, as the code has them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from controller.door.registry import find, shipped
+from hertzloop.scenes.scene import Scene
+from hertzloop.scenes.sentences import bounds_of, table_of
+
+# Endings of keys, the longest first.
+# Endings of names, longer ones first.
+_UNITS = {
+    "_m_s": "m/s", "_m_n": "m/N", "_n_s_m": "N s/m", "_n_s": "N/s", "_kg_m3": "kg/m3",
+    "_pa": "Pa", "_kg": "kg", "_hz": "Hz", "_us": "us", "_ns": "ns", "_m": "m", "_s": "s",
+    "_n": "N",
+}  # fmt: skip
+_WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
+
+
+def unit_of(name: str) -> tuple[str, str]:
+    """A key's or figure's name without the ending that says its unit, and the unit, "" if none."""
+    ending = next((end for end in _UNITS if name.endswith(end)), "")
+    return name.removesuffix(ending), _UNITS.get(ending, "")
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a scene. `bounds` and `default` are text, empty if there are none."""
+
+    name: str
+    kind: str
+    unit: str
+    bounds: str
+    default: str
+    meaning: str
+
+
+def keys() -> list[Key]:
+    """All keys in the order of a scene's tables, those of shipped laws after the controller's."""
+    return list(_of_table(Scene, ""))
+
+
+def _of_table(table: type[BaseModel], before: str) -> Iterator[Key]:
+    for name, field in table.model_fields.items():
+        inner = table_of(field.annotation)
+        own = isinstance(inner, type) and issubclass(inner, BaseModel)
+        if own and not before and name != "materials":
+            yield from _of_table(inner, f"{name}.")
+            if name == "controller":
+                yield from _of_laws()
+        else:
+            yield _key(before + name, field)
+
+
+def _of_laws() -> Iterator[Key]:
+    users: dict[Key, list[str]] = {}
+    for law in shipped():
+        for name, field in find(law).keys.model_fields.items():
+            users.setdefault(_key(f"controller.{name}", field), []).append(law)
+    for key, laws in users.items():
+        yield Key(**{**vars(key), "meaning": f"{key.meaning} ({', '.join(laws)})"})
+
+
+def _key(name: str, field: FieldInfo) -> Key:
+    default = "" if field.is_required() or field.default is None else repr(field.default)
+    return Key(
+        name=name,
+        kind=" or ".join(dict.fromkeys(_kinds(field.annotation))),
+        unit=unit_of(name)[1],
+        bounds=bounds_of(field),
+        default="needed" if field.is_required() else default.replace("'", '"'),
+        meaning=(field.description or "").replace("\n", " "),
+    )
+
+
+def _kinds(kind: Any) -> Iterator[str]:
+    """Words for what a value may be."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is Annotated:
+        yield from _kinds(inner[0])
+    elif origin is Literal:
+        yield ", ".join(f'"{value}"' for value in inner)
+    elif origin in (Union, UnionType):
+        for one in inner:
+            if one is not NoneType:
+                yield from _kinds(one)
+    elif origin is tuple:
+        many = inner[-1] is Ellipsis
+        words = next(_kinds(inner[0]))
+        yield f"list of {words}s" if many else f"{len(inner)} {words}s"
+    elif isinstance(kind, type) and issubclass(kind, BaseModel):
+        yield "table"
+    else:
+        yield _WORDS.get(kind, str(kind))
+
+
+def page() -> str:
+    """The keys as a page in Markdown."""
+    lines = [
+        "# Scene keys", "",
+        "Printed by `hertzloop keys --markdown`. A table of a scene is the word before the dot.",
+        "Keys of one's own law are listed by `hertzloop keys --law mine.py`.", "",
+        "| key | value | unit | default | means |", "|---|---|---|---|---|",
+    ]  # fmt: skip
+    for key in keys():
+        lines.append(
+            f"| `{key.name}` | {value_of(key)} | {key.unit} | {key.default} | {key.meaning} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def value_of(key: Key) -> str:
+    """What a key takes, in words."""
+    return f"{key.kind}, {key.bounds}" if key.bounds else key.kind
+
+
+def keys_of(law: str) -> list[Key]:
+    """The keys of one law, by whatever `controller.law` may say. Raises LawError."""
+    return [_key(f"controller.{name}", f) for name, f in find(law).keys.model_fields.items()]

@@ -1,0 +1,305 @@
+"""What values of a scene do not fit together, each alone being fine."""
+
+import math
+from typing import TYPE_CHECKING
+
+from hertzloop.quantities import SENSED
+from hertzloop.scenes.sentences import shortened
+from plant.contact.hertz import GRAVITY_M_S2
+
+if TYPE_CHECKING:
+    from hertzloop.scenes.scene import Scene
+    from hertzloop.scenes.tables import PlateTable
+
+_MAX_STEPS = 20_000_000
+_MAX_THESIS_STEPS = 500_000
+_EDGE = 1e-4  # of a side; nearer to it a point force moves no mode by more than rounding
+_MIDDLE = 0.5  # touch phase of a run that says nothing else
+_NARROWEST = 1e-12  # range of a converter, in the unit of its quantity
+_NARROWEST_SHARE = 1e-6  # of its larger number; 24 bits of it are still told apart
+
+
+def problems(scene: "Scene") -> list[str]:
+    """Sentences on values that are fine alone, but not together."""
+    found = []
+    plate, run, control = scene.plate, scene.run, scene.controller
+    found += _structure_problems(scene)
+    found += _point_problems(plate)
+    if not 1 <= scene.steps <= _MAX_STEPS:
+        found.append(
+            f"run.duration_s = {run.duration_s:g} makes {scene.steps} steps of run.step_ns = "
+            f"{run.step_ns}; a run has 1 to {_MAX_STEPS} steps"
+        )
+    for key in scene.whole_step_keys():
+        value = getattr(control, key)
+        if abs(value * 1000 / run.step_ns - scene.in_steps(value)) > 1e-9 * max(1.0, value):
+            found.append(
+                f"controller.{key} = {value:g} is no whole number of steps; take a multiple of "
+                f"{run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})"
+            )
+    found += _phase_problems(scene)
+    wanted = scene.law.senses
+    if wanted not in (*SENSED, "any"):
+        found.append(f"{scene.law.name} senses '{wanted}'; known are {', '.join(SENSED)} and any")
+    elif wanted != "any" and scene.sensors.quantity != wanted:
+        found.append(
+            f"sensors.quantity = '{scene.sensors.quantity}' does not fit controller.law = "
+            f"'{control.law}', which works on '{wanted}'; take that or 'auto', or law 'off'"
+        )
+    found += _scheme_problems(scene)
+    if control.bits != "ideal" and control.full_scale_n is None:
+        found.append(
+            f"controller.bits = {control.bits} needs controller.full_scale_n, the largest force (N)"
+        )
+    limits = scene.sensors.full_scale
+    if isinstance(limits, tuple):
+        if not limits[0] < limits[1]:
+            found.append(
+                f"sensors.full_scale = {list(limits)} is no range; the first number must be the "
+                "lower"
+            )
+        elif limits[1] - limits[0] < max(_NARROWEST, _NARROWEST_SHARE * max(map(abs, limits))):
+            found.append(
+                f"sensors.full_scale = {list(limits)} is too narrow; take a range of at least "
+                f"{_NARROWEST:g}, and of {_NARROWEST_SHARE:g} of its larger number"
+            )
+    if scene.sensors.bits != "ideal" and limits == "none":
+        found.append(
+            f"sensors.bits = {scene.sensors.bits} needs a range in sensors.full_scale, not 'none'"
+        )
+    return found
+
+
+def _phase_problems(scene: "Scene") -> list[str]:
+    """A touch phase of a run that does not begin in flight, or counts whole steps only."""
+    run = scene.run
+    if run.touch_phase == _MIDDLE:
+        return []
+    phase = f"run.touch_phase = {run.touch_phase!r}"
+    fall_s = math.sqrt(2.0 * scene.sphere.drop_height_m / GRAVITY_M_S2)
+    if run.scheme == "thesis2008":
+        return [
+            f"{phase} is not known to run.scheme = 'thesis2008', whose touch is a sample; leave it "
+            "out, or take the scheme 'modal'"
+        ]
+    if not scene.step_s <= run.lead_in_s < fall_s - scene.step_s:
+        return [
+            f"{phase} needs a run that begins in flight; take a run.lead_in_s (now "
+            f"{run.lead_in_s:g}) of at least a step, and less than the fall, {fall_s:.3g} s"
+        ]
+    return []
+
+
+def _point_problems(plate: "PlateTable") -> list[str]:
+    """Points beyond the plate, or where it is held."""
+    found: list[str] = []
+    if plate.modes is not None or plate.size_m is None:
+        return found
+    edges = plate.edges or "ssss"
+    for key in ("contact_point_m", "actuator_point_m"):
+        point = getattr(plate, key)
+        if point is None:
+            continue
+        shares = [p / size for p, size in zip(point, plate.size_m, strict=True)]
+        if not all(0 < p < size for p, size in zip(point, plate.size_m, strict=True)):
+            found.append(
+                f"plate.{key} = {list(point)} lies outside the plate; both numbers must be above 0 "
+                f"and below plate.size_m = {list(plate.size_m)}"
+            )
+        elif any(
+            (share < _EDGE and low != "f") or (share > 1.0 - _EDGE and high != "f")
+            for share, low, high in zip(shares, edges[::2], edges[1::2], strict=True)
+        ):
+            found.append(
+                f"plate.{key} = {list(point)} lies on the edge, which is held; keep "
+                f"{_EDGE:g} of plate.size_m = {list(plate.size_m)} away from it"
+            )
+    return found
+
+
+def _beyond_simply_supported(scene: "Scene") -> list[str]:
+    """What is known of a simply supported plate only."""
+    plate, found = scene.plate, []
+    if plate.modes is not None:
+        key, words = "plate.modes", f"plate.modes of {plate.modes.file}"
+    elif plate.edges not in (None, "ssss"):
+        key, words = "plate.edges", f"plate.edges = '{plate.edges}'"
+    else:
+        return []
+    if plate.radiating_faces:
+        found.append(
+            f"{words} does not fit plate.radiation = '{plate.radiation}': efficiencies are known "
+            "of a simply supported plate only; leave one of them out"
+        )
+    if scene.run.scheme == "thesis2008":
+        found.append(
+            f"{words} does not fit run.scheme = 'thesis2008', which knows a simply supported plate "
+            f"only; leave {key} out, or take the scheme 'modal'"
+        )
+    if scene.run.plate_model == "infinite" and plate.modes is not None:
+        found.append(
+            f"{words} does not fit run.plate_model = 'infinite', which has no modes; take "
+            "plate_model 'auto'"
+        )
+    return found
+
+
+def _structure_problems(scene: "Scene") -> list[str]:
+    """What the tables say of the plate that does not make one structure."""
+    plate = scene.plate
+    if plate.modes is None:
+        if plate.residual_flexibility_m_n is not None:
+            return [
+                f"plate.residual_flexibility_m_n = {plate.residual_flexibility_m_n:g} belongs to "
+                "plate.modes; that of a plate is computed"
+            ]
+        return [
+            f"plate.{key} is missing from the scene"
+            for key in ("size_m", "thickness_m", "contact_point_m")
+            if getattr(plate, key) is None
+        ]
+    found = []
+    if plate.edges is not None:
+        found.append(
+            f"plate.edges = '{plate.edges}' does not fit plate.modes, which are what is struck; "
+            "leave one of them out"
+        )
+    if plate.loss_factor is not None:
+        found.append(
+            f"plate.loss_factor = {plate.loss_factor:g} does not fit plate.modes, which have a "
+            "loss factor each; leave it out"
+        )
+    return found
+
+
+def _plate_in_words(scene: "Scene") -> str:
+    """The plate's material as a sentence has it."""
+    given = scene.plate.material
+    name = given if isinstance(given, str) else given.name
+    return f"plate.material = '{shortened(name)}'" if name else "the plate's material"
+
+
+def _only_modal(scene: "Scene", key: str) -> list[str]:
+    """The sentence on a key that only the modes of the default scheme know."""
+    if scene.run.scheme != "modal":
+        return [
+            f"{key} is known to run.scheme = 'modal' only, not to '{scene.run.scheme}'; leave the "
+            "key out, or take that scheme"
+        ]
+    if scene.run.plate_model == "infinite":
+        return [
+            f"{key} does not fit run.plate_model = 'infinite'; leave the key out, or take "
+            "plate_model 'auto'"
+        ]
+    return []
+
+
+def not_in_three_dimensions(scene: "Scene") -> list[str]:
+    """What does not fit a plate in three dimensions."""
+    plate, contact, asked = scene.plate, scene.contact, "plate.theory = '3d'"
+    found = _only_modal(scene, asked)
+    only = f"does not fit {asked}, which knows a simply supported plate only"
+    if plate.modes is not None:
+        found.append(f"plate.modes of {plate.modes.file} {only}; take 'kirchhoff'")
+    elif plate.edges not in (None, "ssss"):
+        found.append(
+            f"plate.edges = '{plate.edges}' {only}; leave the key out, or take 'kirchhoff'"
+        )
+    if contact.damping != "none":
+        found.append(
+            f"contact.damping = '{contact.damping}' does not fit {asked}: the velocity of a point "
+            "on a solid has no limit as more modes are taken along, so a damper in the contact has "
+            "no answer; take contact.plasticity for losses, or 'kirchhoff'"
+        )
+    if scene.actuator.mass_kg is not None:
+        found.append(
+            f"actuator.mass_kg = {scene.actuator.mass_kg:g} does not fit {asked}, where a mass on "
+            "a point of a solid has no limit as more modes are taken along; leave it out, or take "
+            "'kirchhoff'"
+        )
+    if plate.tail == "damped":
+        found.append(
+            f"plate.tail = 'damped' does not fit {asked}, where the modes left out are half a "
+            "space, not a thin plate; take 'auto'"
+        )
+    return found
+
+
+def _tail_problems(scene: "Scene") -> list[str]:
+    """Where the modes left out are no damped mode."""
+    if scene.plate.tail != "damped":
+        return []
+    contact, actuator = scene.plate.points_m
+    if scene.actuator.mass_kg is not None and contact == actuator:
+        return [
+            f"plate.tail = 'damped' does not fit actuator.mass_kg = {scene.actuator.mass_kg:g} at "
+            "the struck point, where the modes left out move the mass; take 'spring' or 'auto'"
+        ]
+    return _only_modal(scene, "plate.tail = 'damped'")
+
+
+def _scheme_problems(scene: "Scene") -> list[str]:
+    """What the chosen scheme and model of the plate do not know."""
+    found = []
+    contact = scene.contact
+    if contact.plasticity != "none":
+        found += _only_modal(scene, f"contact.plasticity = '{contact.plasticity}'")
+        plate = scene.material("plate")
+        if contact.limiting_pressure_pa is None and plate.hardness_pa is plate.yield_pa is None:
+            found.append(
+                f"contact.plasticity = '{contact.plasticity}' needs to know when "
+                f"{_plate_in_words(scene)} yields; give plate.material.yield_pa or "
+                "plate.material.hardness_pa (Pa), or contact.limiting_pressure_pa, between 1.6 "
+                "times the one and the other"
+            )
+    elif contact.limiting_pressure_pa is not None:
+        found.append(
+            f"contact.limiting_pressure_pa = {contact.limiting_pressure_pa:g} says nothing to "
+            "contact.plasticity = 'none'; take 'thornton', or leave the key out"
+        )
+    for key in ("bandwidth_hz", "mass_kg", "force_limit_n"):
+        value = getattr(scene.actuator, key)
+        if value is not None:
+            found += _only_modal(scene, f"actuator.{key} = {value:g}")
+    found += _tail_problems(scene)
+    if scene.plate.theory == "3d":
+        found += not_in_three_dimensions(scene)
+    if scene.plate.radiating_faces:
+        found += _only_modal(scene, f"plate.radiation = '{scene.plate.radiation}'")
+    point = scene.plate.actuator_point_m
+    found += _beyond_simply_supported(scene)
+    if scene.run.plate_model == "infinite":
+        if scene.run.scheme != "modal":
+            found.append(
+                "run.plate_model = 'infinite' is known to run.scheme = 'modal' only, not to "
+                f"'{scene.run.scheme}'; take that scheme, or plate_model 'auto'"
+            )
+        if point is not None and point != scene.plate.contact_point_m:
+            found.append(
+                f"plate.actuator_point_m = {list(point)} does not fit run.plate_model = "
+                "'infinite', which knows a force at the struck point only; leave the key out, or "
+                "take plate_model 'auto'"
+            )
+    if scene.run.scheme != "thesis2008":
+        if scene.contact.damping == "relaxation":
+            found.append(
+                "contact.damping = 'relaxation' is known to run.scheme = 'thesis2008' only; take "
+                "'none', 'viscous' or 'hunt_crossley', or that scheme"
+            )
+        return found
+    if scene.contact.damping == "hunt_crossley":
+        found.append(
+            "contact.damping = 'hunt_crossley' is not known to run.scheme = 'thesis2008'; take "
+            "'none', 'viscous' or 'relaxation', or the scheme 'modal'"
+        )
+    if point is not None and point != scene.plate.contact_point_m:
+        found.append(
+            f"plate.actuator_point_m = {list(point)} does not fit run.scheme = 'thesis2008', which "
+            "knows a force at the struck point only; leave the key out, or take the scheme 'modal'"
+        )
+    if scene.steps > _MAX_THESIS_STEPS:
+        found.append(
+            f"run.duration_s = {scene.run.duration_s:g} makes {scene.steps} steps; run.scheme = "
+            f"'thesis2008' takes up to {_MAX_THESIS_STEPS}, as the work grows with their square"
+        )
+    return found

@@ -1,0 +1,321 @@
+"""Scenes: what is simulated, as one TOML file, checked before anything runs."""
+
+import copy
+import difflib
+import tomllib
+from collections.abc import Iterable, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+import tomli_w
+from pydantic import Field, ValidationError, ValidationInfo, model_validator
+
+from controller.door.law import Law, LawError
+from controller.door.registry import find, resolve
+from hertzloop.quantities import SENSED
+from hertzloop.scenes.controller_table import (
+    ControllerTable,
+    is_recorded,
+    law_key,
+    switch_law,
+)
+from hertzloop.scenes.files import open_material, take_in
+from hertzloop.scenes.labels import relabel
+from hertzloop.scenes.materials import MaterialTable, Table, check_materials, material_called
+from hertzloop.scenes.problems import problems
+from hertzloop.scenes.sentences import LONGEST, sentence, shortened, shown, table_of
+from hertzloop.scenes.tables import (
+    ActuatorTable,
+    ContactTable,
+    PlateTable,
+    RunTable,
+    SensorsTable,
+    SphereTable,
+)
+from plant.structures.materials import Material
+
+NO_CASE_OF_THESIS = (
+    "run.scheme = 'thesis2008' has figures of its own; take 'modal' or 'discrete_gradient'"
+)
+
+
+class SceneError(ValueError):
+    """The scene cannot be simulated; the message says which key, its value and what would do."""
+
+
+class Scene(Table):
+    """A whole scene; see scenes/*.toml for examples."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
+    """of the scene, and of its recording"""
+    shows: str = ""
+    """what it is for, in a sentence"""
+    materials: tuple[MaterialTable, ...] | None = None  # by name, beside those that come with it
+    """a file of materials, or a list, beside those that come with it"""
+    sphere: SphereTable
+    plate: PlateTable
+    contact: ContactTable = ContactTable()
+    sensors: SensorsTable = SensorsTable()
+    controller: ControllerTable = ControllerTable()
+    actuator: ActuatorTable = ActuatorTable()
+    run: RunTable
+
+    @property
+    def step_s(self) -> float:
+        """Length of a step, s."""
+        return self.run.step_ns * 1e-9
+
+    @property
+    def steps(self) -> int:
+        """Length of the run in steps."""
+        return round(self.run.duration_s / self.step_s)
+
+    def in_steps(self, time_us: float) -> int:
+        """A time in whole steps."""
+        return round(time_us * 1000 / self.run.step_ns)
+
+    def material(self, body: Literal["plate", "sphere"]) -> Material:
+        """The material of the plate or the sphere."""
+        given = self.plate.material if body == "plate" else self.sphere.material
+        return material_called(given, self.materials or ())
+
+    def without_control(self) -> "Scene":
+        """The same scene with the law switched off."""
+        return self.model_copy(update={"controller": self.controller.switched_off()})
+
+    @property
+    def law(self) -> Law:
+        """The law. Raises SceneError."""
+        try:
+            return self.controller.found
+        except LawError as error:
+            raise SceneError(str(error)) from error
+
+    def whole_step_keys(self) -> list[str]:
+        """Keys of the controller that have to be a whole number of steps."""
+        return ["latency_us", "jitter_us", *self.law.whole_steps]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_the_quantity(cls, data: Any) -> Any:
+        """Put what the law works on in the place of sensors.quantity = "auto"."""
+        if not isinstance(data, dict):
+            return data
+        sensors, control = data.get("sensors", {}), data.get("controller", {})
+        if not isinstance(sensors, dict) or not isinstance(control, dict):
+            return data
+        if sensors.get("quantity", "auto") != "auto":
+            return data
+        try:
+            senses = find(
+                str(control.get("law", "slope_threshold")), control.get("law_digest")
+            ).senses
+        except LawError:  # the table of the controller says so
+            senses = "xi"
+        if senses not in (*SENSED, "any"):  # see problems()
+            senses = "xi"
+        return {**data, "sensors": {**sensors, "quantity": senses.replace("any", "xi")}}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _materials_are_known(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            check_materials(data)
+        return data
+
+    @model_validator(mode="after")
+    def _fits_together(self, info: ValidationInfo) -> "Scene":
+        for problem in [] if is_recorded(info) else problems(self):
+            raise ValueError(problem)
+        return self
+
+
+def shipped() -> list[str]:
+    """Names of the scenes that come with hertzloop, the default first."""
+    folder = resources.files("hertzloop") / "scenes"
+    names = [f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")]
+    return sorted(names, key=lambda name: (name != DEFAULT, name))
+
+
+DEFAULT = "aluminium-3mm"
+
+
+def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> Scene:
+    """Read a scene by shipped name or from a file, apply `key=value` settings and the seed.
+
+    Files that it names are relative to its own folder, those that a setting names to the working
+    directory. Raises SceneError with one sentence for anything wrong in it.
+    """
+    path = Path(source)
+    return parse(_text(source), settings, seed, folder=path.parent if path.is_file() else None)
+
+
+def _text(source: str) -> str:
+    path = Path(source)
+    try:
+        if path.suffix == ".toml" or path.is_file():
+            return path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise SceneError(
+            f"cannot read the scene {shortened(source)}: {shortened(str(error))}"
+        ) from error
+    names = shipped()
+    if source not in names:
+        close = difflib.get_close_matches(source, names, 1)
+        hint = f"; did you mean {close[0]}?" if close else "."
+        raise SceneError(
+            f"there is no scene {shown(source)}{hint} Known scenes: {', '.join(names)}; "
+            "or give the path of a .toml file"
+        )
+    return shipped_text(source)
+
+
+def shipped_text(name: str) -> str:
+    """The text of a shipped scene."""
+    return (resources.files("hertzloop") / "scenes" / f"{name}.toml").read_text("utf-8")
+
+
+def parse(
+    text: str,
+    settings: Iterable[str] = (),
+    seed: int | None = None,
+    *,
+    folder: Path | None = None,
+    law: str | None = None,
+    recorded: bool = False,
+) -> Scene:
+    """Make a scene from TOML text. Raises SceneError.
+
+    The files that it names, its law's too, are looked for in `folder` and in the working folder;
+    `law` says where the law is on this machine. A `recorded` scene need not find its law.
+    """
+    try:
+        data = _from_toml(text)
+    except ValueError as error:
+        raise SceneError(f"the scene is not valid TOML: {shortened(str(error))}") from error
+    _take_in(data, folder or Path())
+    before = copy.deepcopy(data)
+    for setting in settings:
+        _apply(data, setting)
+    _take_in(data, Path())
+    relabel(before, data)
+    if seed is not None:
+        _put(data, "run.seed", seed)
+    if law is not None:
+        _put(data, "controller.law", law)
+    return _checked(data, folder, recorded)
+
+
+def _from_toml(text: str) -> dict[str, Any]:
+    """TOML as plain data. Raises ValueError for whatever it cannot be, whatever the reason."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("its tables or lists are nested too deeply") from error
+
+
+def vary(scene: Scene, values: Mapping[str, Any]) -> Scene:
+    """A scene with other values of some keys, "table.key": value. Raises SceneError."""
+    data = _opened(scene, {key.split(".")[0] for key in values})
+    if "controller.law" in values:
+        name = resolve(str(values["controller.law"]))
+        try:
+            switch_law(data["controller"], name)
+        except LawError as error:
+            raise SceneError(str(error)) from error
+        if "sensors.quantity" not in values:
+            data["sensors"]["quantity"] = "auto"
+    for key, value in values.items():
+        _put(data, key, value)
+    _take_in(data, Path())
+    return _checked(data)
+
+
+_READ_TOGETHER = {"sensors", "controller"}  # the one may have to name what the other works on
+
+
+def _opened(scene: Scene, changed: set[str]) -> dict[str, Any]:
+    """A scene's tables: those `changed` as plain data, the others as they are, which were checked
+    once. Own materials are plain data too: a changed table may go back to their numbers."""
+    if changed & _READ_TOGETHER:
+        changed = changed | _READ_TOGETHER
+    if "materials" in changed:  # by name in other tables
+        changed = set(Scene.model_fields)
+    data = {name: value for name, value in scene if name not in changed and value is not None}
+    return data | scene.model_dump(include=changed | {"materials"}, exclude_none=True)
+
+
+def _take_in(data: dict[str, Any], folder: Path) -> None:
+    try:
+        take_in(data, folder)
+    except ValueError as error:
+        raise SceneError(shortened(str(error), LONGEST)) from error
+
+
+def _checked(data: dict[str, Any], folder: Path | None = None, recorded: bool = False) -> Scene:
+    control = data.get("controller")
+    if isinstance(control, dict) and isinstance(control.get("law"), str):
+        data = {**data, "controller": {**control, "law": resolve(control["law"], folder)}}
+    try:
+        return Scene.model_validate(data, context={"recorded": recorded})
+    except ValidationError as error:
+        raise SceneError(sentence(error, Scene)) from error
+
+
+def _apply(data: dict[str, Any], setting: str) -> None:
+    """Apply one key=value; the value is TOML, a bare word counts as text."""
+    key, equals, value = setting.partition("=")
+    if not equals or not all(key.strip().split(".")):
+        raise SceneError(
+            f"{shown(setting)} is no setting; write table.key=value, e.g. sensors.bits=12"
+        )
+    _put(data, key.strip(), toml_value(value))
+
+
+def toml_value(text: str) -> Any:
+    """A value as written in TOML; a bare word counts as text."""
+    try:
+        return _from_toml(f"value = {text}")["value"]
+    except ValueError:
+        return text.strip()
+
+
+def _put(data: dict[str, Any], key: str, value: Any) -> None:
+    """Set table.key in nested tables."""
+    path = key.split(".")
+    table = data
+    if path[1:2] == ["material"] and len(path) == 3:
+        open_material(data, path[0])
+    for part in path[:-1]:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise SceneError(f"{shown(key)} is no scene key: {shown(part)} is a value, not a table")
+    table[path[-1]] = value
+
+
+def grain_of(scene: Scene, key: str) -> float:
+    """How far apart the values of "table.key" are: 1 of whole numbers, a step of the controller's
+    times (us), 0 of any numbers and of what is no key."""
+    *path, last = key.split(".")
+    if path == ["controller"]:
+        info = law_key(scene.controller, last)
+        kind: Any = info.annotation if info else None
+        if last in scene.whole_step_keys():
+            return scene.run.step_ns / 1000
+    else:
+        try:
+            model: Any = Scene
+            for part in path:
+                model = table_of(model.model_fields[part].annotation)
+            kind = model.model_fields[last].annotation
+        except (KeyError, AttributeError):
+            return 0.0
+    kinds = {kind, *get_args(kind)}
+    kinds |= {inner for outer in kinds for inner in get_args(outer)}
+    return 1.0 if int in kinds else 0.0
+
+
+def to_toml(scene: Scene) -> str:
+    """The scene as TOML, every key written out: what goes into the recording."""
+    return tomli_w.dumps(scene.model_dump(exclude_none=True))

@@ -1,0 +1,109 @@
+"""Where compiled kernels are kept: by what they were compiled from, where only this user writes.
+
+Numba notices an edit of a kernel's own file, not of a callee in another file (numba #1833), so
+the folder is named after all sources that hold kernels. What is in it is unpickled and run.
+"""
+
+import hashlib
+import os
+import re
+import shutil
+import sys
+import tempfile
+from atexit import register
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+from jit.ownership import NotOurs, own
+
+# Folders of kernels, beside this package; which of their files hold some, their imports say.
+PACKAGES = ("plant", "sensors", "controller", "bus", "recordings", "hertzloop", "studies", "jit")
+_HOLDS_KERNELS = re.compile(
+    rb"^\s*(?:from\s+(?:numba\b|jit\s|jit\.(?:by_type|apart)\s)|import\s+(?:numba|jit)\b)", re.M
+)
+_ROOT = Path(__file__).resolve().parent.parent
+_CHOSEN = "HERTZLOOP_CACHE"  # tells children a place other than the usual one
+
+
+@cache
+def code_digest() -> str:
+    """16 hex digits that change with any source of kernels, and with what compiles them."""
+    import llvmlite
+    import numba
+
+    digest = hashlib.sha256()
+    for what in (sys.version, numba.__version__, llvmlite.__version__):
+        digest.update(what.encode() + b"\0")
+    for name, text in sorted(kernel_sources().items()):
+        digest.update(name.encode() + b"\0" + hashlib.sha256(text).digest())
+    return digest.hexdigest()[:16]
+
+
+def kernel_sources() -> dict[str, bytes]:
+    """Source files that hold compiled functions, by their path beside this package."""
+    found = {}
+    for package in PACKAGES:
+        for folder, _, names in os.walk(_ROOT / package):
+            for path in (os.path.join(folder, name) for name in names if name.endswith(".py")):
+                with open(path, "rb") as file:
+                    text = file.read()
+                if _HOLDS_KERNELS.search(text):
+                    found[os.path.relpath(path, _ROOT)] = text
+    return found
+
+
+@cache
+def cache_folder() -> Path:
+    """Folder of the compiled kernels, of mode 700, in the first safe and writable place.
+
+    That is NUMBA_CACHE_DIR, if set, then ~/.cache/hertzloop, a folder of this user among the
+    temporary ones, and at last one that lives as long as this process.
+    """
+    # Numba tells checkouts apart by their path; whether all is compiled is noted a folder.
+    name = f"{code_digest()}-{hashlib.sha256(bytes(_ROOT)).hexdigest()[:8]}"
+    refused = []
+    for base in _places():
+        try:
+            own(base)
+            own(base / name, alone=True)
+            break
+        except NotOurs as error:
+            refused.append(str(error))
+        except OSError:  # not writable, or no such thing
+            continue
+    else:
+        base = _private()
+        own(base / name, alone=True)
+    if base != next(_places()):
+        os.environ[_CHOSEN] = str(base)
+    if refused:
+        said = f"hertzloop: compiled kernels are kept in {base}, since {'; '.join(refused)}"
+        print(said, file=sys.stderr)
+    return base / name
+
+
+def _places() -> Iterator[Path]:
+    """Folders to keep kernels in, the best first."""
+    chosen = os.environ.get(_CHOSEN)
+    if chosen and os.path.lexists(chosen):
+        yield Path(chosen)
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    if given:
+        yield Path(given).resolve()
+    with suppress(RuntimeError):  # a user without a home
+        yield (Path.home() / ".cache").resolve() / "hertzloop"
+    yield Path(tempfile.gettempdir()).resolve() / f"hertzloop-{os.getuid()}"
+
+
+def _private() -> Path:
+    """A folder that is gone with this process."""
+    folder, ours = tempfile.mkdtemp(prefix="hertzloop-"), os.getpid()
+
+    def remove() -> None:
+        if os.getpid() == ours:  # not in a fork
+            shutil.rmtree(folder, ignore_errors=True)
+
+    register(remove)
+    return Path(folder)

@@ -1,0 +1,1 @@
+"""The actuator between command and structure: its response, its limit, its moving mass."""

@@ -1,0 +1,129 @@
+"""Oscillators of a plate with a mass on it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from plant.structures.plate import Oscillators
+
+_NO_SHAPE = 1e-9  # of the largest at the actuator: such a mode does not feel the mass
+_CHUNK = 2**22  # numbers of a work array
+_MOST_HALVINGS = 200
+
+
+def mass_loaded(
+    modes: Oscillators, scale_per_kg: float, mass_kg: float, flexibility_m_n: float, same: bool
+) -> Oscillators:
+    """Oscillators of the plate with a mass on it at the actuator.
+
+    `scale_per_kg`: inverse modal mass, `flexibility_m_n`: of the modes left out, a spring
+    between mass and plate; `same`: the actuator is at the struck point. The frequencies are
+    the roots W = w^2 of the secular equation sum_k g_k/(w_k^2 - W) + R = 1/(m W),
+    g_k = lambda Phi_a^2: one below each w_k and, with a spring, one above the last. The
+    modes' masses include that on the plate, so nothing else changes.
+    """
+    pole, at_contact, at_actuator = _apart(modes)
+    felt = np.abs(at_actuator) > _NO_SHAPE * np.abs(at_actuator).max(initial=0.0)
+    if not np.any(felt):
+        return modes
+    weight = np.concatenate([[1.0 / mass_kg], scale_per_kg * at_actuator[felt] ** 2])
+    poles = np.concatenate([[0.0], pole[felt]])
+    origin, offset = _roots(poles, weight, flexibility_m_n)
+    squared = poles[origin] + offset
+    reach = 1.0 / (mass_kg * squared)  # displacement of the mass by a unit force on the plate
+    contact, size = np.empty_like(squared), np.empty_like(squared)
+    drive = scale_per_kg * at_contact[felt] * at_actuator[felt]
+    rows = max(1, _CHUNK // len(poles))
+    for i in range(0, len(squared), rows):
+        part = slice(i, i + rows)
+        away = (poles - poles[origin[part], None]) - offset[part, None]
+        size[part] = np.sum(weight / away**2, axis=1)
+        contact[part] = np.sum(drive / away[:, 1:], axis=1)
+    unit = np.sqrt(size * scale_per_kg)
+    actuator = reach / unit
+    contact = actuator if same else contact / unit
+    omega = np.concatenate([np.sqrt(squared), np.sqrt(pole[~felt])])
+    order = np.argsort(omega, kind="stable")
+    return replace(
+        modes,
+        omega=omega[order],
+        contact=np.concatenate([contact, at_contact[~felt]])[order],
+        actuator=np.concatenate([actuator, at_actuator[~felt]])[order],
+    )
+
+
+def _apart(modes: Oscillators) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """w^2 and both shapes, two oscillators of one frequency turned so that one of them only
+    moves the actuator."""
+    contact, actuator = modes.contact.copy(), modes.actuator.copy()
+    first = np.flatnonzero(np.diff(modes.omega) == 0.0)
+    second = first + 1
+    size = np.hypot(actuator[first], actuator[second])
+    turns = size > 0.0
+    first, second, size = first[turns], second[turns], size[turns]
+    along = (contact[first] * actuator[first] + contact[second] * actuator[second]) / size
+    across = (contact[second] * actuator[first] - contact[first] * actuator[second]) / size
+    contact[first], contact[second] = along, across
+    actuator[first], actuator[second] = size, 0.0
+    return modes.omega**2, contact, actuator
+
+
+def _roots(
+    poles: np.ndarray, weights: np.ndarray, constant: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Roots of sum weights/(poles - W) + constant, as the pole next to each and the way from
+    it: one between neighbours, one above the last if `constant` > 0. Poles ascend.
+
+    The sum rises from pole to pole. Times the way from the near pole it is smooth: Newton
+    inside a bracket, halved where Newton leaves it.
+    """
+    upper = poles[1:]
+    if constant > 0.0:
+        upper = np.append(upper, poles[-1] + weights.sum() / constant)
+    lower = poles[: len(upper)]
+    origin, offset = np.empty(len(upper), np.int64), np.empty(len(upper))
+    rows = max(1, _CHUNK // len(poles))
+    for i in range(0, len(upper), rows):
+        part = slice(i, i + rows)
+        number = np.arange(len(upper))[part]
+        width = upper[part] - lower[part]
+        half = _sum(poles, weights, constant, number, 0.5 * width)
+        left = (half > 0.0) | (number + 1 == len(poles))
+        near = np.where(left, number, np.minimum(number + 1, len(poles) - 1))
+        low = np.where(left, 0.0, -0.5 * width)
+        # Above the last pole the only neighbour is far away.
+        high = np.where(left, np.where(half > 0.0, 0.5 * width, width), 0.0)
+        origin[part], offset[part] = near, _offsets(poles, weights, constant, near, low, high)
+    return origin, offset
+
+
+def _sum(
+    poles: np.ndarray, weights: np.ndarray, constant: float, near: np.ndarray, way: np.ndarray
+) -> np.ndarray:
+    away = (poles - poles[near, None]) - way[:, None]
+    return np.asarray(np.sum(weights / away, axis=1) + constant)
+
+
+def _offsets(
+    poles: np.ndarray, weights: np.ndarray, constant: float,
+    near: np.ndarray, low: np.ndarray, high: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Ways from the near poles inside their brackets, to rounding."""
+    away_0 = poles - poles[near, None]
+    others = np.where(np.arange(len(poles)) == near[:, None], 0.0, weights)
+    away_0[np.arange(len(near)), near] = np.inf
+    way = 0.5 * (low + high)
+    for _ in range(_MOST_HALVINGS):
+        away = away_0 - way[:, None]
+        rest = np.sum(others / away, axis=1) + constant
+        slope = np.sum(others / away**2, axis=1)
+        value = weights[near] - way * rest  # -way times the whole sum
+        rises = value / way < 0.0  # the whole sum is above zero
+        high, low = np.where(rises, way, high), np.where(rises, low, way)
+        trial = way + value / (rest + way * slope)
+        new = np.where((trial >= low) & (trial <= high), trial, 0.5 * (low + high))
+        settled = np.abs(new - way) <= 1e-15 * np.abs(way)
+        way = new
+        if np.all(settled):
+            break
+    return way

@@ -1,0 +1,339 @@
+"""Compiled kernels of a step of a contact that yields, F_0 + F_1 (2 t/h - 1) as the elastic one's.
+
+The state's body keeps the deepest penetration so far and the curve that belongs to it,
+F = s_u (p - dent)^1.5; before the first yield that is the Hertz curve up to delta_y. A step that
+stays on its curve is solved as an elastic one of that stiffness, shifted by the dent; one that
+stays on the line is linear; only one that turns, or changes between them, is put together
+from pieces. The deepest penetration is that within the step: with that of its ends a step
+that turns would be of second order.
+
+The contact's law is a `plastic_kernels.Yielding`, or None: elastic.
+"""
+
+import math
+
+from jit import kernel
+from jit.by_type import by_type, no, yes
+from plant.contact import hertz_kernels as hertz
+from plant.contact import path_kernels as path
+from plant.contact import plastic_kernels as plastic
+from plant.contact import solve_kernels as solve
+from plant.schemes import state_kernels as pk
+from plant.schemes import tail_kernels as tail
+
+_HALVINGS = 60
+_NEWTON_MOST = 14
+_TIGHT = 1e-9  # of the force
+_ON_LINE = 1.0 - 1e-12  # of the deepest approach: there the line begins
+
+
+@kernel(borrowed=True)
+def _crossing(level, low, high, x0, x1, d0, d1, q):
+    """Where the quartic passes `level` between t = low and t = high."""
+    falls = path.quartic(low, x0, x1, d0, d1, q)[0] > level
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if (path.quartic(middle, x0, x1, d0, d1, q)[0] > level) == falls:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@kernel(borrowed=True)
+def _turning(x0, x1, d0, d1, q):
+    """Where the quartic is lowest: an end of the step or a turning point inside."""
+    if d0 >= 0.0 or d1 <= 0.0:
+        return 0.0 if x0 < x1 else 1.0
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if path.quartic(middle, x0, x1, d0, d1, q)[1] < 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@kernel(borrowed=True)
+def _add(law, model, sums, begin, end, x0, x1, d0, d1, q, curve, dent, on_line):
+    """Add a piece of the step to the projection: F_0, F_1, loss, derivatives of F_0 and F_1 by
+    x1, d1, the mean and d0."""
+    if end > begin:
+        for i in range(path.NODES):
+            t = begin + (end - begin) * path.GAUSS_T[i]
+            w = (end - begin) * path.GAUSS_W[i]
+            gap, slope = path.quartic(t, x0, x1, d0, d1, q)
+            force, damping, by_gap, by_rate = plastic.at(
+                law, model, gap, slope / model.step_s, curve, dent, on_line
+            )
+            sums = path.added(sums, w, t, force, damping, slope, by_gap, by_rate / model.step_s)
+    return sums
+
+
+@kernel(borrowed=True)
+def _project(law, model, body, x0, x1, d0, d1, mean):
+    """Projection of the law along the quartic, as `_add`, and the deepest penetration in it."""
+    q = mean - 0.5 * (x0 + x1) - (d0 - d1) / 12.0
+    deepest, dent = body[pk.DEEPEST], body[pk.DENT]
+    curve = plastic.hertz_curve(model, body[pk.CURVE])
+    sums = path.NOTHING
+    level = plastic.approach(law, model, deepest)
+    turn = _turning(x0, x1, d0, d1, q)
+    lowest = path.quartic(turn, x0, x1, d0, d1, q)[0]
+    if -lowest <= level:
+        begin, end = path.touching_part(x0 + dent, x1 + dent, d0, d1, q)
+        sums = _add(law, model, sums, begin, end, x0, x1, d0, d1, q, curve, dent, False)
+        return sums, deepest
+    begin = 0.0
+    if x0 + dent > 0.0:
+        begin = _crossing(-dent, 0.0, turn, x0, x1, d0, d1, q)
+    line = 0.0
+    if -x0 < level:
+        line = _crossing(-level, begin, turn, x0, x1, d0, d1, q)
+    sums = _add(law, model, sums, begin, line, x0, x1, d0, d1, q, curve, dent, False)
+    sums = _add(law, model, sums, line, turn, x0, x1, d0, d1, q, curve, dent, True)
+    deepest = plastic.penetration(law, model, -lowest)
+    stiffness, dent = plastic.curve_of(law, model.stiffness, deepest)
+    end = 1.0
+    if x1 + dent > 0.0:
+        end = _crossing(-dent, turn, 1.0, x0, x1, d0, d1, q)
+    after = plastic.hertz_curve(model, stiffness)
+    sums = _add(law, model, sums, turn, end, x0, x1, d0, d1, q, after, dent, False)
+    return sums, deepest
+
+
+@kernel(borrowed=True)
+def _pieces(law, model, body, x0, d0, free_x, free_d, free_mean, guess0, guess1):
+    """Newton for any step: F_0, F_1, what damping takes (J), evaluations, whether it ended, and
+    the deepest penetration within the step (m)."""
+    g, h = model.gains, model.step_s
+    f0, f1, lost, deepest = guess0, guess1, 0.0, body[pk.DEEPEST]
+    for evaluation in range(1, _NEWTON_MOST + 1):
+        x1 = free_x + g[solve.X0] * f0 + g[solve.X1] * f1
+        d1 = free_d + h * (g[solve.V0] * f0 + g[solve.V1] * f1)
+        mean = free_mean + g[solve.M0] * f0 + g[solve.M1] * f1
+        start = solve.slope_at_start(model, d0, f0, f1)
+        sums, deepest = _project(law, model, body, x0, x1, start, d1, mean)
+        p0, p1, lost, f0_x, f0_d, f0_m, f1_x, f1_d, f1_m, f0_s, f1_s = sums
+        a = 1.0 - (f0_x * g[solve.X0] + f0_d * h * g[solve.V0] + f0_m * g[solve.M0])
+        b = -(f0_x * g[solve.X1] + f0_d * h * g[solve.V1] + f0_m * g[solve.M1])
+        c = -(f1_x * g[solve.X0] + f1_d * h * g[solve.V0] + f1_m * g[solve.M0])
+        d = 1.0 - (f1_x * g[solve.X1] + f1_d * h * g[solve.V1] + f1_m * g[solve.M1])
+        if tail.there(model.tail):
+            a -= f0_s * h * g[solve.START0]
+            b -= f0_s * h * g[solve.START1]
+            c -= f1_s * h * g[solve.START0]
+            d -= f1_s * h * g[solve.START1]
+        det = a * d - b * c
+        if not det > 0.0:
+            break
+        c0 = (d * (f0 - p0) - b * (f1 - p1)) / det
+        c1 = (a * (f1 - p1) - c * (f0 - p0)) / det
+        f0 -= c0
+        f1 -= c1
+        if abs(c0) + abs(c1) <= _TIGHT * (abs(f0) + abs(f1)):
+            return f0, f1, lost, evaluation, True, deepest
+    return f0, f1, lost, _NEWTON_MOST, False, deepest
+
+
+@kernel(borrowed=True)
+def _line(law, model, x0, d0, free_x, free_d, free_mean):
+    """F_0 and F_1 of a step that stays on the line, without damping: two linear equations."""
+    g, h = model.gains, model.step_s
+    rise = law.rise_n_m / (1.0 + model.flexibility_m_n * law.rise_n_m)
+    level = plastic.load(law, plastic.penetration(law, model, 0.0))
+    p0, p1 = level, 0.0
+    a = d = 1.0
+    b = c = 0.0
+    for i in range(path.NODES):
+        gap = path.gap_at_node(i, x0, free_x, d0, free_d, free_mean)
+        w, p = path.GAUSS_W[i], path.GAUSS_P[i]
+        n0, n1 = g[solve.NODE0 + i], g[solve.NODE1 + i]
+        p0 -= rise * w * gap
+        p1 -= rise * w * p * gap
+        a += rise * w * n0
+        b += rise * w * n1
+        c += rise * w * p * n0
+        d += rise * w * p * n1
+    det = a * d - b * c
+    f0, f1 = (d * p0 - b * p1) / det, (a * p1 - c * p0) / det
+    return f0, f1, free_d + h * (g[solve.V0] * f0 + g[solve.V1] * f1)
+
+
+@kernel(borrowed=True)
+def _balance(law, model, x0, free_x, free_mean, f0, f1, lost, before, deepest):
+    """Least change of F_0, F_1 that closes the step's energy: `solve_kernels.balance` with the
+    work of a contact that yields. `before`: that work at the start, J."""
+    g = model.gains
+    last = math.inf
+    for _ in range(solve.CORRECTIONS):
+        x1 = free_x + g[solve.X0] * f0 + g[solve.X1] * f1
+        mean = free_mean + g[solve.M0] * f0 + g[solve.M1] * f1
+        way, bend = x1 - x0, x1 + x0 - 2.0 * mean
+        force, after = plastic.work(law, model, x1, deepest)
+        wrong = f0 * way + f1 * bend + (after - before) + lost
+        size = abs(f0 * way) + abs(f1 * bend) + after + before
+        if abs(wrong) <= solve.ROUNDING * size or abs(wrong) >= last:
+            return f0, f1, abs(wrong) <= solve.BALANCED * size
+        last = abs(wrong)
+        by0 = way + f0 * g[solve.X0] + f1 * (g[solve.X0] - 2.0 * g[solve.M0]) - force * g[solve.X0]
+        by1 = bend + f0 * g[solve.X1] + f1 * (g[solve.X1] - 2.0 * g[solve.M1]) - force * g[solve.X1]
+        norm = by0 * by0 + by1 * by1
+        if norm == 0.0:
+            return f0, f1, wrong == 0.0
+        f0 -= wrong / norm * by0
+        f1 -= wrong / norm * by1
+    return f0, f1, False
+
+
+@kernel(borrowed=True)
+def _chord(law, model, x0, x1, before, deepest):
+    """Discrete gradient between two gaps, damping included, and damping's part (N)."""
+    force, after = plastic.work(law, model, x1, deepest)
+    if x1 != x0:
+        force = (after - before) / (x0 - x1)
+    # The spring takes its share of the approach: what is left is the change of penetration.
+    start = plastic.work(law, model, x0, deepest)[0]
+    end = plastic.work(law, model, x1, deepest)[0]
+    spring = model.flexibility_m_n
+    rate = (min(x0, 0.0) - min(x1, 0.0) - spring * (end - start)) / model.step_s
+    if start == 0.0 and end == 0.0:
+        return force, 0.0
+    damping = (model.viscous_n_s_m + model.hunt_crossley_s_m * max(force, 0.0)) * rate
+    return force + damping, damping
+
+
+@kernel(borrowed=True)
+def _solve_chord(law, model, x0, free_x, before, deepest):
+    """Constant force over the step by the discrete gradient, by bisection: always ends."""
+    gain = model.gains[solve.X0]
+    reach = _chord(law, model, x0, free_x, before, deepest)[0]
+    low, high = min(0.0, reach), max(0.0, reach)
+    for _ in range(_HALVINGS + 30):
+        middle = 0.5 * (low + high)
+        if middle == low or middle == high:
+            break
+        if middle > _chord(law, model, x0, free_x + gain * middle, before, deepest)[0]:
+            high = middle
+        else:
+            low = middle
+    f0 = 0.5 * (low + high)
+    x1 = free_x + gain * f0
+    return f0, -_chord(law, model, x0, x1, before, deepest)[1] * (x1 - x0)
+
+
+@kernel(borrowed=True)
+def _solve(law, model, body, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
+    """`solve_kernels.solve_contact` of a contact that yields; leaves the deepest penetration of
+    the step in body[REACHED]."""
+    g, h = model.gains, model.step_s
+    deepest, dent = body[pk.DEEPEST], body[pk.DENT]
+    level = plastic.approach(law, model, deepest)
+    body[pk.REACHED] = deepest
+    evaluations = 0
+    on_line = -x0 >= _ON_LINE * level and d0 < 0.0
+    damped = model.viscous_n_s_m != 0.0 or model.hunt_crossley_s_m != 0.0
+    if not on_line:
+        f0, f1, lost, evaluations, root = solve.solve_contact(
+            plastic.hertz_curve(model, body[pk.CURVE]), x0 + dent, d0, free_x + dent, free_d,
+            free_mean + dent, before, guess0, guess1,
+        )  # fmt: skip
+        x1 = free_x + g[solve.X0] * f0 + g[solve.X1] * f1
+        d1 = free_d + h * (g[solve.V0] * f0 + g[solve.V1] * f1)
+        lowest = min(x0, x1)
+        start = solve.slope_at_start(model, d0, f0, f1)
+        if start < 0.0 < d1:
+            mean = free_mean + g[solve.M0] * f0 + g[solve.M1] * f1
+            q = mean - 0.5 * (x0 + x1) - (start - d1) / 12.0
+            lowest = path.quartic(_turning(x0, x1, start, d1, q), x0, x1, start, d1, q)[0]
+        if -lowest <= level:
+            return f0, f1, lost, evaluations, root
+        guess0, guess1 = f0, f1
+    lost = 0.0
+    done = False
+    f0, f1 = guess0, guess1
+    if on_line and not damped:
+        f0, f1, d1 = _line(law, model, x0, d0, free_x, free_d, free_mean)
+        evaluations += 1
+        done = d1 < 0.0
+    reached = deepest
+    if not done:
+        f0, f1, lost, more, done, reached = _pieces(
+            law, model, body, x0, d0, free_x, free_d, free_mean, f0, f1
+        )
+        evaluations += more
+        # On a line to the end of the step the deepest point is where the balance puts it.
+        d1 = free_d + h * (g[solve.V0] * f0 + g[solve.V1] * f1)
+        if d1 <= 0.0:
+            reached = deepest
+    work = before + plastic.taken(law, deepest, dent)
+    if done:
+        f0, f1, done = _balance(law, model, x0, free_x, free_mean, f0, f1, lost, work, reached)
+    if not done:
+        reached = deepest
+        f0, lost = _solve_chord(law, model, x0, free_x, work, deepest)
+        f1 = 0.0
+        evaluations += _HALVINGS
+    body[pk.REACHED] = reached
+    return f0, f1, lost, evaluations, 0.0
+
+
+@kernel(inline=True, borrowed=True)
+def _settle(law, model, state, gap, root):
+    """Let the contact be at a modal gap after a step: its deepest point, its curve, what yielding
+    took. Force (N), energy in contact and spring (J), root of the penetration above the dent."""
+    body = state.body
+    deepest = max(body[pk.DEEPEST], body[pk.REACHED])
+    if -gap > plastic.approach(law, model, deepest):
+        deepest = plastic.penetration(law, model, -gap)
+    if deepest > body[pk.DEEPEST]:
+        body[pk.DEEPEST] = deepest
+        body[pk.CURVE], body[pk.DENT] = plastic.curve_of(law, model.stiffness, deepest)
+        state.books[pk.PLASTIC_DISSIPATED] = plastic.taken(law, deepest, body[pk.DENT])
+        root = 0.0
+    return hertz.elastic_near(plastic.hertz_curve(model, body[pk.CURVE]), gap + body[pk.DENT], root)
+
+
+@kernel(inline=True, borrowed=True)
+def _dent(law, body):
+    return body[pk.DENT]
+
+
+@kernel(inline=True, borrowed=True)
+def _slope(law, model, body, gap, root, approaching):
+    if approaching and -gap >= _ON_LINE * plastic.approach(law, model, body[pk.DEEPEST]):
+        return -law.rise_n_m / (1.0 + model.flexibility_m_n * law.rise_n_m)
+    s = body[pk.CURVE]
+    return -3.0 * s * root / (2.0 + 3.0 * model.flexibility_m_n * s * root)
+
+
+@kernel(inline=True, borrowed=True)
+def _no_dent(law, body):
+    return 0.0
+
+
+@kernel(inline=True, borrowed=True)
+def _hertz_slope(law, model, body, gap, root, approaching):
+    s, spring = model.stiffness, model.flexibility_m_n
+    return -3.0 * s * root / (2.0 + 3.0 * spring * s * root)
+
+
+@kernel(inline=True, borrowed=True)
+def _elastic(law, model, body, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
+    return solve.solve_contact(model, x0, d0, free_x, free_d, free_mean, before, guess0, guess1)
+
+
+@kernel(inline=True, borrowed=True)
+def _settle_elastic(law, model, state, gap, root):
+    return hertz.elastic_near(model, gap, root)
+
+
+# Each by the type of the law, known when a caller is compiled. Whether it can yield; what is left
+# of the contact (m), below which there is none; dF/dgap at a modal gap; the force of a step; its
+# end.
+yields = by_type({type(None): no, plastic.Yielding: yes})
+dent = by_type({type(None): _no_dent, plastic.Yielding: _dent})
+slope = by_type({type(None): _hertz_slope, plastic.Yielding: _slope})
+solve_contact = by_type({type(None): _elastic, plastic.Yielding: _solve})
+settle = by_type({type(None): _settle_elastic, plastic.Yielding: _settle})

@@ -1,0 +1,1 @@
+"""Figures of impacts: what happened, and how loud it is."""

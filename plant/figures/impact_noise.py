@@ -1,0 +1,138 @@
+"""All noise figures of one impact, put together from its rows."""
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from plant.contact.hertz import Sphere
+from plant.figures import noise
+from plant.figures.noise import ImpactNoise
+from plant.structures.plate import Oscillators, Plate, oscillators
+from plant.structures.radiation import (
+    Efficiency,
+    air_loss_factor,
+    efficiency,
+    efficiency_fahy,
+)
+from plant.structures.solid_plate import SolidPlate
+from plant.structures.structure import Structure
+
+_EFFICIENCIES: dict[str, Efficiency] = {"": efficiency_fahy, "_maidanik": efficiency}
+
+
+def impact_noise(
+    sphere: Sphere,
+    plate: Structure,
+    modes: Oscillators,
+    shares_j: np.ndarray,
+    work_j: float,
+    plate_speed_max_m_s: float,
+    contact_time_s: float,
+    impact_speed_m_s: float,
+    rebound_speed_m_s: float,
+    faces: int = 1,
+) -> ImpactNoise:
+    """Figures of an impact of the consistent scheme.
+
+    `shares_j`: what every oscillator takes (see `noise.modal_shares_j`) of the forces at contact
+    and actuator from the contact's start to the next one's, `work_j` their work on the plate,
+    `plate_speed_max_m_s`: the largest at the struck point over the same steps. Radiated energies
+    are nan for what is no simply supported plate: their efficiencies are not defined for anything
+    else. `faces`: that radiate.
+    """
+    if isinstance(plate, SolidPlate):  # waves as short as sound are long in it
+        plate = plate.plate
+    return ImpactNoise(
+        **noise.closed_forms(sphere.radius_m, contact_time_s, impact_speed_m_s, rebound_speed_m_s),
+        transmitted_j=work_j,
+        transmitted_spectrum_j=float(np.sum(shares_j)),
+        plate_speed_max_m_s=plate_speed_max_m_s,
+        **_figures_j(plate, modes, shares_j),
+        **_sounds_j(plate, modes, shares_j, faces),
+    )
+
+
+def _figures_j(plate: Structure, modes: Oscillators, shares_j: np.ndarray) -> dict[str, float]:
+    """The study's sums of sigma E, by their fields."""
+    if not isinstance(plate, Plate):
+        return {f"radiated{name}_j": math.nan for name in _EFFICIENCIES}
+    f = (modes.omega / (2.0 * np.pi)).tobytes()
+    return {
+        f"radiated{name}_j": noise.radiated_shares_j(modes, shares_j, _of_modes(by, plate, f))
+        for name, by in _EFFICIENCIES.items()
+    }
+
+
+def _sounds_j(
+    plate: Structure, modes: Oscillators, shares_j: np.ndarray, faces: int
+) -> dict[str, float]:
+    """What the modes radiate of their energies, by its fields."""
+    if not isinstance(plate, Plate):
+        return {f"sound{name}_j": math.nan for name in _EFFICIENCIES}
+    f = (modes.omega / (2.0 * np.pi)).tobytes()
+    return {
+        f"sound{name}_j": noise.sound_j(modes, shares_j, plate.eta, _air(by, plate, faces, f))
+        for name, by in _EFFICIENCIES.items()
+    }
+
+
+@lru_cache(maxsize=16)
+def _of_modes(efficiency: Efficiency, plate: Plate, frequency_hz: bytes) -> np.ndarray:
+    """An efficiency at the frequencies of a plate's modes, for all impacts on that plate."""
+    return efficiency(plate, np.frombuffer(frequency_hz))
+
+
+@lru_cache(maxsize=16)
+def _air(efficiency: Efficiency, plate: Plate, faces: int, frequency_hz: bytes) -> np.ndarray:
+    """The loss factors that it gives them."""
+    return air_loss_factor(plate, np.frombuffer(frequency_hz), faces, efficiency)
+
+
+@lru_cache(maxsize=8)
+def _audible(
+    plate: Plate, point_m: tuple[float, float], omega_max: float, length: int, step_s: float
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Re Y and both radiation efficiencies on the bins of the published sum."""
+    modes = oscillators(plate, point_m, point_m, omega_max)
+    bins = noise.audible_bins_hz(length, step_s)
+    efficiencies = [by(plate, bins) for by in _EFFICIENCIES.values()]
+    return noise.mobility(modes, bins).real, efficiencies
+
+
+def published_noise(
+    sphere: Sphere,
+    plate: Plate,
+    modes: Oscillators,
+    point_m: tuple[float, float],
+    green_v: np.ndarray,
+    elastic_n: np.ndarray,
+    f_a: np.ndarray,
+    step_s: float,
+    impact_speed_m_s: float,
+    relative_speed_m_s: float,
+) -> ImpactNoise:
+    """Figures of an impact as the published study formed them.
+
+    `elastic_n` (contact force without damping) and `f_a` from the sample of the start to the
+    first one after the end, `relative_speed_m_s` there. F = -F_c + F_a without damping; v_p
+    the sampled convolution with `green_v` from t = 0 on; the contact time counts one step more
+    than there are samples, as published.
+    """
+    force = f_a - elastic_n
+    speed = step_s * np.convolve(green_v[: len(force)], force)[: len(force)]
+    rebound = relative_speed_m_s + float(speed[-1])
+    time_s = (len(force) + 1) * step_s
+    shares = noise.modal_shares_j(modes, -elastic_n, f_a, step_s)
+    length = noise.fft_length(len(force))
+    real, efficiencies = _audible(plate, point_m, float(np.pi / step_s), length, step_s)
+    radiated, maidanik = noise.binned_energies_j(force, step_s, real, efficiencies)
+    return ImpactNoise(
+        **noise.closed_forms(sphere.radius_m, time_s, impact_speed_m_s, rebound),
+        transmitted_j=float(np.sum(force * speed)) * step_s,
+        transmitted_spectrum_j=float(np.sum(shares)),
+        plate_speed_max_m_s=float(np.max(np.abs(speed))),
+        radiated_j=radiated,
+        radiated_maidanik_j=maidanik,
+        **_sounds_j(plate, modes, shares, 1),
+    )

@@ -1,0 +1,148 @@
+"""Impacts of a run, from its rows of truth: the figures that `run` and `inspect` print."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plant.contact.hertz import GRAVITY_M_S2
+from plant.figures.peaks import peak_force_n, peak_speed_m_s
+
+
+@dataclass(frozen=True)
+class Impact:
+    """One contact. Times in s since the start of the run, found between two steps by linear
+    interpolation of the gap; speeds of the sphere, the impact speed positive downwards, the
+    rebound speed positive upwards; `plate_energy_j`: work of contact and actuator force on
+    the plate from this contact's start to the next one's (or the end of the run). Peak force and
+    largest plate speed at the struck point are those within steps, of this contact alone (published
+    scheme: at its samples, as published).
+    """
+
+    start_s: float
+    duration_s: float
+    impact_speed_m_s: float
+    rebound_speed_m_s: float
+    peak_force_n: float
+    plate_energy_j: float
+    plate_speed_max_m_s: float
+
+
+def sphere_speed_m_s(
+    xi_s: np.ndarray,
+    f_c: np.ndarray,
+    mass_kg: float,
+    step_s: float,
+    f_c1: np.ndarray | float = 0.0,
+) -> np.ndarray:
+    """Speed of the sphere at every step but the last, up positive, shape (steps - 1,).
+
+    Exact for a force F + F_1 (2 t/h - 1): v = (x1 - x0)/h - ((F - F_1/3)/m - g) h/2.
+    """
+    held = (f_c - np.asarray(f_c1) / 3.0)[:-1] / mass_kg - GRAVITY_M_S2
+    return np.diff(xi_s) / step_s - 0.5 * held * step_s
+
+
+def _crossing(xi: np.ndarray, before: int, dent: float) -> float:
+    """Position of xi = -dent between `before` and the next step, in steps from `before` on."""
+    a, b = float(xi[before]) + dent, float(xi[before + 1]) + dent
+    return a / (a - b) if a != b else 0.0
+
+
+def step_work_j(
+    xi_p: np.ndarray,
+    f_c: np.ndarray,
+    f_a: np.ndarray,
+    xi_a: np.ndarray,
+    f_c1: np.ndarray,
+    v_p: np.ndarray | None,
+    step_s: float,
+    impedance_n_s_m: float | None,
+    f_a1: np.ndarray | None = None,
+    same_point: bool = True,
+    v_start: np.ndarray | None = None,
+) -> np.ndarray:
+    """Work of contact and actuator force on the plate over every step, the last zero; J, shape
+    (steps,). See `impacts`."""
+    v_start = v_p if v_start is None else v_start
+    work = np.append(-f_c[:-1] * np.diff(xi_p) + f_a[:-1] * np.diff(xi_a), 0.0)
+    if impedance_n_s_m is not None:
+        work[:-1] += f_c1[:-1] ** 2 * step_s / (3.0 * impedance_n_s_m)
+    elif v_p is not None and v_start is not None:
+        work[:-1] -= f_c1[:-1] * (v_p[1:] - v_start[:-1]) * step_s / 6.0
+    if f_a1 is not None and v_start is not None and len(xi_a) > 1 and np.any(f_a1):
+        v_a = v_p if same_point else np.gradient(xi_a, step_s)
+        assert v_a is not None
+        change = v_a[1:] - (v_start if same_point else v_a)[:-1]
+        work[:-1] += f_a1[:-1] * change * step_s / 6.0
+    return work
+
+
+def impacts(
+    xi: np.ndarray,
+    xi_s: np.ndarray,
+    xi_p: np.ndarray,
+    f_c: np.ndarray,
+    f_a: np.ndarray,
+    xi_a: np.ndarray | None,
+    mass_kg: float,
+    step_s: float,
+    f_c1: np.ndarray | None = None,
+    v_p: np.ndarray | None = None,
+    impedance_n_s_m: float | None = None,
+    first_step: int = 0,
+    f_a1: np.ndarray | None = None,
+    dent_m: np.ndarray | None = None,
+    v_start: np.ndarray | None = None,
+) -> list[Impact]:
+    """All impacts of a run from its rows of truth (arrays of shape (steps,)).
+
+    `xi_a` is the displacement at the actuator, None where that is the contact point. Where the
+    contact force changes over a step, by `f_c1`, the plate velocity `v_p` is needed for the
+    work of that part, F_1 h (v_1 - v_0)/6 by Hermite's mean of the displacement; `v_start`: that
+    velocity under the forces of the step that begins, where it follows them at once. On an infinite
+    plate of `impedance_n_s_m`, v = F/Z, it is F_1^2 h/(3 Z). `f_a1`: the same of the actuator's
+    force; at a point of its own the velocity is taken from its places. A contact that the run's
+    end cuts off counts with what there is of it, if there is any. `first_step`: step of the
+    first row. A contact within one step counts with the whole step. `dent_m`: of a contact that
+    yields, at every step: there is contact below it.
+    """
+    if len(xi) < 3:
+        return []
+    touching = np.diff((f_c != 0.0).astype(np.int8), prepend=np.int8(0))
+    starts, ends = np.flatnonzero(touching == 1), np.flatnonzero(touching == -1)
+    slope = np.zeros(len(xi)) if f_c1 is None else f_c1
+    speed = sphere_speed_m_s(xi_s, f_c, mass_kg, step_s, slope)
+    speeds = np.zeros(len(xi)) if v_p is None else v_p
+    at_actuator = xi_p if xi_a is None else xi_a
+    work = step_work_j(
+        xi_p, f_c, f_a, at_actuator, slope, v_p, step_s, impedance_n_s_m, f_a1, xi_a is None,
+        v_start,
+    )  # fmt: skip
+    found = []
+    last = len(xi) - 1
+    for i, start in enumerate(starts.tolist()):
+        end = int(ends[i]) if i < len(ends) else last
+        until = int(starts[i + 1]) if i + 1 < len(starts) else len(xi)
+        before, after = (0.0, 0.0) if dent_m is None else (dent_m[start], dent_m[end])
+        cut_off = i >= len(ends) or xi[end] <= -after
+        enters = xi[start] > -before and start < last
+        within = enters and not cut_off and end == start + 1
+        crosses = enters and not within
+        began = first_step + start + (_crossing(xi, start, before) if crosses else 0.0)
+        ended = float(first_step + end)
+        if not cut_off and not within:
+            ended = first_step + end - 1 + _crossing(xi, end - 1, after)
+        if ended <= began:
+            continue  # began in the very last step of the run
+        found.append(
+            Impact(
+                start_s=began * step_s,
+                duration_s=(ended - began) * step_s,
+                impact_speed_m_s=-float(speed[min(start, last - 1)]),
+                rebound_speed_m_s=float(speed[min(end, last - 1)]),
+                peak_force_n=peak_force_n(f_c[start : end + cut_off], slope[start : end + cut_off]),
+                plate_energy_j=float(work[start:until].sum()),
+                plate_speed_max_m_s=peak_speed_m_s(speeds[start : end + 1]),
+            )
+        )
+    return found

@@ -1,0 +1,277 @@
+"""Noise and vibration figures of an impact, as pure functions.
+
+Forces are those on the plate, up positive: F = -F_c + F_a (N), one value a step, held over
+the step. Spectra follow F(w) = integral F(t) exp(-i w t) dt (N s).
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from plant.contact.hertz import GRAVITY_M_S2
+from plant.structures.plate import Oscillators
+from plant.structures.radiation import AIR_DENSITY_KG_M3, SOUND_SPEED_M_S
+
+RADIATED_UP_TO_HZ = 20e3
+_FASTEST_M_S = 1e100
+_FFT_LENGTH = 1 << 16  # least length of the published sums over frequency, zeros appended
+
+
+@dataclass(frozen=True)
+class ImpactNoise:
+    """Figures of one impact; see the functions of this module for each.
+
+    `transmitted_j` is the work on the plate in the time domain, `transmitted_spectrum_j` the
+    same from the force's spectrum. Up to 20 kHz, with the efficiency of eq. 3.12 (Fahy) or 3.13
+    (Maidanik): `radiated_j`, `radiated_maidanik_j` are the study's figure, the sum of sigma E over
+    the modes, which ranks but is no energy; `sound_j`, `sound_maidanik_j` is what the plate
+    radiates until it is at rest.
+    """
+
+    contact_time_s: float
+    impact_speed_m_s: float
+    next_impact_speed_m_s: float
+    rebound_height_m: float
+    longhorn_j: float
+    holmes_j: float
+    peak_pressure_pa: float
+    transmitted_j: float
+    transmitted_spectrum_j: float
+    plate_speed_max_m_s: float
+    radiated_j: float
+    radiated_maidanik_j: float
+    sound_j: float
+    sound_maidanik_j: float
+
+
+def longhorn_j(radius_m: float, impact_speed_m_s: float, rebound_speed_m_s: float) -> float:
+    """Acceleration noise energy pi R^3/3 rho0 (v0^2 + v1^2) (Longhorn 1952), J."""
+    squares = impact_speed_m_s**2 + rebound_speed_m_s**2
+    return math.pi * radius_m**3 / 3.0 * AIR_DENSITY_KG_M3 * squares
+
+
+def holmes_j(radius_m: float, impact_speed_m_s: float, contact_time_s: float) -> float:
+    """Acceleration noise energy rho0 L^3 v0^2 (L/(c t0))^5 (Holmes 1974), J.
+
+    L is the cube root of the sphere's volume; the study gives ratios only, where it cancels.
+    """
+    length = (4.0 / 3.0 * math.pi) ** (1.0 / 3.0) * radius_m
+    ratio = length / (SOUND_SPEED_M_S * contact_time_s)
+    return AIR_DENSITY_KG_M3 * length**3 * impact_speed_m_s**2 * ratio**5
+
+
+def peak_pressure_pa(
+    radius_m: float, impact_speed_m_s: float, contact_time_s: float, distance_m: float = 1.0
+) -> float:
+    """Upper bound of the acceleration noise's pressure at `distance_m`, Pa.
+
+    rho0 c R v0/(2 r (4 d^4 + 1)) (1.32/(2 d^(2/3)) + 2 d^2), d = c t0/(pi R).
+    """
+    d = SOUND_SPEED_M_S * contact_time_s / (math.pi * radius_m)
+    shape = (1.32 / (2.0 * d ** (2.0 / 3.0)) + 2.0 * d * d) / (4.0 * d**4 + 1.0)
+    source = AIR_DENSITY_KG_M3 * SOUND_SPEED_M_S * radius_m * impact_speed_m_s
+    return source / (2.0 * distance_m) * shape
+
+
+def rebound_height_m(rebound_speed_m_s: float) -> float:
+    """v1^2/(2 g), m; zero for a sphere that does not rise."""
+    return max(rebound_speed_m_s, 0.0) ** 2 / (2.0 * GRAVITY_M_S2)
+
+
+def closed_forms(
+    radius_m: float, contact_time_s: float, impact_speed_m_s: float, rebound_speed_m_s: float
+) -> dict[str, float]:
+    """The fields of `ImpactNoise` that follow from contact time and speeds alone.
+
+    Of speeds whose squares no number holds, as of a scheme that diverges, energies are inf.
+    """
+    plain = {
+        "contact_time_s": contact_time_s,
+        "impact_speed_m_s": impact_speed_m_s,
+        "next_impact_speed_m_s": rebound_speed_m_s,
+    }
+    if not max(abs(impact_speed_m_s), abs(rebound_speed_m_s)) < _FASTEST_M_S:
+        unknown = ("rebound_height_m", "longhorn_j", "holmes_j", "peak_pressure_pa")
+        return plain | dict.fromkeys(unknown, math.inf)
+    return plain | {
+        "rebound_height_m": rebound_height_m(rebound_speed_m_s),
+        "longhorn_j": longhorn_j(radius_m, impact_speed_m_s, rebound_speed_m_s),
+        "holmes_j": holmes_j(radius_m, impact_speed_m_s, contact_time_s),
+        "peak_pressure_pa": peak_pressure_pa(radius_m, impact_speed_m_s, contact_time_s),
+    }
+
+
+def force_spectrum(
+    force_n: np.ndarray,
+    step_s: float,
+    frequency_hz: np.ndarray,
+    slope_n: np.ndarray | None = None,
+) -> np.ndarray:
+    """F(w) of a force F + F_1 (2 t/h - 1) over every step, F_1 = `slope_n` or zero, at any
+    frequencies; N s, shape of the latter.
+
+    The exact transform: with a = w h/2 the sum of the samples times h e^(-i a) sin(a)/a, and of
+    the slopes times h e^(-i a) (-i) (sin a - a cos a)/a^2.
+    """
+    if slope_n is not None and np.any(slope_n):
+        half = np.pi * np.asarray(frequency_hz, dtype=float) * step_s
+        # (sin a - a cos a)/a^2 = a/3 (1 - a^2/10 + ...)
+        small = np.abs(half) < 1e-2
+        a = np.where(small, 1.0, half)
+        odd = np.where(small, half / 3.0 * (1.0 - half * half / 10.0),
+                       (np.sin(a) - a * np.cos(a)) / (a * a))  # fmt: skip
+        sums = _sampled_sum(slope_n, step_s, frequency_hz)
+        tilted = -1j * odd * np.exp(-1j * half) * step_s * sums
+        return force_spectrum(force_n, step_s, frequency_hz) + tilted
+    held = _held(np.asarray(frequency_hz, dtype=float).tobytes(), step_s)
+    return _sampled_sum(force_n, step_s, frequency_hz) * held * step_s
+
+
+@lru_cache(maxsize=16)
+def _held(frequency_hz: bytes, step_s: float) -> np.ndarray:
+    """Transform of a force of 1/h held over a step."""
+    omega = 2.0 * np.pi * np.frombuffer(frequency_hz)
+    return np.asarray(np.sinc(omega * step_s / (2.0 * np.pi)) * np.exp(-0.5j * omega * step_s))
+
+
+def _sampled_sum(force_n: np.ndarray, step_s: float, frequency_hz: np.ndarray) -> np.ndarray:
+    """sum F_n exp(-i w n h)."""
+    omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=float)
+    used = np.flatnonzero(force_n)
+    if not len(used):
+        return np.zeros(len(omega), complex)
+    first, last = int(used[0]), int(used[-1]) + 1
+    # In blocks: exp(-i w t) for all pairs would not fit for a long force.
+    powers, turn = _turns(omega.tobytes(), step_s)
+    pulse = np.zeros(-(-(last - first) // _BLOCK) * _BLOCK)
+    pulse[: last - first] = force_n[first:last]
+    blocks = pulse.reshape(-1, _BLOCK)
+    total = np.zeros(len(omega), complex)
+    group = max(1, _PAIRS_AT_ONCE // len(omega))
+    for start in reversed(range(0, len(blocks), group)):
+        sums = powers @ blocks[start : start + group].T
+        for block in range(sums.shape[1] - 1, -1, -1):  # Horner's rule
+            total = total * turn + sums[:, block]
+    return np.asarray(total * np.exp(-1j * omega * (first * step_s)))
+
+
+_BLOCK = 64
+_PAIRS_AT_ONCE = 1 << 23  # of a frequency and a time, or another frequency
+
+
+@lru_cache(maxsize=16)
+def _turns(omega: bytes, step_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """exp(-i w n h) for n below _BLOCK, shape (frequencies, _BLOCK), and for n = _BLOCK."""
+    phase = -1j * step_s * np.frombuffer(omega)
+    return np.exp(phase[:, None] * np.arange(_BLOCK)), np.exp(phase * _BLOCK)
+
+
+def modal_shares_j(
+    modes: Oscillators,
+    contact_n: np.ndarray,
+    actuator_n: np.ndarray,
+    step_s: float,
+    slope_n: np.ndarray | None = None,
+    actuator_slope_n: np.ndarray | None = None,
+) -> np.ndarray:
+    """Energy that every oscillator takes from forces up on the plate at the contact and at the
+    actuator, lambda/2 |Phi_c F_c(w_n) + Phi_a F_a(w_n)|^2; J, shape (oscillators,).
+    `slope_n`, `actuator_slope_n`: their change over a step, see `force_spectrum`.
+
+    The integral of |F|^2 Re Y/pi over all frequencies for a spectrum that is smooth over a
+    resonance; exact without damping. It needs no grid of frequencies, which for a loss
+    factor of 1e-4 would have to be finer than 0.01 Hz.
+    """
+    drive = modal_drive(modes, contact_n, actuator_n, step_s, slope_n, 0, actuator_slope_n)
+    return shares_of_drive_j(modes, drive)
+
+
+def modal_drive(
+    modes: Oscillators,
+    contact_n: np.ndarray,
+    actuator_n: np.ndarray,
+    step_s: float,
+    slope_n: np.ndarray | None = None,
+    first_step: int = 0,
+    actuator_slope_n: np.ndarray | None = None,
+) -> np.ndarray:
+    """Phi_c F_c(w_n) + Phi_a F_a(w_n) of every oscillator, N s, shape (oscillators,).
+
+    For forces that follow each other in pieces, each with its `first_step`, the sum is that of
+    the whole.
+    """
+    frequency = modes.omega / (2.0 * np.pi)
+    driven = modes.contact * force_spectrum(contact_n, step_s, frequency, slope_n)
+    driven += modes.actuator * force_spectrum(actuator_n, step_s, frequency, actuator_slope_n)
+    if first_step:
+        driven *= np.exp(-1j * modes.omega * (first_step * step_s))
+    return np.asarray(driven)
+
+
+def shares_of_drive_j(modes: Oscillators, drive: np.ndarray) -> np.ndarray:
+    """Energy that every oscillator takes, lambda/2 |drive|^2; J, shape (oscillators,)."""
+    return np.asarray(0.5 * modes.scale_per_kg * np.abs(drive) ** 2)
+
+
+def radiated_shares_j(modes: Oscillators, shares_j: np.ndarray, efficiency: np.ndarray) -> float:
+    """Sum of the oscillators' energies up to 20 kHz, each times its radiation efficiency, J."""
+    audible = modes.omega <= 2.0 * np.pi * RADIATED_UP_TO_HZ
+    return float(np.sum((shares_j * efficiency)[audible]))
+
+
+def sound_j(
+    modes: Oscillators, shares_j: np.ndarray, material_eta: float, air_eta: np.ndarray
+) -> float:
+    """Sum of E eta_rad/(eta + eta_rad) over the oscillators up to 20 kHz, J: what they radiate of
+    their energies until they are at rest; never more than these."""
+    total = material_eta + air_eta
+    part = np.divide(air_eta, total, out=np.zeros_like(total), where=total > 0.0)
+    return radiated_shares_j(modes, shares_j, part)
+
+
+def mobility(modes: Oscillators, frequency_hz: np.ndarray) -> np.ndarray:
+    """Point mobility i w lambda sum Phi^2/(w_n^2 (1 + i eta) - w^2) at the struck point.
+
+    m/(N s), shape (frequencies,).
+    """
+    omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=float)
+    poles = modes.omega**2 * (1.0 + 1j * modes.eta)
+    weights = modes.scale_per_kg * modes.contact**2
+    sums = np.empty(len(omega), complex)
+    group = max(1, _PAIRS_AT_ONCE // len(poles))
+    for start in range(0, len(omega), group):
+        some = slice(start, start + group)
+        sums[some] = np.sum(weights / (poles - (omega[some] ** 2)[:, None]), axis=1)
+    return 1j * omega * sums
+
+
+def binned_energies_j(
+    force_n: np.ndarray,
+    step_s: float,
+    real_mobility: np.ndarray,
+    efficiencies: list[np.ndarray],
+) -> list[float]:
+    """Published sum of |F(w)|^2 Re Y(w)/pi sigma over the bins of a zero-padded FFT, times dw.
+
+    `real_mobility` and each of `efficiencies` belong to the first bins, from 0 to 20 kHz. Bins of
+    15 Hz miss most resonances of a lightly damped plate: such a sum is good for ratios of
+    similar forces, not for joules.
+    """
+    length = fft_length(len(force_n))
+    spectrum = np.fft.rfft(force_n, length)[: len(real_mobility)] * step_s
+    density = np.abs(spectrum) ** 2 * real_mobility / np.pi
+    width = 2.0 * np.pi / (length * step_s)
+    return [float(np.sum(density * sigma) * width) for sigma in efficiencies]
+
+
+def fft_length(samples: int) -> int:
+    """Length of the transform of so many samples, zeros appended: a power of two, 2^16 at least."""
+    return max(_FFT_LENGTH, 1 << (samples - 1).bit_length())
+
+
+def audible_bins_hz(length: int, step_s: float) -> np.ndarray:
+    """Frequencies of the bins up to 20 kHz of a transform of `length` (see `fft_length`)."""
+    bins = np.fft.rfftfreq(length, step_s)
+    return np.asarray(bins[bins <= RADIATED_UP_TO_HZ])

@@ -1,0 +1,216 @@
+"""Sound of a plate in a rigid baffle: Rayleigh's integral over its modes.
+
+p(r, t) = rho/(2 pi) integral of a(x, t - R/c)/R over the plate, a: acceleration, R: distance. It is
+formed at complex frequencies s = sigma + i w: a damped transform, so that what rings on at the end
+of the time looked at does not come back at its start.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from plant.structures.radiation import AIR_DENSITY_KG_M3, SOUND_SPEED_M_S
+
+_DAMPED_TO = 1e-4  # of an amplitude, over the period of the transform
+_FADE_FROM = 0.8  # of the upper frequency, from where on a band fades out
+_ACROSS = 16.0  # frequencies a turn of the phase over the plate, for interpolation
+_PAIRS_AT_ONCE = 1 << 22
+_MODES_AT_ONCE = 48
+
+
+@dataclass(frozen=True)
+class Radiator:
+    """Modes as in `Modes`, arrays (modes,), with their shapes on the nodes of a grid, (modes,
+    nodes), places (nodes, 2) in m and the area that each node stands for (nodes,), m^2."""
+
+    omega: np.ndarray
+    eta: np.ndarray
+    scale_per_kg: float
+    at_contact: np.ndarray
+    at_actuator: np.ndarray
+    shapes: np.ndarray
+    places_m: np.ndarray
+    area_m2: np.ndarray
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Forces up on the plate, held over each step of `step_s`, N, both (steps,)."""
+
+    contact_n: np.ndarray
+    actuator_n: np.ndarray
+    step_s: float
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Samples in time: `count` of them, `step_s` apart, and the band that they carry."""
+
+    count: int
+    step_s: float
+    up_to_hz: float
+
+    @property
+    def period_s(self) -> float:
+        """Of the transform: twice as long as what is looked at."""
+        return 2.0 * self.count * self.step_s
+
+    @property
+    def sigma(self) -> float:
+        """Damping of the transform, 1/s."""
+        return -math.log(_DAMPED_TO) / self.period_s
+
+    @property
+    def s(self) -> np.ndarray:
+        """Complex frequencies of the bins up to the upper frequency, rad/s."""
+        bins = np.arange(int(self.up_to_hz * self.period_s) + 1)
+        return np.asarray(self.sigma + 2j * math.pi * bins / self.period_s)
+
+    def band(self) -> np.ndarray:
+        """Weight of each bin: one, towards the upper end fading to zero."""
+        share = self.s.imag / (2.0 * math.pi * self.up_to_hz)
+        fade = np.clip((share - _FADE_FROM) / (1.0 - _FADE_FROM), 0.0, 1.0)
+        return np.asarray(0.5 + 0.5 * np.cos(np.pi * fade))
+
+    def in_time(self, spectrum: np.ndarray) -> np.ndarray:
+        """Samples, (..., count), of a transform at `s`, (..., bins)."""
+        length = 2 * self.count
+        damped = np.fft.irfft(spectrum * self.band(), length, axis=-1) / self.step_s
+        times = np.arange(self.count) * self.step_s
+        return np.asarray(damped[..., : self.count] * np.exp(self.sigma * times))
+
+
+def transform(force_n: np.ndarray, step_s: float, grid: Grid) -> np.ndarray:
+    """Transform of a force, held over each step, at the grid's s; N s, (bins,)."""
+    length = round(grid.period_s / step_s)
+    times = np.arange(len(force_n)) * step_s
+    damped = force_n * np.exp(-grid.sigma * times)
+    s = grid.s
+    held = -np.expm1(-s * step_s) / s
+    return np.asarray(np.fft.rfft(damped, length)[: len(s)] * held)
+
+
+def _groups(radiator: Radiator) -> Iterator[Radiator]:
+    """The modes by the dozen: all bins of all modes would not fit."""
+    for first in range(0, len(radiator.omega), _MODES_AT_ONCE):
+        some = slice(first, first + _MODES_AT_ONCE)
+        parts = ("omega", "eta", "at_contact", "at_actuator", "shapes")
+        yield replace(radiator, **{name: getattr(radiator, name)[some] for name in parts})
+
+
+def _spectra(radiator: Radiator, drive: Drive, listeners_m: np.ndarray, grid: Grid) -> np.ndarray:
+    """Transforms of the pressure at points (points, 3), shape (points, bins)."""
+    s = grid.s
+    total = np.zeros((len(listeners_m), len(s)), complex)
+    for some in _groups(radiator):
+        acceleration = _accelerations(some, drive, grid)
+        for row, listener_m in zip(total, listeners_m, strict=True):
+            row += np.sum(transfer(some, listener_m, grid) * acceleration, axis=0)
+    return total
+
+
+def _accelerations(radiator: Radiator, drive: Drive, grid: Grid) -> np.ndarray:
+    """Transforms of what every mode does, (modes, bins)."""
+    s, omega = grid.s, radiator.omega[:, None]
+    contact, actuator = (
+        transform(force, drive.step_s, grid) for force in (drive.contact_n, drive.actuator_n)
+    )
+    force = np.outer(radiator.at_contact, contact) + np.outer(radiator.at_actuator, actuator)
+    found = radiator.scale_per_kg * force * s * s
+    found /= s * s + radiator.eta[:, None] * omega * s + omega * omega
+    return np.asarray(found)
+
+
+def transfer(radiator: Radiator, listener_m: np.ndarray, grid: Grid) -> np.ndarray:
+    """Pressure at a point (x, y, z above the plate) by the acceleration of every mode, (modes,
+    bins), Pa s^2/m.
+
+    Formed at some frequencies only: without the travelling time it is smooth.
+    """
+    across = radiator.places_m - np.asarray(listener_m)[:2]
+    distance = np.sqrt(np.sum(across**2, axis=1) + listener_m[2] ** 2)
+    delay = distance / SOUND_SPEED_M_S
+    middle = 0.5 * (delay.min() + delay.max())
+    spread = max(float(delay.max() - delay.min()), 1e-6)
+    s = grid.s
+    apart = max(1, int(grid.period_s / (_ACROSS * spread)))
+    at = np.unique(np.append(np.arange(0, len(s), apart), len(s) - 1))
+    weights = radiator.shapes * (AIR_DENSITY_KG_M3 / (2.0 * math.pi) * radiator.area_m2 / distance)
+    coarse = np.empty((len(radiator.omega), len(at)), complex)
+    some = max(1, _PAIRS_AT_ONCE // len(distance))
+    for first in range(0, len(at), some):
+        turned = np.exp(-np.outer(delay - middle, s[at[first : first + some]]))
+        coarse[:, first : first + some] = weights @ turned
+    return np.asarray(_between(coarse, at, len(s)) * np.exp(-s * middle))
+
+
+def _between(coarse: np.ndarray, at: np.ndarray, bins: int) -> np.ndarray:
+    """Values at all bins from those at some, by cubic splines."""
+    if len(at) < 4:
+        everywhere = np.arange(bins)
+        rows = [np.interp(everywhere, at, row.real) + 1j * np.interp(everywhere, at, row.imag)
+                for row in coarse]  # fmt: skip
+        return np.array(rows)
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(at, coarse, axis=1)(np.arange(bins)))
+
+
+def pressure_pa(radiator: Radiator, drive: Drive, listener_m: np.ndarray, grid: Grid) -> np.ndarray:
+    """Sound pressure at a listener's point, (count,), Pa."""
+    return grid.in_time(_spectra(radiator, drive, np.asarray([listener_m]), grid)[0])
+
+
+def directions(count: int) -> np.ndarray:
+    """Unit vectors spread evenly over the half space above the plate, (count, 3)."""
+    i = np.arange(count) + 0.5
+    turn = math.pi * (1.0 + math.sqrt(5.0)) * i
+    z = i / count
+    flat = np.sqrt(1.0 - z * z)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+
+
+@dataclass(frozen=True)
+class Products:
+    """Modes whose shapes are products: along x (modes, nx) at the places `x_m`, along y (modes, ny)
+    at `y_m`, places evenly apart in the middle of what each stands for."""
+
+    along_x: np.ndarray
+    x_m: np.ndarray
+    along_y: np.ndarray
+    y_m: np.ndarray
+
+
+def radiated_j(
+    radiator: Radiator, products: Products, drive: Drive, grid: Grid, count: int = 48
+) -> float:
+    """Energy that goes through a half sphere far away within the grid's time, J."""
+    s = grid.s
+    spread = float(np.hypot(np.ptp(products.x_m), np.ptp(products.y_m))) / SOUND_SPEED_M_S
+    apart = max(1, int(grid.period_s / (_ACROSS * spread)))
+    at = np.unique(np.append(np.arange(0, len(s), apart), len(s) - 1))
+    acceleration = [_accelerations(some, drive, grid) for some in _groups(radiator)]
+    total_j = 0.0
+    for direction in directions(count):
+        x, y = (
+            _far(shapes, places, float(along), s[at])
+            for shapes, places, along in (
+                (products.along_x, products.x_m, direction[0]),
+                (products.along_y, products.y_m, direction[1]),
+            )
+        )
+        pressure = np.zeros(len(s), complex)
+        for i, of_modes in enumerate(acceleration):
+            some = slice(i * _MODES_AT_ONCE, (i + 1) * _MODES_AT_ONCE)
+            pressure += np.sum(_between(x[some] * y[some], at, len(s)) * of_modes, axis=0)
+        pressure *= AIR_DENSITY_KG_M3 / (2.0 * math.pi)  # times the distance
+        total_j += float(np.sum(grid.in_time(pressure) ** 2)) * grid.step_s
+    return 2.0 * math.pi * total_j / count / (AIR_DENSITY_KG_M3 * SOUND_SPEED_M_S)
+
+
+def _far(shapes: np.ndarray, places_m: np.ndarray, along: float, s: np.ndarray) -> np.ndarray:
+    """Integral of shapes along one side as seen from afar, (modes, frequencies), m."""
+    early = along * (places_m - places_m.mean()) / SOUND_SPEED_M_S
+    return np.asarray(shapes @ np.exp(np.outer(early, s)) * (places_m[1] - places_m[0]))

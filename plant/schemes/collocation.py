@@ -1,0 +1,269 @@
+"""The default scheme `modal`: coefficients of the energy-preserving collocation step."""
+
+import math
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from plant.actuator import model as actuator
+from plant.contact import solve_kernels as solve
+from plant.contact.hertz import GRAVITY_M_S2
+from plant.contact.plastic import yielding
+from plant.plant import Plant, PlantSpec, air_eta, damped_frequency
+from plant.schemes import collocation_kernels as k
+from plant.schemes import collocation_modes_kernels as c
+from plant.schemes import state_kernels as pk
+from plant.schemes.aligned import aligned
+from plant.schemes.collocation_books_kernels import Air
+from plant.schemes.phi import phi
+from plant.schemes.tail import build, limit_of
+from plant.schemes.tail_kernels import DampedTail
+from plant.structures.plate import Oscillators
+
+
+def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
+    """Coefficients of one step for every oscillator."""
+    h, m = spec.step_s, spec.sphere.mass_kg
+    scale = modes.scale_per_kg
+    theta, rho = damped_frequency(modes)
+    s = (-rho + 1j) * theta
+    x = s * h
+    turn, one, two, three = (phi(i, x) for i in range(4))
+    constant = scale * h * one  # change of z by a unit force, by a unit P(t)
+    linear = scale * h * x * (2.0 * three - two)
+    mean_constant = scale * h * two  # their shares of the mean over the step
+    mean_linear = scale * h * (2.0 * three - two)
+    same = spec.same_point
+    b_c, b_a = modes.contact, modes.actuator
+    drive_c, drive_a = (b_c * b_c, b_c * b_c) if same else (b_c, b_a)
+    weight_c, weight_a = (np.ones_like(b_c),) * 2 if same else (b_c, b_a)
+
+    def moves(weight: np.ndarray, drive: np.ndarray, z: np.ndarray) -> float:
+        return float(np.sum(weight * drive * z.imag / theta))
+
+    def speeds(drive: np.ndarray, z: np.ndarray) -> float:
+        return float(np.sum(weight_c * drive * (z.real - rho * z.imag)))
+
+    gains = np.zeros(solve.GAINS)
+    gains[solve.PX0], gains[solve.PX1] = (moves(weight_c, drive_c, z) for z in (constant, linear))
+    gains[solve.PV0], gains[solve.PV1] = (speeds(drive_c, z) for z in (constant, linear))
+    gains[solve.PM0], gains[solve.PM1] = (
+        moves(weight_c, drive_c, z) for z in (mean_constant, mean_linear)
+    )
+    gains[solve.CA], gains[solve.VA] = moves(weight_c, drive_a, constant), speeds(drive_a, constant)
+    gains[solve.MA] = moves(weight_c, drive_a, mean_constant)
+    gains[solve.AC0], gains[solve.AC1] = (moves(weight_a, drive_c, z) for z in (constant, linear))
+    gains[solve.AA] = moves(weight_a, drive_a, constant)
+    gains[solve.CA1], gains[solve.VA1] = moves(weight_c, drive_a, linear), speeds(drive_a, linear)
+    gains[solve.MA1], gains[solve.AA1] = (
+        moves(weight_c, drive_a, mean_linear), moves(weight_a, drive_a, linear)
+    )  # fmt: skip
+    gains[solve.MAC0], gains[solve.MAC1] = (
+        moves(weight_a, drive_c, z) for z in (mean_constant, mean_linear)
+    )
+    gains[solve.MAA], gains[solve.MAA1] = (
+        moves(weight_a, drive_a, z) for z in (mean_constant, mean_linear)
+    )
+    tail, of_tail = damped_tail(spec)
+    for index, share in of_tail.items():
+        gains[index] += share
+    gains[solve.X0] = gains[solve.PX0] + h * h / (2.0 * m)
+    gains[solve.X1] = gains[solve.PX1] - h * h / (6.0 * m)
+    gains[solve.V0], gains[solve.V1] = gains[solve.PV0] + h / m, gains[solve.PV1]
+    gains[solve.M0] = gains[solve.PM0] + h * h / (6.0 * m)
+    gains[solve.M1] = gains[solve.PM1] - h * h / (12.0 * m)
+    # Oscillators are sorted by frequency. `swing` is for modes of one rho.
+    slow = int(np.searchsorted(theta * h, _SLOW)) if isinstance(rho, float) else len(theta)
+    gains[solve.SWING0], gains[solve.SWING1] = (
+        np.sum((drive_c * (z.real + rho * z.imag) / theta**2)[slow:]) for z in (constant, linear)
+    )
+    if isinstance(rho, float):
+        gains[solve.MEAN_BY_SWING] = -1.0 / (h * (1.0 + rho * rho))
+    gains[solve.NODE0 :] = solve.at_nodes(gains, h)
+
+    columns = {
+        c.ROT_RE: turn.real,
+        c.ROT_IM: turn.imag,
+        c.C0_RE: drive_c * constant.real,
+        c.C0_IM: drive_c * constant.imag,
+        c.C1_RE: drive_c * linear.real,
+        c.C1_IM: drive_c * linear.imag,
+        c.OUT: weight_c / theta,
+        # From z at the end of a step without force: phi_1(x)/e^x = phi_1(-x).
+        c.MEAN_RE: phi(1, -x).real * weight_c / theta,
+        c.MEAN_IM: phi(1, -x).imag * weight_c / theta,
+        c.THETA: theta,
+        c.A_RE: drive_a * constant.real,
+        c.A_IM: drive_a * constant.imag,
+        c.B_C: weight_c,
+        c.B_A: weight_a / theta,
+        c.A1_RE: drive_a * linear.real,
+        c.A1_IM: drive_a * linear.imag,
+        c.MEAN_A_RE: phi(1, -x).real * weight_a / theta,
+        c.MEAN_A_IM: phi(1, -x).imag * weight_a / theta,
+        c.ENERGY: 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c))),
+    }
+    damped = bool(np.any(np.asarray(modes.eta) > 0.0))
+    lost: tuple[dict[int, np.ndarray], dict[int, np.ndarray]] = ({}, {})
+    if damped:
+        lost = _losses(s, rho, h, scale, columns[c.ENERGY], drive_c, drive_a)
+        columns |= lost[0]
+        for index, value in lost[1].items():
+            gains[index] = np.sum(value)
+    table = aligned(np.stack([columns.get(i, np.zeros_like(theta)) for i in range(c.COLUMNS)]))
+    limit, stiffness = spec.contact.limit, spec.contact.stiffness
+    law = None if limit is None else yielding(limit, stiffness)
+    return k.CollocationModel(
+        step_s=h,
+        mass_kg=m,
+        gravity_m_s2=GRAVITY_M_S2,
+        stiffness=stiffness,
+        flexibility_m_n=flexibility_m_n(spec),
+        viscous_n_s_m=spec.contact.viscous_n_s_m,
+        hunt_crossley_s_m=spec.contact.hunt_crossley_s_m,
+        same_point=same,
+        damped=damped,
+        rho=rho,
+        slow=slow,
+        law=law,
+        actuator=actuator.build_model(spec.actuator, h),
+        tail=tail,
+        air=_air(spec, modes, gains, table, *lost),
+        gains=gains,
+        table=table,
+    )
+
+
+def _air(
+    spec: PlantSpec, modes: Oscillators, gains: np.ndarray, table: np.ndarray,
+    columns: dict[int, np.ndarray], sums: dict[int, np.ndarray],
+) -> Air | None:  # fmt: skip
+    """The share of the losses that goes into air, None where no face radiates."""
+    if not spec.radiating_faces:
+        return None
+    share = air_eta(spec, modes.omega) / modes.eta
+    gains, table = gains.copy(), table.copy()
+    for index, column in columns.items():
+        table[index] = share * column
+    table[c.ENERGY] *= share
+    for index, value in sums.items():
+        gains[index] = np.sum(share * value)
+    return Air(gains, table)
+
+
+def flexibility_m_n(spec: PlantSpec) -> float:
+    """Spring that stands for the modes left out, m/N; zero if the description has none."""
+    return 0.0 if spec.damped_tail else residual_m_n(spec)
+
+
+def damped_tail(spec: PlantSpec) -> tuple[DampedTail | None, dict[int, float]]:
+    """The mode that stands for the modes left out, and what it adds to gains; see `tail.build`."""
+    left_out = residual_m_n(spec) if spec.damped_tail else 0.0
+    if left_out == 0.0:
+        return None, {}
+    mobility = 1.0 / spec.local_plate.infinite_plate_impedance_n_s_m
+    return build(mobility, limit_of(mobility, left_out), spec.step_s, spec.same_point)
+
+
+@lru_cache(maxsize=64)
+def residual_m_n(spec: PlantSpec) -> float:
+    """Static flexibility of the modes left out at the contact, m/N."""
+    if not spec.residual_flexibility:
+        return 0.0
+    if spec.actuator.mass_kg > 0.0 and spec.same_point:
+        return 0.0  # the spring is under the mass: one of its modes
+    return spec.plate.residual_flexibility_m_n(
+        2.0 * math.pi * spec.frequency_limit_hz, spec.contact_point_m
+    )
+
+
+_SLOW = 0.02  # of w h; the difference of two `swing` loses as many digits as this has
+_NODES = 24  # of the time integral while no mode turns by more than pi in a step
+_NODES_PER_RADIAN = 0.75  # more for the turn beyond; Gauss's rule needs half a node a radian
+
+
+def _losses(
+    s: np.ndarray, rho: float | np.ndarray, h: float, scale: float, energy: np.ndarray,
+    drive_c: np.ndarray, drive_a: np.ndarray,
+) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray]]:  # fmt: skip
+    """Energy that damped oscillators lose in a step, 2 delta m times the integral of v^2: columns
+    of the table, and terms that are summed into gains, by their indices.
+
+    v is linear in z at the end of the step without forces, and in F_0, F_1, F_a, each of which
+    moves the mass from rest in a known way; the coefficients of all products are integrated
+    by Gauss's rule. (The closed form is a difference of large numbers for slow modes.)
+    """
+    beyond = max(float(np.abs(s).max()) * h - math.pi, 0.0)
+    count = _NODES + math.ceil(_NODES_PER_RADIAN * beyond)
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    t, weights = 0.5 * h * (nodes + 1.0), 0.5 * h * weights
+    x = np.outer(s, t)
+    one, two = phi(1, x), phi(2, x)
+    back = np.exp(np.outer(s, t - h))
+    constant = scale * t * one
+    linear = scale * t * (2.0 * t / h * two - one)
+    tilt = 1.0 + 1j * (rho if isinstance(rho, float) else rho[:, None])
+
+    def speed(z: np.ndarray, drive: np.ndarray | float = 1.0) -> np.ndarray:
+        return np.asarray((tilt * z).real * np.atleast_1d(drive)[:, None])
+
+    moves = {
+        "R": speed(back), "I": speed(1j * back), "0": speed(constant, drive_c),
+        "1": speed(linear, drive_c), "A": speed(constant, drive_a), "B": speed(linear, drive_a),
+    }  # fmt: skip
+    factor = 4.0 * rho * s.imag * energy
+
+    def product(a: str, b: str) -> np.ndarray:
+        twice = 1.0 if a == b else 2.0
+        return np.asarray(twice * factor * ((moves[a] * moves[b]) @ weights))
+
+    columns = {
+        c.LOSS_RR: product("R", "R"), c.LOSS_RI: product("R", "I"), c.LOSS_II: product("I", "I"),
+        c.LOSS_R0: product("R", "0"), c.LOSS_I0: product("I", "0"),
+        c.LOSS_R1: product("R", "1"), c.LOSS_I1: product("I", "1"),
+        c.LOSS_RA: product("R", "A"), c.LOSS_IA: product("I", "A"),
+        c.LOSS_RB: product("R", "B"), c.LOSS_IB: product("I", "B"),
+    }  # fmt: skip
+    sums = {
+        solve.LOSS_00: product("0", "0"),
+        solve.LOSS_01: product("0", "1"),
+        solve.LOSS_11: product("1", "1"),
+        solve.LOSS_0A: product("0", "A"),
+        solve.LOSS_1A: product("1", "A"),
+        solve.LOSS_AA: product("A", "A"),
+        solve.LOSS_0B: product("0", "B"),
+        solve.LOSS_1B: product("1", "B"),
+        solve.LOSS_AB: product("A", "B"),
+        solve.LOSS_BB: product("B", "B"),
+    }
+    return columns, sums
+
+
+class CollocationPlant(Plant):
+    """The default scheme `modal`: order 4, energy to rounding, driven by its kernels' `step`."""
+
+    scheme = "modal"
+    kernels: Any = k
+
+    def _build_model(self) -> k.CollocationModel:
+        return build_model(self.spec, self.modes)
+
+    def _empty_state(self) -> k.CollocationState:
+        modes = self.model.table.shape[1]
+        state = k.CollocationState(
+            z=aligned(np.zeros((2, modes))),
+            free=aligned(np.zeros((2, modes))),
+            body=np.zeros(k.BODY_SIZE),
+            books=np.zeros(pk.BOOKS_SIZE),
+            counts=np.zeros(pk.COUNTS_SIZE, np.int64),
+        )
+        state.counts[pk.ROWS] = modes
+        law = self.model.law
+        if law is not None:
+            state.body[pk.DEEPEST], state.body[pk.CURVE] = law.delta_m, self.model.stiffness
+        return state
+
+    def contact_energy_j(self) -> float:
+        """Energy stored in the contact and the spring of the modes left out, J."""
+        return float(self.state.body[k.STORED])

@@ -1,0 +1,84 @@
+"""The infinite plate: what a plate is to a contact until its reflections return (Zener 1941)."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from plant.contact import solve_kernels as solve
+from plant.contact.hertz import GRAVITY_M_S2
+from plant.plant import Plant, PlantSpec
+from plant.schemes import infinite_kernels as k
+from plant.schemes import state_kernels as pk
+from plant.structures.plate import Oscillators, Plate
+
+
+def impedance_n_s_m(plate: Plate) -> float:
+    """Point impedance of an infinite plate with the plate's loss factor on every mode, N s/m.
+
+    A unit impulse displaces the point of an undamped plate by 1/Z, Z = 8 sqrt(B' m''), at once
+    and for good. With eta on every mode, the integral of
+    exp(-eta w t/2) sin(c w t)/(c w) over all frequencies, c = sqrt(1 - eta^2/4), is still
+    constant in time: atan(2 c/eta)/c in place of pi/2.
+    """
+    c = math.sqrt(1.0 - plate.eta**2 / 4.0)
+    return plate.infinite_plate_impedance_n_s_m * 0.5 * math.pi * c / math.atan2(2.0 * c, plate.eta)
+
+
+def build_model(spec: PlantSpec) -> k.InfiniteModel:
+    """Coefficients of one step. Raises ValueError when the actuator is not at the contact."""
+    if not spec.same_point:
+        raise ValueError("the infinite plate knows a force at the struck point only")
+    h, m, z = spec.step_s, spec.sphere.mass_kg, impedance_n_s_m(spec.local_plate)
+    gains = np.zeros(solve.GAINS)
+    # Displacement, velocity and mean displacement of plate, then gap, by F_0 and F_1.
+    gains[solve.PX0], gains[solve.PX1] = h / z, 0.0
+    gains[solve.PV0], gains[solve.PV1] = 1.0 / z, 1.0 / z
+    gains[solve.PM0], gains[solve.PM1] = h / (2.0 * z), -h / (6.0 * z)
+    gains[solve.X0] = gains[solve.PX0] + h * h / (2.0 * m)
+    gains[solve.X1] = gains[solve.PX1] - h * h / (6.0 * m)
+    gains[solve.V0], gains[solve.V1] = gains[solve.PV0] + h / m, gains[solve.PV1]
+    gains[solve.M0] = gains[solve.PM0] + h * h / (6.0 * m)
+    gains[solve.M1] = gains[solve.PM1] - h * h / (12.0 * m)
+    gains[solve.CA], gains[solve.VA], gains[solve.MA] = h / z, 1.0 / z, h / (2.0 * z)
+    gains[solve.NODE0 :] = solve.at_nodes(gains, h)
+    return k.InfiniteModel(
+        step_s=h,
+        mass_kg=m,
+        gravity_m_s2=GRAVITY_M_S2,
+        stiffness=spec.contact.stiffness,
+        flexibility_m_n=0.0,
+        viscous_n_s_m=spec.contact.viscous_n_s_m,
+        hunt_crossley_s_m=spec.contact.hunt_crossley_s_m,
+        same_point=True,
+        impedance_n_s_m=z,
+        tail=None,
+        gains=gains,
+    )
+
+
+class InfinitePlant(Plant):
+    """The infinite plate with the contact of the scheme `modal`: order 4, energy to rounding.
+
+    Raises ValueError when the actuator is not at the contact.
+    """
+
+    scheme = "modal"
+    kernels: Any = k
+
+    def __init__(self, spec: PlantSpec) -> None:
+        self.spec = spec
+        self.modes = Oscillators(np.zeros(0), np.zeros(0), np.zeros(0), 0, 0.0, 1.0)
+        self.model = build_model(spec)
+        self.state = self._initial_state()
+
+    def _empty_state(self) -> k.InfiniteState:
+        return k.InfiniteState(
+            body=np.zeros(k.BODY_SIZE),
+            books=np.zeros(pk.BOOKS_SIZE),
+            counts=np.zeros(pk.COUNTS_SIZE, np.int64),
+        )
+
+    def contact_energy_j(self) -> float:
+        """Energy stored in the contact at the present step, J."""
+        return float(self.state.body[k.STORED])

@@ -1,0 +1,113 @@
+"""Compiled kernels of the modes left out as one damped mode; see `plant.schemes.tail`.
+
+Displacement at the struck point is Im z, z' = s z + g F with a complex g, F the force up on the
+plate. As Im g = Y, the point's velocity follows the force at once by Y F, on top of Im(s z).
+The tail of a model is a `DampedTail`, or None: there is none, or it is a spring.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jit import kernel
+from jit.by_type import by_type
+from plant.schemes import state_kernels as pk
+
+
+class DampedTail(NamedTuple):
+    """Coefficients of a step. `turn`: e^(s h); `by_0`, `by_1`: change of z by a unit force and a
+    unit 2 t/h - 1; `speed`: Im(s z) by z; `mean`: of the displacement by z at the start; `energy`
+    (3,) and `lost` (10,): quadratic forms of z, and of z at the end without force, F_0 and F_1."""
+
+    turn_re: float
+    turn_im: float
+    by_0_re: float
+    by_0_im: float
+    by_1_re: float
+    by_1_im: float
+    speed_re: float
+    speed_im: float
+    mean_re: float
+    mean_im: float
+    mobility_m_ns: float
+    energy: np.ndarray
+    lost: np.ndarray
+
+
+@kernel(inline=True, borrowed=True)
+def _there(tail):
+    return True
+
+
+@kernel(inline=True, borrowed=True)
+def _turned(tail, body):
+    a, b = body[pk.TAIL_RE], body[pk.TAIL_IM]
+    mean = tail.mean_re * a + tail.mean_im * b
+    if abs(a) + abs(b) <= pk.SILENT_M:
+        a = 0.0
+        b = 0.0
+    c = tail.turn_re * a - tail.turn_im * b
+    d = tail.turn_re * b + tail.turn_im * a
+    body[pk.TAIL_RE] = c
+    body[pk.TAIL_IM] = d
+    return d, tail.speed_re * c + tail.speed_im * d, mean
+
+
+@kernel(inline=True, borrowed=True)
+def _pushed(tail, state, f0, f1):
+    body, q = state.body, tail.lost
+    a, b = body[pk.TAIL_RE], body[pk.TAIL_IM]
+    lost = a * (q[0] * a + q[1] * b + q[2] * f0 + q[3] * f1)
+    lost += b * (q[4] * b + q[5] * f0 + q[6] * f1)
+    lost += f0 * (q[7] * f0 + q[8] * f1) + q[9] * f1 * f1
+    state.books[pk.TAIL_DISSIPATED] += lost
+    body[pk.TAIL_RE] = a + (tail.by_0_re * f0 + tail.by_1_re * f1)
+    body[pk.TAIL_IM] = b + (tail.by_0_im * f0 + tail.by_1_im * f1)
+
+
+@kernel(inline=True, borrowed=True)
+def _mobility(tail):
+    return tail.mobility_m_ns
+
+
+@kernel(inline=True, borrowed=True)
+def _energy(tail, body):
+    a, b = body[pk.TAIL_RE], body[pk.TAIL_IM]
+    return tail.energy[0] * a * a + tail.energy[1] * a * b + tail.energy[2] * b * b
+
+
+@kernel(inline=True, borrowed=True)
+def _not_there(tail):
+    return False
+
+
+@kernel(inline=True, borrowed=True)
+def _none(tail, body):
+    return 0.0, 0.0, 0.0
+
+
+@kernel(inline=True, borrowed=True)
+def _nothing(tail, state, f0, f1):
+    pass
+
+
+@kernel(inline=True, borrowed=True)
+def _zero(tail):
+    return 0.0
+
+
+@kernel(inline=True, borrowed=True)
+def _no_energy(tail, body):
+    return 0.0
+
+
+# Whether there is one, known when a caller is compiled.
+there = by_type({type(None): _not_there, DampedTail: _there})
+# Turn it by a step: displacement at its end (m), velocity Im(s z) there, mean displacement.
+turned = by_type({type(None): _none, DampedTail: _turned})
+# Let a force F_0 + F_1 (2 t/h - 1) of the step act on it (state), and book what it loses.
+pushed = by_type({type(None): _nothing, DampedTail: _pushed})
+# Velocity that follows a force at once, m/(N s).
+mobility = by_type({type(None): _zero, DampedTail: _mobility})
+# Energy in it, J, by the state's body.
+energy = by_type({type(None): _no_energy, DampedTail: _energy})

@@ -1,0 +1,109 @@
+"""Anything linear, known by its modes alone: what a file of modes says, as the plant sees it."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from plant.structures.materials import Material
+from plant.structures.mode_file import ModeTable
+from plant.structures.plate import Plate
+from plant.structures.structure import NO_PARTICIPATION, Modes, Point
+
+# The modes' mean mobility over an infinite plate's lies in between, near edges and on ribs too.
+_LEAST_MOBILITY, _MOST_MOBILITY = 1 / 30, 30.0
+_ENOUGH = 8  # modes for a mean
+
+
+@dataclass(frozen=True, eq=False)
+class ModalStructure:
+    """A structure by the modes of the file `name`. `local_plate` is the plate that it is at the
+    struck point, if it is one, `residual` the flexibility of the modes beyond the file, m/N.
+
+    Raises ValueError where nothing says that flexibility, and where modes and local plate cannot
+    belong together.
+    """
+
+    name: str
+    table: ModeTable
+    material: Material
+    local_plate: Plate | None = None
+    residual: float | None = None
+
+    def __post_init__(self) -> None:
+        said = self.residual is not None or self.table.residual_flexibility_m_n is not None
+        if not said and self.local_plate is None:
+            raise ValueError(
+                f"{self.name} does not say residual_flexibility_m_n, of the modes it leaves out; "
+                "give it there, or as plate.residual_flexibility_m_n (0 if no mode is left out), "
+                "or plate.thickness_m to take that of an infinite plate"
+            )
+        ratio = self.mobility_ratio
+        if ratio is not None and not _LEAST_MOBILITY <= ratio <= _MOST_MOBILITY:
+            raise ValueError(
+                f"the modes of {self.name} are {ratio:.2g} times as mobile as an infinite plate of "
+                "plate.thickness_m and plate.material; frequency_hz must be in Hz, modal_mass_kg "
+                "in kg, with shapes that belong to it, plate.thickness_m in m, and left out "
+                "of what is no plate"
+            )
+
+    def __str__(self) -> str:
+        return f"the modes of {self.name}"
+
+    @property
+    def mobility_ratio(self) -> float | None:
+        """Mean mobility of the modes over that of the local plate: 1 for many modes away from edges
+        and ribs; None where there is no such plate, or too few modes."""
+        table = self.table
+        if self.local_plate is None or np.count_nonzero(table.shape_contact) < _ENOUGH:
+            return None
+        mean = np.sum(table.shape_contact**2 * table.per_modal_mass_1_kg) * math.pi / 2.0
+        return float(mean / table.omega_rad_s[-1] * self.local_plate.infinite_plate_impedance_n_s_m)
+
+    @property
+    def highest_hz(self) -> float:
+        """A limit just above the last mode."""
+        return float(self.table.omega_rad_s[-1]) / (2.0 * math.pi) * (1.0 + 1e-9)
+
+    def same_point(self, contact_m: Point, actuator_m: Point) -> bool:
+        """Whether the actuator pushes at the struck point: the file says so, not the points."""
+        return bool(np.array_equal(self.table.shape_contact, self.table.shape_actuator))
+
+    def modes_below(self, frequency_hz: float) -> float:
+        """How many modes the file has up to a frequency."""
+        return float(np.count_nonzero(self.table.omega_rad_s <= 2.0 * math.pi * frequency_hz))
+
+    def modes(self, omega_max: float, contact_m: Point, actuator_m: Point) -> Modes:
+        """The modes up to `omega_max` rad/s."""
+        below = self.table.omega_rad_s <= omega_max
+        omega, eta = self.table.omega_rad_s[below], self.table.loss_factor[below]
+        contact, actuator = self.table.shape_contact[below], self.table.shape_actuator[below]
+        per_mass = self.table.per_modal_mass_1_kg[below]
+        scale = 1.0
+        if len(omega) and np.all(per_mass == per_mass[0]):
+            scale = float(per_mass[0])
+        else:
+            contact, actuator = contact * np.sqrt(per_mass), actuator * np.sqrt(per_mass)
+        one_eta = bool(len(eta)) and bool(np.all(eta == eta[0]))
+        largest = max(np.abs(contact).max(initial=0.0), np.abs(actuator).max(initial=0.0))
+        return Modes(
+            omega, float(eta[0]) if one_eta else eta, scale, contact, actuator,
+            NO_PARTICIPATION * float(largest),
+        )  # fmt: skip
+
+    def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:
+        """Static flexibility of all modes above `omega_max`, m/N: those of the file and what is
+        said of those beyond, or that of an infinite plate."""
+        table = self.table
+        beyond = self.residual if self.residual is not None else table.residual_flexibility_m_n
+        if beyond is None:
+            assert self.local_plate is not None
+            beyond = self.local_plate.residual_flexibility_m_n(float(table.omega_rad_s[-1]))
+        out = table.omega_rad_s > omega_max
+        if not out.any():
+            return beyond
+        terms = (
+            table.per_modal_mass_1_kg[out]
+            * (table.shape_contact[out] / table.omega_rad_s[out]) ** 2
+        )
+        return beyond + float(np.sum(terms))

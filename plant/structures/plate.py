@@ -1,0 +1,201 @@
+"""Simply supported rectangular plate, and the modes of any structure reduced to what forces move.
+
+Kirchhoff theory, loss factor eta on every mode: q'' + eta w q' + w^2 q = lambda phi F,
+with phi = sin(m pi x/l_x) sin(n pi y/l_y) and lambda = 4/(m'' l_x l_y).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from plant.structures.materials import Material
+from plant.structures.structure import Modes, Structure
+
+_SAME_FREQUENCY = 1e-12  # relative; phase error of merging stays below rounding of the sums
+_TAIL = 16.0  # modes left out are summed one by one up to this multiple of the limit
+
+
+@dataclass(frozen=True)
+class Plate:
+    """Rectangular plate, sizes in m; `loss_factor` replaces the material's if given."""
+
+    material: Material
+    size_m: tuple[float, float]
+    thickness_m: float
+    loss_factor: float | None = None
+
+    @property
+    def eta(self) -> float:
+        """Loss factor."""
+        return self.material.loss_factor if self.loss_factor is None else self.loss_factor
+
+    @property
+    def bending_stiffness_n_m(self) -> float:
+        """B' = E h^3 / (12 (1 - nu^2)), N m."""
+        return self.material.plane_strain_modulus_pa * self.thickness_m**3 / 12.0
+
+    @property
+    def mass_per_area_kg_m2(self) -> float:
+        """m'' = rho h, kg/m^2."""
+        return self.material.density_kg_m3 * self.thickness_m
+
+    @property
+    def modal_scale_per_kg(self) -> float:
+        """lambda = 4/(m'' l_x l_y), the inverse modal mass, 1/kg."""
+        return 4.0 / (self.mass_per_area_kg_m2 * self.size_m[0] * self.size_m[1])
+
+    @property
+    def infinite_plate_impedance_n_s_m(self) -> float:
+        """8 sqrt(B' m''), point impedance until reflections return (Cremer & Heckl), N s/m."""
+        return 8.0 * math.sqrt(self.bending_stiffness_n_m * self.mass_per_area_kg_m2)
+
+    def modes_below(self, frequency_hz: float) -> float:
+        """About how many modes the plate has up to a frequency, by its modal density."""
+        density = math.sqrt(self.mass_per_area_kg_m2 / self.bending_stiffness_n_m) / (4 * math.pi)
+        return density * self.size_m[0] * self.size_m[1] * 2 * math.pi * frequency_hz
+
+    @property
+    def fundamental_hz(self) -> float:
+        """Frequency of mode (1, 1), the lowest, Hz."""
+        speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
+        return speed * sum((math.pi / side) ** 2 for side in self.size_m) / (2.0 * math.pi)
+
+    def wavelengths_to_edge(self, point_m: tuple[float, float], frequency_hz: float) -> float:
+        """Distance of a point from the nearest edge in lengths of bending waves of a frequency."""
+        near = min(min(x, size - x) for x, size in zip(point_m, self.size_m, strict=True))
+        speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
+        return near * math.sqrt(2.0 * math.pi * frequency_hz / speed) / (2.0 * math.pi)
+
+    def mode_numbers(self, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """All modes up to `omega_max` rad/s by rising frequency: m, n, omega."""
+        speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
+        k_max = math.sqrt(omega_max / speed) / math.pi
+        m_max, n_max = (max(1, math.floor(k_max * length)) for length in self.size_m)
+        m, n = (a.ravel() for a in np.meshgrid(np.arange(1, m_max + 1), np.arange(1, n_max + 1)))
+        k_squared = (m * np.pi / self.size_m[0]) ** 2 + (n * np.pi / self.size_m[1]) ** 2
+        omega = speed * k_squared
+        order = np.argsort(omega, kind="stable")
+        order = order[omega[order] <= omega_max]
+        return m[order], n[order], omega[order]
+
+    def mode_shape(self, m: np.ndarray, n: np.ndarray, point_m: tuple[float, float]) -> np.ndarray:
+        """Shape of modes (m, n) at a point, shape (modes,), dimensionless."""
+        x, y = point_m[0] / self.size_m[0], point_m[1] / self.size_m[1]
+        return np.asarray(np.sin(m * np.pi * x) * np.sin(n * np.pi * y))
+
+    def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+        """Shapes of all modes up to `omega_max` on a grid, (modes, x, y)."""
+        m, n, _ = self.mode_numbers(omega_max)
+        along_x = np.sin(np.outer(m, x_m) * (np.pi / self.size_m[0]))
+        along_y = np.sin(np.outer(n, y_m) * (np.pi / self.size_m[1]))
+        return np.asarray(along_x[:, :, None] * along_y[:, None, :])
+
+    @property
+    def local_plate(self) -> "Plate":
+        """What a contact feels until reflections return."""
+        return self
+
+    def same_point(self, contact_m: tuple[float, float], actuator_m: tuple[float, float]) -> bool:
+        """Whether the actuator pushes at the struck point."""
+        return contact_m == actuator_m
+
+    def modes(
+        self, omega_max: float, contact_m: tuple[float, float], actuator_m: tuple[float, float]
+    ) -> Modes:
+        """All modes up to `omega_max` rad/s, by rising frequency."""
+        m, n, omega = self.mode_numbers(omega_max)
+        at_contact, at_actuator = (self.mode_shape(m, n, p) for p in (contact_m, actuator_m))
+        return Modes(omega, self.eta, self.modal_scale_per_kg, at_contact, at_actuator)
+
+    def residual_flexibility_m_n(
+        self, omega_max: float, point_m: tuple[float, float] | None = None
+    ) -> float:
+        """Static flexibility sum lambda phi^2/w^2 of all modes above `omega_max`, m/N.
+
+        At a point: summed mode by mode up to _TAIL times that, beyond it from the modal density of
+        the infinite plate, (2/pi) Y/w with Y = 1/(8 sqrt(B' m'')). Without a point: the latter
+        only.
+        """
+        beyond = omega_max if point_m is None else _TAIL * omega_max
+        tail = 2.0 / (math.pi * self.infinite_plate_impedance_n_s_m * beyond)
+        if point_m is None:
+            return tail
+        m, n, omega = self.mode_numbers(beyond)
+        left_out = omega > omega_max
+        shape = self.mode_shape(m[left_out], n[left_out], point_m)
+        return tail + self.modal_scale_per_kg * float(np.sum((shape / omega[left_out]) ** 2))
+
+
+@dataclass(frozen=True)
+class Oscillators:
+    """A structure as seen from the contact and the actuator point; all arrays (count,).
+
+    Oscillator i obeys q'' + eta w q' + w^2 q = lambda (contact F_contact + actuator F_actuator)
+    and moves the contact point by contact * q, the actuator point by actuator * q. `eta` is one
+    number, or where loss factors differ one for every oscillator; `scale_per_kg`: lambda.
+    """
+
+    omega: np.ndarray
+    contact: np.ndarray
+    actuator: np.ndarray
+    modes: int  # modes of the structure they stand for, silent ones included
+    eta: float | np.ndarray
+    scale_per_kg: float
+
+
+def oscillators(
+    structure: Structure,
+    contact_m: tuple[float, float],
+    actuator_m: tuple[float, float],
+    omega_max: float,
+) -> Oscillators:
+    """Merge modes of equal frequency and loss, and drop those that neither point moves.
+
+    A group of equal frequency sees two forces only, along the vectors of its shapes at
+    the two points; an orthonormal basis of their span (one vector, or two when the
+    points differ) behaves exactly as the whole group. Raises ValueError when no mode
+    is left below `omega_max`.
+    """
+    modes = structure.modes(omega_max, contact_m, actuator_m)
+    omega, at_contact, at_actuator = modes.omega, modes.at_contact, modes.at_actuator
+    new = np.diff(omega, prepend=-1.0) > _SAME_FREQUENCY * omega
+    if isinstance(modes.eta, np.ndarray):
+        new |= np.diff(modes.eta, prepend=-1.0) != 0.0
+    starts = np.flatnonzero(new)
+    counts = np.diff(starts, append=len(omega))
+    along = np.sqrt(np.add.reduceat(at_contact * at_contact, starts))
+    shared = np.add.reduceat(at_actuator * at_contact, starts)
+    moved = along > modes.silent_below
+    shared = np.divide(shared, along, out=np.zeros_like(along), where=moved)
+    share = np.divide(shared, along, out=np.zeros_like(along), where=moved)
+    rest = at_actuator - np.repeat(share, counts) * at_contact
+    across = np.sqrt(np.add.reduceat(rest * rest, starts))
+    elsewhere = across > modes.silent_below
+    if not np.any(moved | elsewhere):
+        raise ValueError(
+            f"no mode below {omega_max / (2 * np.pi):g} Hz moves the contact point; "
+            "take a smaller step or another contact point"
+        )
+    first = np.stack([omega[starts], along, shared])[:, moved]
+    second = np.stack([omega[starts], np.zeros_like(across), across])[:, elsewhere]
+    place = np.concatenate([np.flatnonzero(moved), np.flatnonzero(elsewhere)])
+    order = np.argsort(place, kind="stable")
+    table = np.concatenate([first, second], axis=1)[:, order]
+    eta = modes.eta
+    if isinstance(eta, np.ndarray):
+        eta = eta[starts][place[order]]
+    return Oscillators(table[0], table[1], table[2], len(omega), eta, modes.scale_per_kg)
+
+
+def frequencies(
+    structure: Structure,
+    contact_m: tuple[float, float],
+    actuator_m: tuple[float, float],
+    omega_max: float,
+) -> int:
+    """How many oscillators there are below a limit, zero without any."""
+    try:
+        return len(oscillators(structure, contact_m, actuator_m, omega_max).omega)
+    except ValueError:
+        return 0

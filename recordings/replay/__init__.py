@@ -1,0 +1,1 @@
+"""Replay of a recording in Rerun: data, views, viewer, pictures."""

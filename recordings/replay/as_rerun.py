@@ -1,0 +1,272 @@
+"""A recording as a Rerun recording: the view of a run, not its archive."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from bus.streams import LAST_NS
+from recordings.reader import Recording
+from recordings.replay import axes, plate_mesh, scene3d
+from recordings.replay import data as replay_data
+from recordings.replay import spectrum as spectra_drawn
+from recordings.replay.blueprint import Layout, PlotLook, dashboard
+from recordings.replay.data import Curve, Deflection, Moments, Plot, Span, Twin
+from recordings.replay.scene3d import times
+from recordings.replay.spectrum import Spectrum
+from recordings.writer import RecordingError
+
+_LEVELS = {1: "DEBUG", 2: "INFO", 3: "WARN", 4: "ERROR", 5: "CRITICAL"}  # of foxglove.Log
+_LINE_COLOURS = {
+    "xi": (96, 165, 250), "F_c": (248, 113, 113), "F_a": (74, 222, 128),
+    "v_p": (192, 132, 252), "measured": (250, 204, 21), "sphere": (96, 165, 250),
+    "plate": (192, 132, 252), "contact": (248, 113, 113), "fed": (74, 222, 128),
+}  # fmt: skip
+_FAINT = (150, 156, 166), (201, 167, 110)  # of what is there to compare with
+_MOST_LISTED = 2000  # contacts
+_STATE_COLOURS = {
+    "apart": 0x3A4150FF, "in contact": 0xFFB020FF, "off": 0x3A4150FF, "idle": 0x3A4150FF,
+    "watching": 0x3B82F6FF, "acting": 0x22A05AFF,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Told:
+    """What others know of a run and a recording does not say.
+
+    `heading`, `lines`: what ran, as markdown; `notes`: of missing or unstable; `more_plots` and
+    `spectra` go below the recorded signals; `actuator_m`: where it pushes, None for nowhere;
+    `until_ns`: when the loop explodes.
+    """
+
+    heading: str = ""
+    lines: list[str] = field(default_factory=list)
+    more_plots: list[Plot] = field(default_factory=list)
+    spectra: list[Spectrum] = field(default_factory=list)
+    twin: Twin | None = None
+    actuator_m: tuple[float, float] | None = None
+    until_ns: int = LAST_NS
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a replay shows, worked out once; see `prepare`."""
+
+    recording: Recording
+    deflection: Deflection
+    contacts: list[Span]
+    when: Moments
+    plots: list[Plot]
+    drawn: plate_mesh.Scale
+    sphere_radius_m: float
+    told: Told
+
+
+def prepare(recording: Recording, deflection: Deflection, told: Told | None = None) -> Shown:
+    """What there is to show. The recording has at least one step, see `check_replayable`."""
+    truth, told = recording.truth, told or Told()
+    contacts = replay_data.contact_spans(truth.arrays["xi_m"])
+    when = replay_data.moments(truth.time_ns, contacts, truth.step_ns, told.until_ns)
+    radius = float(replay_data.scene_value(recording, "sphere", "radius_m", 0.0))
+    drawn = plate_mesh.scale(deflection, when.selection_ns, radius)
+    plots = [*replay_data.plots(recording, told.twin), *told.more_plots]
+    return Shown(recording, deflection, contacts, when, plots, drawn, radius, told)
+
+
+def check_replayable(recording: Recording) -> None:
+    """Raises RecordingError if the recording holds no step."""
+    if not recording.truth.samples:
+        raise RecordingError(
+            f"{recording.path} holds no step of the simulation: there is nothing to replay"
+        )
+
+
+def save(shown: Shown, path: Path, still: bool = False) -> None:
+    """Write an .rrd file, with a dashboard for the viewer or for a `still` picture.
+
+    Raises RecordingError if the file cannot be written.
+    """
+    recording = shown.recording
+    # One application per file: the viewer remembers a layout by application, and the times
+    # in this one fit this recording only.
+    name, run_id = f"hertzloop {recording.path.stem}", recording.metadata.get("run_id")
+    stream = rr.RecordingStream(name, recording_id=run_id)
+    # By way of memory: a stream that saves to a file on a full disk blocks for ever (0.41).
+    memory = stream.memory_recording()
+    stream.send_blueprint(dashboard(_layout(shown), still), make_active=False)
+    fill(stream, shown, still)
+    try:
+        path.write_bytes(memory.drain_as_bytes())
+    except OSError as error:
+        raise RecordingError(f"cannot write {path}: {error.strerror}") from error
+
+
+def fill(stream: rr.RecordingStream, shown: Shown, still: bool = False) -> None:
+    """Send everything a replay shows: /scene, /overview, /zoom, /spectrum, /contacts, /events,
+    /states, /about."""
+    truth, deflection, drawn = shown.recording.truth, shown.deflection, shown.drawn
+    scene3d.send_plate(stream, deflection, drawn)
+    scene3d.send_sphere(stream, truth, deflection, drawn)
+    if shown.told.actuator_m is not None:
+        full_n = _full_arrow_n(shown)
+        scene3d.send_actuator(stream, truth, deflection, shown.told.actuator_m, drawn, full_n)
+    for plot in shown.plots:
+        for curve in (one for one in plot.curves if len(one.values)):
+            _send_curve(stream, shown, plot, curve)
+    if shown.told.spectra:
+        colours = [_LINE_COLOURS["v_p"], *_FAINT]
+        spectra_drawn.send(stream, shown.told.spectra, colours[: len(shown.told.spectra)])
+    _send_events(stream, shown.recording)
+    _send_contacts(stream, shown)
+    _send_states(stream, shown)
+    stream.log(
+        "about", rr.TextDocument(_about(shown, still), media_type="text/markdown"), static=True
+    )
+
+
+def _full_arrow_n(shown: Shown) -> float:
+    """Actuator force that is drawn with a whole arrow: a round number above the largest around the
+    first contact."""
+    truth = shown.recording.truth
+    a, b = (int(t) // truth.step_ns - truth.first_step for t in shown.when.selection_ns)
+    pushed = truth.arrays["f_a_n"]
+    largest = float(np.nan_to_num(np.abs(pushed[a : b + 1])).max(initial=0.0))
+    if not largest:
+        largest = max(-float(np.nanmin(pushed)), float(np.nanmax(pushed)))
+    if not np.isfinite(largest):
+        return 0.0
+    return 2.0 * plate_mesh.round_below(largest) if largest > 0.0 else 0.0
+
+
+def _layout(shown: Shown) -> Layout:
+    around = (
+        shown.when.still_ns - shown.when.zoom_ns[0],
+        shown.when.still_ns + shown.when.zoom_ns[1],
+    )
+    return Layout(
+        plots=[
+            PlotLook(plot.key, plot.title, axes.zoomed(plot, around), axes.whole(plot))
+            for plot in shown.plots
+        ],
+        selection_ns=shown.when.selection_ns,
+        zoom_ns=shown.when.zoom_ns,
+        plate_m=(float(shown.deflection.x_m[-1]), float(shown.deflection.y_m[-1])),
+        surface_title=f"Plate, heights drawn {shown.drawn.in_words}",
+        has_spectrum=bool(shown.told.spectra),
+        has_contacts=bool(shown.contacts),
+    )
+
+
+def _colour(shown: Shown, plot: Plot, curve: Curve) -> tuple[int, int, int]:
+    if not curve.faint:
+        return _LINE_COLOURS[curve.name]
+    earlier = [other.name for other in plot.curves if other.faint]
+    return _FAINT[earlier.index(curve.name) % len(_FAINT)]
+
+
+def _send_curve(stream: rr.RecordingStream, shown: Shown, plot: Plot, curve: Curve) -> None:
+    truth = shown.recording.truth
+    contacts = np.array(shown.contacts, np.int64).reshape(-1, 2)
+    # A contact in steps, as positions of this curve's samples: a converter may be slower.
+    begins = np.searchsorted(curve.time_ns, truth.step_at(contacts[:, 0]) * truth.step_ns)
+    ends = np.searchsorted(
+        curve.time_ns, truth.step_at(contacts[:, 1] - 1) * truth.step_ns, "right"
+    )
+    own = list(zip(begins.tolist(), ends.tolist(), strict=True))
+    spans = replay_data.full_rate_spans(own, len(curve.values))
+    for entity, held, chosen in (
+        ("overview", False, replay_data.extremes(curve.values, replay_data.OVERVIEW_POINTS)),
+        ("zoom", curve.held, replay_data.zoom_positions(curve.values, spans)),
+    ):
+        path = f"{entity}/{plot.key}/{curve.name}"
+        line = rr.SeriesLines(
+            names=curve.label or curve.name,
+            colors=_colour(shown, plot, curve),
+            widths=1.5,
+            aggregation_policy="MinMax",
+            interpolation_mode="StepAfter" if held else "Linear",
+        )
+        stream.log(path, line, static=True)
+        columns = rr.Scalars.columns(scalars=curve.values[chosen])
+        stream.send_columns(path, [times(curve.time_ns[chosen])], columns)
+
+
+def _send_events(stream: rr.RecordingStream, recording: Recording) -> None:
+    if not recording.events:
+        return
+    columns = rr.TextLog.columns(
+        text=[f"{e.time_ns * 1e-6:.3f} ms  {e.message}" for e in recording.events],
+        level=[_LEVELS.get(event.level, "INFO") for event in recording.events],
+    )
+    at = times(np.array([event.time_ns for event in recording.events]))
+    stream.send_columns("events", [at], columns)
+
+
+def _send_states(stream: rr.RecordingStream, shown: Shown) -> None:
+    recording, truth = shown.recording, shown.recording.truth
+
+    def begins_ns(step: int) -> int:
+        return int(truth.step_at(step)) * truth.step_ns
+
+    contact = [(begins_ns(0), "apart")]
+    for start, end in shown.contacts:
+        contact.append((begins_ns(start), "in contact"))
+        if end < truth.samples:
+            contact.append((begins_ns(end), "apart"))
+    for name, states in (("contact", contact), ("law", replay_data.law_states(recording))):
+        known = list(dict.fromkeys(state for _, state in states))
+        colours = [_STATE_COLOURS.get(state, 0x808080FF) for state in known]
+        looks = rr.StateConfiguration(
+            values=known, labels=known, colors=np.array(colours, np.uint32)
+        )
+        stream.log(f"states/{name}", looks, static=True)
+        columns = rr.StateChange.columns(state=[state for _, state in states])
+        at = times(np.array([time for time, _ in states]))
+        stream.send_columns(f"states/{name}", [at], columns)
+
+
+def _send_contacts(stream: rr.RecordingStream, shown: Shown) -> None:
+    """The menu of contacts: a click on a time moves the cursor there."""
+    truth, contacts = shown.recording.truth, shown.contacts[:_MOST_LISTED]
+    if not contacts:
+        return
+    xi, f_c = truth.arrays["xi_m"], truth.arrays["f_c_n"]
+    begins_ns = truth.step_at(np.array([a for a, _ in contacts])) * truth.step_ns
+    texts = [
+        f"{i} at {begins_ns[i - 1] * 1e-6:.3f} ms: {_short((b - a) * truth.step_ns * 1e-3)} µs, "
+        f"{_short(f_c[a:b].max())} N, {_short(-xi[a:b].min() * 1e6)} µm deep"
+        + ("" if b < len(xi) else ", cut by the end")
+        for i, (a, b) in enumerate(contacts, 1)
+    ]
+    columns = rr.TextLog.columns(text=texts)
+    at = times(begins_ns)
+    stream.send_columns("contacts", [at], columns)
+
+
+def _about(shown: Shown, still: bool) -> str:
+    """What ran, how it is drawn, and what is missing, as markdown."""
+    recording, told = shown.recording, shown.told
+    name = recording.metadata.get("scene", recording.path.stem)
+    lines = [f"## {told.heading or name}", ""]
+    for line in told.lines:
+        lines += [line, ""]
+    if not shown.contacts:
+        lines += ["No contact in this recording.", ""]
+    elif len(shown.contacts) > _MOST_LISTED:
+        lines += [f"{len(shown.contacts)} contacts; the first {_MOST_LISTED} are listed.", ""]
+    lines += [f"Heights are drawn {shown.drawn.in_words}"]
+    if shown.sphere_radius_m:
+        larger = shown.drawn.sphere_radius_m / shown.sphere_radius_m
+        lines[-1] += f", the sphere {larger:.2g} times its size and less high the higher it flies"
+    lines[-1] += ". Its penetration is plotted, not drawn."
+    if shown.contacts and not still:
+        lines += ["", f"Play the first contact from {shown.when.selection_ns[0] * 1e-6:.3f} ms on."]
+    for problem in recording.problems:
+        lines += ["", f"**Missing or damaged:** {problem}"]
+    return "\n".join(lines) + "\n"
+
+
+def _short(value: float) -> str:
+    """Three digits, large numbers whole."""
+    return f"{value:,.0f}" if value >= 100 else f"{value:.3g}"

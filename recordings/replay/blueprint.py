@@ -1,0 +1,163 @@
+"""The dashboard of a replay: which view shows what, and how time runs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import rerun.blueprint as rrb
+from rerun.blueprint.components import AbsoluteTimeRange
+
+TIMELINE = "sim_time"
+_FIRST_IMPACT_LASTS_S = 8.0  # on the wall, when somebody presses play
+_BACKGROUND = (16, 18, 24)
+_ZOOM_TO_OVERVIEW = [1.25, 1.0]
+
+
+@dataclass(frozen=True)
+class PlotLook:
+    """A plot: name of its entities, title, and ranges of the axis in its unit."""
+
+    key: str
+    title: str
+    zoom_range: tuple[float, float]
+    whole_range: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the dashboard depends on.
+
+    Pressing play shows `selection_ns`; zoom plots
+    reach from `zoom_ns[0]` before to `zoom_ns[1]` after the cursor. Lengths in m.
+    """
+
+    plots: Sequence[PlotLook]
+    selection_ns: tuple[int, int]
+    zoom_ns: tuple[int, int]
+    plate_m: tuple[float, float]
+    surface_title: str
+    has_spectrum: bool = False
+    has_contacts: bool = True
+
+
+def dashboard(layout: Layout, still: bool = False) -> rrb.Blueprint:
+    """The one blueprint of a replay; a `still` picture goes without the menu."""
+    first, last = layout.selection_ns
+    lists = [_contacts()] if layout.has_contacts else []
+    left: list[rrb.Container | rrb.View] = [
+        _surface(layout),
+        rrb.Horizontal(
+            rrb.TextDocumentView(origin="about", name="Run"),
+            rrb.Vertical(*lists, _events()),
+            column_shares=[1.0, 1.1],
+        ),
+    ]
+    if layout.has_spectrum:
+        left.append(_spectrum())
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(*left, row_shares=[1.25, 1.2, 0.85][: len(left)]),
+            rrb.Vertical(
+                *(_plot_row(layout, plot) for plot in layout.plots),
+                _state_row(layout),
+                row_shares=[*(1.0 for _ in layout.plots), 0.17 * len(layout.plots)],
+            ),
+            column_shares=[1.0, 1.2],
+        ),
+        rrb.TopPanel(state="hidden" if still else "expanded"),
+        rrb.BlueprintPanel(state="hidden" if still else "collapsed"),
+        rrb.SelectionPanel(state="hidden" if still else "collapsed"),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=TIMELINE,
+            playback_speed=(last - first) * 1e-9 / _FIRST_IMPACT_LASTS_S,
+            play_state="paused",
+            loop_mode="selection",
+            time_selection=AbsoluteTimeRange(first, last),
+        ),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _surface(layout: Layout) -> rrb.Spatial3DView:
+    x, y = layout.plate_m
+    side = max(x, y)
+    return rrb.Spatial3DView(
+        origin="scene",
+        name=layout.surface_title,
+        background=_BACKGROUND,
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=(0.55 * x + 0.3 * side, 0.5 * y - 1.05 * side, 0.62 * side),
+            look_target=(0.55 * x, 0.5 * y, 0.0),
+            eye_up=(0.0, 0.0, 1.0),
+        ),
+    )
+
+
+def _boundaries(layout: Layout) -> tuple[rrb.TimeRangeBoundary, rrb.TimeRangeBoundary]:
+    before, after = layout.zoom_ns
+    cursor_relative = rrb.TimeRangeBoundary.cursor_relative
+    return cursor_relative(nanos=-before), cursor_relative(nanos=after)
+
+
+def _around_cursor(layout: Layout) -> rrb.TimeAxis:
+    start, end = _boundaries(layout)
+    return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
+
+
+def _events() -> rrb.TextLogView:
+    # The text says when, in full; a column would cut it short.
+    no_time = rrb.encodings.TimelineColumn(TIMELINE, visible=False)
+    shown = rrb.TextLogColumns(timeline_columns=[no_time], text_log_columns=["loglevel", "body"])
+    return rrb.TextLogView(origin="events", name="Events", columns=shown)
+
+
+def _contacts() -> rrb.TextLogView:
+    """The times are what to click on."""
+    shown = rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["body"])
+    return rrb.TextLogView(
+        origin="contacts", name="Contacts: click on a time to go there", columns=shown
+    )
+
+
+def _spectrum() -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(
+        origin="spectrum",
+        name="Plate velocity v_p, first half second: level in 1/12 octaves, dB re 1 m/s",
+        background=_BACKGROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=(-13.0, 119.0), y_range=(-2.0, 36.0)),
+    )
+
+
+def _plot_row(layout: Layout, plot: PlotLook) -> rrb.Horizontal:
+    """A zoom that follows the cursor beside an overview of the whole run."""
+    start, end = _boundaries(layout)
+    zoom = rrb.TimeSeriesView(
+        origin=f"zoom/{plot.key}",
+        name=f"{plot.title}, at the cursor",
+        axis_x=_around_cursor(layout),
+        axis_y=rrb.ScalarAxis(range=plot.zoom_range),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
+        # Only what is visible is queried: full rate costs nothing this way.
+        time_ranges=[rrb.VisibleTimeRange(TIMELINE, start=start, end=end)],
+    )
+    overview = rrb.TimeSeriesView(
+        origin=f"overview/{plot.key}",
+        name="Whole run",
+        axis_x=rrb.TimeAxis(link="LinkToGlobal"),
+        axis_y=rrb.ScalarAxis(range=plot.whole_range),
+        plot_legend=rrb.PlotLegend(visible=False),  # as beside it
+    )
+    return rrb.Horizontal(zoom, overview, column_shares=_ZOOM_TO_OVERVIEW)
+
+
+def _state_row(layout: Layout) -> rrb.Horizontal:
+    zoom = rrb.StateTimelineView(
+        origin="states", name="States, at the cursor", time_view=_around_cursor(layout)
+    )
+    overview = rrb.StateTimelineView(
+        origin="states", name="States, whole run", time_view=rrb.TimeAxis(link="LinkToGlobal")
+    )
+    return rrb.Horizontal(zoom, overview, column_shares=_ZOOM_TO_OVERVIEW)

@@ -1,0 +1,1 @@
+"""What a step, an exchange and the loop cost, and could cost."""

@@ -1,0 +1,255 @@
+"""What a step and an exchange cost on this machine: the baseline for later work.
+
+Machines are shared and noisy, so all cases of a group are measured in turn, round after
+round, and each is set against a yardstick measured in the same rounds.
+"""
+
+import multiprocessing
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from bus.port import PeerLost
+from bus.reserved import LOOPBACK, reserved_ports
+from bus.streams import CONTROLLER, PLANT, Envelope
+from bus.zenoh_port import ZenohPort
+from hertzloop import assembly as parts
+from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.scenes.scene import load
+from plant.plant import Plant
+from plant.schemes import state_kernels as pk
+from plant.schemes.collocation import CollocationPlant
+from studies.cost.strangers import SLOW_S, run_beside
+from studies.speed_accuracy import kernels as k
+
+ROUNDS = 9
+_STEPS = 600
+_TRIPS = 400
+_PAYLOAD = bytes(100)  # about a block with one sample, or its answer
+_STOP = b"stop"
+_PATIENCE_S = 300.0  # of an echo, while others are measured
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Median and smallest time of one case over all rounds, and the ratio of the medians to
+    the group's yardstick (the first case)."""
+
+    case: str
+    median_us: float
+    least_us: float
+    ratio: float
+
+
+def in_turn(cases: dict[str, Callable[[], float]], rounds: int) -> list[Cost]:
+    """Measure every case once a round; each returns microseconds per unit."""
+    for measure in cases.values():
+        measure()  # warm
+    found = {name: [measure()] for name, measure in cases.items()}
+    for _ in range(rounds - 1):
+        for name, measure in cases.items():
+            found[name].append(measure())
+    medians = {name: float(np.median(values)) for name, values in found.items()}
+    yardstick = next(iter(medians.values()))
+    return [
+        Cost(name, medians[name], min(values), medians[name] / yardstick)
+        for name, values in found.items()
+    ]
+
+
+def timed(work: Callable[[], object], units: int) -> float:
+    started = time.perf_counter()
+    work()
+    return (time.perf_counter() - started) * 1e6 / units
+
+
+def plant_case(plant: Plant, *, contact: bool) -> Callable[[], float]:
+    """Steps within the first contact, or in flight over a plate that still rings."""
+    k.plant_steps(plant.model, plant.state, 0.0, 100)
+    if not contact:
+        plant.state.body[pk.FLIGHT_X] += 1.0
+        k.plant_steps(plant.model, plant.state, 0.0, 2)
+    kept = [array.copy() for array in plant.state]
+
+    def measure() -> float:
+        for array, value in zip(plant.state, kept, strict=True):
+            array[:] = value
+        return timed(lambda: k.plant_steps(plant.model, plant.state, 0.0, _STEPS), _STEPS)
+
+    return measure
+
+
+def two_pass_case(frequencies: int) -> Callable[[], float]:
+    z, grown = np.zeros(frequencies, complex), np.full(frequencies, 1e-6 + 1e-6j)
+    turn = np.exp(1j * np.linspace(0.01, 3.0, frequencies))
+    return lambda: timed(lambda: k.two_pass_steps(z, turn, grown, _STEPS), _STEPS)
+
+
+def step_costs(rounds: int = ROUNDS) -> list[Cost]:
+    """us per step of the plant kernels on `aluminium-20mm`; yardstick: a plain two-pass loop
+    over all frequencies up to pi/dt. The default scheme with all of them and as many as an
+    accuracy asks for, then the second-order scheme."""
+    cases: dict[str, Callable[[], float]] = {}
+    settings = ["run.accuracy=1e-9", "run.accuracy=1e-3", "run.accuracy=1e-2"]
+    for scheme, limits in (("modal", settings), ("discrete_gradient", settings[:1])):
+        for limit in limits:
+            scene = load("aluminium-20mm", [limit, "run.lead_in_s=0", f"run.scheme={scheme}"])
+            make = CollocationPlant if scheme == "modal" else Plant
+            count = len(make(parts.plant_spec(scene)).modes.omega)
+            if not cases:
+                cases[f"two-pass loop, {count} frequencies"] = two_pass_case(count)
+            for name, contact in (("flight", False), ("contact", True)):
+                cases[f"{scheme}, {name}, {count} frequencies"] = plant_case(
+                    make(parts.plant_spec(scene)), contact=contact
+                )
+    return in_turn(cases, rounds)
+
+
+def _echo_zenoh(listen: str, connect: str) -> None:
+    port = ZenohPort(CONTROLLER, "baseline", [listen], [connect])
+    port.announce()
+    port.wait_for([PLANT], _PATIENCE_S)
+    try:
+        while (envelope := port.receive(_PATIENCE_S, "a message to echo")).payload != _STOP:
+            port.publish(Envelope("force", envelope.payload))
+    except PeerLost:
+        pass
+    port.close()
+
+
+def _echo_tcp(port: int) -> None:
+    with socket.create_connection(("127.0.0.1", port)) as peer:
+        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        while data := peer.recv(4096):
+            peer.sendall(data)
+
+
+@contextmanager
+def child(target: Callable[..., None], *arguments: object) -> Iterator[None]:
+    """Another process that runs a function meanwhile; killed if it does not end in time."""
+    process = multiprocessing.get_context("spawn").Process(
+        target=target, args=arguments, daemon=True
+    )
+    process.start()
+    try:
+        yield
+    finally:
+        process.join(5.0)
+        process.kill()
+
+
+@contextmanager
+def _tcp() -> Iterator[Callable[[], float]]:
+    """Round trips over a plain TCP connection to another process."""
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        child(_echo_tcp, server.getsockname()[1]),
+    ):
+        peer, _ = server.accept()
+        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+        def trips() -> None:
+            for _ in range(_TRIPS):
+                peer.sendall(_PAYLOAD)
+                peer.recv(4096)
+
+        yield lambda: timed(trips, _TRIPS)
+        peer.close()
+
+
+@contextmanager
+def over_zenoh() -> Iterator[Callable[[], float]]:
+    """Round trips through the zenoh port to another process."""
+    with ExitStack() as stack:
+        numbers = stack.enter_context(reserved_ports(2))
+        here, there = (f"tcp/{LOOPBACK}:{number}" for number in numbers)
+        stack.enter_context(child(_echo_zenoh, there, here))
+        port = ZenohPort(PLANT, "baseline", [here])
+        port.announce()
+        port.wait_for([CONTROLLER], 30.0)
+
+        def trips() -> None:
+            for _ in range(_TRIPS):
+                port.publish(Envelope("daq", _PAYLOAD))
+                port.receive(10.0, "the echo")
+
+        yield lambda: timed(trips, _TRIPS)
+        port.publish(Envelope("daq", _STOP))
+        port.wait_until_gone(CONTROLLER, 5.0)
+        port.close()
+
+
+@contextmanager
+def _threads() -> Iterator[Callable[[], float]]:
+    """Waking another thread and being woken: what any exchange has to pay at least."""
+    there, here, over = threading.Event(), threading.Event(), threading.Event()
+
+    def echo() -> None:
+        while not over.is_set():
+            there.wait()
+            there.clear()
+            here.set()
+
+    thread = threading.Thread(target=echo, daemon=True)
+    thread.start()
+
+    def trips() -> None:
+        for _ in range(_TRIPS):
+            there.set()
+            here.wait()
+            here.clear()
+
+    yield lambda: timed(trips, _TRIPS)
+    over.set()
+    there.set()
+    thread.join()
+
+
+def exchange_costs(rounds: int = ROUNDS) -> list[Cost]:
+    """us per round trip of 100 B between two processes; yardstick: plain TCP."""
+    with _tcp() as tcp, over_zenoh() as zenoh, _threads() as threads:
+        cases = {"TCP between processes": tcp, "zenoh port between processes": zenoh}
+        return in_turn({**cases, "two threads of a process": threads}, rounds)
+
+
+def loop_costs() -> list[Cost]:
+    """us per step of the whole loop, recorded, as it is run; yardstick: one compiled call."""
+
+    def case(transport: Transport, duration_s: float, horizon: int | None) -> Callable[[], float]:
+        scene = load("aluminium-3mm", [f"run.duration_s={duration_s}"])
+
+        def measure() -> float:
+            with TemporaryDirectory() as folder:
+                options = RunOptions(transport, horizon=horizon)
+                report = run_scene(scene, Path(folder) / "a.mcap", options)
+            return float(report["wall_s"]) * 1e6 / scene.steps
+
+        return measure
+
+    return in_turn(
+        {
+            "compiled": case(Transport.COMPILED, 0.1, None),
+            "in-process bus": case(Transport.INPROCESS, 0.1, None),
+            "processes over zenoh": case(Transport.ZENOH, 0.1, None),
+            "the same, horizon 1: one exchange a step": case(Transport.ZENOH, 0.003, 1),
+        },
+        rounds=3,
+    )
+
+
+def stranger_costs(rounds: int = 5) -> list[Cost]:
+    """us per step of a run over zenoh, alone (yardstick) and beside somebody who listens."""
+    scene = load("aluminium-3mm", ["run.duration_s=0.3"])
+    cases: dict[str, float | None] = {
+        "alone": None,
+        f"beside a listener that takes {SLOW_S:g} s a message": SLOW_S,
+        "beside a listener that has stopped": 0.0,
+    }
+    return in_turn({name: run_beside(scene, pause) for name, pause in cases.items()}, rounds)

@@ -1,0 +1,1 @@
+"""How much latency and how few bits a law survives."""

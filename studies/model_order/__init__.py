@@ -1,0 +1,1 @@
+"""Whether the automatic choice of a model meets what was asked."""

@@ -1,0 +1,1 @@
+"""The published study: its tables and figures again, and where its numerics fail."""

@@ -1,0 +1,81 @@
+"""Charts of a run as SVG, over the same run without control where there is that."""
+
+import io
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from recordings.replay.as_rerun import Shown
+from recordings.replay.data import Curve, Plot, extremes
+from studies import pictures
+
+_POINTS = 1500  # a curve
+_STYLES = {"F_a": 2, "F_c": 1, "measured": 4, "fed": 2, "contact": 1, "plate": 3}
+
+
+def around_first_contact(shown: Shown) -> str:
+    """Gap, forces, plate velocity and energies around the first contact."""
+    before, after = shown.when.zoom_ns
+    span = (shown.when.still_ns - before, shown.when.still_ns + after)
+    return _sheet(shown.plots, span, "simulated time (ms)")
+
+
+def whole_run(shown: Shown) -> str:
+    """The same over all of the run."""
+    time_ns = shown.recording.truth.time_ns
+    return _sheet(shown.plots, (int(time_ns[0]), int(time_ns[-1])), "simulated time (ms)")
+
+
+def spectra(shown: Shown) -> str:
+    """Level of the plate velocity."""
+    sheet, axes = pictures.sheet(1, 1, width=10.0, height=2.8)
+    ax = axes[0, 0]
+    for i, found in enumerate(shown.told.spectra):
+        ax.semilogx(found.frequency_hz, found.level_db, label=found.label, **pictures.look(i))
+    ax.set(
+        xlabel="frequency (Hz)", ylabel="level in 1/12 octaves\n(dB re 1 m/s)",
+        title="Plate velocity at the contact, whole run",
+    )  # fmt: skip
+    _legend(ax)
+    return svg(sheet)
+
+
+def _sheet(plots: list[Plot], span_ns: tuple[int, int], label: str) -> str:
+    lines = -(-len(plots) // 2)
+    sheet, axes = pictures.sheet(lines, 2, width=10.0, height=2.4)
+    for ax, plot in zip(axes.ravel(), plots, strict=False):
+        for curve in plot.curves:
+            _draw(ax, curve, span_ns)
+        ax.set(title=plot.title, xlabel=label, xlim=tuple(1e-6 * t for t in span_ns))
+        if plot.most is not None:
+            ax.set_ylim(-plot.most, plot.most)
+        _legend(ax)
+    for ax in axes.ravel()[len(plots) :]:
+        ax.remove()
+    return svg(sheet)
+
+
+def _draw(ax: Any, curve: Curve, span_ns: tuple[int, int]) -> None:
+    a, b = np.searchsorted(curve.time_ns, span_ns)
+    values = curve.values[a : b + 1]
+    if not len(values) or not np.isfinite(values).any():
+        return
+    chosen = extremes(np.nan_to_num(values), _POINTS)
+    style = pictures.look(_STYLES.get(curve.name, 0))
+    style = {"color": "#888888", "linestyle": "--", "linewidth": 1.1} if curve.faint else style
+    times = 1e-6 * curve.time_ns[a : b + 1][chosen]
+    ax.plot(times, values[chosen], label=curve.label or curve.name, **style)
+
+
+def _legend(ax: Any) -> None:
+    """Beside the axes, where it hides nothing."""
+    ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=7)
+
+
+def svg(sheet: Figure) -> str:
+    """The figure as an SVG element, without the document around it."""
+    text = io.StringIO()
+    sheet.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    whole = text.getvalue()
+    return whole[whole.index("<svg") :]

@@ -1,0 +1,57 @@
+"""Picture and numbers of the response times of a paced run."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hertzloop.results.pacing import SHARES, Responses, time_words
+from studies import pictures, tabular
+
+_A_BAR = 4  # classes
+
+
+def draw(path: Path, responses: Responses, found: dict[str, Any]) -> None:
+    """Answers by response time, and the share that took longer; `found` as of `pacing.of`."""
+    sheet, axes = pictures.sheet(1, 2, width=10.0, height=3.6)
+    ends, answers = responses.ends_us, responses.answers
+    there = np.flatnonzero(answers)
+    shown = slice(int(there[0]), int(there[-1]) + 1)
+    left, right = axes[0]
+    # Bars of four classes; those of single ones are too thin to be told apart.
+    bars = np.add.reduceat(answers, np.arange(0, len(answers), _A_BAR))
+    tops = np.append(ends[_A_BAR - 1 :: _A_BAR], ends[-1])[: len(bars)]
+    feet = np.concatenate([[ends[0] / 2.0], tops[:-1]])
+    left.bar(feet, bars, tops - feet, align="edge", color=pictures.COLOURS[0])
+    left.set_xlim(ends[shown][0] / 1.5, ends[shown][-1] * 1.5)
+    left.set_yscale("log")
+    left.set_ylabel("answers")
+    longer = 1.0 - np.cumsum(answers) / np.sum(answers)
+    right.step(ends[shown], longer[shown], where="post", color=pictures.COLOURS[0])
+    right.set_yscale("log")
+    right.set_ylim(0.5 / np.sum(answers), 1.0)
+    right.set_ylabel("share that took longer")
+    for name, share in SHARES.items():
+        at = responses.within_us(share)
+        right.plot(at, 1.0 - share, "o", color=pictures.COLOURS[1])
+        right.annotate(f"{name} {time_words(at)}", (at, 1.0 - share), xytext=(4, 4),
+                       textcoords="offset points", fontsize=7)  # fmt: skip
+    for ax in (left, right):
+        ax.axvline(found["slack_us"], color="black", linestyle="--", linewidth=0.8,
+                   label=f"{time_words(found['slack_us'])} that the pace leaves")  # fmt: skip
+        ax.set_xscale("log")
+        ax.set_xlabel("from a sample to its answer (us)")
+        ax.legend()
+    sheet.suptitle(
+        f"Pace {found['pace']:g}: {found['late_forces']:,} of {found['steps']:,} forces late"
+    )
+    pictures.save(sheet, path)
+
+
+def write_table(path: Path, responses: Responses) -> None:
+    """The classes that are not empty, as CSV."""
+    rows = [
+        (f"{responses.ends_us[at]:.6g}", f"{responses.answers[at]:.0f}")
+        for at in np.flatnonzero(responses.answers)
+    ]
+    tabular.write_rows(path, ("response_us_below", "answers"), rows)

@@ -1,0 +1,1 @@
+"""Speed against accuracy: every scheme on the same equations."""

@@ -1,0 +1,188 @@
+"""Speed against accuracy: every scheme on the same modal equations of the same impacts.
+
+Without control and plate damping, so that the energy must be kept; gap at common samples of the
+first contact against the default scheme at a far smaller step, which tests hold to DOP853.
+CPU times are measured in turn, round after round.
+"""
+
+import importlib.util
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from plant.plant import Plant
+from plant.schemes.collocation import CollocationPlant
+from studies.speed_accuracy import cases as cases
+from studies.speed_accuracy import integrator_kernels as ik
+from studies.speed_accuracy import kernels as k
+from studies.speed_accuracy.chart import draw
+from studies.tabular import write_records
+
+_REFERENCE_STEP_S = 3.125e-8
+_STEPS_S = (4e-6, 2e-6, 1e-6, 5e-7, 2.5e-7, 1.25e-7)
+_THESIS_STEPS_S = (4e-6, 2e-6, 1e-6)
+_TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-8)
+_SCENES = {"aluminium-3mm": 6e-5, "aluminium-20mm": 1.4e-3, "oak-20mm": 2e-3}
+_QUICK_SCENES = ("aluminium-3mm", "aluminium-20mm")
+_CVODE_TOLERANCES = (1e-4, 1e-6)
+_IMPLICIT = ("Radau", "LSODA")  # once each: they take seconds
+_IMPLICIT_TOLERANCES = (1e-3, 1e-4, 1e-6)
+_LIMIT_S, _QUICK_LIMIT_S = 8.0, 1.0
+_BLOWN = 1e3
+_THESIS = "another model: the published equations taken literally (see weaknesses)"
+
+
+@dataclass(frozen=True)
+class Point:
+    """One scheme at one setting. `error`: largest of the gap relative to its largest value in
+    contact; `energy_drift`: relative to the impact's; CPU time in s per simulated ms."""
+
+    scene: str
+    scheme: str
+    setting: str
+    error: float
+    energy_drift: float
+    cpu_s_per_ms: float
+    status: str
+
+
+def _cases(what: cases.Problem) -> dict[tuple[str, str], cases.Run]:
+    """Scheme and setting to a run."""
+    found: dict[tuple[str, str], cases.Run] = {}
+    for step_s in _STEPS_S:
+        setting = f"{step_s * 1e6:g} us"
+        found["modal", setting] = cases.plant_run(CollocationPlant, what, step_s)
+        found["discrete_gradient", setting] = cases.plant_run(Plant, what, step_s)
+        found["quadratised", setting] = cases.quadratised_run(what, step_s)
+        found["convolution", setting] = cases.convolution_run(what, step_s)
+        found["verlet", setting] = cases.kernel_run(ik.verlet, what, step_s)
+        found["rk4", setting] = cases.kernel_run(ik.rk4, what, step_s)
+        found["newmark", setting] = cases.kernel_run(ik.alpha_method, what, step_s, 0.0)
+        found["hht", setting] = cases.kernel_run(ik.alpha_method, what, step_s, -0.1)
+        for stages in (1, 2, 3):
+            run = cases.collocation_run(what, step_s, stages)
+            found[f"collocation-s{stages}", setting] = run
+        if step_s in _THESIS_STEPS_S:
+            found["thesis2008", setting] = cases.thesis_run(what, step_s)
+    for tolerance in _TOLERANCES:
+        found["dop853 compiled", f"rtol {tolerance:g}"] = cases.dop853_run(what, tolerance)
+    for tolerance in _CVODE_TOLERANCES:
+        cvode = cases.cvode_run(what, tolerance)
+        if cvode is not None:
+            found["cvode", f"rtol {tolerance:g}"] = cvode
+    return found
+
+
+def measure(name: str, duration_s: float, rounds: int, limit_s: float) -> list[Point]:
+    """All points of a scene; implicit solvers get `limit_s` of CPU time a run."""
+    what = cases.problem(name, duration_s)
+    reference = cases.plant_run(CollocationPlant, what, _REFERENCE_STEP_S)()[0]
+    end, deepest = int(np.flatnonzero(reference <= 0.0)[-1]) + 1, -float(reference.min())
+    per_ms = 1e3 * what.duration_s
+
+    def point(scheme: str, setting: str, gaps: np.ndarray, drift: float, cpu_s: float) -> Point:
+        error = float(np.abs(gaps - reference)[:end].max()) / deepest
+        status = "ok" if error < _BLOWN else "failed: blows up"
+        status = _THESIS if scheme == "thesis2008" else status
+        error = error if np.isfinite(error) else math.inf
+        return Point(name, scheme, setting, error, drift, cpu_s / per_ms, status)
+
+    runs = _cases(what)
+    counts: dict[str, list[int]] = {}
+    for tolerance in _TOLERANCES:
+        setting = f"rtol {tolerance:g}"
+        counts[setting] = [0]
+        runs["dop853", setting] = cases.scipy_run("DOP853", what, tolerance, counts[setting])
+    results = {key: run()[:2] for key, run in runs.items()}  # compiles, too
+    cpu = {key: math.inf for key in runs}
+    for _ in range(rounds):
+        for key, run in runs.items():
+            cpu[key] = min(cpu[key], run()[2])
+    points = [point(*key, *found, cpu[key]) for key, found in results.items()]
+    slope_s = slope_cost_s(what)
+    status = "estimate: evaluations times one compiled right-hand side"
+    for p in [p for p in points if p.scheme == "dop853"]:
+        cost = counts[p.setting][0] * slope_s / per_ms
+        points.append(
+            Point(name, "dop853 estimate", p.setting, p.error, p.energy_drift, cost, status)
+        )
+    for method in _IMPLICIT:
+        for tolerance in _IMPLICIT_TOLERANCES:
+            setting = f"rtol {tolerance:g}"
+            try:
+                found = cases.scipy_run(method, what, tolerance, [0], limit_s)()
+                points.append(point(method.lower(), setting, *found))
+            except cases.TooSlowError as error:
+                points.append(_left_out(name, method.lower(), setting, str(error)))
+                break
+    return points
+
+
+def slope_cost_s(what: cases.Problem) -> float:
+    """CPU time of one compiled right-hand side, without the way into it from Python."""
+    state = what.start()
+    k.many_slopes(state, *what.arguments, 10)
+    best = math.inf
+    for _ in range(5):
+        started = time.process_time()
+        k.many_slopes(state, *what.arguments, 4000)
+        best = min(best, (time.process_time() - started) / 4000)
+    return best
+
+
+def _left_out(scene: str, scheme: str, setting: str, reason: str) -> Point:
+    return Point(scene, scheme, setting, math.nan, math.nan, math.nan, f"omitted: {reason}")
+
+
+def run(folder: Path, quick: bool) -> list[Point]:
+    """Measure, and write speed_accuracy.csv and speed_accuracy.png into `folder`."""
+    names = list(_QUICK_SCENES if quick else _SCENES)
+    rounds, limit_s = (2, _QUICK_LIMIT_S) if quick else (5, _LIMIT_S)
+    points = [p for name in names for p in measure(name, _SCENES[name], rounds, limit_s)]
+    if importlib.util.find_spec("sksundae") is None:
+        reason = "scikit-sundae is not installed (pip install -e '.[dev]')"
+        points += [_left_out(name, "cvode", "", reason) for name in names]
+    write_records(folder / "speed_accuracy.csv", points)
+    draw(folder / "speed_accuracy.png", names, points)
+    return points
+
+
+def cost_at(points: list[Point], scene: str, scheme: str, error: float) -> float:
+    """Least CPU time (s per ms) of a scheme's settings that meet an error; NaN if none does."""
+    met = [
+        p.cpu_s_per_ms
+        for p in points
+        if (p.scene, p.scheme) == (scene, scheme) and 0.0 < p.error <= error
+    ]
+    return min(met, default=math.nan)
+
+
+# Competitors of the printed tables: the best of the installed solvers, the compiled DOP853, ...
+_COMPETITORS = {
+    "the best of SciPy and SUNDIALS": ("dop853", "cvode", "radau", "lsoda"),
+    "compiled DOP853": ("dop853 compiled",),
+    "DOP853's evaluations alone (compiled, an estimate)": ("dop853 estimate",),
+    "discrete_gradient": ("discrete_gradient",),
+    "convolution": ("convolution",),
+    "collocation of order 6": ("collocation-s3",),
+}
+
+
+def ratios(points: list[Point]) -> dict[str, list[tuple[str, ...]]]:
+    """The default scheme's cost against its competitors' at three errors, as rows to print."""
+    found: dict[str, list[tuple[str, ...]]] = {}
+    scenes = list(dict.fromkeys(p.scene for p in points))
+    for competitor, schemes in _COMPETITORS.items():
+        rows: list[tuple[str, ...]] = []
+        for scene in scenes:
+            for error in (1e-3, 1e-4, 1e-6):
+                mine = cost_at(points, scene, "modal", error)
+                costs = [cost_at(points, scene, scheme, error) for scheme in schemes]
+                other = min((c for c in costs if not math.isnan(c)), default=math.nan)
+                cells = (f"{error:g}", f"{mine:.2e}", f"{other:.2e}", f"{other / mine:.3g}")
+                rows.append((scene, *cells))
+        found[f"modal against {competitor}"] = rows
+    return found

@@ -1,0 +1,1 @@
+"""Where schemes, and the closed loop, fail."""

@@ -1,0 +1,194 @@
+"""Which cases a sweep has: a grid, or points spread over ranges, of any scene keys."""
+
+import itertools
+import math
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from scipy.stats import qmc
+
+from hertzloop.scenes.scene import Scene, SceneError, grain_of, toml_value, vary
+from hertzloop.scenes.sentences import shortened, shown
+
+Kind = Literal["grid", "lhs", "sobol"]
+_MOST_CASES = 10_000_000
+
+
+class DesignError(ValueError):
+    """The sweep asked for cannot be made; the message says why and what would do."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A scene key and what it is to be: `values`, or, for spread points, anything from `low` to
+    `high`, in steps of `grain` if that is not 0."""
+
+    key: str
+    values: tuple[Any, ...] = ()
+    low: float = 0.0
+    high: float = 0.0
+    grain: float = 0.0
+
+    def at(self, share: float) -> Any:
+        """Value at a share in [0, 1) of the axis."""
+        if self.values:
+            return self.values[int(share * len(self.values))]
+        if self.grain:
+            places = math.floor((self.high - self.low) / self.grain + 1e-9) + 1
+            return self.grained(self.low + int(share * places) * self.grain)
+        return self.low + share * (self.high - self.low)
+
+    def grained(self, value: float) -> Any:
+        """The value nearest to a number that the key can have."""
+        if not self.grain:
+            return value
+        near = self.low + round((value - self.low) / self.grain) * self.grain
+        return round(near) if self.grain == round(self.grain) else float(f"{near:.12g}")
+
+
+def fitted(axis: Axis, scene: Scene) -> Axis:
+    """The axis with the grain that the scene's key has."""
+    return axis if axis.values else replace(axis, grain=grain_of(scene, axis.key))
+
+
+def parse_axis(text: str) -> Axis:
+    """`key=low:high:step` (both ends included), `key=low:high` (to be spread), or `key=a,b,c`.
+
+    Raises DesignError.
+    """
+    key, equals, given = (part.strip() for part in text.partition("="))
+    if not equals or not given or not all(key.split(".")):
+        raise DesignError(
+            f"{shown(text)} is no range; write key=low:high:step or key=a,b,c, "
+            "e.g. controller.latency_us=0:100:1"
+        )
+    parts = given.split(":")
+    if len(parts) == 1:
+        items = _items(given)
+        if "" in items:
+            raise DesignError(f"{shown(text)} has an empty value; take one comma away")
+        return Axis(key, tuple(toml_value(value) for value in items))
+    numbers = [toml_value(part) for part in parts]
+    if len(parts) > 3 or not all(_is_number(x) for x in numbers):
+        raise DesignError(
+            f"{shown(text)} is no range of numbers; write {shortened(key)}=low:high:step"
+        )
+    low, high = numbers[0], numbers[1]
+    if not low <= high:
+        raise DesignError(f"{shown(text)} runs backwards; its first number must be the lower")
+    if len(parts) == 2:
+        return Axis(key, (), float(low), float(high))
+    step = numbers[2]
+    if not step > 0:
+        raise DesignError(f"{shown(text)} has a step of {shown(step)}; it must be above 0")
+    places = (float(high) - float(low)) / step + 1e-9  # inf where they cannot be counted
+    if not places < _MOST_CASES:
+        raise DesignError(f"{shown(text)} has {places + 1:.8g} values, the most is {_MOST_CASES}")
+    count = math.floor(places) + 1
+    if all(isinstance(x, int) for x in numbers):
+        return Axis(key, tuple(low + i * step for i in range(count)))
+    return Axis(key, tuple(float(f"{low + i * step:.12g}") for i in range(count)))
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number that a float can hold."""
+    try:
+        return isinstance(value, int | float) and math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def _items(text: str) -> list[str]:
+    """Split at commas outside of brackets."""
+    items, depth = [""], 0
+    for letter in text:
+        depth += (letter == "[") - (letter == "]")
+        if letter == "," and depth == 0:
+            items.append("")
+        else:
+            items[-1] += letter
+    return [item.strip() for item in items]
+
+
+@dataclass(frozen=True)
+class Design:
+    """A sweep's cases: all combinations of the axes, or `count` points spread over them."""
+
+    axes: tuple[Axis, ...]
+    kind: Kind = "grid"
+    count: int = 0
+    seed: int = 1
+
+    def cases(self) -> list[dict[str, Any]]:
+        """One {key: value} a case, always in the same order; the last axis runs fastest."""
+        keys = [axis.key for axis in self.axes]
+        if self.kind == "grid":
+            every = itertools.product(*(axis.values for axis in self.axes))
+            return [dict(zip(keys, values, strict=True)) for values in every]
+        sampler: Any = qmc.Sobol if self.kind == "sobol" else qmc.LatinHypercube
+        spread = sampler(len(self.axes), rng=np.random.default_rng(self.seed))
+        with warnings.catch_warnings():  # Sobol points are balanced best by powers of 2
+            warnings.simplefilter("ignore", UserWarning)
+            points = spread.random(self.count)
+        return [
+            {axis.key: axis.at(float(x)) for axis, x in zip(self.axes, point, strict=True)}
+            for point in points
+        ]
+
+
+def as_axis(key: str, values: str | Iterable[Any]) -> Axis:
+    """An axis from Python: values of the key, or a range as in `parse_axis`. Raises DesignError."""
+    if isinstance(values, str):
+        return parse_axis(f"{key}={values}")
+    given = tuple(v.item() if isinstance(v, np.generic) else v for v in values)
+    if not given:
+        raise DesignError(f"{shown(key)} has no values; give at least one")
+    return Axis(key, given)
+
+
+def make_design(scene: Scene, over: list[str], kind: Kind, count: int, seed: int) -> Design:
+    """A design from axes in words, see `parse_axis`. Raises DesignError or SceneError."""
+    return design_of(scene, [parse_axis(text) for text in over], kind, count, seed)
+
+
+def design_of(scene: Scene, over: list[Axis], kind: Kind, count: int, seed: int) -> Design:
+    """A design whose every axis fits the scene. Raises DesignError or SceneError."""
+    axes = tuple(fitted(axis, scene) for axis in over)
+    if not axes:
+        raise DesignError("a sweep needs at least one --over, e.g. controller.latency_us=0:100:1")
+    keys = [axis.key for axis in axes]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise DesignError(
+                f"--over {shortened(key)} is given twice; put its values into one list"
+            )
+    design = Design(axes, kind, count, seed)
+    if kind == "grid":
+        for axis in axes:
+            if not axis.values:
+                raise DesignError(
+                    f"--over {shortened(axis.key)}={axis.low:g}:{axis.high:g} has no step, which a "
+                    "grid needs; add one, or take --design sobol or lhs"
+                )
+        size = math.prod(len(axis.values) for axis in axes)
+        if size > _MOST_CASES:
+            raise DesignError(f"the grid has {shown(size)} cases, the most is {_MOST_CASES}")
+    elif not 1 <= count <= _MOST_CASES:
+        raise DesignError(f"--cases = {count}; --design {kind} needs 1 to {_MOST_CASES}")
+    _check_ends(scene, design)
+    return design
+
+
+def _check_ends(scene: Scene, design: Design) -> None:
+    """Refuse a key or an end of a range that no scene can have, before hours of work."""
+    first = {axis.key: axis.at(0.0) for axis in design.axes}
+    for axis in design.axes:
+        for value in (axis.values[0], axis.values[-1]) if axis.values else (axis.low, axis.high):
+            try:
+                vary(scene, {**first, axis.key: value})
+            except SceneError as error:
+                said = f"--over {shortened(axis.key)}, value {shown(value)}"
+                raise SceneError(f"{said}: {error}") from error

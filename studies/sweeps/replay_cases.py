@@ -1,0 +1,64 @@
+"""Cases of a sweep once more as processes over the bus: are the samples the same bytes?"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from bus.port import BusError
+from bus.streams import StreamFault
+from hertzloop.loop.launcher import RunFailed
+from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.results.cases import digest_of, lasting, on_plate
+from hertzloop.results.figures import rows_of
+from hertzloop.scenes.scene import Scene, SceneError, parse, vary
+from recordings.reader import read
+from recordings.writer import RecordingError
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A case that was to run again: whether its bytes are the same, or why it could not be run."""
+
+    case: int
+    same: bool
+    not_run: str = ""
+
+
+def replay_cases(
+    rows: list[dict[str, Any]], header: dict[str, Any], count: int, transport: str, seed: int
+) -> Iterator[Checked]:
+    """Run `count` random cases of a sweep's results again. Raises SceneError if the results hold
+    no scene."""
+    keys = [axis["key"] for axis in header["design"]["axes"]]
+    scene = parse(header["scene_toml"])
+    good = [row for row in rows if not row["status"]]
+    drawn = np.random.default_rng(seed).permutation(len(good))[:count]
+    with TemporaryDirectory() as folder:
+        for number in drawn:
+            row = good[number]
+            try:
+                same = _digest(scene, row, keys, transport, Path(folder)) == row["digest"]
+            except (RunFailed, BusError, StreamFault, RecordingError, SceneError) as error:
+                yield Checked(row["case"], False, str(error))
+            else:
+                yield Checked(row["case"], same)
+
+
+def _digest(
+    scene: Scene, row: dict[str, Any], keys: list[str], transport: str, folder: Path
+) -> str:
+    """Digest of a row's case, run once more. Raises what a run raises."""
+    varied = vary(scene, {key: row[key] for key in keys})
+    case = lasting(on_plate(varied, row["plate_model"]), int(row["steps"]))
+    path = folder / "case.mcap"
+    run_scene(case, path, RunOptions(transport=Transport(transport), overwrite=True))
+    recording = read(path)
+    coded = case.sensors.bits != "ideal"
+    samples = recording.daq.arrays["code" if coded else "value"]
+    if coded:
+        samples = samples.astype(np.int64)
+    return digest_of(rows_of(recording), samples)

@@ -1,0 +1,252 @@
+"""Many cases of a scene, on the cores at hand or on many machines, that survive a kill."""
+
+import json
+import logging
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from controller.door.law import LawError
+from controller.door.registry import find, resolve
+from hertzloop.results.cases import CaseFigures, Span
+from hertzloop.scenes.scene import Scene, SceneError, to_toml, toml_value
+from jit.cache import code_digest
+from studies.sweeps.design import Design
+from studies.sweeps.evaluate import (
+    SweepFailed,
+    chunked,
+    local_cores,
+    local_pool,
+    not_run,
+    run_chunk,
+)
+from studies.sweeps.journal import Journal
+
+_PACKAGES = ("hertzloop", "numpy", "numba")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a sweep went: all rows in the order of the cases, how many were run just now, in what
+    time, and which lines of an earlier journal were damaged, so that their cases ran again."""
+
+    rows: list[dict[str, Any]]
+    ran: int
+    wall_s: float
+    damaged: list[int]
+
+    @property
+    def not_run(self) -> list[dict[str, Any]]:
+        """Rows of cases that could not be run; `status` says why."""
+        return not_run(self.rows)
+
+    @property
+    def unstable(self) -> int:
+        """Number of cases that were run but have no figures, since the loop explodes."""
+        return sum(bool(row["status"]) for row in self.rows) - len(self.not_run)
+
+
+def code_version() -> str:
+    """What decides the bits of a result: versions, and the digest of all compiled kernels."""
+    return ", ".join([*(f"{p} {version(p)}" for p in _PACKAGES), f"kernels {code_digest()}"])
+
+
+def laws_of(scene: Scene, design: Design) -> dict[str, dict[str, str]]:
+    """Name, digest and text of every law of a sweep, by what the scene or the axis calls it."""
+    named = [scene.controller.law]
+    named += [str(v) for axis in design.axes if axis.key == "controller.law" for v in axis.values]
+    found = {}
+    for reference in named:
+        law = find(resolve(reference))
+        found[reference] = {"name": law.name, "digest": law.digest, "source": law.source}
+    return found
+
+
+def check_laws(header: dict[str, Any]) -> None:
+    """Raises SceneError if a law is not any more what a sweep's results were made with."""
+    for reference, about in header.get("laws", {}).items():
+        try:
+            find(resolve(reference), about["digest"])
+        except LawError as error:
+            raise SceneError(f"the results cannot be checked: {error}") from error
+
+
+def header_of(scene: Scene, design: Design, span: Span) -> dict[str, Any]:
+    """What names a sweep, and goes with its results."""
+    return {
+        "scene_toml": to_toml(scene),
+        "design": asdict(design),
+        "laws": laws_of(scene, design),
+        "span": span,
+        "versions": code_version(),
+    }
+
+
+def sweep(
+    scene: Scene,
+    design: Design,
+    span: Span,
+    out: Path,
+    *,
+    workers: int | None = None,
+    dask: str | None = None,
+    on_progress: Callable[[int], None] = lambda finished: None,
+) -> Outcome:
+    """Run all cases that were not finished earlier, and write `out` (.parquet or .csv).
+
+    Unfinished, its rows are in `journal_of(out)`. Raises SweepFailed, JournalError, OSError.
+    """
+    cases = list(enumerate(design.cases()))
+    header = header_of(scene, design, span)
+    with Journal(journal_of(out), header) as journal:
+        open_ = [(number, values) for number, values in cases if number not in journal.done]
+        chunks = chunked(open_)
+        on_progress(len(journal.done))
+        started = time.perf_counter()
+        if chunks:
+            with _results(header["scene_toml"], span, chunks, workers, dask) as results:
+                for rows in results:
+                    for row in rows:
+                        journal.add(row)
+                    on_progress(len(journal.done))
+        wall_s = time.perf_counter() - started
+        ran = len(open_) - len(not_run([journal.done[number] for number, _ in open_]))
+        rows = [journal.done[number] for number, _ in cases]
+    write_results(out, rows, header)
+    journal_of(out).unlink()
+    return Outcome(rows, ran, wall_s, journal.damaged)
+
+
+def journal_of(out: Path) -> Path:
+    """Where the finished cases of an unfinished sweep are."""
+    return out.with_name(out.name + ".partial")
+
+
+@contextmanager
+def _results(
+    toml: str, span: Span, chunks: list[Any], workers: int | None, dask: str | None
+) -> Iterator[Iterator[list[dict[str, Any]]]]:
+    """Rows of the chunks as they come, from local processes or a Dask cluster."""
+    if dask:
+        with _dask_results(dask, toml, span, chunks) as results:
+            yield results
+        return
+    with local_pool(min(workers or local_cores(), len(chunks))) as pool:
+        yield pool(toml, span, chunks)
+
+
+@contextmanager
+def _dask_results(
+    address: str, toml: str, span: Span, chunks: list[Any]
+) -> Iterator[Iterator[list[dict[str, Any]]]]:
+    """The same from the workers of a Dask scheduler; it gives a dead worker's work to others."""
+    try:
+        from distributed import CancelledError, Client, KilledWorker
+        from distributed import as_completed as dask_completed
+        from distributed.comm import CommClosedError
+    except ImportError as error:
+        raise SweepFailed(
+            "--dask needs the package distributed: pip install distributed"
+        ) from error
+    # What it says of its own, with tracebacks, is said here in a sentence.
+    for name in ("distributed", *logging.root.manager.loggerDict):
+        if name.startswith("distributed"):  # some have a level of their own
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError, TimeoutError) as error:
+        raise SweepFailed(f"there is no Dask scheduler at {address}: {error}") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=60)
+        except TimeoutError as error:
+            raise SweepFailed(f"the Dask scheduler at {address} has no workers") from error
+        ours = code_version()
+        for worker, theirs in client.run(code_version).items():
+            if theirs != ours:
+                raise SweepFailed(
+                    f"the worker {worker} has {theirs}, this process {ours}; install the same"
+                )
+        futures = client.map(
+            lambda chunk: run_chunk(toml, span, chunk), chunks, pure=False, retries=2
+        )
+        try:
+            yield (future.result() for future in dask_completed(futures))
+        except (CancelledError, CommClosedError, KilledWorker) as error:
+            raise SweepFailed(f"the Dask cluster at {address} was lost") from error
+
+
+def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any]) -> None:
+    """Write a Parquet file with `header` in its metadata, or a CSV file and `header` beside it in
+    NAME.csv.json; under its name only when whole."""
+    keys = [axis["key"] for axis in header["design"]["axes"]]
+    table = pa.Table.from_pylist(_one_type_a_column(rows, keys, out.suffix))
+    about = json.dumps(header, indent=2)
+    new = out.with_name(out.name + ".new")
+    if out.suffix == ".parquet":
+        kept = {b"hertzloop": about.encode(), **(table.schema.metadata or {})}
+        pyarrow.parquet.write_table(table.replace_schema_metadata(kept), new)
+    else:
+        pyarrow.csv.write_csv(table, new)
+        _beside(out).write_text(about + "\n", encoding="utf-8")
+    new.replace(out)
+
+
+def _beside(out: Path) -> Path:
+    """Header of results in CSV."""
+    return out.with_name(out.name + ".json")
+
+
+def _one_type_a_column(
+    rows: list[dict[str, Any]], keys: list[str], suffix: str
+) -> list[dict[str, Any]]:
+    """Rows with numbers of one type, and values as TOML text for keys that have values of several
+    types, or lists in CSV."""
+    for key in keys:
+        if {type(row[key]) for row in rows} == {int, float}:
+            rows = [row | {key: float(row[key])} for row in rows]
+    text = [
+        key
+        for key in keys
+        if len({type(row[key]) for row in rows}) > 1
+        or (suffix != ".parquet" and isinstance(rows[0][key], list))
+    ]
+    if not text:
+        return rows
+    return [
+        row | {key: row[key] if isinstance(row[key], str) else json.dumps(row[key]) for key in text}
+        for row in rows
+    ]
+
+
+def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Rows and header of a sweep's results. Raises ValueError for another kind of file."""
+    try:
+        if path.suffix == ".parquet":
+            table = pyarrow.parquet.read_table(path)
+            header = json.loads(table.schema.metadata[b"hertzloop"])
+        else:
+            table = pyarrow.csv.read_csv(path)
+            header = json.loads(_beside(path).read_text(encoding="utf-8"))
+        keys = [axis["key"] for axis in header["design"]["axes"]]
+        rows = table.select(["case", *keys, *(f.name for f in fields(CaseFigures)), "status"])
+        rows = rows.to_pylist()
+        for name in ("scene_toml", "span", "versions"):
+            header[name]
+    except KeyError as error:
+        raise ValueError(f"{path} holds no results of a sweep: it has no {error}") from error
+    except (pa.ArrowException, ValueError, TypeError, OSError) as error:
+        raise ValueError(f"{path} holds no results of a sweep: {error}") from error
+    for key in keys:
+        for row in rows:
+            if isinstance(row[key], str):
+                row[key] = toml_value(row[key])
+    return rows, header

@@ -1,0 +1,194 @@
+"""Search for the law and its parameters that do best in a scene, or in all of a set of scenes.
+
+One objective: differential evolution; several: NSGA-II (Deb et al. 2002), both from pymoo.
+Over a set of scenes the worst of them counts, objective by objective.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from pymoo.algorithms.moo.nsga2 import NSGA2
+from pymoo.algorithms.soo.nonconvex.de import DE
+from pymoo.core.problem import Problem
+from pymoo.optimize import minimize
+from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
+
+from controller.door.registry import find, resolve
+from controller.law import About
+from hertzloop.results.cases import Span
+from hertzloop.scenes.scene import Scene
+from studies.sweeps.design import Axis, fitted
+from studies.sweeps.evaluate import Pool, evaluate
+from studies.sweeps.phases import Spread, at_all, spread_over
+
+OBJECTIVES = (
+    "plate_energy_db", "rebound_percent", "radiated_db", "plate_speed_db", "pressure_db",
+    "longhorn_db", "holmes_db", "peak_force_n",
+)  # fmt: skip
+PUBLISHED: dict[str, Any] = {
+    "controller.law": "slope_threshold", "controller.kappa": 0.8, "controller.v_thr_m_s": -0.25,
+}  # fmt: skip
+_BAD = 1e6  # of a case without figures: unstable, or impossible
+
+
+@dataclass(frozen=True)
+class Found:
+    """A setting and what it gives: values by key, objectives by name (the worst of the scenes),
+    and their `spreads` over the touch phase (of the scene with the worst mean), where known."""
+
+    values: dict[str, Any]
+    figures: dict[str, float]
+    spreads: dict[str, Spread] = field(default_factory=dict)
+
+
+def ranges_of(law: str, impact_speed_m_s: float) -> tuple[Axis, ...]:
+    """What is varied of a law if nothing else is asked for."""
+    about = About(impact_speed_m_s=impact_speed_m_s)
+    ranges = find(resolve(law)).ranges(about).items()
+    return tuple(Axis(f"controller.{key}", (), low, high) for key, (low, high) in ranges)
+
+
+def _value(axis: Axis, x: float) -> Any:
+    if axis.values:
+        return axis.values[min(int(x), len(axis.values) - 1)]
+    return axis.grained(float(x))
+
+
+class _Settings(Problem):
+    """Parameters of a law as an optimisation problem; all cases of a generation at once."""
+
+    def __init__(
+        self,
+        pool: Pool,
+        scenes: list[Scene],
+        span: Span,
+        fixed: dict[str, Any],
+        axes: tuple[Axis, ...],
+        objectives: tuple[str, ...],
+        at_most: dict[str, float],
+        phases: int,
+    ) -> None:
+        self.pool, self.scenes, self.span, self.phases = pool, scenes, span, phases
+        axes = tuple(fitted(axis, scenes[0]) for axis in axes)
+        self.fixed, self.axes = fixed, axes
+        self.objectives, self.at_most = objectives, at_most
+        low = [0.0 if axis.values else axis.low for axis in axes]
+        high = [len(axis.values) - 1e-9 if axis.values else axis.high for axis in axes]
+        super().__init__(
+            n_var=len(axes), n_obj=len(objectives), n_ieq_constr=len(at_most), xl=low, xu=high
+        )
+
+    def settings(self, x: np.ndarray) -> dict[str, Any]:
+        """Scene keys of a point."""
+        pairs = zip(self.axes, x, strict=True)
+        return self.fixed | {axis.key: _value(axis, float(v)) for axis, v in pairs}
+
+    def _evaluate(self, x: np.ndarray, out: dict[str, Any], *_: Any, **__: Any) -> None:
+        names = [*self.objectives, *self.at_most]
+        cases = [self.settings(p) for p in x]
+        worst = worst_of(self.pool, self.scenes, self.span, cases, names, self.phases)
+        out["F"] = worst[:, : len(self.objectives)]
+        if self.at_most:
+            limits = np.array(list(self.at_most.values()))
+            out["G"] = worst[:, len(self.objectives) :] - limits
+
+
+def worst_of(
+    pool: Pool, scenes: list[Scene], span: Span, cases: list[dict[str, Any]], names: list[str],
+    phases: int = 1,
+) -> np.ndarray:  # fmt: skip
+    """Largest figure over the scenes, shape (cases, names), each the mean over so many `phases` of
+    the touch, or at the scene's own if that is 1; _BAD where there is none."""
+
+    def figure(row: dict[str, Any], name: str) -> float:
+        value = _BAD if row["status"] else float(row[name])
+        return _BAD if math.isnan(value) else value
+
+    tried = cases if phases == 1 else [c for case in cases for c in at_all(case, phases)]
+    found = np.array(
+        [
+            [[figure(row, name) for name in names] for row in evaluate(pool, scene, span, tried)]
+            for scene in scenes
+        ]
+    ).reshape(len(scenes), len(cases), phases, len(names))
+    means = np.where((found >= _BAD).any(axis=2), _BAD, found.mean(axis=2))
+    return np.asarray(means.max(axis=0))
+
+
+def with_spreads(
+    pool: Pool, scenes: list[Scene], span: Span, found: list[Found], names: tuple[str, ...]
+) -> list[Found]:
+    """The same settings with mean and range of their figures over the touch phase."""
+    cases = [f.values for f in found]
+    tried = [spread_over(pool, scene, span, cases, names) for scene in scenes]
+
+    def worst(i: int, name: str) -> Spread:
+        return max((spreads[i][name] for spreads in tried), key=lambda s: s.mean)
+
+    return [replace(f, spreads={n: worst(i, n) for n in names}) for i, f in enumerate(found)]
+
+
+def tune(
+    pool: Pool,
+    scenes: list[Scene],
+    span: Span,
+    law: str,
+    axes: tuple[Axis, ...],
+    objectives: tuple[str, ...],
+    *,
+    at_most: dict[str, float],
+    generations: int,
+    population: int,
+    seed: int,
+    phases: int = 1,
+    on_progress: Callable[[int], None] = lambda generation: None,
+) -> list[Found]:
+    """Best settings of one law: the one that is best, or the Pareto front of several objectives,
+    sorted by the first. Empty if none keeps to `at_most` or is stable."""
+    problem = _Settings(
+        pool, scenes, span, {"controller.law": law}, axes, objectives, at_most, phases
+    )
+    one = len(objectives) == 1
+    algorithm = (DE if one else NSGA2)(pop_size=population)
+    result = minimize(
+        problem, algorithm, ("n_gen", generations), seed=seed,
+        callback=lambda algorithm: on_progress(algorithm.n_gen),
+    )  # fmt: skip
+    if result.X is None:
+        return []
+    points, values = np.atleast_2d(result.X), np.atleast_2d(result.F)
+    found = [
+        Found(problem.settings(x), dict(zip(objectives, (float(v) for v in f), strict=True)))
+        for x, f in zip(points, values, strict=True)
+        if np.all(f < _BAD)
+    ]
+    return sorted(found, key=lambda f: f.figures[objectives[0]])
+
+
+def front(found: list[Found], objectives: tuple[str, ...]) -> list[Found]:
+    """Those that no other beats in every objective, sorted by the first."""
+    if not found:
+        return []
+    values = np.array([[f.figures[name] for name in objectives] for f in found])
+    best = NonDominatedSorting().do(values, only_non_dominated_front=True)
+    unique = {tuple(values[i]): found[i] for i in best}
+    return [unique[key] for key in sorted(unique)]
+
+
+def published(
+    pool: Pool, scenes: list[Scene], span: Span, objectives: tuple[str, ...], phases: int = 1
+) -> Found:
+    """The published setting of the slope-threshold law in the same scenes."""
+    worst = worst_of(pool, scenes, span, [PUBLISHED], list(objectives), phases)[0]
+    return Found(PUBLISHED, dict(zip(objectives, (float(v) for v in worst), strict=True)))
+
+
+def better_than(reference: Found, found: list[Found], gain: str, keep: str) -> Found | None:
+    """The setting with the least `gain` among those that do not raise `keep`; None if none has
+    less than the reference."""
+    allowed = [f for f in found if f.figures[keep] <= reference.figures[keep]]
+    best = min(allowed, key=lambda f: f.figures[gain], default=None)
+    return best if best and best.figures[gain] < reference.figures[gain] else None

@@ -1,0 +1,1 @@
+"""Which theory and which effects matter, over radius and thickness."""

@@ -1,0 +1,31 @@
+"""What figures and keys are called in pictures: words with units, never names of columns."""
+
+FIGURES = {
+    "plate_energy_db": "plate energy (dB)", "radiated_db": "radiated energy (dB)",
+    "plate_speed_db": "largest plate speed (dB)", "pressure_db": "pressure bound (dB)",
+    "longhorn_db": "Longhorn's energy (dB)", "holmes_db": "Holmes's energy (dB)",
+    "rebound_percent": "rebound height (%)",
+}  # fmt: skip
+_ABSOLUTE = {"peak_force_n": "largest contact force (N)"}
+AXES = {
+    "sensors.bits": "bits of the sensor",
+    "sensors.every_steps": "sampling period (us)",
+    "controller.kappa": "kappa",
+    "controller.v_thr_m_s": "threshold v_thr (m/s)",
+    "controller.jitter_us": "largest jitter (us)",
+    "controller.drop_out_probability": "share of commands lost",
+    "controller.latency_us": "latency (us)",
+}
+
+
+def against_none(figure: str) -> str:
+    """A figure of a case, as an axis of its own: most are against no control."""
+    if figure in _ABSOLUTE:
+        return _ABSOLUTE[figure]
+    name, _, unit = FIGURES.get(figure, figure.replace("_", " ")).partition(" (")
+    return f"{name} against no control ({unit}" if unit else name
+
+
+def law(name: str) -> str:
+    """A law's name in words."""
+    return name.replace("_", " ")

@@ -1,0 +1,27 @@
+"""Runs on tape through a checker."""
+
+import re
+from collections.abc import Sequence
+
+import pytest
+
+from bus.messages_pb2 import RunEnd
+from bus.streams import Checker, Envelope, StreamFault
+
+
+def feed(sent: Sequence[Envelope]) -> Checker:
+    """The checker after all messages; every end is reconciled."""
+    checker = Checker()
+    for envelope in sent:
+        block = checker.accept(envelope)
+        if isinstance(block.header, RunEnd):
+            checker.reconcile(block.header)
+    return checker
+
+
+def refused(sent: Sequence[Envelope], *words: str) -> None:
+    """The messages raise a fault that names all the words (patterns)."""
+    with pytest.raises(StreamFault) as caught:
+        feed(sent)
+    for word in words:
+        assert re.search(word, str(caught.value)), str(caught.value)

@@ -1,0 +1,33 @@
+"""All three roles in one process, joined in-process or by zenoh."""
+
+from bus.inprocess import InProcessBus, InProcessPort
+from bus.streams import CONTROLLER, PLANT, RECORDER
+from bus.zenoh_port import ZenohPort
+
+ROLES = (PLANT, CONTROLLER, RECORDER)
+PATIENCE_S = 20.0  # for what has to come: generous, nothing is timed here
+ABSENCE_S = 0.2  # for what must not come
+
+
+def url(port: int) -> str:
+    """Endpoint of a port of this machine."""
+    return f"tcp/127.0.0.1:{port}"
+
+
+def zenoh_mesh(ports: list[int], name: str = "contract") -> dict[str, ZenohPort]:
+    """All three roles in this process, each with a session of its own, a full mesh."""
+    urls = [url(port) for port in ports]
+    mesh = {
+        role: ZenohPort(role, name, [urls[place]], urls[:place]) for place, role in enumerate(ROLES)
+    }
+    for port in mesh.values():
+        port.announce()
+    for role, port in mesh.items():
+        port.wait_for([other for other in ROLES if other != role], PATIENCE_S)
+    return mesh
+
+
+def in_process_mesh() -> dict[str, InProcessPort]:
+    """All three roles on one bus."""
+    bus = InProcessBus()
+    return {role: InProcessPort(bus, role) for role in ROLES}

@@ -1,0 +1,102 @@
+"""The checker: a message in its place that says what cannot be is named, with its number."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.Log_pb2 import Log
+
+from bus import wire
+from bus.messages_pb2 import Books, ForceBlock, TruthBlock
+from bus.port import Publisher
+from bus.streams import CONTROLLER, PLANT, StreamFault
+from tests.bus.checking import refused
+from tests.bus.tapes import RUN, Tape, changed, places, plant_says
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("number", [0, 2])
+def test_truth_that_is_no_number(value: float, number: int) -> None:
+    sent = plant_says()
+    place = places(sent, "truth")[number]
+    block = wire.decode(TruthBlock, sent[place].payload)
+    rows = np.array([0.0, 0.0, value, 0.0])
+    sent[place] = replace(sent[place], payload=wire.encode(block.header, xi_m=rows))
+    step = 4 * number + 2
+    refused(sent, f"stream 'truth' sequence {number} holds xi_m = {value:g} at step {step}")
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_books_that_are_no_numbers(value: float) -> None:
+    sent = plant_says()
+    place = places(sent, "books")[0]
+    sent[place] = changed(sent[place], modal_j=value)
+    refused(sent, f"stream 'books' sequence 0 holds modal_j = {value:g}")
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_publisher_sends_only_numbers(value: float) -> None:
+    tape = Tape(PLANT)
+    publisher = Publisher(tape, RUN)
+    with pytest.raises(StreamFault, match=r"'truth' sequence 0 holds xi_m = .* at step 1;"):
+        publisher.send("truth", TruthBlock(step_ns=1000), {"xi_m": np.array([0.0, value])})
+    with pytest.raises(StreamFault, match="'books' sequence 0 holds kinetic_j"):
+        publisher.send("books", Books(kinetic_j=value))
+    assert not tape.sent
+    assert {c.messages for c in publisher.counters.values()} == {0}
+
+
+def test_what_has_no_limit_may_be_infinite() -> None:
+    """A promise that no sample breaks; an error of which there is no estimate."""
+    publisher = Publisher(Tape(CONTROLLER), RUN)
+    publisher.send("force", ForceBlock(step_ns=1000, promise_level=-math.inf), {})
+    with pytest.raises(StreamFault, match="promise_level = inf"):
+        publisher.send("force", ForceBlock(step_ns=1000, promise_level=math.inf), {})
+    Publisher(Tape(PLANT), RUN).send("books", Books(expected_error=math.inf))
+
+
+def event_at(seconds: int, nanos: int) -> Log:
+    message = Log(message="an event")
+    message.timestamp.seconds, message.timestamp.nanos = seconds, nanos
+    return message
+
+
+@pytest.mark.parametrize(
+    ("seconds", "nanos"),
+    [(-1, 0), (0, -1), (2**62, 0), (-(2**63), 0), (0, 10**9), (9_223_372_036, 999_999_999)],
+)
+def test_an_event_at_no_time_of_a_run(seconds: int, nanos: int) -> None:
+    sent = plant_says()
+    place = places(sent, "events/plant")[1]
+    event = event_at(seconds, nanos).SerializeToString()
+    sent[place] = replace(sent[place], payload=event)
+    refused(sent, f"stream 'events/plant' sequence 1 has an event at {seconds} s and {nanos} ns")
+
+
+def test_an_event_after_the_runs_end() -> None:
+    """12 steps of 1 us; also when the event comes before the run is announced."""
+    sent = plant_says()
+    place = places(sent, "events/plant")[2]
+    late = replace(sent[place], payload=event_at(0, 12_001).SerializeToString())
+    refused([*sent[:place], late], "an event came for 12001 ns, the run ends at 12000 ns")
+    refused([replace(late, sequence=0), sent[0]], "an event came for 12001 ns, the run ends at")
+
+
+@pytest.mark.parametrize(("steps", "step_ns"), [(0, 1000), (2**63, 1000), (2**64 - 1, 1)])
+def test_a_run_of_no_length(steps: int, step_ns: int) -> None:
+    sent = plant_says()
+    sent[0] = changed(sent[0], steps=steps, step_ns=step_ns)
+    refused(sent, f"announced a run of {steps} steps of {step_ns} ns")
+
+
+def test_a_run_without_a_scene() -> None:
+    sent = plant_says()
+    sent[0] = changed(sent[0], scene_toml="")
+    refused(sent, "the plant announced a run without a scene")
+
+
+def test_an_end_of_another_role() -> None:
+    sent = plant_says()
+    sent[-1] = changed(sent[-1], role="controller")
+    refused(sent, "stream 'end/plant' carries the end of 'controller', not of the plant")

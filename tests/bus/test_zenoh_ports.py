@@ -1,0 +1,250 @@
+"""Ports between processes: who is there, and what a zenoh port opens."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from bus.port import BusError, PeerLost
+from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
+from bus.zenoh_port import ZenohPort
+from tests.bus.meshes import ABSENCE_S, PATIENCE_S, url, zenoh_mesh
+from tests.hertzloop.processes import wait_for
+from tests.ports import free_ports
+
+
+@pytest.fixture
+def zenoh() -> Iterator[dict[str, ZenohPort]]:
+    ports = zenoh_mesh(free_ports(3))
+    yield ports
+    for port in ports.values():
+        port.close()
+
+
+@pytest.mark.parametrize("twice", [PLANT, CONTROLLER, RECORDER])
+def test_a_role_that_is_there_twice_is_refused_before_a_run(twice: str) -> None:
+    """One of the others sees both, whatever the order in which they came."""
+    looks = RECORDER if twice == PLANT else PLANT
+    a, b, c = (url(port) for port in free_ports(3))
+    looking = ZenohPort(looks, "twins", [a])
+    twins = [ZenohPort(twice, "twins", [where], [a]) for where in (b, c)]
+    try:
+        for port in twins:
+            port.announce()
+        wait_for(lambda: len(looking._alive[twice]) == 2)
+        with pytest.raises(BusError, match=f"2 processes are the {twice} on bus 'twins'"):
+            looking.wait_for([twice], PATIENCE_S)
+    finally:
+        for port in (*twins, looking):
+            port.close()
+
+
+class TestPresence:
+    """Who is there: only ports between processes can tell."""
+
+    def test_a_departure_is_reported_after_what_was_sent(self, zenoh: dict[str, ZenohPort]) -> None:
+        zenoh[PLANT].publish(Envelope("daq", b"last words"))
+        zenoh[PLANT].close()
+        assert zenoh[CONTROLLER].receive(PATIENCE_S, "samples").payload == b"last words"
+        with pytest.raises(PeerLost, match=r"plant left the run; controller was .* samples"):
+            zenoh[CONTROLLER].receive(PATIENCE_S, "samples")
+        with pytest.raises(PeerLost, match=r"plant left the run; controller was sending 'force'"):
+            zenoh[CONTROLLER].publish(Envelope("force", b""))
+
+    def test_a_role_that_was_released_may_leave(self, zenoh: dict[str, ZenohPort]) -> None:
+        for role in (CONTROLLER, RECORDER):
+            zenoh[role].release(PLANT)
+        zenoh[PLANT].close()
+        assert zenoh[RECORDER].wait_until_gone(PLANT, PATIENCE_S)
+        zenoh[CONTROLLER].publish(Envelope("force", b"still here"))
+        assert zenoh[RECORDER].receive(PATIENCE_S, "forces").payload == b"still here"
+        with pytest.raises(PeerLost, match="nothing came"):
+            zenoh[RECORDER].receive(ABSENCE_S, "more")
+
+    def test_a_role_that_left_before_the_start_may_come_again(self) -> None:
+        ports = free_ports(2)
+        plant = ZenohPort(PLANT, "again", [url(ports[0])])
+        try:
+            first = ZenohPort(RECORDER, "again", [url(ports[1])], [url(ports[0])])
+            first.announce()
+            plant.wait_for([RECORDER], PATIENCE_S)
+            first.close()
+            assert plant.wait_until_gone(RECORDER, PATIENCE_S)
+            recorder = ZenohPort(RECORDER, "again", [url(ports[1])], [url(ports[0])])
+            recorder.announce()
+            plant.wait_for([RECORDER], PATIENCE_S)
+            plant.publish(Envelope("truth", b"heard"))
+            assert recorder.receive(PATIENCE_S, "truth").payload == b"heard"
+            recorder.close()
+        finally:
+            plant.close()
+
+    def test_a_role_leaves_with_or_without_vouching_for_its_part(
+        self, zenoh: dict[str, ZenohPort]
+    ) -> None:
+        zenoh[RECORDER].vouch()
+        zenoh[RECORDER].close()
+        zenoh[PLANT].wait_for_voucher(RECORDER)
+        zenoh[CONTROLLER].close()
+        with pytest.raises(PeerLost, match="controller left the run before its part was complete"):
+            zenoh[PLANT].wait_for_voucher(CONTROLLER)
+
+    def test_who_has_vouched_may_leave_before_the_last_words_of_another_arrive(
+        self, zenoh: dict[str, ZenohPort]
+    ) -> None:
+        """Two links: the recorder may be heard to leave before the plant's end comes."""
+        zenoh[RECORDER].vouch()
+        zenoh[RECORDER].close()
+        assert zenoh[CONTROLLER].wait_until_gone(RECORDER, PATIENCE_S)
+        assert not zenoh[CONTROLLER].pending()  # its departure is nothing to wait for
+        zenoh[PLANT].publish(Envelope("end/plant", b"last words"))
+        assert zenoh[CONTROLLER].receive(PATIENCE_S, "samples").payload == b"last words"
+
+    def test_a_role_that_stays_is_not_gone(self, zenoh: dict[str, ZenohPort]) -> None:
+        assert not zenoh[RECORDER].wait_until_gone(PLANT, ABSENCE_S)
+
+    def test_waiting_names_who_is_missing(self) -> None:
+        ports = free_ports(2)
+        plant = ZenohPort(PLANT, "lonely", [url(ports[0])])
+        recorder = ZenohPort(RECORDER, "lonely", [url(ports[1])], [url(ports[0])])
+        try:
+            recorder.announce()
+            plant.wait_for([RECORDER], PATIENCE_S)
+            with pytest.raises(PeerLost) as caught:
+                plant.wait_for([CONTROLLER, RECORDER], ABSENCE_S)
+            assert "plant waited 0.2 s for controller on bus 'lonely'" in str(caught.value)
+            assert "recorder" not in str(caught.value)
+        finally:
+            plant.close()
+            recorder.close()
+
+    def test_a_role_that_did_not_announce_itself_is_not_there(self) -> None:
+        """A session is no role yet: its subscribers may not exist."""
+        ports = free_ports(2)
+        plant = ZenohPort(PLANT, "early", [url(ports[0])])
+        recorder = ZenohPort(RECORDER, "early", [url(ports[1])], [url(ports[0])])
+        try:
+            with pytest.raises(PeerLost, match="recorder"):
+                plant.wait_for([RECORDER], ABSENCE_S)
+            recorder.announce()
+            plant.wait_for([RECORDER], PATIENCE_S)
+        finally:
+            plant.close()
+            recorder.close()
+
+    def test_runs_of_other_names_are_not_heard(self) -> None:
+        ports = free_ports(3)
+        recorder = ZenohPort(RECORDER, "mine", [url(ports[0])])
+        plants = [
+            ZenohPort(PLANT, name, [url(port)], [url(ports[0])])
+            for name, port in zip(["other", "mine"], ports[1:], strict=True)
+        ]
+        try:
+            for plant in plants:
+                plant.announce()
+            recorder.wait_for([PLANT], PATIENCE_S)
+            for plant in plants:
+                plant.publish(Envelope("truth", plant.name.encode()))
+            assert recorder.receive(PATIENCE_S, "truth").payload == b"mine"
+            with pytest.raises(PeerLost, match="nothing came"):
+                recorder.receive(ABSENCE_S, "more")
+        finally:
+            for port in (*plants, recorder):
+                port.close()
+
+
+class TestEndpoints:
+    """What a zenoh port opens."""
+
+    def test_only_the_given_loopback_endpoints_listen(self) -> None:
+        def connections() -> set[tuple[str, int, str]]:
+            found = psutil.Process().net_connections("inet")
+            return {(c.laddr.ip, c.laddr.port, f"{c.type.name} {c.status}") for c in found}
+
+        ports = free_ports(3)
+        before = connections()
+        mesh = zenoh_mesh(ports)
+        try:
+            opened = connections() - before
+        finally:
+            for port in mesh.values():
+                port.close()
+        listening = {(ip, number) for ip, number, state in opened if "LISTEN" in state}
+        assert listening == {("127.0.0.1", number) for number in ports}
+        assert {ip for ip, _, _ in opened} == {"127.0.0.1"}
+        assert not [o for o in opened if "DGRAM" in o[2]]  # no multicast, no UDP at all
+
+    def test_opening_and_closing_leaves_no_handle(self) -> None:
+        [number] = free_ports(1)
+        counts = []
+        for _ in range(12):
+            plant = ZenohPort(PLANT, "often", [url(number)])
+            plant.announce()
+            plant.close()
+            counts.append(psutil.Process().num_fds())
+        assert counts[-1] <= counts[1]
+
+    def test_no_shared_memory_is_mapped(self) -> None:
+        """So none is left between runs, and a full /dev/shm is no obstacle."""
+        mesh = zenoh_mesh(free_ports(3))
+        try:
+            mapped = {m.path for m in psutil.Process().memory_maps() if ".zenoh" in m.path}
+        finally:
+            for port in mesh.values():
+                port.close()
+        assert not mapped
+
+    def test_a_configuration_file_without_endpoints_opens_none(self, tmp_path: Path) -> None:
+        """zenoh's own default would be every interface."""
+        file = tmp_path / "bus.json5"
+        file.write_text("{ transport: { link: { tx: { lease: 4000 } } } }")
+        before = {c.laddr for c in psutil.Process().net_connections() if c.status == "LISTEN"}
+        plant = ZenohPort(PLANT, "filed", [], config_file=file)
+        try:
+            after = {c.laddr for c in psutil.Process().net_connections() if c.status == "LISTEN"}
+        finally:
+            plant.close()
+        assert after == before
+
+    def test_a_port_in_use_gives_a_sentence(self) -> None:
+        [number] = free_ports(1)
+        first = ZenohPort(PLANT, "taken", [url(number)])
+        try:
+            with pytest.raises(BusError) as caught:
+                ZenohPort(CONTROLLER, "taken", [url(number)])
+        finally:
+            first.close()
+        sentence = str(caught.value)
+        assert f"controller cannot open the bus at {url(number)}: is the port in use?" in sentence
+        assert "\n" not in sentence
+
+    @pytest.mark.parametrize("endpoint", ["tcp/127.0.0.1", "pigeon/1", "127.0.0.1:7450"])
+    def test_an_endpoint_that_is_none(self, endpoint: str) -> None:
+        with pytest.raises(BusError, match="plant cannot open the bus at"):
+            ZenohPort(PLANT, "wrong", [endpoint])
+
+    def test_a_configuration_file_gives_the_endpoints(self, tmp_path: Path) -> None:
+        numbers = free_ports(2)
+        file = tmp_path / "bus.json5"
+        file.write_text(f'{{ listen: {{ endpoints: ["{url(numbers[0])}"] }} }}')
+        plant = ZenohPort(PLANT, "filed", [], config_file=file)
+        recorder = ZenohPort(RECORDER, "filed", [url(numbers[1])], [url(numbers[0])])
+        try:
+            recorder.announce()
+            plant.wait_for([RECORDER], PATIENCE_S)
+            plant.publish(Envelope("truth", b"heard"))
+            assert recorder.receive(PATIENCE_S, "truth").payload == b"heard"
+        finally:
+            plant.close()
+            recorder.close()
+
+    @pytest.mark.parametrize("content", [None, "{ nonsense"])
+    def test_a_configuration_file_that_cannot_be_used(
+        self, tmp_path: Path, content: str | None
+    ) -> None:
+        file = tmp_path / "bus.json5"
+        if content is not None:
+            file.write_text(content)
+        with pytest.raises(BusError, match=r"bus\.json5 is no zenoh configuration"):
+            ZenohPort(PLANT, "filed", [], config_file=file)

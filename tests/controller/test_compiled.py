@@ -1,0 +1,90 @@
+"""What is compiled for a law that this machine has never seen."""
+
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba import config
+from numba.core import event
+
+from controller.door.registry import find
+from controller.door.sources import SHIPPED
+from controller.law import About, Keys
+
+pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
+
+
+class Heard(event.Listener):
+    """Names of what Numba compiles."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+
+    def on_start(self, event: Any) -> None:
+        """Before a function is compiled."""
+        self.names.append(event.data["dispatcher"].py_func.__name__)
+
+    def on_end(self, event: Any) -> None:
+        """After it."""
+
+
+@pytest.fixture
+def heard() -> Iterator[Heard]:
+    listener = Heard()
+    event.register("numba:compile", listener)
+    yield listener
+    event.unregister("numba:compile", listener)
+
+
+def unseen(path: Path, text: str) -> Any:
+    path.write_text(f"{text}\n# {time.time_ns()}\n", encoding="utf-8")
+    return find(str(path))
+
+
+def test_a_new_law_is_compiled_in_one_piece_a_function_that_is_asked_for(
+    tmp_path: Path, heard: Heard
+) -> None:
+    """Not what its functions call (see `controller.law.kernel`), and nothing around the law."""
+    law = unseen(tmp_path / "new.py", (SHIPPED / "slope_threshold.py").read_text())
+    keys, about = law.keys(), About(sphere_mass_kg=1e-4, impact_speed_m_s=1.0)
+    bound = law.bind(keys, about, ahead=False)
+    assert [name for name in heard.names if name != "impl"] == ["command"]  # impl: of max()
+    assert bound.model.command
+    assert not bound.model.known_ahead
+    heard.names.clear()
+    bound = law.bind(keys, about)
+    assert [name for name in heard.names if name != "impl"] == [
+        "known_ahead", "command_ahead", "quiet_level",
+    ]  # fmt: skip
+    assert all(bound.model[:4])
+    assert not bound.trouble
+
+
+def test_a_law_may_call_what_calls_itself(tmp_path: Path) -> None:
+    law = unseen(
+        tmp_path / "new.py",
+        "from controller.law import kernel\n"
+        "@kernel\n"
+        "def doubled(x, times):\n"
+        "    if times == 0:\n        return x\n"
+        "    return doubled(2.0 * x, times - 1)\n"
+        "def command(p, s, samples, i):\n    return doubled(samples[i], 3)\n",
+    )
+    assert not law.bind(Keys(), About()).trouble
+
+
+def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -> None:
+    law = unseen(tmp_path / "new.py", (SHIPPED / "force_feedback.py").read_text())
+    law.bind(law.keys(), About())
+    assert heard.names
+    heard.names.clear()
+    (tmp_path / "other").mkdir()
+    again = find(str(shutil.copy(tmp_path / "new.py", tmp_path / "other")))
+    from controller.door import bound
+
+    bound._ENTRIES.clear()
+    again.bind(again.keys(), About())
+    assert not heard.names

@@ -1,0 +1,128 @@
+"""The example controller, run as a process, with one rule of the bus broken: the first argument."""
+
+import hashlib
+import importlib.util
+import math
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "own_controller.py"
+spec = importlib.util.spec_from_file_location("own_controller", EXAMPLE)
+assert spec
+assert spec.loader
+own = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(own)
+
+
+def at(number: int, change: Callable[[Any], object]) -> Callable[[str, Any], None]:
+    """Change the block of forces of a number."""
+
+    def alter(stream: str, message: Any) -> None:
+        if stream == "force" and message.sequence == number:
+            change(message)
+
+    return alter
+
+
+def at_the_end(change: Callable[[Any], object]) -> Callable[[str, Any], None]:
+    """Change the controller's end."""
+    return lambda stream, message: change(message) if stream == "end/controller" else None
+
+
+def last_force(message: Any, value: float) -> None:
+    message.force_n[-1] = value
+
+
+def next_bit(message: Any) -> None:
+    """Another last bit of the first force that is none."""
+    for i, force in enumerate(message.force_n):
+        if force:
+            message.force_n[i] = math.nextafter(force, math.inf)
+
+
+def by_its_number(stream: str, message: Any) -> None:
+    """Forces that depend on how samples were cut into blocks."""
+    if stream == "force":
+        for i, force in enumerate(message.force_n):
+            message.force_n[i] = force * (1.0 + 1e-3 * message.sequence)
+
+
+ALTERATIONS: dict[str, Callable[[str, Any], object]] = {
+    "no-run-id": at(0, lambda m: m.ClearField("run_id")),
+    "another-run": at(3, lambda m: setattr(m, "run_id", 7)),
+    "no-step-ns": at(2, lambda m: m.ClearField("step_ns")),
+    "no-sequence": at(1, lambda m: m.ClearField("sequence")),
+    "gap": at(4, lambda m: setattr(m, "sequence", 6)),
+    "hole": at(4, lambda m: setattr(m, "first_step", m.first_step + 1)),
+    "no-samples-seen": at(0, lambda m: m.ClearField("samples_seen")),
+    "too-many-seen": at(2, lambda m: setattr(m, "samples_seen", m.samples_seen + 1)),
+    "short": at(2, lambda m: m.force_n.pop()),
+    "beyond-the-end": at(0, lambda m: m.force_n.extend([0.0] * 1000)),
+    "nan": at(5, lambda m: last_force(m, math.nan)),
+    "nan-level": at(5, lambda m: setattr(m, "promise_level", math.nan)),
+    "breaks-promise": at(1, lambda m: last_force(m, 2.5)),
+    "next-bit": lambda stream, m: next_bit(m) if stream == "force" else None,
+    "by-the-cut": by_its_number,
+    "late": at(3, lambda m: time.sleep(30)),
+    "dies": at(3, lambda m: os._exit(3)),
+    "fault": at_the_end(lambda m: setattr(m, "fault", "out of force")),
+    "wrong-count": at_the_end(lambda m: setattr(m.count[0], "samples", 3)),
+    "no-count-of-events": at_the_end(lambda m: m.count.pop()),
+    "no-set-up": at_the_end(lambda m: m.ClearField("set_up")),
+    "other-scene": at_the_end(
+        lambda m: setattr(
+            m.set_up, "scene_toml", m.set_up.scene_toml.replace("kappa = 0.8", "kappa = 2.0")
+        )
+    ),
+    "other-stiffness": at_the_end(lambda m: setattr(m.set_up, "stiffness", 1.0)),
+    "no-role": at_the_end(lambda m: m.ClearField("role")),
+    "silent-about-fault": at_the_end(lambda m: m.ClearField("fault")),
+}
+
+
+class Broken(own.Controller):
+    """Breaks a rule in what it says."""
+
+    def __init__(self, say: Callable[[str, Any], None]) -> None:
+        def otherwise(stream: str, message: Any) -> None:
+            if rule == "no-end" and stream == "end/controller":
+                return
+            ALTERATIONS.get(rule, lambda stream, message: None)(stream, message)
+            if rule == "rubbish" and stream == "force" and message.sequence == 2:
+                message = Rubbish(message)
+            say(stream, message)
+
+        super().__init__(otherwise)
+
+
+class Rubbish:
+    """A message whose bytes are one of another type."""
+
+    def __init__(self, message: Any) -> None:
+        self._bytes = message.SerializeToString() + b"\x50\x01"  # field 10, a number
+
+    def SerializeToString(self) -> bytes:
+        return self._bytes
+
+
+if __name__ == "__main__":
+    rule = sys.argv.pop(1)
+    if rule == "stays":
+        own.sys.exit = lambda *_: time.sleep(60)
+    if rule == "hasty":  # it believes from the start that the recorder is there
+        own.set = lambda: {"recorder"}
+    if rule == "stranger":
+        own.hashlib = SimpleNamespace(
+            blake2b=lambda text, digest_size: hashlib.md5(text)
+        )  # an id that is none of its role's
+    own.Controller = Broken
+    own.main()
+    if rule == "exit-code":
+        sys.exit(4)
+    if rule == "runs-on":
+        time.sleep(60)

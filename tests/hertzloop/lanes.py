@@ -1,0 +1,101 @@
+"""Plant and controller in two threads, with the fast lane between them and queues for a bus."""
+
+import hashlib
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from bus.port import BusError, PeerLost
+from bus.streams import CONTROLLER, PLANT, STREAMS, SUBSCRIPTIONS, Envelope, StreamFault, decode
+from hertzloop.loop.controller_node import ControllerNode
+from hertzloop.loop.plant_node import LoopStats, PlantNode
+from hertzloop.scenes.scene import Scene
+
+
+class _Port:
+    """Port of one role; `heard` gets what a recorder would."""
+
+    def __init__(self, role: str, heard: list[Envelope]) -> None:
+        self.role, self.heard, self.other = role, heard, self
+        self.inbox: queue.SimpleQueue[Envelope] = queue.SimpleQueue()
+        self.alter: Callable[[Envelope], Envelope] = lambda envelope: envelope
+
+    def publish(self, envelope: Envelope) -> None:
+        self.heard.append(envelope)
+        if envelope.stream in SUBSCRIPTIONS[self.other.role]:
+            self.other.inbox.put(self.alter(envelope))
+
+    def receive(self, timeout_s: float, awaited: str) -> Envelope:
+        try:
+            return self.inbox.get(timeout=timeout_s)
+        except queue.Empty:
+            raise PeerLost(f"{self.role} waited {timeout_s:g} s for {awaited}") from None
+
+    def pending(self) -> bool:
+        return not self.inbox.empty()
+
+    def close(self) -> None:
+        pass
+
+
+@dataclass
+class Pair:
+    """A run of both; `fault` and `controller_fault` are what they said against it."""
+
+    scene: Scene
+    timeout_s: float = 5.0
+    horizon: int | None = None
+    fast_lane: bool = True
+    takes_lane: bool = True
+    heard: list[Envelope] = field(default_factory=list)
+    fault: str = ""
+    controller_fault: str = ""
+    stats: LoopStats | None = None
+
+    def __post_init__(self) -> None:
+        self.ports = {role: _Port(role, self.heard) for role in (PLANT, CONTROLLER)}
+        for role, other in ((PLANT, CONTROLLER), (CONTROLLER, PLANT)):
+            self.ports[role].other = self.ports[other]
+        self.plant = PlantNode(
+            self.scene, self.ports[PLANT], self.horizon, self.timeout_s, fast_lane=self.fast_lane
+        )
+        self.controller = ControllerNode(self.ports[CONTROLLER], fast_lane=self.takes_lane)
+
+    def _control(self) -> None:
+        try:
+            while not self.controller.done:
+                self.controller.work(self.timeout_s)
+        except (BusError, StreamFault) as error:
+            self.controller_fault = str(error)
+            self.controller.fail(str(error))
+
+    def run(self) -> "Pair":
+        """Run both to their ends."""
+        thread = threading.Thread(target=self._control)
+        thread.start()
+        try:
+            self.stats = self.plant.run()
+        except (BusError, StreamFault) as error:
+            self.fault = str(error)
+        thread.join(60)
+        assert not thread.is_alive()
+        return self
+
+    def samples(self) -> dict[str, str]:
+        """Digest of every compared array, joined over its blocks, and of the events."""
+        digests: dict[str, Any] = {}
+        for envelope in self.heard:
+            if not STREAMS[envelope.stream].compared:
+                continue
+            block = decode(envelope)
+            if not block.arrays:
+                name = envelope.stream
+                digests.setdefault(name, hashlib.sha256()).update(envelope.payload)
+            for name, values in block.arrays.items():
+                whole = f"{envelope.stream}.{name}"
+                digests.setdefault(whole, hashlib.sha256()).update(np.asarray(values).tobytes())
+        return {name: digest.hexdigest() for name, digest in digests.items()}

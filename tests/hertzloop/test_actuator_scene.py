@@ -1,0 +1,194 @@
+"""The actuator as a scene's table: what it costs the law, what is refused, what is printed."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hertzloop import assembly as parts
+from hertzloop.commands.cli import app
+from hertzloop.loop.compiled import simulate
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.deflection import deflection
+from hertzloop.results.figures import figures_of, rows_of
+from hertzloop.results.impact_rows import F_A, F_A1, XI_P, consistent_impacts
+from hertzloop.results.verify import verify
+from hertzloop.scenes.scene import SceneError, load
+from recordings.reader import read
+
+EARLY = ["run.duration_s=0.0013", "controller.v_thr_m_s=-0.6"]
+
+
+def plate_energy_db(latency_us: int, *settings: str) -> float:
+    latency = f"controller.latency_us={latency_us}"
+    return figures_of_case(load("aluminium-3mm", [*EARLY, latency, *settings])).plate_energy_db
+
+
+def critical_us(*settings: str) -> float:
+    """Latency at which the plate energy crosses that without control, interpolated, us."""
+    before = plate_energy_db(0, *settings)
+    for latency in range(1, 9):
+        energy = plate_energy_db(latency, *settings)
+        if energy > 0.0:
+            return latency - energy / (energy - before)
+        before = energy
+    return float("inf")
+
+
+# Plate energy without latency (dB), critical latency (us): from an independent solver.
+@pytest.mark.parametrize(
+    ("setting", "energy_db", "latency_us"),
+    [
+        ("actuator.bandwidth_hz=1e6", -1.36, 2.83),
+        ("actuator.bandwidth_hz=3e5", -1.06, 2.32),
+        ("actuator.bandwidth_hz=1e5", -0.33, 0.81),
+        ("actuator.mass_kg=5e-4", -1.01, 2.06),
+        ("actuator.mass_kg=3e-3", -2.94, 6.81),
+    ],
+)
+def test_bandwidth_and_mass_cost_the_law_its_latency(
+    setting: str, energy_db: float, latency_us: float
+) -> None:
+    assert plate_energy_db(0, setting) == pytest.approx(energy_db, abs=0.02)
+    assert critical_us(setting) == pytest.approx(latency_us, abs=0.03)
+
+
+# Rebound (m/s) and work on plate and mass (uJ) without law: from an independent solver.
+@pytest.mark.parametrize(
+    ("mass_kg", "rebound_m_s", "work_uj"),
+    [(1e-4, 0.5571, 295.8), (1e-3, 0.5767, 286.0), (1e-2, 0.8534, 111.5)],
+)
+def test_a_mass_on_the_struck_point(mass_kg: float, rebound_m_s: float, work_uj: float) -> None:
+    settings = ["run.duration_s=0.0013", "controller.law=off", f"actuator.mass_kg={mass_kg}"]
+    scene = load("aluminium-3mm", settings)
+    (impact,) = consistent_impacts(scene, simulate(scene).rows)
+    assert impact.rebound_speed_m_s == pytest.approx(rebound_m_s, rel=1e-3)
+    assert 1e6 * impact.plate_energy_j == pytest.approx(work_uj, rel=2e-3)
+
+
+def test_a_slow_actuator_never_helps() -> None:
+    assert plate_energy_db(0, "actuator.bandwidth_hz=5e4") == pytest.approx(0.49, abs=0.02)
+
+
+@pytest.mark.parametrize("name", ["aluminium-3mm", "offcentre-6mm"])
+@pytest.mark.parametrize("mass", [[], ["actuator.mass_kg=2e-3"]])
+def test_work_on_the_plate_by_rows_is_what_the_books_say(name: str, mass: list[str]) -> None:
+    settings = ["run.duration_s=0.0016", "actuator.bandwidth_hz=1e5", *mass]
+    scene = load(name, settings)
+    run = simulate(scene)
+    assert np.any(run.rows[F_A1])
+    work = sum(i.plate_energy_j for i in consistent_impacts(scene, run.rows))
+    books = run.books
+    taken = books.modal_j + books.modal_dissipated_j + books.tail_dissipated_j
+    assert work == pytest.approx(taken, rel=2e-4)
+
+
+def test_the_recording_holds_the_force_and_the_command(tmp_path: Path) -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.0013", "actuator.force_limit_n=12"])
+    record_in_process(scene, tmp_path / "a.mcap", compiled=True)
+    recording = read(tmp_path / "a.mcap")
+    assert recording.force.arrays["force_n"].max() > 40.0
+    assert recording.truth.arrays["f_a_n"].max() == 12.0
+    assert "f_a1_n" not in recording.truth.arrays
+    scene = load("aluminium-3mm", ["run.duration_s=0.0013", "actuator.bandwidth_hz=1e5"])
+    record_in_process(scene, tmp_path / "b.mcap", compiled=True)
+    recording = read(tmp_path / "b.mcap")
+    assert np.array_equal(rows_of(recording)[F_A1], simulate(scene).rows[F_A1])
+
+
+def test_demand_of_the_ideal_law() -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.0013"])
+    asked = figures_of(scene, simulate(scene).rows)["demand"]
+    assert asked is not None
+    assert 65.0 < asked["force_n"] < 75.0
+    assert 5.0 < asked["power_w"] < 15.0
+    assert asked["slew_n_s"] == pytest.approx(8.4e6, rel=0.05)
+    assert asked["delay_s"] == 0.0
+    off = load("aluminium-3mm", ["run.duration_s=0.0013", "controller.law=off"])
+    assert figures_of(off, simulate(off).rows)["demand"] is None
+
+
+def test_run_and_inspect_print_the_demand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    settings = ["run.duration_s=0.0013", "actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3"]
+    arguments = [text for setting in settings for text in ("--set", setting)]
+    run = CliRunner().invoke(
+        app, ["run", "--transport", "compiled", "--out", "a.mcap", "--json", "a.json", *arguments]
+    )
+    assert run.exit_code == 0, run.output
+    assert "its bandwidth adds 2.23" in run.output
+    inspected = CliRunner().invoke(app, ["inspect", "a.mcap", "--json", "b.json"])
+    assert inspected.exit_code == 0, inspected.output
+    assert "Demand on the actuator" in inspected.output
+    asked = [json.loads((tmp_path / name).read_text())["demand"] for name in ("a.json", "b.json")]
+    assert asked[0] == asked[1]
+    assert asked[0]["force_n"] > 10.0
+
+
+def test_verify_gives_the_actuator_the_same_commands() -> None:
+    scene = load("aluminium-3mm", [*EARLY, "actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3"])
+    run = simulate(scene)
+    found = verify(scene, run.rows)
+    assert found is not None
+    assert found.largest < 1e-3
+
+
+def test_replay_shows_the_plate_under_the_mass(tmp_path: Path) -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.0016", "actuator.mass_kg=3e-3"])
+    record_in_process(scene, tmp_path / "a.mcap", compiled=True)
+    recording = read(tmp_path / "a.mcap")
+    bare = load("aluminium-3mm", ["run.duration_s=0.0016"])
+    plate, light = (deflection(what, recording) for what in (scene, bare))
+    i, j = plate.contact_node
+    recorded = rows_of(recording)[XI_P, plate.times_ns // 1000]
+    # The modes left out are a spring between plate and mass, of which the replay knows nothing.
+    wrong, forgotten = (abs(p.w_m[:, i, j] - recorded).max() for p in (plate, light))
+    assert wrong < 4e-2 * abs(recorded).max()
+    assert forgotten > 0.3 * abs(recorded).max()
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["run.scheme=discrete_gradient", "actuator.mass_kg=0.001"], "scheme = 'modal' only"),
+        (["run.plate_model=infinite", "actuator.bandwidth_hz=1e5"], "plate_model 'auto'"),
+        (["actuator.bandwidth_hz=0"], "actuator.bandwidth_hz = 0 will not do"),
+        (["actuator.mass_kg=-1"], "actuator.mass_kg = -1 will not do"),
+        (["actuator.stroke_m=1"], "actuator.stroke_m is no scene key"),
+    ],
+)
+def test_what_is_refused(settings: list[str], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        load("aluminium-3mm", settings)
+
+
+def test_an_actuator_keeps_the_modes() -> None:
+    short = ["run.duration_s=0.0011"]
+    assert parts.plate_model(load("aluminium-3mm", short)) == "infinite"
+    real = load("aluminium-3mm", [*short, "actuator.bandwidth_hz=1e5"])
+    assert parts.plate_model(real) == "modal"
+    assert np.any(simulate(real).rows[F_A] != 0.0)
+
+
+def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path: Path) -> None:
+    rows = [f"{20000 + 8000 * i},{0.01 * (i + 1)},0.01,1.0" for i in range(12)]
+    header = (
+        "# residual_flexibility_m_n = 1e-9\nfrequency_hz,loss_factor,modal_mass_kg,shape_contact"
+    )
+    (tmp_path / "m.csv").write_text("\n".join(["# residual_flexibility_m_n = 1e-9", header, *rows]))
+    scene = load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", "actuator.mass_kg=0.001"])
+    with pytest.raises(SceneError, match=r"actuator\.mass_kg = 0\.001 needs one loss factor"):
+        parts.plant(scene)
+
+
+def test_a_mass_on_a_plate_that_moves_freely_is_refused() -> None:
+    scene = load("aluminium-3mm", ["plate.edges=ffff", "actuator.mass_kg=0.001"])
+    with pytest.raises(SceneError, match=r"does not fit a plate that moves freely"):
+        parts.plant(scene)
+
+
+def test_a_mass_of_nothing_is_none() -> None:
+    assert load("aluminium-3mm", ["actuator.mass_kg=0"]) == load("aluminium-3mm")

@@ -1,0 +1,71 @@
+"""Impacts as a vector environment: the bytes of runs with the same law, many at a time."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hertzloop.loop.compiled import simulate
+from hertzloop.scenes.scene import SceneError
+from tests.hertzloop.elsewhere import SHORT, needs_cc, scene_of
+
+pytest.importorskip("gymnasium")
+
+from hertzloop.elsewhere.environment import Impacts
+
+pytestmark = [needs_cc, pytest.mark.usefixtures("warm_kernels")]
+# A gain by a power of two, so that scaling a sample and a force costs no bit.
+LAW = """
+def command(p, s, samples, i):
+    return 64.0 * min(max(-samples[i] * 131072.0, 0.0), 1.0)
+"""
+
+
+@pytest.mark.parametrize("latency_us", [0, 3])
+def test_it_is_the_run_with_the_same_law(tmp_path: Path, latency_us: int) -> None:
+    (tmp_path / "mine.py").write_text(LAW)
+    scene = scene_of((*SHORT, f"controller.law={tmp_path / 'mine.py'}",
+                      f"controller.latency_us={latency_us}"))  # fmt: skip
+    loop = simulate(scene)
+    impacts = Impacts(scene, 3, limit_n=64.0, scale=2.0**-17)
+    seen, _ = impacts.reset(seed=4)
+    gaps, forces, over = [], [], np.zeros(3, bool)
+    while not over.any():
+        first = int(impacts.batch.values["step"][0])
+        gaps.append((first, impacts.batch.values["sample"].copy()))
+        seen, reward, over, truncated, _ = impacts.step(np.clip(-seen[:, :1], 0.0, 1.0))
+        forces.append(impacts.batch.values["actuator_force_n"].copy())
+        assert not truncated.any()
+    begin = gaps[0][0]
+    ours = np.array([gap for _, gap in gaps])
+    assert ours.min() < 0.0
+    for i in range(3):
+        assert ours[:, i].tobytes() == loop.values[begin : begin + len(ours)].tobytes()
+        assert np.array(forces)[:, i].tobytes() == loop.rows[5, begin : begin + len(ours)].tobytes()
+    assert np.max(forces) > 10.0
+    assert over.all()
+    assert (reward < -0.01).all()
+    assert (reward > -1.5).all()
+    impacts.close()
+
+
+def test_what_is_over_begins_anew_and_seeds_differ() -> None:
+    scene = scene_of((*SHORT, "run.touch_phase=random"))
+    impacts = Impacts(scene, 4)
+    assert impacts.reset(seed=7)[0].tobytes() == impacts.reset(seed=7)[0].tobytes()
+    seen, _ = impacts.reset(seed=7)
+    assert impacts.observation_space.contains(seen)
+    assert len(set(seen[:, 0])) == 4
+    ended = 0
+    for _ in range(200):
+        seen, reward, terminated, _, _ = impacts.step(np.zeros((4, 1)))
+        assert ((reward < 0.0) == terminated).all()
+        ended += int(terminated.sum())
+    assert ended >= 8  # each of them twice
+    impacts.close()
+
+
+def test_another_quantity_needs_a_scale() -> None:
+    scene = scene_of((*SHORT, "sensors.quantity=v_p", "controller.law=velocity_feedback"))
+    with pytest.raises(SceneError, match=r"sensors\.quantity = 'v_p' needs a scale"):
+        Impacts(scene, 1)

@@ -1,0 +1,157 @@
+"""The documented examples of what is struck, from an empty folder, and sweeps over all of it."""
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hertzloop.assembly import plant_spec
+from hertzloop.results.deflection import deflection
+from hertzloop.results.figures import rows_of
+from hertzloop.results.impact_rows import modal_displacement
+from hertzloop.scenes.scene import load, parse
+from plant.structures.plate import oscillators
+from recordings.reader import read
+from studies.sweeps.sweep import read_results
+
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+
+
+def command(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "hertzloop", *words],
+        cwd=folder, capture_output=True, text=True, timeout=280, check=False,
+    )  # fmt: skip
+
+
+def copied(folder: Path, *names: str) -> None:
+    for name in names:
+        shutil.copy(EXAMPLES / name, folder)
+    for script in (name for name in names if name.endswith(".py")):
+        subprocess.run([sys.executable, script], cwd=folder, check=True, timeout=280)
+
+
+@pytest.mark.parametrize(
+    ("scene", "files", "struck"),
+    [
+        ("clamped_titanium.toml", ["my_materials.toml"], "a plate with clamped edges"),
+        ("beam.toml", ["beam_modes.py"], "the modes of beam.csv"),
+        ("l_shaped.toml", ["l_shaped_modes.py"], "the modes of l_shaped.npz"),
+    ],
+)
+def test_example(tmp_path: Path, scene: str, files: list[str], struck: str) -> None:
+    copied(tmp_path, scene, *files)
+    ran = command(tmp_path, "run", scene, "--json", "report.json")
+    assert ran.returncode == 0, ran.stderr
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["struck"]["name"] == struck
+    assert abs(report["residuals"]["energy"]) < 1e-10
+    assert abs(report["residuals"]["momentum"]) < 1e-12
+    assert report["impacts"][0]["peak_force_n"] > 10.0
+    assert "not defined" in ran.stdout
+    # Rows cannot tell the modes' displacement from that of a damped mode left out, only a spring's.
+    ran = command(tmp_path, "run", scene, "--set", "plate.tail=spring", "--out", "spring.mcap")
+    assert ran.returncode == 0, ran.stderr
+    # Alone with its recording.
+    recording = shutil.copy(tmp_path / "spring.mcap", tmp_path / "moved.mcap")
+    for file in tmp_path.iterdir():
+        if file.name != "moved.mcap":
+            file.unlink()
+    assert command(tmp_path, "inspect", "moved.mcap").returncode == 0
+    saved = command(tmp_path, "replay", "moved.mcap", "--save", "moved.rrd")
+    assert saved.returncode == 0, saved.stderr
+    # The contact's node moves as recorded where the shapes are known.
+    found = read(Path(recording))
+    again = parse(found.scene_toml)
+    drawn = deflection(again, found)
+    if scene == "beam.toml":
+        assert not drawn.w_m.any()
+        return
+    moved = modal_displacement(plant_spec(again), rows_of(found))
+    moved = moved[drawn.times_ns // found.truth.step_ns]
+    i, j = drawn.contact_node
+    tolerance = 1e-9 if scene == "clamped_titanium.toml" else 1e-6
+    assert abs(drawn.w_m[:, i, j] - moved).max() < tolerance * abs(moved).max()
+
+
+def test_the_beam_of_the_example_is_as_soft_as_a_beam(tmp_path: Path) -> None:
+    copied(tmp_path, "beam.toml", "beam_modes.py")
+    spec = plant_spec(load(str(tmp_path / "beam.toml")))
+    limit = 2.0 * np.pi * spec.frequency_limit_hz
+    found = oscillators(spec.plate, spec.contact_point_m, spec.actuator_point_m, limit)
+    softness = found.scale_per_kg * np.sum((found.contact / found.omega) ** 2)
+    softness += spec.plate.residual_flexibility_m_n(limit)
+    bending = 210e9 * 0.04 * 0.01**3 / 12.0
+    assert softness == pytest.approx((0.31 * 0.49) ** 2 / (3.0 * bending * 0.8), rel=1e-12)
+    assert not spec.same_point
+
+
+def test_modes_of_a_scene_run_again(tmp_path: Path) -> None:
+    short = ["--set", "run.duration_s=0.003", "--transport", "compiled"]
+    edges = ["--set", "plate.edges=cfsc", "--set", "run.accuracy=0.1"]
+    for file in ("modes.npz", "modes.csv"):
+        grid = ["--grid"] * file.endswith(".npz")
+        wrote = command(tmp_path, "modes", "aluminium-3mm", *edges, "-o", file, *grid)
+        assert wrote.returncode == 0, wrote.stderr
+    ran = command(tmp_path, "run", "aluminium-3mm", *edges, *short, "--out", "plate.mcap")
+    assert ran.returncode == 0, ran.stderr
+    for file in ("modes.npz", "modes.csv"):
+        by = ["--set", f"plate.modes={file}", "--out", "file.mcap", "--overwrite"]
+        ran = command(tmp_path, "run", "aluminium-3mm", *by, *short)
+        assert ran.returncode == 0, ran.stderr
+        compared = command(tmp_path, "compare", "plate.mcap", "file.mcap")
+        assert compared.returncode == 0, compared.stdout
+    assert command(tmp_path, "modes", "-o", "modes.txt").returncode == 2
+    assert command(tmp_path, "modes", "-o", "modes.csv").returncode == 2  # is there
+    refused = command(tmp_path, "modes", "-o", "other.csv", "--grid")
+    assert (refused.returncode, "take an .npz" in refused.stderr) == (2, True)
+
+
+def test_a_wrong_file_ends_the_command_with_a_sentence(tmp_path: Path) -> None:
+    copied(tmp_path, "beam.toml", "beam_modes.py")
+    lines = (tmp_path / "beam.csv").read_text().splitlines()
+    cells = [line.split(",") for line in lines[2:]]
+    kilohertz = [",".join([repr(float(row[0]) / 1e3), *row[1:]]) for row in cells]
+    for rows, words in (
+        (kilohertz, "too low for an impact"),
+        ([*lines[3:], lines[2]], "frequencies must rise"),
+        ([lines[2].replace(cells[0][2], "0"), *lines[3:]], "modal_mass_kg of mode 1 is 0"),
+    ):
+        (tmp_path / "beam.csv").write_text("\n".join([*lines[:2], *rows]))
+        ran = command(tmp_path, "run", "beam.toml", "--out", "wrong.mcap")
+        assert ran.returncode == 2
+        assert words in " ".join(ran.stderr.split())
+        assert not (tmp_path / "wrong.mcap").exists()
+
+
+def test_a_sweep_over_edges_materials_and_files_of_modes(tmp_path: Path) -> None:
+    quick = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.003", "--workers", "1"]
+    by_edges = ["--over", "plate.edges=ssss,cccc,ffff", "--over", "plate.material=titanium,glass"]
+    swept = command(tmp_path, "sweep", *by_edges, *quick, "-o", "edges.csv")
+    assert swept.returncode == 0, swept.stderr
+    rows = read_results(tmp_path / "edges.csv")[0]
+    assert [(row["plate.edges"], row["plate.material"]) for row in rows][:2] == [
+        ("ssss", "titanium"), ("ssss", "glass"),
+    ]  # fmt: skip
+    assert len({row["digest"] for row in rows}) == 6
+    by_number = ["--over", "plate.material.young_pa=60e9:80e9:10e9"]
+    swept = command(tmp_path, "sweep", *by_number, *quick, "-o", "young.parquet")
+    assert swept.returncode == 0, swept.stderr
+    contacts = [row["contact_us"] for row in read_results(tmp_path / "young.parquet")[0]]
+    assert contacts == sorted(contacts, reverse=True)
+    for edges in ("ssss", "cccc"):
+        settings = ["--set", f"plate.edges={edges}", *quick[:2]]
+        wrote = command(tmp_path, "modes", *settings, "-o", f"{edges}.csv")
+        assert wrote.returncode == 0, wrote.stderr
+    swept = command(
+        tmp_path, "sweep", "--over", "plate.modes=ssss.csv,cccc.csv", *quick, "-o", "m.csv"
+    )
+    assert swept.returncode == 0, swept.stderr
+    by_file = read_results(tmp_path / "m.csv")[0]
+    assert by_file[0]["digest"] != by_file[1]["digest"]
+    checked = command(tmp_path, "check", "m.csv", "--cases", "2", "--transport", "inprocess")
+    assert checked.returncode == 0, checked.stdout + checked.stderr

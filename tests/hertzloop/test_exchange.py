@@ -1,0 +1,96 @@
+"""The lock-step under any delays: the same bytes."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bus.messages_pb2 import ForceBlock
+from bus.port import Port, Publisher
+from bus.streams import Checker, Envelope
+from hertzloop.loop.controller_node import ControllerNode, set_up_by
+from hertzloop.scenes.scene import parse
+from tests.hertzloop.exchange import exchange
+from tests.hertzloop.short_runs import SCENES, scene
+
+pytestmark = pytest.mark.usefixtures("short_blocks")
+
+SEEDS = 60  # of every scene
+
+
+@cache
+def expected(name: str) -> dict[str, str]:
+    return exchange(scene(name), 0, horizon=1).heard.samples()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_same_bytes_under_any_delays(name: str) -> None:
+    ways = set()
+    for seed in range(SEEDS):
+        links = exchange(scene(name), seed, **way(seed))
+        assert links.heard.samples() == expected(name), f"seed {seed}"
+        assert not links.fault
+        assert not links.recorder_fault
+        ways.add(tuple(links.heard.order))
+    assert len(ways) > SEEDS * 0.9  # hardly two of them alike
+
+
+def way(seed: int) -> dict[str, Any]:
+    """Horizon and looking ahead of a schedule: half of them with what is usual."""
+    draw = np.random.default_rng([seed, 1])
+    return {
+        "horizon": None if seed % 2 else int(draw.integers(10, 500)),
+        "controller": lambda port: ControllerNode(port, look_ahead=seed % 4 < 3),
+    }
+
+
+class Hesitant:
+    """An honest controller whose level rises: it pushes late by the scene's latency for every
+    sample at or below zero, after the first of them for every one up to NEAR_M."""
+
+    NEAR_M = 3e-5
+
+    def __init__(self, port: Port) -> None:
+        self.port, self.done = port, False
+        self.checker = Checker(role="controller")
+
+    def handle(self, envelope: Envelope) -> None:
+        block = self.checker.accept(envelope)
+        if envelope.stream == "hello":
+            self.scene, self.hello = parse(block.header.scene_toml), block.header
+            self.late = 1 + self.scene.in_steps(self.scene.controller.latency_us)
+            self.publisher = Publisher(self.port, block.header.run_id)
+            self.forces, self.level, self.seen, self.said = np.zeros(self.scene.steps), 0.0, 0, 0
+        elif envelope.stream == "daq":
+            self._answer(block.arrays["value"])
+        elif envelope.stream == "end/plant":
+            self.done = True
+
+    def _answer(self, values: np.ndarray) -> None:
+        for value in values:
+            if value <= self.level:
+                self.forces[self.seen + self.late : self.seen + self.late + 1] = 1.0
+                self.level = self.NEAR_M
+            self.seen += 1
+        end = min(self.seen + self.late, self.scene.steps)
+        header = ForceBlock(
+            first_step=self.said, step_ns=1000, samples_seen=self.seen,
+            promise_zero=True, promise_level=self.level,
+        )  # fmt: skip
+        self.publisher.send("force", header, {"force_n": self.forces[self.said : end]})
+        self.said = end
+        if self.seen == self.scene.steps:
+            self.publisher.end(set_up=set_up_by(self.scene, self.hello.stiffness))
+
+    def fail(self, sentence: str) -> None:
+        raise AssertionError(sentence)
+
+
+def test_a_level_that_changes_is_believed_once_all_samples_were_seen() -> None:
+    found = [
+        exchange(scene("rising"), seed, controller=Hesitant, horizon=None if seed else 1)
+        for seed in range(SEEDS)
+    ]
+    for seed, links in enumerate(found):
+        assert links.heard.samples() == found[0].heard.samples(), f"seed {seed}"

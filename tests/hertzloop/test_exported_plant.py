@@ -1,0 +1,205 @@
+"""The plant as a C library: the bytes of the compiled loop, without Python."""
+
+import ctypes
+import math
+import re
+import subprocess
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hertzloop import assembly as parts
+from hertzloop.commands.cli import app
+from hertzloop.elsewhere import image as images
+from hertzloop.elsewhere.driven import build, drive
+from hertzloop.elsewhere.library import EXAMPLE
+from hertzloop.loop.compiled import rows_under, simulate
+from studies.cost.exported import same_bytes
+from tests.hertzloop.elsewhere import NOISY, SHORT, InC, exported, needs_cc, scene_of
+
+pytestmark = [needs_cc, pytest.mark.usefixtures("warm_kernels")]
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return exported(tmp_path_factory.mktemp("short"), scene_of(SHORT))
+
+
+@pytest.fixture(scope="module")
+def noisy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return exported(tmp_path_factory.mktemp("noisy"), scene_of(NOISY))
+
+
+@pytest.fixture
+def plant(short: Path) -> Iterator[InC]:
+    plant = InC(short / "libhertzloop_plant.so")
+    yield plant
+    plant.c.hertzloop_plant_free(plant.plant)
+
+
+@pytest.mark.parametrize("name", ["short", "noisy"])
+def test_a_program_in_c_gets_the_bytes_of_the_loop(
+    name: str, request: pytest.FixtureRequest
+) -> None:
+    loop = simulate(scene_of(SHORT if name == "short" else NOISY))
+    assert np.max(loop.forces) > 1.0  # the law acted
+    driven = drive(build(request.getfixturevalue(name)), loop.forces)
+    assert same_bytes(loop, driven)
+    books = loop.books
+    for what in ("kinetic_j", "gravity_j", "modal_j", "contact_j", "injected_j",
+                 "modal_dissipated_j", "contact_dissipated_j"):  # fmt: skip
+        assert driven.energies[what] == getattr(books, what), what
+    assert driven.energies["residual"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_one_bit_of_difference_is_seen(short: Path) -> None:
+    loop = simulate(scene_of(SHORT))
+    forces = loop.forces.copy()
+    pushed = np.flatnonzero(forces)[0]
+    forces[pushed] = np.nextafter(forces[pushed], math.inf)
+    assert not same_bytes(loop, drive(build(short), forces))
+
+
+def test_the_library_needs_libc_and_libm_only(short: Path) -> None:
+    library = short / "libhertzloop_plant.so"
+    needed = subprocess.run(["ldd", library], capture_output=True, text=True, check=True).stdout
+    names = {line.split()[0].split("/")[-1].split(".")[0] for line in needed.splitlines()}
+    assert names <= {"linux-vdso", "libm", "libc", "ld-linux-x86-64"}
+    seen = subprocess.run(["nm", "-D", library], capture_output=True, text=True, check=True).stdout
+    given = re.findall(r" T (\w+)", seen)
+    assert given
+    assert all(name.startswith("hertzloop_plant_") for name in given)
+    assert not re.search(r"\bU _?(Py|NRT|numba)", seen)
+    assert library.stat().st_size - len(images.image(scene_of(SHORT)).data) < 300_000
+
+
+def test_the_example_runs(short: Path) -> None:
+    assert len(EXAMPLE.read_text().splitlines()) <= 40
+    program = build(short, short / "main.c")
+    said = subprocess.run([program], capture_output=True, text=True, check=True, env={}).stdout
+    assert re.fullmatch(r"aluminium-3mm: .* contact force at most \d+\.\d+ N, .*\n", said)
+
+
+def test_a_state_is_come_back_to(plant: InC) -> None:
+    while plant.values()["gap_m"] >= 0.0:
+        assert plant.step(1.0) == 0
+    before, kept, forces = plant.values(), plant.state(), np.linspace(0.0, 5.0, 500)
+    once = plant.run(forces)
+    assert once[-1]["gap_m"] > 0.0  # the contact is over
+    assert plant.set_state(kept) == 0
+    assert plant.values() == before
+    assert plant.run(forces).tobytes() == once.tobytes()
+
+
+def test_energies_leave_the_plant_as_it_is(plant: InC) -> None:
+    plant.run(np.full(700, 1.0))
+    kept, energies = plant.state(), (ctypes.c_double * 11)()
+    plant.c.hertzloop_plant_energies(plant.plant, energies)
+    assert plant.state() == kept
+    assert energies[0] > 0.0
+
+
+def test_it_starts_anew_from_another_height(plant: InC) -> None:
+    """The model stays that of the scene; the sphere falls from elsewhere."""
+    scene = scene_of(SHORT)
+    start = plant.run(np.zeros(1000))
+    spec = parts.plant_spec(scene)
+    higher = replace(spec, sphere=replace(spec.sphere, drop_height_m=0.2))
+    rows = rows_under(parts.plant_of(higher, scene), np.zeros(1000))
+    assert plant.reset(0.2, 5) == 0
+    assert plant.run(np.zeros(1000))["contact_force_n"].tobytes() == rows[4].tobytes()
+    assert plant.reset(scene.sphere.drop_height_m, scene.run.seed) == 0
+    assert plant.run(np.zeros(1000)).tobytes() == start.tobytes()
+
+
+def test_another_seed_is_that_of_another_run(noisy: Path) -> None:
+    plant = InC(noisy / "libhertzloop_plant.so")
+    loop = simulate(scene_of((*NOISY, "run.seed=123456789012")))
+    kept = plant.state()
+    assert plant.reset(plant.about.drop_height_m, 123456789012) == 0
+    seen = plant.run(loop.forces)
+    assert seen["sample"][1:-1:2].tobytes() == loop.values[1:].tobytes()
+    assert plant.set_state(kept) == 0  # with the noise of its seed
+    assert plant.run(loop.forces)["sample"][1] == simulate(scene_of(NOISY)).values[1]
+    plant.c.hertzloop_plant_free(plant.plant)
+
+
+@pytest.mark.parametrize(
+    ("call", "status", "sentence"),
+    [
+        (lambda p: p.step(math.nan), 1, "the command is nan; a force is a number"),
+        (lambda p: p.step(0.0, -1), 1, "-1 steps are asked for; time runs on"),
+        (lambda p: p.step(0.0, 2001), 2, "the exported run ends at 0.002 s; export a scene with a "
+         "longer run.duration_s"),
+        (lambda p: p.reset(0.0, 1), 1, "a drop height is 1e-7 to 100 m, not 0"),
+        (lambda p: p.reset(0.1, -3), 1, "a seed is 0 or more, not -3"),
+        (lambda p: p.set_state(bytes(p.about.state_bytes)), 1,
+         "the state is not one of this plant"),
+    ],
+)  # fmt: skip
+def test_bad_use_is_said_and_changes_nothing(plant, call, status, sentence) -> None:
+    plant.run(np.full(700, 2.0))
+    kept = plant.state()
+    assert call(plant) == status
+    assert plant.said() == sentence
+    assert plant.state() == kept
+
+
+def test_a_processor_without_the_instructions_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(images, "needed", lambda cpu: ["avx5124fmaps", "sse3"])
+    library = exported(tmp_path, scene_of(SHORT)) / "libhertzloop_plant.so"
+    plant = InC(library)
+    assert not plant.plant
+    assert plant.c.hertzloop_plant_refused().decode() == (
+        "this plant was exported for host and its code needs avx5124fmaps, which this processor "
+        "does not have; export it with --cpu x86-64"
+    )
+
+
+def call(*words: str) -> tuple[int, str]:
+    done = CliRunner().invoke(app, ["export-plant", *words], env={"COLUMNS": "200"})
+    return done.exit_code, " ".join(done.output.split())
+
+
+def test_the_command_writes_a_library(tmp_path: Path, short: Path) -> None:
+    out = tmp_path / "plant.so"
+    settings = [word for key in SHORT for word in ("--set", key)]
+    status, said = call("aluminium-3mm", *settings, "-o", str(out), "--cpu", "host")
+    assert status == 0, said
+    assert said.startswith(f"written: {out}, for host, ")
+    assert out.read_bytes() == (short / "libhertzloop_plant.so").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["aluminium-3mm", "-o", "plant.dll"], "plant.dll does not end in"),
+        (["aluminium-3mm", "-o", "no/plant.so"], "the folder no does not exist"),
+        (["aluminium-3mm", "-o", "there.so"], "there.so exists; choose another name with --out"),
+        (["aluminium-3mm", "-o", "full"], "the folder full is not empty; choose another"),
+        (["thesis-aluminium", "-o", "plant.so"], "run.scheme = 'thesis2008' cannot be exported"),
+        (["no-scene", "-o", "plant.so"], "there is no scene 'no-scene'"),
+    ],
+)
+def test_bad_input_ends_with_a_sentence(words, sentence, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there.so").touch()
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "a").touch()
+    status, said = call(*words)
+    assert status == 2
+    assert sentence in said
+    assert not (tmp_path / "plant.so").exists()
+
+
+def test_without_a_compiler_it_says_so(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    status, said = call("aluminium-3mm", "-o", str(tmp_path / "plant.so"), "--cpu", "host")
+    assert status == 2
+    assert "there is no C compiler `cc` here" in said

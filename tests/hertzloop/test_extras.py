@@ -1,0 +1,59 @@
+"""Packages that only some commands need: without them the rest works, and a sentence says how."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+def without(packages: str, *words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run a command, or an import, where packages, apart by spaces, are not installed."""
+    code = f"import sys; sys.modules |= dict.fromkeys({packages.split()!r}); "
+    code += f"sys.argv = ['hertzloop', *{words!r}]; "
+    what = (
+        "from hertzloop.__main__ import main; main()"
+        if words
+        else "import hertzloop; hertzloop.load"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", code + what], cwd=cwd, capture_output=True, text=True, timeout=120
+    )
+
+
+@pytest.mark.parametrize(
+    ("package", "extra", "words"),
+    [
+        ("pymoo", "tune", ("tune", "aluminium-3mm")),
+        ("matplotlib", "charts", ("chart", "stability", "-o", "charts")),
+    ],
+)
+def test_a_missing_package_is_named(
+    package: str, extra: str, words: tuple[str, ...], tmp_path: Path
+) -> None:
+    done = without(package, *words, cwd=tmp_path)
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
+    assert f"needs {package}" in done.stderr
+    assert f"pip install 'hertzloop[{extra}]'" in done.stderr
+
+
+def test_all_that_tune_needs_is_named_at_once(tmp_path: Path) -> None:
+    done = without("matplotlib pymoo", "tune", "aluminium-3mm", cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert " ".join(done.stderr.split()) == (
+        "error: this needs matplotlib and pymoo, which are not installed: "
+        "pip install 'hertzloop[charts,tune]'"
+    )
+
+
+def test_the_python_interface_names_it_too(tmp_path: Path) -> None:
+    done = without("xarray", cwd=tmp_path)
+    assert done.stderr.splitlines()[-1] == (
+        "ImportError: this needs xarray, which is not installed: pip install 'hertzloop[python]'"
+    )
+
+
+@pytest.mark.parametrize("package", ["pymoo", "matplotlib", "xarray", "distributed"])
+def test_a_scene_is_read_without_it(package: str, tmp_path: Path) -> None:
+    done = without(package, "modes", "aluminium-3mm", "-o", "modes.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr

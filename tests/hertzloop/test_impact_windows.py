@@ -1,0 +1,71 @@
+"""Figures of impacts from rows that come in blocks: the same however they are cut."""
+
+from collections.abc import Iterator
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+from hertzloop.loop.compiled import simulate
+from hertzloop.results import impact_windows
+from hertzloop.results.impact_rows import Block, RowsOfImpact, impacts_of_blocks, impacts_of_rows
+from hertzloop.scenes.scene import load
+
+SCENES = {
+    "bouncing": ("aluminium-3mm", ["run.duration_s=0.12", "controller.law='off'"]),
+    "elsewhere": ("offcentre-6mm", ["run.duration_s=0.02"]),
+    "published": ("thesis-aluminium", []),
+    "always driven": (
+        "aluminium-3mm",
+        ["run.duration_s=0.02", "controller.law='velocity_feedback'", "controller.kappa=0.01"],
+    ),
+}
+
+
+def in_blocks(rows: np.ndarray, size: int) -> Iterator[Block]:
+    for first in range(0, rows.shape[1], size):
+        yield first, rows[:, first : first + size]
+
+
+def figures(found: list[RowsOfImpact]) -> list[dict[str, float]]:
+    return [asdict(one.impact) | asdict(one.noise) for one in found]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_blocks_do_not_count(name: str) -> None:
+    scene = load(*SCENES[name])
+    rows = simulate(scene).rows
+    whole = impacts_of_rows(scene, rows)
+    assert whole
+    for size in (1, 7, 1000) if rows.shape[1] < 30_000 else (997,):
+        cut = list(impacts_of_blocks(scene, in_blocks(rows, size)))
+        assert figures(cut) == figures(whole)
+        assert [one.contact_n.tobytes() for one in cut] == [o.contact_n.tobytes() for o in whole]
+
+
+@pytest.mark.parametrize("name", [name for name in SCENES if name != "published"])
+@pytest.mark.parametrize("piece", [5, 64])
+def test_pieces_add_up(name: str, piece: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shorter than a contact or longer: sums in another order, nothing else."""
+    scene = load(*SCENES[name])
+    rows = simulate(scene).rows[:, :8000]
+    whole = impacts_of_rows(scene, rows)
+    monkeypatch.setattr(impact_windows, "PIECE", piece)
+    cut = list(impacts_of_blocks(scene, in_blocks(rows, 1000)))
+    assert [(one.start, one.end, one.ended) for one in cut] == [
+        (one.start, one.end, one.ended) for one in whole
+    ]
+    for one, other in zip(figures(cut), figures(whole), strict=True):
+        assert one == pytest.approx(other, rel=1e-9)
+
+
+def test_missing_steps_begin_anew() -> None:
+    """What is left of the second contact has its own time; the first one ends with its part."""
+    scene = load(*SCENES["bouncing"])
+    rows = simulate(scene).rows
+    first, second = impacts_of_rows(scene, rows)[:2]
+    hole = (first.start + 3, second.start + 2)
+    found = list(impacts_of_blocks(scene, [(0, rows[:, : hole[0]]), (hole[1], rows[:, hole[1] :])]))
+    assert [(one.start, one.ended) for one in found[:2]] == [(first.start, False), (hole[1], True)]
+    assert found[1].end == second.end
+    assert found[1].impact.rebound_speed_m_s == second.impact.rebound_speed_m_s

@@ -1,0 +1,116 @@
+"""The Python interface: the same numbers as the command line's parts, labelled; the notebook."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import nbformat
+import numpy as np
+import pytest
+from nbclient import NotebookClient
+
+import hertzloop
+from hertzloop.loop.compiled import simulate
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
+SHORT = {"run.duration_s": 0.0015, "controller.v_thr_m_s": -0.6}
+
+
+@pytest.fixture(scope="module")
+def scene() -> hertzloop.Scene:
+    return hertzloop.load("aluminium-3mm", SHORT)
+
+
+def test_a_run_in_memory_holds_the_loops_own_rows(scene: hertzloop.Scene) -> None:
+    run, rows = hertzloop.simulate(scene), simulate(scene).rows
+    assert run.truth["xi_m"].values.tobytes() == rows[0].tobytes()
+    assert run.truth["f_c_n"].attrs["units"] == "N"
+    assert "xi_a_m" not in run.truth
+    assert run.truth["time_s"].values[-1] == pytest.approx(0.0015 - 1e-6)
+    assert run.impacts[0].plate_energy_j < run.without_control().impacts[0].plate_energy_j
+    assert abs(run.energy_residual) < 1e-11
+
+
+@pytest.mark.parametrize("transport", ["zenoh", "inprocess", "compiled"])
+def test_every_transport_gives_the_same_run(
+    scene: hertzloop.Scene, tmp_path: Path, transport: "hertzloop.interface.TransportName"
+) -> None:
+    recorded = hertzloop.run(scene, tmp_path / "a.mcap", transport=transport)
+    memory = hertzloop.simulate(scene)
+    assert recorded.truth.identical(memory.truth)
+    assert recorded.samples.identical(memory.samples)
+    assert recorded.impacts == memory.impacts
+    assert recorded.noise == memory.noise
+    assert recorded.force is not None
+    np.testing.assert_array_equal(recorded.force.values, recorded.truth["f_a_n"].values)
+    again = hertzloop.read(tmp_path / "a.mcap")
+    assert again.truth.identical(recorded.truth)
+    assert "contact 1 began" in {event.message for event in again.events}
+
+
+def test_quantised_samples_come_as_values_in_units(tmp_path: Path) -> None:
+    scene = hertzloop.load("aluminium-3mm", {**SHORT, "sensors.bits": 8, "sensors.every_steps": 5})
+    memory = hertzloop.simulate(scene)
+    recorded = hertzloop.run(scene, transport="inprocess")
+    assert recorded.path is None
+    assert recorded.samples.identical(memory.samples)
+    assert memory.samples.attrs["units"] == "m"
+    assert memory.samples["time_s"].values[1] == pytest.approx(5e-6)
+
+
+def test_a_sweep_over_a_list_is_the_cases_of_single_runs(scene: hertzloop.Scene) -> None:
+    table = hertzloop.sweep(scene, {"controller.latency_us": np.arange(3)}, workers=1)
+    assert list(table["controller.latency_us"].values) == [0, 1, 2]
+    assert list(table["status"].values) == ["", "", ""]
+    late = hertzloop.sweep(scene, {"controller.latency_us": [2]}, workers=1)
+    assert late["digest"].values[0] == table["digest"].values[2]
+    spread = hertzloop.sweep(
+        scene, {"controller.kappa": "0.1:0.9"}, design="sobol", cases=4, workers=1
+    )
+    assert spread.sizes["case"] == 4
+
+
+def test_tuning_finds_no_worse_than_the_published_setting() -> None:
+    scene = hertzloop.load("aluminium-3mm", {"run.duration_s": 0.0016})
+    best = hertzloop.tune(
+        scene, ["slope_threshold"], minimise=["plate_energy_db"], generations=3, population=8,
+        workers=1,
+    )  # fmt: skip
+    assert best[0].figures["plate_energy_db"] < 0.35
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda s: hertzloop.load("alu"), "there is no scene 'alu'"),
+        (lambda s: hertzloop.load("aluminium-3mm", {"plate.depth": 1}), "plate.depth"),
+        (lambda s: hertzloop.sweep(s, {}), "at least one"),
+        (lambda s: hertzloop.sweep(s, {"controller.kappa": []}), "no values"),
+        (lambda s: hertzloop.vary(s, {"controller.kappa": 1e9}), "controller.kappa"),
+    ],
+)
+def test_mistakes_end_in_one_sentence(scene: hertzloop.Scene, call, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        call(scene)
+
+
+def test_a_script_without_a_guarded_main_may_sweep_on_all_cores(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import hertzloop\n"
+        "scene = hertzloop.load('aluminium-3mm', {'run.duration_s': 0.0015})\n"
+        "table = hertzloop.sweep(scene, {'controller.latency_us': range(40)}, workers=2)\n"
+        "print(table.sizes['case'], sum(table.status.values != ''))\n"
+    )
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=280)
+    assert (done.stdout, done.returncode) == ("40 0\n", 0), done.stderr
+
+
+def test_the_notebook_runs(tmp_path: Path) -> None:
+    notebook = nbformat.read(EXAMPLES / "impact.ipynb", as_version=4)
+    NotebookClient(notebook, timeout=250, resources={"metadata": {"path": tmp_path}}).execute()
+    printed = [
+        output.text for cell in notebook.cells for output in cell.get("outputs", ())
+        if output.output_type == "stream"
+    ]  # fmt: skip
+    assert "plate energy -1.49 dB\n" in printed

@@ -1,0 +1,274 @@
+"""The fast lane: the same bytes as over the bus, checked against it, and left when it cannot be."""
+
+import os
+import time
+from collections.abc import Callable
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bus import lane, lane_kernels, wire
+from bus.messages_pb2 import Hello
+from bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
+from hertzloop.loop.controller_node import ControllerNode
+from hertzloop.loop.lane_answers import LaneAnswers
+from hertzloop.one_run import RunOptions, run_scene
+from hertzloop.scenes.scene import Scene, load
+from recordings.compare import first_difference
+from recordings.reader import read
+from tests.hertzloop.lanes import Pair
+from tests.hertzloop.processes import wait_for
+from tests.hertzloop.test_transports import VARIANTS, scene_of
+
+pytestmark = pytest.mark.usefixtures("warm_kernels")
+
+FEEDBACK = "velocity feedback"
+SOME = ["default", "converters", FEEDBACK, "predicted", "shifted threshold", "a single step"]
+
+
+@cache
+def over_the_bus(variant: str) -> dict[str, str]:
+    return Pair(scene_of(variant), fast_lane=False).run().samples()
+
+
+def long_scene() -> Scene:
+    """Of more samples than the rings have room for, more than once."""
+    return load(VARIANTS[FEEDBACK][0], [*VARIANTS[FEEDBACK][1], "run.duration_s=0.01"])
+
+
+@pytest.mark.parametrize("horizon", [None, 7])
+@pytest.mark.parametrize("variant", SOME)
+def test_the_same_bytes(variant: str, horizon: int | None) -> None:
+    pair = Pair(scene_of(variant), horizon=horizon).run()
+    assert not pair.fault
+    assert not pair.controller_fault
+    assert pair.stats is not None
+    assert pair.stats.lane == "JOINED"
+    assert pair.samples() == over_the_bus(variant)
+
+
+def test_more_samples_than_room() -> None:
+    pair = Pair(long_scene()).run()
+    assert pair.samples() == Pair(long_scene(), fast_lane=False).run().samples()
+    assert pair.stats is not None
+    assert pair.stats.exchanges > 9000  # a force a step was waited for
+
+
+def test_one_core() -> None:
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {min(cores)})
+    try:
+        pair = Pair(long_scene()).run()
+    finally:
+        os.sched_setaffinity(0, cores)
+    assert pair.plant.answers.lane.spins == 0
+    assert pair.fault == pair.controller_fault == ""
+
+
+def test_processes_without_a_lane(tmp_path: Path) -> None:
+    found = {}
+    for fast_lane in (True, False):
+        path = tmp_path / f"{fast_lane}.mcap"
+        report = run_scene(scene_of("converters"), path, RunOptions(fast_lane=fast_lane))
+        assert report["lane"] == ("JOINED" if fast_lane else "")
+        found[fast_lane] = read(path)
+    assert first_difference(found[True], found[False]) is None
+
+
+class TestFallback:
+    """No lane, and why not; the run is the same."""
+
+    def run(self, **how: Any) -> str:
+        pair = Pair(scene_of(FEEDBACK), **how).run()
+        assert pair.fault == pair.controller_fault == ""
+        assert pair.samples() == over_the_bus(FEEDBACK)
+        assert pair.stats is not None
+        return pair.stats.lane
+
+    def test_switched_off_by_the_plant(self) -> None:
+        assert self.run(fast_lane=False) == ""
+
+    def test_switched_off_by_the_controller(self) -> None:
+        assert self.run(takes_lane=False) == "SWITCHED_OFF"
+
+    def test_another_host(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        hosts = iter(["one", "another"])
+        monkeypatch.setattr(lane, "host", lambda: next(hosts))
+        assert self.run() == "OTHER_HOST"
+
+    def test_no_such_memory(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        def refuse(*_: object) -> int:
+            raise OSError("no memory")
+
+        monkeypatch.setattr(os, "memfd_create", refuse)
+        assert self.run() == ""
+
+    @pytest.mark.parametrize("what", ["file", "unsealed", "foreign run", "gone"])
+    def test_what_is_no_segment(self, tmp_path: Path, what: str) -> None:
+        pair = Pair(scene_of(FEEDBACK))
+        offer = pair.plant.streams.hello.lane
+        segment = lane.Segment(1, 2, 3)  # of another run
+        fds = {"foreign run": segment.fd, "gone": 2**20}
+        with (tmp_path / "file").open("wb") as file:
+            file.write(bytes(lane.segment_bytes(2048)))
+            fds["file"] = file.fileno()
+            fds["unsealed"] = os.memfd_create("x")
+            os.ftruncate(fds["unsealed"], lane.segment_bytes(2048))
+            offer.fd = fds[what]
+            pair.run()
+        os.close(fds["unsealed"])
+        segment.withdraw()
+        assert pair.fault == pair.controller_fault == ""
+        assert pair.stats is not None
+        assert pair.stats.lane == "NOT_ALLOWED"
+
+
+def test_nothing_of_it_has_a_name() -> None:
+    before = set(os.listdir("/dev/shm"))
+    segment = lane.Segment(1, 2, 3)
+    joined, _ = lane.join(Hello(run_id=1, lane=segment.offer))
+    assert joined is not None
+    assert set(os.listdir("/dev/shm")) <= before
+    segment.withdraw()
+    assert lane.join(Hello(run_id=1, lane=segment.offer))[0] is None
+
+
+class TestLies:
+    """The lane and the bus must say the same."""
+
+    def spoiled(self, at: str, stream: str, field: str) -> Pair:
+        """A run in which the last bit of one number is another on the bus."""
+        pair = Pair(long_scene())
+
+        def alter(envelope: Envelope) -> Envelope:
+            if envelope.stream != stream:
+                return envelope
+            block = wire.decode(STREAMS[stream].message, envelope.payload)
+            values = block.arrays[field].copy()
+            if block.header.first_step + len(values) < 3000:
+                return envelope
+            values.view(np.int64)[-1] ^= 1  # a quick controller may send one block for all
+            return Envelope(stream, wire.encode(block.header, **{field: values}))
+
+        pair.ports[at].alter = alter
+        return pair.run()
+
+    def test_another_sample(self) -> None:
+        pair = self.spoiled(PLANT, "daq", "value")
+        assert "stream 'daq' sequence" in pair.controller_fault
+        assert "differs from what the lane brought at sample" in pair.controller_fault
+        assert pair.controller_fault in pair.fault
+
+    def test_another_force(self) -> None:
+        pair = self.spoiled(CONTROLLER, "force", "force_n")
+        assert "stream 'force' sequence" in pair.fault
+        assert "differs from what the lane brought at step" in pair.fault
+
+
+Spoil = Callable[[lane_kernels.Lane, int], None]
+
+
+class TestBrokenAnswers:
+    """What another controller could put into the lane."""
+
+    def refused(self, spoil: Spoil, monkeypatch: pytest.MonkeyPatch) -> str:
+        pair, spoiled = Pair(long_scene()), list[int]()
+        serve = ControllerNode.work
+
+        def work(node: ControllerNode, timeout_s: float) -> None:
+            if pair.plant.answers.in_lane and node.samples > 2000 and not spoiled:
+                # The plant takes all answers and waits for the next; then it sees the spoiled one
+                # before the true one takes its place.
+                wait_for(lambda: pair.plant.answers.samples == node.samples)
+                spoil(pair.plant.answers.lane, node.samples)
+                spoiled.append(node.samples)
+                wait_for(lambda: pair.fault)
+            serve(node, timeout_s)
+
+        monkeypatch.setattr(ControllerNode, "work", work)
+        return pair.run().fault
+
+    def next_record(self, end: lane_kernels.Lane) -> int:
+        return int(lane_kernels._answer_slot(end, int(end.own[lane_kernels.TAKEN])))
+
+    @pytest.mark.parametrize(
+        ("word", "value", "said"),
+        [
+            (0, 10**6, "has another number than was expected"),
+            (1, 10**6, "answers samples that were not sent"),
+            (1, 0, "answers samples that were not sent, or fewer than before"),
+            (2, np.inf, "holds a number that is infinite"),
+            (3, np.inf, "holds a number that is infinite"),
+        ],
+    )
+    def test_a_record(
+        self, word: int, value: float, said: str, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def spoil(end: lane_kernels.Lane, seen: int) -> None:
+            at = self.next_record(end)
+            end.words[at + 1], end.numbers[at + 2], end.numbers[at + 3] = seen + 1, 0.0, np.nan
+            (end.numbers if word > 1 else end.words)[at + word] = value
+            if word:
+                end.words[at] = end.own[lane_kernels.TAKEN] + 1
+
+        assert said in self.refused(spoil, monkeypatch)
+
+
+@pytest.mark.parametrize("silent", [PLANT, CONTROLLER])
+def test_silence_is_named_in_time(silent: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = Pair(long_scene(), timeout_s=0.5)
+    work = ControllerNode.work
+    stopped = False
+
+    def stop(node: ControllerNode, timeout_s: float) -> None:
+        nonlocal stopped
+        if silent == CONTROLLER and node.samples > 2000 and not stopped:
+            stopped = True
+            time.sleep(2)
+        work(node, timeout_s)
+
+    def pause(step: int) -> None:
+        if silent == PLANT and step == 3000:
+            time.sleep(2)
+
+    monkeypatch.setattr(ControllerNode, "work", stop)
+    pair.plant.on_progress = pause
+    pair.run()
+    if silent == CONTROLLER:
+        assert "plant waited 0.5 s for the force for step" in pair.fault
+        assert "from the controller: nothing came in the lane" in pair.fault
+    else:
+        assert "controller waited 0.5 s for samples from the plant" in pair.controller_fault
+
+
+def test_a_slow_run_is_heard_of_all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a block of steps takes longer than anybody waits."""
+    scene = load(VARIANTS[FEEDBACK][0], [*VARIANTS[FEEDBACK][1], "run.duration_s=0.0006"])
+    pair, told = Pair(scene, timeout_s=1.0), list[float]()
+    serve, publish = LaneAnswers.serve, pair.ports[PLANT].publish
+
+    def slow(answers: LaneAnswers, limit: int) -> None:
+        if limit > answers.samples:
+            time.sleep(0.002)
+        serve(answers, min(limit, answers.samples + 1))
+
+    def tell(envelope: Envelope) -> None:
+        told.append(time.monotonic())
+        publish(envelope)
+
+    monkeypatch.setattr(LaneAnswers, "serve", slow)
+    pair.ports[PLANT].publish = tell  # type: ignore[method-assign]
+    pair.run()
+    assert pair.fault == pair.controller_fault == ""
+    assert max(b - a for a, b in pairwise(told)) < 1.0
+
+
+def test_between_rare_samples_an_end_sleeps_soon() -> None:
+    end = lane.closed()
+    assert lane.at_pace(end, 1e6).yield_ns == 100_000
+    assert lane.at_pace(end, 1e9).yield_ns == end.yield_ns
+    assert lane.at_pace(end, 1e5) is end

@@ -1,0 +1,68 @@
+"""Which law really ran: the controller's word against the scene's, in `inspect` and the report."""
+
+from io import StringIO
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from bus.messages_pb2 import RunEnd, SetUp
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.results import figures, inspection, report
+from hertzloop.results.law import law_line, law_of
+from hertzloop.scenes.scene import load, to_toml
+from recordings.reader import Recording, read
+
+SCENE = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
+
+
+def recording(law: str, scene_toml: str = "") -> Recording:
+    end = RunEnd(set_up=SetUp(law=law))
+    return Recording(Path("a.mcap"), scene_toml or to_toml(SCENE), ends={"controller": end})
+
+
+@pytest.mark.parametrize(
+    ("law", "line"),
+    [
+        ("slope_threshold", "slope_threshold"),
+        ("mine 1.2", "mine 1.2 (the scene says slope_threshold)"),
+        ("", "not said by the controller (the scene says slope_threshold)"),
+        ("a\nb\x1b[31m", "a b[31m (the scene says slope_threshold)"),
+        ("x" * 300, "x" * 200 + " (the scene says slope_threshold)"),
+    ],
+)
+def test_what_is_said(law: str, line: str) -> None:
+    assert law_line(law_of(recording(law))) == line
+
+
+def test_without_end_or_scene() -> None:
+    lost = Recording(Path("a.mcap"), "no TOML")
+    assert law_line(law_of(lost)) == "not said by the controller"
+
+
+def test_a_run_that_another_law_made(tmp_path: Path) -> None:
+    """A recording whose controller said so: neither `inspect` nor the report claims the scene's."""
+    path = tmp_path / "a.mcap"
+    record_in_process(SCENE, path, compiled=True)
+    recorded = read(path)
+    assert law_line(law_of(recorded)) == "slope_threshold"
+    foreign = recorded.ends["controller"].set_up
+    foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
+    nothing: dict = {"impacts": [], "noise": []}
+    data = figures.run_report(SCENE, recorded, nothing, transport="zenoh", wall_s=1.0, exchanges=1)
+    data["uncontrolled"] = nothing
+    said = "[b]mine[/b] 7 (the scene says slope_threshold)"
+    for show in (
+        lambda console: inspection.show(console, recorded, inspection.summary(recorded)),
+        lambda console: report.print_run(console, data),
+    ):
+        printed = StringIO()
+        show(Console(width=200, file=printed))
+        assert said in printed.getvalue()
+
+
+def test_an_older_recording() -> None:
+    """It was made before controllers said their law, or a scene had all of today's keys."""
+    older = read(Path(__file__).parents[1] / "recordings" / "before-set-up.mcap")
+    assert not older.problems
+    assert law_line(law_of(older)).startswith("not said by the controller")

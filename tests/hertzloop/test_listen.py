@@ -1,0 +1,91 @@
+"""What is heard of a run: files on one scale, silence, rate, and what control does to the sound."""
+
+import json
+import math
+import wave
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from hertzloop.commands.cli import app
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.results import listening
+from hertzloop.scenes.scene import load
+
+SHORT = ["run.duration_s=0.004", "run.accuracy=0.05", "plate.size_m=[0.2, 0.16]",
+         "plate.contact_point_m=[0.09, 0.07]"]  # fmt: skip
+
+
+def call(*words: object) -> Result:
+    return CliRunner().invoke(app, [str(word) for word in words], env={"COLUMNS": "300"})
+
+
+def samples_of(path: str) -> tuple[int, np.ndarray]:
+    with wave.open(path) as file:
+        assert (file.getnchannels(), file.getsampwidth()) == (1, 2)
+        data = np.frombuffer(file.readframes(file.getnframes()), "<i2")
+        return file.getframerate(), data
+
+
+@pytest.fixture(scope="module")
+def heard(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    folder = tmp_path_factory.mktemp("heard")
+    record_in_process(load("aluminium-20mm", SHORT), folder / "a.mcap", compiled=True)
+    result = call("listen", folder / "a.mcap", "-o", folder / "x", "--tail", 0.1, "--energy",
+                  "--json", folder / "x.json")  # fmt: skip
+    assert result.exit_code == 0, result.output
+    data = json.loads((folder / "x.json").read_text())
+    assert data["runs"]["with-control"]["file"] in result.output
+    return data
+
+
+def test_both_files_have_one_scale_and_no_clipped_sample(heard: dict) -> None:
+    largest = {}
+    for name, run in heard["runs"].items():
+        rate, samples = samples_of(run["file"])
+        assert rate == 48_000
+        assert len(samples) == math.ceil(0.104 * 48_000 / 480) * 480
+        pressure = samples / 32767.0 * heard["full_scale_pa"]
+        half_a_step = 0.51 * heard["full_scale_pa"] / 32767.0
+        assert abs(np.abs(pressure).max() - run["peak_pa"]) <= half_a_step
+        exposure = float(np.sum(pressure**2)) / 48_000
+        assert exposure == pytest.approx(run["exposure_pa2_s"], rel=1e-3)
+        largest[name] = int(np.abs(samples).max())
+    assert max(largest.values()) == round(0.9 * 32767)
+
+
+def test_sound_energy_is_that_given_to_the_plate_times_what_radiates(heard: dict) -> None:
+    """Through the half sphere, and by the efficiencies of the modes: the latter are means over
+    modes, and count what rings on after the file."""
+    for run in heard["runs"].values():
+        ratio_db = 10.0 * math.log10(run["sound_energy_j"] / run["until_rest_j"])
+        assert -6.0 < ratio_db < 3.0
+
+
+def test_nothing_moves_nothing_sounds(tmp_path: Path) -> None:
+    scene = load("aluminium-20mm", [*SHORT, "run.duration_s=0.0005", "controller.law=off"])
+    record_in_process(scene, tmp_path / "a.mcap", compiled=True)
+    result = call("listen", tmp_path / "a.mcap", "-o", tmp_path / "x", "--tail", 0)
+    assert result.exit_code == 0, result.output
+    assert "Silence" in result.output
+    _, samples = samples_of(str(tmp_path / "x" / "a-without-control.wav"))
+    assert len(samples)
+    assert not samples.any()
+
+
+def test_slower_is_the_same_sound_at_a_lower_pitch(tmp_path: Path) -> None:
+    scene = load("aluminium-20mm", SHORT)
+    fast, slow = listening.grid_of(scene, 0.01), listening.grid_of(scene, 0.01, slow=4.0)
+    assert slow.step_s == pytest.approx(fast.step_s / 4.0)
+    assert abs(slow.count * slow.step_s - fast.count * fast.step_s) < 480 * fast.step_s
+    assert slow.up_to_hz == pytest.approx(20e3)
+
+
+def test_the_users_mistakes(tmp_path: Path) -> None:
+    record_in_process(load("aluminium-3mm", ["run.duration_s=0.0005"]), tmp_path / "a.mcap",
+                      compiled=True)  # fmt: skip
+    result = call("listen", tmp_path / "a.mcap", "-o", tmp_path, "--at", 0, 0, -1)
+    assert result.exit_code == 2
+    assert "is not above the plate" in result.output

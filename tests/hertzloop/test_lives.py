@@ -1,0 +1,268 @@
+"""Processes in terminals of their own, and the launcher's own end: every wait is bounded,
+signals work at any moment, the right one is blamed, and nothing stays behind."""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tests.hertzloop.processes import (
+    LONG,
+    WELL_UNDER_WAY,
+    child_of,
+    finish,
+    grown_to,
+    hertzloop,
+    leftovers,
+    start,
+    wait_for,
+)
+from tests.ports import free_ports
+
+pytestmark = pytest.mark.usefixtures("warm_kernels")
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    return tmp_path / "run.mcap"
+
+
+@contextmanager
+def terminals(recording: Path, *words: str) -> Iterator[dict[str, subprocess.Popen]]:
+    """Plant, controller and recorder as three people would start them."""
+    a, b, c = (f"tcp/127.0.0.1:{port}" for port in free_ports(3))
+    bus = ["--name", f"terminals-{os.getpid()}", "--wait", "60", "--timeout", "2"]
+    started = {
+        "recorder": start("record", "--out", str(recording), *bus, "--listen", c,
+                          "--connect", a, "--connect", b),
+        "controller": start("controller", *bus, "--listen", b, "--connect", a),
+        "plant": start("plant", *bus, "--listen", a, *words),
+    }  # fmt: skip
+    try:
+        yield started
+    finally:
+        for process in started.values():
+            process.kill()
+            process.communicate()
+
+
+def test_a_frozen_recorder_is_named_by_the_plant(recording: Path) -> None:
+    with terminals(recording, *LONG) as roles:
+        wait_for(grown_to(recording, WELL_UNDER_WAY))
+        roles["recorder"].send_signal(signal.SIGSTOP)
+        code, err, _ = finish(roles["plant"], 60)
+        assert code == 1
+        # By itself, or told by the controller, which sends to the recorder, too.
+        assert "recorder took no message for 2 s" in err
+        assert "Traceback" not in err
+        code, err, _ = finish(roles["controller"], 60)
+        assert code == 1, err
+        assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_a_plant_that_waits_for_a_frozen_recorder_hears_signals(
+    recording: Path, sent: signal.Signals
+) -> None:
+    """The patience with the recorder is an hour here: what ends the wait is the signal."""
+    with terminals(recording, *LONG, "--timeout", "3600") as roles:
+        wait_for(grown_to(recording, WELL_UNDER_WAY))
+        roles["recorder"].send_signal(signal.SIGSTOP)
+        plant = psutil.Process(roles["plant"].pid)
+        wait_for(lambda: plant.cpu_percent(0.5) < 2, 60)  # it is inside a call that waits
+        roles["plant"].send_signal(sent)
+        code, err, _ = finish(roles["plant"], 60)
+        assert code == 130, err
+        assert "interrupted" in err
+        assert "Traceback" not in err
+
+
+def test_all_exit_codes_tell_of_a_failed_run(recording: Path) -> None:
+    with terminals(recording, *LONG) as roles:
+        wait_for(grown_to(recording, WELL_UNDER_WAY))
+        roles["plant"].send_signal(signal.SIGINT)
+        said = {role: finish(process) for role, process in roles.items()}
+    assert {role: code for role, (code, _, _) in said.items()} == {
+        "plant": 130, "controller": 1, "recorder": 1
+    }  # fmt: skip
+    assert "the plant ended the run: interrupted at step" in said["controller"][1]
+
+
+def test_all_exit_codes_tell_of_a_good_run(recording: Path) -> None:
+    with terminals(recording, "--set", "run.duration_s=0.002") as roles:
+        for role, process in roles.items():
+            code, err, _ = finish(process)
+            assert code == 0, (role, err)
+
+
+def test_a_recording_that_is_not_completed_fails_the_others(recording: Path) -> None:
+    """The recorder dies when all was sent to it, and before it has closed its file."""
+    with terminals(recording, "--set", "run.duration_s=1") as roles:
+        wait_for(grown_to(recording, WELL_UNDER_WAY))
+        roles["recorder"].kill()
+        for role in ("plant", "controller"):
+            code, err, _ = finish(roles[role], 60)
+            assert code == 1, (role, err)
+            assert "recorder left the run" in err, (role, err)
+
+
+def test_a_configuration_without_endpoints_stays_on_loopback(tmp_path: Path) -> None:
+    config = tmp_path / "bus.json5"
+    config.write_text("{}")
+    plant = start("plant", "--zenoh-config", str(config), "--name", "filed", "--wait", "60")
+    try:
+        look = psutil.Process(plant.pid)
+        found = wait_for(lambda: [c for c in look.net_connections() if c.status == "LISTEN"])
+        assert {c.laddr.ip for c in found} == {"127.0.0.1"}
+    finally:
+        plant.kill()
+        plant.communicate()
+
+
+class TestLauncher:
+    """`hertzloop run` and its own end."""
+
+    @pytest.fixture
+    def temporary(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+        folder = tmp_path / "temporary"
+        folder.mkdir()
+        monkeypatch.setenv("TMPDIR", str(folder))
+        monkeypatch.setattr(tempfile, "tempdir", None)
+        return folder
+
+    @pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+    def test_signals_end_it_in_order(
+        self, recording: Path, temporary: Path, sent: signal.Signals
+    ) -> None:
+        # Who runs the tests may ignore a closed terminal.
+        heeding = partial(signal.signal, sent, signal.SIG_DFL)
+        run = start("run", *LONG, "--out", str(recording), preexec_fn=heeding)
+        wait_for(grown_to(recording, WELL_UNDER_WAY))
+        assert list(temporary.glob("hertzloop-*"))
+        run.send_signal(sent)
+        code, err, _ = finish(run)
+        assert code == 130, err
+        assert "interrupted; what was recorded" in err
+        assert not leftovers(recording)
+        assert not list(temporary.glob("hertzloop-*"))
+
+    def test_a_second_interrupt_leaves_no_process(self, recording: Path) -> None:
+        run = start("run", *LONG, "--out", str(recording))
+        child = child_of(run, "plant")
+        wait_for(grown_to(recording, WELL_UNDER_WAY))
+        child.send_signal(signal.SIGSTOP)  # it cannot end in order
+        run.send_signal(signal.SIGINT)
+        time.sleep(0.5)
+        run.send_signal(signal.SIGINT)
+        code, err, _ = finish(run)
+        assert code == 130, err
+        assert "Traceback" not in err
+        assert not leftovers(recording)
+
+    def test_a_killed_launcher_leaves_no_process(self, recording: Path) -> None:
+        run = start("run", *LONG, "--out", str(recording))
+        children = [child_of(run, command) for command in ("plant", "controller", "record")]
+        wait_for(grown_to(recording, WELL_UNDER_WAY))
+        run.kill()
+        run.communicate()
+        _, alive = psutil.wait_procs(children, timeout=60)
+        assert not alive
+
+    @pytest.mark.parametrize("command", ["plant", "controller", "record"])
+    def test_a_death_before_the_start_is_told_at_once(self, recording: Path, command: str) -> None:
+        run = start("run", *LONG, "--out", str(recording))
+        child_of(run, command).send_signal(signal.SIGKILL)
+        code, err, seconds = finish(run)
+        assert code == 1
+        role = "recorder" if command == "record" else command
+        assert err.endswith(f"error: {role} was killed by SIGKILL"), err
+        assert seconds < 25
+        assert not leftovers(recording)
+
+    def test_an_interrupt_of_a_process_that_only_starts_is_told(self, recording: Path) -> None:
+        """It comes before the interpreter is there, and waits until somebody can say so."""
+
+        def interrupted() -> None:
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # as the launcher does
+            os.kill(os.getpid(), signal.SIGINT)
+
+        code, err, _ = finish(start("record", "--out", str(recording), preexec_fn=interrupted))
+        assert (code, err) == (130, "interrupted")
+        run = start("run", *LONG, "--out", str(recording))
+        child_of(run, "record").send_signal(signal.SIGINT)
+        code, err, _ = finish(run)
+        assert code == 1
+        assert err.endswith("recorder was interrupted"), err
+
+    @pytest.mark.parametrize("delay_s", [0.15, 0.4, 0.8, 1.2])
+    def test_an_early_interrupt_shows_no_traceback(self, recording: Path, delay_s: float) -> None:
+        run = start("run", *LONG, "--out", str(recording))
+        # After the interpreter's own start, in which no program can say anything.
+        wait_for(lambda: any("zoneinfo" in m.path or "numpy" in m.path or "typer" in m.path
+                             or "_json" in m.path or "_socket" in m.path
+                             for m in psutil.Process(run.pid).memory_maps()))  # fmt: skip
+        time.sleep(delay_s)
+        run.send_signal(signal.SIGINT)
+        code, err, _ = finish(run)
+        assert code == 130, err
+        assert "Traceback" not in err
+        assert "interrupted" in err
+
+
+STRANGER = """
+import json, os, signal, sys, time, zenoh
+config = zenoh.Config()
+config.insert_json5("scouting/multicast/enabled", "false")
+config.insert_json5("listen/endpoints", "[]")
+config.insert_json5("connect/endpoints", sys.argv[1])
+config.insert_json5("transport/link/tx/lease", "1000")
+config.insert_json5("connect/retry", '{"period_init_ms": 20, "period_max_ms": 50}')
+heard = []
+def hear(sample):
+    heard.append(1)
+    time.sleep(float(sys.argv[2]))
+session = zenoh.open(config)
+kept = session.declare_subscriber("hertzloop/**", zenoh.handlers.Callback(hear, indirect=False))
+print("listening", flush=True)
+while not heard:
+    time.sleep(0.01)
+print("heard", flush=True)
+if sys.argv[2] == "0":
+    os.kill(os.getpid(), signal.SIGSTOP)
+time.sleep(600)
+"""
+
+
+@pytest.mark.parametrize("sleep_s", ["0", "0.5"])
+def test_a_stranger_that_does_not_keep_up_changes_nothing(tmp_path: Path, sleep_s: str) -> None:
+    """It hears something, then stops (0), or takes half a second for every message. Its
+    lease is short, so that zenoh gives its link up during the run."""
+    base = free_ports(3, in_a_row=True)[0]
+    words = ["--set", "run.duration_s=1", "--port", str(base), "--timeout", "30"]
+    alone, beside = tmp_path / "alone.mcap", tmp_path / "beside.mcap"
+    assert hertzloop("run", *words, "--out", str(alone)).returncode == 0
+    urls = json.dumps([f"tcp/127.0.0.1:{base + i}" for i in range(3)])
+    with subprocess.Popen(
+        [sys.executable, "-c", STRANGER, urls, sleep_s], stdout=subprocess.PIPE, text=True
+    ) as stranger:
+        try:
+            assert stranger.stdout is not None
+            assert stranger.stdout.readline() == "listening\n"
+            done = hertzloop("run", *words, "--out", str(beside))
+            assert done.returncode == 0, done.stderr
+            assert select.select([stranger.stdout], [], [], 5.0)[0], "the stranger heard nothing"
+            assert stranger.stdout.readline() == "heard\n"
+        finally:
+            stranger.kill()
+    assert hertzloop("compare", str(alone), str(beside)).returncode == 0

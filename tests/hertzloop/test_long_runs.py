@@ -1,0 +1,76 @@
+"""What a run says in the end takes no memory that grows with its length."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from hertzloop.loop.compiled import simulate, uncontrolled_rows
+from hertzloop.results import impact_windows
+from hertzloop.results.figures import figures_of
+from hertzloop.results.impact_rows import impacts_of_rows, through_first_contact
+from hertzloop.scenes.scene import load
+from tests.hertzloop.test_impact_windows import in_blocks
+
+FIGURES = """
+import resource, sys
+from hertzloop.loop.compiled import uncontrolled_rows
+from hertzloop.results import impact_windows
+from hertzloop.results.figures import figures_of
+from hertzloop.scenes.scene import load
+impact_windows.PIECE = 1 << 16  # so that a short run is a long one
+scene = load("sylomer-20mm", ["controller.law=off", "run.duration_s=" + sys.argv[1]])
+figures_of(scene, uncontrolled_rows(scene))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+def test_figures_of_a_long_run_take_no_more_memory() -> None:
+    def kilobytes(duration_s: float) -> int:
+        words = [sys.executable, "-c", FIGURES, str(duration_s)]
+        return int(subprocess.check_output(words, text=True, timeout=250))
+
+    kilobytes(0.01)  # to compile kernels, which is not meant, takes some
+    # One contact that does not end; 1.5 million rows have 96 MB.
+    assert kilobytes(2.0) - kilobytes(0.5) < 30_000
+
+
+def test_uncontrolled_rows_are_those_of_a_run_without_control() -> None:
+    for name in ("aluminium-20mm", "offcentre-6mm", "thesis-aluminium"):
+        scene = load(name, ["controller.law=off"])
+        firsts, pieces = zip(*uncontrolled_rows(scene), strict=True)
+        assert list(firsts) == [n * pieces[0].shape[1] for n in range(len(pieces))]
+        assert np.concatenate(pieces, axis=1).tobytes() == simulate(scene).rows.tobytes()
+
+
+@pytest.mark.parametrize("law", ["slope_threshold", "force_feedback", "off"])
+@pytest.mark.parametrize("piece", [5, 700, 20_000])
+def test_figures_of_blocks_are_those_of_the_whole(
+    law: str, piece: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = "offcentre-6mm" if law == "off" else "aluminium-20mm"
+    keys = [f"run.duration_s={0.2 if law == 'off' else 0.012}", "plate.loss_factor=0.01"]
+    scene = load(name, [*keys, f"controller.law={law}", "sensors.quantity=auto"])
+    rows = simulate(scene).rows
+    whole = figures_of(scene, rows)
+    assert len(whole["impacts"]) > 1
+    assert figures_of(scene, in_blocks(rows, 900))["impacts"] == whole["impacts"]
+    monkeypatch.setattr(impact_windows, "PIECE", piece)
+    found = figures_of(scene, in_blocks(rows, 900))
+    for kind in ("impacts", "noise"):
+        assert len(found[kind]) == len(whole[kind])
+        for mine, theirs in zip(found[kind], whole[kind], strict=True):
+            assert mine == pytest.approx(theirs, rel=1e-9)
+    mine, theirs = ({**one["stability"], "since_s": 0.0} for one in (found, whole))
+    assert mine == pytest.approx(theirs, rel=1e-9)
+    assert found["stability"]["since_s"] == whole["stability"]["since_s"]
+
+
+def test_rows_through_the_first_contact() -> None:
+    scene = load("aluminium-20mm", ["run.duration_s=0.012"])
+    rows = simulate(scene).rows
+    first = impacts_of_rows(scene, rows)[0]
+    taken = through_first_contact(in_blocks(rows, 120))
+    assert first.end + 2 <= taken.shape[1] < rows.shape[1] / 2
+    assert taken.tobytes() == rows[:, : taken.shape[1]].tobytes()

@@ -1,0 +1,150 @@
+"""Materials: shipped ones, a file of one's own, tables, single numbers; and the labels."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hertzloop import assembly as parts
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scenes.scene import Scene, SceneError, load, parse, to_toml, vary
+from plant.structures.materials import MATERIALS, Material
+
+MINE = """
+[mine]
+young_pa = 1e11
+density_kg_m3 = 5000
+poisson = 0.25
+loss_factor = 1e-3
+
+[lead]
+young_pa = 16e9
+density_kg_m3 = 11340
+poisson = 0.44
+"""
+
+
+def scene_file(folder: Path, materials: str = MINE) -> str:
+    (folder / "my_materials.toml").write_text(materials)
+    text = Path(__file__).parents[2] / "hertzloop/scenes/aluminium-3mm.toml"
+    mine = 'materials = "my_materials.toml"\n' + text.read_text()
+    (folder / "scene.toml").write_text(mine.replace('material = "aluminium"', 'material = "mine"'))
+    return str(folder / "scene.toml")
+
+
+def plate(scene: Scene) -> Material:
+    return parts.plant_spec(scene).plate.material
+
+
+def elastic(name: str) -> Material:
+    """A shipped material without what is known of its strength."""
+    return replace(MATERIALS[name], yield_pa=None, hardness_pa=None, strength_spread=0.2)
+
+
+def test_the_published_four_are_what_they_were() -> None:
+    assert elastic("steel") == Material(210e9, 7800.0, 0.31)
+    assert elastic("aluminium") == Material(7.2e10, 2700.0, 0.34, 1e-4, 0.7)
+    assert elastic("oak") == Material(5e8, 700.0, 0.10, 5e-2, 0.6)
+    assert elastic("sylomer_m") == Material(1.34e6, 400.0, 0.40, 16e-2, 0.2)
+
+
+@pytest.mark.parametrize("name", MATERIALS)
+def test_every_shipped_material_can_be_struck_and_fall(name: str) -> None:
+    scene = load("aluminium-3mm", [f"plate.material={name}", f"sphere.material={name}"])
+    spec = parts.plant_spec(scene)
+    assert spec.plate.material == spec.sphere.material == MATERIALS[name]
+
+
+def test_a_file_of_ones_own_goes_into_the_scene(tmp_path: Path) -> None:
+    scene = load(scene_file(tmp_path))
+    assert plate(scene) == Material(1e11, 5000.0, 0.25, 1e-3)
+    (tmp_path / "my_materials.toml").unlink()  # nobody needs it any more
+    again = parse(to_toml(scene))
+    assert again == scene
+    assert plate(vary(again, {"plate.material": "lead"})) == Material(16e9, 11340.0, 0.44)
+    assert parts.plant_spec(vary(again, {"sphere.material": "lead"})).sphere.mass_kg == (
+        pytest.approx(11340.0 / 7800.0 * parts.plant_spec(again).sphere.mass_kg)
+    )
+
+
+def test_numbers_of_a_material_can_be_set_and_varied(tmp_path: Path) -> None:
+    table = "{young_pa=1e11, density_kg_m3=5000, poisson=0.25}"
+    scene = load("aluminium-3mm", [f"plate.material={table}"])
+    assert plate(scene) == Material(1e11, 5000.0, 0.25)
+    softer = load("aluminium-3mm", ["plate.material.young_pa=6e10"])
+    assert plate(softer) == replace(MATERIALS["aluminium"], youngs_modulus_pa=6e10)
+    own = vary(load(scene_file(tmp_path)), {"plate.material.poisson": 0.1})
+    assert plate(own) == Material(1e11, 5000.0, 0.1, 1e-3)
+    heavier = load("aluminium-3mm", ["sphere.material.density_kg_m3=15000"])
+    assert figures_of_case(heavier).rebound_m_s < figures_of_case(load("aluminium-3mm")).rebound_m_s
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("plate.material=cheese", "plate.material = 'cheese' is not known; Known are steel"),
+        ("plate.material=titanum", "did you mean titanium?"),
+        ("sphere.material.density_kg_m3=-7800", "sphere.material.density_kg_m3 = -7800"),
+        ("plate.material.poisson=0.6", "plate.material.poisson = 0.6 will not do: it must be at"),
+        ("plate.material.young_pa=nan", "plate.material.young_pa = nan will not do"),
+        ("plate.material.young_pa=72", "plate.material.young_pa = 72 will not do: it must be 1e3"),
+        ("plate.material.young_pa=72000", "make a speed of sound of 5.16 m/s"),
+        ("plate.material.density_kg_m3=2.7", "make a speed of sound of 1.63e+05 m/s"),
+        ("plate.material.loss_factor=2", "plate.material.loss_factor = 2 will not do"),
+        ("plate.material.yield_pa=276", "plate.material.yield_pa = 276 will not do: it must be"),
+        ("plate.material.colour=3", "plate.material.colour is nothing known of a material"),
+        ("plate.material={young_pa=1e11}", "plate.material.density_kg_m3 is missing"),
+        ("plate.material=3", "plate.material = 3 will not do"),
+        ("materials=none.toml", "materials = 'none.toml' cannot be read"),
+        ('materials="\\u0000.toml"', "cannot be read: embedded null byte"),
+        ('plate.modes="\\u0000.csv"', "cannot be read: embedded null byte"),
+        ("materials=3", "materials = 3 will not do"),
+        ("plate.material=" + "x" * 5000, "is not known; Known are steel"),
+        ("plate.material.young_pa=1" + "0" * 400, "plate.material.young_pa = a number of that"),
+        ("plate.edges=cccx", "plate.edges = 'cccx' will not do"),
+        ("plate.modes=none.csv", "plate.modes = 'none.csv' cannot be read: No such file"),
+        ("plate.modes=none.txt", "plate.modes = 'none.txt' is none of .csv, .parquet, .npz"),
+        ("plate.residual_flexibility_m_n=1e-9", "belongs to plate.modes"),
+    ],
+)
+def test_refused_with_a_sentence(setting: str, words: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        parts.plant_spec(load("aluminium-3mm", [setting]))
+    assert words in str(caught.value), str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 700
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("mine = 3", "mine is no table"),
+        ("[mine]\nyoung_pa = 1e11", "mine.density_kg_m3 is missing"),
+        ("[mine", "is not valid TOML"),
+        (MINE.replace("0.25", "0.6"), "mine.poisson = 0.6 will not do"),
+    ],
+)
+def test_a_wrong_file_of_materials(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(SceneError, match=r"my_materials\.toml") as caught:
+        load(scene_file(tmp_path, text))
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "name"),
+    [
+        ([], "aluminium-3mm"),
+        (["run.duration_s=0.1", "controller.kappa=0.5"], "aluminium-3mm"),
+        (["plate.material=titanium"], "titanium-3mm"),
+        (["plate.material=aluminium"], "aluminium-3mm"),
+        (["plate.material.young_pa=7e10"], "own-aluminium-3mm"),
+        (["plate.material={young_pa=1e11, density_kg_m3=5000, poisson=0.25}"], "own-material-3mm"),
+        (["sphere.radius_m=0.005", "plate.edges=ccff"], "aluminium-5mm-ccff"),
+        (["sphere.material=bearing_steel"], "aluminium-3mm-bearing_steel"),
+        (["plate.material=oak", "name=mine"], "mine"),
+    ],
+)
+def test_the_name_follows_what_runs(settings: list[str], name: str) -> None:
+    scene = load("aluminium-3mm", settings)
+    assert scene.name == name
+    assert bool(scene.shows) == (name in ("aluminium-3mm", "mine"))

@@ -1,0 +1,84 @@
+"""What is said of runs with nothing to compare, and of books that no energy follows from."""
+
+import json
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.hertzloop.processes import hertzloop
+from tests.recordings.rewriting import Sent, record, rewrite
+
+COMPILED = ["--transport", "compiled", "--set", "run.accuracy=0.05"]
+
+
+def test_a_run_without_control_has_one_table(tmp_path: Path) -> None:
+    words = [*COMPILED, "--set", "run.duration_s=0.0015", "--out", str(tmp_path / "a.mcap")]
+    report = tmp_path / "a.json"
+    off = ["--set", "controller.law=off", "--json", str(report)]
+    alone = hertzloop("run", "aluminium-3mm", *words, *off)
+    both = hertzloop("run", "aluminium-3mm", *words, "--overwrite")
+    assert alone.returncode == both.returncode == 0, alone.stderr + both.stderr
+    for title in ("Impacts with control", "The same without control", "dB"):
+        assert title not in alone.stdout
+        assert title in both.stdout
+    assert alone.stdout.count("Impacts, no control") == 1
+    data = json.loads(report.read_text())
+    assert data["law"] == "off"
+    for kind in ("impacts", "noise", "stability"):
+        assert data["uncontrolled"][kind] == data[kind]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("whole") / "a.mcap", compiled=True)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("field", ["energy_residual", "injected_j"])
+def test_books_that_are_not_finite_are_told_of(
+    whole: Path, tmp_path: Path, field: str, value: float
+) -> None:
+    def change(sent: Sent) -> None:
+        if sent.stream == "books":
+            setattr(sent.header, field, value)
+
+    path = rewrite(whole, tmp_path / "b.mcap", change)
+    done = hertzloop("inspect", str(path), "--json", str(tmp_path / "b.json"))
+    assert done.returncode == 1
+    said = f"the books hold {field} = {value:g}"
+    assert said in " ".join(done.stdout.split())
+    found = json.loads((tmp_path / "b.json").read_text())
+    assert not found["complete"]
+    assert any(said in problem for problem in found["problems"])
+    assert found["impacts"]
+
+
+def test_an_error_that_nobody_knows_is_no_damage(whole: Path, tmp_path: Path) -> None:
+    def change(sent: Sent) -> None:
+        if sent.stream == "books":
+            sent.header.expected_error = math.inf
+
+    path = rewrite(whole, tmp_path / "b.mcap", change)
+    done = hertzloop("inspect", str(path))
+    assert done.returncode == 0, done.stdout
+    assert "Complete" in done.stdout
+
+
+@pytest.mark.parametrize("transport", ["compiled", "zenoh"])
+def test_a_run_whose_energy_no_number_holds(tmp_path: Path, transport: str) -> None:
+    """Every row is a number; the energy, a sum of their squares, is none."""
+    path = tmp_path / "a.mcap"
+    keys = ["run.accuracy=0.1", "run.duration_s=0.0014", "sensors.quantity=auto",
+            "controller.law=velocity_feedback", "controller.kappa=10"]  # fmt: skip
+    words = [word for key in keys for word in ("--set", key)]
+    done = hertzloop("run", "aluminium-3mm", *words, "--transport", transport, "--out", str(path))
+    said = re.search(r"stream 'books' sequence 0 holds \w+ = (nan|inf)", done.stderr)
+    assert (done.returncode, bool(said)) == (1, True), done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Impacts" not in done.stdout
+    inspected = hertzloop("inspect", str(path))
+    assert inspected.returncode == 1
+    assert said is not None
+    assert said[0] in " ".join(inspected.stdout.split())

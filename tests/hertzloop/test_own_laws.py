@@ -1,0 +1,284 @@
+"""Laws of one's own, from a folder that holds nothing else: Python files, packages, C libraries."""
+
+import json
+import os
+import shutil
+import threading
+from pathlib import Path
+
+import pytest
+
+from controller.door.registry import find, shipped
+from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.scenes import controller_table
+from hertzloop.scenes.scene import Scene, SceneError, load, parse, to_toml, vary
+from recordings.compare import first_difference
+from recordings.reader import Recording, read
+from studies.sweeps.evaluate import run_case
+from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
+from tests.hertzloop.processes import hertzloop
+
+LIMIT = ["controller.full_scale_n=20", "controller.latency_us=2", SHORT]
+needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    return tmp_path
+
+
+def record(scene: Scene, path: Path, transport: str = "compiled") -> Recording:
+    run_scene(scene, path, RunOptions(transport=Transport(transport), overwrite=True))
+    recording = read(path)
+    assert not recording.problems
+    return recording
+
+
+@needs_cc
+@pytest.mark.parametrize("transport", ["compiled", "inprocess", "zenoh"])
+def test_the_example_in_python_and_in_c_has_the_same_bytes(here: Path, transport: str) -> None:
+    shutil.copy(EXAMPLES / "low_passed.py", here)
+    build(here, EXAMPLES / "low_passed.c")
+    laws = ("low_passed.py", "low_passed.so")
+    scenes = [load("aluminium-3mm", [*LIMIT, f"controller.law={law}"]) for law in laws]
+    first = record(scenes[0], here / "a.mcap")
+    assert first.force.arrays["force_n"].max() == 20.0  # at the limit, so anti-windup acts
+    for scene in scenes:
+        assert first_difference(record(scene, here / "b.mcap", transport), first) is None
+
+
+def test_the_example_does_not_wind_up(here: Path) -> None:
+    """Below the limit as soon as the filter's input is: without the stop it stays up longer."""
+    text = (EXAMPLES / "low_passed.py").read_text()
+    (here / "stops.py").write_text(text)
+    (here / "winds.py").write_text(text.replace("s.filtered_n = min(", "capped = min("))
+    ends = []
+    for law in ("stops.py", "winds.py"):
+        scene = load("aluminium-3mm", [*LIMIT, f"controller.law={law}"])
+        force = record(scene, here / "a.mcap").force.arrays["force_n"]
+        ends.append(int((force == 20.0).nonzero()[0][-1]))
+    assert ends[0] < ends[1]
+
+
+@pytest.mark.parametrize("law", ["slope_threshold", "predicted", "fade_out", "force_feedback"])
+@pytest.mark.parametrize("transport", ["compiled", "zenoh"])
+def test_a_shipped_law_as_a_file_of_ones_own(here: Path, law: str, transport: str) -> None:
+    shutil.copy(ROOT / "controller" / "laws" / f"{law}.py", here / "mine.py")
+    settings = [SHORT, "controller.latency_us=3", "sensors.bits=12"]
+    same = record(load("aluminium-3mm", [*settings, f"controller.law={law}"]), here / "a.mcap")
+    scene = load("aluminium-3mm", [*settings, "controller.law=mine.py"])
+    mine = record(scene, here / "b.mcap", transport)
+    assert mine.force.arrays["force_n"].any()
+    assert first_difference(mine, same) is None
+    assert mine.law_ran == ("mine.py", scene.law.digest)
+    assert mine.law_source == (here / "mine.py").read_text()
+
+
+CLASSES = """
+class Half:
+    senses = "contact_force"
+    @staticmethod
+    def command(p, s, samples, i):
+        if samples[i] != 0.0:
+            s.mode = 2
+        return 0.5 * samples[i]
+"""
+
+
+def test_by_class_package_and_entry_point(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = here / "acme_laws"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "halves.py").write_text(CLASSES)
+    about = here / "acme_laws-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: acme-laws\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[hertzloop.laws]\nhalf = acme_laws.halves:Half\n")
+    path = f"{ROOT}{os.pathsep}{here}"
+    references = ("acme_laws/halves.py:Half", "acme_laws.halves:Half", "half", "force_feedback")
+    for number, law in enumerate(references):
+        words = ["run", "--transport", "compiled", "--set", SHORT, "--out", f"{number}.mcap"]
+        settings = ["--set", f"controller.law={law}"]
+        settings += ["--set", "controller.kappa=0.5"] if law == "force_feedback" else []
+        done = hertzloop(*words, *settings, cwd=here, env={**os.environ, "PYTHONPATH": path})
+        assert done.returncode == 0, done.stderr
+    for number in range(3):
+        assert first_difference(read(here / f"{number}.mcap"), read(here / "3.mcap")) is None
+
+
+def test_sweep_check_and_tune(here: Path) -> None:
+    shutil.copy(EXAMPLES / "low_passed.py", here / "mine.py")
+    fixed = ["--set", "controller.law=mine.py", "--set", SHORT]
+    over = ["--over", "controller.kappa=0.2,0.6", "--over", "controller.corner_hz=5e3,50e3"]
+    done = hertzloop("sweep", *fixed, *over, "-o", "r.csv", "--workers", "2", cwd=here)
+    assert done.returncode == 0, done.stderr
+    header = json.loads((here / "r.csv.json").read_text())
+    (about,) = header["laws"].values()
+    assert about["source"] == (here / "mine.py").read_text()
+    done = hertzloop("check", "r.csv", "--cases", "2", cwd=here)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "2 of 2 cases: the same bytes over zenoh" in done.stdout
+    tuned = ["tune", "--law", "mine.py", "--set", SHORT, "--minimise", "plate_energy_db"]
+    small = ["--generations", "2", "--population", "4", "--json", "t.json"]
+    done = hertzloop(*tuned, *small, cwd=here)
+    assert done.returncode == 0, done.stderr
+    (best,) = json.loads((here / "t.json").read_text())["front"]
+    assert set(best["values"]) == {"controller.law", "controller.kappa", "controller.corner_hz"}
+    # Another text is another law, for what was begun and for what is to be checked.
+    with (here / "mine.py").open("a") as file:
+        file.write("\n# changed\n")
+    done = hertzloop("check", "r.csv", "--cases", "1", cwd=here)
+    assert done.returncode == 2
+    assert "both sides need the same file" in " ".join(done.stderr.split())
+
+
+def test_a_case_looks_for_its_law_once_and_starts_no_thread(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both together once took a third of the time of a case."""
+    write_law(here)
+    scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
+    run_case(scene, "impact", 0, {"controller.share": 0.3})  # what stays for all cases
+    looked, threads = [], []
+    find_law, start = controller_table.find, threading.Thread.start
+    monkeypatch.setattr(
+        controller_table, "find", lambda *words: looked.append(words) or find_law(*words)
+    )
+    monkeypatch.setattr(threading.Thread, "start", lambda t: threads.append(t) or start(t))
+    for number in range(3):
+        assert not run_case(scene, "impact", number, {"controller.share": 0.1})["status"]
+    assert len(looked) == 3
+    assert not threads
+    (here / "mine.py").write_text((here / "mine.py").read_text() + "# another\n")
+    row = run_case(scene, "impact", 0, {"controller.share": 0.2})
+    assert "both sides need the same file" in row["status"]
+
+
+def test_laws_as_an_axis_of_a_sweep(here: Path) -> None:
+    write_law(here)
+    laws = "controller.law=slope_threshold,mine.py"
+    done = hertzloop("sweep", "--set", SHORT, "--over", laws, "-o", "r.csv", cwd=here)
+    assert done.returncode == 0, done.stderr
+    done = hertzloop("check", "r.csv", "--cases", "2", "--transport", "inprocess", cwd=here)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_what_numba_does_not_know_runs_as_python_and_says_so(here: Path) -> None:
+    write_law(here)
+    path = write_law(here, name="slow.py")
+    text = path.read_text().replace(
+        "p.share *", "{'share': p.share}.get('share') * float(str(1.0)) *"
+    )
+    path.write_text(text)
+    recordings = []
+    for law in ("mine.py", "slow.py"):
+        words = ["run", "--transport", "compiled", "--set", SHORT, "--out", f"{law}.mcap"]
+        done = hertzloop(*words, "--set", f"controller.law={law}", cwd=here)
+        assert done.returncode == 0, done.stderr
+        assert ("runs as Python" in done.stderr) == (law == "slow.py")
+        recordings.append(read(here / f"{law}.mcap"))
+    assert recordings[0].force.arrays["force_n"].any()
+    assert first_difference(*recordings) is None
+    slow = load("aluminium-3mm", [SHORT, "controller.law=slow.py"])
+    assert first_difference(record(slow, here / "z.mcap", "zenoh"), recordings[0]) is None
+
+
+def test_keys_of_a_law_of_ones_own(here: Path) -> None:
+    write_law(here)
+    mine = ["controller.law=mine.py"]
+    scene = load("aluminium-3mm", [*mine, "controller.share=0.25", "controller.fade_us=20"])
+    assert scene.controller.keys.share == 0.25
+    assert parse(to_toml(scene)) == scene
+    assert load("aluminium-3mm", mine) == vary(load("aluminium-3mm"), {"controller.law": "mine.py"})
+    assert vary(scene, {"controller.law": "slope_threshold"}) == load(
+        "aluminium-3mm", ["controller.fade_us=20"]
+    )
+    for setting, words in {
+        "controller.shar=1": "controller.shar is no scene key; did you mean share?",
+        "controller.share=2": "controller.share = 2 will not do",
+        "controller.share=nan": "controller.share",
+        "sensors.quantity=xi": "works on 'contact_force'",
+    }.items():
+        with pytest.raises(SceneError, match=words.replace("?", r"\?")):
+            load("aluminium-3mm", [*mine, setting])
+    with pytest.raises(SceneError, match="share is no scene key"):
+        load("aluminium-3mm", ["controller.share=0.25"])
+
+
+def test_a_law_beside_its_scene(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = here / "scenes"
+    folder.mkdir()
+    write_law(folder)
+    text = to_toml(load("aluminium-3mm")).replace('law = "slope_threshold"', 'law = "mine.py"')
+    text = text.replace('quantity = "xi"', 'quantity = "auto"')
+    (folder / "mine.toml").write_text(text)
+    assert load("scenes/mine.toml").law.path == folder / "mine.py"
+    write_law(here, "s.largest_n += 0.0")
+    assert load("scenes/mine.toml").law.path == folder / "mine.py"
+
+
+def test_every_shipped_law_is_described() -> None:
+    """Shared keys have one default and meaning, so that a scene may keep them for all laws."""
+    seen: dict[str, object] = {}
+    for name in shipped():
+        law = find(name)
+        assert law.home.__doc__
+        for key, info in law.keys.model_fields.items():
+            assert info.description, f"{name}.{key}"
+            assert seen.setdefault(key, info.default) == info.default, key
+
+
+def test_new_law_and_scene_run_as_they_are(here: Path) -> None:
+    for words in (["law", "mine.py"], ["scene", "a scene.toml"]):
+        done = hertzloop("new", *words, cwd=here)
+        assert done.returncode == 0, done.stderr
+    run = ["run", "a scene.toml", "--transport", "compiled", "--set", SHORT]
+    done = hertzloop(*run, "--set", "controller.law=mine.py", cwd=here)
+    assert done.returncode == 0, done.stderr
+    recording = read(here / "a-scene.mcap")
+    assert recording.force.arrays["force_n"].any()
+    again = hertzloop("new", "law", "mine.py", cwd=here)
+    assert again.returncode == 2
+    assert "mine.py exists" in again.stderr
+    wrong = hertzloop("new", "law", "mine.txt", cwd=here)
+    assert wrong.returncode == 2
+    # The same start in C.
+    if shutil.which("cc"):
+        assert hertzloop("new", "law", "mine.c", cwd=here).returncode == 0
+        build(here, here / "mine.c")
+        scene = load("a scene.toml", [SHORT, "controller.law=mine.so"])
+        assert first_difference(record(scene, here / "c.mcap"), recording) is None
+
+
+def test_law_on_a_recording(here: Path) -> None:
+    write_law(here)
+    shutil.copy(ROOT / "controller" / "laws" / "slope_threshold.py", here / "same.py")
+    record(load("aluminium-3mm", [SHORT, "controller.latency_us=2"]), here / "r.mcap")
+    same = hertzloop("law-on", "r.mcap", "--law", "same.py", cwd=here)
+    assert same.returncode == 0, same.stderr
+    assert "the same forces in all 1,600 steps" in same.stdout
+    assert (here / "r-law.png").read_bytes().startswith(b"\x89PNG")
+    words = ["law-on", "r.mcap", "--law", "same.py", "--set", "controller.kappa=0.7", "-o", "b.png"]
+    other = hertzloop(*words, "--json", "o.json", cwd=here)
+    assert "differ first at step" in other.stdout
+    first = json.loads((here / "o.json").read_text())["first_difference"]
+    force = read(here / "r.mcap").force.arrays["force_n"]
+    assert force[first] != 0.0
+    assert not force[:first].any()
+    wrong = hertzloop("law-on", "r.mcap", "--law", "mine.py", "-o", "c.png", cwd=here)
+    assert wrong.returncode == 2
+    assert "works on 'contact_force'" in " ".join(wrong.stderr.split())
+
+
+def test_a_recording_outlives_its_law(here: Path) -> None:
+    path = write_law(here)
+    record(load("aluminium-3mm", [SHORT, "controller.law=mine.py"]), here / "a.mcap")
+    path.unlink()
+    done = hertzloop("inspect", "a.mcap", "--json", "i.json", cwd=here)
+    assert done.returncode == 0, done.stderr
+    data = json.loads((here / "i.json").read_text())
+    assert data["complete"]
+    assert len(data["impacts"]) == 1
+    assert data["law"] == data["scene_law"] == "mine.py"

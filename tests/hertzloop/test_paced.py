@@ -1,0 +1,280 @@
+"""Paced mode: the wall clock sets the step, late forces act when they come, and a recording of that
+repeats in lock-step to the bit."""
+
+import signal
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from bus.streams import PLANT, StreamFault
+from bus.wire import Packed
+from hertzloop.commands.cli import app
+from hertzloop.loop import pace_kernels
+from hertzloop.loop.controller_node import ControllerNode
+from hertzloop.loop.events import LateForces
+from hertzloop.loop.paced import PacedPlantNode, check_pace
+from hertzloop.loop.plant_node import PlantNode
+from hertzloop.loop.repeating import Repeat, repeat_of
+from hertzloop.results import pacing
+from hertzloop.scenes.scene import Scene, SceneError, load
+from recordings.compare import first_difference
+from recordings.reader import Recording, read
+from recordings.recorder import Recorder
+from tests.hertzloop.lanes import Pair
+from tests.hertzloop.processes import child_of, finish, grown_to, hertzloop, start, wait_for
+
+FEEDBACK = ["controller.law=velocity_feedback", "controller.kappa=0.1", "run.accuracy=0.1"]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def warm_paced_kernels(warm_kernels: None) -> None:
+    from hertzloop.commands.warmup import ensure_compiled
+
+    ensure_compiled(lambda: None, paced=True)
+
+
+def feedback(*settings: str) -> Scene:
+    return load("aluminium-3mm", [*FEEDBACK, "run.duration_s=0.0025", *settings])
+
+
+def paced(scene: Scene, pace: float, lane: bool = True, timeout_s: float = 5.0) -> Pair:
+    pair = Pair(scene, timeout_s, fast_lane=lane)
+    pair.plant = PacedPlantNode(scene, pair.ports[PLANT], pace, timeout_s, fast_lane=lane)
+    return pair
+
+
+def recorded(pair: Pair, path: Path) -> Recording:
+    recorder = Recorder(path)
+    for envelope in pair.heard:
+        recorder.handle(envelope)
+    recorder.reconcile()
+    recorder.close()
+    return read(path)
+
+
+def repeated(scene: Scene, repeat: Repeat, lane: bool = True) -> Pair:
+    pair = Pair(scene, fast_lane=lane)
+    pair.plant = PlantNode(scene, pair.ports[PLANT], timeout_s=5.0, fast_lane=lane, repeat=repeat)
+    return pair.run()
+
+
+@pytest.mark.parametrize("lane", [True, False])
+def test_with_time_to_spare_it_is_the_run_in_lock_step(lane: bool) -> None:
+    """A step every 5 ms, and 21 steps from a sample to its force."""
+    scene = feedback("controller.latency_us=20", "run.duration_s=0.00006")
+    pair = paced(scene, 0.0002, lane).run()
+    assert pair.fault == pair.controller_fault == ""
+    assert pair.stats is not None
+    assert pair.stats.wall_s >= 0.29  # the last of 60 steps begins then
+    assert pair.stats.lane == ("JOINED" if lane else "")
+    found = pair.samples()
+    assert found.pop("truth.held_steps")
+    assert found == {
+        name: digest
+        for name, digest in Pair(scene, fast_lane=False).run().samples().items()
+        if name != "truth.held_steps"
+    }
+
+
+@pytest.mark.parametrize("lane", [True, False])
+def test_late_forces_repeat_to_the_bit(lane: bool, tmp_path: Path) -> None:
+    """Two threads of one process cannot hold a step every 10 us."""
+    scene = feedback()
+    first = recorded(paced(scene, 0.1, lane).run(), tmp_path / "paced.mcap")
+    assert not first.problems
+    found = pacing.of(first)
+    assert found is not None
+    held = first.truth.arrays["held_steps"]
+    assert found["late_forces"] == np.count_nonzero(held) > 100
+    rows = np.split(held > 0, np.flatnonzero(np.diff(held > 0)) + 1)
+    assert found["longest_row"] == max(len(row) for row in rows if row[0])
+    assert found["answers"] == first.daq.samples - 1  # but the one in lock-step
+    repeat = repeat_of(first)
+    again = repeated(scene, repeat, not lane)
+    assert again.fault == again.controller_fault == ""
+    assert first_difference(first, recorded(again, tmp_path / "again.mcap")) is None
+    # Without the late forces it is another run.
+    other = replace(repeat, held=np.zeros_like(held))
+    assert "this is not the same run" in repeated(scene, other).fault
+
+
+def test_a_row_of_late_forces_is_counted_and_numbered(tmp_path: Path) -> None:
+    """A controller that stops for 0.1 s at a pace that leaves 2.1 ms."""
+    scene = feedback("controller.latency_us=20", "run.duration_s=0.0025")
+    pair = paced(scene, 0.01)
+    work, slept = pair.controller.work, threading.Event()
+
+    def pause(timeout_s: float) -> None:
+        if pair.controller.samples > 100 and not slept.is_set():
+            slept.set()
+            time.sleep(0.1)
+        work(timeout_s)
+
+    pair.controller.work = pause  # type: ignore[method-assign]
+    first = recorded(pair.run(), tmp_path / "paced.mcap")
+    assert slept.is_set()
+    found = pacing.of(first)
+    assert found is not None
+    assert found["longest_row"] > 500
+    assert found["response_us"]["max"] > 90_000
+    late = [e.message for e in first.events if e.message.startswith("late force")]
+    assert len(late) <= 3
+    assert late[-1].startswith("late force")
+    assert f"to {found['late_forces']}:" in late[-1]
+
+
+def test_a_silent_controller_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    pair = paced(feedback("run.duration_s=0.02"), 0.01, timeout_s=0.5)
+    work = ControllerNode.work
+
+    def stop(node: ControllerNode, timeout_s: float) -> None:
+        if node.samples > 100:
+            time.sleep(1.5)
+        work(node, timeout_s)
+
+    monkeypatch.setattr(ControllerNode, "work", stop)
+    assert "plant waited 0.5 s for the force for step" in pair.run().fault
+
+
+class TestProcesses:
+    """Over zenoh, as a user runs it, with a controller that was stopped for 0.1 s."""
+
+    @pytest.fixture(scope="class")
+    @staticmethod
+    def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+        folder = tmp_path_factory.mktemp("paced")
+        recording = folder / "paced.mcap"
+        settings = [word for key in FEEDBACK for word in ("--set", key)]
+        run = start(
+            "run", *settings, "--set", "run.duration_s=0.01", "--pace", "0.01",
+            "--out", str(recording), "--realtime", "off",
+        )  # fmt: skip
+        controller = child_of(run, "controller")
+        wait_for(grown_to(recording, 30_000))
+        controller.send_signal(signal.SIGSTOP)
+        time.sleep(0.1)
+        controller.send_signal(signal.SIGCONT)
+        code, said, _ = finish(run)
+        assert code == 0, said
+        return folder
+
+    def test_late_forces(self, folder: Path) -> None:
+        found = pacing.of(read(folder / "paced.mcap"))
+        assert found is not None
+        assert found["pace"] == 0.01
+        assert found["longest_row"] > 500
+        assert found["response_us"]["max"] > 80_000
+        assert found["response_us"]["p50"] <= found["response_us"]["p99.9"]
+
+    def test_repeated(self, folder: Path) -> None:
+        again = folder / "again.mcap"
+        done = hertzloop("run", "--repeat", str(folder / "paced.mcap"), "--out", str(again))
+        assert done.returncode == 0, done.stderr
+        assert f"Repeated: the same bytes as in {folder / 'paced.mcap'}." in " ".join(
+            done.stdout.split()
+        ).replace("- ", "-")
+        a, b = read(folder / "paced.mcap"), read(again)
+        assert first_difference(a, b) is None
+        assert b.metadata["repeats"] == a.metadata["run_id"]
+        assert np.array_equal(a.truth.arrays["f_a_n"], b.truth.arrays["f_a_n"])
+
+    def test_inspected_and_drawn(self, folder: Path) -> None:
+        drawn = run_here("chart", "response", str(folder / "paced.mcap"), "-o", str(folder))
+        assert (folder / "response.png").stat().st_size > 10_000
+        rows = (folder / "response.csv").read_text().splitlines()
+        assert sum(int(row.split(",")[1]) for row in rows[1:]) == 9_999
+        inspected = run_here("inspect", str(folder / "paced.mcap"))
+        for sentence in drawn.splitlines()[:3]:
+            assert sentence in inspected
+
+
+def run_here(*words: str, code: int = 0) -> str:
+    """What a command prints."""
+    done = CliRunner().invoke(app, list(words))
+    assert done.exit_code == code, done.output
+    return done.output
+
+
+@pytest.mark.parametrize("pace", [1e-9, float("nan")])
+def test_a_pace_that_cannot_be(pace: float) -> None:
+    with pytest.raises(SceneError, match="take a pace of 8e-07 or more"):
+        check_pace(feedback(), pace, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--pace", "1e-8"], "take a pace of"),
+        (["--pace", "1", "--horizon", "3"], "--horizon needs the lock-step"),
+        (["--pace", "1", "--verify"], "--verify needs the lock-step"),
+        (["--pace", "1", "--transport", "compiled"], "--pace needs processes of their own"),
+        (["--repeat", "no.mcap", "--seed", "3"], "--repeat takes scene and seed from"),
+        (["--repeat", "no.mcap"], "cannot read no.mcap"),
+    ],
+)
+def test_what_does_not_go_together(words: list[str], said: str) -> None:
+    assert said in " ".join(run_here("run", *words, code=2).split())
+
+
+def test_another_force_is_not_the_same_run() -> None:
+    forces = np.array([0.0, 1.0, 2.0])
+    repeat = Repeat(Path("a.mcap"), 1, forces, None)
+    repeat.compare(forces.copy())
+    with pytest.raises(StreamFault, match=r"force of step 1 is 1\.0.*, that in a\.mcap 1\.0 N"):
+        repeat.compare(np.array([0.0, np.nextafter(1.0, 2.0), 2.0]))
+
+
+def test_events_do_not_depend_on_how_a_run_is_cut() -> None:
+    draw = np.random.default_rng(1)
+    held = np.where(draw.random(3456) < 0.01, draw.integers(1, 50, 3456), 0).astype(np.int32)
+    held[2000:3000] = 0
+    held[2500] = 3
+
+    def events(cuts: list[int]) -> list[Any]:
+        late, ends = LateForces(len(held)), [*cuts, len(held)]
+        return [e for a, b in zip([0, *cuts], ends, strict=True) for e in late.of(a, held[a:b])]
+
+    whole = events([])
+    assert [step for step, *_ in whole] == [999, 1999, 2999, 3455]
+    assert "the force of step 2497 acted in step 2500" in whole[2][1]
+    assert f"to {np.count_nonzero(held)}:" in whole[3][1]
+    assert whole == events([1, 7, 1000, 1999, 2001]) == events([*range(1, 3456)])
+
+
+def test_what_is_no_histogram(tmp_path: Path) -> None:
+    """A file may hold anything."""
+    recording = recorded(paced(feedback("run.duration_s=0.00002"), 0.01).run(), tmp_path / "a.mcap")
+    assert recording.pacing is not None
+    assert pacing.responses_of(recording) is not None
+    header, answers = recording.pacing.header, recording.pacing.arrays["answers"]
+    wrong: list[tuple[str, Any]] = [
+        ("pace", float("nan")), ("pace", 0.0), ("pace", float("inf")), ("classes_an_octave", 0),
+        ("step_ns", 0), ("lead_steps", 0),
+    ]  # fmt: skip
+    for field, value in wrong:
+        spoiled = type(header)()
+        spoiled.CopyFrom(header)
+        setattr(spoiled, field, value)
+        recording.pacing = Packed(spoiled, {"answers": answers})
+        found = pacing.of(recording)
+        assert found is not None
+        assert found["pace"] is None
+    for values in (np.empty(0), np.zeros(9), np.array([1.0, -1.0]), np.array([np.inf]),
+                   np.ones(10**6)):  # fmt: skip
+        recording.pacing = Packed(header, {"answers": values})
+        assert pacing.responses_of(recording) is None
+
+
+def test_classes_of_response_times() -> None:
+    ends = pacing.class_ends_ns(pace_kernels.CLASSES, pace_kernels.CLASSES_AN_OCTAVE)
+    starts = np.concatenate([[0], ends[:-1]])
+    for ns in [*range(200), *(int(1.07**i) for i in range(80, 400))]:
+        at = pace_kernels.class_of(ns)
+        assert starts[at] <= ns < ends[at]
+    assert np.max((ends - starts)[64:] / starts[64:]) <= 1 / 32

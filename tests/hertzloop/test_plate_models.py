@@ -1,0 +1,212 @@
+"""Theory and tail of a plate as scenes: what is chosen, recorded, refused and said."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hertzloop import assembly as parts
+from hertzloop.commands.cli import app
+from hertzloop.commands.modes import modes_of_scene
+from hertzloop.loop.compiled import simulate
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.plate_choice import theory
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.deflection import deflection
+from hertzloop.results.figures import rows_of
+from hertzloop.results.plate_words import what_limits
+from hertzloop.results.verify import verify
+from hertzloop.scenes.scene import SceneError, load
+from plant.structures.mode_file import write_modes
+from plant.structures.solid_plate import SolidPlate
+from recordings.reader import read
+from studies.plate_models import tail
+from studies.plate_models import theory as thickness
+
+SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]
+SOLID = [*SHORT, "plate.theory=3d"]
+YIELDS = ["contact.plasticity=thornton", "contact.limiting_pressure_pa=1.05e9"]
+TAIL = "plate.tail=damped"
+DAMPER = ["contact.damping=hunt_crossley", "contact.restitution=0.5"]
+
+
+def test_the_damped_tail_is_taken_where_it_is_known() -> None:
+    for source, settings, damped in (
+        ("oak-20mm", [], True),
+        ("aluminium-3mm", SHORT, True),
+        ("aluminium-3mm", [*SHORT, "run.plate_model=infinite"], False),
+        ("aluminium-3mm", [*SHORT, "plate.tail=spring"], False),
+        ("aluminium-3mm", [*SHORT, "plate.contact_point_m=[0.004, 0.2]"], False),
+        ("aluminium-3mm", [*SHORT, "plate.contact_point_m=[0.004, 0.2]", TAIL], True),
+        ("aluminium-3mm", [*SHORT, "actuator.mass_kg=1e-3"], False),
+        ("aluminium-3mm", SOLID, False),
+        ("aluminium-3mm", ["run.scheme=discrete_gradient"], False),
+        ("thesis-aluminium", [], False),
+    ):
+        assert parts.plant_spec(load(source, settings)).damped_tail is damped, settings
+
+
+def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path: Path) -> None:
+    scene = load("aluminium-3mm", SHORT)
+    table = modes_of_scene(scene)
+    left_out = table.residual_flexibility_m_n
+    assert left_out is not None
+    by_file = [*SHORT, f"plate.modes='{tmp_path}/m.npz'"]
+    for share, damped in ((1.0, True), (0.0, True), (3.0, False), (-1.0, False)):
+        (tmp_path / "m.npz").write_bytes(
+            write_modes(".npz", replace(table, residual_flexibility_m_n=share * left_out))
+        )
+        assert parts.plant_spec(load("aluminium-3mm", by_file)).damped_tail is damped, share
+    with pytest.raises(SceneError, match="below zero, as of a solid's; take 'spring'"):
+        parts.plant_spec(load("aluminium-3mm", [*by_file, TAIL]))
+
+
+def test_a_spring_with_a_damper_takes_more_modes_and_expects_more() -> None:
+    spring, damped = (
+        load("aluminium-3mm", [*SHORT, *DAMPER, f"plate.tail={tail}"])
+        for tail in ("spring", "damped")
+    )
+    limits = [parts.plant_spec(scene).frequency_limit_hz for scene in (spring, damped)]
+    assert limits[0] > 1.5 * limits[1]
+    assert parts.model_error(spring) > 2.0 * parts.model_error(damped)
+
+
+# Errors of the plate energy and of the rebound with a spring and with a damped mode, from an
+# independent solver.
+def test_errors_of_both_tails() -> None:
+    found = tail.errors(("3 mm, e 0.7", "3 mm, e 0.2", "3 mm, law at -0.6"))
+    by_case = {(t.case, t.limit_khz): t for t in found}
+    for key, spring, damped, digits in (
+        (("3 mm, e 0.7", 250.0), -3.4e-3, 1.0e-5, 1e-5),
+        (("3 mm, e 0.2", 250.0), -1.2e-2, -7.3e-5, 2e-5),
+        (("3 mm, law at -0.6", 125.0), None, 3.0e-4, 5e-5),
+        (("3 mm, law at -0.6", 250.0), -1.3e-3, 1.5e-4, 5e-5),
+    ):
+        have = by_case[key]
+        assert spring is None or have.spring_energy == pytest.approx(spring, rel=0.15)
+        assert have.damped_energy == pytest.approx(damped, abs=digits)
+        assert abs(have.damped_rebound) < 5e-5
+        assert have.residual < 1e-10
+        assert have.tail_share > 0.0
+
+
+def test_auto_is_kirchhoff_where_that_is_good_enough() -> None:
+    for accuracy, chosen in ((1e-3, "3d"), (0.1, "kirchhoff")):
+        scene = load("aluminium-3mm", [*SHORT, "plate.theory=auto", f"run.accuracy={accuracy}"])
+        assert theory(scene) == chosen
+        assert isinstance(parts.plant_spec(scene).plate, SolidPlate) is (chosen == "3d")
+    # Where three dimensions are not known.
+    for settings in (DAMPER, ["plate.edges=cccc"], ["actuator.mass_kg=1e-3"]):
+        assert (
+            theory(load("aluminium-3mm", [*SHORT, "plate.theory=auto", *settings])) == "kirchhoff"
+        )
+
+
+def test_the_law_in_three_dimensions() -> None:
+    for settings, wanted, digits in ((SOLID, -1.46, 0.03), ([*SOLID, *YIELDS], 0.83, 0.03)):
+        scene = load("aluminium-3mm", [*settings, "controller.v_thr_m_s=-0.6"])
+        assert figures_of_case(scene).plate_energy_db == pytest.approx(wanted, abs=digits)
+
+
+def test_one_step_costs_at_most_three_of_kirchhoff() -> None:
+    (found,) = thickness.effects(("h 10, R 5 mm",))
+    assert found.times_as_long < 3.0
+    assert found.residual < 1e-10
+    assert abs(found.plate_energy) < found.expected
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        ([*SOLID, *DAMPER], "contact.damping = 'hunt_crossley' does not fit plate.theory"),
+        ([*SOLID, "plate.edges=cccc"], "plate.edges = 'cccc' does not fit plate.theory"),
+        ([*SOLID, "run.scheme=discrete_gradient"], "plate.theory = '3d' is known to run.scheme"),
+        ([*SOLID, "run.plate_model=infinite"], "plate.theory = '3d' does not fit run.plate_model"),
+        ([*SOLID, "actuator.mass_kg=1e-3"], "actuator.mass_kg = 0.001 does not fit plate.theory"),
+        ([*SOLID, "plate.tail=damped"], "plate.tail = 'damped' does not fit plate.theory"),
+        ([*SHORT, "plate.tail=damped", "actuator.mass_kg=1e-3"], "plate.tail = 'damped' does not"),
+        ([*SHORT, "plate.tail=damped", "run.scheme=thesis2008"], "plate.tail = 'damped' is known"),
+    ],
+)
+def test_what_does_not_go_together(settings: list[str], sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        load("aluminium-3mm", settings)
+
+
+def test_a_plate_no_thicker_than_the_contact_is_wide_is_refused() -> None:
+    scene = load("aluminium-3mm", [*SOLID, "sphere.radius_m=0.05", "plate.thickness_m=1e-4"])
+    with pytest.raises(SceneError, match="than the contact is wide"):
+        parts.plant_spec(scene)
+
+
+@pytest.mark.parametrize("settings", [SOLID, [*SHORT, "plate.tail=damped"]])
+def test_recordings_hold_the_scene_and_its_rows(settings: list[str], tmp_path: Path) -> None:
+    scene = load("aluminium-3mm", settings)
+    record_in_process(scene, tmp_path / "a.mcap", compiled=True)
+    recording = read(tmp_path / "a.mcap")
+    done = simulate(scene)
+    assert np.array_equal(rows_of(recording), done.rows)
+    assert recording.books is not None
+    assert recording.books.tail_dissipated_j == done.books.tail_dissipated_j
+    assert settings[-1].split("=")[1] in recording.scene_toml
+    moved = deflection(scene, recording, np.array([1040]))
+    at = np.unravel_index(np.argmax(np.abs(moved.w_m[0])), moved.w_m[0].shape)
+    assert abs(moved.x_m[at[0]] - 0.25) + abs(moved.y_m[at[1]] - 0.25) < 0.05
+    found = verify(scene, done.rows)
+    assert found is not None
+    assert found.rebound_speed < 1e-3
+
+
+def test_a_run_says_what_it_took(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for settings, words, key in (
+        (["plate.theory=auto"], "three dimensions; Kirchhoff's theory may cost 0.03", "theory"),
+        (["plate.tail=damped"], "one damped mode took", "tail"),
+    ):
+        arguments = [x for s in [*SHORT, *settings] for x in ("--set", s)]
+        done = CliRunner().invoke(
+            app,
+            ["run", *arguments, "--transport", "compiled", "--json", "a.json", "--overwrite"],
+        )
+        assert done.exit_code == 0, done.output
+        assert words in " ".join(done.output.replace("│", " ").split())
+        assert json.loads(Path("a.json").read_text())[key]
+
+
+def test_modes_of_a_solid_as_a_file_give_the_same_bytes(tmp_path: Path) -> None:
+    scene = load("aluminium-3mm", SOLID)
+    table = modes_of_scene(scene)
+    assert table.residual_flexibility_m_n is not None
+    assert table.residual_flexibility_m_n < 0.0
+    (tmp_path / "m.npz").write_bytes(write_modes(".npz", table))
+    by_file = [*SHORT, f"plate.modes='{tmp_path}/m.npz'"]
+    assert np.array_equal(simulate(load("aluminium-3mm", by_file)).rows, simulate(scene).rows)
+    with pytest.raises(SceneError, match="do not fit contact"):
+        parts.plant_spec(load("aluminium-3mm", [*by_file, *DAMPER]))
+    stiff = load("aluminium-3mm", [*by_file, "sphere.drop_height_m=100", "sphere.radius_m=0.025"])
+    with pytest.raises(SceneError, match="too stiff"):
+        parts.plant_spec(stiff)
+
+
+def test_the_example_of_a_thick_plate() -> None:
+    example = Path(__file__).resolve().parents[2] / "docs" / "examples" / "thick-plate.toml"
+    assert theory(load(str(example))) == "3d"
+
+
+def test_a_run_expects_what_the_steps_of_a_held_force_cost() -> None:
+    """It knows no smaller error than 0.4 kappa (hold/T)^2, however many modes."""
+    tight = [*SHORT, "run.accuracy=3e-4"]
+    free = load("aluminium-3mm", [*tight, "controller.law=off"])
+    assert parts.model_error(free) == pytest.approx(3e-4)
+    held = parts.model_error(load("aluminium-3mm", tight))
+    assert held == pytest.approx(0.4 * 0.8 / 26.85**2, rel=0.01)
+    coarse = load("aluminium-3mm", [*tight, "sensors.every_steps=2"])
+    assert parts.model_error(coarse) == pytest.approx(4.0 * held)
+    smooth = load("aluminium-3mm", [*tight, "actuator.bandwidth_hz=1e5"])
+    assert parts.model_error(smooth) == pytest.approx(3e-4)
+    report = {"theory": None, "struck": {}, "model": {"full": {"frequency_limit_hz": 5e5}}}
+    assert "held from sample to sample" in what_limits(report | {"frequency_limit_hz": 4e5})
+    assert "all that this step can carry" in what_limits(report | {"frequency_limit_hz": 5e5})

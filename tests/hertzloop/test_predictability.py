@@ -1,0 +1,91 @@
+"""Later impacts: how far what was before is magnified, and how far runs can be compared."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hertzloop.commands.cli import app
+from hertzloop.loop.compiled import closed_loop_rows, simulate
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.results.figures import figures_of
+from hertzloop.results.impacts_table import known_digits
+from hertzloop.results.predictability import CHAOTIC, horizon_step, known_impacts
+from hertzloop.scenes.scene import load
+from recordings.compare import first_difference
+from recordings.reader import read
+
+FOUR = load("aluminium-3mm", ["run.duration_s=0.35"])
+
+
+def test_rows_in_blocks_are_those_of_the_run() -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.15", "sensors.every_steps=3",
+                                   "sensors.bits=12", "controller.latency_us=2"])  # fmt: skip
+    rows = np.concatenate([rows for _, rows in closed_loop_rows(scene)], axis=1)
+    assert rows.tobytes() == simulate(scene).rows.tobytes()
+
+
+def test_every_bounce_of_a_light_ball_magnifies_what_was_before() -> None:
+    impacts = figures_of(FOUR, simulate(FOUR).rows)["impacts"]
+    known = known_impacts(FOUR, impacts, 1e-3)
+    assert known is not None
+    grown = [each.amplification for each in known]
+    assert grown[0] < CHAOTIC
+    assert grown[1] > 50.0 * grown[0]
+    assert grown[2] > 50.0 * grown[1]
+    # At the accuracy of the scene nothing is left of the third's rebound.
+    assert known[1].errors["rebound_speed_m_s"] < impacts[1]["rebound_speed_m_s"]
+    assert known[2].errors["rebound_speed_m_s"] > impacts[2]["rebound_speed_m_s"]
+
+
+def test_the_error_of_the_second_impact_is_what_more_modes_change() -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.15"])
+    finer = load("aluminium-3mm", ["run.duration_s=0.15", "run.accuracy=1e-4"])
+    one, other = (figures_of(s, simulate(s).rows)["impacts"] for s in (scene, finer))
+    known = known_impacts(scene, one, 1e-3)
+    assert known is not None
+    for key, error in known[1].errors.items():
+        assert abs(one[1][key] - other[1][key]) < 2.0 * error, key
+
+
+def test_a_heavy_ball_is_predictable() -> None:
+    scene = load("aluminium-20mm", ["controller.law=off", "run.duration_s=0.012"])
+    known = known_impacts(scene, figures_of(scene, simulate(scene).rows)["impacts"], 1e-3)
+    assert known is not None
+    assert len(known) == 6
+    assert max(each.amplification for each in known) < CHAOTIC
+    assert horizon_step(scene, 1e-9) is None
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [
+        (0.69876, 0.0, "0.6988"), (0.69876, 1e-7, "0.6988"), (0.69876, 3e-3, "0.70"),
+        (0.69876, 3e-4, "0.699"), (0.69876, 0.7, "?"), (0.69876, np.inf, "?"),
+        (248.79, 30.0, "2e+02"), (0.69876, np.nan, "?"),
+    ],
+)  # fmt: skip
+def test_digits(value: float, error: float, shown: str) -> None:
+    assert known_digits(value, ".4f", error) == shown
+
+
+def test_compare_stops_where_rounding_decides(tmp_path: Path) -> None:
+    """A run that differs by the rounding of another processor, magnified 1e5 times."""
+    keys = ["run.duration_s=0.1", "run.accuracy=0.02", "controller.law=off"]
+    heights = ("0.005", "0.005000000000000005")
+    scene, nudged = (load("aluminium-3mm", [*keys, f"sphere.drop_height_m={h}"]) for h in heights)
+    a, b = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    record_in_process(scene, a, compiled=True)
+    record_in_process(nudged, b, compiled=True)
+    horizon = horizon_step(scene, 1e-9)
+    assert horizon is not None
+    assert 0.03 < horizon * 1e-6 < 0.1
+    whole = first_difference(read(a), read(b), 1e-9)
+    assert whole is not None
+    assert first_difference(read(a), read(b), 1e-9, horizon) is None
+    result = CliRunner().invoke(app, ["compare", "--tolerance", "1e-9", str(a), str(b)])
+    assert result.exit_code == 0, result.output
+    assert "Compared up to" in result.output
+    exact = CliRunner().invoke(app, ["compare", str(a), str(b)])
+    assert exact.exit_code == 1

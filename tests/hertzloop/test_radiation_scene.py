@@ -1,0 +1,74 @@
+"""Radiation of a scene: energies by their names, damping by air, and what it does not fit."""
+
+import math
+
+import pytest
+
+from hertzloop.commands.warmup import RADIATING, SPRING_TAIL, kernels_of
+from hertzloop.loop.compiled import simulate
+from hertzloop.results.figures import figures_of
+from hertzloop.scenes.scene import SceneError, load
+
+SHORT = "run.duration_s=0.0016"
+
+
+def noise_of(*settings: str) -> dict[str, float]:
+    scene = load("aluminium-3mm", [SHORT, *settings])
+    noise: dict[str, float] = figures_of(scene, simulate(scene).rows)["noise"][0]
+    return noise
+
+
+def test_what_is_radiated_beside_the_figure_of_the_study() -> None:
+    """Figure of the study and real energy, without control; change by the default law."""
+    free, controlled = noise_of("controller.law=off"), noise_of()
+    wanted = {
+        "radiated_j": (167.0, -1.17), "radiated_maidanik_j": (267.0, -2.18),
+        "sound_j": (176.0, -2.01), "sound_maidanik_j": (187.0, -2.15),
+    }  # fmt: skip
+    for key, (energy_uj, change_db) in wanted.items():
+        assert 1e6 * free[key] == pytest.approx(energy_uj, abs=0.6), key
+        change = 10.0 * math.log10(controlled[key] / free[key])
+        assert change == pytest.approx(change_db, abs=0.01), key
+    # The figure of the study is no energy: there are 209.4 uJ below 20 kHz.
+    assert free["radiated_maidanik_j"] > 209.4e-6 > free["sound_maidanik_j"]
+
+
+def test_no_damping_by_air_is_the_same_run() -> None:
+    off, none = (simulate(load("aluminium-3mm", [SHORT, *s])) for s in
+                 ((), ("plate.radiation=none",)))  # fmt: skip
+    assert off.rows.tobytes() == none.rows.tobytes()
+
+
+def test_air_damps_the_plate() -> None:
+    """Of the plate's energy most goes into air, more of it by two faces than by one."""
+    taken = []
+    for faces in ("one_face", "two_faces"):
+        scene = load("aluminium-3mm", [f"plate.radiation={faces}", "run.duration_s=0.02"])
+        books = simulate(scene).books
+        assert abs(books.energy_residual) < 1e-10
+        taken.append(books.air_dissipated_j)
+        assert books.modal_dissipated_j < 0.5 * books.air_dissipated_j
+    assert 100e-6 < taken[0] < taken[1] < 320e-6
+
+
+@pytest.mark.parametrize(
+    ("scene", "settings", "named"),
+    [
+        ("thesis-aluminium", [], "run.scheme"),
+        ("aluminium-3mm", ["run.scheme=discrete_gradient"], "run.scheme"),
+        ("aluminium-3mm", ["run.plate_model=infinite"], "run.plate_model"),
+        ("aluminium-3mm", ["plate.edges=cccc"], "plate.edges"),
+    ],
+)
+def test_what_radiation_does_not_fit(scene: str, settings: list[str], named: str) -> None:
+    with pytest.raises(SceneError, match=r"plate\.radiation = 'one_face'") as caught:
+        load(scene, ["plate.radiation=one_face", *settings])
+    assert named in str(caught.value)
+
+
+def test_its_kernels_are_compiled_before_a_run() -> None:
+    """Where every mode has a loss factor of its own, and books a sink more; or has a spring."""
+    assert kernels_of(load("aluminium-3mm", ["plate.radiation=two_faces"])) == RADIATING
+    assert kernels_of(load("aluminium-3mm", ["plate.radiation=none"])) == "modal"
+    assert kernels_of(load("aluminium-3mm", ["plate.tail=spring"])) == SPRING_TAIL
+    assert kernels_of(load("aluminium-3mm", ["run.plate_model=infinite"])) == "modal"

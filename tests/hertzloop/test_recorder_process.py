@@ -1,0 +1,53 @@
+"""The recorder as it runs in its process, on a real bus: it vouches for what was announced only."""
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from bus.port import PeerLost
+from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
+from bus.zenoh_port import ZenohPort
+from hertzloop.loop.processes import BusAddress, run_recorder
+from recordings.reader import read
+from tests.bus.meshes import PATIENCE_S, url
+from tests.bus.tapes import controller_says, plant_says
+from tests.ports import free_ports
+
+
+def recorded(path: Path, plant: list[Envelope], controller: list[Envelope]) -> Future:
+    """Play both on a bus to a recorder; how that ended. Raises PeerLost if it does not vouch."""
+    urls = [url(port) for port in free_ports(3)]
+    address = BusAddress("tapes", urls[2:], urls[:2], timeout_s=PATIENCE_S, wait_s=PATIENCE_S)
+    ports = [ZenohPort(PLANT, "tapes", urls[:1]), ZenohPort(CONTROLLER, "tapes", urls[1:2])]
+    with ThreadPoolExecutor(1) as other:
+        ended = other.submit(run_recorder, path, address)
+        try:
+            for port, said in zip(ports, (plant, controller), strict=True):
+                port.announce()
+                port.wait_for([RECORDER], PATIENCE_S)
+                for envelope in said:
+                    port.publish(envelope)
+            ports[0].wait_for_voucher(RECORDER)
+        finally:
+            ended.exception(PATIENCE_S)
+            for port in ports:
+                port.close()
+    return ended
+
+
+def test_a_whole_run_is_vouched_for(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    assert "recorder_s" in recorded(path, plant_says(), controller_says()).result()
+    assert read(path).problems == []
+
+
+@pytest.mark.parametrize("stream", ["books", "truth", "events/plant"])
+def test_what_was_announced_and_did_not_come_fails_the_run(tmp_path: Path, stream: str) -> None:
+    """The last message of a stream: no later one shows that it lacks."""
+    path = tmp_path / "a.mcap"
+    said = plant_says()
+    last = max(i for i, envelope in enumerate(said) if envelope.stream == stream)
+    with pytest.raises(PeerLost, match="recorder left the run before its part was complete"):
+        recorded(path, said[:last] + said[last + 1 :], controller_says())
+    assert f"stream '{stream}' lost its tail" in read(path).result["fault"]

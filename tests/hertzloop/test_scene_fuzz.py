@@ -1,0 +1,131 @@
+"""Scenes of arbitrary and of extreme values: a scene or one sentence, and parts that run."""
+
+import math
+from typing import Any, get_args
+
+import pytest
+import tomli_w
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from hertzloop import assembly as parts
+from hertzloop.loop.compiled import simulate
+from hertzloop.results.figures import figures_of
+from hertzloop.scenes.scene import Scene, SceneError, load, parse, shipped, toml_value
+from hertzloop.scenes.sentences import _limits
+
+TABLES = {name: field.annotation for name, field in Scene.model_fields.items()}
+KEYS = [
+    (table, key)
+    for table, model in TABLES.items()
+    if hasattr(model, "model_fields")
+    for key in model.model_fields
+]
+NUMBERS = st.integers() | st.integers(-(2**80), 2**80) | st.floats() | st.sampled_from(
+    [0, 1, -1, 5e-324, 1e-300, 1e155, 1e300, -1e300, 2**63, 10**400]
+)  # fmt: skip
+WORDS = st.text(max_size=20) | st.sampled_from(
+    ["[red]", "[/y]", "auto", "none", "ideal", "x" * 9999]
+)
+VALUES = st.recursive(
+    NUMBERS | WORDS | st.booleans() | st.dates() | st.datetimes() | st.times(),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(WORDS, inner, max_size=3),
+    max_leaves=6,
+)
+LONGEST_SENTENCE = 1000
+
+
+def scene_or_sentence(text: str, changes: list[str] | None = None) -> Scene | None:
+    """The scene; None where it is refused in a sentence."""
+    try:
+        return parse(text, changes or [])
+    except SceneError as error:
+        said = str(error)
+    assert 0 < len(said) <= LONGEST_SENTENCE, said
+    return None
+
+
+@settings(max_examples=300, suppress_health_check=list(HealthCheck))
+@given(st.sampled_from(shipped()), st.dictionaries(st.sampled_from(KEYS), VALUES, max_size=3),
+       st.dictionaries(WORDS, VALUES, max_size=2))  # fmt: skip
+def test_any_values_make_a_scene_or_a_sentence(
+    name: str, changes: dict[tuple[str, str], Any], more: dict[str, Any]
+) -> None:
+    data = load(name).model_dump(exclude_none=True)
+    for (table, key), value in changes.items():
+        data[table][key] = value
+    scene_or_sentence(tomli_w.dumps({**data, **more}))
+    base = tomli_w.dumps(load(name).model_dump(exclude_none=True))
+    scene_or_sentence(base, [f"{t}.{k}={v}" for (t, k), v in changes.items() if v not in ("", {})])
+
+
+@settings(max_examples=300)
+@given(st.text() | st.binary().map(lambda b: b.decode("latin-1")), st.text(max_size=30))
+def test_any_text_makes_a_scene_or_a_sentence(text: str, setting: str) -> None:
+    scene_or_sentence(text, [setting])
+    scene_or_sentence(tomli_w.dumps(load(shipped()[0]).model_dump(exclude_none=True)), [setting])
+    toml_value(text)
+
+
+def test_what_python_itself_refuses() -> None:
+    for value in ("[" * 3000 + "]" * 3000, "9" * 5000, "0x" + "f" * 9000, '"' + "x" * 15000 + '"'):
+        for key in ("seed", "step_ns", "accuracy", "nothing"):
+            assert scene_or_sentence(f'name = "a"\n[run]\n{key} = {value}') is None
+    with pytest.raises(SceneError) as caught:
+        load("nowhere/" + "x" * 15000)
+    assert len(str(caught.value)) < LONGEST_SENTENCE
+
+
+def extremes(table: str, key: str) -> st.SearchStrategy[Any]:
+    """The bounds of a key, and what lies between; or its words."""
+    field = TABLES[table].model_fields[key]
+    words = [word for kind in (field.annotation, *get_args(field.annotation))
+             for word in get_args(kind) if isinstance(word, str)]  # fmt: skip
+    limits = dict(_limits(field))
+    numbers = []
+    if limits:
+        low, high = limits.get("ge", limits.get("gt")), limits.get("le", limits.get("lt"))
+        numbers = [low, high, 0, 1, math.sqrt(abs(low * high)) or 1.0, (low + high) / 2]
+        if isinstance(low, int) and key in (
+            "bits",
+            "every_steps",
+            "step_ns",
+            "seed",
+            "window_samples",
+        ):
+            numbers = [int(n) for n in numbers]
+    if not words and not numbers:
+        numbers = [1e-9, 1e-3, 0.1, 10.0]
+    one = st.sampled_from([*words, *numbers])
+    if key.endswith(("size_m", "point_m", "full_scale", "profile_n")):
+        return one | st.lists(st.sampled_from(numbers), min_size=2, max_size=2)
+    return one
+
+
+@settings(max_examples=150, suppress_health_check=list(HealthCheck))
+@given(st.sampled_from(shipped()), st.data())
+def test_parts_of_extreme_scenes_can_be_built_and_run(name: str, data: st.DataObject) -> None:
+    keys = data.draw(st.lists(st.sampled_from(KEYS), unique=True, max_size=4))
+    scene = load(name).model_dump(exclude_none=True)
+    scene["run"]["lead_in_s"] = 1e-5
+    for table, key in keys:
+        scene[table][key] = data.draw(extremes(table, key), f"{table}.{key}")
+    if ("controller", "law") in keys and ("sensors", "quantity") not in keys:
+        scene["sensors"]["quantity"] = "auto"
+    step_s = scene["run"]["step_ns"] * 1e-9
+    if isinstance(step_s, float) and step_s > 0.0:
+        scene["run"]["duration_s"] = 200 * step_s  # the times of an extreme run are not the point
+    found = scene_or_sentence(tomli_w.dumps(scene))
+    if found is None or found.controller.law == "precomputed":
+        return
+    try:
+        spec = parts.plant_spec(found)
+        if spec.plate.modes_below(spec.frequency_limit_hz) > 30_000:
+            return  # could be built, but not within the time of a test
+        run = simulate(found)
+    except SceneError as error:
+        said = str(error)
+    else:
+        figures_of(found, run.rows)
+        return
+    assert 0 < len(said) <= LONGEST_SENTENCE, said

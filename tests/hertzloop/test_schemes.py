@@ -1,0 +1,74 @@
+"""Every scheme runs from the command line, from the warm-up on."""
+
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from hertzloop import assembly as parts
+from hertzloop.scenes.scene import load
+from hertzloop.scenes.tables import SchemeName
+from tests.hertzloop.processes import hertzloop
+
+SCENE = {"thesis2008": "thesis-aluminium"}
+
+
+@pytest.mark.parametrize("scheme", get_args(SchemeName))
+def test_every_scheme_runs(scheme: str, tmp_path: Path) -> None:
+    words = ["--transport", "compiled", "--set", f"run.scheme={scheme}"]
+    words += ["--set", "run.duration_s=0.0012", "--out", str(tmp_path / "a.mcap")]
+    done = hertzloop("run", SCENE.get(scheme, "aluminium-3mm"), *words, timeout_s=280.0)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "a.mcap").is_file()
+
+
+def test_a_large_plate_of_the_published_scheme_fits_into_memory(tmp_path: Path) -> None:
+    """150 000 modes that all move: it took 9.4 GB."""
+    import resource
+
+    sides = ["plate.size_m=[2.0, 2.0]", "plate.contact_point_m=[0.93, 1.03]"]
+    spec = parts.plant_spec(load("thesis-aluminium", sides))
+    assert spec.plate.modes_below(spec.frequency_limit_hz) > 150_000
+    words = ["--transport", "compiled", "--out", str(tmp_path / "a.mcap")]
+    words += [word for side in sides for word in ("--set", side)]
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (3 << 30, 3 << 30))
+
+    done = hertzloop("run", "thesis-aluminium", *words, timeout_s=280.0, preexec_fn=limit)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("transport", ["compiled", "inprocess", "zenoh"])
+@pytest.mark.parametrize(
+    ("scene", "settings", "words"),
+    [
+        ("aluminium-3mm", ["plate.contact_point_m=[0.25, 1e-10]"], "plate.contact_point_m"),
+        ("aluminium-3mm", ["plate.thickness_m=1.0", "plate.size_m=[0.01, 0.01]",
+                           "plate.contact_point_m=[0.005, 0.005]"], "lowest mode"),
+        ("aluminium-3mm", ["controller.force_n=1e155"], "controller.force_n = 1e+155"),
+        ("oak-20mm", ["contact.restitution=5e-324"], "from 0.001 to 1"),
+        ("thesis-aluminium", ["contact.viscous_n_s_m=1e9"], "contact.viscous_n_s_m"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_run_leaves_no_file(
+    transport: str, scene: str, settings: list[str], words: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "a.mcap"
+    sets = [word for setting in settings for word in ("--set", setting)]
+    done = hertzloop("run", scene, *sets, "--transport", transport, "--out", str(file))
+    assert done.returncode == 2, done.stderr
+    assert words in " ".join(done.stderr.split())
+    assert "Traceback" not in done.stderr
+    assert not file.exists()
+
+
+def test_a_force_that_cannot_be_known_leaves_no_file(tmp_path: Path) -> None:
+    """The contact without control does not end; only building the controller shows it."""
+    keys = ["controller.law=precomputed", "sphere.radius_m=0.2", "run.accuracy=0.3"]
+    sets = [word for key in keys for word in ("--set", key)]
+    words = ["--transport", "inprocess", "--out", str(tmp_path / "a.mcap")]
+    done = hertzloop("run", "sylomer-20mm", *sets, *words, timeout_s=250.0)
+    assert done.returncode == 2, done.stderr
+    assert "does not end" in done.stderr
+    assert not (tmp_path / "a.mcap").exists()

@@ -1,0 +1,133 @@
+"""A sensed quantity and a stream take what docs/architecture.md says, and no line more."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from tests.hertzloop.own_laws import ROOT
+
+QUANTITY = """
+from tests.hertzloop.with_lines import with_line
+
+with_line(
+    "hertzloop.quantities", '    "v_p": Sensed(',
+    '    "xi_p": Sensed("m", "sampled place of the plate", pk.XI_P, '
+    'lambda e: _either_way(e.rigid_m), lambda t: -0.1 * t.gap_m),\\n',
+)
+from pathlib import Path
+
+import numpy as np
+
+from hertzloop.loop.compiled import simulate
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.law_trial import try_law
+from hertzloop.results.labelled import export_labels
+from hertzloop.scenes.scene import SceneError, load
+from recordings.reader import read
+from recordings.replay.data import plots
+
+Path("mine.py").write_text(
+    "senses = 'xi_p'\\n\\ndef command(p, s, samples, i):\\n    return -1e5 * samples[i]\\n"
+)
+settings = ["run.duration_s=0.0016", "controller.law=mine.py"]
+scene = load("aluminium-3mm", settings)
+assert scene.sensors.quantity == "xi_p"
+assert try_law(scene) == ""
+found = simulate(scene)
+assert np.ptp(found.values) > 1e-7
+assert np.array_equal(found.values, found.rows[2])
+
+coded = load("aluminium-3mm", [*settings, "sensors.bits=12"])
+record_in_process(coded, Path("a.mcap"), compiled=False)
+recording = read(Path("a.mcap"))
+assert recording.problems == []
+assert abs(recording.daq_values - recording.truth.arrays["xi_p_m"]).max() < 1e-7
+assert export_labels("xi_p")["daq_value"] == ("m", "sampled place of the plate")
+gap = next(plot for plot in plots(recording) if plot.key == "gap")
+assert [curve.name for curve in gap.curves][-1] == "measured"
+try:
+    load("aluminium-3mm", [*settings, "sensors.quantity=v_p"])
+except SceneError as error:
+    assert "which works on 'xi_p'" in str(error)
+"""
+
+STREAM = """
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+
+import bus.messages_pb2 as messages
+from tests.hertzloop.with_lines import with_line
+
+# What protoc would make of it.
+file = descriptor_pb2.FileDescriptorProto(name="speed.proto", package="hertzloop", syntax="proto3")
+block = file.message_type.add(name="SpeedBlock")
+kinds = descriptor_pb2.FieldDescriptorProto
+for number, name, kind in (
+    (1, "run_id", kinds.TYPE_FIXED64), (2, "sequence", kinds.TYPE_UINT64),
+    (3, "first_step", kinds.TYPE_UINT64), (4, "step_ns", kinds.TYPE_UINT32),
+    (16, "speed_m_s", kinds.TYPE_DOUBLE),
+):
+    label = kinds.LABEL_REPEATED if number >= 16 else kinds.LABEL_OPTIONAL
+    block.field.add(name=name, number=number, type=kind, label=label)
+pool = descriptor_pool.DescriptorPool()
+pool.Add(file)
+SpeedBlock = message_factory.GetMessageClass(pool.FindMessageTypeByName("hertzloop.SpeedBlock"))
+messages.SpeedBlock = SpeedBlock
+with_line(
+    "bus.streams", '        Stream("books"',
+    '        Stream("speed", PLANT, messages.SpeedBlock, "/speed", compared=True),\\n',
+)
+from pathlib import Path
+
+import numpy as np
+
+from bus.streams import RECORDER, SUBSCRIPTIONS
+from hertzloop.loop import kernels as k
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.plant_node import PlantStreams
+from hertzloop.scenes.scene import load
+from recordings.compare import first_difference
+from recordings.reader import read
+
+assert "speed" in SUBSCRIPTIONS[RECORDER]
+send_truth, factor = PlantStreams.send_truth, 1.0
+
+def send_both(self):
+    counts = self.window.counts
+    first, end = int(counts[k.TRUTH_FIRST]), int(counts[k.TRUTH_END])
+    if end > first:
+        speed = factor * self.window.truth[3, : end - first]
+        header = SpeedBlock(first_step=first, step_ns=self.scene.run.step_ns)
+        self.publisher.send("speed", header, {"speed_m_s": speed})
+    send_truth(self)
+
+PlantStreams.send_truth = send_both
+scene = load("aluminium-3mm", ["run.duration_s=0.0016"])
+found = []
+for name, compiled in (("a", True), ("b", False), ("c", True)):
+    factor = 2.0 if name == "c" else 1.0
+    record_in_process(scene, Path(f"{name}.mcap"), compiled=compiled)
+    found.append(read(Path(f"{name}.mcap")))
+    assert found[-1].problems == []
+assert np.array_equal(found[0].speed.arrays["speed_m_s"], found[0].truth.arrays["v_p_m_s"])
+assert found[0].speed.messages == found[0].truth.messages
+assert first_difference(found[0], found[1]) is None
+assert first_difference(found[0], found[2]).startswith("speed.speed_m_s differs first at step")
+"""
+
+
+def run(script: str, folder: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{script}"],
+        cwd=folder, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_quantity_is_a_row_of_one_table(tmp_path: Path) -> None:
+    """Scene, law and its trial, converter, recording, export and replay follow."""
+    run(QUANTITY, tmp_path)
+
+
+def test_a_stream_is_a_message_and_a_row_of_one_table(tmp_path: Path) -> None:
+    """Numbering, counts, recorder, reader and comparison follow."""
+    run(STREAM, tmp_path)

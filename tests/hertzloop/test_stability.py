@@ -1,0 +1,156 @@
+"""An unstable loop is called so, from when on, and no other one is."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controller.door.registry import shipped as shipped_laws
+from hertzloop.loop.compiled import simulate
+from hertzloop.results import stability
+from hertzloop.results.cases import UnstableLoop, figures_of_case
+from hertzloop.results.impact_rows import F_A, XI_A, XI_P
+from hertzloop.results.stability import UNSTABLE, Stability
+from hertzloop.scenes.scene import Scene, load, shipped
+from tests.hertzloop.processes import hertzloop
+from tests.hertzloop.test_impact_windows import in_blocks
+
+SHORT = "run.duration_s=0.0015"
+EXPLODES = ["aluminium-20mm", "--set", "controller.law=velocity_feedback",
+            "--set", "controller.kappa=0.4"]  # fmt: skip
+
+
+def stability_of(scene: Scene, rows: np.ndarray, size: int = 1 << 30) -> Stability:
+    meter = stability.StabilityMeter(scene)
+    for _ in meter.through(in_blocks(rows, size)):
+        pass
+    return meter.result()
+
+
+def test_a_loop_that_explodes_is_called_unstable(tmp_path: Path) -> None:
+    ran, inspected = tmp_path / "run.json", tmp_path / "inspect.json"
+    file = str(tmp_path / "a.mcap")
+    words = ["--transport", "compiled", "--out", file, "--json", str(ran)]
+    run = hertzloop("run", *EXPLODES, *words)
+    inspect = hertzloop("inspect", file, "--json", str(inspected))
+    found = [json.loads(path.read_text())["stability"] for path in (ran, inspected)]
+    assert found[0] == found[1]
+    assert found[0]["unstable"]
+    assert found[0]["most_injected"] > 1e6
+    assert found[0]["of_contact"] > 1e6
+    assert 0.001 < found[0]["since_s"] < 0.01
+    for done in (run, inspect):
+        # The run is whole and says what such a loop does: no failure of the run.
+        assert done.returncode == 0, done.stderr
+        assert "UNSTABLE" in done.stdout
+        assert f"{found[0]['since_s'] * 1e3:.4g} ms" in done.stdout
+        for misleading in ("plate energy 72", " change ", "dB"):
+            assert misleading not in done.stdout
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_no_shipped_scene_and_no_law_is_called_unstable(name: str) -> None:
+    for law in shipped_laws():
+        keys = [f"controller.law={law}", "sensors.quantity=auto", "controller.duration_us=20",
+                "controller.force_n=1e4", "controller.profile_n=[1e4, -1e4]"]  # fmt: skip
+        if law in ("velocity_feedback", "acceleration_feedback"):
+            keys += ["controller.kappa=0.05"]  # more than a few tenths do become unstable
+        scene = load(name, keys)
+        if scene.run.duration_s > 0.03:
+            scene = load(name, [*keys, "run.duration_s=0.03"])
+        found = stability_of(scene, simulate(scene).rows)
+        assert not found.unstable, (law, found)
+        assert not found.pumps, (law, found)
+        assert found.since_s is None
+        closed = law in ("off", "constant", "profile", "precomputed")
+        assert closed or found.most_injected < 0.2 * UNSTABLE, (law, found)
+
+
+@pytest.mark.parametrize("name", ["aluminium-20mm", "offcentre-6mm"])
+def test_its_figures_are_those_of_the_work_done(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stability, "UNSTABLE", 1e-6)
+    scene = load(name, ["run.duration_s=0.01", "controller.law=slope_threshold"])
+    rows = simulate(scene).rows
+    place = rows[XI_P] if scene.plate.actuator_point_m is None else rows[XI_A]
+    whole, found = stability_of(scene, rows), stability_of(scene, rows, 73)
+    assert found.since_s == whole.since_s
+    assert found.most_injected == pytest.approx(whole.most_injected, rel=1e-9)
+    meter = stability.StabilityMeter(scene)
+    injected = np.cumsum(rows[F_A, :-1] * np.diff(place))
+    expected = np.max(np.abs(injected)) / meter.impact_j
+    assert whole.most_injected == pytest.approx(expected, rel=1e-9)
+    assert whole.largest_force_n == np.max(np.abs(rows[F_A]))
+    assert whole.unstable
+
+
+def test_since_when() -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.002"])
+    meter = stability.StabilityMeter(scene)
+    e, rows = meter.impact_j, np.zeros((10, 9))
+    rows[F_A] = 1.0
+    # Work after every step: beyond the impact's energy, back, and beyond for good.
+    rows[XI_P] = np.array([0.0, 0.5, 1.5, 0.9, 2.0, 8.0, 30.0, -20.0, 50.0]) * e
+    for size in (9, 2, 1):
+        found = stability_of(scene, rows, size)
+        assert found.unstable
+        assert found.since_s == pytest.approx(3 * scene.step_s)
+        assert found.most_injected == pytest.approx(50.0)
+
+
+def test_no_work_is_done_over_missing_steps() -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.002"])
+    meter = stability.StabilityMeter(scene)
+    e, rows = meter.impact_j, np.zeros((10, 9))
+    rows[F_A] = 1.0
+    rows[XI_P] = np.array([0.0, 0.5, 1.5, 900.0, 900.0, 900.0, 900.5, 920.0, 921.0]) * e
+    for _ in meter.through([(0, rows[:, :3]), (14, rows[:, 4:6]), (16, rows[:, 6:])]):
+        pass
+    found = meter.result()
+    assert found.most_injected == pytest.approx(22.5)
+    assert found.since_s == pytest.approx(1 * scene.step_s)
+
+
+RUNS_AWAY = [
+    "contact.plasticity=thornton", "controller.law=shifted_threshold", "controller.kappa=0.95",
+    "controller.v_thr_m_s=-0.99", "controller.latency_us=5", "run.duration_s=0.006",
+    "sensors.bits=16",
+]  # fmt: skip
+
+
+def test_a_loop_that_pumps_is_told_by_the_energy_there_was() -> None:
+    """More than the sphere brought, in sum, and not by decibels against a run without control."""
+    scene = load("aluminium-3mm", ["controller.kappa=2", "controller.latency_us=2", SHORT])
+    found = stability_of(scene, simulate(scene).rows)
+    figures = figures_of_case(scene)
+    assert found.pumps
+    assert not found.unstable
+    assert found.fed_in > 1.0
+    assert found.since_s is not None
+    assert figures.pumps
+    assert figures.injected_j > figures.impact_energy_j
+    gentle = load("aluminium-3mm", ["controller.latency_us=2", SHORT])
+    assert not figures_of_case(gentle).pumps
+
+
+def test_what_takes_energy_out_does_not_pump() -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.002"])
+    meter = stability.StabilityMeter(scene)
+    rows = np.zeros((10, 4))
+    rows[F_A] = 1.0
+    rows[XI_P] = np.array([0.0, -1.5, -3.0, -2.5]) * meter.impact_j
+    meter.feed(0, rows)
+    found = meter.result()
+    assert not found.pumps
+    assert found.fed_in <= 0.0
+    assert found.most_injected == pytest.approx(3.0)
+
+
+def test_a_sweep_and_a_run_call_the_same_loop_unstable() -> None:
+    scene = load("aluminium-20mm", RUNS_AWAY)
+    found = stability_of(scene, simulate(scene).rows)
+    assert found.unstable
+    assert found.pumps
+    assert found.most_injected < 1e4  # a sweep once called only such loops unstable
+    with pytest.raises(UnstableLoop, match="times the energy of the impact"):
+        figures_of_case(scene, "run")

@@ -1,0 +1,217 @@
+"""What is struck, from scene to recording: edges, files of modes, materials of one's own."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hertzloop
+from hertzloop import assembly as parts
+from hertzloop import control
+from hertzloop.commands.modes import modes_of_scene
+from hertzloop.commands.warmup import ensure_compiled, kernels_of
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.deflection import deflection
+from hertzloop.results.figures import rows_of
+from hertzloop.results.impact_rows import first_impact, modal_displacement
+from hertzloop.scenes.scene import Scene, SceneError, load, parse, shipped, to_toml
+from plant.structures.mode_file import SUFFIXES, write_modes
+from recordings.compare import first_difference
+from recordings.reader import Recording, read
+
+SHORT = ["run.duration_s=0.002"]
+CONSISTENT = [name for name in shipped() if not name.startswith("thesis")]
+
+
+def recorded(
+    folder: Path, scene: Scene, name: str = "run.mcap", compiled: bool = True
+) -> Recording:
+    record_in_process(scene, folder / name, compiled=compiled, overwrite=True)
+    found = read(folder / name)
+    assert not found.problems
+    return found
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("name", CONSISTENT)
+def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(
+    tmp_path: Path, name: str, suffix: str
+) -> None:
+    scene = load(name, ["run.duration_s=0.012"])
+    file = tmp_path / f"modes{suffix}"
+    file.write_bytes(write_modes(suffix, modes_of_scene(scene)))
+    by_file = load(name, ["run.duration_s=0.012", f"plate.modes={file}"])
+    assert by_file.name == f"{name}-modes"
+    one, other = recorded(tmp_path, scene, "one.mcap"), recorded(tmp_path, by_file, "other.mcap")
+    assert first_difference(one, other) is None
+    assert rows_of(one)[4].max() > 0.0
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ["plate.edges=cccc", "plate.material=titanium"],
+        ["plate.edges=ffff", "plate.actuator_point_m=[0.3, 0.2]"],
+        ["plate.edges=cfsf", "plate.size_m=[0.4, 0.6]", "plate.contact_point_m=[0.21, 0.17]"],
+    ],
+)
+def test_edges_keep_the_books_and_move_as_drawn(tmp_path: Path, settings: list[str]) -> None:
+    # What is drawn are the modes; rows of truth tell these apart from a spring, not from its mode.
+    scene = load("aluminium-3mm", [*SHORT, *settings, "run.accuracy=0.02", "plate.tail=spring"])
+    recording = recorded(tmp_path, scene)
+    books = recording.books
+    assert books is not None
+    assert abs(books.energy_residual) < 1e-10
+    assert abs(books.momentum_residual) < 1e-12
+    plate = deflection(scene, recording)
+    moved = modal_displacement(parts.plant_spec(scene), rows_of(recording))
+    moved = moved[plate.times_ns // recording.truth.step_ns]
+    i, j = plate.contact_node
+    assert abs(moved).max() > 1e-6
+    assert abs(plate.w_m[:, i, j] - moved).max() < 1e-9 * abs(moved).max()
+
+
+@pytest.mark.parametrize("edges", ["cccc", "ffff", "csff"])
+def test_before_reflections_return_edges_do_not_matter(edges: str) -> None:
+    """The first contact of a thin plate's centre: as on an infinite plate, whatever the edges."""
+    settings = [*SHORT, "controller.law=off", "run.accuracy=3e-4"]
+    infinite = load("aluminium-3mm", [*settings, "run.plate_model=infinite"])
+    expected = figures_of_case(infinite)
+    figures = figures_of_case(load("aluminium-3mm", [*settings, f"plate.edges={edges}"]))
+    assert figures.plate_model == "modal"
+    speed = parts.plant_spec(infinite).sphere.impact_speed_m_s
+    assert abs(figures.rebound_m_s - expected.rebound_m_s) < 3e-4 * speed
+    assert figures.plate_energy_j == pytest.approx(expected.plate_energy_j, rel=3e-4)
+
+
+def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path: Path) -> None:
+    """What the forces give a free plate is momentum: m v of its mean deflection."""
+    scene = load(
+        "aluminium-3mm",
+        [*SHORT, "plate.edges=ffff", "controller.law=off", "run.accuracy=0.1",
+         "plate.size_m=[0.1, 0.08]", "plate.contact_point_m=[0.05, 0.04]"],
+    )  # fmt: skip
+    recording = recorded(tmp_path, scene)
+    rows, h = rows_of(recording), scene.step_s
+    plate = deflection(scene, recording, frames=np.array([1900, 1999]))
+    weights = np.outer(np.gradient(plate.x_m), np.gradient(plate.y_m))
+    weights[[0, -1]] *= 0.5
+    weights[:, [0, -1]] *= 0.5
+    mean = np.tensordot(plate.w_m, weights, 2) / weights.sum()
+    speed = (mean[1] - mean[0]) / (99 * h)
+    mass = 2700.0 * 0.003 * 0.1 * 0.08
+    assert mass * speed == pytest.approx(-rows[4].sum() * h, rel=0.01)
+
+
+def test_all_transports_agree_on_modes_with_losses_of_their_own(tmp_path: Path) -> None:
+    plain = load("aluminium-3mm", [*SHORT, "run.accuracy=0.05"])
+    table = modes_of_scene(plain)
+    losses = np.linspace(1e-3, 5e-2, len(table.omega_rad_s))
+    table = type(table)(
+        table.omega_rad_s, losses, table.per_modal_mass_1_kg, table.shape_contact,
+        table.shape_actuator, table.residual_flexibility_m_n,
+    )  # fmt: skip
+    file = tmp_path / "lossy.csv"
+    file.write_bytes(write_modes(".csv", table))
+    scene = load("aluminium-3mm", [*SHORT, f"plate.modes={file}"])
+    assert parse(to_toml(scene)) == scene
+    ensure_compiled(lambda: None, kernels_of(scene))
+    file.unlink()  # nobody needs it any more
+    recordings = []
+    for transport in Transport:
+        path = tmp_path / f"{transport.value}.mcap"
+        report = run_scene(scene, path, RunOptions(transport=transport, timeout_s=120.0))
+        assert abs(report["residuals"]["energy"]) < 1e-10
+        assert "the modes of lossy.csv" in report["struck"]["name"]
+        assert report["noise"][0]["radiated_j"] != report["noise"][0]["radiated_j"]  # nan
+        recordings.append(read(path))
+    assert first_difference(recordings[0], recordings[1]) is None
+    assert first_difference(recordings[0], recordings[2]) is None
+    impact = first_impact(scene, rows_of(recordings[0]))
+    assert impact is not None
+
+
+MODES = """frequency_hz,loss_factor,modal_mass_kg,shape_contact
+30000,0.01,0.4,1.0
+90000,0.02,0.4,-0.9
+"""
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["plate.edges=cccc"], "plate.edges = 'cccc' does not fit plate.modes"),
+        (["plate.loss_factor=0.1"], "plate.loss_factor = 0.1 does not fit plate.modes"),
+        (["run.plate_model=infinite"], "does not fit run.plate_model = 'infinite'"),
+        (["run.scheme=thesis2008"], "does not fit run.scheme = 'thesis2008'"),
+        (["run.scheme=discrete_gradient"], "loss factors that differ from mode to mode"),
+        (["plate.thickness_m=0.3"], "times as mobile as an infinite plate"),
+        (["plate.residual_flexibility_m_n=-1"], "plate.residual_flexibility_m_n = -1"),
+    ],
+)
+def test_what_does_not_go_with_a_file_of_modes(
+    tmp_path: Path, settings: list[str], words: str
+) -> None:
+    rows = [f"{20000 + 8000 * i},{0.01 * i},0.01,1.0" for i in range(10)]
+    (tmp_path / "m.csv").write_text("\n".join([MODES.splitlines()[0], *rows]))
+    with pytest.raises(SceneError) as caught:
+        parts.plant(load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", *settings]))
+    assert words in str(caught.value), str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_laws_that_need_an_impedance_say_so(tmp_path: Path) -> None:
+    text = Path(__file__).parents[2] / "hertzloop/scenes/aluminium-3mm.toml"
+    lines = [
+        line for line in text.read_text().splitlines()
+        if not line.startswith(("size_m", "thickness_m", "contact_point_m"))
+    ]  # fmt: skip
+    plain = "\n".join(lines).replace("[plate]", '[plate]\nmodes = "m.csv"')
+    (tmp_path / "m.csv").write_text("# residual_flexibility_m_n = 1e-9\n" + MODES)
+    (tmp_path / "scene.toml").write_text(plain)
+    scene = load(str(tmp_path / "scene.toml"))
+    stiffness = parts.plant_spec(scene).contact.stiffness
+    control.controller(scene, stiffness)
+    for law in ("shifted_threshold", "predicted", "velocity_feedback"):
+        with pytest.raises(SceneError, match=r"give plate\.thickness_m"):
+            control.controller(load(str(tmp_path / "scene.toml"), [f"controller.law={law}"]), 1e10)
+        known = [f"controller.law={law}", "plate.thickness_m=0.003"]
+        control.controller(load(str(tmp_path / "scene.toml"), known), 1e10)
+
+
+@pytest.mark.parametrize("key", ["size_m", "thickness_m", "contact_point_m"])
+def test_a_plate_without_modes_needs_its_sizes(key: str) -> None:
+    text = Path(__file__).parents[2] / "hertzloop/scenes/aluminium-3mm.toml"
+    lines = [line for line in text.read_text().splitlines() if not line.startswith(key)]
+    with pytest.raises(SceneError, match=f"plate.{key} is missing"):
+        parse("\n".join(lines))
+
+
+def test_edges_do_not_go_with_the_published_scheme() -> None:
+    with pytest.raises(SceneError, match="knows a simply supported plate only"):
+        load("thesis-aluminium", ["plate.edges=cccc"])
+    assert parts.plant_spec(load("thesis-aluminium", ["plate.edges=ssss"])).simply_supported
+
+
+def test_an_actuator_that_modes_put_elsewhere_is_in_the_truth(tmp_path: Path) -> None:
+    """The file says where the actuator is; the scene names no point of its own."""
+    apart = ["plate.actuator_point_m=[0.3, 0.2]", "run.accuracy=0.1"]
+    table = modes_of_scene(load("aluminium-3mm", [*SHORT, *apart]))
+    (tmp_path / "apart.npz").write_bytes(write_modes(".npz", table))
+    scene = load("aluminium-3mm", [*SHORT, f"plate.modes={tmp_path / 'apart.npz'}"])
+    assert scene.plate.actuator_point_m is None
+    memory = hertzloop.simulate(scene)
+    assert np.abs(memory.truth["xi_a_m"] - memory.truth["xi_p_m"]).max() > 1e-9
+    recorded = hertzloop.run(scene, transport="inprocess")
+    assert recorded.truth.identical(memory.truth)
+    assert recorded.impacts == memory.impacts
+
+
+def test_a_point_may_lie_near_an_edge_that_is_free() -> None:
+    near = ["plate.contact_point_m=[1e-6, 0.2]"]
+    load("aluminium-3mm", ["plate.edges=fccc", *near])
+    for edges in ("cfff", "sfff", "ssss"):
+        with pytest.raises(SceneError, match="lies on the edge, which is held"):
+            load("aluminium-3mm", [f"plate.edges={edges}", *near])

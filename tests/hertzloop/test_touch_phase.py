@@ -1,0 +1,96 @@
+"""Where within a sample the sphere first touches: what hangs on it, and what does not."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from hertzloop.assembly import touch_phase
+from hertzloop.loop.compiled import simulate
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.impact_rows import XI
+from hertzloop.scenes.scene import SceneError, load
+from plant.contact.hertz import GRAVITY_M_S2
+
+SHORT = ("run.duration_s=0.0013",)
+PHASES = [(i + 0.5) / 20 for i in range(20)]
+
+
+@cache
+def energies(*settings: str) -> list[float]:
+    """Plate energy (dB) of the 3 mm scene over 20 phases."""
+    scenes = [load("aluminium-3mm", [*settings, f"run.touch_phase={p}"]) for p in PHASES]
+    return [figures_of_case(scene).plate_energy_db for scene in scenes]
+
+
+@pytest.mark.parametrize("phase", [0.25, 0.5, 0.9])
+def test_the_touch_comes_that_part_of_a_step_after_a_sample(phase: float) -> None:
+    gap = simulate(load("aluminium-3mm", [*SHORT, f"run.touch_phase={phase}"])).rows[XI]
+    last = int(np.argmax(gap <= 0.0)) - 1
+    # Falling by about 0.99 um a step; the contact slows it by less than a per cent at first.
+    assert gap[last] / (gap[last] - gap[last + 1]) == pytest.approx(phase, abs=0.01)
+
+
+def test_without_control_nothing_depends_on_it() -> None:
+    found = [
+        figures_of_case(load("aluminium-3mm", ["controller.law=off", f"run.touch_phase={p}"]))
+        for p in (0.05, 0.3, 0.5, 0.95)
+    ]
+    spread = {
+        name: np.ptp([getattr(figures, name) for figures in found])
+        for name in ("plate_energy_j", "contact_us", "rebound_m_s")
+    }
+    # The scheme's own error at this step is 5e-7 of the gap.
+    assert spread["plate_energy_j"] < 3e-6 * found[0].plate_energy_j
+    assert spread["contact_us"] < 2e-3  # its ends lie on chords of the gap over a step
+    # The rebound is that of the first sample after the contact: a step of gravity.
+    assert spread["rebound_m_s"] < GRAVITY_M_S2 * 1e-6
+
+
+# Mean, least and most over 20 phases, from an independent solver.
+@pytest.mark.parametrize(
+    ("settings", "mean", "least", "most"),
+    [
+        ((), 0.17, -0.02, 0.36),
+        (("controller.v_thr_m_s=-0.6",), -1.37, -1.49, -0.92),
+        (("controller.v_thr_m_s=-0.6", "controller.latency_us=3"), 0.06, -0.02, 0.36),
+    ],
+)
+def test_the_staircase(settings: tuple[str, ...], mean: float, least: float, most: float) -> None:
+    found = energies(*settings)
+    assert np.mean(found) == pytest.approx(mean, abs=0.02)
+    assert (min(found), max(found)) == (
+        pytest.approx(least, abs=0.02), pytest.approx(most, abs=0.02)
+    )  # fmt: skip
+    steps = np.abs(np.diff(found))
+    assert np.sum(steps > 0.02) == 1  # one step a sample, constant between
+
+
+def test_random_is_drawn_by_the_seed() -> None:
+    drawn = [touch_phase(load("aluminium-3mm", ["run.touch_phase=random"], seed=s)) for s in
+             range(50)]  # fmt: skip
+    assert len(set(drawn)) == 50
+    assert 0.0 <= min(drawn) < 0.2 < 0.8 < max(drawn) < 1.0
+    again = touch_phase(load("aluminium-3mm", ["run.touch_phase=random"], seed=7))
+    assert again == drawn[7]
+
+
+def test_half_a_step_is_what_it_was() -> None:
+    plain, said = (load("aluminium-3mm", [*SHORT, *more]) for more in ([], ["run.touch_phase=0.5"]))
+    assert np.array_equal(simulate(plain).rows, simulate(said).rows)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["run.touch_phase=1.5"], "run.touch_phase = 1.5 will not do"),
+        (["run.touch_phase=late"], "run.touch_phase = 'late' will not do"),
+        (["run.touch_phase=0.2", "run.lead_in_s=0"], "needs a run that begins in flight"),
+        (["run.touch_phase=random", "run.lead_in_s=0.3"], "less than the fall, 0.101 s"),
+        (["run.touch_phase=0.2", "run.scheme=thesis2008", "run.duration_s=0.01"],
+         "not known to run.scheme = 'thesis2008'"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(settings: list[str], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        load("aluminium-3mm", settings)

@@ -1,0 +1,145 @@
+"""A law that is a co-simulation unit (FMU), as other tools export them."""
+
+import subprocess
+import sys
+import zipfile
+from itertools import count
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from hertzloop.commands.cli import app
+from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.scenes.scene import Scene, SceneError, load
+from recordings.compare import first_difference
+from recordings.reader import Recording, read
+
+pytest.importorskip("fmpy")
+pytest.importorskip("pythonfmu")
+
+SHORT = "run.duration_s=0.0013"
+# {fault}: comes before a step is over.
+UNIT = """
+from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real
+
+class SpringLaw(Fmi2Slave):
+    def __init__(self, **kwargs):
+        super().__init__(**kwargs)
+        self.{name} = self.force = self.kept = 0.0
+        self.gain = 1e6
+        parameter = {{"causality": Fmi2Causality.parameter,
+                     "variability": Fmi2Variability.tunable}}
+        self.register_variable(Real("{name}", causality=Fmi2Causality.input))
+        self.register_variable(Real("gain", description="force by depth", **parameter))
+        {more}
+        self.register_variable(Real("force", causality=Fmi2Causality.output))
+
+    def do_step(self, t, h):
+        self.kept = 0.5 * self.kept + 0.5 * max(-self.{name}, 0.0)
+        self.force = self.gain * self.kept
+        {fault}
+        return True
+"""
+TWIN = """
+from controller.law import ACTING, WATCHING, Keys
+
+class Parameters(Keys):
+    gain: float = 1e6
+
+class State:
+    kept: float = 0.0
+
+def command(p, s, samples, i):
+    s.kept = 0.5 * s.kept + 0.5 * max(-samples[i], 0.0)
+    s.mode = ACTING if s.kept != 0.0 else WATCHING
+    return p.gain * s.kept
+"""
+
+
+_NUMBERS = count()
+
+
+def built(folder: Path, fault: str = "pass", more: str = "pass", name: str = "xi") -> Path:
+    """The unit, made by PythonFMU; `name`: of its input. Units of one process share Python's
+    modules, so each has its own."""
+    source = f"spring_{next(_NUMBERS)}.py"
+    (folder / source).write_text(UNIT.format(fault=fault, more=more, name=name))
+    words = [sys.executable, "-m", "pythonfmu", "build", "-f", source, "-d", "."]
+    subprocess.run(words, cwd=folder, check=True, capture_output=True)
+    return folder / "SpringLaw.fmu"
+
+
+@pytest.fixture(scope="module")
+def unit(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return built(tmp_path_factory.mktemp("unit"))
+
+
+def scene_of(law: Path, *more: str) -> Scene:
+    return load("aluminium-3mm", [SHORT, f"controller.law={law}", *more])
+
+
+@pytest.fixture(scope="module")
+def twin(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    folder = tmp_path_factory.mktemp("twin")
+    (folder / "twin.py").write_text(TWIN)
+    return recorded(folder / "twin.py", folder / "a.mcap", Transport.COMPILED)
+
+
+def recorded(law: Path, path: Path, transport: Transport) -> Recording:
+    scene = scene_of(law, "controller.gain=2e6", "controller.latency_us=2")
+    run_scene(scene, path, RunOptions(transport=transport))
+    return read(path)
+
+
+@pytest.mark.parametrize("transport", list(Transport))
+def test_it_runs_as_the_same_law_in_python(
+    unit: Path, twin: Recording, transport: Transport, tmp_path: Path
+) -> None:
+    found = recorded(unit, tmp_path / "b.mcap", transport)
+    assert found.force.arrays["force_n"].max() > 5.0
+    assert not found.problems
+    assert first_difference(found, twin) is None
+
+
+def test_its_parameters_are_scene_keys(unit: Path) -> None:
+    law = scene_of(unit).law
+    assert law.senses == "xi"
+    assert scene_of(unit, "controller.gain=3").controller.keys.gain == 3.0
+    with pytest.raises(SceneError, match=r"controller\.gian"):
+        scene_of(unit, "controller.gian=3")
+
+
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [
+        ("if t > 1.05e-5: self.force = float('nan')", "at sample 11, commanded nan N"),
+        ("if t > 1.05e-5: raise RuntimeError('no')", "at sample 11, failed: fmi2DoStep failed"),
+    ],
+)
+def test_a_unit_that_fails_ends_the_run(fault: str, sentence: str, tmp_path: Path) -> None:
+    law = built(tmp_path, fault)
+    words = ["--out", str(tmp_path / "a.mcap"), "--set", SHORT, "--set", f"controller.law={law}"]
+    done = CliRunner().invoke(app, ["run", "--transport", "compiled", *words])
+    assert done.exit_code == 2
+    assert f"the law SpringLaw.fmu, {sentence}" in " ".join(done.output.split())
+
+
+def test_what_is_no_law_is_refused(unit: Path, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="cannot be read: No such file"):
+        scene_of(tmp_path / "none.fmu")
+    text = tmp_path / "text.fmu"
+    text.write_text("no archive")
+    with pytest.raises(SceneError, match=r"text\.fmu is no co-simulation unit: "):
+        scene_of(text)
+    bare = tmp_path / "bare.fmu"
+    with zipfile.ZipFile(unit) as full, zipfile.ZipFile(bare, "w") as file:
+        file.writestr("modelDescription.xml", full.read("modelDescription.xml"))
+    with pytest.raises(SceneError, match="was built for no platform, not for linux64"):
+        scene_of(bare)
+    second = 'self.register_variable(Real("kept", causality=Fmi2Causality.input))'
+    two = built(tmp_path, more=second)
+    assert scene_of(two).law.senses == "xi"  # the one of a known name
+    other = built(tmp_path, more=second, name="depth")
+    with pytest.raises(SceneError, match="has the real inputs depth, kept; it has to have one"):
+        scene_of(other)

@@ -1,0 +1,148 @@
+"""What a run leaves out: indicators of whole runs, where they are told, and what changes them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from hertzloop.commands.cli import app
+from hertzloop.results import left_out
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.validity import ROWS
+from hertzloop.scenes.scene import load
+
+SHORT = ("run.duration_s=0.0013", "controller.law=off")
+
+
+def found(name: str, *settings: str) -> dict[str, dict[str, Any]]:
+    data = left_out.of_scene(load(name, settings))
+    return {finding["name"]: finding for finding in data["validity"]}
+
+
+def test_the_3_mm_scene_by_hand() -> None:
+    rows = found("aluminium-3mm", *SHORT)
+    # Centre pressure 1.90 GPa against 1.6 x 276 MPa; full at 1.05 GPa of mean pressure.
+    assert rows["yield"]["value"] == pytest.approx(1.90 / 0.4416, rel=5e-3)
+    assert rows["yield"]["state"] == "out of range"
+    for words in ("mean pressure 1.27 GPa", "1.9 GPa in the centre", "0.442 GPa", "1.05 GPa"):
+        assert words in rows["yield"]["sentence"]
+    assert rows["plate theory (energy)"]["value"] == pytest.approx(0.085 * 0.64**2, rel=0.02)
+    assert rows["plate theory (energy)"]["state"] == "left out"
+    assert rows["vibration of the sphere"]["value"] == pytest.approx(13.0, abs=0.15)
+    assert rows["thickness resonance"]["value"] == pytest.approx(28.94e-6 * 525e3, rel=0.01)
+    assert rows["large deflection"]["value"] < 0.01
+    assert rows["air on the modes"]["value"] == pytest.approx(16.0, rel=0.01)
+    for name in ("squeezed air film", "drag on the drop", "contact against plate"):
+        assert rows[name]["state"] == "within"
+    assert "delay of the loop" not in rows  # without a law there is no loop
+    assert "damper behind a spring" not in rows
+
+
+def test_the_20_mm_scene_by_hand() -> None:
+    rows = found("aluminium-20mm", "controller.law=off")
+    # Up to 370 N and 0.58 of the thickness; the plate takes everything, whatever its theory.
+    assert rows["large deflection"]["value"] == pytest.approx(0.58, abs=0.01)
+    assert rows["large deflection"]["state"] == "left out"
+    assert rows["yield"]["value"] == pytest.approx(0.87 / 0.4416, rel=0.01)
+    assert rows["yield"]["state"] == "left out"
+    assert "plate theory (energy)" not in rows
+    assert 0.05 < rows["plate theory (peak)"]["value"] < 0.15
+    assert rows["edge refocusing"]["value"] == pytest.approx(59e-3 / 4.18e-3, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("settings", "name", "state"),
+    [
+        (["contact.plasticity=thornton"], "yield", "in the model"),
+        (["plate.material=sylomer_m"], "yield", "not known"),
+        (["plate.material=bearing_steel", "sphere.material=bearing_steel"], "yield", "within"),
+        (["plate.thickness_m=0.03"], "plate theory (energy)", "out of range"),
+        (["plate.thickness_m=0.03"], "thickness resonance", "left out"),
+        (["plate.thickness_m=0.001", "sphere.radius_m=0.02", "sphere.drop_height_m=1",
+          "run.duration_s=0.003"], "contact against plate", "left out"),
+        (["plate.thickness_m=0.0002", "plate.size_m=[0.1, 0.1]", "run.duration_s=0.003",
+          "plate.contact_point_m=[0.05, 0.05]"], "large deflection", "out of range"),
+        (["plate.loss_factor=0.5"], "air on the modes", "within"),
+        (["run.plate_model=infinite", "run.duration_s=0.002"], "reflections", "left out"),
+        (["contact.damping=hunt_crossley", "contact.restitution=0.5", "plate.tail=spring"],
+         "damper behind a spring", "left out"),
+        (["contact.damping=hunt_crossley", "contact.restitution=0.5"],
+         "damper behind a spring", "in the model"),
+        (["sphere.drop_height_m=2"], "drag on the drop", "left out"),
+    ],
+)  # fmt: skip
+def test_a_scene_decides_what_it_leaves_out(settings: list[str], name: str, state: str) -> None:
+    assert found("aluminium-3mm", *SHORT, *settings)[name]["state"] == state
+
+
+@pytest.mark.parametrize(
+    ("settings", "name", "state"),
+    [
+        ([], "delay of the loop", "within"),
+        (["actuator.bandwidth_hz=5e4"], "delay of the loop", "left out"),
+        (["controller.latency_us=4"], "delay of the loop", "left out"),
+        (["actuator.force_limit_n=30"], "force of the actuator", "left out"),
+        (["actuator.force_limit_n=300"], "force of the actuator", "within"),
+        ([], "mass of the actuator", "not known"),
+        (["actuator.mass_kg=1e-3"], "mass of the actuator", "in the model"),
+        (["controller.law=predicted", "sensors.bits=12", "controller.latency_us=15",
+          "sensors.full_scale=[-1.2e-5, 3e-6]"], "range of the sensor", "left out"),
+        (["controller.law=predicted", "sensors.bits=12", "controller.latency_us=15",
+          "sensors.full_scale=[-1.2e-5, 3e-5]"], "range of the sensor", "within"),
+    ],
+)  # fmt: skip
+def test_a_loop_decides_too(settings: list[str], name: str, state: str) -> None:
+    assert found("aluminium-3mm", "run.duration_s=0.0013", *settings)[name]["state"] == state
+
+
+def test_run_inspect_validity_and_sweep_tell_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    short = ["--set", "run.duration_s=0.0013"]
+    told = {}
+    for command in (
+        ["run", "--transport", "compiled", "--out", "a.mcap", *short],
+        ["inspect", "a.mcap"],
+        ["validity", *short],
+    ):
+        done = CliRunner().invoke(app, [*command, "--json", "a.json"])
+        assert done.exit_code == 0, done.output
+        assert "OUT OF RANGE: the plate yields" in done.output
+        assert "Left out: waves are hardly longer than the plate is thick" in done.output
+        told[command[0]] = json.loads((tmp_path / "a.json").read_text())
+    said = [[f["sentence"] for f in data["validity"]] for data in told.values()]
+    assert said[0] == said[1] == said[2]
+    assert told["run"]["warnings"] == told["validity"]["warnings"]
+    assert told["run"]["warnings"][0].startswith("yield: the plate yields")
+    over = ["--over", "plate.thickness_m=0.003,0.03", "--out", "s.csv"]
+    sweep = CliRunner().invoke(app, ["sweep", *short, *over, "--workers", "1", "--json", "s.json"])
+    assert sweep.exit_code == 0, sweep.output
+    assert "OUT OF RANGE: of 2 cases yield in 2, plate theory (energy) in 1" in sweep.output
+    beyond = json.loads((tmp_path / "s.json").read_text())["out_of_range"]
+    assert beyond == {"yield": 2, "plate theory (energy)": 1}
+    check = CliRunner().invoke(
+        app, ["check", "s.csv", "--transport", "compiled", "--cases", "1", "--json", "c.json"]
+    )
+    assert check.exit_code == 0, check.output
+    assert json.loads((tmp_path / "c.json").read_text())["out_of_range"] == beyond
+
+
+def test_an_unstable_loop_and_a_run_without_contact_have_none() -> None:
+    unstable = left_out.of_scene(
+        load("aluminium-20mm", ["controller.law=velocity_feedback", "controller.kappa=0.4"])
+    )
+    assert not unstable["stable"]
+    assert not unstable["validity"]
+    early = left_out.of_scene(load("aluminium-3mm", ["run.duration_s=0.0005"]))
+    assert early == {"stable": True, "validity": [], "warnings": []}
+
+
+def test_a_case_names_what_it_leaves_out() -> None:
+    case = figures_of_case(load("aluminium-3mm"))
+    assert case.out_of_range == "yield"
+    assert "plate theory (energy)" in case.leaves_out.split(", ")
+    names = [row.name for row in ROWS]
+    assert len(set(names)) == len(names)

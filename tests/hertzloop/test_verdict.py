@@ -1,0 +1,105 @@
+"""A run ends in words: whether control helped, in what, why not, and what spoils the figures."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from hertzloop.commands.cli import app
+from hertzloop.results.verdict import verdict
+
+
+def run(folder: Path, *settings: str, scene: str = "aluminium-3mm") -> tuple[list[str], str]:
+    words = [word for setting in settings for word in ("--set", setting)]
+    done = CliRunner().invoke(
+        app,
+        ["run", scene, "--transport", "compiled", "--overwrite", "--out", str(folder / "a.mcap"),
+         "--json", str(folder / "a.json"), *words],
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    said = json.loads((folder / "a.json").read_text())["verdict"]
+    assert all(sentence in done.output for sentence in said)
+    return said, done.output
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentences"),
+    [
+        (["controller.v_thr_m_s=-0.6"], [
+            "Control helps: plate energy -1.5 dB, radiated energy -3.6 dB, largest plate speed "
+            "-0.9 dB; but the sphere rebounds 192 % as high."]),
+        ([], [
+            "Control does harm: plate energy +0.4 dB, radiated energy -1.2 dB; but the sphere "
+            "rebounds 156 % as high.",
+            "Why not: its first force comes 13 us after the touch, 45 % of the contact without"]),
+        (["controller.latency_us=10"], [
+            "Control does harm: plate energy +2.1 dB", "81 % of its push falls where nothing"]),
+        (["contact.plasticity=thornton", "controller.v_thr_m_s=-0.6"], [
+            "Control does harm: plate energy +0.8 dB",
+            "a dent of 2.5 um, which a law that answers the gap takes for penetration"]),
+        (["controller.v_thr_m_s=5"], ["Control did nothing: the law never pushed."]),
+        (["controller.law=off"], []),
+        (["controller.kappa=2", "controller.latency_us=2"], [
+            "The loop pumps: the actuator puts in 2.5 times the energy that the sphere brought",
+            "Control does harm", "Why not: "]),
+        (["run.duration_s=0.0005"], ["No impact within the run."]),
+        (["run.duration_s=0.00101", "controller.law=off"], ["The last contact is not over at the"]),
+        (["sensors.bits=12", "sensors.full_scale=[-5e-6, 1e-5]"], [
+            "Control helps", "The samples left the sensor's range once, first at 1.0"]),
+    ],
+)  # fmt: skip
+def test_a_verdict(tmp_path: Path, settings: list[str], sentences: list[str]) -> None:
+    said, output = run(tmp_path, "run.duration_s=0.0015", *settings)
+    assert len(said) == len(sentences)
+    for sentence, words in zip(said, sentences, strict=True):
+        assert words in sentence
+    if "controller.law=off" in settings:
+        assert "ith control" not in output  # nothing to compare, no table and no word
+    inspected = CliRunner().invoke(app, ["inspect", str(tmp_path / "a.mcap")])
+    for sentence in said:
+        # What takes the run without control is not known to a recording.
+        compared = sentence.startswith(("Control", "Why not"))
+        assert (sentence in inspected.output) != compared
+
+
+def test_a_contact_that_is_cut_off_is_not_called_a_short_one(tmp_path: Path) -> None:
+    run(tmp_path, "run.duration_s=0.00101", "controller.law=off")
+    data = json.loads((tmp_path / "a.json").read_text())
+    assert data["impacts"][0]["duration_s"] < 11e-6
+    (energy,) = (f for f in data["validity"] if f["name"] == "plate theory (energy)")
+    assert energy["state"] == "left out"  # of 9 us it would be out of range
+
+
+def test_an_unstable_loop_is_all_there_is_to_say(tmp_path: Path) -> None:
+    feedback = ("controller.law=velocity_feedback", "controller.kappa=0.4")
+    said, _ = run(tmp_path, *feedback, "run.duration_s=0.02", scene="aluminium-20mm")
+    assert said[0].startswith("UNSTABLE: the actuator answers what it causes itself")
+    assert "ms on it has put in more" in said[0]
+    assert not any(sentence.startswith("Control") for sentence in said)
+
+
+def test_the_words_follow_the_figures() -> None:
+    impact = {"plate_energy_j": 1e-4, "duration_s": 30e-6}
+    noise = {"radiated_j": 1e-5, "plate_speed_max_m_s": 0.1, "rebound_height_m": 0.01}
+    report: dict[str, Any] = {
+        "scene_law": "mine", "last_contact_ended": True,
+        "stability": {"unstable": False, "pumps": False},
+        "push": {"after_touch_s": 1e-6, "apart": 0.0}, "injected_j": -1e-6, "yield": None,
+        "impacts": [impact], "noise": [noise],
+        "uncontrolled": {"impacts": [impact], "noise": [noise]},
+    }  # fmt: skip
+    assert verdict(report, None) == ["Control hardly changes the plate energy."]
+    report["impacts"] = [impact | {"plate_energy_j": 2e-4}]
+    report["noise"] = [noise | {"radiated_j": 1e-6}]
+    assert verdict(report, None) == [
+        "Control does harm: plate energy +3.0 dB, radiated energy -10.0 dB."
+    ]
+    report["impacts"] = [impact, impact | {"plate_energy_j": -0.9e-4}]
+    said = verdict(report, {"times": 2, "since_s": 1e-3})
+    assert said[0] == (
+        "Control helps: plate energy -10.0 dB over all contacts, radiated energy -10.0 dB "
+        "(first impact)."
+    )
+    assert "left the sensor's range 2 times, first at 1 ms" in said[1]

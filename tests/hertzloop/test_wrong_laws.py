@@ -1,0 +1,304 @@
+"""Laws that are wrong: one sentence each, exit code 2 before the run and 1 in it."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bus.messages_pb2 import Hello
+from bus.streams import Envelope, StreamFault
+from controller.door.law import LawError
+from controller.door.registry import find
+from hertzloop.loop.controller_node import ControllerNode
+from hertzloop.loop.hello import hello
+from hertzloop.loop.law_trial import try_law
+from hertzloop.scenes.scene import SceneError, load, parse, to_toml
+from recordings.reader import read
+from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
+from tests.hertzloop.processes import finish, hertzloop, start
+from tests.ports import free_ports
+
+LONGER = ["--set", "run.duration_s=0.004"]  # than the trial of a law, in samples
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    return tmp_path
+
+
+def refused(here: Path, law: str, *words: str) -> str:
+    """The sentence with which a run is refused before it begins."""
+    done = hertzloop("run", "--set", SHORT, "--set", f"controller.law={law}", cwd=here)
+    said = " ".join(done.stderr.split())
+    assert done.returncode == 2, said
+    assert "Traceback" not in done.stderr
+    assert not list(here.glob("*.mcap"))
+    for word in words:
+        assert word in said
+    return said
+
+
+BEFORE = {
+    "syntax": ("def command(p, s, samples, i:\n", ["mine.py is not Python", "line 1"]),
+    "no command": ("x = 1\n", ["mine.py has no function command(p, s, samples, i)"]),
+    "signature": (
+        "def command(p, s, x):\n    return 0.0\n", ["has to take command(p, s, samples, i)"],
+    ),
+    "import": ("import nothing_such\n", ["cannot be loaded", "nothing_such", "(line 1)"]),
+    "senses": (
+        "senses = 'smell'\ndef command(p, s, samples, i):\n    return 0.0\n", ["senses 'smell'"],
+    ),
+    "half of a pair": (
+        "def command(p, s, samples, i):\n    return 0.0\n"
+        "def known_ahead(p, s, samples, i):\n    return 0\n",
+        ["one of known_ahead and command_ahead"],
+    ),
+    "keys": (
+        "class Parameters:\n    a = 1\ndef command(p, s, samples, i):\n    return 0.0\n",
+        ["derived from controller.law.Keys"],
+    ),
+    "state": (
+        "class State:\n    name: str = 'x'\ndef command(p, s, samples, i):\n    return 0.0\n",
+        ["State.name needs a number"],
+    ),
+    "prepare": (
+        "def prepare(keys, about):\n    return {}['x']\n"
+        "def command(p, s, samples, i):\n    return 0.0\n",
+        ["could not be prepared"],
+    ),
+    "text": ("def command(p, s, samples, i):\n    return 'much'\n", ["at sample 0", "'much'"]),
+    "nothing": ("def command(p, s, samples, i):\n    pass\n", ["at sample 0", "None"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BEFORE)
+def test_wrong_by_its_text(here: Path, case: str) -> None:
+    text, words = BEFORE[case]
+    (here / "mine.py").write_text(text)
+    refused(here, "mine.py", *words)
+
+
+def test_a_class_that_the_file_has_not(here: Path) -> None:
+    write_law(here)
+    refused(here, "mine.py:Other", "has no Other")
+
+
+@pytest.mark.parametrize(
+    ("law", "words"),
+    [
+        ("none.py", "cannot be read: No such file"),
+        ("none.so", "cannot be read: No such file"),
+        ("slope_treshold", "did you mean slope_threshold?"),
+        ("no_such.module:Law", "no_such"),
+    ],
+)
+def test_a_law_that_is_not_there(here: Path, law: str, words: str) -> None:
+    refused(here, law, words)
+
+
+IN_TRIAL = {
+    "raises": (
+        "if i == 30: raise ValueError('too much')",
+        ["at sample 30", "ValueError: too much"],
+    ),
+    "nan": ("if i == 30: return float('nan')", ["at sample 30, commanded nan N"]),
+    "infinite": ("if i == 30: return 1.0 / (samples[i] - samples[i])", ["at sample 30"]),
+}
+
+
+@pytest.mark.parametrize("case", IN_TRIAL)
+def test_wrong_at_once(here: Path, case: str) -> None:
+    line, words = IN_TRIAL[case]
+    write_law(here, line)
+    refused(here, "mine.py", *words)
+
+
+def test_a_loop_without_end(here: Path) -> None:
+    write_law(here, "while i == 30: s.largest_n += 0.0")
+    refused(here, "mine.py", "did not answer", "does a loop of it never end?")
+
+
+def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
+    """On a fresh machine that takes longer than a law's trial may."""
+    write_law(here)
+    script = (
+        "import os; from controller import kernels; fork = os.fork\n"
+        "def checked():\n"
+        "    assert kernels.control_block.signatures, 'not loaded'\n"
+        "    return fork()\n"
+        "os.fork = checked\n"
+        "from hertzloop.loop.law_trial import try_law; from hertzloop.scenes.scene import load\n"
+        "assert try_law(load('aluminium-3mm', ['controller.law=mine.py'])) == ''\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], cwd=here, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_loop_without_end_before_any_sample(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the file itself, and in what it prepares."""
+    monkeypatch.setattr("controller.door.patience.PATIENCE_S", 0.2)
+    monkeypatch.setattr("hertzloop.loop.law_trial._PREPARED_S", 0.2)
+    (here / "mine.py").write_text("while True:\n    try: x = 1\n    except Exception: pass\n")
+    with pytest.raises(SceneError, match=r"was not loaded within 0.2 s; does a loop of it never"):
+        load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
+    (here / "mine.py").write_text(
+        "def prepare(keys, about):\n    while True: pass\n"
+        "def command(p, s, samples, i):\n    return 0.0\n"
+    )
+    scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
+    with pytest.raises(SceneError, match=r"mine.py was not prepared within 0.2 s"):
+        try_law(scene)
+
+
+@pytest.mark.parametrize("transport", ["compiled", "inprocess", "zenoh"])
+@pytest.mark.parametrize("python", [False, True])
+def test_wrong_in_the_run(here: Path, transport: str, python: bool) -> None:
+    """Later than the trial reaches: the run ends, the recording up to there stays readable."""
+    extra = "str(i); " if python else ""  # which Numba compiles only for some numbers
+    path = write_law(here, f"{extra}assert i != 3000, 'it is late'")
+    if python:
+        path.write_text(path.read_text().replace("p.share *", "float(str(p.share)) *"))
+    words = ["run", "--transport", transport, *LONGER, "--set", "controller.law=mine.py"]
+    done = hertzloop(*words, "--out", "a.mcap", cwd=here)
+    said = " ".join(done.stderr.split())
+    assert done.returncode == 1, said
+    assert "the law mine.py, at sample 3000, failed: AssertionError: it is late (line" in said
+    assert "Traceback" not in done.stderr
+    recording = read(here / "a.mcap")
+    assert recording.truth.samples > 2000
+    said = next(problem for problem in recording.problems if "it is late" in problem)
+    assert said.count("failed: AssertionError") == 1  # the role that heard of it adds nothing
+    assert recording.law_ran[0] == "mine.py"
+
+
+def test_a_sweep_notes_the_case_in_which_a_law_fails(here: Path) -> None:
+    write_law(here, "if p.share > 0.7: raise ValueError('too much')")
+    words = ["sweep", "--set", SHORT, "--set", "controller.law=mine.py", "-o", "r.csv"]
+    done = hertzloop(*words, "--over", "controller.share=0.2,0.9", cwd=here)
+    said = " ".join(done.stderr.split())
+    assert done.returncode == 1, said
+    assert "the law mine.py, at sample 0, failed: ValueError: too much" in said
+    assert "1 of 2 cases" in said
+
+
+@pytest.mark.parametrize("command", ["inprocess", "compiled", "sweep"])
+def test_a_loop_without_end_in_the_run(here: Path, command: str) -> None:
+    """Nothing can interrupt it: its process ends, with a sentence."""
+    write_law(here, "while i == 3000: s.largest_n += 0.0")
+    program = (
+        "import hertzloop.loop.watchdog as w; w.PATIENCE_S = 2.0\n"
+        "from hertzloop.__main__ import main; main()"
+    )
+    if command == "sweep":
+        words = ["sweep", "--workers", "1", "--over", "controller.share=0.2", "--span", "run"]
+    else:
+        words = ["run", "--transport", command, "--out", "a.mcap"]
+    settings = [*LONGER, "--set", "controller.law=mine.py"]
+    done = subprocess.run(
+        [sys.executable, "-c", program, *words, *settings],
+        cwd=here,
+        text=True,
+        capture_output=True,
+        timeout=120,
+    )
+    assert done.returncode == 1
+    assert "does a loop of it never end?" in " ".join(done.stderr.split())
+    if command != "sweep":
+        assert any("never end" in problem for problem in read(here / "a.mcap").problems)
+
+
+def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
+    """The others wait for as long as they were told to, and say for whom."""
+    write_law(here, "while i == 3000: s.largest_n += 0.0")
+    words = ["run", *LONGER, "--set", "controller.law=mine.py", "--out", "a.mcap"]
+    done = hertzloop(*words, cwd=here)
+    said = " ".join(done.stderr.split())
+    assert done.returncode == 1
+    assert "controller" in said
+    assert "Traceback" not in said
+    assert read(here / "a.mcap").truth.samples > 2000
+
+
+def test_another_file_on_the_controllers_side(here: Path) -> None:
+    """Each side loads its own; nothing of the other one is executed."""
+    there = here / "there"
+    there.mkdir()
+    write_law(here)
+    write_law(there, f"open('{there}/executed', 'w')")
+    (there / "mine.py").write_text(
+        (there / "mine.py").read_text() + f"\nopen('{there}/executed', 'w')\n"
+    )
+    ports = [f"tcp/127.0.0.1:{port}" for port in free_ports(3)]
+    bus = [
+        ["--listen", ports[0], "--connect", ports[1], "--connect", ports[2]],
+        ["--listen", ports[1], "--connect", ports[0], "--connect", ports[2]],
+        ["--listen", ports[2], "--connect", ports[0], "--connect", ports[1]],
+    ]
+    recorder = start("record", "--out", "a.mcap", *bus[0], cwd=here)
+    controller = start("controller", "--law", str(there / "mine.py"), *bus[1], cwd=there)
+    settings = ["--set", SHORT, "--set", "controller.law=mine.py"]
+    plant = start("plant", "aluminium-3mm", *settings, *bus[2], cwd=here)
+    ended = [finish(process) for process in (controller, plant, recorder)]
+    assert [code for code, _, _ in ended] == [1, 1, 1], ended
+    assert "both sides need the same file" in ended[0][1]
+    assert not (there / "executed").exists()
+    assert read(here / "a.mcap").problems
+
+
+class Silent:
+    role = "controller"
+
+    def publish(self, envelope: Envelope) -> None:
+        """Nobody listens."""
+
+
+def test_a_shipped_law_of_another_version_is_refused() -> None:
+    announced: Hello = hello(load("aluminium-3mm"), 1e10)
+    announced.run_id, announced.law_digest = 1, "0" * 32
+    node = ControllerNode(Silent())  # type: ignore[arg-type]
+    with pytest.raises(StreamFault, match="both sides need the same file"):
+        node.handle(Envelope("hello", announced.SerializeToString(), 0))
+
+
+def test_a_scene_asks_for_the_law_that_it_was_made_with(here: Path) -> None:
+    path = write_law(here)
+    text = to_toml(load("aluminium-3mm", ["controller.law=mine.py"]))
+    with path.open("a") as file:
+        file.write(f"\nopen('{here}/executed', 'w')\n")
+    with pytest.raises(SceneError, match="both sides need the same file"):
+        parse(text)
+    assert not (here / "executed").exists()
+
+
+needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
+
+
+@needs_cc
+def test_wrong_libraries(here: Path) -> None:
+    (here / "text.so").write_text("no library")
+    refused(here, "text.so", "it is no shared library of this system")
+    library = build(here, EXAMPLES / "low_passed.c")
+    other = bytearray(library.read_bytes())
+    other[18] = 183 if other[18] != 183 else 62  # AArch64, x86-64
+    (here / "other.so").write_bytes(other)
+    refused(here, "other.so", "another processor architecture")
+    (here / "empty.c").write_text("int nothing;\n")
+    refused(here, build(here, here / "empty.c").name, "exports no hertzloop_law")
+    text = (EXAMPLES / "low_passed.c").read_text()
+    (here / "small.c").write_text(text.replace("sizeof(struct parameters)", "16"))
+    refused(here, build(here, here / "small.c").name, "16 bytes of parameters")
+    (here / "nan.c").write_text(text.replace("return s->filtered_n;", "return i == 9 ? NAN : 0;"))
+    refused(here, build(here, here / "nan.c").name, "no finite number as the command of sample 9")
+    (here / "crash.c").write_text(text.replace("return s->filtered_n;", "return *(double *)0;"))
+    refused(here, build(here, here / "crash.c", "-Wno-all").name, "ended its process by signal")
+
+
+def test_digests_are_checked_before_anything_is_executed(here: Path) -> None:
+    (here / "mine.py").write_text(f"open('{here}/executed', 'w')\n")
+    with pytest.raises(LawError, match="both sides need the same file"):
+        find(str(here / "mine.py"), "0" * 32)
+    assert not (here / "executed").exists()

@@ -1,0 +1,161 @@
+"""A contact that yields, as a scene: figures of the 3 mm ball, what is recorded and refused."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import hertzloop
+from hertzloop.assembly import plant_spec
+from hertzloop.commands.cli import app
+from hertzloop.loop.compiled import simulate
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.plant_tables import limit_of
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.figures import rows_of
+from hertzloop.results.impact_rows import XI, consistent_impacts
+from hertzloop.results.impact_windows import DEEPEST
+from hertzloop.results.report import pressure_words
+from hertzloop.results.verify import verify
+from hertzloop.scenes.scene import Scene, SceneError, load
+from plant.contact.strength import strength
+from plant.structures.materials import MATERIALS
+from recordings.reader import read
+
+
+def yielding(pressure_pa: float, *settings: str) -> Scene:
+    law = ["contact.plasticity=thornton", f"contact.limiting_pressure_pa={pressure_pa}"]
+    return load("aluminium-3mm", ["run.duration_s=0.0013", *law, *settings])
+
+
+# Contact time (us), rebound (m/s), plate energy, dissipated (uJ), dent (um), and the plate energy
+# of the law at -0.6 m/s against none (dB): from an independent solver.
+@pytest.mark.parametrize(
+    ("pressure_pa", "contact_us", "rebound", "plate_uj", "lost_uj", "dent_um", "law_db"),
+    [
+        (1.05e9, 30.49, 0.45374, 235.5, 106.4, 2.38, 0.84),
+        (0.77e9, 32.16, 0.38267, 198.5, 169.7, 4.59, 4.25),
+        (0.44e9, 36.56, 0.27298, 144.9, 255.1, 9.31, None),
+    ],
+)
+def test_the_3_mm_ball_on_a_plate_that_yields(
+    pressure_pa: float, contact_us: float, rebound: float, plate_uj: float, lost_uj: float,
+    dent_um: float, law_db: float | None,
+) -> None:  # fmt: skip
+    scene = yielding(pressure_pa, "controller.law=off")
+    run = simulate(scene)
+    (impact,) = consistent_impacts(scene, run.rows)
+    assert 1e6 * impact.duration_s == pytest.approx(contact_us, abs=0.02)
+    assert impact.rebound_speed_m_s == pytest.approx(rebound, rel=1e-3)
+    assert 1e6 * impact.plate_energy_j == pytest.approx(plate_uj, rel=1e-3)
+    assert 1e6 * run.books.plastic_dissipated_j == pytest.approx(lost_uj, rel=1e-3)
+    assert 1e6 * run.books.dent_m == pytest.approx(dent_um, abs=0.01)
+    books = run.books
+    assert impact.plate_energy_j == pytest.approx(
+        books.modal_j + books.modal_dissipated_j, rel=1e-4
+    )
+    if law_db is not None:
+        found = figures_of_case(yielding(pressure_pa, "controller.v_thr_m_s=-0.6"))
+        assert found.plate_energy_db == pytest.approx(law_db, abs=0.02)
+
+
+def test_contact_ends_at_the_dent_and_the_gap_shows_it(tmp_path: Path) -> None:
+    scene = yielding(0.44e9, "controller.law=off")
+    record_in_process(scene, tmp_path / "a.mcap", compiled=True)
+    recording = read(tmp_path / "a.mcap")
+    rows = rows_of(recording)
+    assert np.array_equal(rows[DEEPEST], simulate(scene).rows[DEEPEST])
+    (impact,) = consistent_impacts(scene, rows)
+    events = [e for e in recording.events if e.name == "plant"]
+    assert [e.message for e in events] == ["contact 1 began", "contact 1 ended"]
+    ended = round(events[1].time_ns / scene.run.step_ns)
+    # The sphere has left the plate while its lowest point is still below the plate's face.
+    assert impact.start_s + impact.duration_s == pytest.approx(ended * 1e-6, abs=1e-6)
+    assert rows[XI, ended] < -5e-6
+
+
+def test_run_inspect_and_python_tell_the_dent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arguments = ["--set", "contact.plasticity=thornton", "--set", "run.duration_s=0.0013",
+                 "--set", "contact.limiting_pressure_pa=1.05e9", "--set",
+                 "actuator.bandwidth_hz=3e5"]  # fmt: skip
+    run = CliRunner().invoke(
+        app, ["run", "--transport", "compiled", "--out", "a.mcap", "--json", "a.json", *arguments]
+    )
+    assert run.exit_code == 0, run.output
+    assert "a dent of" in run.output
+    inspected = CliRunner().invoke(app, ["inspect", "a.mcap", "--json", "b.json"])
+    assert inspected.exit_code == 0, inspected.output
+    assert "a dent of" in inspected.output
+    found = [json.loads((tmp_path / name).read_text())["yield"] for name in ("a.json", "b.json")]
+    assert found[0] == found[1]
+    assert found[0]["dent_m"] > 2e-6
+    scene = yielding(1.05e9, "actuator.bandwidth_hz=3e5")
+    assert float(hertzloop.simulate(scene).truth["deepest_m"].max()) > found[0]["dent_m"]
+
+
+def test_verify_a_contact_that_yields() -> None:
+    scene = yielding(1.05e9, "controller.v_thr_m_s=-0.6")
+    run = simulate(scene)
+    found = verify(scene, run.rows)
+    assert found is not None
+    assert found.rebound_speed < 1e-3
+    assert found.penetration < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["contact.plasticity=thornton", "plate.material=sylomer_m"],
+         "when plate.material = 'sylomer_m' yields; give plate.material.yield_pa or"),
+        (["contact.plasticity=thornton", "sphere.material=bearing_steel",
+          "plate.material={young_pa=7e10, density_kg_m3=2700, poisson=0.3}"],
+         "when the plate's material yields; give"),
+        (["contact.limiting_pressure_pa=1e9"], "take 'thornton'"),
+        (["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9",
+          "run.scheme=discrete_gradient"], "run.scheme = 'modal' only"),
+        (["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9",
+          "run.plate_model=infinite"], "plate_model 'auto'"),
+        (["contact.plasticity=hill"], "contact.plasticity = 'hill' will not do"),
+        (["contact.limiting_pressure_pa=0"], "contact.limiting_pressure_pa = 0 will not do"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(settings: list[str], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        load("aluminium-3mm", settings)
+
+
+@pytest.mark.parametrize(
+    ("settings", "gigapascal", "words"),
+    [
+        ([], 1.05, "1.05 GPa: 1 times the hardness of the plate, 1.05 GPa, known to 20 %"),
+        (["plate.material=pmma"], 0.182, "0.182 GPa: 2.8 times the yield strength of the plate"),
+        (["plate.material=bearing_steel", "sphere.material=brass"], 1.1, "of the sphere"),
+        (["plate.material=bearing_steel"], 7.0, "hardness of the plate, 7 GPa, known to 10 %"),
+        (["contact.limiting_pressure_pa=0.5e9"], 0.5, "0.5 GPa, as the scene says"),
+    ],
+)
+def test_the_limiting_pressure_comes_from_the_softer_body(
+    settings: list[str], gigapascal: float, words: str
+) -> None:
+    scene = load("aluminium-3mm", ["contact.plasticity=thornton", *settings])
+    limit = plant_spec(scene).contact.limit
+    assert limit is not None
+    assert limit.pressure_pa == pytest.approx(gigapascal * 1e9)
+    found = limit_of(scene)
+    assert found is not None
+    assert words in pressure_words(found)
+
+
+def test_every_shipped_strength_lies_where_a_material_can_have_it() -> None:
+    for name, material in MATERIALS.items():
+        if material.yield_pa is not None and material.hardness_pa is not None:
+            assert 2.0 < material.hardness_pa / material.yield_pa < 7.0, name
+        found = strength(material)
+        if found is not None:
+            assert 0.0 < found.first_yield_pa < found.pressure_pa, name
+            assert found.pressure_pa < 0.1 * material.youngs_modulus_pa, name

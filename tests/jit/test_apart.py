@@ -1,0 +1,70 @@
+"""Kernels that stay functions of their own."""
+
+import numpy as np
+import pytest
+
+from jit import kernel
+from jit.apart import apart
+
+
+@kernel(borrowed=True, kept=False)
+def summed(values, factor):
+    total = 0.0
+    for value in values:
+        total += factor * value
+    return total, values.size
+
+
+@kernel(kept=False)
+def together(values):
+    return summed(values, 3)[0] + 1.0
+
+
+summed_apart = apart(summed)
+
+
+@kernel(kept=False)
+def apart_from(values):
+    return summed_apart(values, 3)[0] + 1.0
+
+
+def test_it_gives_the_same_bits_from_python_and_from_kernels() -> None:
+    values = np.linspace(0.1, 0.7, 11)
+    assert apart_from(values) == together(values)
+    assert summed_apart(values, 3.0) == summed(values, 3.0)
+    assert summed_apart.__doc__ == summed.__doc__
+
+
+def test_a_caller_calls_it_instead_of_taking_it_in() -> None:
+    values = np.ones(3)
+    for caller, calls in ((together, False), (apart_from, True)):
+        caller(values)
+        (code,) = caller.inspect_llvm().values()
+        body = code[code.index("define ") :].split("\n}", 1)[0]
+        assert ("summed" in "".join(x for x in body.splitlines() if " call " in x)) is calls
+
+
+def test_without_compiler_it_is_the_function() -> None:
+    def plain(x):
+        return x
+
+    assert apart(plain) is plain
+
+
+@pytest.mark.parametrize("value", [2.5])
+def test_a_kernel_that_raises_does_so_through_it(value: float) -> None:
+    @kernel(kept=False)
+    def refuse(x):
+        if x > 1.0:
+            raise ValueError("too much")
+        return x
+
+    refuse_apart = apart(refuse)
+
+    @kernel(kept=False)
+    def caller(x):
+        return refuse_apart(x)
+
+    with pytest.raises(ValueError, match="too much"):
+        caller(value)
+    assert caller(0.5) == 0.5

@@ -1,0 +1,159 @@
+"""Kernels are kept where only this user writes: what lies there is unpickled and run."""
+
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+
+from jit.ownership import NotOurs, own
+
+ROOT = Path(__file__).parents[2]
+# Imports a kernel and says where it is kept.
+WHERE = "from controller.kernels import convert_force as k; print(k._cache.cache_path)"
+
+
+def where(environment: dict[str, str], script: str = WHERE) -> tuple[Path, str]:
+    """Folder of the kernels in a process with this environment alone, and what it complains of."""
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", script],
+        env={"PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT)} | environment,
+        cwd=ROOT, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return Path(done.stdout.strip()).parent, done.stderr
+
+
+@pytest.fixture
+def homeless(tmp_path: Path) -> dict[str, str]:
+    """HOME cannot hold a folder; temporary files have a folder of this test."""
+    (tmp_path / "home").touch()
+    (tmp_path / "tmp").mkdir(mode=0o700)
+    (tmp_path / "tmp").chmod(0o1777)
+    return {"HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path / "tmp")}
+
+
+def predictable(environment: dict[str, str]) -> Path:
+    return Path(environment["TMPDIR"]) / f"hertzloop-{os.getuid()}"
+
+
+def test_without_a_home_a_folder_of_this_user_alone(homeless: dict[str, str]) -> None:
+    folder, said = where(homeless)
+    assert folder.parent == predictable(homeless)
+    assert [path.stat().st_mode & 0o7777 for path in (folder.parent, folder)] == [0o700, 0o700]
+    assert where(homeless) == (folder, "")
+    assert not said
+
+
+def plant_open(folder: Path) -> None:
+    folder.mkdir()
+    folder.chmod(0o770)
+
+
+def plant_link(folder: Path) -> None:
+    elsewhere = folder.with_name("elsewhere")
+    elsewhere.mkdir(mode=0o700)
+    folder.symlink_to(elsewhere)
+
+
+def plant_foreign(folder: Path) -> None:
+    if os.getuid():
+        pytest.skip("only root can make a folder of another user")
+    folder.mkdir(mode=0o700)
+    os.chown(folder, 4321, 4321)
+
+
+PLANTED = {
+    "is open to other users": plant_open,
+    "is a symbolic link": plant_link,
+    "belongs to user 4321": plant_foreign,
+}
+
+
+@pytest.mark.parametrize("why", PLANTED)
+def test_a_planted_folder_is_not_used(homeless: dict[str, str], why: str) -> None:
+    PLANTED[why](predictable(homeless))
+    folder, said = where(homeless)
+    assert why in said
+    assert folder.parent != predictable(homeless)
+    assert not list(predictable(homeless).iterdir())
+    # A private one, gone with the process.
+    assert folder.parent.parent == Path(homeless["TMPDIR"])
+    assert not folder.parent.exists()
+
+
+@pytest.mark.parametrize("why", ["is open to other users", "belongs to user 4321"])
+@pytest.mark.parametrize("usual", [True, False])
+def test_the_usual_places_are_checked_alike(tmp_path: Path, why: str, usual: bool) -> None:
+    environment = {"HOME": str(tmp_path), "TMPDIR": str(tmp_path)}
+    place = tmp_path / ".cache" / "hertzloop" if usual else tmp_path / "given"
+    place.parent.mkdir(mode=0o700, exist_ok=True)
+    PLANTED[why](place)
+    if not usual:
+        environment["NUMBA_CACHE_DIR"] = str(place)
+    folder, said = where(environment)
+    assert f"{place} {why}" in said
+    assert not list(place.iterdir())
+    assert folder.parent != place
+
+
+def test_a_folder_above_that_others_write_to_is_refused(tmp_path: Path) -> None:
+    above = tmp_path / "above"
+    above.mkdir()
+    above.chmod(0o777)
+    with pytest.raises(NotOurs, match=f"others can write to {above} .mode 777"):
+        own(above / "kernels")
+    above.chmod(0o1777)  # in a sticky folder nobody moves what belongs to others
+    own(above / "kernels")
+
+
+ATTACKED = """
+import hertzloop
+from studies.speed_accuracy.exponential_kernels import _root_slope as k
+k(1e9, -1e-6)
+print(k._cache.cache_path)
+"""
+
+
+class Evil:
+    """Runs code when it is unpickled."""
+
+    def __init__(self, trace: Path) -> None:
+        self.trace = trace
+
+    def __reduce__(self) -> tuple:
+        return Path.touch, (self.trace,)
+
+
+def test_a_planted_pickle_does_not_run(homeless: dict[str, str], tmp_path: Path) -> None:
+    """The attack itself: a cache that anybody could have put there, under the right names."""
+    folder, _ = where(homeless, ATTACKED)
+    indices = list(folder.rglob("*.nbi"))
+    assert indices
+    for index in indices:
+        index.write_bytes(pickle.dumps(numba.__version__) + pickle.dumps(Evil(tmp_path / "trace")))
+    predictable(homeless).chmod(0o777)
+    _, said = where(homeless, ATTACKED)
+    assert not (tmp_path / "trace").exists()
+    assert "is open to other users" in said
+    # It would have run from a folder that counts as safe: the attack is one.
+    predictable(homeless).chmod(0o700)
+    with pytest.raises(AssertionError):
+        where(homeless, ATTACKED)
+    assert (tmp_path / "trace").exists()
+
+
+def test_children_share_the_private_folder(homeless: dict[str, str]) -> None:
+    PLANTED["is open to other users"](predictable(homeless))
+    script = f"{WHERE}; import subprocess as s, sys; s.run([sys.executable, '-c', {WHERE!r}])"
+    done = subprocess.run(
+        [sys.executable, "-B", "-u", "-c", script],
+        env={"PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT)} | homeless,
+        cwd=ROOT, capture_output=True, text=True,
+    )  # fmt: skip
+    mine, childs = done.stdout.splitlines()
+    assert mine == childs
+    assert done.stderr.count("is open to other users") == 1

@@ -1,0 +1,154 @@
+"""Compiled code is never older than its sources, whatever a script imports first."""
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from jit.cache import PACKAGES, kernel_sources
+
+ROOT = Path(__file__).parents[2]
+
+# A caller in one file, its callee in another; numba first, nothing of hertzloop.
+SLOPES = """
+import numba
+from studies.speed_accuracy.kernels import many_slopes
+import numpy as np
+print(many_slopes(np.zeros(4), np.ones(1), np.ones(1), 1.0, 1.0, 3))
+print(many_slopes._cache.cache_path, dict(many_slopes.stats.cache_hits))
+"""
+# The kernel of a scheme is picked in plant/schemes/door.py, no file named after its kernels.
+STEPS = """
+import controller.kernels
+from plant.schemes.infinite import InfinitePlant
+from studies.speed_accuracy.kernels import plant_steps
+from tests.plant.rigs import spec
+plant = InfinitePlant(spec())
+plant_steps(plant.model, plant.state, 0.0, 3)
+print(plant.state.body.tolist())
+"""
+# The same with a push on every step.
+PUSHED = """
+from jit import kernel
+@kernel(borrowed=True)
+def pushed(model, state, f_a):
+    return infinite.step(model, state, f_a + 1.0)
+step = by_type({infinite.InfiniteModel: pushed})
+"""
+
+
+def copy_to(folder: Path) -> Path:
+    """A copy of the packages, to edit."""
+    for name in (*PACKAGES, "tests/plant"):
+        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "tests" / "__init__.py", folder / "tests")
+    return folder
+
+
+def run(script: str, folder: Path, **more: str) -> str:
+    """What a script prints that sees the copy in `folder`, with a kernel cache of its own."""
+    own = {
+        "PYTHONPATH": str(folder),
+        "NUMBA_CACHE_DIR": str(folder / "cache"),
+        "HERTZLOOP_CACHE": "",
+    }
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", script],
+        cwd=folder, env=os.environ | own | more, capture_output=True, text=True, timeout=200,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def edit(path: Path, pattern: str, new: str) -> None:
+    """Replace what the pattern finds."""
+    text, found = re.subn(pattern, new, path.read_text())
+    assert found
+    path.write_text(text)
+
+
+@pytest.mark.parametrize(
+    ("script", "file", "pattern", "new"),
+    [
+        (SLOPES, "studies/speed_accuracy/integrator_kernels.py", r"out\[i\] = y\[n \+ i\]",
+         "out[i] = y[n + i] + 7.0"),
+        (STEPS, "plant/schemes/door.py", r"step = by_type\(.*\)", PUSHED),
+    ],
+)  # fmt: skip
+def test_an_edited_callee_in_another_file_runs(
+    tmp_path: Path, script: str, file: str, pattern: str, new: str
+) -> None:
+    folder = copy_to(tmp_path)
+    before = run(script, folder).splitlines()[0]
+    edit(folder / file, pattern, new)
+    after = run(script, folder).splitlines()[0]
+    assert after != before
+    assert after == run(script, folder, NUMBA_CACHE_DIR=str(folder / "empty")).splitlines()[0]
+
+
+def test_an_edit_of_a_file_without_kernels_keeps_the_cache(tmp_path: Path) -> None:
+    folder = copy_to(tmp_path)
+    first = run(SLOPES, folder).splitlines()
+    edit(folder / "hertzloop" / "__init__.py", r"$", "\n# edited\n")
+    edit(folder / "plant" / "structures" / "materials.py", r"$", "\n# edited\n")
+    second = run(SLOPES, folder).splitlines()
+    assert first[0] == second[0]
+    path, hits = second[1].split(" ", 1)
+    assert (path, hits == "{}") == (first[1].split(" ", 1)[0], False)
+
+
+def test_functions_of_others_are_cached_where_they_were(tmp_path: Path) -> None:
+    script = """
+import controller.kernels, numba
+@numba.njit(cache=True)
+def theirs(x):
+    return x
+print(theirs._cache.cache_path)
+"""
+    (tmp_path / "theirs.py").write_text(script)
+    env = {name: text for name, text in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    done = subprocess.run(
+        [sys.executable, tmp_path / "theirs.py"],
+        env=env | {"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.stdout.strip() == str(tmp_path / "__pycache__"), done.stderr
+
+
+def test_the_digest_sees_all_that_is_compiled_in() -> None:
+    """All packages of the wheel are looked through, and what kernels take from other files of
+    ours, constants and types too, is in files that the digest covers."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert set(PACKAGES) == set(project["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"])
+    sources = kernel_sources()
+    assert {
+        "plant/schemes/discrete_gradient_kernels.py",
+        "plant/schemes/door.py",
+        "jit/decorator.py",
+    } <= set(sources)
+    for file, text in sources.items():
+        for node in ast.walk(ast.parse(text)):
+            if not isinstance(node, ast.ImportFrom) or file.startswith("jit/"):
+                continue
+            top, *rest = str(node.module).split(".")
+            if top not in PACKAGES or top == "jit":
+                continue
+            for name in node.names:
+                inner = "/".join((top, *rest, name.name)) + ".py"
+                used = inner if (ROOT / inner).exists() else "/".join((top, *rest)) + ".py"
+                assert used in sources, f"{file} takes {name.name} from {used}"
+
+
+def test_kernels_are_spelled_in_one_way() -> None:
+    spelled = {
+        file
+        for file, text in kernel_sources().items()
+        if re.search(rb"\b(?:njit|jit|vectorize|guvectorize|cfunc)\b\s*\(|import njit", text)
+    }
+    # Laws are compiled to C functions, in a module written for each.
+    assert spelled == {"jit/decorator.py", "controller/door/compiled.py"}

@@ -1,0 +1,196 @@
+"""Plates with clamped, free and simply supported edges against published tables, closed forms and
+finite elements."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from plant.structures.beam_basis import BeamBasis
+from plant.structures.edged_plate import EdgedPlate
+from plant.structures.materials import Material
+from plant.structures.model_order import frequency_limit_hz
+from plant.structures.plate import Plate, oscillators
+from tests.plant.rigs import spec
+from tests.plant.structures.argyris import plate_squared
+
+NU = 0.3
+METAL = Material(7.2e10, 2700.0, NU)
+SQUARE, OBLONG = (1.0, 1.0), (1.0, 0.62)
+
+
+def edged(edges: str, size_m: tuple[float, float] = SQUARE, accuracy: float = 1e-3) -> EdgedPlate:
+    return EdgedPlate(Plate(METAL, size_m, 0.003), edges, accuracy)
+
+
+def lowest(edges: str, size_m: tuple[float, float] = SQUARE, count: int = 20) -> np.ndarray:
+    """k^2 of the lowest modes, 1/m^2."""
+    plate = edged(edges, size_m)
+    limit = 2.0 * np.pi * 2e3
+    omega = plate.modes(limit, (0.3, 0.2), (0.3, 0.2)).omega
+    root = math.sqrt(plate.plate.mass_per_area_kg_m2 / plate.plate.bending_stiffness_n_m)
+    return np.asarray(omega[:count] * root)
+
+
+# Leissa 1973 (J. Sound Vib. 31, 257), w a^2 sqrt(rho h/D) of square plates, nu = 0.3: where his
+# values are exact (two opposite edges simply supported) or within 0.1 % of it.
+LEISSA = {
+    "ssss": (19.7392, 49.3480, 49.3480, 78.9568, 98.6960, 98.6960),
+    "sscc": (28.9509, 54.7431, 69.3270, 94.5853, 102.2162, 129.0955),
+    "sssc": (23.6463, 51.6743, 58.6464, 86.1345, 100.2698, 113.2281),
+    "sscf": (12.6874, 33.0651, 41.7019, 63.0148, 72.3976, 90.6114),
+    "sssf": (11.6845, 27.7563, 41.1967, 59.0655, 61.8606, 90.2941),
+    "ssff": (9.6314, 16.1348, 36.7256, 38.9450, 46.7381, 70.7401),
+    "cccc": (35.992, 73.413, 73.413, 108.27, 131.64, 132.24),
+}
+
+
+@pytest.mark.parametrize("edges", LEISSA)
+def test_published_frequencies_of_square_plates(edges: str) -> None:
+    np.testing.assert_allclose(lowest(edges, count=6), LEISSA[edges], rtol=1e-3)
+
+
+def by_levy(edges: str, size_m: tuple[float, float], count: int) -> np.ndarray:
+    """k^2 where the first two edges are simply supported: exact, from the plate's equation.
+
+    sin(m pi x/l_x) Y(y); Y has the exponents sqrt(a^2 +- k^2), and its four conditions a
+    determinant that is zero at every mode.
+    """
+    (lx, ly), found = size_m, []
+
+    def determinant(squared: float, a: float) -> float:
+        slow = np.emath.sqrt(a * a - squared)
+        fast = math.sqrt(a * a + squared)
+        rows = []
+        for edge, y in zip(edges[2:], (0.0, 1.0), strict=True):
+            for order in {"s": (0, 2), "c": (0, 1), "f": (2, 3)}[edge]:
+                row = []
+                for r in (slow, fast):
+                    # cosh and sinh, scaled against overflow; derivatives by the exponent
+                    x = r * ly
+                    size = np.exp(-abs(x.real))
+                    even, odd = np.cosh(x * y) * size, np.sinh(x * y) * size / r
+                    values = (even, odd, r * r * even, r * r * odd)
+                    slopes = (r * r * odd, even, r**4 * odd, r * r * even)
+                    if edge == "f" and order == 2:
+                        row += [
+                            v - NU * a * a * w for v, w in zip(values[2:], values[:2], strict=True)
+                        ]
+                    elif edge == "f":
+                        row += [
+                            v - (2 - NU) * a * a * w
+                            for v, w in zip(slopes[2:], slopes[:2], strict=True)
+                        ]
+                    elif order == 0:
+                        row += list(values[:2])
+                    elif order == 1:
+                        row += list(slopes[:2])
+                    else:
+                        row += list(values[2:])
+                rows.append(row)
+        return float(np.linalg.det(np.array(rows)).real)
+
+    highest = 1.05 * lowest(edges, size_m, count)[-1]
+    for m in range(1, int(math.sqrt(highest) * lx / np.pi) + 2):
+        a = m * np.pi / lx
+        grid = np.linspace(1e-3, highest, 1001)
+        values = np.array([determinant(x, a) for x in grid])
+        for i in np.flatnonzero(values[:-1] * values[1:] < 0.0):
+            root = brentq(determinant, grid[i], grid[i + 1], args=(a,), xtol=1e-12)
+            if abs(root - a * a) > 1e-6 * a * a:  # there slow = 0, which is no mode
+                found.append(root)
+    return np.sort(found)[:count]
+
+
+@pytest.mark.parametrize("size_m", [SQUARE, OBLONG])
+@pytest.mark.parametrize("edges", ["sscc", "sscf", "ssff", "sssf", "sssc"])
+def test_twenty_frequencies_between_two_supported_edges(
+    edges: str, size_m: tuple[float, float]
+) -> None:
+    np.testing.assert_allclose(lowest(edges, size_m), by_levy(edges, size_m, 20), rtol=1e-5)
+
+
+@pytest.mark.parametrize("size_m", [SQUARE, OBLONG])
+@pytest.mark.parametrize("edges", ["cccc", "cfff", "ffff", "ccff", "cfsc", "ccfs"])
+def test_twenty_frequencies_by_finite_elements(edges: str, size_m: tuple[float, float]) -> None:
+    reference = plate_squared(edges, size_m, NU, 20)
+    found = lowest(edges, size_m)
+    rigid = 3 if edges == "ffff" else 0
+    assert not found[:rigid].any()
+    np.testing.assert_allclose(found[rigid:], reference[rigid:], rtol=1e-3)
+
+
+def test_central_load_on_a_clamped_plate_is_timoshenkos() -> None:
+    """w = 0.00560 F a^2/D (Timoshenko and Woinowsky-Krieger, table 37), whatever the limit."""
+    plate = edged("cccc")
+    for limit_hz in (500.0, 5e3, 3e4):
+        limit = 2.0 * np.pi * limit_hz
+        found = oscillators(plate, (0.5, 0.5), (0.5, 0.5), limit)
+        flexibility = found.scale_per_kg * np.sum((found.contact / found.omega) ** 2)
+        flexibility += plate.residual_flexibility_m_n(limit, (0.5, 0.5))
+        assert flexibility * plate.plate.bending_stiffness_n_m == pytest.approx(0.00560, rel=5e-3)
+
+
+def test_supported_edges_by_ritz_are_the_closed_form() -> None:
+    plate, closed = edged("ssss", OBLONG), Plate(METAL, OBLONG, 0.003)
+    at, limit = ((0.31, 0.22), (0.44, 0.37)), 2.0 * np.pi * 2e4
+    found, exact = plate.modes(limit, *at), closed.modes(limit, *at)
+    np.testing.assert_allclose(found.omega, exact.omega, rtol=1e-4)
+    low = plate.reached.low_modes
+    np.testing.assert_allclose(found.omega[:low], exact.omega[:low], rtol=plate.reached.low_change)
+    np.testing.assert_allclose(abs(found.at_contact), abs(exact.at_contact), atol=1e-2)
+    products = found.at_contact * found.at_actuator
+    np.testing.assert_allclose(products, exact.at_contact * exact.at_actuator, atol=1e-2)
+
+
+@pytest.mark.parametrize("edges", ["cccc", "cfff", "ffff", "scff", "cfsc"])
+def test_modes_beyond_ritz_go_on_without_a_gap(edges: str) -> None:
+    """No mode twice and none lost where the two ways meet: with more asked, more modes come from
+    Ritz's method, and they are the same ones."""
+    plates = [edged(edges, OBLONG, accuracy) for accuracy in (1e-2, 1e-6)]
+    counts = [plate.reached.low_modes for plate in plates]
+    assert counts[1] < counts[0]
+    limit = 2.0 * np.pi * 8e3
+    few, many = (plate.modes(limit, (0.3, 0.2), (0.3, 0.2)).omega for plate in plates)
+    assert abs(len(few) - len(many)) <= 1
+    same = min(len(few), len(many), counts[0])
+    apart = np.abs(few[3:same] / many[3:same] - 1.0)
+    assert apart.max() < 2.0 * plates[1].reached.beyond_error + 1e-3
+    assert plates[0].reached.beyond_error < 1.5e-3
+
+
+def test_participation_of_free_edges_is_not_lost() -> None:
+    """Sum of phi^2 up to a frequency: that of the modal density, for every kind of edge."""
+    limit = 2.0 * np.pi * 5e4
+    for edges in ("ssss", "cccc", "ffff", "cfsc"):
+        plate = edged(edges, (0.5, 0.4))
+        modes = plate.modes(limit, (0.21, 0.17), (0.21, 0.17))
+        mean = modes.scale_per_kg * np.sum(modes.at_contact**2) * np.pi / 2.0 / limit
+        assert mean * plate.plate.infinite_plate_impedance_n_s_m == pytest.approx(1.0, rel=0.02)
+
+
+def test_basis_is_orthonormal_and_keeps_its_edges() -> None:
+    nodes, weights = np.polynomial.legendre.leggauss(80)
+    x, w = 0.35 * (nodes + 1.0), 0.35 * weights
+    for edges in ("cc", "cf", "fs", "ff", "sc"):
+        basis = BeamBasis(edges, 0.7, 60)
+        gram = basis.at(x).T @ (w[:, None] * basis.at(x))
+        np.testing.assert_allclose(gram, np.eye(60), atol=1e-11)
+        h = 1e-5
+        slope = (basis.at(x + h)[:, :9] - basis.at(x - h)[:, :9]) / (2.0 * h)
+        np.testing.assert_allclose(basis.at(x, 1)[:, :9], slope, atol=1e-4 * abs(slope).max())
+        ends = [basis.at(np.array([0.0, 0.7]), order) for order in (0, 1)]
+        for i, edge in enumerate(edges):
+            assert np.allclose(ends[0][i], 0.0) == (edge in "cs")
+            assert np.allclose(ends[1][i], 0.0) == (edge == "c")
+
+
+def test_accuracy_decides_how_many_modes_an_edged_plate_has() -> None:
+    what = spec()
+    plate = edged("cccc", (0.5, 0.5))
+    limits = [
+        frequency_limit_hz(what.sphere, plate, what.contact, 1e-6, accuracy, spring=True)
+        for accuracy in (0.1, 0.01, 0.001)
+    ]
+    assert limits == sorted(limits)

@@ -1,0 +1,79 @@
+"""What Kirchhoff's theory leaves out, against numbers known from an elastic solid."""
+
+import math
+
+import pytest
+
+from plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
+from plant.structures import plate_theory
+from plant.structures.materials import MATERIALS
+from plant.structures.plate import Plate
+
+STEEL, ALUMINIUM = MATERIALS["steel"], MATERIALS["aluminium"]
+
+
+def _impact(radius_m: float, h_m: float, drop_m: float) -> tuple[Sphere, Plate, Contact]:
+    contact = Contact(hertz_stiffness(radius_m, STEEL, ALUMINIUM))
+    return Sphere(STEEL, radius_m, drop_m), Plate(ALUMINIUM, (0.5, 0.5), h_m), contact
+
+
+# Radius, thickness, drop (m); k h at 1/T and lambda of impacts solved in three dimensions.
+SOLVED = [
+    (0.003, 0.0015, 0.05, 0.36, 1.37),
+    (0.003, 0.003, 0.05, 0.64, 0.34),
+    (0.005, 0.010, 0.05, 0.93, 0.09),
+]
+
+
+@pytest.mark.parametrize(("radius", "h", "drop", "number", "inelasticity"), SOLVED)
+def test_the_two_numbers(
+    radius: float, h: float, drop: float, number: float, inelasticity: float
+) -> None:
+    sphere, plate, contact = _impact(radius, h, drop)
+    found = plate_theory.zener_impact(sphere, plate, contact)
+    assert found.inelasticity == pytest.approx(inelasticity, abs=0.006)
+    assert plate_theory.thickness_number(plate, found.contact_s) == pytest.approx(number, abs=0.006)
+
+
+def test_a_heavy_ball_stays_until_reflections_throw_it_off() -> None:
+    sphere, plate, contact = _impact(0.02, 0.003, 0.05)
+    found = plate_theory.zener_impact(sphere, plate, contact)
+    assert found.inelasticity == pytest.approx(15.0, abs=0.5)
+    assert found.contact_s > 5e-3
+    assert found.peak_force_n == pytest.approx(296.0, abs=1.0)  # as on the finite plate
+
+
+@pytest.mark.parametrize(
+    ("number", "integral"), [(0.2, 1.00), (0.36, 0.45), (0.64, 0.01), (0.93, -0.19)]
+)
+def test_static_difference(number: float, integral: float) -> None:
+    plate = Plate(ALUMINIUM, (1.0, 1.0), 0.003)
+    unit = math.pi * ALUMINIUM.plane_strain_modulus_pa * 0.003
+    assert plate_theory.static_difference_m_n(plate, number) * unit == pytest.approx(
+        integral, abs=0.006
+    )
+
+
+def test_static_difference_is_a_logarithm_at_long_waves() -> None:
+    plate = Plate(ALUMINIUM, (1.0, 1.0), 0.003)
+    unit = math.pi * ALUMINIUM.plane_strain_modulus_pa * 0.003
+    for number in (0.09, 0.01):
+        found = plate_theory.static_difference_m_n(plate, number) * unit
+        assert found == pytest.approx(1.2 * math.log(0.40 / number), rel=0.05)
+
+
+def test_errors_of_solved_impacts() -> None:
+    """Peak forces and energies that were off by 1 and 2.4 per cent."""
+    thin = plate_theory.expected_kirchhoff_error(*_impact(0.003, 0.0015, 0.05))
+    assert 0.010 <= thin.peak_force <= 0.02
+    thick = plate_theory.expected_kirchhoff_error(*_impact(0.003, 0.003, 0.05))
+    assert 0.024 <= thick.plate_energy <= 0.04
+    assert 0.015 <= thick.rebound_speed <= 0.02
+    assert thick.largest == thick.plate_energy
+
+
+def test_zener_on_a_rigid_plate_is_hertz() -> None:
+    sphere, plate, contact = _impact(0.003, 1.0, 0.05)
+    found = plate_theory.zener_impact(sphere, plate, contact)
+    rigid = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s)
+    assert found.contact_s == pytest.approx(rigid, rel=1e-4)

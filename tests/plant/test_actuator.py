@@ -1,0 +1,173 @@
+"""The actuator: its response against closed forms, its mass two ways, books with all of it."""
+
+import cmath
+import math
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+from plant.actuator import kernels as act
+from plant.actuator.model import IDEAL, Actuator, build_model
+from plant.plant import modes_of
+from plant.schemes import state_kernels as pk
+from plant.schemes.collocation import CollocationPlant
+from plant.schemes.door import step
+from tests.plant.rigs import spec
+from tests.plant.test_solution import reference
+
+H = 1e-6
+BESIDE = {"size_m": (0.3, 0.2), "contact_point_m": (0.11, 0.07), "actuator_point_m": (0.13, 0.07)}
+
+
+def step_response(t: np.ndarray, bandwidth_hz: float, zeta: float) -> np.ndarray:
+    """1 - (s2 e^(s1 t) - s1 e^(s2 t))/(s2 - s1) by the roots of s^2 + 2 zeta w s + w^2."""
+    w = 2.0 * math.pi * bandwidth_hz
+    if zeta == 1.0:
+        return np.asarray(1.0 - np.exp(-w * t) * (1.0 + w * t))
+    root = cmath.sqrt(zeta * zeta - 1.0)
+    s1, s2 = w * (-zeta + root), w * (-zeta - root)
+    return np.asarray(1.0 - ((s2 * np.exp(s1 * t) - s1 * np.exp(s2 * t)) / (s2 - s1)).real)
+
+
+@pytest.mark.parametrize("zeta", [0.05, 0.3, 0.7, 1.0, 2.5])
+@pytest.mark.parametrize("bandwidth_hz", [1e3, 3e4, 3e5, 3e6])
+def test_step_response_is_the_closed_form(bandwidth_hz: float, zeta: float) -> None:
+    model = build_model(Actuator(bandwidth_hz, zeta), H)
+    body = np.zeros(pk.BODY_SIZE)
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    for k in range(40):
+        mean, slope = act.force(model, body, 1.0)
+        t = H * (k + 0.5 + 0.5 * nodes)
+        exact = step_response(t, bandwidth_hz, zeta)
+        assert mean == pytest.approx(0.5 * weights @ exact, abs=1e-12)
+        assert slope == pytest.approx(1.5 * weights @ (nodes * exact), abs=1e-12)
+        end = step_response(np.array([H * (k + 1)]), bandwidth_hz, zeta)[0]
+        assert body[pk.ACTUATOR_F] == pytest.approx(end, abs=1e-12)
+
+
+def test_an_actuator_at_rest_stays_at_rest_and_comes_to_rest() -> None:
+    model = build_model(Actuator(1e5, force_limit_n=50.0), H)
+    body = np.zeros(pk.BODY_SIZE)
+    assert act.force(model, body, 0.0) == (0.0, 0.0)
+    act.force(model, body, 80.0)
+    found = [act.force(model, body, 0.0) for _ in range(200)]
+    assert abs(found[0][0]) > 1.0
+    assert found[-1] == (0.0, 0.0)
+
+
+def test_force_is_limited_at_both_ends_of_every_step() -> None:
+    random = np.random.default_rng(5)
+    model, body = build_model(Actuator(2e5, 0.3, force_limit_n=10.0), H), np.zeros(pk.BODY_SIZE)
+    found = np.array([act.force(model, body, c) for c in 30.0 * random.standard_normal(500)])
+    ends = np.concatenate([found[:, 0] - found[:, 1], found[:, 0] + found[:, 1]])
+    assert abs(ends).max() == pytest.approx(10.0, rel=1e-15)
+    assert np.count_nonzero(abs(ends) == abs(ends).max()) > 100
+    held = build_model(Actuator(force_limit_n=10.0), H)
+    assert [act.force(held, body, c)[0] for c in (-30.0, 4.0, 11.0)] == [-10.0, 4.0, 10.0]
+
+
+def gaps(what: object, push: np.ndarray) -> tuple[CollocationPlant, np.ndarray]:
+    plant = CollocationPlant(what)  # type: ignore[arg-type]
+    found = np.empty(len(push))
+    for i, command in enumerate(push):
+        step(plant.model, plant.state, command)
+        found[i] = plant.state.body[pk.XI]
+    return plant, found
+
+
+def test_a_large_bandwidth_is_the_ideal_actuator() -> None:
+    """What is left is the delay of 2 zeta/w: a hundredth of it with 100 times the bandwidth."""
+    assert build_model(IDEAL, H) is None
+    push = np.where(np.arange(60) % 20 < 10, 30.0, -10.0)
+    for beside in ({}, BESIDE):
+        what = replace(spec(**beside), residual_flexibility=True)
+        _, ideal = gaps(what, push)
+        fast, faster = (
+            abs(gaps(replace(what, actuator=Actuator(f)), push)[1] - ideal).max()
+            for f in (1e7, 1e9)
+        )
+        assert faster < 0.02 * fast
+        assert faster < 2e-5 * abs(ideal).max()
+
+
+@pytest.mark.parametrize("mass_kg", [1e-4, 1e-3, 1e-2])
+@pytest.mark.parametrize("place", ["same", "beside"])
+def test_mass_loaded_modes_move_as_the_plate_with_the_mass_does(place: str, mass_kg: float) -> None:
+    """Roots of the secular equation against the modes coupled by the mass, in time."""
+    changes = {} if place == "same" else BESIDE
+    what = spec(step_s=2.5e-7, lead_in_s=0.0, loss_factor=0.0, limit_hz=60e3, **changes)
+    what = replace(what, actuator=Actuator(mass_kg=mass_kg))
+    steps = 160
+    plant, found = gaps(what, np.full(steps, 20.0))
+    t = what.step_s * np.arange(1, steps + 1)
+    exact = reference(what, lambda _: np.asarray(20.0), t)
+    bare = reference(replace(what, actuator=IDEAL), lambda _: np.asarray(20.0), t)
+    deepest = -exact.min()
+    print(f"{abs(found - exact).max() / deepest:.1e}, {len(plant.modes.omega)} frequencies")
+    assert abs(found - exact).max() < 5e-6 * deepest
+    assert abs(bare - exact).max() > 1e-4 * deepest
+
+
+@pytest.mark.parametrize("point", [None, (0.3, 0.21), (0.2, 0.25)])
+@pytest.mark.parametrize("mass_kg", [1e-4, 1e-2, 10.0])
+def test_mass_loaded_modes_are_those_of_the_matrices(
+    point: tuple[float, float] | None, mass_kg: float
+) -> None:
+    """With the modes left out as a spring between mass and plate."""
+    what = replace(spec(actuator_point_m=point), residual_flexibility=True)
+    bare, scale = modes_of(what), what.plate.modal_scale_per_kg
+    loaded = modes_of(replace(what, actuator=Actuator(mass_kg=mass_kg)))
+    omega_max = 2.0 * math.pi * what.frequency_limit_hz
+    spring = what.plate.residual_flexibility_m_n(omega_max, what.actuator_point_m)
+    n = len(bare.omega)
+    relative = np.append(bare.actuator, -1.0)
+    stiffness = np.diag(np.append(bare.omega**2 / scale, 0.0))
+    stiffness += np.outer(relative, relative) / spring
+    squared, shapes = eigh(stiffness, np.diag(np.append(np.ones(n) / scale, mass_kg)))
+    at_actuator = shapes[n] / math.sqrt(scale)
+    at_contact = shapes[:n].T @ bare.contact / math.sqrt(scale) if point else at_actuator
+    assert loaded.omega == pytest.approx(np.sqrt(squared), rel=1e-7)
+    assert scale * np.sum(loaded.actuator**2) == pytest.approx(1.0 / mass_kg, rel=1e-12)
+    rank = np.argsort(np.abs(loaded.actuator))[-20:]
+    assert np.abs(loaded.actuator[rank]) == pytest.approx(np.abs(at_actuator[rank]), rel=1e-6)
+    products = (loaded.contact * loaded.actuator)[rank]
+    assert products == pytest.approx((at_contact * at_actuator)[rank], rel=1e-5, abs=1e-9)
+
+
+def test_a_large_mass_pins_the_point() -> None:
+    what = replace(spec(**BESIDE, loss_factor=0.0), residual_flexibility=True)
+    push = np.zeros(200)
+    free, _ = gaps(what, push)
+    pinned, _ = gaps(replace(what, actuator=Actuator(mass_kg=1e3)), push)
+    assert abs(pinned.state.body[pk.XI_A]) < 1e-4 * abs(free.state.body[pk.XI_A])
+
+
+FORCES = {
+    "ideal": {},
+    "100 kHz": {"bandwidth_hz": 1e5},
+    "5 kHz, limit": {"bandwidth_hz": 5e3, "damping": 0.3, "force_limit_n": 8.0},
+    "limit": {"force_limit_n": 15.0},
+}
+
+
+@pytest.mark.parametrize("step_us", [0.1, 1.0, 20.0])
+@pytest.mark.parametrize("force", FORCES)
+@pytest.mark.parametrize("mass_kg", [0.0, 3e-3])
+def test_books_close_with_everything(force: str, mass_kg: float, step_us: float) -> None:
+    random = np.random.default_rng(11)
+    push = np.repeat(30.0 * random.standard_normal(50) * (random.random(50) < 0.6), 40)
+    actuator = Actuator(**FORCES[force], mass_kg=mass_kg)
+    for beside, loss, sprung in product((None, (0.3, 0.21)), (0.0, 0.05), (True, False)):
+        what = spec(
+            step_s=step_us * 1e-6, loss_factor=loss, actuator_point_m=beside, drop_height_m=1e-4
+        )
+        what = replace(what, actuator=actuator, residual_flexibility=sprung)
+        plant, _ = gaps(what, push)
+        books = plant.close_books()
+        assert books.contact_steps > 0
+        assert abs(books.injected_j) > books.energy_start_j
+        assert abs(books.energy_residual) < 1e-11
+        assert abs(books.momentum_residual) < 1e-11

@@ -1,0 +1,93 @@
+"""Closed forms of what a scene leaves out, against values worked out by hand."""
+
+import math
+
+import pytest
+
+from plant.contact.hertz import Sphere, hertz_stiffness
+from plant.contact.strength import softer, strength
+from plant.figures import criteria
+from plant.structures.materials import MATERIALS, Material
+from plant.structures.plate import Plate
+
+STEEL, ALUMINIUM = MATERIALS["steel"], MATERIALS["aluminium"]
+PLATE = Plate(ALUMINIUM, (0.5, 0.5), 0.003)
+
+
+def sphere(radius_m: float) -> Sphere:
+    return Sphere(STEEL, radius_m, 0.05)
+
+
+def test_pressure_of_the_3_and_the_20_mm_ball() -> None:
+    # F = 88.1 N on R = 3 mm: 1.27 GPa, 1.90 GPa in the centre; 370 N on 20 mm: 0.58 GPa.
+    for radius_m, force_n, mean in ((0.003, 88.1, 1.27e9), (0.02, 370.0, 0.58e9)):
+        stiffness = hertz_stiffness(radius_m, STEEL, ALUMINIUM)
+        a = criteria.contact_radius_m(force_n, radius_m, stiffness)
+        assert criteria.mean_pressure_pa(force_n, a) == pytest.approx(mean, rel=6e-3)
+        # Hertz: a^2 = R p, F = s p^(3/2).
+        assert a * a == pytest.approx(radius_m * (force_n / stiffness) ** (2.0 / 3.0))
+    assert criteria.mean_pressure_pa(0.0, 0.0) == 0.0
+
+
+def test_vibration_of_sphere_and_plate() -> None:
+    # 450 kHz of the 3 mm ball, 525 kHz through 3 mm of aluminium, as often as fits into 28.9 us.
+    assert criteria.sphere_periods(sphere(0.003), 28.9e-6) == pytest.approx(13.0, abs=0.15)
+    assert criteria.thickness_periods(PLATE, 1.0) == pytest.approx(525e3, rel=0.01)
+
+
+def test_waves_come_back_from_the_nearest_edge() -> None:
+    # a = sqrt(B'/m'') = 4.76 m2/s; 2 x 0.1 m at 2 sqrt(a 2 pi/28.9 us) = 2035 m/s: 98 us.
+    back = criteria.first_return_s(PLATE, (0.5, 0.5), (0.1, 0.25), 28.9e-6)
+    assert back == pytest.approx(98.3e-6, rel=0.01)
+    assert criteria.first_return_s(PLATE, (0.5, 0.5), (0.4, 0.25), 28.9e-6) == pytest.approx(back)
+
+
+def test_modes_of_a_square_plate_revive() -> None:
+    time_s = criteria.revival_s(PLATE, 0.5)
+    m, n, omega = PLATE.mode_numbers(2 * math.pi * 2e4)
+    moves = (m % 2 == 1) & (n % 2 == 1)  # modes that the centre moves in
+    turns = omega[moves] * time_s / (2.0 * math.pi)
+    # All of them have made whole turns but for the same rest.
+    rest = (turns - turns[0]) % 1.0
+    assert abs((rest + 0.5) % 1.0 - 0.5).max() < 1e-6
+
+
+def test_air() -> None:
+    # rho0 c/(omega m'') is 1.6e-3 at 5 kHz, 1.3 times the critical frequency of 3869 Hz.
+    assert criteria.air_loss_factor(PLATE) == pytest.approx(1.6e-3, rel=0.01)
+    assert criteria.air_loss_factor(PLATE, 2) == pytest.approx(2 * criteria.air_loss_factor(PLATE))
+    assert criteria.squeezed_film(sphere(0.003)) == pytest.approx(7e-5, rel=0.05)
+    assert criteria.squeezed_film(sphere(0.02)) == pytest.approx(1.3e-5, rel=0.05)
+    assert criteria.drag_on_the_drop(sphere(0.003)) == pytest.approx(4.5e-4, rel=0.02)
+    assert criteria.drag_on_the_drop(sphere(0.02)) == pytest.approx(6.8e-5, rel=0.02)
+
+
+def test_damper_behind_a_spring() -> None:
+    # d = 0.64 s/m, R_0 = 2 Y/(pi omega_c) with 1/Y = 8 sqrt(B' m''), 250 kHz: 2.1e-3 of 2.5.
+    flexibility = PLATE.residual_flexibility_m_n(2.0 * math.pi * 250e3)
+    share = criteria.tail_share(0.64, flexibility, 80.0, 29e-6)
+    assert share / 2.5 == pytest.approx(2.1e-3, rel=0.4)
+
+
+def test_a_mass_counts_from_a_twentieth_on() -> None:
+    # The 3 mm ball has 0.882 g; the impedance at 1/T, 309 N s/m x 28.9 us/(2 pi), is 1.4 g.
+    ball = sphere(0.003)
+    mass = criteria.mass_that_matters_kg(ball, PLATE, 28.9e-6)
+    assert mass == pytest.approx(0.05 * 0.882e-3, rel=2e-3)
+    short = criteria.mass_that_matters_kg(ball, PLATE, 2.89e-6)
+    impedance = PLATE.infinite_plate_impedance_n_s_m
+    assert short == pytest.approx(0.05 * impedance * 2.89e-6 / (2.0 * math.pi))
+
+
+def test_strength_by_hardness_else_by_yield_strength() -> None:
+    soft = Material(7e10, 2700.0, 0.3, yield_pa=1e8)
+    found = strength(soft)
+    assert found is not None
+    assert (found.pressure_pa, found.factor) == (pytest.approx(2.8e8), 2.8)
+    assert found.first_yield_pa == pytest.approx(1.6e8)
+    hard = Material(2.1e11, 7800.0, 0.3, hardness_pa=7e9)
+    assert strength(hard).first_yield_pa == pytest.approx(4e9)  # type: ignore[union-attr]
+    assert softer(soft, hard)[0] == "plate"  # type: ignore[index]
+    assert softer(hard, soft)[0] == "sphere"  # type: ignore[index]
+    assert softer(soft, STEEL)[0] == "plate"  # type: ignore[index]
+    assert softer(STEEL, soft) is None  # the plate's is not known

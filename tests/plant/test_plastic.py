@@ -1,0 +1,170 @@
+"""A contact that yields: closed forms, order, books at any step, a spot struck again."""
+
+import math
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from plant.actuator.model import Actuator
+from plant.contact.hertz import Contact, Limit, hertz_stiffness
+from plant.contact.plastic import dent_m, force_n, yielding
+from plant.plant import PlantSpec
+from plant.schemes import state_kernels as pk
+from plant.schemes.collocation import CollocationPlant
+from plant.schemes.door import step
+from plant.structures.materials import MATERIALS
+from tests.plant.rigs import IMMOVABLE, spec
+
+RADIUS = 0.003
+STIFFNESS = hertz_stiffness(RADIUS, MATERIALS["steel"], MATERIALS["aluminium"])
+MODULUS = 0.75 * STIFFNESS / math.sqrt(RADIUS)
+
+
+def soft(pressure_pa: float, stiffness: float = STIFFNESS, **damping: float) -> Contact:
+    radius = (0.75 * stiffness / MODULUS) ** 2
+    return Contact(stiffness, **damping, limit=Limit(pressure_pa, radius))
+
+
+def moved(what: PlantSpec, steps: int, push: np.ndarray | None = None) -> CollocationPlant:
+    plant = CollocationPlant(what)
+    for i in range(steps):
+        step(plant.model, plant.state, 0.0 if push is None else push[i])
+    return plant
+
+
+def test_curves_are_those_of_thornton() -> None:
+    pressure = 1.05e9
+    law = yielding(Limit(pressure, RADIUS), STIFFNESS)
+    assert law.delta_m == pytest.approx(RADIUS * (math.pi * pressure / (2.0 * MODULUS)) ** 2)
+    deepest = np.linspace(1.1, 40.0, 50) * law.delta_m
+    load = law.force_n + math.pi * pressure * RADIUS * (deepest - law.delta_m)
+    assert force_n(law, STIFFNESS, deepest, deepest) == pytest.approx(load, rel=1e-12)
+    flatter = RADIUS * STIFFNESS * deepest**1.5 / load
+    area = (2.0 * load + law.force_n) / (2.0 * math.pi * pressure)
+    assert flatter * (deepest - dent_m(law, STIFFNESS, deepest)) == pytest.approx(area, rel=1e-12)
+    below = np.array([0.0, 0.5, 1.0]) * law.delta_m
+    assert np.all(dent_m(law, STIFFNESS, below) == 0.0)
+    # The slope is continuous at the first yield.
+    assert 1.5 * STIFFNESS * math.sqrt(law.delta_m) == pytest.approx(law.rise_n_m, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("pressure_pa", "restitution"),
+    [(0.35e9, 0.38542), (0.7e9, 0.59077), (1.05e9, 0.75072), (1.5e9, 0.90537), (2.1e9, 0.99998)],
+)
+def test_restitution_of_a_massive_body(pressure_pa: float, restitution: float) -> None:
+    contact = soft(pressure_pa)
+    plant = moved(spec(contact=contact, material=IMMOVABLE), 80)
+    speed = plant.spec.sphere.impact_speed_m_s
+    law = yielding(Limit(pressure_pa, RADIUS), STIFFNESS)
+    mass = plant.spec.sphere.mass_kg
+    q = math.sqrt(2.0 * law.energy_j / mass) / speed  # v_y: the energy of first yield
+    formula = math.sqrt(1.2 * math.sqrt(3.0)) * math.sqrt(1.0 - q * q / 6.0)
+    formula *= (q / (q + 2.0 * math.sqrt(1.2 - q * q / 5.0))) ** 0.25
+    assert formula == pytest.approx(restitution, abs=1e-5)
+    found = plant.state.body[pk.FLIGHT_V] / speed
+    assert found == pytest.approx(restitution, abs=1e-4)
+    books = plant.close_books()
+    assert books.dent_m > 0.0
+    lost = 0.5 * mass * speed**2 * (1.0 - restitution**2)
+    assert books.plastic_dissipated_j == pytest.approx(lost, rel=1e-3, abs=2e-8)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.3])
+@pytest.mark.parametrize("pressure_pa", [0.44e9, 1.05e9])
+def test_gap_converges_as_the_fourth_power_of_the_step(pressure_pa: float, damping: float) -> None:
+    contact = soft(pressure_pa, hunt_crossley_s_m=damping)
+    places = []
+    for h in (4e-6, 1e-6, 2.5e-7, 6.25e-8):
+        what = spec(step_s=h, contact=contact, limit_hz=60e3, loss_factor=0.0, lead_in_s=0.0)
+        plant, every = CollocationPlant(what), round(4e-6 / h)
+        places.append(np.empty(12))
+        for i in range(12 * every):
+            step(plant.model, plant.state, 0.0)
+            places[-1][i // every] = plant.state.body[pk.XI]
+    deepest = -places[-1].min()
+    errors = [abs(p - places[-1]).max() / deepest for p in places[:-1]]
+    orders = np.log2(np.divide(errors[:-1], errors[1:])) / 2.0
+    print(errors, orders)
+    assert orders.mean() > 3.6
+    assert errors[1] < 5e-6
+    assert places[-1][-1] > -plant.state.body[pk.DENT]  # a whole contact
+
+
+@pytest.mark.parametrize("step_us", [0.1, 1.0, 5.0, 20.0, 100.0])
+def test_books_close_at_any_step_with_everything(step_us: float) -> None:
+    random = np.random.default_rng(4)
+    push = np.repeat(60.0 * random.standard_normal(25) * (random.random(25) < 0.5), 40)
+    contacts = (
+        soft(0.3e9),
+        soft(0.3e9, hunt_crossley_s_m=0.5),
+        soft(0.3e9, viscous_n_s_m=2.0),
+    )
+    actuators = Actuator(), Actuator(1e5, mass_kg=1e-3, force_limit_n=40.0)
+    for contact, actuator, beside, sprung in product(
+        contacts, actuators, (None, (0.3, 0.21)), (True, False)
+    ):
+        what = spec(
+            step_s=step_us * 1e-6, contact=contact, actuator_point_m=beside, loss_factor=0.02,
+            drop_height_m=2e-3,
+        )  # fmt: skip
+        plant = moved(replace(what, actuator=actuator, residual_flexibility=sprung), 1000, push)
+        books = plant.close_books()
+        assert books.plastic_dissipated_j > 0.0
+        assert books.contact_dissipated_j >= 0.0
+        assert abs(books.energy_residual) < 1e-10
+        assert abs(books.momentum_residual) < 1e-11
+
+
+def test_a_spot_struck_again_less_hard_is_elastic_about_its_dent() -> None:
+    contact = soft(0.7e9)
+    plant = moved(spec(contact=contact, material=IMMOVABLE, step_s=2.5e-7), 320)
+    body, model = plant.state.body, plant.model
+    deepest, dent, taken = body[pk.DEEPEST], body[pk.DENT], plant.state.books[4]
+    assert dent > 1e-6
+    # Sent down again, with less than what the first impact gave back.
+    sent = -0.9 * body[pk.FLIGHT_V]
+    counts = plant.state.counts
+    body[[pk.FLIGHT_X, pk.XI_S]] = 1e-7 - dent
+    body[pk.FLIGHT_V], counts[pk.FLIGHT_STEP] = sent, counts[pk.STEP]
+    lowest, most = 0.0, 0.0
+    for _ in range(400):
+        most = max(most, step(model, plant.state, 0.0))
+        lowest = min(lowest, body[pk.XI])
+    assert body[pk.DEEPEST] == deepest
+    assert plant.state.books[4] == taken
+    assert body[pk.FLIGHT_V] == pytest.approx(-sent, rel=2e-5)
+    law = yielding(Limit(0.7e9, RADIUS), STIFFNESS)
+    at = force_n(law, STIFFNESS, np.array([-lowest]), np.array([deepest]))[0]
+    assert most == pytest.approx(at, rel=5e-4)  # the mean of a step, not its peak
+    assert -lowest > dent
+
+
+def test_twice_the_radius_at_the_same_speed_is_four_times_the_force() -> None:
+    def found(times: float) -> tuple[float, float, float]:
+        contact = soft(0.7e9, STIFFNESS * math.sqrt(times))
+        what = spec(
+            radius_m=times * RADIUS, contact=contact, material=IMMOVABLE, step_s=times * 1e-6
+        )
+        plant = CollocationPlant(what)
+        most = max(step(plant.model, plant.state, 0.0) for _ in range(80))
+        return most, plant.state.body[pk.DENT], plant.state.body[pk.FLIGHT_V]
+
+    one, two = found(1.0), found(2.0)
+    assert two[0] == pytest.approx(4.0 * one[0], rel=2e-3)
+    assert two[1] == pytest.approx(2.0 * one[1], rel=2e-4)
+    assert two[2] == pytest.approx(one[2], rel=2e-4)
+
+
+def test_a_pressure_that_is_never_reached_is_hertz_to_the_bit() -> None:
+    for sprung in (True, False):
+        what = replace(spec(), residual_flexibility=sprung)
+        hard = replace(what, contact=soft(1e12))
+        elastic, never = CollocationPlant(what), CollocationPlant(hard)
+        for _ in range(60):
+            forces = [step(plant.model, plant.state, 0.0) for plant in (elastic, never)]
+            assert forces[0] == forces[1]
+            assert elastic.state.body[pk.XI] == never.state.body[pk.XI]
+        assert never.close_books().dent_m == 0.0

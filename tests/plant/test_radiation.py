@@ -1,0 +1,166 @@
+"""Radiation: efficiencies in their limits, energy that air takes, and books with air as a sink."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from plant.actuator.model import Actuator
+from plant.contact.hertz import Contact, Limit, hertz_stiffness
+from plant.figures import noise
+from plant.plant import PlantSpec, air_eta, modes_of
+from plant.schemes.collocation import CollocationPlant
+from plant.schemes.door import step
+from plant.structures import radiation
+from plant.structures.materials import MATERIALS, Material
+from plant.structures.plate import Plate
+from tests.plant.rigs import spec
+
+LARGE = Plate(MATERIALS["aluminium"], (1.5, 1.2), 0.003)
+SMALL = Plate(MATERIALS["aluminium"], (0.5, 0.5), 0.003)
+
+
+def band(plate: Plate, ratio: float) -> tuple[np.ndarray, float]:
+    """Frequencies of the modes within 30 % of a share of f_c, their mean efficiency by Wallace."""
+    middle = ratio * radiation.critical_frequency_hz(plate)
+    m, n, omega = plate.mode_numbers(2.0 * math.pi * 1.3 * middle)
+    f = omega / (2.0 * math.pi)
+    chosen = f > 0.7 * middle
+    found = [
+        radiation.efficiency_wallace(plate, int(a), int(b), float(at))
+        for a, b, at in zip(m[chosen], n[chosen], f[chosen], strict=True)
+    ]
+    return f[chosen], float(np.mean(found))
+
+
+@pytest.mark.parametrize("ratio", [0.2, 0.3, 0.4])  # below, few modes make a band
+def test_maidanik_is_the_mean_of_the_modes_of_a_large_plate(ratio: float) -> None:
+    f, mean = band(LARGE, ratio)
+    assert np.mean(radiation.efficiency_maidanik(LARGE, f)) / mean == pytest.approx(1.0, abs=0.1)
+
+
+def test_wallace_is_one_far_above_and_a_piston_far_below() -> None:
+    high = 5.0 * radiation.critical_frequency_hz(SMALL)
+    assert radiation.efficiency_wallace(SMALL, 1, 1, high) == pytest.approx(1.0, abs=2e-3)
+    # Of an odd mode that is small in wavelengths: 32 k^2 lx ly/(pi^5 m^2 n^2).
+    k = 2.0 * math.pi * 1.0 / radiation.SOUND_SPEED_M_S
+    monopole = 32.0 * k**2 * 0.25 / (math.pi**5 * 9.0)
+    assert radiation.efficiency_wallace(SMALL, 1, 3, 1.0) == pytest.approx(monopole, rel=1e-3)
+
+
+def test_maidanik_is_not_defined_below_a_quarter_of_a_wavelength() -> None:
+    assert radiation.maidanik_from_hz(SMALL) == pytest.approx(170.0)
+    f = np.array([169.0, 171.0])
+    defined = np.isfinite(radiation.efficiency_maidanik(SMALL, f))
+    assert list(defined) == [False, True]
+    low = radiation.efficiency(SMALL, f)[0]
+    assert low == radiation.efficiency_fahy(SMALL, f)[0]
+
+
+def test_corner_term_has_no_factor_of_frequency() -> None:
+    f = np.array([300.0])
+    critical = radiation.critical_frequency_hz(SMALL)
+    wavelength, a = radiation.SOUND_SPEED_M_S / critical, math.sqrt(300.0 / critical)
+    g1 = 4.0 / math.pi**4 * (1.0 - 2.0 * a * a) / (a * math.sqrt(1.0 - a * a))
+    g2 = ((1.0 - a * a) * math.log((1.0 + a) / (1.0 - a)) + 2.0 * a) / (
+        4.0 * math.pi**2 * (1.0 - a * a) ** 1.5
+    )
+    expected = (wavelength**2 * 2.0 * g1 + 2.0 * wavelength * g2) / 0.25
+    assert radiation.efficiency_maidanik(SMALL, f)[0] == pytest.approx(expected, rel=1e-12)
+
+
+def test_limits_of_the_energy_that_is_radiated() -> None:
+    modes = modes_of(spec(limit_hz=20e3))
+    shares = np.linspace(1.0, 2.0, len(modes.omega))
+    air = radiation.air_loss_factor(SMALL, modes.omega / (2.0 * np.pi))
+    assert noise.sound_j(modes, shares, 0.0, air) == pytest.approx(shares.sum(), rel=1e-14)
+    assert noise.sound_j(modes, shares, 1e-4, 0.0 * air) == 0.0
+    assert noise.sound_j(modes, shares, 0.0, 0.0 * air) == 0.0
+    found = [noise.sound_j(modes, shares, eta, air) for eta in (1e-5, 1e-4, 1e-3, 1e-2)]
+    assert np.all(np.diff([shares.sum(), *found]) < 0.0)
+
+
+def test_loss_factor_of_air() -> None:
+    """One face of 3 mm of aluminium with sigma = 1: 1.6e-3 at 5 kHz, 4e-4 at 20 kHz."""
+    f = np.array([5e3, 20e3])
+    found = radiation.air_loss_factor(SMALL, f, 1, radiation.efficiency_fahy)
+    np.testing.assert_allclose(found, [1.603e-3, 4.008e-4], rtol=1e-3)
+    both = radiation.air_loss_factor(SMALL, f, 2, radiation.efficiency_fahy)
+    np.testing.assert_allclose(both, 2.0 * found)
+
+
+def radiating(faces: int = 1, **changed: Any) -> PlantSpec:
+    return replace(
+        spec(limit_hz=40e3), radiating_faces=faces, **{"residual_flexibility": True, **changed}
+    )
+
+
+STIFFNESS = hertz_stiffness(0.003, MATERIALS["steel"], MATERIALS["aluminium"])
+REAL = {
+    "contact": Contact(STIFFNESS, hunt_crossley_s_m=0.3, limit=Limit(1.05e9, 0.003)),
+    "actuator": Actuator(3e5, 0.7, 1e-3),
+}
+PARTS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "two faces": {"faces": 2},
+    "all parts": REAL,
+    "all parts, separate point": REAL | {"actuator_point_m": (0.3, 0.21)},
+}
+
+
+@pytest.mark.parametrize("step_s", [1e-7, 1e-6, 1e-5])
+@pytest.mark.parametrize("name", PARTS)
+def test_books_close_with_air_as_a_sink(name: str, step_s: float) -> None:
+    limit = min(40e3, 0.45 / step_s)
+    what = replace(radiating(**PARTS[name]), step_s=step_s, frequency_limit_hz=limit)
+    plant = CollocationPlant(what)
+    random = np.random.default_rng(3)
+    push = np.repeat(random.standard_normal(20) * (random.random(20) < 0.6), 40)
+    for force in push:
+        step(plant.model, plant.state, 20.0 * force)
+    books = plant.close_books()
+    assert abs(books.energy_residual) < 1e-10
+    assert abs(books.momentum_residual) < 1e-10
+    assert books.air_dissipated_j > 0.0
+    assert books.modal_dissipated_j > 0.0
+
+
+def test_air_takes_its_share_of_every_mode() -> None:
+    """A pulse, then a long silence: the sum over modes of E eta_rad/(eta + eta_rad)."""
+    high = replace(spec().sphere, drop_height_m=5.0)  # in flight for a second
+    what = radiating(
+        plate=replace(SMALL, loss_factor=2e-2), lead_in_s=1.0, sphere=high, step_s=1e-4,
+        frequency_limit_hz=4e3,
+    )  # fmt: skip
+    plant = CollocationPlant(replace(what, residual_flexibility=False))
+    force = np.zeros(9_000)
+    force[0] = 1.0
+    for push in force:
+        step(plant.model, plant.state, push)
+    books = plant.close_books()
+    assert books.contact_steps == 0
+    shares = noise.modal_shares_j(plant.modes, 0.0 * force, force, what.step_s)
+    air = air_eta(what, plant.modes.omega)
+    # The share is exact, the energy of a mode to its loss factor.
+    gone = books.air_dissipated_j + books.modal_dissipated_j
+    assert gone == pytest.approx(books.injected_j, rel=2e-2)
+    sound = noise.sound_j(plant.modes, shares, 2e-2, air)
+    assert books.air_dissipated_j / gone == pytest.approx(sound / shares.sum(), rel=2e-2)
+
+
+def test_a_plate_without_loss_of_its_own_gives_air_everything() -> None:
+    plant = CollocationPlant(replace(radiating(), plate=replace(SMALL, loss_factor=0.0)))
+    for _ in range(300):
+        step(plant.model, plant.state, 0.0)
+    books = plant.close_books()
+    assert books.air_dissipated_j > 0.0
+    assert abs(books.modal_dissipated_j) < 1e-12 * books.air_dissipated_j
+
+
+def test_a_plate_that_air_would_stop_at_once_is_refused() -> None:
+    foam = Material(1e10, 100.0, 0.3)
+    light = spec(material=foam, size_m=(5.0, 5.0), limit_hz=3e3)
+    with pytest.raises(ValueError, match=r"plate\.radiation would give a mode a loss factor of 2"):
+        modes_of(replace(light, radiating_faces=2))

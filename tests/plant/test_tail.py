@@ -1,0 +1,129 @@
+"""The modes left out as one damped mode: its closed forms, its books, and what it is worth."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import simpson
+
+from hertzloop.loop.compiled import rows_under
+from plant.actuator.model import Actuator
+from plant.contact import solve_kernels as solve
+from plant.contact.hertz import Contact, Damping, Limit, hertz_stiffness, hunt_crossley_parameter
+from plant.plant import PlantSpec
+from plant.schemes import state_kernels as pk
+from plant.schemes import tail
+from plant.schemes.collocation import CollocationPlant, damped_tail, residual_m_n
+from plant.schemes.door import step
+from plant.structures.materials import MATERIALS
+from tests.plant.rigs import spec
+
+Y, OMEGA_C = 3.4e-3, 2.0 * math.pi * 250e3
+STIFFNESS = hertz_stiffness(0.003, MATERIALS["steel"], MATERIALS["aluminium"])
+CONTACTS = {
+    "elastic": Contact(STIFFNESS),
+    "hunt_crossley": Contact(
+        STIFFNESS, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=hunt_crossley_parameter(0.5, 1.0)
+    ),
+    "viscous": Contact(STIFFNESS, Damping.VISCOUS, viscous_n_s_m=5.0),
+    "yields": Contact(STIFFNESS, limit=Limit(1.05e9, 0.003)),
+    "yields, viscous": Contact(
+        STIFFNESS, Damping.VISCOUS, viscous_n_s_m=5.0, limit=Limit(0.77e9, 0.003)
+    ),
+}
+
+
+def tailed(limit_hz: float = 125e3, actuator: Actuator | None = None, **changes) -> PlantSpec:
+    made = replace(spec(limit_hz=limit_hz, **changes), residual_flexibility=True, damped_tail=True)
+    return made if actuator is None else replace(made, actuator=actuator)
+
+
+def test_mobility_below_the_limit_is_the_continuum_that_was_left_out() -> None:
+    omega = OMEGA_C * np.array([0.02, 0.05, 0.1])
+    found = tail.mobility(Y, OMEGA_C, omega)
+    wanted = Y / math.pi * np.log((OMEGA_C + omega) / (OMEGA_C - omega))
+    # Exact in w and w^3: what differs is of order w^5.
+    assert np.all(abs(found.imag / wanted - 1.0) < 0.5 * (omega / OMEGA_C) ** 4)
+    assert np.all(found.real < 0.2 * Y * (omega / OMEGA_C) ** 4)
+    everywhere = tail.mobility(Y, OMEGA_C, np.geomspace(1e-3, 1e3, 200) * OMEGA_C)
+    assert np.all(everywhere.real > 0.0)  # passive
+    assert everywhere[-1] == pytest.approx(Y, rel=1e-2)
+
+
+@pytest.mark.parametrize("step_s", [1e-7, 1e-6, 5e-6])
+def test_steps_answer_an_impulse_by_the_closed_form(step_s: float) -> None:
+    made, gains = tail.build(Y, OMEGA_C, step_s, True)
+    a, b = 0.25 * math.pi * OMEGA_C, OMEGA_C * math.sqrt(3.0 - (math.pi / 4.0) ** 2)
+    # Displacement by a force of 1 N held over a step, at its end: the integral of the response
+    # exp(-a t) (Y cos b t + B sin b t).
+    t = np.linspace(0.0, step_s, 20001)
+    big_b = Y * (6.0 * OMEGA_C / math.pi - a) / b
+    response = np.exp(-a * t) * (Y * np.cos(b * t) + big_b * np.sin(b * t))
+    assert made.by_0_im == pytest.approx(float(simpson(response, x=t)), rel=1e-6)
+    assert gains[solve.PX0] == made.by_0_im
+
+
+def test_what_it_loses_is_what_the_spectrum_of_the_force_says() -> None:
+    """On a real plate, the sphere still falling: Parseval's sum of |F|^2 Re Y_t."""
+    what = tailed(lead_in_s=2e-3)
+    plant = CollocationPlant(what)
+    force = np.zeros(400)
+    force[5:9] = 40.0
+    rows_under(plant, force)
+    books = plant.close_books()
+    mobility = damped_tail(what)[0]
+    assert mobility is not None
+    omega_c = tail.limit_of(mobility.mobility_m_ns, residual_m_n(what))
+    omega = np.linspace(0.0, 4e9, 400_001)[1:]
+    length = 4e-6
+    spectrum = 40.0 * np.abs(np.sin(0.5 * omega * length)) / (0.5 * omega)
+    density = spectrum**2 * tail.mobility(mobility.mobility_m_ns, omega_c, omega).real / math.pi
+    lost = float(np.sum(density) * (omega[1] - omega[0]))
+    assert books.tail_dissipated_j == pytest.approx(lost, rel=2e-3)
+    assert abs(books.energy_residual) < 1e-10
+
+
+@pytest.mark.parametrize("step_s", [1e-7, 1e-6, 5e-6, 2e-5])
+@pytest.mark.parametrize("name", CONTACTS)
+@pytest.mark.parametrize("beside", [False, True])
+def test_books_close_at_any_step_and_with_anything(step_s: float, name: str, beside: bool) -> None:
+    what = tailed(
+        contact=CONTACTS[name], step_s=step_s, loss_factor=0.01, drop_height_m=0.05,
+        actuator=Actuator(bandwidth_hz=2e5) if name.startswith("yields") else None,
+        actuator_point_m=(0.31, 0.2) if beside else None,
+    )  # fmt: skip
+    plant = CollocationPlant(what)
+    steps = round(2e-4 / step_s)
+    random = np.random.default_rng(5)
+    force = np.repeat(30.0 * random.standard_normal(40), 1 + steps // 40)[:steps]
+    rows_under(plant, force)
+    books = plant.close_books()
+    assert books.contact_steps > 0
+    assert books.tail_dissipated_j > 0.0
+    assert abs(books.energy_residual) < 1e-10
+    assert abs(books.momentum_residual) < 1e-10
+
+
+def test_a_wrong_tail_opens_the_books() -> None:
+    plant = CollocationPlant(tailed())
+    for i in range(200):
+        step(plant.model, plant.state, 20.0 * (i > 10))
+        if i == 15:
+            plant.state.body[pk.TAIL_IM] *= 1.001
+    assert abs(plant.close_books().energy_residual) > 1e-8
+
+
+def test_gap_converges_with_the_step() -> None:
+    """Order 4 with a damper, whose force takes its part of the velocity at once."""
+    gaps = []
+    for step_s in (2e-6, 1e-6, 5e-7, 1.25e-7):
+        what = tailed(contact=CONTACTS["hunt_crossley"], step_s=step_s, lead_in_s=0.0)
+        plant = CollocationPlant(what)
+        every = round(2e-6 / step_s)
+        gaps.append(rows_under(plant, np.zeros(19 * every + 1))[0, ::every][:19])
+    errors = [float(np.abs(g - gaps[-1]).max() / -gaps[-1].min()) for g in gaps[:-1]]
+    print(errors)
+    orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+    assert orders.max() > 3.0
+    assert errors[1] < 3e-5

@@ -1,0 +1,202 @@
+"""Exports hold every sample of a recording, bit for bit, with its unit."""
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as parquet
+import pytest
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from mcap_protobuf.decoder import DecoderFactory
+from typer.testing import CliRunner, Result
+
+from hertzloop.commands.cli import app
+from recordings.export import samples as samples_module
+from recordings.export.per_sample import TOPICS
+from recordings.reader import Recording, read
+from tests.recordings import rewriting
+
+Columns = dict[str, np.ndarray]  # by stream/column
+SLOW_CONVERTER = ("sensors.bits=10", "sensors.every_steps=3")
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short run with a converter that is slower than the steps."""
+    path = tmp_path_factory.mktemp("export") / "run.mcap"
+    return rewriting.record(path, *SLOW_CONVERTER, compiled=True)
+
+
+def call(*words: object) -> Result:
+    return CliRunner().invoke(app, [str(word) for word in words], env={"COLUMNS": "300"})
+
+
+def expected(recording: Recording) -> Columns:
+    """Every sample of a recording, read by the reader that all commands use."""
+    found = {f"truth/{name}": values for name, values in recording.truth.arrays.items()}
+    found["daq/daq_code"] = recording.daq.arrays["code"]
+    found["daq/daq_value"] = recording.daq_values
+    found["daq/daq_saturated"] = recording.daq.arrays["saturated"]
+    found["force/command_n"] = recording.force.arrays["force_n"]
+    for name in ("truth", "daq", "force"):
+        found[f"{name}/time_ns"] = getattr(recording, name).time_ns
+    return found
+
+
+def by_stream(columns: Columns, times: np.ndarray, present: Columns) -> Columns:
+    """Columns of a table, cut into streams where they have values."""
+    found = {}
+    for name, values in columns.items():
+        stream = {"daq": "daq", "com": "force"}.get(name[:3], "truth")
+        found[f"{stream}/{name}"] = values[present[name]]
+        found[f"{stream}/time_ns"] = times[present[name]]
+    return found
+
+
+def from_parquet(path: Path) -> Columns:
+    table = parquet.read_table(path)
+    assert table.schema.field("v_p_m_s").metadata[b"unit"] == b"m/s"
+    assert b"aluminium-3mm" in table.schema.metadata[b"scene.toml"]
+    names = [name for name in table.column_names if name not in ("step", "time_ns")]
+    present = {name: ~table[name].is_null().to_numpy() for name in names}
+    columns = {
+        name: table[name].fill_null(0).to_numpy().astype(
+            table.schema.field(name).type.to_pandas_dtype()) for name in names
+    }  # fmt: skip
+    return by_stream(columns, table["time_ns"].to_numpy(), present)
+
+
+def from_csv(path: Path) -> Columns:
+    lines = path.read_text().splitlines()
+    assert "# v_p_m_s (m/s): plate velocity at the contact point" in lines
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    names = [name for name in rows[0] if name not in ("step", "time_ns")]
+    kinds: dict[str, type] = {"daq_code": np.int32, "daq_saturated": np.uint8}
+    columns = {
+        name: np.array([float(row[name] or 0) for row in rows]).astype(kinds.get(name, float))
+        for name in names
+    }
+    present = {name: np.array([row[name] != "" for row in rows]) for name in names}
+    return by_stream(columns, np.array([int(row["time_ns"]) for row in rows]), present)
+
+
+def from_npz(path: Path) -> Columns:
+    found = dict(np.load(path))
+    about = json.loads(str(found.pop("metadata")))
+    assert about["columns"]["daq/daq_value"][0] == "m"
+    assert "aluminium-3mm" in about["scene.toml"]
+    return found
+
+
+def from_hdf5(path: Path) -> Columns:
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(path) as file:
+        assert file["force/command_n"].attrs["units"] == "N"
+        return {f"{g}/{name}": file[g][name][:] for g in file for name in file[g]}
+
+
+def from_mcap(path: Path) -> Columns:
+    """Through the official readers, in order of the file and by its index."""
+    with path.open("rb") as handle:
+        list(StreamReader(handle, validate_crcs=True).records)
+    fields = {
+        (topic, key): (stream, column)
+        for topic, (stream, keys) in TOPICS.items() for key, column in keys.items()
+    } | {("/measured", "position"): ("daq", "daq_value")}  # fmt: skip
+    found: dict[str, list[float]] = {}
+    with path.open("rb") as handle:
+        reader = make_reader(handle, decoder_factories=[DecoderFactory()])
+        for schema, channel, message, decoded in reader.iter_decoded_messages():
+            assert schema is not None
+            assert message.log_time == message.publish_time
+            if channel.topic == "/events":
+                continue
+            assert schema.name == "foxglove.JointState"
+            for field, _ in decoded.ListFields():
+                if field.name != "name":
+                    stream, column = fields[channel.topic, field.name]
+                    found.setdefault(f"{stream}/{column}", []).append(getattr(decoded, field.name))
+                    assert "(" in channel.metadata[field.name]
+                    if column in ("xi_m", "daq_value", "command_n"):
+                        found.setdefault(f"{stream}/time_ns", []).append(message.log_time)
+    return {
+        name: np.array(values, np.int64 if name.endswith("_ns") else float)
+        for name, values in found.items()
+    }
+
+
+READERS: dict[str, Callable[[Path], Columns]] = {
+    "parquet": from_parquet, "csv": from_csv, "npz": from_npz, "h5": from_hdf5, "mcap": from_mcap,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("ending", READERS)
+def test_read_back_every_sample_has_the_same_bits(
+    file: Path, tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(samples_module, "WINDOW_STEPS", 700)  # several pieces, cut anyhow
+    if ending == "h5":
+        pytest.importorskip("h5py")
+    result = call("export", file, "-o", tmp_path / f"x.{ending}")
+    assert result.exit_code == 0, result.output
+    back, there = READERS[ending](tmp_path / f"x.{ending}"), expected(read(file))
+    if ending == "mcap":  # no place in the schema for what has no unit
+        del there["daq/daq_code"], there["daq/daq_saturated"]
+    assert set(back) == set(there)
+    for name, values in there.items():
+        assert back[name].dtype == values.dtype, name
+        assert back[name].tobytes() == values.tobytes(), name
+
+
+def test_a_span_of_time_is_what_it_says(file: Path, tmp_path: Path) -> None:
+    result = call("export", file, "-o", tmp_path / "x.npz", "--from", 1, "--to", 1.5)
+    assert result.exit_code == 0, result.output
+    found = from_npz(tmp_path / "x.npz")
+    assert found["truth/time_ns"].tolist() == list(range(1_000_000, 1_500_001, 1000))
+    inside = read(file).truth.arrays["v_p_m_s"][1000:1501]
+    assert found["truth/v_p_m_s"].tobytes() == inside.tobytes()
+
+
+def test_what_is_missing_in_a_recording_is_missing_in_the_table(file: Path, tmp_path: Path) -> None:
+    def without_second_block(sent: rewriting.Sent) -> bool:
+        return not (sent.stream == "truth" and sent.number == 1)
+
+    holed = rewriting.rewrite(file, tmp_path / "holed.mcap", without_second_block)
+    result = call("export", holed, "-o", tmp_path / "x.parquet")
+    assert result.exit_code == 0, result.output
+    assert "stream 'truth'" in result.output
+    table = parquet.read_table(tmp_path / "x.parquet")
+    assert table["step"].to_pylist() == list(range(2500))
+    assert table["xi_m"].is_null().to_numpy().nonzero()[0].tolist() == list(range(1000, 2000))
+    assert table["command_n"].null_count == 0
+
+
+def test_the_users_mistakes(file: Path, tmp_path: Path) -> None:
+    taken = tmp_path / "taken.csv"
+    taken.write_text("mine")
+    for words, sentence in (
+        (("-o", tmp_path / "x.xlsx"), "does not end in one of .mcap, .parquet, .csv, .npz, .h5"),
+        (("-o", taken), "exists; choose another name"),
+        (("-o", tmp_path / "x.csv", "--from", 2, "--to", 1), "--to 1 is before --from 2"),
+        (("-o", file, "--overwrite"), "is the recording itself"),
+    ):
+        result = call("export", file, *words)
+        assert result.exit_code == 2, result.output
+        assert sentence in result.output
+    assert taken.read_text() == "mine"
+
+
+def test_a_full_disk_leaves_no_half_of_a_file(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("recordings.export.tables._table", full)
+    result = call("export", file, "-o", tmp_path / "x.csv")
+    assert result.exit_code == 1
+    assert "No space left on device" in result.output
+    assert list(tmp_path.iterdir()) == []

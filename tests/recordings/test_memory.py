@@ -1,0 +1,41 @@
+"""A recording of 20 million steps is looked at in 2 GiB: measured on two lengths, and extended."""
+
+from pathlib import Path
+
+import pytest
+
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.scenes.scene import load
+from tests.recordings.test_untrusted import measured
+
+MILLIONS = (0.5, 2.5)
+MOST_BYTES, STEPS = 2 * 2**30, 20.0  # millions
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    found = []
+    for length in MILLIONS:
+        path = tmp_path_factory.mktemp("memory") / f"{length}.mcap"
+        scene = load("aluminium-3mm", [f"run.duration_s={length}", "run.accuracy=0.1"])
+        record_in_process(scene, path, compiled=True)
+        found.append(path)
+    return found
+
+
+@pytest.mark.parametrize("command", ["inspect", "compare", "recover", "replay"])
+def test_twenty_million_steps(files: list[Path], tmp_path: Path, command: str) -> None:
+    used = []
+    for path in files:
+        more = {
+            "compare": [str(path)],
+            "recover": ["--out", str(tmp_path / f"r{path.name}")],
+            "replay": ["--save", str(tmp_path / f"{path.stem}.rrd")],
+        }.get(command, [])
+        done, peak = measured(command, str(path), *more)
+        assert done.returncode == 0, done.stderr
+        used.append(peak)
+    growth = (used[1] - used[0]) / (MILLIONS[1] - MILLIONS[0])
+    expected = used[1] + growth * (STEPS - MILLIONS[1])
+    print(f"{command}: {used[0] / 1e6:.0f} and {used[1] / 1e6:.0f} MB, {growth / 1e6:.1f} MB/M")
+    assert expected < MOST_BYTES, (used, growth)

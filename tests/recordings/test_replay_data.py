@@ -1,0 +1,200 @@
+"""What a replay shows: what is thinned, which spans and moments, the plate as drawn."""
+
+import dataclasses
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bus.messages_pb2 import RunEnd, SetUp
+from recordings.reader import Event, Recording, Stream
+from recordings.replay import axes, plate_mesh
+from recordings.replay import data as replay_data
+from recordings.replay.data import Deflection, contact_spans, extremes, full_rate_spans
+from tests.recordings.plates import flat_plate
+
+# Thinning and spans
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 5, 99, 100, 101, 12_345])
+def test_thinning_keeps_ends_and_extremes_of_every_piece(count: int) -> None:
+    values = np.random.default_rng(1).normal(size=count)
+    kept = extremes(values, 100)
+    assert np.all(np.diff(kept) > 0)
+    assert len(kept) <= 104
+    if count:
+        assert (kept[0], kept[-1]) == (0, count - 1)
+        assert (values[kept].min(), values[kept].max()) == (values.min(), values.max())
+
+
+def test_thinning_keeps_a_spike_of_one_sample() -> None:
+    values = np.zeros(1_000_000)
+    values[123_457] = 1.0
+    values[876_543] = -1.0
+    kept = extremes(values, 6000)
+    assert {123_457, 876_543} <= set(kept.tolist())
+    assert len(kept) < 6010
+
+
+def test_contacts_are_found_up_to_both_ends() -> None:
+    xi = np.array([-1.0, 0.0, -1.0, -1.0, 1.0, -1.0])
+    assert contact_spans(xi) == [(0, 1), (2, 4), (5, 6)]
+    assert contact_spans(np.ones(3)) == []
+    assert contact_spans(np.empty(0)) == []
+
+
+def test_a_short_run_is_shown_at_full_rate_a_long_one_around_contacts() -> None:
+    assert full_rate_spans([(10, 20)], 1000) == [(0, 1000)]
+    assert full_rate_spans([], 0) == []
+    assert full_rate_spans([], 1_000_000) == []
+    spans = full_rate_spans([(1000, 1030), (30_000, 30_030), (900_000, 900_030)], 1_000_000)
+    assert spans[0][0] == 0
+    assert all(a < b for a, b in spans)
+    assert all(one[1] <= other[0] for one, other in itertools.pairwise(spans))
+    for start, end in ((1000, 1030), (30_000, 30_030), (900_000, 900_030)):
+        assert any(a <= start and end <= b for a, b in spans)
+
+
+def test_full_rate_is_limited_however_long_the_contacts_are() -> None:
+    spans = full_rate_spans([(0, 400_000), (500_000, 900_000)], 1_000_000)
+    assert sum(b - a for a, b in spans) == replay_data.FULL_RATE_SAMPLES
+
+
+def test_a_zoom_curve_has_every_sample_of_its_spans() -> None:
+    values = np.random.default_rng(2).normal(size=500_000)
+    chosen = replay_data.zoom_positions(values, [(1000, 3000)])
+    assert set(range(1000, 3000)) <= set(chosen.tolist())
+    assert len(chosen) < replay_data.OUTSIDE_POINTS + 2100
+
+
+# What is shown when
+
+
+def test_play_shows_the_first_contact_and_a_still_lies_shortly_after_it() -> None:
+    time_ns = np.arange(100_000) * 1000
+    when = replay_data.moments(time_ns, [(1000, 1030), (50_000, 60_000)], 1000)
+    assert when.selection_ns[0] < 1_000_000 < 1_030_000 < when.selection_ns[1] < 2_000_000
+    assert 1_030_000 < when.still_ns < when.selection_ns[1]
+
+
+@pytest.mark.parametrize("contacts", [[], [(0, 1)], [(0, 5)], [(4, 5)]])
+@pytest.mark.parametrize("steps", [5, 1])
+def test_moments_stay_within_a_run_of_few_steps(
+    contacts: list[tuple[int, int]], steps: int
+) -> None:
+    time_ns = np.arange(5)[:steps] * 1000
+    contacts = [(min(a, steps - 1), min(b, steps)) for a, b in contacts]
+    when = replay_data.moments(time_ns, contacts, 1000)
+    assert 0 <= when.still_ns <= time_ns[-1]
+    assert 0 <= when.selection_ns[0] <= time_ns[-1]
+
+
+def test_states_of_the_law_come_from_its_events() -> None:
+    events = [
+        Event(1_000, "controller", 2, "law idle -> watching"),
+        Event(1_500, "plant", 2, "contact 1 began"),
+        Event(2_000, "controller", 2, "law watching -> acting, threshold crossed, delay 11 us"),
+    ]
+    recording = Recording(Path("a.mcap"), events=events)
+    assert replay_data.law_states(recording) == [
+        (0, "idle"), (1_000, "watching"), (2_000, "acting"),
+    ]  # fmt: skip
+    off = Recording(Path("a.mcap"), scene_toml="[controller]\nlaw = 'off'")
+    assert replay_data.law_states(off) == [(0, "off")]
+    foreign = dataclasses.replace(off, ends={"controller": RunEnd(set_up=SetUp(law="another's"))})
+    assert replay_data.law_states(foreign) == [(0, "not told")]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "plot", "factor"),
+    [("xi", "gap", 1e6), ("v_p", "velocity", 1.0), ("acceleration", "acceleration", 1.0),
+     ("contact_force", "force", 1.0)],
+)  # fmt: skip
+def test_what_was_measured_is_plotted_where_it_belongs(
+    quantity: str, plot: str, factor: float
+) -> None:
+    fields = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
+    truth = Stream(1, step_ns=1000, arrays={name: np.zeros(4) for name in fields})
+    daq = Stream(1, step_ns=1000, every_steps=2, scale=0.5, arrays={"code": np.array([1, -3])})
+    toml = f"[sensors]\nquantity = '{quantity}'"
+    recording = Recording(Path("a.mcap"), scene_toml=toml, truth=truth, daq=daq)
+    (found,) = [
+        (p.key, c) for p in replay_data.plots(recording) for c in p.curves if c.name == "measured"
+    ]
+    assert found[0] == plot
+    np.testing.assert_allclose(found[1].values, factor * np.array([0.5, -1.5]))
+    assert found[1].time_ns.tolist() == [0, 2000]
+
+
+def test_the_first_contact_is_in_the_zoom_of_a_run_that_ends_in_it() -> None:
+    time_ns = np.arange(20_000) * 1000
+    when = replay_data.moments(time_ns, [(1000, 20_000)], 1000)
+    assert when.still_ns - when.zoom_ns[0] < 1_000_000 < when.still_ns <= time_ns[-1]
+    assert when.still_ns + when.zoom_ns[1] <= time_ns[-1]
+    exploding = replay_data.moments(time_ns, [(1000, 3000)], 1000, 4_000_000)
+    assert exploding.still_ns + exploding.zoom_ns[1] <= 4_001_000
+    assert exploding.selection_ns[1] <= 4_000_000
+
+
+@given(st.floats(-1e12, 1e12, allow_nan=False), st.floats(1e-9, 1e12, allow_nan=False))
+def test_every_axis_has_two_numbers_that_the_viewer_writes(low: float, width: float) -> None:
+    """It writes multiples of a power of ten where not more than about ten of them are in sight,
+    or of the next power."""
+    a, b = axes.labelled(low, low + width)
+    assert a <= low
+    assert b >= low + width
+    power = 10.0 ** np.floor(np.log10(b - a) + 1e-9)
+    for size in (power, power / 10.0):
+        marks = np.floor(b / size) - np.ceil(a / size) + 1
+        if 2 <= marks <= 11:
+            return
+    raise AssertionError((a, b))
+
+
+# The plate as drawn
+
+
+def bent_plate() -> Deflection:
+    x, y = np.linspace(0.0, 0.5, 21), np.linspace(0.0, 0.3, 13)
+    shape = np.outer(np.sin(np.pi * x / 0.5), np.sin(np.pi * y / 0.3))
+    w = np.array([0.0, -1e-5, 1e-5])[:, None, None] * shape
+    return Deflection(np.array([0, 1000, 2000]), x, y, w, (0.25, 0.15))
+
+
+def test_heights_are_drawn_by_a_round_factor_that_makes_them_visible() -> None:
+    drawn = plate_mesh.scale(bent_plate(), (0, 2000), 0.003)
+    assert drawn.heights == 2000.0  # 1e-5 m to 0.02 m, of a side of 0.3 m
+    assert drawn.sphere_radius_m > 0.003
+    assert plate_mesh.scale(flat_plate(np.array([0])), (0, 0), 0.05).heights == 1.0
+    # A span in which nothing moves: what comes later counts.
+    assert plate_mesh.scale(bent_plate(), (0, 0), 0.003).heights == 10_000.0
+
+
+def test_triangles_face_up_and_normals_agree_with_them() -> None:
+    plate = bent_plate()
+    drawn = plate_mesh.scale(plate, (0, 2000), 0.003)
+    corners = plate_mesh.vertices(plate, drawn)[1][plate_mesh.triangles(plate)]
+    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert len(faces) == 2 * 20 * 12
+    assert np.all(faces[:, 2] > 0.0)
+    assert abs(faces[:, 2].sum() / 2 - 0.5 * 0.3) < 1e-6
+    normals = plate_mesh.normals(plate, drawn)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=1e-6)
+    at_first_corner = normals[1][plate_mesh.triangles(plate)[:, 0]]
+    unit = faces / np.linalg.norm(faces, axis=1)[:, None]
+    assert np.all((unit * at_first_corner).sum(axis=1) > 0.98)
+
+
+def test_the_sphere_rests_on_the_plate_in_contact_and_hovers_by_the_same_factor() -> None:
+    plate = bent_plate()
+    drawn = plate_mesh.scale(plate, (0, 2000), 0.003)
+    centres = plate_mesh.sphere_centres(plate, np.array([3e-5, -1.5e-5, 1e-5]), drawn)
+    bottom = centres[:, 2] - drawn.sphere_radius_m
+    # Near the plate by the same factor, high above it by less: 0.35 of the side at most.
+    squeezed = 0.105 * np.tanh(2000.0 * 3e-5 / 0.105)
+    np.testing.assert_allclose(bottom, [squeezed, -0.02, 0.02], rtol=1e-5)
+    far = plate_mesh.sphere_centres(plate, np.array([1.0, 1.0, 1.0]), drawn)
+    assert far[:, 2].max() - drawn.sphere_radius_m < 0.105 + 0.02 + 1e-6

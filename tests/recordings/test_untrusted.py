@@ -1,0 +1,209 @@
+"""A recording from elsewhere may say anything: two runs in one, times out of the calendar, a
+thousandfold when unpacked."""
+
+import struct
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import pytest
+import zstandard
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from mcap.opcode import Opcode
+
+from bus import wire
+from bus.messages_pb2 import Hello
+from bus.streams import Envelope, StreamFault
+from recordings import intake
+from recordings.chunks import MAGIC, RECORD_BYTES
+from recordings.reader import read
+from recordings.recorder import Recorder
+from recordings.recovery import recover
+from recordings.writer import RecordingError, RecordingWriter
+from tests.bus.tapes import plant_says
+from tests.recordings.rewriting import messages, record
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record(tmp_path_factory.mktemp("untrusted") / "whole.mcap")
+
+
+def test_a_second_hello_with_an_empty_scene(whole: Path, tmp_path: Path) -> None:
+    """The first is the run's; the second is named."""
+    source, path = read(whole), tmp_path / "two.mcap"
+    writer = RecordingWriter(path)
+    writer.scene(source.scene_toml, source.metadata)
+    for item in messages(whole):
+        payload = item.header.SerializeToString()
+        if item.stream == "hello":
+            writer.write("hello", payload, 0, 0)
+            second = Hello(run_id=item.header.run_id)
+            writer.scene("", {**source.metadata, "scene": "", "steps": "7"})
+            writer.write("hello", second.SerializeToString(), 1, 0)
+    writer.finish(source.result)
+    kept = read(path)
+    assert kept.scene_toml == source.scene_toml
+    assert kept.metadata == source.metadata
+    assert "a second scene came; the first is taken" in kept.problems
+    assert any("'hello' is left out: a second one came" in problem for problem in kept.problems)
+
+
+@pytest.mark.parametrize("seconds", [-1, -(2**62), 2**40, 253402300800])
+def test_events_out_of_the_calendar(tmp_path: Path, seconds: int) -> None:
+    """They end a recording with a sentence, and what came before is readable."""
+    path = tmp_path / "run.mcap"
+    event = Log(name="plant", message="hello")
+    event.timestamp.seconds = seconds
+    recorder = Recorder(path)
+    for envelope in plant_says()[:3]:
+        recorder.handle(envelope)
+    with pytest.raises((RecordingError, StreamFault)) as caught:
+        recorder.handle(Envelope("events/plant", event.SerializeToString(), 0))
+    recorder.close(str(caught.value))
+    kept = read(path)
+    assert kept.truth.samples == 4
+    assert kept.result["fault"] == str(caught.value)
+
+
+def test_an_event_that_says_another_time_than_its_record(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    source = read(whole)
+    writer = RecordingWriter(path)
+    writer.scene(source.scene_toml, source.metadata)
+    event = Log(name="plant", message="never")
+    event.timestamp.seconds = -5
+    writer.write("events/plant", event.SerializeToString(), 0, 2**63 - 1)
+    with pytest.raises(RecordingError, match="stream 'events/plant' sequence 1 is at -5 ns"):
+        writer.write("events/plant", b"", 1, -5)
+    writer.finish({})
+    kept = read(path)
+    assert kept.events == []
+    assert any("an event of -5000000000 ns is recorded at" in words for words in kept.problems)
+
+
+@pytest.fixture(scope="module")
+def many(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording with more events than 20 million steps of a sphere at rest have."""
+    path = tmp_path_factory.mktemp("many") / "many.mcap"
+    source = read(whole)
+    writer = RecordingWriter(path)
+    writer.scene(source.scene_toml, source.metadata)
+    payload = Log(name="plant", message="contact").SerializeToString()
+    for number in range(150_000):
+        writer.write("events/plant", payload, number, 0)
+    writer.finish({})
+    return path
+
+
+def test_the_events_of_a_long_run_are_read(many: Path) -> None:
+    kept = read(many)
+    assert len(kept.events) == 150_000
+    assert not any("left out" in problem for problem in kept.problems)
+
+
+@pytest.mark.parametrize(
+    ("limit", "most", "sentence"),
+    [
+        ("MOST_EVENTS", 1000, "more than 1000 events"),
+        ("MOST_TEXT", 12_000, "more than 12000 characters"),
+    ],
+)
+def test_there_is_an_end_to_events(
+    many: Path, monkeypatch: pytest.MonkeyPatch, limit: str, most: int, sentence: str
+) -> None:
+    monkeypatch.setattr(intake, limit, most)
+    kept = read(many)
+    assert len(kept.events) == 1000
+    assert sentence in kept.problems[0] + kept.problems[1]
+    assert len(kept.problems) < 60
+
+
+def packed_chunk(size: int) -> bytes:
+    """The record of a chunk in which one record of `size` bytes, all zero, is packed."""
+    head = struct.pack("<BQ", 0x80, size - 9)
+    packer, checksum = zstandard.ZstdCompressor(level=1).compressobj(), zlib.crc32(head)
+    parts, zeros = [packer.compress(head)], bytes(1 << 20)
+    left = size - len(head)
+    while left:
+        piece = zeros[:left]
+        checksum = zlib.crc32(piece, checksum)
+        parts.append(packer.compress(piece))
+        left -= len(piece)
+    data = b"".join([*parts, packer.flush()])
+    content = struct.pack("<QQQI", 0, 0, size, checksum) + struct.pack("<I", 4) + b"zstd"
+    content += struct.pack("<Q", len(data)) + data
+    return struct.pack("<BQ", Opcode.CHUNK, len(content)) + content
+
+
+@pytest.mark.parametrize(
+    ("size", "count", "words"),
+    [(1 << 30, 8, "would unpack to 1073741824"), (RECORD_BYTES, 40, "more than a run holds")],
+)
+def test_a_bomb(whole: Path, tmp_path: Path, size: int, count: int, words: str) -> None:
+    """Gigabytes in some kilobytes: said in a sentence, and not unpacked at once."""
+    path, content = tmp_path / "bomb.mcap", whole.read_bytes()
+    start = content.index(b"\x0a\x00\x00\x00scene.toml") - 25  # before the first attachment
+    assert content.startswith(MAGIC)
+    path.write_bytes(content[:start] + packed_chunk(size) * count + content[start:])
+    assert path.stat().st_size < 5e5
+    done, used = measured("inspect", str(path))
+    assert done.returncode == 1, done.stderr
+    assert words in " ".join(done.stdout.split())
+    assert used < 600e6, used
+
+
+def measured(*words: str) -> tuple[subprocess.CompletedProcess, float]:
+    """A command, run to its end, and the most memory it held, bytes."""
+    script = (
+        "import resource, subprocess, sys;"
+        "done = subprocess.run([sys.executable, '-m', 'hertzloop', *sys.argv[1:]]);"
+        "print('peak', resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss, file=sys.stderr);"
+        "sys.exit(done.returncode)"
+    )
+    done = subprocess.run([sys.executable, "-c", script, *words], capture_output=True, text=True)
+    peak = int(done.stderr.rsplit("peak", 1)[1])
+    return done, peak * 1024.0
+
+
+def test_recovery_does_not_write_into_its_source(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    content = whole.read_bytes()[:-500]
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match="into itself"):
+        recover(path, path, overwrite=True)
+    assert path.read_bytes() == content
+
+
+def test_a_recording_that_changes_while_it_is_read(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(whole.read_bytes())
+    kept = read(path)
+    with path.open("r+b") as file:
+        file.truncate(2000)
+    with pytest.raises(RecordingError, match="changed while it was read"):
+        kept.truth.arrays["xi_m"]
+
+
+@pytest.mark.parametrize("stream", ["hello", "books", "events/plant", "events/controller"])
+def test_a_message_that_is_missing_is_named(whole: Path, tmp_path: Path, stream: str) -> None:
+    """With right checksums everywhere."""
+    source, path = read(whole), tmp_path / "a.mcap"
+    sent = messages(whole)
+    lost = [item for item in sent if item.stream == stream][-1]
+    writer = RecordingWriter(path)
+    writer.scene(source.scene_toml, source.metadata)
+    for item in sent:
+        if item is not lost:
+            payload = wire.encode(item.header, **item.arrays)
+            writer.write(item.stream, payload, item.number, item.time_ns)
+    writer.finish(source.result)
+    assert any(words.startswith(f"stream '{stream}'") for words in read(path).problems)
+
+
+def test_bytes_behind_the_end_are_damage(whole: Path, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    for more in (b"\0", b"behind" * 100, whole.read_bytes()):
+        path.write_bytes(whole.read_bytes() + more)
+        assert any("damaged" in words for words in read(path).problems)

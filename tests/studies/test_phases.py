@@ -1,0 +1,87 @@
+"""Mean and range over the touch phase: in sweeps, in tuning, of critical latencies."""
+
+import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hertzloop.commands.cli import app
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scenes.scene import load, vary
+from studies.latency.study import Named, critical
+from studies.sweeps.design import Axis
+from studies.sweeps.evaluate import Pool, local_pool
+from studies.sweeps.phases import KEY, phases, spread_of
+from studies.tuning import tune
+
+CHEAP = ("run.accuracy=0.1", "run.duration_s=0.0013")
+EARLY = (*CHEAP, "controller.v_thr_m_s=-0.6")
+
+
+@pytest.fixture(scope="module")
+def pool() -> Iterator[Pool]:
+    with local_pool(1) as pool:
+        yield pool
+
+
+def by_hand(**changes: object) -> list[float]:
+    scene = load("aluminium-3mm", EARLY)
+    values = {key.replace("__", "."): value for key, value in changes.items()}
+    cases = (vary(scene, values | {KEY: phase}) for phase in phases())
+    return [figures_of_case(case).plate_energy_db for case in cases]
+
+
+def test_phases_are_spread_evenly_about_the_middle() -> None:
+    assert phases() == (0.1, 0.3, 0.5, 0.7, 0.9)
+    assert phases(2) == (0.25, 0.75)
+    found = spread_of([1.0, 3.0, 2.0])
+    assert (found.mean, found.least, found.most) == (2.0, 1.0, 3.0)
+    assert np.isnan(spread_of([1.0, np.nan]).mean)
+
+
+def test_a_sweep_over_phases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["sweep", *(word for s in EARLY for word in ("--set", s)), "--workers", "1"]
+    words += ["--over", "controller.latency_us=0,3", "--phases", "5"]
+    done = CliRunner().invoke(app, [*words, "-o", "a.csv", "--json", "a.json"])
+    assert done.exit_code == 0, done.output
+    assert "Over touch phases: mean (least to most)" in done.output
+    assert len(list(csv.DictReader((tmp_path / "a.csv").open()))) == 10
+    groups = json.loads((tmp_path / "a.json").read_text())["over_phases"]
+    for group in groups:
+        values = by_hand(controller__latency_us=group["controller.latency_us"])
+        found = group["plate_energy_db"]
+        assert found["mean"] == pytest.approx(np.mean(values))
+        assert (found["least"], found["most"]) == pytest.approx((min(values), max(values)))
+    wrong = CliRunner().invoke(app, ["sweep", "--design", "sobol", "--phases", "3", "--over",
+                                     "controller.kappa=0:1"])  # fmt: skip
+    assert wrong.exit_code == 2
+    assert "--phases 3 needs --design grid" in wrong.output.replace("\n", " ")
+
+
+def test_tuning_searches_by_the_mean_and_tells_the_range(pool: Pool) -> None:
+    scene = load("aluminium-3mm", EARLY)
+    axes = (Axis("controller.v_thr_m_s", (-0.9, -0.6, -0.25)),)
+    found = tune.tune(
+        pool, [scene], "impact", "slope_threshold", axes, ("plate_energy_db",), at_most={},
+        generations=3, population=4, seed=1, phases=5,
+    )  # fmt: skip
+    (best,) = tune.with_spreads(pool, [scene], "impact", found[:1], ("plate_energy_db",))
+    values = by_hand(controller__v_thr_m_s=best.values["controller.v_thr_m_s"])
+    assert best.figures["plate_energy_db"] == pytest.approx(np.mean(values))
+    spread = best.spreads["plate_energy_db"]
+    assert (spread.least, spread.most) == pytest.approx((min(values), max(values)))
+    assert spread.most > spread.least + 0.1
+
+
+def test_critical_latencies_have_a_range(pool: Pool) -> None:
+    found = critical(pool, Named("early", "aluminium-3mm", EARLY, "impact"), "slope_threshold", 5)
+    assert (found.least_latency_us, found.most_survived_us) == (2.0, 3.0)
+    assert found.critical_latency_us == 3.0
+    values = by_hand()
+    assert found.mean_db == pytest.approx(np.mean(values))
+    assert (found.least_db, found.most_db) == pytest.approx((min(values), max(values)))

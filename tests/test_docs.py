@@ -1,0 +1,111 @@
+"""The documentation: code blocks run as they stand, commands exist, pages build."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+import typer
+
+from hertzloop.commands.cli import app
+from hertzloop.scenes.keys import keys, page
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+EVERY = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+PAGES = sorted(
+    page.relative_to(DOCS) for page in DOCS.rglob("*.md") if "```python\n" in page.read_text()
+)
+# Pages of which the plain blocks are run, in order, in one empty folder; exit codes other than 0.
+RUN = {"README.md": {}, "docs/first-run.md": {"hertzloop compare": 1}}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_the_python_of_a_page_runs(page: Path, tmp_path: Path) -> None:
+    blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), re.DOTALL)
+    script = tmp_path / "page.py"
+    script.write_text("import matplotlib\nmatplotlib.use('Agg')\n" + "\n".join(blocks))
+    done = subprocess.run(
+        [sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=280
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def commands(page: Path) -> list[list[str]]:
+    """Command lines of hertzloop in a page's plain blocks."""
+    lines = [
+        line
+        for block in re.findall(r"```\w*\n(.*?)```", page.read_text(), re.DOTALL)
+        for line in block.splitlines()
+        if line.startswith("hertzloop ")
+    ]
+    return [shlex.split(line, comments=True) for line in lines]
+
+
+@pytest.mark.parametrize("page", EVERY, ids=lambda page: page.name)
+def test_documented_commands_exist(page: Path) -> None:
+    """Command and options; the files that they name need not be there."""
+    for words in commands(page):
+        command, rest = typer.main.get_command(app), words[1:]
+        context = click.Context(command)
+        while hasattr(command, "resolve_command"):
+            name, found, rest = command.resolve_command(context, rest)
+            assert found is not None, words
+            command, context = found, click.Context(found, context, name)
+        options = {
+            name for option in command.params for name in (*option.opts, *option.secondary_opts)
+        }
+        for word in rest:
+            assert not word.startswith("--") or word.partition("=")[0] in options, (words, word)
+
+
+def test_every_command_has_its_line() -> None:
+    told = (DOCS / "commands.md").read_text()
+    groups = [("", typer.main.get_command(app))]
+    while groups:
+        before, group = groups.pop()
+        for name, command in group.commands.items():
+            if hasattr(command, "commands"):
+                groups.append((f"{before}{name} ", command))
+            else:
+                assert re.search(rf"`(hertzloop )?{before}{name}\b", told), f"{before}{name}"
+
+
+@pytest.mark.parametrize("page", RUN)
+def test_the_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
+    for words in commands(ROOT / page):
+        if words[1] == "replay":
+            words = [*words, "--save", "page.rrd"]  # the window is tested elsewhere
+        done = subprocess.run(
+            [sys.executable, "-m", *words],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=280,
+        )
+        assert done.returncode == RUN[page].get(" ".join(words[:2]), 0), (words, done.stderr)
+
+
+def test_the_site_builds_strictly(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-d", tmp_path],
+        cwd=ROOT, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "laws" / "index.html").exists()
+
+
+def test_every_key_is_explained() -> None:
+    assert [key.name for key in keys() if not key.meaning or len(key.meaning) > 200] == []
+
+
+def test_the_page_of_keys_is_what_the_code_says() -> None:
+    """Mend: hertzloop keys --markdown > docs/keys.md"""
+    assert (DOCS / "keys.md").read_text() == page()
+
+
+def test_the_readme_is_short() -> None:
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 120

@@ -1,0 +1,154 @@
+"""docs/wire.md says what the code does: streams, keys, fields, ports."""
+
+import hashlib
+import re
+import subprocess
+import sys
+import zipfile
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from bus import messages_pb2
+from bus.streams import (
+    CONTROLLER,
+    PLANT,
+    RECORDER,
+    STREAMS,
+    SUBSCRIPTIONS,
+    Envelope,
+    has_header_sequence,
+)
+from bus.zenoh_port import ZenohPort
+from hertzloop.loop.processes import BASE_PORT, default_endpoints
+from tests.hertzloop.processes import wait_for
+from tests.ports import free_ports
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGE = (ROOT / "docs" / "wire.md").read_text()
+KNOWN = set(re.findall(r"`([^`]+)`", re.sub(r"```.*?```", "", PAGE, flags=re.S)))
+
+
+def test_the_table_of_streams() -> None:
+    rows = re.findall(r"^\| `(\S+)` \| (\w+) \| `(\w+)` \| ([\w, ]+) \| (\w+) \|$", PAGE, re.M)
+    roles = (PLANT, CONTROLLER, RECORDER)
+    assert rows == [
+        (
+            stream.name,
+            stream.publisher,
+            stream.message.DESCRIPTOR.name,
+            ", ".join(role for role in roles if stream.name in SUBSCRIPTIONS[role]),
+            "header" if has_header_sequence(stream.name) else "attachment",
+        )
+        for stream in STREAMS.values()
+    ]
+
+
+@pytest.mark.parametrize("name", ["DaqBlock", "ForceBlock", "StreamCount", "SetUp", "RunEnd"])
+def test_every_field_that_a_controller_meets(name: str) -> None:
+    fields = {field.name for field in getattr(messages_pb2, name).DESCRIPTOR.fields}
+    assert fields <= KNOWN
+
+
+def test_the_recorders_token() -> None:
+    [number] = free_ports(1)
+    [key] = [key for key in KNOWN if "complete" in key]
+    url = f"tcp/127.0.0.1:{number}"
+    recorder = ZenohPort(RECORDER, "page", [url])
+    plant = ZenohPort(PLANT, "page", [], [url])
+    heard: list[str] = []
+    try:
+        plant._session.liveliness().declare_subscriber(
+            key.replace("<name>", "page"),
+            zenoh.handlers.Callback(lambda sample: heard.append(str(sample.key_expr))),
+            history=True,
+        )
+        recorder.vouch()
+        wait_for(lambda: heard)
+    finally:
+        plant.close()
+        recorder.close()
+
+
+def test_ports() -> None:
+    ports = range(BASE_PORT, BASE_PORT + 3)
+    for role in (PLANT, CONTROLLER, RECORDER):
+        [listens], _ = default_endpoints(role, ports)
+        assert re.search(rf"{role}\s(listens )?on\s`{listens}`", PAGE), role
+
+
+def test_keys_and_numbers_on_a_real_bus() -> None:
+    """A session that knows the page alone hears what our port says."""
+    keys = [key for key in KNOWN if key.startswith("hertzloop/<name>/")]
+    [alive] = [key for key in keys if "alive" in key]
+    [complete] = [key for key in keys if "complete" in key]
+    [stream] = [key for key in keys if key not in (alive, complete)]
+    [number] = free_ports(1)
+    port = ZenohPort(CONTROLLER, "page", [f"tcp/127.0.0.1:{number}"])
+    config = zenoh.Config()
+    config.insert_json5("scouting/multicast/enabled", "false")
+    config.insert_json5("listen/endpoints", "[]")
+    config.insert_json5("connect/endpoints", f'["tcp/127.0.0.1:{number}"]')
+    tokens: list[str] = []
+    heard: list[zenoh.Sample] = []
+    try:
+        with zenoh.open(config) as session:
+            key = stream.replace("<name>", "page").replace("<stream>", "end/controller")
+            session.declare_subscriber(key, zenoh.handlers.Callback(heard.append))
+            token = alive.replace("<name>", "page").replace("<role>", "controller")
+            session.liveliness().declare_subscriber(
+                token.replace("<instance>", "*"),
+                zenoh.handlers.Callback(lambda sample: tokens.append(str(sample.key_expr))),
+                history=True,
+            )
+            port.announce()
+            wait_for(lambda: tokens)
+            ids = [f"page/controller/{i}".encode() for i in range(256)]
+            ids = [hashlib.blake2b(text, digest_size=15).hexdigest().lstrip("0") for text in ids]
+            [linked] = session.info.peers_zid()
+            assert str(linked) in ids
+            assert "`<name>/controller/<i>`" in PAGE
+            assert port.strangers() == [str(session.info.zid())]
+
+            def said() -> bool:
+                port.publish(Envelope("end/controller", b"end", 5))
+                return bool(heard)
+
+            wait_for(said)
+            attachment = heard[0].attachment
+            assert attachment is not None
+            assert attachment.to_bytes() == (5).to_bytes(8, "little")
+    finally:
+        port.close()
+
+
+def test_the_package_holds_the_messages(tmp_path: Path) -> None:
+    """A built wheel, and an import of what is installed."""
+    assert (files("bus") / "messages.proto").read_text() == (
+        ROOT / "bus" / "messages.proto"
+    ).read_text()
+    words = ["-m", "pip", "wheel", str(ROOT), "--no-deps", "--no-build-isolation", "-q"]
+    done = subprocess.run(
+        [sys.executable, *words, "-w", str(tmp_path)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    [wheel] = tmp_path.glob("*.whl")
+    packed = zipfile.ZipFile(wheel).read("bus/messages.proto")
+    assert packed == (ROOT / "bus" / "messages.proto").read_bytes()
+
+
+def test_the_page_tells_how_to_compile_them(tmp_path: Path) -> None:
+    """Its commands run as they stand, where protoc is there."""
+    block = re.search(r"```\n(python -c .*?)```", PAGE, re.S)
+    assert block
+    lines = [line for line in block[1].splitlines() if line.startswith("python")]
+    for line in lines:
+        line = line.replace("python ", f"{sys.executable} ", 1)
+        done = subprocess.run(line, shell=True, cwd=tmp_path, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "messages_pb2.py").exists()
+    assert (tmp_path / "messages.proto").read_bytes() == (
+        ROOT / "bus" / "messages.proto"
+    ).read_bytes()
