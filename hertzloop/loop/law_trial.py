@@ -3,6 +3,7 @@
 import os
 import select
 import signal
+import tempfile
 from contextlib import suppress
 
 import numpy as np
@@ -40,7 +41,9 @@ def try_law(scene: Scene) -> str:
             "it never end?"
         ) from None
     bound = control.law(scene, stiffness)
-    said = _in_child(bound, _samples(scene, about), scene)
+    # The child may be killed: what it unpacks goes with this folder.
+    with tempfile.TemporaryDirectory(prefix="hertzloop-") as folder:
+        said = _in_child(bound, _samples(scene, about), scene, folder)
     if said:
         raise SceneError(said)
     if isinstance(bound, BoundPython) and bound.trouble:
@@ -70,13 +73,14 @@ def _samples(scene: Scene, about: About) -> np.ndarray:
     )
 
 
-def _in_child(bound: BoundLaw, samples: np.ndarray, scene: Scene) -> str:
-    """What a law does wrong with these samples, in a sentence; empty if nothing."""
+def _in_child(bound: BoundLaw, samples: np.ndarray, scene: Scene, folder: str) -> str:
+    """What a law does wrong with these samples, in a sentence; empty if nothing. `folder`: for
+    its temporary files."""
     control.idle()  # what is compiled here is no time of the law's
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
-        said = ""
+        said, tempfile.tempdir = "", folder
         try:
             Controller(bound, LineSpec(), scene.step_s, _SAMPLES + 1, 1, 0).process(samples)
         except LawFault as error:

@@ -1,5 +1,6 @@
 """A law that is a co-simulation unit (FMU), as other tools export them."""
 
+import os
 import subprocess
 import sys
 import zipfile
@@ -100,6 +101,19 @@ def test_it_runs_as_the_same_law_in_python(
     assert found.force.arrays["force_n"].max() > 5.0
     assert not found.problems
     assert first_difference(found, twin) is None
+
+
+@pytest.mark.parametrize("transport", [Transport.COMPILED, Transport.ZENOH])
+def test_nothing_of_it_stays_behind(unit: Path, transport: Transport, tmp_path: Path) -> None:
+    """Neither of the process that ran it nor of those that it started."""
+    words = ["run", "--transport", transport, "--out", str(tmp_path / "a.mcap"), "--set", SHORT]
+    (tmp_path / "t").mkdir()
+    done = subprocess.run(
+        [sys.executable, "-m", "hertzloop", *words, "--set", f"controller.law={unit}"],
+        env=os.environ | {"TMPDIR": str(tmp_path / "t")}, check=False, capture_output=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert not list((tmp_path / "t").iterdir())
 
 
 def test_its_parameters_are_scene_keys(unit: Path) -> None:
