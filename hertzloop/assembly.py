@@ -22,7 +22,7 @@ from plant.contact.hertz import (
 )
 from plant.contact.plastic import deepest_rigid_m, yield_depth_m
 from plant.plant import Plant, PlantSpec
-from plant.schemes.collocation import CollocationPlant
+from plant.schemes.door import SCHEMES
 from plant.schemes.infinite import InfinitePlant
 from plant.schemes.thesis2008 import ThesisPlant
 from plant.structures.modal_structure import ModalStructure
@@ -75,7 +75,7 @@ def _modal_spec(scene: Scene) -> PlantSpec:
         step_s=scene.step_s,
         frequency_limit_hz=limit,
         lead_in_s=scene.run.lead_in_s,
-        residual_flexibility=scene.run.scheme == "modal",
+        residual_flexibility=SCHEMES[scene.run.scheme].tail,
         damped_tail=damped,
         actuator=actuator_of(scene),
         radiating_faces=table.radiating_faces,
@@ -144,7 +144,8 @@ def built(spec: PlantSpec, scheme: str) -> Plant:
     """A plant whose model is shared by all runs of the same description."""
     if spec.infinite_plate:
         return InfinitePlant(spec)
-    return CollocationPlant(spec) if scheme == "modal" else Plant(spec)
+    found: Plant = SCHEMES[scheme].load()(spec)
+    return found
 
 
 def model_error(scene: Scene) -> float:

@@ -6,6 +6,7 @@ from hertzloop.plant_tables import contact_of
 from hertzloop.scenes.problems import not_in_three_dimensions
 from hertzloop.scenes.scene import Scene, SceneError
 from plant.contact.hertz import Contact, Sphere, rigid_contact_time_s, rigid_penetration_m
+from plant.schemes.door import SCHEMES
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.model_order import expected_error, frequency_limit_hz
 from plant.structures.plate import Plate
@@ -97,7 +98,8 @@ def damped_tail(scene: Scene, plate: Structure, limit_hz: float) -> bool:
     begins, without a mass on the struck point. Raises SceneError.
     """
     asked = scene.plate.tail
-    if asked == "spring" or scene.run.scheme != "modal" or isinstance(plate, SolidPlate):
+    tail = SCHEMES[scene.run.scheme].tail
+    if asked == "spring" or not tail or isinstance(plate, SolidPlate):
         return False
     if plate.local_plate is None:
         if asked == "auto":
@@ -165,7 +167,7 @@ def limit_hz_of(
     limits = [
         frequency_limit_hz(
             sphere, plate, contact, scene.step_s, scene.run.accuracy,
-            spring=scene.run.scheme == "modal", damped=damped,
+            spring=SCHEMES[scene.run.scheme].tail, damped=damped,
         )
         for damped in (False, True)
     ]  # fmt: skip

@@ -11,6 +11,7 @@ from hertzloop.results.impact_rows import XI, consistent_impacts, impacts_of_row
 from hertzloop.scenes.scene import Scene, SceneError
 from plant.plant import PlantSpec
 from plant.schemes import state_kernels as pk
+from plant.schemes.door import SCHEMES
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.solid_plate import SolidPlate
 
@@ -59,7 +60,7 @@ def finer_spec(scene: Scene) -> PlantSpec:
         spec,
         step_s=spec.step_s / 2,
         frequency_limit_hz=limit_hz,
-        residual_flexibility=scene.run.scheme == "modal",
+        residual_flexibility=SCHEMES[scene.run.scheme].tail,
         infinite_plate=False,
     )
 

@@ -1,16 +1,20 @@
 """The tables of a scene and their keys: kinds, bounds and defaults."""
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, field_validator
 
 from hertzloop.quantities import SENSED
 from hertzloop.scenes.materials import MaterialKey, ModesTable, Table
+from plant.schemes.door import SCHEMES
 
 Point = tuple[float, float]
 # Bounds are far beyond what a laboratory has, and within what the numerics can carry.
 Level = Annotated[float, Field(ge=-1e9, le=1e9)]
-SchemeName = Literal["modal", "discrete_gradient", "thesis2008"]
+if TYPE_CHECKING:
+    SchemeName = str
+else:
+    SchemeName = Literal[*SCHEMES]
 
 
 class SphereTable(Table):

@@ -1,21 +1,55 @@
-"""One `step` for every scheme, and what else of a model is settled when a loop is compiled.
+"""The one table of schemes, and one `step` for all of them.
 
 A compiled caller is specialised to the scheme by the type of the model, so the choice costs
 nothing per step.
 """
 
-from jit.by_type import by_type, no
-from plant.schemes import collocation_kernels as collocation
-from plant.schemes import discrete_gradient_kernels as discrete_gradient
-from plant.schemes import infinite_kernels as infinite
-from plant.schemes import thesis2008_kernels as thesis2008
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
 
-_MODELS = {
-    collocation.CollocationModel: collocation,
-    discrete_gradient.PlantModel: discrete_gradient,
-    infinite.InfiniteModel: infinite,
-    thesis2008.ThesisModel: thesis2008,
-}
+from jit.by_type import by_type, no
+from plant.schemes import infinite_kernels as infinite
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """Where a scheme is, as "module:Class": its plant, as `plant.plant.Plant`, and the model of
+    that in the file of its kernels.
+
+    `tail`: modes left out may be a spring or a damped mode; else it knows none of them.
+    """
+
+    plant: str
+    model: str
+    tail: bool = False
+
+    def load(self) -> Any:
+        """The class of the plant."""
+        module, name = self.plant.split(":")
+        return getattr(import_module(module), name)
+
+    def kernels(self) -> tuple[type, Any]:
+        """The class of the model, and the module of its kernels."""
+        name, model = self.model.split(":")
+        module = import_module(name)
+        return getattr(module, model), module
+
+
+_AT = "plant.schemes"
+SCHEMES = {
+    "modal": Scheme(
+        f"{_AT}.collocation:CollocationPlant", f"{_AT}.collocation_kernels:CollocationModel", True
+    ),
+    "discrete_gradient": Scheme(
+        "plant.plant:Plant", f"{_AT}.discrete_gradient_kernels:PlantModel"
+    ),
+    "thesis2008": Scheme(
+        f"{_AT}.thesis2008:ThesisPlant", f"{_AT}.thesis2008_kernels:ThesisModel"
+    ),
+}  # fmt: skip
+_MODELS = dict(scheme.kernels() for scheme in SCHEMES.values())
+_MODELS[infinite.InfiniteModel] = infinite
 # Advance one step: model, state, commanded actuator force (N) -> contact force (N).
 step = by_type({model: kernels.step for model, kernels in _MODELS.items()})
 

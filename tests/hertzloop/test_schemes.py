@@ -1,19 +1,18 @@
 """Every scheme runs from the command line, from the warm-up on."""
 
 from pathlib import Path
-from typing import get_args
 
 import pytest
 
 from hertzloop import assembly as parts
 from hertzloop.scenes.scene import load
-from hertzloop.scenes.tables import SchemeName
+from plant.schemes.door import SCHEMES
 from tests.hertzloop.processes import hertzloop
 
 SCENE = {"thesis2008": "thesis-aluminium"}
 
 
-@pytest.mark.parametrize("scheme", get_args(SchemeName))
+@pytest.mark.parametrize("scheme", SCHEMES)
 def test_every_scheme_runs(scheme: str, tmp_path: Path) -> None:
     words = ["--transport", "compiled", "--set", f"run.scheme={scheme}"]
     words += ["--set", "run.duration_s=0.0012", "--out", str(tmp_path / "a.mcap")]
