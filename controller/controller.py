@@ -110,12 +110,16 @@ class Controller:
             delays=delays,
         )
 
+    @property
+    def failed_at(self) -> int:
+        """The first sample on which the law has failed; -1 if there is none."""
+        return int(self.law_state.counts[laws.FAULT]) - 1
+
     def check(self) -> None:
         """Raises LawFault if the law has failed on a sample so far."""
-        fault = int(self.law_state.counts[laws.FAULT])
-        if fault:
+        if self.failed_at >= 0:
             seen = self.law_state.history[: self.law_state.counts[laws.SAMPLES]]
-            raise LawFault(self.bound.explain(seen, fault - 1))
+            raise LawFault(self.bound.explain(seen, self.failed_at))
 
 
 def _random(seed: int, stream: int) -> np.random.Generator:

@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from hertzloop.quantities import TRUTH
-from hertzloop.results.labelled import FORCE_LABEL, cases_of, labelled, sensed_label, truth_of
+from hertzloop.results.labelled import (
+    FORCE_LABEL,
+    HELD,
+    cases_of,
+    labelled,
+    sensed_label,
+    truth_of,
+)
 from hertzloop.scenes import scene as scenes
 from hertzloop.scenes.scene import Scene, SceneError, shipped, vary
 from plant.figures.impacts import Impact
@@ -21,6 +28,7 @@ from plant.figures.noise import ImpactNoise
 if TYPE_CHECKING:
     import xarray as xr
 
+    from hertzloop.one_run import RunOptions
     from recordings.reader import Event, Recording
     from studies.tuning.tune import Found
 
@@ -41,6 +49,8 @@ class Run:
     over `sample`; `force`: what it commanded, over `step` (None where it was not kept).
     `impacts` and `noise`: one a contact. `energy_residual`, `momentum_residual`: of the books,
     relative. `events`: of a recording; empty otherwise. `path`: the recording, if there is one.
+    `pacing`: of a run by the wall clock, what it missed and how fast it was answered, in the words
+    of `inspect --json`; its `truth` has `held_steps`. None otherwise.
     """
 
     scene: Scene
@@ -53,6 +63,7 @@ class Run:
     momentum_residual: float
     events: "list[Event]"
     path: Path | None = None
+    pacing: dict[str, Any] | None = None
 
     def without_control(self) -> "Run":
         """The same run with the law off, simulated on the spot."""
@@ -95,16 +106,21 @@ def run(
     transport: TransportName = "zenoh",
     overwrite: bool = False,
     horizon: int | None = None,
+    pace: float | None = None,
     on_progress: Callable[[int], None] = lambda step: None,
 ) -> Run:
     """Run a scene, by default as processes over zenoh, and record it.
 
-    `recording` is the MCAP file to write; without one the run is kept in memory only. Raises
-    SceneError, RunFailed, BusError, StreamFault or RecordingError with one sentence.
+    `recording` is the MCAP file to write; without one the run is kept in memory only. With a
+    `pace` (simulated over wall time, 1 is real time) the plant follows the wall clock and waits
+    for no force; without, processes are in lock-step. Raises SceneError, RunFailed, BusError,
+    StreamFault or RecordingError with one sentence.
     """
     from hertzloop.one_run import RunOptions, Transport, record
 
-    options = RunOptions(Transport(transport), overwrite=overwrite, horizon=horizon)
+    options = RunOptions(Transport(transport), overwrite=overwrite, horizon=horizon, pace=pace)
+    if pace is not None:
+        _check_pace(scene, options)
     if recording is not None:
         record(scene, Path(recording), options, on_progress)
         return read(recording)
@@ -113,6 +129,28 @@ def run(
         record(scene, path, options, on_progress)
         found = read(path)
         return Run(**{**vars(found), "path": None})
+
+
+def _check_pace(scene: Scene, options: "RunOptions") -> None:
+    """Raise SceneError for a run that cannot be by the wall clock."""
+    from hertzloop.commands.warmup import ensure_compiled, kernels_of
+    from hertzloop.loop.paced import check_pace
+    from hertzloop.one_run import Transport
+
+    assert options.pace is not None
+    if options.transport is not Transport.ZENOH:
+        raise SceneError(
+            f"pace = {options.pace:g} needs processes of their own; transport = "
+            f"'{options.transport}' has none"
+        )
+    if options.horizon is not None:
+        raise SceneError(
+            f"horizon = {options.horizon} needs the lock-step; with a pace the plant waits for no "
+            "force"
+        )
+    check_pace(scene, options.pace, options.timeout_s)
+    # A process that compiles answers nobody.
+    ensure_compiled(lambda: None, kernels_of(scene), paced=True)
 
 
 def read(recording: str | Path) -> Run:
@@ -125,7 +163,8 @@ def read(recording: str | Path) -> Run:
     if found.problems or found.books is None:
         raise RecordingError(f"{recording}: {[*found.problems, 'the run has no books'][0]}")
     scene = scenes.parse(found.scene_toml)
-    kept = {name: found.truth.arrays[name] for name in TRUTH if name in found.truth.arrays}
+    names = [name for name in (*TRUTH, *HELD) if name in found.truth.arrays]
+    kept = {name: found.truth.arrays[name] for name in names}
     books = (found.books.energy_residual, found.books.momentum_residual)
     return _run(scene, rows_of(found), kept, found.daq_values, found, books)
 
@@ -138,6 +177,7 @@ def _run(
     recording: "Recording | None",
     residuals: tuple[float, float],
 ) -> Run:
+    from hertzloop.results import pacing
     from hertzloop.results.impact_rows import impacts_of_rows
 
     step_s = scene.step_s
@@ -160,6 +200,7 @@ def _run(
         momentum_residual=residuals[1],
         events=recording.events if recording is not None else [],
         path=recording.path if recording is not None else None,
+        pacing=pacing.of(recording) if recording is not None else None,
     )
 
 

@@ -78,7 +78,8 @@ class BoundPython(BoundLaw):
         for i in range(len(samples)):
             where = f"the law {self.name}, at sample {i}"
             try:
-                force = command(self._constants, state, samples[: i + 1], i)
+                with np.errstate(all="ignore"):  # what comes of it is said below
+                    force = command(self._constants, state, samples[: i + 1], i)
             except Exception as error:
                 return f"{where}, failed: {_said(error)}"
             if not isinstance(force, numbers.Real):

@@ -20,7 +20,7 @@ from hertzloop.commands.options import (
 from hertzloop.commands.plate_models import plate_models
 from hertzloop.commands.real import real
 from hertzloop.commands.response import response
-from hertzloop.commands.study_frame import numbers, results_in
+from hertzloop.commands.study_frame import numbers, results_in, resumable
 from hertzloop.commands.terminal import err, fail, out, progress
 from hertzloop.commands.validity import validity_map
 from hertzloop.scenes.scene import DEFAULT, SceneError, load
@@ -242,9 +242,9 @@ def latency(
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Maps of every figure over latency, bits, sampling, gain; what latency each law survives."""
+    """Maps of every figure over latency, bits, sampling, gain; what latency each law survives. When
+    killed, it goes on with the same command."""
     from studies.latency import study as study
-    from studies.sweeps.evaluate import SweepFailed
 
     check_folder(json_file)
     try:
@@ -252,13 +252,16 @@ def latency(
             check_law(load(DEFAULT, [f"controller.law={law}"]))
     except SceneError as error:
         fail(str(error), 2)
-    try:
-        with results_in(folder, "modal"), progress("latency", 100) as advance:
-            found = study.run(
-                folder, quick, lambda done, of: advance(round(100 * done / of)), tuple(laws or ())
-            )
-    except SweepFailed as error:
-        fail(str(error), 1)
+    header = study.header_of(quick, tuple(laws or ()))
+    with (
+        results_in(folder, "modal"),
+        resumable(folder, "latency", header) as finished,
+        progress("latency", 100) as advance,
+    ):
+        found = study.run(
+            folder, quick, lambda done, of: advance(round(100 * done / of)), tuple(laws or ()),
+            finished.of,
+        )  # fmt: skip
     for scene in dict.fromkeys(c.scene for c in found):
         out.print(_survival_table(scene, [c for c in found if c.scene == scene]))
     best = list(study.best_laws(found))
@@ -267,7 +270,8 @@ def latency(
     out.print(f"written: {folder}/latency-*.png and .csv", soft_wrap=True)
     keys = ("scene", "law", "survives_us", "more_than_two_points_us")
     data = {"critical": [vars(c) for c in found],
-            "best": [dict(zip(keys, row, strict=True)) for row in best]}  # fmt: skip
+            "best": [dict(zip(keys, row, strict=True)) for row in best],
+            "ran": finished.ran}  # fmt: skip
     write_json(json_file, data)
 
 

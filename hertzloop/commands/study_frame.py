@@ -1,13 +1,19 @@
-"""What the commands of studies share: a folder for results, a table of numbers."""
+"""What the commands of studies share: a folder for results, finished cases, a table of numbers."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+import typer
 from rich.table import Table
 
 from hertzloop.commands.options import announce_compilation, make_folder
-from hertzloop.commands.terminal import fail
+from hertzloop.commands.terminal import err, fail
+from hertzloop.loop.signals import INTERRUPTED
+
+if TYPE_CHECKING:
+    from studies.sweeps.kept import Kept
 
 
 def numbers(title: str, headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
@@ -32,3 +38,32 @@ def results_in(folder: Path, *schemes: str) -> Iterator[None]:
         yield
     except OSError as error:
         fail(f"cannot write into {folder}: {error.strerror}", 1)
+
+
+@contextmanager
+def resumable(folder: Path, name: str, header: dict[str, Any]) -> "Iterator[Kept]":
+    """Work on many cases that goes on where an earlier start of it was cut short, if one was;
+    `header` says what decides the cases. Ends the command where they cannot be finished."""
+    from studies.sweeps.evaluate import SweepFailed
+    from studies.sweeps.journal import JournalError
+    from studies.sweeps.kept import kept
+
+    try:
+        with kept(folder, name, header) as finished:
+            path = finished.journal.path
+            if finished.found:
+                err.print(f"going on with {finished.found} finished cases of {path}",
+                          soft_wrap=True)  # fmt: skip
+            for line in finished.journal.damaged:
+                err.print(f"line {line} of {path} was damaged; its case is run again",
+                          soft_wrap=True)  # fmt: skip
+            on = f"finished cases are kept in {path}, the same command goes on with them"
+            try:
+                yield finished
+            except SweepFailed as error:
+                fail(f"{error}; {on}", 1)
+            except KeyboardInterrupt:
+                err.print(f"interrupted; {on}", soft_wrap=True)
+                raise typer.Exit(INTERRUPTED) from None
+    except JournalError as error:
+        fail(str(error), 2)

@@ -17,11 +17,13 @@ from hertzloop.commands.options import (
     announce_compilation,
     check_folder,
     check_law,
+    check_writable,
     end_if_not_run,
     make_folder,
     scene_from,
     write_json,
 )
+from hertzloop.commands.study_frame import resumable
 from hertzloop.commands.terminal import fail, out, progress
 from hertzloop.extras import need
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, SceneError, vary
@@ -79,17 +81,17 @@ def tune(
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Find the law and parameters that do best under a scene's latency, bits and force limit."""
+    """Find the law and parameters that do best under a scene's latency, bits and force limit; a
+    killed search goes on with the same command."""
     need("matplotlib", "pymoo")
     from hertzloop.commands.warmup import ensure_compiled
     from studies.latency.study import LAWS
     from studies.sweeps.design import DesignError, parse_axis
-    from studies.sweeps.evaluate import SweepFailed, Tally, local_pool
+    from studies.sweeps.evaluate import Tally, local_pool
     from studies.tuning import tune as study
 
     check_folder(json_file)
-    names = scenes or [DEFAULT]
-    bases = [scene_from(name, settings, seed) for name in names]
+    bases = [scene_from(name, settings, seed) for name in scenes or [DEFAULT]]
     if any(base.run.scheme == "thesis2008" for base in bases):
         fail(NO_CASE_OF_THESIS, 2)
     objectives = tuple(minimise or ("plate_energy_db", "rebound_percent"))
@@ -112,27 +114,47 @@ def tune(
         fail(str(error), 2)
     if folder is not None:
         make_folder(folder)
+    else:
+        check_writable(Path())  # for what is unfinished
     ensure_compiled(announce_compilation)
     found: list[Found] = []
     tally = Tally()
-    try:
-        with local_pool() as cores, progress("tuning", generations * len(chosen)) as advance:
-            pool = tally.of(cores)
-            reference = study.published(pool, tried, span, objectives, phases)
-            for i, law in enumerate(chosen):
-                axes = given or study.ranges_of(law, _impact_speed(tried))
-                found += study.tune(
-                    pool, tried, span, law, axes, objectives, at_most=limits,
-                    generations=generations, population=population, phases=phases,
-                    seed=1 if seed is None else seed,
-                    on_progress=lambda n, done=i * generations: advance(done + n),  # type: ignore[misc]
-                )  # fmt: skip
-            best = study.front(found, objectives)
-            reference, *best = study.with_spreads(
-                cores, tried, span, [reference, *best], objectives
-            )
-    except (SweepFailed, SceneError) as error:
-        fail(str(error), 1)
+    search_seed = 1 if seed is None else seed
+    names = [base.name for base in bases]
+    header = study.header_of(
+        tried, tuple(chosen), given, objectives=objectives, at_most=limits, span=span,
+        generations=generations, population=population, phases=phases, seed=search_seed,
+    )  # fmt: skip
+    with resumable(folder or Path(), _file_name(names), header) as finished:
+        try:
+            with local_pool() as some, progress("tuning", generations * len(chosen)) as advance:
+                cores = finished.of(some)
+                pool = tally.of(cores)
+                reference = study.published(pool, tried, span, objectives, phases)
+                for i, law in enumerate(chosen):
+                    axes = given or study.ranges_of(law, _impact_speed(tried))
+                    found += study.tune(
+                        pool, tried, span, law, axes, objectives, at_most=limits,
+                        generations=generations, population=population, phases=phases,
+                        seed=search_seed,
+                        on_progress=lambda n, done=i * generations: advance(done + n),  # type: ignore[misc]
+                    )  # fmt: skip
+                best = study.front(found, objectives)
+                reference, *best = study.with_spreads(
+                    cores, tried, span, [reference, *best], objectives
+                )
+        except SceneError as error:
+            fail(str(error), 1)
+        verdict = _verdict(best, reference, objectives) if best else []
+        if best:
+            out.print(_table(best, reference, objectives))
+        for line in verdict:
+            out.print(line, soft_wrap=True)
+        if best and folder is not None:
+            try:
+                _write(folder, names, best, reference, objectives)
+            except OSError as error:
+                fail(f"cannot write into {folder}: {error.strerror}", 1)
     not_run = [row["status"] for row in tally.not_run]
     if not best:
         end_if_not_run(not_run, tally.cases)
@@ -142,21 +164,17 @@ def tune(
             "--span run)",
             1,
         )
-    out.print(_table(best, reference, objectives))
-    verdict = _verdict(best, reference, objectives)
-    for line in verdict:
-        out.print(line, soft_wrap=True)
-    if folder is not None:
-        try:
-            _write(folder, [base.name for base in bases], best, reference, objectives)
-        except OSError as error:
-            fail(f"cannot write into {folder}: {error.strerror}", 1)
     write_json(
         json_file,
         {"front": [asdict(f) for f in best], "published": asdict(reference), "verdict": verdict,
-         "cases": tally.cases, "failed": len(not_run)},
+         "cases": tally.cases, "ran": finished.ran, "failed": len(not_run)},
     )  # fmt: skip
     end_if_not_run(not_run, tally.cases)
+
+
+def _file_name(names: list[str]) -> str:
+    """What the files of a search over scenes are called, without their ending."""
+    return "tune-" + "-".join(names)
 
 
 def _write(
@@ -167,7 +185,7 @@ def _write(
     from studies.tabular import write_rows
     from studies.tuning.pictures import draw_front
 
-    name = "tune-" + "-".join(names)
+    name = _file_name(names)
     keys = sorted({key for f in best for key in f.values})
     write_rows(
         folder / f"{name}.csv",

@@ -29,6 +29,14 @@ from plant.schemes.thesis2008 import ThesisPlant
 _PIECE_STEPS = 1 << 16
 
 
+class LawStopped(SceneError):
+    """The law failed in a run; `rows` of truth, shape (10, steps), are those before."""
+
+    def __init__(self, said: str, rows: np.ndarray) -> None:
+        super().__init__(said)
+        self.rows = rows
+
+
 @dataclass(frozen=True)
 class Simulated:
     """A simulated run in memory: rows as in TruthBlock, shape (10, steps), samples as they would
@@ -50,7 +58,7 @@ def simulate(scene: Scene, quiet_steps: int = -1, own_plant: Plant | None = None
     """Run a scene without bus or recording, on its plant, or on `own_plant`, at its start.
 
     With `quiet_steps` only until its first contact has been over for so long and no force is left
-    to come. Raises SceneError when the law fails.
+    to come. Raises LawStopped when the law fails.
     """
     plant, sensor = own_plant or parts.plant(scene), parts.sensor(scene)
     controller = control.controller(scene, plant.model.stiffness, ahead=quiet_steps >= 0)
@@ -66,7 +74,8 @@ def simulate(scene: Scene, quiet_steps: int = -1, own_plant: Plant | None = None
     try:
         controller.check()
     except LawFault as error:
-        raise SceneError(str(error)) from error
+        before = controller.failed_at * scene.sensors.every_steps + 1
+        raise LawStopped(str(error), window.truth[:, :before]) from error
     steps, taken = (int(window.counts[i]) for i in (k.TRUTH_END, k.SAMPLES_END))
     sent = window.values if sensor.model.ideal else window.codes
     return Simulated(

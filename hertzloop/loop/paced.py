@@ -4,6 +4,7 @@ The rule, here and nowhere else: step k acts under its own force if that has com
 taken, else under the newest force that has (`follow` in pace_kernels). See docs/paced.md.
 """
 
+import math
 import time
 from collections.abc import Callable
 
@@ -27,11 +28,12 @@ def check_pace(scene: Scene, pace: float, timeout_s: float) -> None:
     """Raise SceneError for a pace (simulated over wall time) at which processes that wait
     `timeout_s` for a message would take each other for dead."""
     sample_s, most_s = scene.step_s * scene.sensors.every_steps, timeout_s / 4
-    if not sample_s / pace <= most_s:
+    if not sample_s <= most_s * pace:  # nor at a pace of nan
+        every_s = sample_s / pace if pace > 0.0 else math.inf
         raise SceneError(
-            f"--pace {pace:g} brings a sample every {sample_s / pace:.3g} s, but the processes "
-            f"wait {timeout_s:g} s for each other: take a pace of {sample_s / most_s:.2g} or more, "
-            "or a longer --timeout"
+            f"a pace of {pace:g} brings a sample every {every_s:.3g} s, but the processes wait "
+            f"{timeout_s:g} s for each other: take a pace of {sample_s / most_s:.2g} or more, or a "
+            "longer timeout"
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from controller.law import ACTING
 from hertzloop import assembly as parts
-from hertzloop.loop.compiled import Simulated, simulate
+from hertzloop.loop.compiled import LawStopped, Simulated, simulate
 from hertzloop.results.extremes import ExtremesMeter
 from hertzloop.results.facts import Facts
 from hertzloop.results.impact_rows import (
@@ -22,7 +22,7 @@ from hertzloop.results.impact_rows import (
     consistent_impacts,
     modes_of,
 )
-from hertzloop.results.stability import StabilityMeter
+from hertzloop.results.stability import Stability, StabilityMeter
 from hertzloop.results.validity import Finding, findings, in_state
 from hertzloop.scenes.scene import (
     NO_CASE_OF_THESIS,
@@ -152,22 +152,20 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
     """Simulate a scene and compare it with the same without control.
 
     `span`: "impact" until the first impact is over, the run's end at the latest; "run" to the
-    end. Raises SceneError for the published scheme, and for a run without contact;
-    UnstableLoop.
+    end. Raises SceneError for the published scheme, for a run without contact, and for a law that
+    fails; UnstableLoop, also where the law fails since the loop has run away.
     """
     if scene.run.scheme == "thesis2008":
         raise SceneError(NO_CASE_OF_THESIS)
     plain = _plain(scene)
-    scene, run = _follow(scene, span)
+    try:
+        scene, run = _follow(scene, span)
+    except LawStopped as error:
+        # A loop that has run away for long enough commands what is no number any more.
+        _bounded(scene, error.rows)
+        raise
     books = run.books
-    stable = StabilityMeter(scene)
-    stable.feed(0, run.rows)
-    found = stable.result()
-    if found.unstable:
-        raise UnstableLoop(
-            f"{UNSTABLE}: the actuator exchanges {found.most_injected:.3g} times the energy of the "
-            "impact"
-        )
+    found = _bounded(scene, run.rows)
     if not (np.isfinite(run.rows).all() and math.isfinite(books.energy_residual)):
         raise SceneError("the run has numbers that are not finite; its figures would say nothing")
     noise, impacts = _noise(scene, run.rows)
@@ -199,6 +197,21 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
         steps=run.rows.shape[1],
         digest=digest_of(run.rows, run.samples),
     )
+
+
+def _bounded(scene: Scene, rows: np.ndarray) -> Stability:
+    """What rows of truth say of the closed loop. Raises UnstableLoop."""
+    meter = StabilityMeter(scene)
+    meter.feed(0, rows)
+    found = meter.result()
+    if found.unstable:
+        times = found.most_injected
+        raise UnstableLoop(
+            f"{UNSTABLE}: the actuator exchanges "
+            + (f"{times:.3g} times the" if math.isfinite(times) else "no finite multiple of the")
+            + " energy of the impact"
+        )
+    return found
 
 
 def _db(value: float, reference: float) -> float:

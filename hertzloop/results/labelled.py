@@ -9,6 +9,7 @@ import xarray as xr
 from hertzloop.quantities import SENSED, TRUTH
 
 FORCE_LABEL = ("N", "force commanded of the actuator, up on the plate")
+HELD = {"held_steps": ("", "by how many steps the command was too old, in a paced run")}
 
 
 def sensed_label(quantity: str) -> tuple[str, str]:
@@ -20,7 +21,7 @@ def sensed_label(quantity: str) -> tuple[str, str]:
 def export_labels(quantity: str) -> dict[str, tuple[str, str]]:
     """Unit and meaning of the columns of an export, where the converter senses `quantity`."""
     return TRUTH | {
-        "held_steps": ("", "by how many steps the command was too old, in a paced run"),
+        **HELD,
         "command_n": FORCE_LABEL,
         "daq_value": sensed_label(quantity),
         "daq_code": ("", "the converter's code of it"),
@@ -37,11 +38,12 @@ def labelled(values: np.ndarray, label: tuple[str, str], dim: str, time_s: np.nd
 
 
 def truth_of(columns: Mapping[str, np.ndarray], step_s: float) -> xr.Dataset:
-    """Rows of truth as a Dataset over `step`; `columns` by names as in TRUTH."""
+    """Rows of truth as a Dataset over `step`; `columns` by names as in TRUTH and HELD."""
+    labels = TRUTH | HELD
     steps = max((len(values) for values in columns.values()), default=0)
     time_s = np.arange(steps) * step_s
     return xr.Dataset(
-        {name: labelled(values, TRUTH[name], "step", time_s) for name, values in columns.items()}
+        {name: labelled(values, labels[name], "step", time_s) for name, values in columns.items()}
     )
 
 

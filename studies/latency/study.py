@@ -15,12 +15,14 @@ import numpy as np
 
 from hertzloop import assembly as parts
 from hertzloop.results.cases import Span, figures_of_case
-from hertzloop.scenes.scene import Scene, load, vary
+from hertzloop.scenes.scene import Scene, load, to_toml, vary
 from plant.contact.hertz import rigid_contact_time_s
 from studies.latency.pictures import draw_chance, draw_maps
+from studies.sweeps.design import Design
 from studies.sweeps.evaluate import Pool, Rows, evaluate, local_pool
 from studies.sweeps.phases import KEY as PHASE
 from studies.sweeps.phases import phases, spread_of
+from studies.sweeps.sweep import code_version, laws_of
 from studies.tabular import write_records, write_rows
 from studies.words import FIGURES
 
@@ -274,20 +276,35 @@ def chance(pool: Pool, named: Named, laws: tuple[str, ...]) -> Rows:
     return evaluate(pool, scene, named.span, cases)
 
 
+def header_of(quick: bool, more_laws: tuple[str, ...]) -> dict[str, Any]:
+    """What decides the cases of the study, and what comes of them."""
+    scenes = [named.scene() for named in SCENES]
+    return {
+        "scenes": [to_toml(scene) for scene in scenes],
+        "quick": quick,
+        "laws": [
+            laws_of(vary(scenes[0], {"controller.law": law}), Design(())) for law in more_laws
+        ],
+        "versions": code_version(),
+    }
+
+
 def run(
     folder: Path,
     quick: bool,
     on_progress: Callable[[int, int], None] = lambda done, of: None,
     more_laws: tuple[str, ...] = (),
+    through: Callable[[Pool], Pool] = lambda pool: pool,
 ) -> list[Critical]:
     """Measure all, write pictures and CSV files; the table of critical values, also of
-    `more_laws`."""
+    `more_laws`. `through`: what stands between the study and the processes that run its cases."""
     tabled = (*LAWS, *more_laws)
     count = 15 if quick else 30
     mapped = SCENES[:1] if quick else (SCENES[0], SCENES[2])
     steps, done = len(mapped) + 1 + len(SCENES) * len(tabled), 0
     found = []
-    with local_pool() as pool:
+    with local_pool() as cores:
+        pool = through(cores)
         for named in mapped:
             rows = maps(pool, named, count)
             for key, some in rows.items():

@@ -1,4 +1,4 @@
-"""Finished cases of a sweep on disk, one line each, so that a killed sweep goes on where it was.
+"""Finished cases on disk, one line each, so that a killed sweep or search goes on where it was.
 
 A line is a JSON object whose last member is a checksum of what stands before it.
 """
@@ -12,11 +12,11 @@ from typing import Any, Self
 
 
 class JournalError(ValueError):
-    """The journal found is another sweep's, in use, or damaged; the message says which."""
+    """The journal found is of other work, in use, or damaged; the message says which."""
 
 
 class Journal:
-    """An open journal: a header line that names the sweep, then a line a finished case.
+    """An open journal: a header line that names the work, then a line a finished case.
 
     `damaged`: numbers of the lines found that are not as they were written; their cases are not
     among those `done`.
@@ -25,7 +25,7 @@ class Journal:
     def __init__(self, path: Path, header: dict[str, Any]) -> None:
         """Open or go on with `path`. Raises JournalError, or OSError."""
         self.path = path
-        self.done: dict[int, dict[str, Any]] = {}
+        self.done: dict[Any, dict[str, Any]] = {}  # by the "case" of a row
         self.damaged: list[int] = []
         self._file = path.open("a+b")
         try:
@@ -44,8 +44,8 @@ class Journal:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise JournalError(
-                f"{self.path} is in use by a sweep that is running; wait for its end, or write to "
-                "another file"
+                f"{self.path} is in use by a command that is running; wait for its end, or write "
+                "elsewhere"
             ) from error
 
     def _read(self, header: dict[str, Any]) -> int:
@@ -59,8 +59,8 @@ class Journal:
             if number == 1:
                 if row is None:
                     raise JournalError(
-                        f"{self.path} is no journal of a sweep, or its line 1 is damaged; remove "
-                        "the file"
+                        f"{self.path} is no journal of finished cases, or its line 1 is damaged; "
+                        "remove the file"
                     )
                 self._compare(row, header)
             elif row is None:
@@ -74,8 +74,8 @@ class Journal:
         for key, value in json.loads(json.dumps(header)).items():
             if found.get(key) != value:
                 raise JournalError(
-                    f"{self.path} holds an unfinished sweep with another {key}; finish that one "
-                    "with its own command, or remove the file"
+                    f"{self.path} holds unfinished work with another {key}; finish that with "
+                    "its own command, or remove the file"
                 )
 
     def add(self, row: dict[str, Any]) -> None:

@@ -6,7 +6,7 @@ Over a set of scenes the worst of them counts, objective by objective.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,11 @@ from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 from controller.door.registry import find, resolve
 from controller.law import About
 from hertzloop.results.cases import Span
-from hertzloop.scenes.scene import Scene
-from studies.sweeps.design import Axis, fitted
+from hertzloop.scenes.scene import Scene, to_toml, vary
+from studies.sweeps.design import Axis, Design, fitted
 from studies.sweeps.evaluate import Pool, evaluate
 from studies.sweeps.phases import Spread, at_all, spread_over
+from studies.sweeps.sweep import code_version, laws_of
 
 OBJECTIVES = (
     "plate_energy_db", "rebound_percent", "radiated_db", "plate_speed_db", "pressure_db",
@@ -42,6 +43,20 @@ class Found:
     values: dict[str, Any]
     figures: dict[str, float]
     spreads: dict[str, Spread] = field(default_factory=dict)
+
+
+def header_of(
+    scenes: list[Scene], laws: tuple[str, ...], axes: tuple[Axis, ...], **search: Any
+) -> dict[str, Any]:
+    """What decides which settings a search tries, and what comes of them: its scenes, laws with
+    their digests, given `axes`, the arguments of its `search`, versions."""
+    return {
+        "scenes": [to_toml(scene) for scene in scenes],
+        "laws": [laws_of(vary(scenes[0], {"controller.law": law}), Design(axes)) for law in laws],
+        "axes": [asdict(axis) for axis in axes],
+        "search": search,
+        "versions": code_version(),
+    }
 
 
 def ranges_of(law: str, impact_speed_m_s: float) -> tuple[Axis, ...]:

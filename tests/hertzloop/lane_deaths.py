@@ -47,8 +47,12 @@ class Death:
     readable: bool
 
 
+class NotUnderWay(Exception):
+    """The run did not get going in time, as on a machine that is too busy: nothing died."""
+
+
 def die(role: str, how: str, after_s: float, folder: Path) -> Death:
-    """Start a run, let one process of it die or stop, and wait for the end."""
+    """Start a run, let one process of it die or stop, and wait for the end. Raises NotUnderWay."""
     recording, shared = folder / "run.mcap", _shared()
     number, words = ENDS[how]
     run = start("run", *FEEDBACK, "--out", str(recording))
@@ -57,23 +61,30 @@ def die(role: str, how: str, after_s: float, folder: Path) -> Death:
         wait_for(grown_to(recording, UNDER_WAY))
         time.sleep(after_s)
         victim.send_signal(number)
-    except AssertionError as error:  # a machine that is too busy; named as what went wrong
-        run.kill()
-        return Death(f"not under way: {error}", False, 0.0, 0, 0, False)
+    except AssertionError as error:
+        run.terminate()
+        _, said, _ = finish(run, HANGS_S)
+        _end_all(recording)
+        raise NotUnderWay(f"{error}; the run said: {said}") from error
     try:
         code, said, seconds = finish(run, HANGS_S)
     except subprocess.TimeoutExpired:
         code, said, seconds = 0, "it hangs", HANGS_S
     orphans = leftovers(recording)
-    for process in psutil.process_iter(["cmdline"]):
-        if any(str(recording) in word for word in process.info["cmdline"] or []):
-            process.kill()
+    _end_all(recording)
     try:
         readable = bool(read(recording).problems)
     except (RecordingError, OSError):
         readable = False
     named = code == 1 and role in said and words in said and "Traceback" not in said
     return Death(said, named, seconds, len(orphans), len(_shared() - shared), readable)
+
+
+def _end_all(recording: Path) -> None:
+    """End what is left of the run that wrote a recording."""
+    for process in psutil.process_iter(["cmdline"]):
+        if any(str(recording) in word for word in process.info["cmdline"] or []):
+            process.kill()
 
 
 def _shared() -> set[str]:
@@ -88,7 +99,7 @@ def main() -> int:
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--first", type=int, default=0, help="leave out the tries before")
     given = options.parse_args()
-    draw, wrong = random.Random(given.seed), 0
+    draw, wrong, late = random.Random(given.seed), 0, 0
     found: dict[tuple[str, str], list[Death]] = defaultdict(list)
     for i in range(given.tries):
         role, how = draw.choice(list(ROLES)), draw.choice(list(ENDS))
@@ -98,6 +109,10 @@ def main() -> int:
         try:
             with tempfile.TemporaryDirectory() as folder:
                 death = die(role, how, after_s, Path(folder))
+        except NotUnderWay as error:
+            late += 1
+            print(f"try {i}, {role} {how}, {error}", file=sys.stderr, flush=True)
+            continue
         except KeyboardInterrupt:  # the table of what was tried until then
             break
         found[role, how].append(death)
@@ -112,7 +127,8 @@ def main() -> int:
             f"{max(d.seconds for d in deaths):11.1f}{sum(d.orphans for d in deaths):9}"
             f"{sum(d.shared for d in deaths):10}{sum(d.readable for d in deaths):10}"
         )
-    print(f"{sum(map(len, found.values()))} tries, something wrong after {wrong}")
+    print(f"{sum(map(len, found.values()))} tries, something wrong after {wrong}; {late} more "
+          "runs were not under way in time, and nothing died")  # fmt: skip
     return wrong
 
 

@@ -48,6 +48,23 @@ def test_every_transport_gives_the_same_run(
     assert "contact 1 began" in {event.message for event in again.events}
 
 
+def test_a_paced_run_tells_what_it_missed(scene: hertzloop.Scene, tmp_path: Path) -> None:
+    """Late forces are numbered in the rows of truth, so that these name all that acted."""
+    path = tmp_path / "a.mcap"
+    paced = hertzloop.run(scene, path, pace=0.5)
+    assert paced.pacing is not None
+    held = paced.truth["held_steps"].values
+    assert paced.pacing["pace"] == 0.5
+    assert paced.pacing["late_forces"] == np.count_nonzero(held)
+    assert paced.pacing["steps"] == len(held) == scene.steps
+    assert paced.pacing["response_us"]["p50"] > 0.0
+    assert paced.force is not None
+    acted = paced.force.values[np.arange(scene.steps) - held]
+    np.testing.assert_array_equal(acted, paced.truth["f_a_n"].values)
+    assert hertzloop.read(path).pacing == paced.pacing
+    assert hertzloop.simulate(scene).pacing is None
+
+
 def test_quantised_samples_come_as_values_in_units(tmp_path: Path) -> None:
     scene = hertzloop.load("aluminium-3mm", {**SHORT, "sensors.bits": 8, "sensors.every_steps": 5})
     memory = hertzloop.simulate(scene)
@@ -87,6 +104,10 @@ def test_tuning_finds_no_worse_than_the_published_setting() -> None:
         (lambda s: hertzloop.sweep(s, {}), "at least one"),
         (lambda s: hertzloop.sweep(s, {"controller.kappa": []}), "no values"),
         (lambda s: hertzloop.vary(s, {"controller.kappa": 1e9}), "controller.kappa"),
+        (lambda s: hertzloop.run(s, pace=1.0, transport="inprocess"), "processes of their own"),
+        (lambda s: hertzloop.run(s, pace=1.0, horizon=3), "horizon = 3 needs the lock-step"),
+        (lambda s: hertzloop.run(s, pace=0.0), "take a pace of 8e-07 or more"),
+        (lambda s: hertzloop.run(s, pace=-1.0), "take a pace of 8e-07 or more"),
     ],
 )
 def test_mistakes_end_in_one_sentence(scene: hertzloop.Scene, call, sentence: str) -> None:

@@ -1,0 +1,88 @@
+"""A loop that runs away until its law commands no number is unstable, and not a case that failed;
+a law that is wrong fails, and a force that is known ahead can do neither."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from hertzloop.commands.cli import app
+from hertzloop.loop.compiled import simulate
+from hertzloop.results.cases import UNSTABLE, UnstableLoop, figures_of_case
+from hertzloop.scenes.scene import SceneError, load
+from studies.sweeps.evaluate import not_run, run_case
+from tests.hertzloop.own_laws import write_law
+
+RUN = ["run.accuracy=0.05", "run.duration_s=0.004"]
+AWAY = [("velocity_feedback", 3.0), ("velocity_feedback", -2.0), ("acceleration_feedback", -2.0)]
+
+
+@pytest.mark.parametrize(("law", "kappa"), AWAY)
+def test_a_runaway_is_an_unstable_case(law: str, kappa: float) -> None:
+    scene = load("aluminium-3mm", [*RUN, f"controller.law={law}", f"controller.kappa={kappa}"])
+    with pytest.raises(UnstableLoop, match="the closed loop is unstable: the actuator exchanges"):
+        figures_of_case(scene, "run")
+    row = run_case(scene, "run", 0, {})
+    assert row["status"].startswith(UNSTABLE)
+    assert not not_run([row])
+    with pytest.raises(SceneError, match=f"the law {law}, at sample .*, commanded -?inf N"):
+        simulate(scene)  # as a single run says
+
+
+def test_a_law_that_is_wrong_fails_its_case(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_law(tmp_path, "if i == 1030: return 1.0 / (samples[i] - samples[i])")
+    row = run_case(load("aluminium-3mm", [*RUN, "controller.law=mine.py"]), "run", 0, {})
+    assert "at sample 1030" in row["status"]
+    assert not_run([row]) == [row]
+
+
+def test_sweeps_count_runaways_as_unstable(tmp_path: Path) -> None:
+    report = tmp_path / "r.json"
+    words = [word for key in RUN for word in ("--set", key)]
+    done = CliRunner().invoke(
+        app,
+        ["sweep", *words, "--span", "run", "--workers", "1", "--set",
+         "controller.law=velocity_feedback", "--over", "controller.kappa=-2,0.1,3",
+         "-o", str(tmp_path / "r.csv"), "--json", str(report)],
+    )  # fmt: skip
+    told = json.loads(report.read_text())
+    assert done.exit_code == 0, done.output
+    assert (told["cases"], told["failed"], told["unstable"]) == (3, 0, 2)
+    assert "2 of 3 cases are unstable" in done.output
+
+
+def test_a_search_counts_runaways_as_bad_and_not_as_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    report = tmp_path / "r.json"
+    words = [word for key in RUN for word in ("--set", key)]
+    done = CliRunner().invoke(
+        app,
+        ["tune", *words, "--span", "run", "--law", "velocity_feedback", "--vary",
+         "controller.kappa=0.1,3", "--minimise", "plate_energy_db", "--generations", "2",
+         "--population", "4", "--json", str(report)],
+    )  # fmt: skip
+    told = json.loads(report.read_text())
+    assert done.exit_code == 0, done.output
+    assert told["failed"] == 0
+    assert [found["values"]["controller.kappa"] for found in told["front"]] == [0.1]
+
+
+@pytest.mark.parametrize("force_n", [-50.0, 50.0])
+def test_a_constant_force_answers_nothing_and_cannot_run_away(force_n: float) -> None:
+    """It is the same whatever kappa may be, of which it knows nothing, and its figures stand
+    however much energy it puts in."""
+    keys = [*RUN, "controller.law=constant", f"controller.force_n={force_n}",
+            "controller.duration_us=2500"]  # fmt: skip
+    found = [
+        figures_of_case(load("aluminium-3mm", [*keys, f"controller.kappa={kappa}"]), "run")
+        for kappa in (-2.0, 0.8)
+    ]
+    assert found[0].digest == found[1].digest
+    assert found[0].plate_energy_db > 10.0
+    assert not found[0].pumps

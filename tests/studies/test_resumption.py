@@ -1,0 +1,176 @@
+"""Searches and charts cut short: they go on where they were, and find what they would have."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hertzloop.results.cases import Span
+from hertzloop.scenes.scene import load
+from studies.latency import study as latency
+from studies.sweeps.evaluate import Numbered, Pool, Rows, evaluate, local_pool
+from studies.sweeps.kept import Kept, kept
+from tests.studies.sweeping import COARSE, command
+
+TUNE = ["tune", "--law", "predicted", "--set", "run.accuracy=0.05", "--set",
+        "run.duration_s=0.0016", "--generations", "20", "--population", "40"]  # fmt: skip
+
+
+def _journal(folder: Path) -> Path | None:
+    return next(folder.glob("*.partial"), None)
+
+
+def _kept(folder: Path) -> list[str]:
+    """Names of the finished cases."""
+    path = _journal(folder)
+    lines = path.read_bytes().splitlines(keepends=True)[1:] if path else []
+    return [json.loads(line)["case"] for line in lines if line.endswith(b"\n")]
+
+
+def _wait_for(folder: Path, cases: int, process: subprocess.Popen[Any]) -> None:
+    deadline = time.monotonic() + 120
+    while len(_kept(folder)) < cases:
+        assert process.poll() is None, "it ended before it could be cut short"
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def _told(path: Path) -> dict[str, Any]:
+    return dict(json.loads(path.read_text()))
+
+
+@pytest.mark.usefixtures("warm_kernels")
+def test_a_killed_search_finds_what_it_would_have_and_runs_every_case_once(tmp_path: Path) -> None:
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    report = tmp_path / "r.json"
+    subprocess.run(
+        command(*TUNE, "-o", str(whole), "--json", str(report)), check=True, capture_output=True
+    )
+    at_once = _told(report)
+    words = command(*TUNE, "-o", str(cut), "--json", str(report))
+    process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL)
+    _wait_for(cut, 100, process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    finished = _kept(cut)
+    assert len(set(finished)) == len(finished)
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert f"going on with {len(finished)} finished cases of {cut}/tune-aluminium-3mm-" in (
+        " ".join(done.stderr.split())
+    )
+    told = _told(report)
+    assert len(finished) + told.pop("ran") == at_once.pop("ran")
+    assert told == at_once
+    results = {f.name: f.read_bytes() for f in cut.glob("*.csv")}
+    assert list(results) == ["tune-aluminium-3mm.csv"]
+    assert results["tune-aluminium-3mm.csv"] == (whole / "tune-aluminium-3mm.csv").read_bytes()
+    assert _journal(cut) is None
+
+
+@pytest.mark.usefixtures("warm_kernels")
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (TUNE, "tune-aluminium-3mm-"),
+        (["chart", "latency", "--quick", "-o", "."], "latency-"),
+    ],
+)
+def test_ctrl_c_says_that_the_same_command_goes_on(
+    tmp_path: Path, words: list[str], name: str
+) -> None:
+    process = subprocess.Popen(
+        command(*words), cwd=tmp_path, start_new_session=True, text=True,
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    _wait_for(tmp_path, 100, process)
+    os.killpg(process.pid, signal.SIGINT)
+    _, said = process.communicate(timeout=240)  # running chunks are finished first
+    path = _journal(tmp_path)
+    assert process.returncode == 130
+    assert path is not None
+    assert path.name.startswith(name)
+    assert said.splitlines()[-1] == (
+        f"interrupted; finished cases are kept in {path.name}, the same command goes on with them"
+    )
+    assert "Traceback" not in said
+
+
+class _Cut(Exception):
+    """As if the process had been killed."""
+
+
+def _counted(pool: Pool, ran: list[str], most: int) -> Pool:
+    """The same pool, which notes what it runs and dies after so many cases."""
+
+    def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
+        for chunk in chunks:
+            if len(ran) >= most:
+                raise _Cut
+            for rows in pool(toml, span, [chunk]):
+                ran.extend(repr((toml, span, values)) for _, values in chunk)
+                yield rows
+
+    return results
+
+
+def test_a_chart_cut_short_goes_on_and_runs_every_case_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cheap = ("run.accuracy=0.1", "run.duration_s=0.0013")
+    named = tuple(
+        latency.Named(name, "aluminium-3mm", (*cheap, f"controller.v_thr_m_s={v}"), "impact")
+        for name, v in (("late", -0.25), ("early", -0.6))
+    )
+    monkeypatch.setattr(latency, "SCENES", named)
+    monkeypatch.setattr(latency, "LAWS", ("slope_threshold", "predicted"))
+    monkeypatch.setattr(latency, "_SEEDS", (1, 2))
+    monkeypatch.setattr(latency, "local_pool", lambda: local_pool(1))
+
+    def chart(folder: Path, finished: Kept, ran: list[str], most: int = 10**9) -> Any:
+        folder.mkdir(exist_ok=True)
+        return latency.run(
+            folder, True, through=lambda pool: finished.of(_counted(pool, ran, most))
+        )
+
+    header = latency.header_of(True, ())
+    once: list[str] = []
+    with kept(tmp_path, "once", header) as finished:
+        whole = chart(tmp_path / "whole", finished, once)
+    assert len(set(once)) == len(once) == finished.ran
+    ran: list[str] = []
+    for most in (500, 1000, 10**9):
+        try:
+            with kept(tmp_path, "cut", header) as finished:
+                assert finished.found == len(ran)
+                resumed = chart(tmp_path / "cut", finished, ran, most)
+        except _Cut:
+            assert most < 10**9
+    assert sorted(ran) == sorted(once)
+    assert repr(resumed) == repr(whole)  # with what is not a number
+    for path in (tmp_path / "whole").glob("*.csv"):
+        assert path.read_bytes() == (tmp_path / "cut" / path.name).read_bytes()
+    assert _journal(tmp_path) is None
+
+
+def test_a_case_asked_for_twice_is_run_once(tmp_path: Path) -> None:
+    scene, ran = load("aluminium-3mm", COARSE), list[str]()
+    cases = [{"controller.latency_us": latency} for latency in (1, 2, 1)]
+    with local_pool(1) as pool:
+        plain = evaluate(pool, scene, "impact", cases)
+        with kept(tmp_path, "a", {}) as finished:
+            some = finished.of(_counted(pool, ran, 10**9))
+            found = [evaluate(some, scene, "impact", cases) for _ in range(2)]
+    assert found == [plain, plain]
+    assert len(ran) == finished.ran == 2
+
+
+def test_other_work_has_another_file(tmp_path: Path) -> None:
+    with kept(tmp_path, "a", {"seed": 1}) as one, kept(tmp_path, "a", {"seed": 2}) as other:
+        assert one.journal.path != other.journal.path
