@@ -119,9 +119,11 @@ def _follow(scene: Scene, span: Span) -> tuple[Scene, Simulated]:
         return scene, simulate(scene)
     quiet = max(round(_QUIET_S / scene.step_s), 1)
     if scene.run.plate_model == "auto":
-        lasts_s = parts.infinite_plate_lasts_s(scene)
-        steps = int((parts.first_touch_s(scene) + lasts_s) / scene.step_s)
-        if lasts_s > 0.0:
+        lasts_s, touch_s = parts.infinite_plate_lasts_s(scene), parts.first_touch_s(scene)
+        steps = int((touch_s + lasts_s) / scene.step_s)
+        # An impact that lasts a step at least is not over earlier.
+        may_be_over = steps - int(touch_s / scene.step_s) >= quiet
+        if lasts_s > 0.0 and (may_be_over or steps >= scene.steps):
             infinite = on_plate(scene, "infinite")
             found = simulate(lasting(infinite, min(steps, scene.steps)), quiet)
             if found.over or steps >= scene.steps:

@@ -6,6 +6,7 @@ with phi = sin(m pi x/l_x) sin(n pi y/l_y) and lambda = 4/(m'' l_x l_y).
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,22 +31,22 @@ class Plate:
         """Loss factor."""
         return self.material.loss_factor if self.loss_factor is None else self.loss_factor
 
-    @property
+    @cached_property
     def bending_stiffness_n_m(self) -> float:
         """B' = E h^3 / (12 (1 - nu^2)), N m."""
         return self.material.plane_strain_modulus_pa * self.thickness_m**3 / 12.0
 
-    @property
+    @cached_property
     def mass_per_area_kg_m2(self) -> float:
         """m'' = rho h, kg/m^2."""
         return self.material.density_kg_m3 * self.thickness_m
 
-    @property
+    @cached_property
     def modal_scale_per_kg(self) -> float:
         """lambda = 4/(m'' l_x l_y), the inverse modal mass, 1/kg."""
         return 4.0 / (self.mass_per_area_kg_m2 * self.size_m[0] * self.size_m[1])
 
-    @property
+    @cached_property
     def infinite_plate_impedance_n_s_m(self) -> float:
         """8 sqrt(B' m''), point impedance until reflections return (Cremer & Heckl), N s/m."""
         return 8.0 * math.sqrt(self.bending_stiffness_n_m * self.mass_per_area_kg_m2)
@@ -55,7 +56,7 @@ class Plate:
         density = math.sqrt(self.mass_per_area_kg_m2 / self.bending_stiffness_n_m) / (4 * math.pi)
         return density * self.size_m[0] * self.size_m[1] * 2 * math.pi * frequency_hz
 
-    @property
+    @cached_property
     def fundamental_hz(self) -> float:
         """Frequency of mode (1, 1), the lowest, Hz."""
         speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
