@@ -47,15 +47,16 @@ def plant_spec(scene: Scene) -> PlantSpec:
     return _infinite_spec(scene) if plate_model(scene) == "infinite" else _modal_spec(scene)
 
 
-_OF_PLANT = (
+# What bodies and plant are made from; contact, actuator and more decide on plate.theory = "auto".
+_OF_BODIES = (
     "sphere", "plate", "contact", "actuator", "materials",
-    "run.step_ns", "run.scheme", "run.plate_model", "run.accuracy", "run.lead_in_s",
+    "run.scheme", "run.plate_model", "run.accuracy",
 )  # fmt: skip
+_OF_PLANT = (*_OF_BODIES, "run.step_ns", "run.lead_in_s")
 
 
 @by_tables(*_OF_PLANT)
 def _infinite_spec(scene: Scene) -> PlantSpec:
-    """The plant without modes."""
     spec = _modal_spec(scene)
     return replace(spec, residual_flexibility=False, damped_tail=False, infinite_plate=True)
 
@@ -111,13 +112,6 @@ def _check_modes(scene: Scene, plate: Structure, limit_hz: float) -> None:
         )
 
 
-# Contact, actuator and the rest decide on plate.theory = "auto".
-_OF_BODIES = (
-    "sphere", "plate", "contact", "actuator", "materials",
-    "run.scheme", "run.plate_model", "run.accuracy",
-)  # fmt: skip
-
-
 @by_tables(*_OF_BODIES)
 def _bodies(scene: Scene) -> tuple[Sphere, Structure]:
     ball = scene.sphere
@@ -158,8 +152,8 @@ def built(spec: PlantSpec, scheme: str) -> Plant:
 
 
 def model_error(scene: Scene) -> float:
-    """Error of penetration or plate energy that leaving out modes, or the reflections, is expected
-    to cost, relative; under a law at least what the steps of its force do."""
+    """Relative error of penetration or plate energy that leaving out modes, or the reflections, is
+    expected to cost; under a law at least what the steps of its force do."""
     spec = plant_spec(scene)
     if spec.infinite_plate:
         return infinite_plate_error(scene)
@@ -235,9 +229,8 @@ def _reflections(scene: Scene) -> Reflections:
 
 
 def _infinite_plate_possible(scene: Scene, reach: Reach) -> bool:
-    """Whether the infinite plate can stand for the modes at all, by scheme, edges, points,
-    actuator, contact and law: reflections are known of simply supported edges, and a force of more
-    than the contact's own has no known limit."""
+    """Whether the infinite plate can stand for the modes at all: reflections are known of simply
+    supported edges, and a force of more than the contact's own has no known limit."""
     contact, actuator = scene.plate.points_m
     bounded = reach.force_n < math.inf or reach.share <= 1.0
     supported = isinstance(_bodies(scene)[1], Plate)
@@ -267,8 +260,8 @@ def _actuation(scene: Scene, reach: Reach, found: Reflections) -> Actuation:
         delay_s = _LONGER * found.contact_s + 1e-6 * control.latency_us
         return Actuation(reach.share, delay_s)
     sphere, plate = _bodies(scene)
-    stiffness = contact_of(scene, sphere, plate).stiffness
-    peak_n = rigid_peak_force_n(sphere.mass_kg, stiffness, sphere.impact_speed_m_s)
+    s = contact_of(scene, sphere, plate).stiffness
+    peak_n = rigid_peak_force_n(sphere.mass_kg, s, sphere.impact_speed_m_s)
     return Actuation(jumps_n=2.0 * reach.share * peak_n)
 
 

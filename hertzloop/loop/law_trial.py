@@ -9,6 +9,7 @@ import numpy as np
 
 from controller.controller import Controller, LineSpec
 from controller.door.bound import BoundLaw, BoundPython, LawFault
+from controller.door.compiled import compiled_abreast
 from controller.door.law import LawError
 from controller.door.patience import Overdue, given_up_in_time
 from controller.door.registry import shipped
@@ -39,7 +40,8 @@ def try_law(scene: Scene) -> str:
             f"the law {scene.law.name} was not prepared within {_PREPARED_S:g} s; does a loop of "
             "it never end?"
         ) from None
-    bound = control.law(scene, stiffness)
+    with compiled_abreast():
+        bound = control.law(scene, stiffness, True)
     said = _in_child(bound, _samples(scene, about), scene)
     if said:
         raise SceneError(said)

@@ -23,7 +23,7 @@ from hertzloop.results.impact_rows import (
     modes_of,
 )
 from hertzloop.results.stability import StabilityMeter
-from hertzloop.results.validity import Finding, findings, in_state
+from hertzloop.results.validity import State, names_by_state
 from hertzloop.scenes.scene import (
     NO_CASE_OF_THESIS,
     ControllerTable,
@@ -90,8 +90,9 @@ class CaseFigures:
 
 def digest_of(rows: np.ndarray, samples: np.ndarray) -> str:
     """Fingerprint of rows of truth, shape (10, steps), and samples (values, or codes)."""
-    total = hashlib.blake2b(np.ascontiguousarray(rows), digest_size=16)
-    total.update(np.ascontiguousarray(samples))
+    total = hashlib.blake2b(digest_size=16)
+    for row in (*rows, samples):
+        total.update(np.ascontiguousarray(row))
     return total.hexdigest()
 
 
@@ -196,8 +197,8 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
         delay_us=_latched_us(scene, run),
         energy_residual=books.energy_residual,
         plate_model=scene.run.plate_model,
-        leaves_out=in_state(left_out, "left out"),
-        out_of_range=in_state(left_out, "out of range"),
+        leaves_out=left_out.get("left out", ""),
+        out_of_range=left_out.get("out of range", ""),
         steps=run.rows.shape[1],
         digest=digest_of(run.rows, run.samples),
     )
@@ -229,12 +230,12 @@ def _uncontrolled(scene: Scene, span: Span) -> ImpactNoise:
     return _noise(scene, run.rows)[0]
 
 
-def _left_out(scene: Scene, rows: np.ndarray, impacts: list[Impact]) -> list[Finding]:
+def _left_out(scene: Scene, rows: np.ndarray, impacts: list[Impact]) -> dict[State, str]:
     scene = lasting(scene, rows.shape[1])
     spec = parts.plant_spec(scene)
     meter = ExtremesMeter(spec)
     meter.feed(rows)
-    return findings(Facts(scene, spec, meter.result(impacts)), in_words=False)
+    return names_by_state(Facts(scene, spec, meter.result(impacts)))
 
 
 def _noise(scene: Scene, rows: np.ndarray) -> tuple[ImpactNoise, list[Impact]]:

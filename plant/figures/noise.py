@@ -228,20 +228,28 @@ def shares_of_drive_j(modes: Oscillators, drive: np.ndarray) -> np.ndarray:
     return np.asarray(0.5 * modes.scale_per_kg * np.abs(drive) ** 2)
 
 
+def audible(modes: Oscillators) -> np.ndarray:
+    """Which oscillators are up to 20 kHz."""
+    return np.flatnonzero(modes.omega <= 2.0 * np.pi * RADIATED_UP_TO_HZ)
+
+
 def radiated_shares_j(modes: Oscillators, shares_j: np.ndarray, efficiency: np.ndarray) -> float:
     """Sum of the oscillators' energies up to 20 kHz, each times its radiation efficiency, J."""
-    audible = modes.omega <= 2.0 * np.pi * RADIATED_UP_TO_HZ
-    return float(np.sum((shares_j * efficiency)[audible]))
+    return float(np.sum((shares_j * efficiency)[audible(modes)]))
+
+
+def radiated_parts(material_eta: float, air_eta: np.ndarray) -> np.ndarray:
+    """eta_rad/(eta + eta_rad): what an oscillator radiates of its energy until it is at rest."""
+    total = material_eta + air_eta
+    return np.divide(air_eta, total, out=np.zeros_like(total), where=total > 0.0)
 
 
 def sound_j(
     modes: Oscillators, shares_j: np.ndarray, material_eta: float, air_eta: np.ndarray
 ) -> float:
-    """Sum of E eta_rad/(eta + eta_rad) over the oscillators up to 20 kHz, J: what they radiate of
-    their energies until they are at rest; never more than these."""
-    total = material_eta + air_eta
-    part = np.divide(air_eta, total, out=np.zeros_like(total), where=total > 0.0)
-    return radiated_shares_j(modes, shares_j, part)
+    """Sum of these parts of the energies of the oscillators up to 20 kHz, J; never more than
+    these."""
+    return radiated_shares_j(modes, shares_j, radiated_parts(material_eta, air_eta))
 
 
 def mobility(modes: Oscillators, frequency_hz: np.ndarray) -> np.ndarray:

@@ -73,17 +73,18 @@ class Plate:
         speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
         k_max = math.sqrt(omega_max / speed) / math.pi
         m_max, n_max = (max(1, math.floor(k_max * length)) for length in self.size_m)
-        m, n = (a.ravel() for a in np.meshgrid(np.arange(1, m_max + 1), np.arange(1, n_max + 1)))
-        k_squared = (m * np.pi / self.size_m[0]) ** 2 + (n * np.pi / self.size_m[1]) ** 2
-        omega = speed * k_squared
-        order = np.argsort(omega, kind="stable")
-        order = order[omega[order] <= omega_max]
-        return m[order], n[order], omega[order]
+        along_x = (np.arange(1, m_max + 1) * np.pi / self.size_m[0]) ** 2
+        along_y = (np.arange(1, n_max + 1) * np.pi / self.size_m[1]) ** 2
+        omega = speed * np.add.outer(along_y, along_x).ravel()
+        within = np.flatnonzero(omega <= omega_max)
+        order = within[np.argsort(omega[within], kind="stable")]
+        n, m = np.divmod(order, m_max)
+        return m + 1, n + 1, omega[order]
 
     def mode_shape(self, m: np.ndarray, n: np.ndarray, point_m: tuple[float, float]) -> np.ndarray:
         """Shape of modes (m, n) at a point, shape (modes,), dimensionless."""
         x, y = point_m[0] / self.size_m[0], point_m[1] / self.size_m[1]
-        return np.asarray(np.sin(m * np.pi * x) * np.sin(n * np.pi * y))
+        return _sines(m, x) * _sines(n, y)
 
     def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         """Shapes of all modes up to `omega_max` on a grid, (modes, x, y)."""
@@ -128,7 +129,13 @@ class Plate:
         return tail + self.modal_scale_per_kg * float(np.sum((shape / omega[left_out]) ** 2))
 
 
-@dataclass(frozen=True)
+def _sines(numbers: np.ndarray, share: float) -> np.ndarray:
+    """sin(m pi x) of whole numbers m, of which many are the same."""
+    known = np.arange(np.max(numbers, initial=0) + 1)
+    return np.asarray(np.sin(known * np.pi * share)[numbers])
+
+
+@dataclass(frozen=True, eq=False)
 class Oscillators:
     """A structure as seen from the contact and the actuator point; all arrays (count,).
 
