@@ -47,7 +47,7 @@ def plant_spec(scene: Scene) -> PlantSpec:
     return _infinite_spec(scene) if plate_model(scene) == "infinite" else _modal_spec(scene)
 
 
-# What bodies and plant are made from; contact, actuator and more decide on plate.theory = "auto".
+# Contact, actuator and more decide on plate.theory = "auto".
 _OF_BODIES = (
     "sphere", "plate", "contact", "actuator", "materials",
     "run.scheme", "run.plate_model", "run.accuracy",
@@ -319,8 +319,7 @@ def full_scale(scene: Scene) -> tuple[float, float] | None:
         return None
     spec = plant_spec(scene)
     m, v = spec.sphere.mass_kg, spec.sphere.impact_speed_m_s
-    rigid = rigid_penetration_m(m, spec.contact.stiffness, v)
-    flight_s = 0.0
+    rigid, flight_s = rigid_penetration_m(m, spec.contact.stiffness, v), 0.0
     if table.full_scale == "auto":
         horizon_s = scene.step_s + 1e-6 * scene.controller.latency_us
         flight_s = max(_HORIZONS * horizon_s, _LEAST_FLIGHT_S)
