@@ -44,16 +44,24 @@ _LONGER = 2.0  # the delay that a law may latch, against the contact without con
 
 def plant_spec(scene: Scene) -> PlantSpec:
     """Description of the plant. Raises SceneError if the scene asks for too many modes."""
-    spec = _modal_spec(scene)
-    if plate_model(scene) == "infinite":
-        return replace(spec, residual_flexibility=False, damped_tail=False, infinite_plate=True)
-    return spec
+    return _infinite_spec(scene) if plate_model(scene) == "infinite" else _modal_spec(scene)
 
 
-@by_tables(
+# Contact, actuator and more decide on plate.theory = "auto".
+_OF_BODIES = (
     "sphere", "plate", "contact", "actuator", "materials",
-    "run.step_ns", "run.scheme", "run.plate_model", "run.accuracy", "run.lead_in_s",
+    "run.scheme", "run.plate_model", "run.accuracy",
 )  # fmt: skip
+_OF_PLANT = (*_OF_BODIES, "run.step_ns", "run.lead_in_s")
+
+
+@by_tables(*_OF_PLANT)
+def _infinite_spec(scene: Scene) -> PlantSpec:
+    spec = _modal_spec(scene)
+    return replace(spec, residual_flexibility=False, damped_tail=False, infinite_plate=True)
+
+
+@by_tables(*_OF_PLANT)
 def _modal_spec(scene: Scene) -> PlantSpec:
     """The plant with the modes of what is struck."""
     sphere, plate = _bodies(scene)
@@ -104,11 +112,7 @@ def _check_modes(scene: Scene, plate: Structure, limit_hz: float) -> None:
         )
 
 
-# Contact, actuator and the rest decide on plate.theory = "auto".
-@by_tables(
-    "sphere", "plate", "contact", "actuator", "materials",
-    "run.scheme", "run.plate_model", "run.accuracy",
-)  # fmt: skip
+@by_tables(*_OF_BODIES)
 def _bodies(scene: Scene) -> tuple[Sphere, Structure]:
     ball = scene.sphere
     return Sphere(scene.material("sphere"), ball.radius_m, ball.drop_height_m), structure(scene)
@@ -149,8 +153,8 @@ def built(spec: PlantSpec, scheme: str) -> Plant:
 
 
 def model_error(scene: Scene) -> float:
-    """Error of penetration or plate energy that leaving out modes, or the reflections, is expected
-    to cost, relative; under a law at least what the steps of its force do."""
+    """Relative error of penetration or plate energy that leaving out modes, or the reflections, is
+    expected to cost; under a law at least what the steps of its force do."""
     spec = plant_spec(scene)
     if spec.infinite_plate:
         return infinite_plate_error(scene)
@@ -190,21 +194,23 @@ def infinite_plate_error(scene: Scene) -> float:
     """Error that an infinite plate is expected to have at the run's end, relative to the
     penetration or the plate energy; inf where it is not known, as while the contact lasts."""
     until_s = scene.run.duration_s - first_touch_s(scene)
-    if until_s <= 0.0 or not _infinite_plate_possible(scene):
+    reach = law_reach(scene)
+    if until_s <= 0.0 or not _infinite_plate_possible(scene, reach):
         return math.inf
     found = _reflections(scene)
     if not found.contact_s <= until_s:
         return math.inf
-    return found.error(until_s, scene.step_s, _actuation(scene))
+    return found.error(until_s, scene.step_s, _actuation(scene, reach, found))
 
 
 def infinite_plate_lasts_s(scene: Scene) -> float:
     """How long after the first touch an infinite plate meets the scene's accuracy, s; zero where
     it does not do so for a whole contact."""
-    if not _infinite_plate_possible(scene):
+    reach = law_reach(scene)
+    if not _infinite_plate_possible(scene, reach):
         return 0.0
     found = _reflections(scene)
-    lasts_s = found.lasts_s(scene.run.accuracy, scene.step_s, _actuation(scene))
+    lasts_s = found.lasts_s(scene.run.accuracy, scene.step_s, _actuation(scene, reach, found))
     return lasts_s if lasts_s >= found.contact_s else 0.0
 
 
@@ -214,10 +220,7 @@ def first_touch_s(scene: Scene) -> float:
     return min(scene.run.lead_in_s, fall_s)
 
 
-@by_tables(
-    "sphere", "plate", "contact", "actuator", "materials",
-    "run.scheme", "run.plate_model", "run.accuracy",
-)  # fmt: skip
+@by_tables(*_OF_BODIES)
 def _reflections(scene: Scene) -> Reflections:
     sphere, plate = _bodies(scene)
     if not isinstance(plate, Plate):
@@ -226,12 +229,10 @@ def _reflections(scene: Scene) -> Reflections:
     return reflections(sphere, plate, contact_of(scene, sphere, plate), point)
 
 
-def _infinite_plate_possible(scene: Scene) -> bool:
-    """Whether the infinite plate can stand for the modes at all, by scheme, edges, points,
-    actuator, contact and law: reflections are known of simply supported edges, and a force of more
-    than the contact's own has no known limit."""
+def _infinite_plate_possible(scene: Scene, reach: Reach) -> bool:
+    """Whether the infinite plate can stand for the modes at all: reflections are known of simply
+    supported edges, and a force of more than the contact's own has no known limit."""
     contact, actuator = scene.plate.points_m
-    reach = law_reach(scene)
     bounded = reach.force_n < math.inf or reach.share <= 1.0
     supported = isinstance(_bodies(scene)[1], Plate)
     ideal = actuator_of(scene).ideal and scene.contact.plasticity == "none"
@@ -239,7 +240,7 @@ def _infinite_plate_possible(scene: Scene) -> bool:
     return known and contact == actuator and bounded and supported
 
 
-def _actuation(scene: Scene) -> Actuation:
+def _actuation(scene: Scene, reach: Reach, found: Reflections) -> Actuation:
     """What the actuator may do.
 
     A law that copies the contact force is as smooth as that, unless the line from sensor to
@@ -247,7 +248,6 @@ def _actuation(scene: Scene) -> Actuation:
     as switched on and off at the largest force.
     """
     control, sensors = scene.controller, scene.sensors
-    reach = law_reach(scene)
     if reach.force_n < math.inf:
         return Actuation(jumps_n=2.0 * reach.force_n)
     line_is_smooth = (
@@ -258,11 +258,11 @@ def _actuation(scene: Scene) -> Actuation:
         and control.slew_n_s is None
     )
     if reach.copies and line_is_smooth:
-        delay_s = _LONGER * _reflections(scene).contact_s + 1e-6 * control.latency_us
+        delay_s = _LONGER * found.contact_s + 1e-6 * control.latency_us
         return Actuation(reach.share, delay_s)
     sphere, plate = _bodies(scene)
-    stiffness = contact_of(scene, sphere, plate).stiffness
-    peak_n = rigid_peak_force_n(sphere.mass_kg, stiffness, sphere.impact_speed_m_s)
+    s = contact_of(scene, sphere, plate).stiffness
+    peak_n = rigid_peak_force_n(sphere.mass_kg, s, sphere.impact_speed_m_s)
     return Actuation(jumps_n=2.0 * reach.share * peak_n)
 
 
@@ -277,22 +277,30 @@ def law_reach(scene: Scene) -> Reach:
 def about_bodies(scene: Scene, stiffness: float) -> About:
     """What a law may know of a run, with the contact's `stiffness` (N/m^1.5), without what takes
     a simulation or the range of the converter."""
-    sphere, plate = _bodies(scene)
-    m, v = sphere.mass_kg, sphere.impact_speed_m_s
     limit_n = scene.controller.full_scale_n
-    local = plate.local_plate
-    return About(
+    return replace(
+        _about_impact(scene, stiffness),
         step_ns=scene.run.step_ns,
         every_steps=scene.sensors.every_steps,
         # The force of a sample acts one step after it at the earliest.
         horizon_steps=1 + scene.in_steps(scene.controller.latency_us),
+        limit_n=math.inf if limit_n is None else limit_n,
+    )
+
+
+@by_tables(*_OF_BODIES)
+def _about_impact(scene: Scene, stiffness: float) -> About:
+    """What a law may know of the bodies alone."""
+    sphere, plate = _bodies(scene)
+    m, v = sphere.mass_kg, sphere.impact_speed_m_s
+    local = plate.local_plate
+    return About(
         stiffness=stiffness,
         sphere_mass_kg=m,
         impact_speed_m_s=v,
         impedance_n_s_m=local.infinite_plate_impedance_n_s_m if local else math.nan,
         rigid_contact_s=rigid_contact_time_s(m, stiffness, v),
         rigid_peak_n=rigid_peak_force_n(m, stiffness, v),
-        limit_n=math.inf if limit_n is None else limit_n,
         yield_depth_m=yield_depth_m(contact_of(scene, sphere, plate)),
     )
 
@@ -312,8 +320,7 @@ def full_scale(scene: Scene) -> tuple[float, float] | None:
         return None
     spec = plant_spec(scene)
     m, v = spec.sphere.mass_kg, spec.sphere.impact_speed_m_s
-    rigid = rigid_penetration_m(m, spec.contact.stiffness, v)
-    flight_s = 0.0
+    rigid, flight_s = rigid_penetration_m(m, spec.contact.stiffness, v), 0.0
     if table.full_scale == "auto":
         horizon_s = scene.step_s + 1e-6 * scene.controller.latency_us
         flight_s = max(_HORIZONS * horizon_s, _LEAST_FLIGHT_S)

@@ -96,7 +96,7 @@ def flight_m(scene: Scene, spec: PlantSpec) -> float:
     Raises SceneError."""
     if scene.controller.law not in shipped():  # a recording must not have others called
         return 0.0
-    bound = law(scene, spec.contact.stiffness)
+    bound = law(scene, spec.contact.stiffness, True)
     state = laws.LawState(np.zeros(laws.LAW_COUNTS, np.int64), np.zeros(0), bound.new_state())
     level = float(laws.quiet_level(bound.model, state))
     if not 0.0 < level < math.inf:

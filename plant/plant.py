@@ -2,7 +2,8 @@
 
 import math
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -45,7 +46,15 @@ class PlantSpec:
     actuator: Actuator = IDEAL
     radiating_faces: int = 0  # of a plate whose modes are damped by air
 
-    @property
+    def __hash__(self) -> int:
+        """Kept: what follows from a description is looked up by it again and again."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash(tuple(getattr(self, part.name) for part in fields(self)))
+
+    @cached_property
     def same_point(self) -> bool:
         """Whether the actuator pushes at the struck point."""
         return self.plate.same_point(self.contact_point_m, self.actuator_point_m)

@@ -9,7 +9,8 @@ import hashlib
 import os
 import sys
 from collections import namedtuple
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -132,6 +133,21 @@ def text_of(name: str, names: list[str]) -> str:
     return "\n".join(parts)
 
 
+_abreast = False
+
+
+@contextmanager
+def compiled_abreast() -> Iterator[None]:
+    """Let the functions of a law that was never seen be compiled on two cores meanwhile: the first
+    here, the others in a child, which leaves them on the disk. For a process without threads."""
+    global _abreast
+    _abreast = True
+    try:
+        yield
+    finally:
+        _abreast = False
+
+
 class Entries:
     """A law's functions as C functions for records of these layouts, each compiled, or loaded from
     the disk, when it is first asked for.
@@ -146,7 +162,8 @@ class Entries:
         text = text_of(name, self._names)
         layout = f"{digest} {parameters} {state} {text}"
         module = ModuleType(f"hertzloop_law_{hashlib.sha256(layout.encode()).hexdigest()[:24]}")
-        module.__file__ = str(_written(module.__name__, text))
+        path, self._new = _written(module.__name__, text)
+        module.__file__ = str(path)
         module.__dict__.update(call_double=call_double, call_int64=call_int64)
         for function in self._names:
             module.__dict__[f"law_{function}"] = _dispatcher(getattr(home, function))
@@ -162,16 +179,35 @@ class Entries:
 
     def addresses(self, wanted: Iterable[str]) -> dict[str, int]:
         """Addresses of those of the functions that the law has; none if one was refused."""
+        wanted = [name for name in wanted if name in self._names]
+        open_ = [] if self.trouble else [name for name in wanted if name not in self._made]
+        child = self._compile_beside(open_[1:]) if _abreast and self._new else 0
         try:
-            for name in wanted:
-                if name in self._names and name not in self._made and not self.trouble:
-                    self._made[name] = self._compiled(name)
+            for name in open_:
+                self._made[name] = self._compiled(name)
+                if child:
+                    os.waitpid(child, 0)
+                    child = 0
         except Exception as error:  # whatever Numba does not know: there is Python instead
             self.trouble = _first_line(error)
             _put(self._refused, self.trouble)
+        finally:
+            if child:
+                os.waitpid(child, 0)
         if self.trouble:
             return {}
-        return {name: self._made[name].address for name in wanted if name in self._made}
+        return {name: self._made[name].address for name in wanted}
+
+    def _compile_beside(self, names: list[str]) -> int:
+        """Compile functions in a child that is on its way; its process id, 0 without any."""
+        child = os.fork() if names else 0
+        if names and child == 0:
+            try:
+                for name in names:
+                    self._compiled(name)
+            finally:  # what Numba refuses it refuses in the parent, too, which says so
+                os._exit(0)
+        return child
 
     def _compiled(self, name: str) -> Any:
         result, more = FUNCTIONS[name]
@@ -189,13 +225,14 @@ def _dispatcher(function: Any) -> Any:
     return kernel(function, inline=True, bare=True, kept=False)
 
 
-def _written(name: str, text: str) -> Path:
-    """The text as a file in the folder of compiled kernels."""
+def _written(name: str, text: str) -> tuple[Path, bool]:
+    """The text as a file in the folder of compiled kernels, and whether it was not there before."""
     path = cache_folder() / "laws" / f"{name}.py"
-    if not path.exists():
+    new = not path.exists()
+    if new:
         path.parent.mkdir(mode=0o700, exist_ok=True)
         _put(path, text)
-    return path
+    return path, new
 
 
 def _put(path: Path, text: str) -> None:

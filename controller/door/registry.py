@@ -54,11 +54,11 @@ def resolve(reference: str, folder: Path | None = None) -> str:
 def find(reference: str, digest: str | None = None) -> Law:
     """The law that a reference means. Raises LawError; also if it has not the `digest` given, of
     which nothing is executed then."""
+    if reference in shipped():
+        return _shipped_law(reference, digest)
     file = _FILE.fullmatch(reference)
     if file:
         return _from_file(reference, Path(file["file"]), file["name"], digest)
-    if reference in shipped():
-        return _shipped_law(reference, digest)
     installed = _entry_points().get(reference)
     module = _MODULE.fullmatch(installed or reference)
     if module:

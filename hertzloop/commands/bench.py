@@ -10,7 +10,7 @@ from rich.table import Table
 from hertzloop.commands.options import JsonOption, announce_compilation, check_folder, write_json
 from hertzloop.commands.terminal import fail, out
 
-What = Literal["costs", "exchange", "laws", "exported"]
+What = Literal["costs", "exchange", "laws", "exported", "cases"]
 
 
 def bench(
@@ -18,21 +18,22 @@ def bench(
         What,
         typer.Argument(
             help="costs: steps, exchanges, loop; exchange: ours and others'; laws: one's own; "
-            "exported: a plant in a C program."
+            "exported: a plant in a C program; cases: of a sweep."
         ),
     ] = "costs",
     picture: Annotated[
         Path | None, typer.Option("--out", "-o", help="Picture of `exchange` to draw.")
     ] = None,
     rounds: Annotated[
-        int, typer.Option(min=1, help="How often `laws`, `exported` measure each.")
+        int, typer.Option(min=1, help="How often `laws`, `exported`, `cases` measure each.")
     ] = 7,
     json_file: JsonOption = None,
 ) -> None:
     """What a plant step, an exchange and the whole loop cost on this machine; what one sample out
     and one force back cost in the fast lane, over the bus, and with other tools; or what a law of
     one's own costs, as a Python file and as a C library, against a shipped one; or what an exported
-    plant's step costs in a C program, against the compiled loop."""
+    plant's step costs in a C program, against the compiled loop; or how many cases of a sweep a
+    core runs in a second, and what part of that time is the compiled loop."""
     check_folder(picture)
     check_folder(json_file)
     if picture is not None and what != "exchange":
@@ -43,6 +44,8 @@ def bench(
         _laws(rounds, json_file)
     elif what == "exported":
         _exported(rounds, json_file)
+    elif what == "cases":
+        _cases(rounds, json_file)
     else:
         _costs(json_file)
 
@@ -132,6 +135,24 @@ def _exported(rounds: int, json_file: Path | None) -> None:
     out.print(table)
     out.print("first impact, whole run: largest difference of the contact force, of its largest")
     write_json(json_file, {"exported": [asdict(row) for row in rows]})
+
+
+def _cases(rounds: int, json_file: Path | None) -> None:
+    from hertzloop.commands.warmup import ensure_compiled
+    from studies.cost import cases
+
+    ensure_compiled(announce_compilation)
+    rows = cases.measure(rounds)
+    table = Table(title="cases of a sweep, of one core", title_justify="left")
+    for heading in ("sweep", "cases/s", "ms a case", "in the loop, ms", "share"):
+        table.add_column(heading, justify="left" if heading == "sweep" else "right")
+    for row in rows:
+        table.add_row(
+            row.sweep, f"{1e3 / row.case_ms:.0f}", f"{row.case_ms:.3f}", f"{row.loop_ms:.3f}",
+            f"{row.loop_ms / row.case_ms:.0%}",
+        )  # fmt: skip
+    out.print(table)
+    write_json(json_file, {"cases": [asdict(row) for row in rows]})
 
 
 def _cost_table(title: str, costs: list[dict[str, Any]]) -> Table:

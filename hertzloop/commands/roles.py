@@ -62,7 +62,7 @@ def plant(
     from hertzloop.commands.warmup import ensure_compiled, kernels_of
     from hertzloop.loop import processes
 
-    resolved = scene_from(scene, settings, seed)
+    resolved = scene_from(scene, settings, seed, tried=machine)
     check_pace(resolved, pace, timeout, horizon=horizon, repeat=repeat)
     repeated = repeat_or_fail(read_or_fail(repeat), resolved) if repeat else None
     ensure_compiled(announce_compilation, kernels_of(resolved), paced=pace is not None)

@@ -93,13 +93,16 @@ def _scene_with(kernels: str, model: str, folder: Path) -> "Scene":
 
 def _compile(scene: "Scene", folder: Path) -> None:
     from hertzloop import control
+    from hertzloop.loop.compiled import simulate
     from hertzloop.loop.inprocess import record_in_process
+    from hertzloop.results.figures import figures_of
     from hertzloop.results.model_cost import chosen_model
     from hertzloop.scenes.scene import DEFAULT, load
 
     record_in_process(scene, folder / "a.mcap", compiled=False)
     record_in_process(scene, folder / "b.mcap", compiled=True)
     chosen_model(scene)
+    figures_of(scene, simulate(scene).rows)
     # Every shipped law, each a moment's work.
     for law in shipped():
         own = _NEEDED.get(law, [])

@@ -10,6 +10,7 @@ import numpy as np
 
 from controller.controller import Controller, LineSpec
 from controller.door.bound import BoundLaw, BoundPython, LawFault
+from controller.door.compiled import compiled_abreast
 from controller.door.law import LawError
 from controller.door.patience import Overdue, given_up_in_time
 from controller.door.registry import shipped
@@ -40,7 +41,8 @@ def try_law(scene: Scene) -> str:
             f"the law {scene.law.name} was not prepared within {_PREPARED_S:g} s; does a loop of "
             "it never end?"
         ) from None
-    bound = control.law(scene, stiffness)
+    with compiled_abreast():
+        bound = control.law(scene, stiffness, True)
     # The child may be killed: what it unpacks goes with this folder.
     with tempfile.TemporaryDirectory(prefix="hertzloop-") as folder:
         said = _in_child(bound, _samples(scene, about), scene, folder)

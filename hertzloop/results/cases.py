@@ -23,7 +23,7 @@ from hertzloop.results.impact_rows import (
     modes_of,
 )
 from hertzloop.results.stability import Stability, StabilityMeter
-from hertzloop.results.validity import Finding, findings, in_state
+from hertzloop.results.validity import State, names_by_state
 from hertzloop.scenes.scene import (
     NO_CASE_OF_THESIS,
     ControllerTable,
@@ -90,8 +90,9 @@ class CaseFigures:
 
 def digest_of(rows: np.ndarray, samples: np.ndarray) -> str:
     """Fingerprint of rows of truth, shape (10, steps), and samples (values, or codes)."""
-    total = hashlib.blake2b(np.ascontiguousarray(rows), digest_size=16)
-    total.update(np.ascontiguousarray(samples))
+    total = hashlib.blake2b(digest_size=16)
+    for row in (*rows, samples):
+        total.update(np.ascontiguousarray(row))
     return total.hexdigest()
 
 
@@ -119,9 +120,11 @@ def _follow(scene: Scene, span: Span) -> tuple[Scene, Simulated]:
         return scene, simulate(scene)
     quiet = max(round(_QUIET_S / scene.step_s), 1)
     if scene.run.plate_model == "auto":
-        lasts_s = parts.infinite_plate_lasts_s(scene)
-        steps = int((parts.first_touch_s(scene) + lasts_s) / scene.step_s)
-        if lasts_s > 0.0:
+        lasts_s, touch_s = parts.infinite_plate_lasts_s(scene), parts.first_touch_s(scene)
+        steps = int((touch_s + lasts_s) / scene.step_s)
+        # An impact that lasts a step at least is not over earlier.
+        may_be_over = steps - int(touch_s / scene.step_s) >= quiet
+        if lasts_s > 0.0 and (may_be_over or steps >= scene.steps):
             infinite = on_plate(scene, "infinite")
             found = simulate(lasting(infinite, min(steps, scene.steps)), quiet)
             if found.over or steps >= scene.steps:
@@ -192,8 +195,8 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
         delay_us=_latched_us(scene, run),
         energy_residual=books.energy_residual,
         plate_model=scene.run.plate_model,
-        leaves_out=in_state(left_out, "left out"),
-        out_of_range=in_state(left_out, "out of range"),
+        leaves_out=left_out.get("left out", ""),
+        out_of_range=left_out.get("out of range", ""),
         steps=run.rows.shape[1],
         digest=digest_of(run.rows, run.samples),
     )
@@ -240,12 +243,12 @@ def _uncontrolled(scene: Scene, span: Span) -> ImpactNoise:
     return _noise(scene, run.rows)[0]
 
 
-def _left_out(scene: Scene, rows: np.ndarray, impacts: list[Impact]) -> list[Finding]:
+def _left_out(scene: Scene, rows: np.ndarray, impacts: list[Impact]) -> dict[State, str]:
     scene = lasting(scene, rows.shape[1])
     spec = parts.plant_spec(scene)
     meter = ExtremesMeter(spec)
     meter.feed(rows)
-    return findings(Facts(scene, spec, meter.result(impacts)), in_words=False)
+    return names_by_state(Facts(scene, spec, meter.result(impacts)))
 
 
 def _noise(scene: Scene, rows: np.ndarray) -> tuple[ImpactNoise, list[Impact]]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, XI_P, Block
 from plant.contact.hertz import rigid_contact_time_s
+from plant.figures import rows_kernels as k
 from plant.figures.impacts import Impact
 from plant.plant import PlantSpec
 
@@ -34,11 +35,8 @@ class ExtremesMeter:
 
     def feed(self, rows: np.ndarray) -> None:
         """Take rows, shape (10, steps)."""
-        with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
-            force = np.abs(rows[F_C]) + np.abs(rows[F_C1])
-            pushed = np.abs(rows[F_A]) + np.abs(rows[F_A1])
-        self._force_n = max(self._force_n, float(np.max(force, initial=0.0)))
-        self._actuator_n = max(self._actuator_n, float(np.max(pushed, initial=0.0)))
+        self._force_n = max(self._force_n, k.largest_sum(rows[F_C], rows[F_C1]))
+        self._actuator_n = max(self._actuator_n, k.largest_sum(rows[F_A], rows[F_A1]))
         self._touching = bool(rows.shape[1] and rows[F_C, -1] != 0.0)
         moved = float(np.max(np.abs(rows[XI_P]), initial=0.0))
         self._deflection_m = max(self._deflection_m, moved)

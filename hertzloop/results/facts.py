@@ -66,13 +66,13 @@ class Facts:
         """Of the plate, m."""
         return self.local.thickness_m if self.local else math.nan
 
-    @property
+    @cached_property
     def contact_radius_m(self) -> float:
         """At the largest force, by Hertz, m."""
         contact = self.spec.contact
         return criteria.contact_radius_m(self.run.force_n, self.sphere.radius_m, contact.stiffness)
 
-    @property
+    @cached_property
     def mean_pressure_pa(self) -> float:
         """At the largest force, by Hertz, Pa."""
         return criteria.mean_pressure_pa(self.run.force_n, self.contact_radius_m)
@@ -114,7 +114,7 @@ class Facts:
             return math.nan
         return inelasticity(self.sphere, self.local, self.spec.contact)
 
-    @property
+    @cached_property
     def kirchhoff(self) -> KirchhoffError:
         """What Kirchhoff's theory may cost."""
         if self.local is None:
@@ -145,7 +145,7 @@ class Facts:
             not parts.infinite_plate_error(self.scene) <= self.accuracy
         )
 
-    @property
+    @cached_property
     def revival_s(self) -> float:
         """When a square plate's modes are in phase again, s; zero for what has no such time."""
         plate = self.spec.plate

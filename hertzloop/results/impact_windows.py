@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from plant.contact.plastic import dents_m, elastic_n
+from plant.figures import rows_kernels as k
 from plant.figures.impact_noise import impact_noise
 from plant.figures.impacts import Impact, impacts, step_work_j
 from plant.figures.noise import ImpactNoise, modal_drive, shares_of_drive_j
@@ -112,12 +113,13 @@ def starting_speed(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
     tail = damped_tail(spec)[0]
     if tail is None:
         return rows[V_P]
-    mean, slope = -rows[F_C], -rows[F_C1]
-    if spec.same_point:
-        mean, slope = mean + rows[F_A], slope + rows[F_A1]
-    jumps = np.zeros(rows.shape[1])
-    jumps[1:] = (mean - slope)[1:] - (mean + slope)[:-1]
-    return np.asarray(rows[V_P] + tail.mobility_m_ns * jumps)
+    found = np.empty(rows.shape[1])
+    if len(found):
+        k.starting_speeds(
+            rows[V_P], rows[F_C], rows[F_C1], rows[F_A], rows[F_A1], spec.same_point,
+            tail.mobility_m_ns, found,
+        )  # fmt: skip
+    return found
 
 
 def impacts_in(

@@ -19,6 +19,7 @@ from hertzloop import assembly as parts
 from hertzloop.results.impact_rows import F_A, XI_A, XI_P, Block
 from hertzloop.scenes.scene import Scene
 from plant.contact.hertz import GRAVITY_M_S2, rigid_peak_force_n
+from plant.figures import rows_kernels as k
 
 UNSTABLE = 10.0  # times the energy of the impact
 # Their forces are known before the run: nothing is fed back, whatever energy they feed in.
@@ -52,59 +53,30 @@ class StabilityMeter:
         self.closed = scene.controller.law not in _OPEN_LOOP
         sphere = self.spec.sphere
         self.impact_j = sphere.mass_kg * GRAVITY_M_S2 * sphere.drop_height_m
-        self.injected_j = self.most_j = self.fed_j = self.largest_n = 0.0
-        self._next = 0  # step of the next row
-        self.since: int | None = None
         self._place = XI_P if self.spec.same_point else XI_A
-        self._last = np.zeros((2, 0))  # force and place of the row whose work waits for the next
+        self._sums, self._counts = np.zeros(k.SUMS), np.zeros(k.COUNTS, np.int64)
+        self._counts[k.SINCE] = -1
 
     def feed(self, first: int, rows: np.ndarray) -> None:
         """Take the next rows, shape (10, steps), from step `first` on."""
-        if first != self._next:
-            self._last = np.zeros((2, 0))
-        waiting = np.concatenate([self._last, rows[[F_A, self._place]]], axis=1)
-        if not waiting.shape[1]:
-            return
-        start, self._next = first - self._last.shape[1], first + rows.shape[1]
-        pushed, moved = waiting
-        with np.errstate(over="ignore", invalid="ignore"):  # a loop that explodes
-            work = pushed[:-1] * np.diff(moved)
-            injected = self.injected_j + np.cumsum(work)
-        if len(injected):
-            self._judge(start, injected)
-        self.largest_n = max(self.largest_n, float(np.max(np.abs(pushed))))
-        self._last = waiting[:, -1:]
-
-    def _judge(self, start: int, injected_j: np.ndarray) -> None:
-        """Take the energy fed in until the end of every step from `start` on, J."""
-        beyond = ~(np.abs(injected_j) <= self.impact_j)  # true for what is no number
-        if not beyond.all():
-            self.since = None
-            below = int(np.flatnonzero(~beyond)[-1]) + 1
-        else:
-            below = 0
-        if self.since is None and below < len(beyond):
-            self.since = start + below
-        most = float(np.max(np.abs(injected_j)))
-        self.most_j = max(self.most_j, most) if np.isfinite(most) else np.inf
-        self.fed_j = max(self.fed_j, float(np.max(injected_j))) if np.isfinite(most) else np.inf
-        self.injected_j = float(injected_j[-1])
+        k.exchanged(first, rows[F_A], rows[self._place], self.impact_j, self._sums, self._counts)
 
     def result(self) -> Stability:
         """What the rows show."""
-        unstable = self.closed and not self.most_j <= UNSTABLE * self.impact_j
-        pumps = self.closed and not self.fed_j <= self.impact_j
+        most_j, fed_j, largest_n = (float(self._sums[i]) for i in (k.MOST, k.FED, k.LARGEST))
+        unstable = self.closed and not most_j <= UNSTABLE * self.impact_j
+        pumps = self.closed and not fed_j <= self.impact_j
         sphere, contact = self.spec.sphere, self.spec.contact
         rigid_n = rigid_peak_force_n(sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s)
-        since = self.since if unstable or pumps else None
+        since = int(self._counts[k.SINCE])
         return Stability(
             unstable=unstable,
             pumps=pumps,
-            since_s=None if since is None else since * self.scene.step_s,
-            most_injected=self.most_j / self.impact_j,
-            fed_in=self.fed_j / self.impact_j,
-            largest_force_n=self.largest_n,
-            of_contact=self.largest_n / rigid_n,
+            since_s=since * self.scene.step_s if since >= 0 and (unstable or pumps) else None,
+            most_injected=most_j / self.impact_j,
+            fed_in=fed_j / self.impact_j,
+            largest_force_n=largest_n,
+            of_contact=largest_n / rigid_n,
         )
 
     def through(self, blocks: Iterable[Block]) -> Iterator[Block]:

@@ -7,7 +7,7 @@ plant.figures.criteria and plant.structures.plate_theory.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -201,32 +201,56 @@ ROWS = (
 )  # fmt: skip
 
 
-def findings(facts: Facts, in_words: bool = True) -> list[Finding]:
-    """Every indicator that says something about a run; its sentence is empty unless `in_words`."""
+class _Judged(NamedTuple):
+    """What an indicator says about a run; `part`: what of the scene puts it into the model."""
+
+    value: float
+    threshold: float
+    beyond: float
+    part: str
+    state: State
+
+
+def findings(facts: Facts) -> list[Finding]:
+    """Every indicator that says something about a run."""
+    return [_in_words(row, facts, found) for row, found in _judged(facts)]
+
+
+def names_by_state(facts: Facts) -> dict[State, str]:
+    """Names of the indicators in each state, as the results of a sweep have them."""
+    names: dict[State, str] = {}
+    for row, found in _judged(facts):
+        before = names.get(found.state)
+        names[found.state] = row.name if before is None else f"{before}, {row.name}"
+    return names
+
+
+def _judged(facts: Facts) -> Iterator[tuple[Row, _Judged]]:
     if not facts.run.force_n > 0.0 or not facts.run.contact_s > 0.0:
-        return []  # without a contact nothing is left out of it
-    return [found for row in ROWS if (found := _finding(row, facts, in_words)) is not None]
+        return  # without a contact nothing is left out of it
+    for row in ROWS:
+        value = row.value(facts)
+        if value is None:
+            continue
+        threshold = facts.accuracy if row.threshold is None else row.threshold
+        beyond = facts.fully_plastic_share if row.name == "yield" else row.beyond
+        part = row.part(facts)
+        if part:
+            state: State = "in the model"
+        elif math.isnan(value):
+            state = "not known"
+        elif _exceeds(value, beyond, row.falls):
+            state = "out of range"
+        elif _exceeds(value, threshold, row.falls):
+            state = "left out"
+        else:
+            state = "within"
+        yield row, _Judged(value, threshold, beyond, part, state)
 
 
-def _finding(row: Row, facts: Facts, in_words: bool) -> Finding | None:
-    value = row.value(facts)
-    if value is None:
-        return None
-    threshold = facts.accuracy if row.threshold is None else row.threshold
-    beyond = facts.fully_plastic_share if row.name == "yield" else row.beyond
-    part, words = row.part(facts), ""
-    if part:
-        state: State = "in the model"
-    elif math.isnan(value):
-        state = "not known"
-    elif _exceeds(value, beyond, row.falls):
-        state = "out of range"
-    elif _exceeds(value, threshold, row.falls):
-        state = "left out"
-    else:
-        state = "within"
-    if in_words:
-        words = f"in the model: {part}" if part else row.words(facts, value)
+def _in_words(row: Row, facts: Facts, found: _Judged) -> Finding:
+    value, threshold, beyond, part, state = found
+    words = f"in the model: {part}" if part else row.words(facts, value)
     return Finding(row.name, row.formula, value, threshold, beyond, state, words)
 
 
@@ -237,8 +261,3 @@ def _exceeds(value: float, limit: float, falls: bool) -> bool:
 def warnings_of(found: list[Finding]) -> list[str]:
     """Sentences on what is out of range by far."""
     return [f"{f.name}: {f.sentence}" for f in found if f.state == "out of range"]
-
-
-def in_state(found: list[Finding], state: State) -> str:
-    """Names of the indicators in a state, as the results of a sweep have them."""
-    return ", ".join(f.name for f in found if f.state == state)

@@ -14,6 +14,7 @@ from pydantic import Field, ValidationError, ValidationInfo, model_validator
 from controller.door.law import Law, LawError
 from controller.door.registry import find, resolve
 from hertzloop.quantities import SENSED
+from hertzloop.scenes.changed_tables import changed_tables
 from hertzloop.scenes.controller_table import (
     ControllerTable,
     is_recorded,
@@ -217,6 +218,11 @@ def _from_toml(text: str) -> dict[str, Any]:
 
 def vary(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """A scene with other values of some keys, "table.key": value. Raises SceneError."""
+    tables = changed_tables(scene, values)
+    if tables is not None:
+        found = scene.model_copy(update=tables)
+        if not problems(found):
+            return found
     data = _opened(scene, {key.split(".")[0] for key in values})
     if "controller.law" in values:
         name = resolve(str(values["controller.law"]))

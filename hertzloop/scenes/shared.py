@@ -4,10 +4,9 @@ The cases of a sweep differ in a few keys; most of what is made of a scene is th
 """
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field
-from functools import lru_cache, wraps
+from functools import wraps
 from operator import attrgetter
-from typing import Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from hertzloop.scenes.scene import Scene
 
@@ -17,33 +16,30 @@ Result = TypeVar("Result")
 More = ParamSpec("More")
 
 
-@dataclass(frozen=True)
-class _Scene:
-    """A scene, known by what it shares."""
-
-    shared: Hashable
-    scene: Scene = field(compare=False)
-
-
 def by_tables(
     *names: str,
 ) -> Callable[
     [Callable[Concatenate[Scene, More], Result]], Callable[Concatenate[Scene, More], Result]
 ]:
     """Keep the results of a function of a scene by the tables, or "table.key", that it reads, and
-    by what else it is given."""
-    shared = attrgetter(*names)
+    by what else it is given; those that were made last."""
+    shared: Callable[[Scene], Hashable] = attrgetter(*names)
 
     def keeping(
         function: Callable[Concatenate[Scene, More], Result],
     ) -> Callable[Concatenate[Scene, More], Result]:
-        @lru_cache(maxsize=_KEPT)
-        def known(given: _Scene, *more: More.args, **named: More.kwargs) -> Result:
-            return function(given.scene, *more, **named)
+        known: dict[Hashable, Any] = {}
 
         @wraps(function)
         def kept(scene: Scene, *more: More.args, **named: More.kwargs) -> Result:
-            return known(_Scene(shared(scene), scene), *more, **named)  # type: ignore[arg-type]
+            key = (shared(scene), more, *named.items())
+            found = known.get(key, known)  # None may be a result
+            if found is known:
+                found = function(scene, *more, **named)
+                while len(known) >= _KEPT:
+                    known.pop(next(iter(known), None), None)
+                known[key] = found
+            return found
 
         return kept
 

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 
 from plant.structures.materials import Material
 
@@ -26,12 +27,12 @@ class Sphere:
     radius_m: float
     drop_height_m: float
 
-    @property
+    @cached_property
     def mass_kg(self) -> float:
         """Mass, kg."""
         return self.material.density_kg_m3 * 4.0 / 3.0 * math.pi * self.radius_m**3
 
-    @property
+    @cached_property
     def impact_speed_m_s(self) -> float:
         """sqrt(2 g h), m/s."""
         return math.sqrt(2.0 * GRAVITY_M_S2 * self.drop_height_m)

@@ -7,6 +7,7 @@ limit; impacts far beyond yield want the hardness.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 from plant.structures.materials import Material
 
@@ -44,6 +45,7 @@ def strength(material: Material) -> Strength | None:
     return Strength(hardness, 1.0, "hardness", hardness, first, spread)
 
 
+@lru_cache(maxsize=16)
 def softer(plate: Material, sphere: Material) -> tuple[str, Strength] | None:
     """Which of the two, "plate" or "sphere", yields first, and its strength. None where the plate's
     is not known: that of the sphere alone says nothing about it."""

@@ -5,6 +5,7 @@ otherwise. Kirchhoff's theory has a module of its own, plant.structures.plate_th
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -60,6 +61,7 @@ def revival_s(plate: Plate, side_m: float) -> float:
     return 2.0 * math.pi / (8.0 * a * (math.pi / side_m) ** 2)
 
 
+@lru_cache(maxsize=16)
 def air_loss_factor(plate: Plate, faces: int = 1) -> float:
     """Loss factor n rho0 c/(omega m'') of modes that radiate as strongly as a piston, at 1.3 times
     the critical frequency, above which that is so (Cremer, Heckl and Petersson 2005)."""

@@ -48,45 +48,38 @@ def impact_noise(
         transmitted_j=work_j,
         transmitted_spectrum_j=float(np.sum(shares_j)),
         plate_speed_max_m_s=plate_speed_max_m_s,
-        **_figures_j(plate, modes, shares_j),
-        **_sounds_j(plate, modes, shares_j, faces),
+        **_radiated_j(plate, modes, shares_j, faces),
     )
 
 
-def _figures_j(plate: Structure, modes: Oscillators, shares_j: np.ndarray) -> dict[str, float]:
-    """The study's sums of sigma E, by their fields."""
-    if not isinstance(plate, Plate):
-        return {f"radiated{name}_j": math.nan for name in _EFFICIENCIES}
-    f = (modes.omega / (2.0 * np.pi)).tobytes()
-    return {
-        f"radiated{name}_j": noise.radiated_shares_j(modes, shares_j, _of_modes(by, plate, f))
-        for name, by in _EFFICIENCIES.items()
-    }
-
-
-def _sounds_j(
+def _radiated_j(
     plate: Structure, modes: Oscillators, shares_j: np.ndarray, faces: int
 ) -> dict[str, float]:
-    """What the modes radiate of their energies, by its fields."""
+    """The study's sums of sigma E, and what the modes radiate of their energies E, by fields."""
     if not isinstance(plate, Plate):
-        return {f"sound{name}_j": math.nan for name in _EFFICIENCIES}
-    f = (modes.omega / (2.0 * np.pi)).tobytes()
-    return {
-        f"sound{name}_j": noise.sound_j(modes, shares_j, plate.eta, _air(by, plate, faces, f))
-        for name, by in _EFFICIENCIES.items()
-    }
+        return dict.fromkeys(_RADIATED, math.nan)
+    audible, weights = _weights(plate, modes, faces)
+    heard = shares_j[audible]
+    return {name: float(np.sum(heard * part)) for name, part in weights.items()}
+
+
+_RADIATED = [f"{kind}{name}_j" for kind in ("radiated", "sound") for name in _EFFICIENCIES]
 
 
 @lru_cache(maxsize=16)
-def _of_modes(efficiency: Efficiency, plate: Plate, frequency_hz: bytes) -> np.ndarray:
-    """An efficiency at the frequencies of a plate's modes, for all impacts on that plate."""
-    return efficiency(plate, np.frombuffer(frequency_hz))
-
-
-@lru_cache(maxsize=16)
-def _air(efficiency: Efficiency, plate: Plate, faces: int, frequency_hz: bytes) -> np.ndarray:
-    """The loss factors that it gives them."""
-    return air_loss_factor(plate, np.frombuffer(frequency_hz), faces, efficiency)
+def _weights(
+    plate: Plate, modes: Oscillators, faces: int
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Oscillators up to 20 kHz, and what of their energies counts, for all impacts on a plate."""
+    frequency = modes.omega / (2.0 * np.pi)
+    audible = noise.audible(modes)
+    weights = {}
+    for name, by in _EFFICIENCIES.items():
+        weights[f"radiated{name}_j"] = by(plate, frequency)[audible]
+    for name, by in _EFFICIENCIES.items():
+        air_eta = air_loss_factor(plate, frequency, faces, by)
+        weights[f"sound{name}_j"] = noise.radiated_parts(plate.eta, air_eta)[audible]
+    return audible, weights
 
 
 @lru_cache(maxsize=8)
@@ -126,6 +119,7 @@ def published_noise(
     shares = noise.modal_shares_j(modes, -elastic_n, f_a, step_s)
     length = noise.fft_length(len(force))
     real, efficiencies = _audible(plate, point_m, float(np.pi / step_s), length, step_s)
+    sounds = _radiated_j(plate, modes, shares, 1)
     radiated, maidanik = noise.binned_energies_j(force, step_s, real, efficiencies)
     return ImpactNoise(
         **noise.closed_forms(sphere.radius_m, time_s, impact_speed_m_s, rebound),
@@ -134,5 +128,5 @@ def published_noise(
         plate_speed_max_m_s=float(np.max(np.abs(speed))),
         radiated_j=radiated,
         radiated_maidanik_j=maidanik,
-        **_sounds_j(plate, modes, shares, 1),
+        **{name: sounds[name] for name in sounds if name.startswith("sound")},
     )

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant.contact.hertz import GRAVITY_M_S2
+from plant.figures import rows_kernels as k
 from plant.figures.peaks import peak_force_n, peak_speed_m_s
 
 
@@ -42,6 +43,17 @@ def sphere_speed_m_s(
     return np.diff(xi_s) / step_s - 0.5 * held * step_s
 
 
+def _contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:
+    """First steps of the contacts, and of what follows them; none after one that is cut off."""
+    touching = np.flatnonzero(f_c)
+    if not len(touching):
+        return [], []
+    last_before = np.flatnonzero(np.diff(touching) > 1)
+    starts = [int(touching[0]), *touching[last_before + 1].tolist()]
+    ends = [*(touching[last_before] + 1).tolist(), int(touching[-1]) + 1]
+    return starts, ends if ends[-1] < len(f_c) else ends[:-1]
+
+
 def _crossing(xi: np.ndarray, before: int, dent: float) -> float:
     """Position of xi = -dent between `before` and the next step, in steps from `before` on."""
     a, b = float(xi[before]) + dent, float(xi[before + 1]) + dent
@@ -64,16 +76,16 @@ def step_work_j(
     """Work of contact and actuator force on the plate over every step, the last zero; J, shape
     (steps,). See `impacts`."""
     v_start = v_p if v_start is None else v_start
-    work = np.append(-f_c[:-1] * np.diff(xi_p) + f_a[:-1] * np.diff(xi_a), 0.0)
+    work = np.zeros(len(xi_p))
+    k.work_of_means(xi_p, f_c, f_a, xi_a, work)
     if impedance_n_s_m is not None:
         work[:-1] += f_c1[:-1] ** 2 * step_s / (3.0 * impedance_n_s_m)
     elif v_p is not None and v_start is not None:
-        work[:-1] -= f_c1[:-1] * (v_p[1:] - v_start[:-1]) * step_s / 6.0
+        k.add_work_of_slopes(f_c1, v_p, v_start, -1.0, step_s, work)
     if f_a1 is not None and v_start is not None and len(xi_a) > 1 and np.any(f_a1):
         v_a = v_p if same_point else np.gradient(xi_a, step_s)
         assert v_a is not None
-        change = v_a[1:] - (v_start if same_point else v_a)[:-1]
-        work[:-1] += f_a1[:-1] * change * step_s / 6.0
+        k.add_work_of_slopes(f_a1, v_a, v_start if same_point else v_a, 1.0, step_s, work)
     return work
 
 
@@ -108,10 +120,10 @@ def impacts(
     """
     if len(xi) < 3:
         return []
-    touching = np.diff((f_c != 0.0).astype(np.int8), prepend=np.int8(0))
-    starts, ends = np.flatnonzero(touching == 1), np.flatnonzero(touching == -1)
+    starts, ends = _contacts(f_c)
+    if not starts:
+        return []
     slope = np.zeros(len(xi)) if f_c1 is None else f_c1
-    speed = sphere_speed_m_s(xi_s, f_c, mass_kg, step_s, slope)
     speeds = np.zeros(len(xi)) if v_p is None else v_p
     at_actuator = xi_p if xi_a is None else xi_a
     work = step_work_j(
@@ -120,9 +132,15 @@ def impacts(
     )  # fmt: skip
     found = []
     last = len(xi) - 1
-    for i, start in enumerate(starts.tolist()):
-        end = int(ends[i]) if i < len(ends) else last
-        until = int(starts[i + 1]) if i + 1 < len(starts) else len(xi)
+
+    def speed(at: int) -> float:
+        """Of the sphere at a step but the last."""
+        step = slice(at, at + 2)
+        return float(sphere_speed_m_s(xi_s[step], f_c[step], mass_kg, step_s, slope[step])[0])
+
+    for i, start in enumerate(starts):
+        end = ends[i] if i < len(ends) else last
+        until = starts[i + 1] if i + 1 < len(starts) else len(xi)
         before, after = (0.0, 0.0) if dent_m is None else (dent_m[start], dent_m[end])
         cut_off = i >= len(ends) or xi[end] <= -after
         enters = xi[start] > -before and start < last
@@ -138,8 +156,8 @@ def impacts(
             Impact(
                 start_s=began * step_s,
                 duration_s=(ended - began) * step_s,
-                impact_speed_m_s=-float(speed[min(start, last - 1)]),
-                rebound_speed_m_s=float(speed[min(end, last - 1)]),
+                impact_speed_m_s=-speed(min(start, last - 1)),
+                rebound_speed_m_s=speed(min(end, last - 1)),
                 peak_force_n=peak_force_n(f_c[start : end + cut_off], slope[start : end + cut_off]),
                 plate_energy_j=float(work[start:until].sum()),
                 plate_speed_max_m_s=peak_speed_m_s(speeds[start : end + 1]),

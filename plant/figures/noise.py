@@ -115,57 +115,70 @@ def force_spectrum(
     The exact transform: with a = w h/2 the sum of the samples times h e^(-i a) sin(a)/a, and of
     the slopes times h e^(-i a) (-i) (sin a - a cos a)/a^2.
     """
+    by = _transform(np.asarray(frequency_hz, dtype=float).tobytes(), step_s)
+    found = by.sum(force_n) * by.held * step_s
     if slope_n is not None and np.any(slope_n):
-        half = np.pi * np.asarray(frequency_hz, dtype=float) * step_s
-        # (sin a - a cos a)/a^2 = a/3 (1 - a^2/10 + ...)
-        small = np.abs(half) < 1e-2
-        a = np.where(small, 1.0, half)
-        odd = np.where(small, half / 3.0 * (1.0 - half * half / 10.0),
-                       (np.sin(a) - a * np.cos(a)) / (a * a))  # fmt: skip
-        sums = _sampled_sum(slope_n, step_s, frequency_hz)
-        tilted = -1j * odd * np.exp(-1j * half) * step_s * sums
-        return force_spectrum(force_n, step_s, frequency_hz) + tilted
-    held = _held(np.asarray(frequency_hz, dtype=float).tobytes(), step_s)
-    return _sampled_sum(force_n, step_s, frequency_hz) * held * step_s
-
-
-@lru_cache(maxsize=16)
-def _held(frequency_hz: bytes, step_s: float) -> np.ndarray:
-    """Transform of a force of 1/h held over a step."""
-    omega = 2.0 * np.pi * np.frombuffer(frequency_hz)
-    return np.asarray(np.sinc(omega * step_s / (2.0 * np.pi)) * np.exp(-0.5j * omega * step_s))
-
-
-def _sampled_sum(force_n: np.ndarray, step_s: float, frequency_hz: np.ndarray) -> np.ndarray:
-    """sum F_n exp(-i w n h)."""
-    omega = 2.0 * np.pi * np.asarray(frequency_hz, dtype=float)
-    used = np.flatnonzero(force_n)
-    if not len(used):
-        return np.zeros(len(omega), complex)
-    first, last = int(used[0]), int(used[-1]) + 1
-    # In blocks: exp(-i w t) for all pairs would not fit for a long force.
-    powers, turn = _turns(omega.tobytes(), step_s)
-    pulse = np.zeros(-(-(last - first) // _BLOCK) * _BLOCK)
-    pulse[: last - first] = force_n[first:last]
-    blocks = pulse.reshape(-1, _BLOCK)
-    total = np.zeros(len(omega), complex)
-    group = max(1, _PAIRS_AT_ONCE // len(omega))
-    for start in reversed(range(0, len(blocks), group)):
-        sums = powers @ blocks[start : start + group].T
-        for block in range(sums.shape[1] - 1, -1, -1):  # Horner's rule
-            total = total * turn + sums[:, block]
-    return np.asarray(total * np.exp(-1j * omega * (first * step_s)))
+        found = found + by.tilted * by.sum(slope_n)
+    return np.asarray(found)
 
 
 _BLOCK = 64
 _PAIRS_AT_ONCE = 1 << 23  # of a frequency and a time, or another frequency
 
 
-@lru_cache(maxsize=16)
-def _turns(omega: bytes, step_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """exp(-i w n h) for n below _BLOCK, shape (frequencies, _BLOCK), and for n = _BLOCK."""
-    phase = -1j * step_s * np.frombuffer(omega)
-    return np.exp(phase[:, None] * np.arange(_BLOCK)), np.exp(phase * _BLOCK)
+class _Transform:
+    """What a sum of samples `step_s` (s) apart becomes at some frequencies (Hz)."""
+
+    def __init__(self, frequency_hz: np.ndarray, step_s: float) -> None:
+        self._step_s, self._omega = step_s, 2.0 * np.pi * frequency_hz
+        omega, half = self._omega, np.pi * frequency_hz * step_s
+        # Of a force of 1/h held over a step.
+        self.held = np.sinc(omega * step_s / (2.0 * np.pi)) * np.exp(-0.5j * omega * step_s)
+        # (sin a - a cos a)/a^2 = a/3 (1 - a^2/10 + ...)
+        small = np.abs(half) < 1e-2
+        a = np.where(small, 1.0, half)
+        odd = np.where(small, half / 3.0 * (1.0 - half * half / 10.0),
+                       (np.sin(a) - a * np.cos(a)) / (a * a))  # fmt: skip
+        self.tilted = -1j * odd * np.exp(-1j * half) * step_s
+        # exp(-i w n h) for n below _BLOCK, shape (frequencies, _BLOCK), and for n = _BLOCK.
+        phase = -1j * step_s * omega
+        self._powers = np.exp(phase[:, None] * np.arange(_BLOCK))
+        self._turn = np.exp(phase * _BLOCK)
+        self._delays: dict[int, np.ndarray] = {}  # exp(-i w n h) by n
+
+    def sum(self, force_n: np.ndarray) -> np.ndarray:
+        """sum F_n exp(-i w n h)."""
+        used = np.flatnonzero(force_n)
+        total = np.zeros(len(self._omega), complex)
+        if not len(used):
+            return total
+        first, last = int(used[0]), int(used[-1]) + 1
+        # In blocks: exp(-i w t) for all pairs would not fit for a long force.
+        pulse = np.zeros(-(-(last - first) // _BLOCK) * _BLOCK)
+        pulse[: last - first] = force_n[first:last]
+        blocks = pulse.reshape(-1, _BLOCK)
+        group = max(1, _PAIRS_AT_ONCE // len(total))
+        for start in reversed(range(0, len(blocks), group)):
+            sums = self._powers @ blocks[start : start + group].T
+            for block in range(sums.shape[1] - 1, -1, -1):  # Horner's rule
+                total = total * self._turn + sums[:, block]
+        return np.asarray(total * self._delayed(first))
+
+    def _delayed(self, steps: int) -> np.ndarray:
+        if steps not in self._delays:
+            if len(self._delays) >= _KEPT:
+                self._delays.clear()
+            self._delays[steps] = np.exp(-1j * self._omega * (steps * self._step_s))
+        return self._delays[steps]
+
+
+_KEPT = 16
+
+
+@lru_cache(maxsize=_KEPT)
+def _transform(frequency_hz: bytes, step_s: float) -> _Transform:
+    """The impacts of a scene are taken apart at the same frequencies."""
+    return _Transform(np.frombuffer(frequency_hz), step_s)
 
 
 def modal_shares_j(
@@ -215,20 +228,28 @@ def shares_of_drive_j(modes: Oscillators, drive: np.ndarray) -> np.ndarray:
     return np.asarray(0.5 * modes.scale_per_kg * np.abs(drive) ** 2)
 
 
+def audible(modes: Oscillators) -> np.ndarray:
+    """Which oscillators are up to 20 kHz."""
+    return np.flatnonzero(modes.omega <= 2.0 * np.pi * RADIATED_UP_TO_HZ)
+
+
 def radiated_shares_j(modes: Oscillators, shares_j: np.ndarray, efficiency: np.ndarray) -> float:
     """Sum of the oscillators' energies up to 20 kHz, each times its radiation efficiency, J."""
-    audible = modes.omega <= 2.0 * np.pi * RADIATED_UP_TO_HZ
-    return float(np.sum((shares_j * efficiency)[audible]))
+    return float(np.sum((shares_j * efficiency)[audible(modes)]))
+
+
+def radiated_parts(material_eta: float, air_eta: np.ndarray) -> np.ndarray:
+    """eta_rad/(eta + eta_rad): what an oscillator radiates of its energy until it is at rest."""
+    total = material_eta + air_eta
+    return np.divide(air_eta, total, out=np.zeros_like(total), where=total > 0.0)
 
 
 def sound_j(
     modes: Oscillators, shares_j: np.ndarray, material_eta: float, air_eta: np.ndarray
 ) -> float:
-    """Sum of E eta_rad/(eta + eta_rad) over the oscillators up to 20 kHz, J: what they radiate of
-    their energies until they are at rest; never more than these."""
-    total = material_eta + air_eta
-    part = np.divide(air_eta, total, out=np.zeros_like(total), where=total > 0.0)
-    return radiated_shares_j(modes, shares_j, part)
+    """Sum of these parts of the energies of the oscillators up to 20 kHz, J; never more than
+    these."""
+    return radiated_shares_j(modes, shares_j, radiated_parts(material_eta, air_eta))
 
 
 def mobility(modes: Oscillators, frequency_hz: np.ndarray) -> np.ndarray:

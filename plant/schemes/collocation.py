@@ -157,8 +157,10 @@ def flexibility_m_n(spec: PlantSpec) -> float:
     return 0.0 if spec.damped_tail else residual_m_n(spec)
 
 
+@lru_cache(maxsize=64)
 def damped_tail(spec: PlantSpec) -> tuple[DampedTail | None, dict[int, float]]:
-    """The mode that stands for the modes left out, and what it adds to gains; see `tail.build`."""
+    """The mode that stands for the modes left out, and what it adds to gains; see `tail.build`.
+    Kept: figures of every impact ask for it."""
     left_out = residual_m_n(spec) if spec.damped_tail else 0.0
     if left_out == 0.0:
         return None, {}

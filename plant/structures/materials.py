@@ -5,6 +5,7 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import resources
 
 # Speed of sound sqrt(E/rho) of a solid, m/s; outside, a number has another unit than it should.
@@ -41,17 +42,17 @@ class Material:
     hardness_pa: float | None = None
     strength_spread: float = 0.2
 
-    @property
+    @cached_property
     def plane_strain_modulus_pa(self) -> float:
         """E / (1 - nu^2), Pa."""
         return self.youngs_modulus_pa / (1.0 - self.poisson_ratio**2)
 
-    @property
+    @cached_property
     def shear_modulus_pa(self) -> float:
         """G = E / (2 (1 + nu)), Pa."""
         return self.youngs_modulus_pa / (2.0 * (1.0 + self.poisson_ratio))
 
-    @property
+    @cached_property
     def shear_speed_m_s(self) -> float:
         """c_T = sqrt(G/rho), m/s."""
         return math.sqrt(self.shear_modulus_pa / self.density_kg_m3)

@@ -6,6 +6,7 @@ with phi = sin(m pi x/l_x) sin(n pi y/l_y) and lambda = 4/(m'' l_x l_y).
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,22 +31,22 @@ class Plate:
         """Loss factor."""
         return self.material.loss_factor if self.loss_factor is None else self.loss_factor
 
-    @property
+    @cached_property
     def bending_stiffness_n_m(self) -> float:
         """B' = E h^3 / (12 (1 - nu^2)), N m."""
         return self.material.plane_strain_modulus_pa * self.thickness_m**3 / 12.0
 
-    @property
+    @cached_property
     def mass_per_area_kg_m2(self) -> float:
         """m'' = rho h, kg/m^2."""
         return self.material.density_kg_m3 * self.thickness_m
 
-    @property
+    @cached_property
     def modal_scale_per_kg(self) -> float:
         """lambda = 4/(m'' l_x l_y), the inverse modal mass, 1/kg."""
         return 4.0 / (self.mass_per_area_kg_m2 * self.size_m[0] * self.size_m[1])
 
-    @property
+    @cached_property
     def infinite_plate_impedance_n_s_m(self) -> float:
         """8 sqrt(B' m''), point impedance until reflections return (Cremer & Heckl), N s/m."""
         return 8.0 * math.sqrt(self.bending_stiffness_n_m * self.mass_per_area_kg_m2)
@@ -55,7 +56,7 @@ class Plate:
         density = math.sqrt(self.mass_per_area_kg_m2 / self.bending_stiffness_n_m) / (4 * math.pi)
         return density * self.size_m[0] * self.size_m[1] * 2 * math.pi * frequency_hz
 
-    @property
+    @cached_property
     def fundamental_hz(self) -> float:
         """Frequency of mode (1, 1), the lowest, Hz."""
         speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
@@ -72,17 +73,18 @@ class Plate:
         speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
         k_max = math.sqrt(omega_max / speed) / math.pi
         m_max, n_max = (max(1, math.floor(k_max * length)) for length in self.size_m)
-        m, n = (a.ravel() for a in np.meshgrid(np.arange(1, m_max + 1), np.arange(1, n_max + 1)))
-        k_squared = (m * np.pi / self.size_m[0]) ** 2 + (n * np.pi / self.size_m[1]) ** 2
-        omega = speed * k_squared
-        order = np.argsort(omega, kind="stable")
-        order = order[omega[order] <= omega_max]
-        return m[order], n[order], omega[order]
+        along_x = (np.arange(1, m_max + 1) * np.pi / self.size_m[0]) ** 2
+        along_y = (np.arange(1, n_max + 1) * np.pi / self.size_m[1]) ** 2
+        omega = speed * np.add.outer(along_y, along_x).ravel()
+        within = np.flatnonzero(omega <= omega_max)
+        order = within[np.argsort(omega[within], kind="stable")]
+        n, m = np.divmod(order, m_max)
+        return m + 1, n + 1, omega[order]
 
     def mode_shape(self, m: np.ndarray, n: np.ndarray, point_m: tuple[float, float]) -> np.ndarray:
         """Shape of modes (m, n) at a point, shape (modes,), dimensionless."""
         x, y = point_m[0] / self.size_m[0], point_m[1] / self.size_m[1]
-        return np.asarray(np.sin(m * np.pi * x) * np.sin(n * np.pi * y))
+        return _sines(m, x) * _sines(n, y)
 
     def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         """Shapes of all modes up to `omega_max` on a grid, (modes, x, y)."""
@@ -127,7 +129,13 @@ class Plate:
         return tail + self.modal_scale_per_kg * float(np.sum((shape / omega[left_out]) ** 2))
 
 
-@dataclass(frozen=True)
+def _sines(numbers: np.ndarray, share: float) -> np.ndarray:
+    """sin(m pi x) of whole numbers m, of which many are the same."""
+    known = np.arange(np.max(numbers, initial=0) + 1)
+    return np.asarray(np.sin(known * np.pi * share)[numbers])
+
+
+@dataclass(frozen=True, eq=False)
 class Oscillators:
     """A structure as seen from the contact and the actuator point; all arrays (count,).
 

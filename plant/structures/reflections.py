@@ -45,7 +45,7 @@ class Actuation(NamedTuple):
 _NONE = Actuation()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Reflections:
     """What leaving out the reflections costs from the first touch on, at `times_s`, rising.
 
@@ -74,14 +74,13 @@ class Reflections:
         at = int(np.searchsorted(self.times_s, until_s))
         if at == len(self.times_s):
             return math.inf
-        return float(self._errors(step_s, actuation)[at])
+        return float(self.errors(step_s, actuation)[at])
 
     def lasts_s(self, accuracy: float, step_s: float, actuation: Actuation = _NONE) -> float:
         """How long after the first touch the expected error stays within `accuracy`, s."""
-        within = self._errors(step_s, actuation) <= accuracy
-        return float(self.times_s[within][-1]) if within.any() else 0.0
+        return _lasts_s(self, accuracy, step_s, actuation)
 
-    def _errors(self, step_s: float, actuation: Actuation) -> np.ndarray:
+    def errors(self, step_s: float, actuation: Actuation) -> np.ndarray:
         """Errors at all times.
 
         A force that is switched counts as if in the worst moment. The step's own error is of
@@ -96,6 +95,12 @@ class Reflections:
         lasts = np.maximum(self.times_s / self.rigid_s, 1.0)
         by_step = _STEP_FACTOR * (step_s / self.rigid_s) ** 4 * lasts
         return np.asarray(_FACTOR * np.maximum(gap, energy) + by_step)
+
+
+@lru_cache(maxsize=512)
+def _lasts_s(of: Reflections, accuracy: float, step_s: float, actuation: Actuation) -> float:
+    within = of.errors(step_s, actuation) <= accuracy
+    return float(of.times_s[within][-1]) if within.any() else 0.0
 
 
 def images(plate: Plate, point_m: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,49 @@
+"""What a case of a sweep costs on one core, and how much of that is the compiled loop."""
+
+import random
+import statistics
+import time
+from dataclasses import dataclass
+
+from hertzloop.loop.compiled import IN_LOOP
+from hertzloop.results.cases import figures_of_case
+from hertzloop.scenes.scene import DEFAULT, load, vary
+from studies.sweeps.design import Kind, make_design
+
+_SWEEPS: dict[str, tuple[Kind, list[str]]] = {
+    "latency map": ("grid", ["controller.latency_us=0:99:1", "sensors.bits=8:23:1"]),
+    "radius, thickness, material (Sobol)": (
+        "sobol",
+        ["sphere.radius_m=0.001:0.006", "plate.thickness_m=0.001:0.006",
+         "plate.material=aluminium,steel,glass"],
+    ),
+}  # fmt: skip
+_CASES = {"grid": 200, "sobol": 16}  # a round
+
+
+@dataclass(frozen=True)
+class CaseCost:
+    """Processor time of a case and of the loop in it, ms; medians of the rounds."""
+
+    sweep: str
+    case_ms: float
+    loop_ms: float
+
+
+def measure(rounds: int) -> list[CaseCost]:
+    """Costs of the default scene's latency map and of other plants, of cases drawn anew a round."""
+    scene, found = load(DEFAULT), []
+    for sweep, (kind, over) in _SWEEPS.items():
+        count, whole, loop = _CASES[kind], [], []
+        cases = make_design(scene, over, kind, (rounds + 1) * count, seed=1).cases()
+        random.Random(1).shuffle(cases)
+        for turn in range(rounds + 1):
+            some = cases[turn * count % len(cases) :][:count]
+            started, before = time.thread_time(), IN_LOOP.seconds
+            for values in some:
+                figures_of_case(vary(scene, values))
+            if turn:  # the first loads what is compiled
+                whole.append(1e3 * (time.thread_time() - started) / len(some))
+                loop.append(1e3 * (IN_LOOP.seconds - before) / len(some))
+        found.append(CaseCost(sweep, statistics.median(whole), statistics.median(loop)))
+    return found
