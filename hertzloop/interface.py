@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from recordings.reader import Event, Recording
-    from studies.tuning.tune import Found
+    from studies.tuning.record import Found
 
 __all__ = [
     "Impact", "ImpactNoise", "Run", "Scene", "SceneError", "load", "read", "run", "scene_names",

@@ -3,12 +3,10 @@
 import base64
 import json
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from hertzloop.commands.listen import heard_of
@@ -21,6 +19,7 @@ from recordings.replay.as_rerun import Shown
 from recordings.replay.data import Deflection
 from recordings.replay.scene3d import with_unit
 from studies.report import charts
+from studies.report.templates import template
 
 _FRAMES = 240
 _LISTED = 12  # contacts
@@ -45,7 +44,7 @@ def page_of(recording: Recording) -> str:
         columns.append(("without", figures.figures_of(free, uncontrolled_rows(free))))
     compare = compared and not stable["stability"]["unstable"]
     sounds, silent = _sounds(recording, scene)
-    return _template().render(
+    return template("page.html.j2").render(
         title=shown.told.heading,
         lines=[line.replace("**", "") for line in shown.told.lines],
         problems=recording.problems,
@@ -65,12 +64,6 @@ def page_of(recording: Recording) -> str:
         commands=_commands(recording, scene),
         versions=_versions(recording),
     )  # fmt: skip
-
-
-def _template() -> jinja2.Template:
-    text = (resources.files("studies.report") / "page.html.j2").read_text("utf-8")
-    settings = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    return settings.from_string(text)
 
 
 def _noise(columns: list[dict[str, Any]], compare: bool) -> list[list[str]]:
