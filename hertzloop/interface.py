@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from hertzloop.one_run import RunOptions
     from recordings.reader import Event, Recording
-    from studies.tuning.tune import Found
+    from studies.tuning.record import Found
 
 __all__ = [
     "Impact", "ImpactNoise", "Run", "Scene", "SceneError", "load", "read", "run", "scene_names",

@@ -16,6 +16,8 @@ from bus.wire import Packed
 from recordings.writer import RecordingError
 
 Arrays = dict[str, np.ndarray]
+IN_MEMORY = 1 << 20  # samples: rows of truth have 84 MB then
+PIECE = 1 << 16
 SAMPLED = tuple(sorted(filter(has_header_sequence, STREAMS)))  # daq, force, truth
 
 
@@ -99,6 +101,14 @@ class Stream:
         times *= self.step_ns
         return times
 
+    def values_of(self, arrays: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Acquired values in the unit of the quantity, from a converter's codes where it has them;
+        empty where there are none."""
+        codes = arrays.get("code")
+        if codes is not None and len(codes):
+            return np.asarray(self.offset + self.scale * codes)
+        return arrays.get("value", np.empty(0))
+
     def before_a_hole(self) -> "Stream":
         """The samples up to the first one that is missing."""
         if not self.resumed:
@@ -123,6 +133,39 @@ class Stream:
             yield from self.arrays.again()
         elif self.arrays:
             yield dict(self.arrays)
+
+    def in_memory(self, most: int = IN_MEMORY) -> "Stream":
+        """The same with its arrays in memory, read once, for who looks at it several times; itself
+        if it has more samples than `most`. Raises RecordingError as `blocks` does."""
+        if not isinstance(self.arrays, Columns) or not 0 < self.samples <= most:
+            return self
+        held = {n: np.empty(self.samples, dtype) for n, dtype in self.arrays.dtypes.items()}
+        at = 0
+        for arrays in self.blocks():
+            count = len(next(iter(arrays.values())))
+            for name, values in held.items():
+                values[at : at + count] = arrays[name]
+            at += count
+        return replace(self, arrays=held)
+
+    def pieces(self) -> Iterator[tuple[int, Arrays]]:
+        """The same in pieces of at least PIECE samples, but for the last, each with the position
+        of its first one: what costs by the piece is worth it then. Raises as `blocks` does."""
+        at, count, waiting = 0, 0, list[Arrays]()
+        for arrays in self.blocks():
+            waiting.append(arrays)
+            count += len(next(iter(arrays.values())))
+            if count >= PIECE:
+                yield at, _joined(waiting)
+                at, count, waiting = at + count, 0, []
+        if waiting:
+            yield at, _joined(waiting)
+
+
+def _joined(blocks: list[Arrays]) -> Arrays:
+    if len(blocks) == 1:
+        return blocks[0]
+    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
 
 
 class Refused(Exception):

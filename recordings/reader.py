@@ -58,10 +58,7 @@ class Recording:
     @property
     def daq_values(self) -> np.ndarray:
         """Acquired values in the unit of the quantity, shape (samples,)."""
-        codes = self.daq.arrays.get("code")
-        if codes is not None and len(codes):
-            return np.asarray(self.daq.offset + self.daq.scale * codes)
-        return self.daq.arrays.get("value", np.empty(0))
+        return self.daq.values_of(self.daq.arrays)
 
 
 class Source:

@@ -8,7 +8,7 @@ from bus.streams import LAST_NS
 from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.results import what_ran
 from hertzloop.results.deflection import deflection
-from hertzloop.results.figures import blocks_of
+from hertzloop.results.figures import pieces_of
 from hertzloop.results.overlay import Overlay, overlay
 from hertzloop.results.stability import StabilityMeter
 from hertzloop.scenes.scene import Scene, SceneError, parse
@@ -16,9 +16,10 @@ from recordings.reader import Recording
 from recordings.replay import as_rerun as rerun_replay
 from recordings.replay import viewer
 from recordings.replay.as_rerun import Told
-from recordings.replay.data import SIGNALS, Curve, Plot, Twin, contact_spans
+from recordings.replay.data import SIGNALS, Curve, Plot, Twin, curve_of
 from recordings.replay.screenshot import screenshot
 from recordings.replay.spectrum import spectrum
+from recordings.replay.thin import Contact, contacts_of, full_rate_spans
 from recordings.writer import RecordingError
 
 has_display = viewer.has_display
@@ -61,22 +62,30 @@ def prepare(
 ) -> rerun_replay.Shown:
     """All that a replay shows. Raises RecordingError."""
     # Deflections follow from all forces before them: where some are missing, the replay ends.
-    recording = dataclasses.replace(recording, truth=recording.truth.before_a_hole())
+    recording = _whole(recording)
     rerun_replay.check_replayable(recording)
     scene = scene_of(recording)
-    plate = deflection(scene, recording)
+    contacts = contacts_of(recording.truth.pieces())
+    plate = deflection(scene, recording, contacts=contacts)
     twin: tuple[Twin, Overlay, float] | None = None
     lines: list[str] = []
     if other is not None:
-        theirs, found, lines = _beside(recording, scene, other)
+        theirs, found, lines = _beside(recording, scene, contacts, other)
         twin = theirs, found, other.truth.step_ns * 1e-9
     elif not alone and scene.controller.law != "off":
         try:
-            twin = *without_control(recording, scene), scene.step_s
+            twin = *without_control(recording, scene, contacts), scene.step_s
             lines = ["Faint: the same without control."]
         except SceneError as error:
             lines = [f"The run without control cannot be simulated: {error}"]
-    return rerun_replay.prepare(recording, plate, _told(recording, scene, twin, lines))
+    told = _told(recording, scene, contacts, twin, lines)
+    return rerun_replay.prepare(recording, plate, told, contacts)
+
+
+def _whole(recording: Recording) -> Recording:
+    """The part before a hole, in memory if it is short."""
+    truth = recording.truth.before_a_hole().in_memory()
+    return dataclasses.replace(recording, truth=truth, daq=recording.daq.in_memory())
 
 
 def scene_of(recording: Recording) -> Scene:
@@ -87,22 +96,24 @@ def scene_of(recording: Recording) -> Scene:
         raise RecordingError(f"the scene in {recording.path} cannot be read: {error}") from error
 
 
-def without_control(recording: Recording, scene: Scene) -> tuple[Twin, Overlay]:
+def without_control(
+    recording: Recording, scene: Scene, contacts: list[Contact]
+) -> tuple[Twin, Overlay]:
     """The run without control, simulated here and now. Raises SceneError."""
     free = scene.without_control()
     found = overlay(free, uncontrolled_rows(free), _OF_TWIN, free.steps)
-    twin, _ = _twin(recording, free, found, "", "no control")
+    twin, _ = _twin(recording, contacts, free, found, "", "no control")
     return twin, found
 
 
 def _beside(
-    recording: Recording, scene: Scene, other: Recording
+    recording: Recording, scene: Scene, contacts: list[Contact], other: Recording
 ) -> tuple[Twin, Overlay, list[str]]:
-    other = dataclasses.replace(other, truth=other.truth.before_a_hole())
+    other = _whole(other)
     rerun_replay.check_replayable(other)
     theirs = scene_of(other)
-    found = overlay(theirs, blocks_of(other), _OF_TWIN, other.truth.samples)
-    twin, shift_ns = _twin(recording, theirs, found, "A", "B")
+    found = overlay(theirs, pieces_of(other), _OF_TWIN, other.truth.samples)
+    twin, shift_ns = _twin(recording, contacts, theirs, found, "A", "B")
     lines = [
         f"A: {recording.path.name}. B, faint: {other.path.name}",
         *what_ran.compared(scene, theirs),
@@ -113,41 +124,47 @@ def _beside(
 
 
 def _twin(
-    recording: Recording, scene: Scene, found: Overlay, own: str, name: str
+    recording: Recording,
+    contacts: list[Contact],
+    scene: Scene,
+    found: Overlay,
+    own: str,
+    name: str,
 ) -> tuple[Twin, int]:
     """Curves of another run, and by how much they are moved for first contacts to begin together,
     ns; 0 where one of the runs has none."""
     truth, shift_ns = recording.truth, 0
-    spans = contact_spans(truth.arrays["xi_m"])
-    if spans and found.touched is not None:
-        begins_ns = int(truth.step_at(spans[0][0])) * truth.step_ns
+    if contacts and found.touched is not None:
+        begins_ns = int(truth.step_at(contacts[0].first)) * truth.step_ns
         shift_ns = begins_ns - found.touched * scene.run.step_ns
     curves: dict[str, list[Curve]] = {}
     for plot, signal, _, factor, held in SIGNALS:
-        steps, values = found.lines[signal]
-        if signal == "F_a" and not values.any():
+        line = found.lines[signal]
+        if signal == "F_a" and not line.values.any():
             continue
-        times = steps * scene.run.step_ns + shift_ns
-        label = f"{signal} {name}"
-        curves.setdefault(plot, []).append(
-            Curve(f"{signal}_twin", times, factor * values, held, label, True)
-        )
-    steps, values = found.lines["plate"]
-    times = steps * scene.run.step_ns + shift_ns
-    curves["energy"] = [Curve("plate_twin", times, values, label=f"plate {name}", faint=True)]
+        times = line.at * scene.run.step_ns + shift_ns
+        curve = curve_of(f"{signal}_twin", line, times, factor, held, f"{signal} {name}", True)
+        curves.setdefault(plot, []).append(curve)
+    line = found.lines["plate"]
+    times = line.at * scene.run.step_ns + shift_ns
+    curves["energy"] = [curve_of("plate_twin", line, times, label=f"plate {name}", faint=True)]
     return Twin(curves, own, name), shift_ns
 
 
 def _told(
     recording: Recording,
     scene: Scene,
+    contacts: list[Contact],
     twin: tuple[Twin, Overlay, float] | None,
     lines: list[str],
 ) -> Told:
     """`twin` with its curves and the length of its steps, s."""
-    meter = StabilityMeter(scene)
-    blocks = meter.through(blocks_of(recording))
-    own = overlay(scene, blocks, _ENERGIES, recording.truth.samples)
+    meter, truth = StabilityMeter(scene), recording.truth
+    blocks = meter.through(pieces_of(recording))
+    near = full_rate_spans([(contact.first, contact.end) for contact in contacts], truth.samples)
+    begin = int(truth.step_at(0))
+    spans = [(begin + a, begin + b) for a, b in near]
+    own = overlay(scene, blocks, _ENERGIES, truth.samples, spans)
     described = what_ran.description(scene, recording)
     told = [*described[:2], *lines, *described[2:]]
     since_s, until_ns = meter.result().since_s, LAST_NS
@@ -177,10 +194,11 @@ def _energies(scene: Scene, own: Overlay, twin: Twin | None, explodes: bool) -> 
         for curve in (twin.curves["energy"] if twin else [])
     ]
     for name, label in _ENERGIES.items():
-        steps, values = own.lines[name]
+        line = own.lines[name]
         # Where the published scheme ends a contact, its sphere jumps.
         known = scene.run.scheme != "thesis2008" or name in ("plate", "fed")
-        if known and (name != "fed" or values.any()):
-            curves.append(Curve(name, steps * scene.run.step_ns, values / factor, label=label))
+        if known and (name != "fed" or line.values.any()):
+            times = line.at * scene.run.step_ns
+            curves.append(curve_of(name, line, times, 1.0 / factor, label=label))
     most = 3.0 * own.start_j / factor if explodes else None
     return Plot("energy", f"Energies ({unit})", tuple(curves), most)

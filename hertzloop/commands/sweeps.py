@@ -1,6 +1,5 @@
 """Commands that run many cases: `sweep`, and `check` of its results against real processes."""
 
-from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -72,6 +71,7 @@ def sweep(
     from studies.sweeps.phases import KEY as PHASE
     from studies.sweeps.phases import grouped
     from studies.sweeps.phases import phases as spread_evenly
+    from studies.sweeps.summary import SHOWN, counted
 
     resolved = scene_from(scene, settings, seed)
     target = out_file or Path(f"{resolved.name}-sweep.parquet")
@@ -124,7 +124,7 @@ def sweep(
     figureless = len(found.not_run) + found.unstable
     if figureless < total:
         out.print(_extremes(found.rows, keys))
-    over_phases = grouped(found.rows, keys, _SHOWN) if PHASE in keys and design == "grid" else []
+    over_phases = grouped(found.rows, keys, SHOWN) if PHASE in keys and design == "grid" else []
     if over_phases:
         out.print(_spreads(over_phases, [key for key in keys if key != PHASE]))
     rate = found.ran / found.wall_s if found.wall_s else 0.0
@@ -153,7 +153,7 @@ def sweep(
             "leaves_out": counted(found.rows, "leaves_out"),
             "out_of_range": beyond,
             "over_phases": [
-                {key: asdict(v) if key in _SHOWN else v for key, v in group.items()}
+                {key: asdict(v) if key in SHOWN else v for key, v in group.items()}
                 for group in over_phases
             ],
             "results": str(target),
@@ -166,48 +166,33 @@ def sweep(
         raise typer.Exit(1)
 
 
-def counted(rows: list[dict[str, Any]], column: str) -> dict[str, int]:
-    """How many cases have each of the names in a column of `CaseFigures`."""
-    names = (name for row in rows for name in (row[column] or "").split(", ") if name)
-    return dict(Counter(names).most_common())
-
-
 _MOST_ROWS = 20
-_SHOWN = ("plate_energy_db", "rebound_percent", "radiated_db", "plate_speed_db", "pressure_db")
 
 
 def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     """Where each figure is least and largest."""
+    from studies.sweeps.summary import extremes
+
     table = Table(title="Against no control", title_justify="left")
     for heading in ("figure", "least", "at", "largest", "at"):
         table.add_column(heading, justify="left" if heading in ("figure", "at") else "right")
-    for figure in _SHOWN:
-        known = [row for row in rows if row[figure] is not None and row[figure] == row[figure]]
-        if not known:
-            continue
-        ends = [pick(known, key=lambda row: row[figure]) for pick in (min, max)]
-        where = [
-            ", ".join(f"{key.split('.')[-1]} {_short(row[key])}" for key in keys) for row in ends
-        ]
-        least, most = (f"{row[figure]:.2f}" for row in ends)
-        table.add_row(figure, least, where[0], most, where[1])
+    for figure, *words in extremes(rows, keys):
+        table.add_row(figure, *words)
     return table
 
 
 def _spreads(groups: list[dict[str, Any]], keys: list[str]) -> Table:
     """Mean and range over the touch phase, a setting of the other keys a row."""
+    from studies.sweeps.summary import SHOWN, short
+
     table = Table(title="Over touch phases: mean (least to most)", title_justify="left")
-    for heading in (*(key.split(".")[-1] for key in keys), *_SHOWN[:2]):
+    for heading in (*(key.split(".")[-1] for key in keys), *SHOWN[:2]):
         table.add_column(heading, justify="right")
     for group in groups[:_MOST_ROWS]:
-        table.add_row(*(_short(group[key]) for key in keys), *(str(group[f]) for f in _SHOWN[:2]))
+        table.add_row(*(short(group[key]) for key in keys), *(str(group[f]) for f in SHOWN[:2]))
     if len(groups) > _MOST_ROWS:
         table.caption = f"and {len(groups) - _MOST_ROWS} more; --json has them all"
     return table
-
-
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def check(
@@ -221,6 +206,7 @@ def check(
     from hertzloop.commands.warmup import ensure_compiled
     from studies.sweeps.evaluate import not_run
     from studies.sweeps.replay_cases import Checked, replay_cases
+    from studies.sweeps.summary import counted
     from studies.sweeps.sweep import check_laws, code_version, read_results
 
     check_folder(json_file)

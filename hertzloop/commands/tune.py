@@ -2,6 +2,7 @@
 
 import math
 import re
+import shlex
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -26,10 +27,10 @@ from hertzloop.commands.options import (
 from hertzloop.commands.study_frame import resumable
 from hertzloop.commands.terminal import fail, out, progress
 from hertzloop.extras import need
-from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, SceneError, vary
+from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, SceneError, to_toml, vary
 
 if TYPE_CHECKING:
-    from studies.tuning.tune import Found
+    from studies.tuning.record import Found, Tuned
 
 _MOST_ROWS = 15
 _PARTS = ("mean", "least", "most")  # of a spread over touch phases
@@ -88,7 +89,9 @@ def tune(
     from studies.latency.study import LAWS
     from studies.sweeps.design import DesignError, parse_axis
     from studies.sweeps.evaluate import Tally, local_pool
+    from studies.sweeps.sweep import code_version
     from studies.tuning import tune as study
+    from studies.tuning.record import Tuned
 
     check_folder(json_file)
     bases = [scene_from(name, settings, seed) for name in scenes or [DEFAULT]]
@@ -151,8 +154,19 @@ def tune(
         for line in verdict:
             out.print(line, soft_wrap=True)
         if best and folder is not None:
+            words = _command(
+                scenes or [DEFAULT],
+                [("minimise", minimise), ("law", laws), ("vary", ranges), ("over", over),
+                 ("at-most", at_most), ("set", settings)],
+                {"span": span, "generations": generations, "population": population,
+                 "phases": phases, "seed": search_seed},
+            )  # fmt: skip
+            tuned = Tuned(
+                [to_toml(base) for base in bases], objectives, span, limits, best, reference,
+                verdict, len(tally.not_run), words, code_version(),
+            )  # fmt: skip
             try:
-                _write(folder, names, best, reference, objectives)
+                _write(folder, names, tuned)
             except OSError as error:
                 fail(f"cannot write into {folder}: {error.strerror}", 1)
     not_run = [row["status"] for row in tally.not_run]
@@ -177,15 +191,25 @@ def _file_name(names: list[str]) -> str:
     return "tune-" + "-".join(names)
 
 
-def _write(
-    folder: Path, names: list[str], best: "list[Found]", reference: "Found",
-    objectives: tuple[str, ...],
-) -> None:  # fmt: skip
-    """Settings as CSV, and the chart."""
+def _command(
+    scenes: list[str], lists: list[tuple[str, list[str] | None]], values: dict[str, Any]
+) -> str:
+    """The line that finds the same settings."""
+    line = ["hertzloop", "tune", *scenes]
+    for option, given in lists:
+        line += [word for value in given or [] for word in (f"--{option}", value)]
+    line += [word for option, value in values.items() for word in (f"--{option}", str(value))]
+    return shlex.join(line)
+
+
+def _write(folder: Path, names: list[str], tuned: "Tuned") -> None:
+    """Settings as CSV, all that was found as JSON, and the chart."""
     from studies.tabular import write_rows
     from studies.tuning.pictures import draw_front
+    from studies.tuning.record import write_tuned
 
     name = _file_name(names)
+    best, objectives = tuned.front, tuple(tuned.objectives)
     keys = sorted({key for f in best for key in f.values})
     write_rows(
         folder / f"{name}.csv",
@@ -196,8 +220,9 @@ def _write(
             for f in best
         ),
     )  # fmt: skip
-    draw_front(folder / f"{name}.png", ", ".join(names), best, reference, objectives)
-    out.print(f"written: {folder}/{name}.csv and .png", soft_wrap=True)
+    write_tuned(folder / f"{name}.json", tuned)
+    draw_front(folder / f"{name}.png", ", ".join(names), best, tuned.published, objectives)
+    out.print(f"written: {folder}/{name}.csv, .json and .png", soft_wrap=True)
 
 
 def _cases_of(over: list[str]) -> list[dict[str, Any]]:

@@ -5,13 +5,14 @@ modes of equal frequency are kept apart: their shapes differ away from the conta
 """
 
 import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hertzloop import assembly as parts
-from hertzloop.results.figures import rows_of
-from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, V_P, XI, XI_A
+from hertzloop.results.figures import pieces_of
+from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, V_P, XI_A, Block
 from hertzloop.scenes.scene import Scene
 from plant.plant import RIGID_RAD_S, PlantSpec, air_eta
 from plant.schemes.phi import phi
@@ -19,7 +20,8 @@ from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.solid_plate import SolidPlate
 from recordings.reader import Recording
-from recordings.replay.data import Deflection, contact_spans
+from recordings.replay.data import Deflection
+from recordings.replay.thin import Contact, Span, contacts_of
 
 NODES = 2401  # of the grid, about
 MODES_PER_AXIS = 160  # at most; all modes of the shipped scenes
@@ -41,7 +43,7 @@ class Modes:
 
     z is one complex number a mode: its deflection is Im z, a step turns it by `turn`, and a
     unit modal force held over the step adds `grown`, one that rises from -1 to 1 over it
-    `grown_1`. `powers` holds turn^0 .. turn^_PIECE.
+    `grown_1`. `powers_down` holds turn^_PIECE .. turn^0.
     """
 
     shapes: tuple[np.ndarray, ...]
@@ -50,7 +52,7 @@ class Modes:
     grown_1: np.ndarray
     at_contact: np.ndarray
     at_actuator: np.ndarray
-    powers: np.ndarray
+    powers_down: np.ndarray
 
 
 def _taking_part(numbers: np.ndarray, *shares: float) -> np.ndarray:
@@ -73,7 +75,7 @@ def _modes(
     grown_1 = scale / theta * h * x * (2.0 * phi(3, x) - phi(2, x))
     for by in (grown, grown_1):
         by[omega > 2.0 * np.pi * spec.frequency_limit_hz] = 0.0
-    powers = np.exp(np.arange(_PIECE + 1).reshape(-1, *(1,) * omega.ndim) * x)
+    powers = np.exp(np.arange(_PIECE, -1, -1).reshape(-1, *(1,) * omega.ndim) * x)
     return Modes(shapes, x, grown, grown_1, at_contact, at_actuator, powers)
 
 
@@ -138,11 +140,19 @@ def _modes_of_file(
 def _under_force(modes: Modes, z: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """z after at most _PIECE steps under forces up on the plate, shape (4, steps)."""
     count = forces.shape[1]
-    turned = modes.powers[:count][::-1]
-    contact, contact_1, actuator, actuator_1 = (np.tensordot(f, turned, 1) for f in forces)
+    turned = modes.powers_down[_PIECE + 1 - count :]
+    contact, contact_1, actuator, actuator_1 = np.tensordot(forces.astype(complex), turned, 1)
     drive = modes.at_actuator * actuator + modes.at_contact * contact
     tilt = modes.at_actuator * actuator_1 + modes.at_contact * contact_1
-    return np.asarray(z * modes.powers[count] + modes.grown * drive + modes.grown_1 * tilt)
+    turn = modes.powers_down[_PIECE - count]
+    return np.asarray(z * turn + modes.grown * drive + modes.grown_1 * tilt)
+
+
+def _turned(modes: Modes, z: np.ndarray, steps: int) -> np.ndarray:
+    """z after some steps without a force."""
+    if steps <= _PIECE:
+        return np.asarray(z * modes.powers_down[_PIECE - steps])
+    return np.asarray(z * np.exp(steps * modes.s_step))
 
 
 def forces_on_plate(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
@@ -156,34 +166,72 @@ def forces_on_plate(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
     return forces
 
 
-def _states(modes: Modes, forces: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Deflection of every mode at the steps `frames` (ascending), shape (frames, m, n)."""
-    forced = np.flatnonzero(np.any(forces != 0.0, axis=0))
+def force_blocks(spec: PlantSpec, blocks: Iterable[Block]) -> Iterator[Block]:
+    """`forces_on_plate` of a run that comes in blocks, each with its first step. A mass on the
+    plate is accelerated by the difference to the rows around: two rows wait for those that
+    follow, one before them is kept."""
+    if not spec.actuator.mass_kg > 0.0:
+        for first, rows in blocks:
+            yield first, forces_on_plate(spec, rows)
+        return
+    held, at, told = None, 0, 0  # rows, the step of their first one, steps already told
+    for first, rows in blocks:
+        held, at = (rows, first) if held is None else (np.concatenate([held, rows], axis=1), at)
+        end = at + held.shape[1] - 2
+        if end > told:
+            yield told, forces_on_plate(spec, held)[:, told - at : end - at]
+            kept = max(at, end - 1)
+            held, at, told = held[:, kept - at :], kept, end
+    if held is not None:
+        yield told, forces_on_plate(spec, held)[:, told - at :]
+
+
+def _states(modes: Modes, blocks: Iterable[Block], frames: np.ndarray) -> np.ndarray:
+    """Deflection of every mode at the steps `frames` (ascending), shape (frames, m, n), from
+    blocks of forces, each with its first step; of those frames that the blocks reach."""
     z = np.zeros_like(modes.grown)
     found = np.empty((len(frames), *z.shape))
-    step = 0
-    for i, target in enumerate(frames):
-        while step < target:
-            following = np.searchsorted(forced, step)
-            force_at = forced[following] if following < len(forced) else target
-            if force_at > step:
-                end = min(int(force_at), int(target))
-                z = z * np.exp((end - step) * modes.s_step)
-            else:
-                end = min(step + _PIECE, int(target))
-                z = _under_force(modes, z, forces[:, step:end])
-            step = end
-        found[i] = z.imag
-    return found
+    step = i = 0
+    for first, forces in blocks:
+        end = first + forces.shape[1]
+        forced = first + np.flatnonzero(np.any(forces != 0.0, axis=0))
+        while i < len(frames) and frames[i] < end:
+            z = _advanced(modes, z, forces, (first, step, int(frames[i])), forced)
+            step = int(frames[i])
+            found[i] = z.imag
+            i += 1
+        if i == len(frames):
+            break
+        z = _advanced(modes, z, forces, (first, step, end), forced)
+        step = end
+    return found[:i]
 
 
-def frame_steps(xi_m: np.ndarray) -> np.ndarray:
-    """Steps at which a frame is worth its memory, ascending: at most about 600.
+def _advanced(
+    modes: Modes, z: np.ndarray, forces: np.ndarray, steps: tuple[int, int, int], forced: np.ndarray
+) -> np.ndarray:
+    """z from one step to another; `steps`: that of the first of the forces, from, to; `forced`: the
+    steps where there is a force."""
+    first, step, target = steps
+    while step < target:
+        following = np.searchsorted(forced, step)
+        force_at = int(forced[following]) if following < len(forced) else target
+        if force_at > step:
+            end = min(force_at, target)
+            z = _turned(modes, z, end - step)
+        else:
+            end = min(step + _PIECE, target)
+            z = _under_force(modes, z, forces[:, step - first : end - first])
+        step = end
+    return z
+
+
+def frame_steps(steps: int, contacts: Sequence[Span]) -> np.ndarray:
+    """Steps of a run of so many at which a frame is worth its memory, ascending: at most about 600.
 
     Dense from shortly before the first contact to ten times its length after it, less so
     around later ones, coarse elsewhere.
     """
-    steps, contacts = len(xi_m), contact_spans(xi_m)
     frames = [np.linspace(0, steps - 1, min(steps, _COARSE_FRAMES)).astype(np.int64)]
     if contacts:
         start, end = contacts[0]
@@ -191,10 +239,20 @@ def frame_steps(xi_m: np.ndarray) -> np.ndarray:
         last = min(steps, end + int(_AFTER * (end - start)))
         frames.append(np.arange(first, last, -(-(last - first) // _FIRST_FRAMES)))
     if contacts[1:]:
-        around = [np.arange(max(0, 2 * a - b), min(2 * b - a, steps)) for a, b in contacts[1:]]
-        later = np.unique(np.concatenate(around))
-        frames.append(later[:: -(-len(later) // _LATER_FRAMES)])
+        frames.append(_spread(steps, np.array(contacts[1:], np.int64)))
     return np.unique(np.concatenate(frames))
+
+
+def _spread(steps: int, contacts: np.ndarray) -> np.ndarray:
+    """At most _LATER_FRAMES steps evenly over contacts (contacts, 2) and as much around each."""
+    length = contacts[:, 1] - contacts[:, 0]
+    begins = np.maximum(contacts[:, 0] - length, 0)
+    ends = np.minimum(contacts[:, 1] + length, steps)
+    begins[1:] = np.maximum(begins[1:], np.maximum.accumulate(ends)[:-1])  # each step once
+    before = np.cumsum(np.maximum(ends - begins, 0))
+    picked = np.arange(0, before[-1], -(-before[-1] // _LATER_FRAMES))
+    of = np.searchsorted(before, picked, "right")
+    return np.asarray(ends[of] - (before[of] - picked))
 
 
 def _axis(length_m: float, node_m: float, count: int) -> np.ndarray:
@@ -221,16 +279,18 @@ def deflection(
     recording: Recording,
     frames: np.ndarray | None = None,
     per_axis: int = MODES_PER_AXIS,
+    contacts: Sequence[Contact] | None = None,
 ) -> Deflection:
-    """Deflection of the plate at the steps `frames` (default: `frame_steps`) of a recording.
+    """Deflection of the plate at the steps `frames` (default: `frame_steps`) of a recording;
+    `contacts` if they are known.
 
     Modes beyond `per_axis` along an axis (or _MOST_MODES) are left out: they matter next to the
     contact, and only while it lasts. Raises SceneError if the recorded scene cannot be simulated.
     """
     spec = parts.plant_spec(scene)
-    rows = rows_of(recording)
     if frames is None:
-        frames = frame_steps(rows[XI])
+        found = contacts_of(recording.truth.pieces()) if contacts is None else contacts
+        frames = frame_steps(recording.truth.samples, [(one.first, one.end) for one in found])
     contact, structure = spec.contact_point_m, spec.plate
     if isinstance(structure, ModalStructure):
         x, y, modes = _modes_of_file(spec, structure)
@@ -240,9 +300,12 @@ def deflection(
             modes = _edged_modes(spec, structure, x, y)
         else:
             modes = separable_modes(spec, x, y, per_axis)
-    states = _states(modes, forces_on_plate(spec, rows), frames)
+    begin = int(recording.truth.step_at(0))
+    blocks = ((first - begin, rows) for first, rows in pieces_of(recording))
+    states = _states(modes, force_blocks(spec, blocks), frames)
     if len(modes.shapes) == 2:
         w = modes.shapes[0] @ states @ modes.shapes[1]
     else:
         w = np.tensordot(states, modes.shapes[0], 1)
-    return Deflection(recording.truth.time_ns[frames], x, y, w, contact)
+    times_ns = recording.truth.step_at(frames[: len(states)]) * recording.truth.step_ns
+    return Deflection(times_ns, x, y, w, contact)

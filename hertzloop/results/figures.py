@@ -24,6 +24,7 @@ from hertzloop.scenes.scene import Scene
 from hertzloop.struck import structure
 from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
+from recordings.columns import Arrays
 from recordings.reader import Recording
 
 NEEDED_FIELDS = set(TRUTH) - {"xi_a_m", "f_c1_n", "f_a1_n", "deepest_m"}
@@ -45,12 +46,28 @@ def rows_of(recording: Recording) -> np.ndarray:
 
 def blocks_of(recording: Recording) -> Iterator[Block]:
     """The same in blocks, each with its first step, up to the first value that is not finite."""
-    truth, at = recording.truth, 0
+    yield from _rows(recording, _placed(recording.truth.blocks()))
+
+
+def _placed(blocks: Iterable[Arrays]) -> Iterator[tuple[int, Arrays]]:
+    """Blocks with the position of their first row."""
+    at = 0
+    for arrays in blocks:
+        yield at, arrays
+        at += len(arrays["xi_m"])
+
+
+def pieces_of(recording: Recording) -> Iterator[Block]:
+    """The same in larger blocks, for what costs by the block."""
+    yield from _rows(recording, recording.truth.pieces())
+
+
+def _rows(recording: Recording, pieces: Iterable[tuple[int, Arrays]]) -> Iterator[Block]:
+    truth = recording.truth
     if not set(truth.arrays) >= NEEDED_FIELDS:
         return
-    for arrays in truth.blocks():
-        count = len(arrays["xi_m"])
-        constant = np.zeros(count)
+    for at, arrays in pieces:
+        constant = np.zeros(len(arrays["xi_m"]))
         missing = dict.fromkeys(("f_c1_n", "f_a1_n", "deepest_m"), constant)
         known = missing | {"xi_a_m": arrays["xi_p_m"]} | arrays
         rows = np.stack([known[name] for name in TRUTH])
@@ -59,7 +76,6 @@ def blocks_of(recording: Recording) -> Iterator[Block]:
             yield int(truth.step_at(at)), rows[:, : int(np.argmin(finite))]
             return
         yield int(truth.step_at(at)), rows
-        at += count
 
 
 def figures_of(scene: Scene, rows: np.ndarray | Iterable[Block]) -> dict[str, Any]:

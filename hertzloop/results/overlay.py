@@ -1,21 +1,18 @@
 """Curves of a run for a replay, thinned as its rows come: a long run needs no more memory."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from hertzloop.results.impact_rows import F_A, F_C, V_P, XI, Block
 from hertzloop.results.ledger import ledgers
 from hertzloop.scenes.scene import Scene
-from recordings.replay.data import FULL_RATE_SAMPLES, extremes
+from recordings.replay.thin import FULL_RATE_SAMPLES, Line, Span, Thinner, within
 
 SPECTRUM_STEPS = 1 << 19  # from a run's start
-_POINTS = 40_000  # of a line away from contacts, smallest and largest of equal pieces
 _NEAR = 2000  # steps before and after a contact that are kept
 _ROWS = {"xi": XI, "F_c": F_C, "F_a": F_A, "v_p": V_P}
-
-Line = tuple[np.ndarray, np.ndarray]  # steps and values
 
 
 @dataclass
@@ -29,16 +26,17 @@ class Overlay:
     start_j: float
 
 
-@dataclass
-class _Growing:
-    steps: list[np.ndarray] = field(default_factory=list)
-    values: list[np.ndarray] = field(default_factory=list)
-
-
-def overlay(scene: Scene, blocks: Iterable[Block], names: Iterable[str], steps: int) -> Overlay:
+def overlay(
+    scene: Scene,
+    blocks: Iterable[Block],
+    names: Iterable[str],
+    steps: int,
+    spans: list[Span] | None = None,
+) -> Overlay:
     """Those of "xi", "F_c", "F_a", "v_p", "sphere", "plate", "contact", "fed" that are asked for,
-    of a run of so many steps; short ones in full."""
-    growing = {name: _Growing() for name in names}
+    of a run of so many steps; short ones in full, others where `spans` of steps say, next to the
+    first contacts if these are not given."""
+    thinners = {name: Thinner(steps) for name in names}
     touched, start_j = None, 0.0
     speed: list[np.ndarray] = []
     left = FULL_RATE_SAMPLES
@@ -49,26 +47,18 @@ def overlay(scene: Scene, blocks: Iterable[Block], names: Iterable[str], steps: 
             touched = first + int(touching[0]) if len(touching) else None
         if first < SPECTRUM_STEPS:
             speed.append(rows[V_P, : SPECTRUM_STEPS - first].copy())
-        # A sphere that comes to rest touches for ever: the first contacts are shown in full.
-        near = _around(touching, rows.shape[1])
-        if left <= 0:
-            near[:] = False
-        left -= int(np.count_nonzero(near))
-        for name, line in growing.items():
+        if spans is not None:
+            near = within(spans, first, rows.shape[1])
+        else:
+            # A sphere that comes to rest touches for ever: the first contacts are shown in full.
+            near = _around(touching, rows.shape[1])
+            if left <= 0:
+                near[:] = False
+            left -= int(np.count_nonzero(near))
+        for name, thinner in thinners.items():
             values = rows[_ROWS[name]] if name in _ROWS else getattr(energies, name)
-            chosen = near.copy()
-            if steps <= FULL_RATE_SAMPLES:
-                chosen[:] = True
-            else:
-                points = max(4, len(values) * _POINTS // steps)
-                chosen[extremes(values, points)] = True
-            line.steps.append(first + np.flatnonzero(chosen))
-            line.values.append(values[chosen])
-    nothing = np.empty(0, np.int64), np.empty(0)
-    lines = {
-        name: (np.concatenate(line.steps), np.concatenate(line.values)) if line.steps else nothing
-        for name, line in growing.items()
-    }
+            thinner.feed(first, values, near)
+    lines = {name: thinner.line() for name, thinner in thinners.items()}
     return Overlay(lines, touched, np.concatenate(speed) if speed else np.empty(0), start_j)
 
 

@@ -7,14 +7,16 @@ import numpy as np
 import rerun as rr
 
 from bus.streams import LAST_NS
+from recordings.columns import Arrays
 from recordings.reader import Recording
 from recordings.replay import axes, plate_mesh, scene3d
 from recordings.replay import data as replay_data
 from recordings.replay import spectrum as spectra_drawn
 from recordings.replay.blueprint import Layout, PlotLook, dashboard
-from recordings.replay.data import Curve, Deflection, Moments, Plot, Span, Twin
+from recordings.replay.data import Curve, Deflection, Moments, Plot, Twin
 from recordings.replay.scene3d import times
 from recordings.replay.spectrum import Spectrum
+from recordings.replay.thin import Contact, contacts_of, rows_at
 from recordings.writer import RecordingError
 
 _LEVELS = {1: "DEBUG", 2: "INFO", 3: "WARN", 4: "ERROR", 5: "CRITICAL"}  # of foxglove.Log
@@ -51,27 +53,47 @@ class Told:
 
 @dataclass(frozen=True)
 class Shown:
-    """What a replay shows, worked out once; see `prepare`."""
+    """What a replay shows, worked out once; see `prepare`. `at_frames`: lowest point of the sphere,
+    gap and actuator force, (frames,) each."""
 
     recording: Recording
     deflection: Deflection
-    contacts: list[Span]
+    contacts: list[Contact]
     when: Moments
     plots: list[Plot]
     drawn: plate_mesh.Scale
+    at_frames: Arrays
     sphere_radius_m: float
     told: Told
 
 
-def prepare(recording: Recording, deflection: Deflection, told: Told | None = None) -> Shown:
-    """What there is to show. The recording has at least one step, see `check_replayable`."""
+def prepare(
+    recording: Recording,
+    deflection: Deflection,
+    told: Told | None = None,
+    contacts: list[Contact] | None = None,
+) -> Shown:
+    """What there is to show; `contacts` if they are known. The recording has at least one step, see
+    `check_replayable`."""
     truth, told = recording.truth, told or Told()
-    contacts = replay_data.contact_spans(truth.arrays["xi_m"])
-    when = replay_data.moments(truth.time_ns, contacts, truth.step_ns, told.until_ns)
+    if contacts is None:
+        contacts = contacts_of(truth.pieces())
+
+    def at_ns(position: int) -> int:
+        return int(truth.step_at(position)) * truth.step_ns
+
+    touching = None
+    if contacts:
+        begun = at_ns(contacts[0].first)
+        touching = begun, begun + (contacts[0].end - contacts[0].first) * truth.step_ns
+    run_ns = at_ns(0), at_ns(truth.samples - 1)
+    when = replay_data.moments(run_ns, touching, truth.step_ns, told.until_ns)
     radius = float(replay_data.scene_value(recording, "sphere", "radius_m", 0.0))
     drawn = plate_mesh.scale(deflection, when.selection_ns, radius)
-    plots = [*replay_data.plots(recording, told.twin), *told.more_plots]
-    return Shown(recording, deflection, contacts, when, plots, drawn, radius, told)
+    plots = [*replay_data.plots(recording, contacts, told.twin), *told.more_plots]
+    frames = deflection.times_ns // truth.step_ns - truth.first_step
+    at_frames = rows_at(truth, frames, ("xi_s_m", "xi_m", "f_a_n"))
+    return Shown(recording, deflection, contacts, when, plots, drawn, at_frames, radius, told)
 
 
 def check_replayable(recording: Recording) -> None:
@@ -105,12 +127,12 @@ def save(shown: Shown, path: Path, still: bool = False) -> None:
 def fill(stream: rr.RecordingStream, shown: Shown, still: bool = False) -> None:
     """Send everything a replay shows: /scene, /overview, /zoom, /spectrum, /contacts, /events,
     /states, /about."""
-    truth, deflection, drawn = shown.recording.truth, shown.deflection, shown.drawn
+    deflection, drawn, rows = shown.deflection, shown.drawn, shown.at_frames
     scene3d.send_plate(stream, deflection, drawn)
-    scene3d.send_sphere(stream, truth, deflection, drawn)
+    scene3d.send_sphere(stream, rows["xi_s_m"], rows["xi_m"], deflection, drawn)
     if shown.told.actuator_m is not None:
-        full_n = _full_arrow_n(shown)
-        scene3d.send_actuator(stream, truth, deflection, shown.told.actuator_m, drawn, full_n)
+        at, full_n = shown.told.actuator_m, _full_arrow_n(shown)
+        scene3d.send_actuator(stream, rows["f_a_n"], deflection, at, drawn, full_n)
     for plot in shown.plots:
         for curve in (one for one in plot.curves if len(one.values)):
             _send_curve(stream, shown, plot, curve)
@@ -128,12 +150,11 @@ def fill(stream: rr.RecordingStream, shown: Shown, still: bool = False) -> None:
 def _full_arrow_n(shown: Shown) -> float:
     """Actuator force that is drawn with a whole arrow: a round number above the largest around the
     first contact."""
-    truth = shown.recording.truth
-    a, b = (int(t) // truth.step_ns - truth.first_step for t in shown.when.selection_ns)
-    pushed = truth.arrays["f_a_n"]
-    largest = float(np.nan_to_num(np.abs(pushed[a : b + 1])).max(initial=0.0))
+    pushed = next(c for plot in shown.plots for c in plot.curves if c.name == "F_a")
+    a, b = np.searchsorted(pushed.time_ns, shown.when.selection_ns)
+    largest = float(np.nan_to_num(np.abs(pushed.values[a : b + 1])).max(initial=0.0))
     if not largest:
-        largest = max(-float(np.nanmin(pushed)), float(np.nanmax(pushed)))
+        largest = max(-float(np.nanmin(pushed.values)), float(np.nanmax(pushed.values)))
     if not np.isfinite(largest):
         return 0.0
     return 2.0 * plate_mesh.round_below(largest) if largest > 0.0 else 0.0
@@ -166,18 +187,10 @@ def _colour(shown: Shown, plot: Plot, curve: Curve) -> tuple[int, int, int]:
 
 
 def _send_curve(stream: rr.RecordingStream, shown: Shown, plot: Plot, curve: Curve) -> None:
-    truth = shown.recording.truth
-    contacts = np.array(shown.contacts, np.int64).reshape(-1, 2)
-    # A contact in steps, as positions of this curve's samples: a converter may be slower.
-    begins = np.searchsorted(curve.time_ns, truth.step_at(contacts[:, 0]) * truth.step_ns)
-    ends = np.searchsorted(
-        curve.time_ns, truth.step_at(contacts[:, 1] - 1) * truth.step_ns, "right"
-    )
-    own = list(zip(begins.tolist(), ends.tolist(), strict=True))
-    spans = replay_data.full_rate_spans(own, len(curve.values))
+    everything = slice(None) if curve.overview is None else curve.overview
     for entity, held, chosen in (
-        ("overview", False, replay_data.extremes(curve.values, replay_data.OVERVIEW_POINTS)),
-        ("zoom", curve.held, replay_data.zoom_positions(curve.values, spans)),
+        ("overview", False, everything),
+        ("zoom", curve.held, slice(None)),
     ):
         path = f"{entity}/{plot.key}/{curve.name}"
         line = rr.SeriesLines(
@@ -210,10 +223,10 @@ def _send_states(stream: rr.RecordingStream, shown: Shown) -> None:
         return int(truth.step_at(step)) * truth.step_ns
 
     contact = [(begins_ns(0), "apart")]
-    for start, end in shown.contacts:
-        contact.append((begins_ns(start), "in contact"))
-        if end < truth.samples:
-            contact.append((begins_ns(end), "apart"))
+    for touched in shown.contacts:
+        contact.append((begins_ns(touched.first), "in contact"))
+        if touched.end < truth.samples:
+            contact.append((begins_ns(touched.end), "apart"))
     for name, states in (("contact", contact), ("law", replay_data.law_states(recording))):
         known = list(dict.fromkeys(state for _, state in states))
         colours = [_STATE_COLOURS.get(state, 0x808080FF) for state in known]
@@ -231,13 +244,13 @@ def _send_contacts(stream: rr.RecordingStream, shown: Shown) -> None:
     truth, contacts = shown.recording.truth, shown.contacts[:_MOST_LISTED]
     if not contacts:
         return
-    xi, f_c = truth.arrays["xi_m"], truth.arrays["f_c_n"]
-    begins_ns = truth.step_at(np.array([a for a, _ in contacts])) * truth.step_ns
+    begins_ns = truth.step_at(np.array([one.first for one in contacts])) * truth.step_ns
     texts = [
-        f"{i} at {begins_ns[i - 1] * 1e-6:.3f} ms: {_short((b - a) * truth.step_ns * 1e-3)} µs, "
-        f"{_short(f_c[a:b].max())} N, {_short(-xi[a:b].min() * 1e6)} µm deep"
-        + ("" if b < len(xi) else ", cut by the end")
-        for i, (a, b) in enumerate(contacts, 1)
+        f"{i} at {begins_ns[i - 1] * 1e-6:.3f} ms: "
+        f"{_short((one.end - one.first) * truth.step_ns * 1e-3)} µs, "
+        f"{_short(one.peak_n)} N, {_short(one.deepest_m * 1e6)} µm deep"
+        + ("" if one.end < truth.samples else ", cut by the end")
+        for i, one in enumerate(contacts, 1)
     ]
     columns = rr.TextLog.columns(text=texts)
     at = times(begins_ns)

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,13 +10,8 @@ import numpy as np
 
 from bus.streams import LAST_NS
 from recordings.reader import Recording
+from recordings.replay.thin import Contact, Line, Span, Thinner, full_rate_spans, within
 
-OVERVIEW_POINTS = 6000
-OUTSIDE_POINTS = 40_000  # of a zoom curve, away from contacts
-FULL_RATE_SAMPLES = 150_000  # of a zoom curve; more makes the viewer slow
-_PADDING = 20_000  # samples at full rate before and after a contact, if the limit allows
-
-Span = tuple[int, int]
 # Of truth: plot, curve, field, factor, held from one step to the next.
 SIGNALS = (
     ("gap", "xi", "xi_m", 1e6, False), ("force", "F_c", "f_c_n", 1.0, True),
@@ -49,6 +45,7 @@ class Curve:
     """One line of a plot: `time_ns` and `values`, both (samples,), in the plot's unit.
 
     `name` is its entity's, `label` what the legend says; a `faint` one is there to compare with.
+    `overview` (points,): which samples are enough for all of it at once, None for all.
     """
 
     name: str
@@ -57,6 +54,7 @@ class Curve:
     held: bool = False  # constant from one sample to the next
     label: str = ""
     faint: bool = False
+    overview: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -92,13 +90,6 @@ def scene_value(recording: Recording, table: str, key: str, default: Any = None)
     return _scene(recording).get(table, {}).get(key, default)
 
 
-def contact_spans(xi_m: np.ndarray) -> list[Span]:
-    """First step in contact and first step after it, for every contact, from the gap (steps,)."""
-    touching = np.concatenate([[0], (xi_m < 0.0).astype(np.int8), [0]])
-    edges = np.flatnonzero(np.diff(touching))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-
-
 @dataclass(frozen=True)
 class Moments:
     """When something is worth looking at, ns: what play shows, what zoom plots reach before
@@ -110,16 +101,16 @@ class Moments:
 
 
 def moments(
-    time_ns: np.ndarray, contacts: list[Span], step_ns: int, until_ns: int = LAST_NS
+    run_ns: Span, contact_ns: Span | None, step_ns: int, until_ns: int = LAST_NS
 ) -> Moments:
-    """Moments around the first contact, before a loop explodes at `until_ns`; without a contact,
-    the whole recording (times (steps,))."""
-    first, last = int(time_ns[0]), min(int(time_ns[-1]), until_ns)
-    if not contacts:
+    """Moments around the first contact, from its first step to the first one after it, before a
+    loop explodes at `until_ns`; without a contact, the whole recording, its first and last step."""
+    first, last = run_ns[0], min(run_ns[1], until_ns)
+    if contact_ns is None:
         half = max(last - first, step_ns) // 2
         return Moments((first, max(last, first + step_ns)), (half, half), (first + last) // 2)
-    start, end = contacts[0]
-    begun, length = min(int(time_ns[start]), last), max(end - start, 4) * step_ns
+    start, end = contact_ns
+    begun, length = min(start, last), max(end - start, 4 * step_ns)
     selection = (max(first, begun - length), min(last, begun + 9 * length))
     still, after = begun + 2 * length, min(3 * length, last - first) // 2
     if still > last:  # the run ends in this contact, or soon after it
@@ -130,81 +121,30 @@ def moments(
     return Moments(selection, (before, after), still)
 
 
-def extremes(values: np.ndarray, points: int) -> np.ndarray:
-    """Ascending positions of at most about `points` samples that keep each minimum and maximum
-    of equal pieces, and both ends."""
-    count = len(values)
-    width = -(-2 * count // points)
-    if width <= 2:
-        return np.arange(count)
-    whole = count // width * width
-    starts = np.arange(0, whole, width)
-    pieces = values[:whole].reshape(-1, width)
-    kept = [np.array([0, count - 1])]
-    kept += [starts + pieces.argmin(axis=1), starts + pieces.argmax(axis=1)]
-    if rest := count - whole:
-        kept += [whole + np.array([values[-rest:].argmin(), values[-rest:].argmax()])]
-    shown = np.zeros(count, bool)
-    shown[np.concatenate(kept)] = True
-    return np.flatnonzero(shown)
-
-
-def full_rate_spans(contacts: list[Span], count: int) -> list[Span]:
-    """Samples shown at full rate: everything in a short run, else the surroundings of contacts.
-
-    At most `FULL_RATE_SAMPLES` in all; the earliest contacts come first.
-    """
-    if count <= FULL_RATE_SAMPLES:
-        return [(0, count)] if count else []
-    left = FULL_RATE_SAMPLES
-    padding = min(_PADDING, left // (4 * max(1, len(contacts))))
-    spans: list[Span] = []
-    for start, end in contacts:
-        first = max(spans[-1][1] if spans else 0, start - padding)
-        last = min(count, end + padding, first + left)
-        if first < last:
-            spans.append((first, last))
-            left -= last - first
-    return spans
-
-
-def zoom_positions(values: np.ndarray, spans: list[Span]) -> np.ndarray:
-    """Positions of the samples of a zoom curve: all within `spans`, extremes elsewhere."""
-    shown = np.zeros(len(values), bool)
-    shown[extremes(values, OUTSIDE_POINTS)] = True
-    for first, end in spans:
-        shown[first:end] = True
-    return np.flatnonzero(shown)
-
-
-def plots(recording: Recording, twin: Twin | None = None) -> list[Plot]:
+def plots(
+    recording: Recording, contacts: Sequence[Contact], twin: Twin | None = None
+) -> list[Plot]:
     """Gap, forces and plate velocity, with what the data acquisition saw where it belongs, and
-    with the twin's."""
+    with the twin's; thinned away from contacts."""
     curves: dict[str, list[Curve]] = {"gap": [], "force": [], "velocity": [], "acceleration": []}
     if twin is not None:  # first, to lie behind
         for plot in curves:
             curves[plot] += twin.curves.get(plot, [])
-    times = recording.truth.time_ns
     own = f" {twin.own}" if twin and twin.own else ""
-    for plot, name, field, factor, held in SIGNALS:
-        values = recording.truth.arrays[field]
-        if factor != 1.0:
-            values = factor * values
-        curves[plot].append(Curve(name, times, values, held, name + own))
+    spans = [(contact.first, contact.end) for contact in contacts]
+    for (plot, name, _, factor, held), line in zip(
+        SIGNALS, _signals(recording, spans), strict=True
+    ):
+        times = recording.truth.step_at(line.at) * recording.truth.step_ns
+        curves[plot].append(curve_of(name, line, times, factor, held, name + own))
     plot, factor = {
         "v_p": ("velocity", 1.0), "acceleration": ("acceleration", 1.0),
         "contact_force": ("force", 1.0),
     }.get(scene_value(recording, "sensors", "quantity", "xi"), ("gap", 1e6))  # fmt: skip
     if recording.daq.samples:
-        values = recording.daq_values
-        if factor != 1.0:
-            values = factor * values
-        daq, truth = recording.daq, recording.truth
-        alike = (daq.every_steps, daq.samples, daq.first_step, daq.resumed) == (
-            1, truth.samples, truth.first_step, truth.resumed,
-        )  # fmt: skip
-        sampled_ns = times if alike else daq.time_ns
-        curves[plot].append(Curve("measured", sampled_ns, values, held=True))
+        line = _measured(recording, spans)
+        times = recording.daq.step_at(line.at) * recording.daq.step_ns
+        curves[plot].append(curve_of("measured", line, times, factor, held=True))
     titles = {
         "gap": "Gap xi (µm)",
         "force": "Contact F_c, actuator F_a (N)",
@@ -212,6 +152,41 @@ def plots(recording: Recording, twin: Twin | None = None) -> list[Plot]:
         "acceleration": "Plate acceleration (m/s²)",
     }
     return [Plot(key, titles[key], tuple(found)) for key, found in curves.items() if found]
+
+
+def curve_of(
+    name: str, line: Line, time_ns: np.ndarray, factor: float = 1.0, held: bool = False,
+    label: str = "", faint: bool = False,
+) -> Curve:  # fmt: skip
+    """A thinned signal as a curve, in the plot's unit."""
+    values = line.values if factor == 1.0 else factor * line.values
+    return Curve(name, time_ns, values, held, label, faint, line.overview)
+
+
+def _signals(recording: Recording, spans: list[Span]) -> list[Line]:
+    truth = recording.truth
+    near = full_rate_spans(spans, truth.samples)
+    thinners = [Thinner(truth.samples) for _ in SIGNALS]
+    for at, arrays in truth.pieces():
+        marked = within(near, at, len(arrays["xi_m"]))
+        for thinner, (_, _, name, _, _) in zip(thinners, SIGNALS, strict=True):
+            thinner.feed(at, arrays[name], marked)
+    return [thinner.line() for thinner in thinners]
+
+
+def _measured(recording: Recording, spans: list[Span]) -> Line:
+    """What was acquired, around the same contacts: a converter may be slower than the plant."""
+    truth, daq = recording.truth, recording.daq
+    steps = truth.step_at(np.array(spans, np.int64).reshape(-1, 2))
+    own = -(-(steps - daq.first_step) // daq.every_steps)
+    for position, step in daq.resumed:
+        own = np.where(steps >= step, position + -(-(steps - step) // daq.every_steps), own)
+    near = full_rate_spans([(max(a, 0), b) for a, b in own.tolist()], daq.samples)
+    thinner = Thinner(daq.samples)
+    for at, arrays in daq.pieces():
+        values = daq.values_of(arrays)
+        thinner.feed(at, values, within(near, at, len(values)))
+    return thinner.line()
 
 
 def law_states(recording: Recording) -> list[tuple[int, str]]:

@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 import rerun as rr
 
-from recordings.columns import Stream
 from recordings.replay import plate_mesh
 from recordings.replay.blueprint import TIMELINE
 from recordings.replay.data import Deflection
@@ -72,12 +71,15 @@ def with_unit(value: float, unit: str) -> str:
 
 
 def send_sphere(
-    stream: rr.RecordingStream, truth: Stream, deflection: Deflection, drawn: plate_mesh.Scale
+    stream: rr.RecordingStream,
+    xi_s_m: np.ndarray,
+    xi_m: np.ndarray,
+    deflection: Deflection,
+    drawn: plate_mesh.Scale,
 ) -> None:
-    """The sphere, in another colour while it touches."""
-    steps = deflection.times_ns // truth.step_ns - truth.first_step
-    centres = plate_mesh.sphere_centres(deflection, truth.arrays["xi_s_m"][steps], drawn)
-    colours = np.where(truth.arrays["xi_m"][steps] < 0.0, _TOUCHING, _STEEL).astype(np.uint32)
+    """The sphere, in another colour while it touches, by its lowest point and the gap (frames,)."""
+    centres = plate_mesh.sphere_centres(deflection, xi_s_m, drawn)
+    colours = np.where(xi_m < 0.0, _TOUCHING, _STEEL).astype(np.uint32)
     shape = rr.Ellipsoids3D.from_fields(
         half_sizes=[(drawn.sphere_radius_m,) * 3], fill_mode="solid"
     )
@@ -88,14 +90,14 @@ def send_sphere(
 
 def send_actuator(
     stream: rr.RecordingStream,
-    truth: Stream,
+    force_n: np.ndarray,
     deflection: Deflection,
     point_m: tuple[float, float],
     drawn: plate_mesh.Scale,
     full_force_n: float,
 ) -> None:
-    """A ring where the actuator pushes, and its force as an arrow at the ring's side; an arrow of
-    full length is `full_force_n`."""
+    """A ring where the actuator pushes, and its force (frames,) as an arrow at the ring's side; an
+    arrow of full length is `full_force_n`."""
     side = float(min(deflection.x_m[-1], deflection.y_m[-1]))
     x, y = point_m
     reach = 1.5 * drawn.sphere_radius_m
@@ -118,9 +120,8 @@ def send_actuator(
     stream.log("scene/actuator/leader", lines, static=True)
     if not full_force_n > 0.0:
         return
-    steps = deflection.times_ns // truth.step_ns - truth.first_step
-    force = np.nan_to_num(truth.arrays["f_a_n"][steps] / full_force_n)
-    vectors = np.zeros((len(steps), 3), np.float32)
+    force = np.nan_to_num(force_n / full_force_n)
+    vectors = np.zeros((len(force), 3), np.float32)
     vectors[:, 2] = np.clip(force, -1.0, 1.0) * _ARROW_SHARE * side
     looks = rr.Arrows3D.from_fields(
         origins=[(x - reach, y, above)], colors=[_ACTUATOR], radii=[0.008 * side]

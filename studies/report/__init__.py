@@ -1,1 +1,1 @@
-"""A run as one page that needs nothing else: figures, charts, animation, sound, scene."""
+"""A run, a sweep or a tuning as one page that needs nothing else."""

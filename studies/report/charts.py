@@ -7,7 +7,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from recordings.replay.as_rerun import Shown
-from recordings.replay.data import Curve, Plot, extremes
+from recordings.replay.data import Curve, Plot
+from recordings.replay.thin import extremes
 from studies import pictures
 
 _POINTS = 1500  # a curve
@@ -23,8 +24,9 @@ def around_first_contact(shown: Shown) -> str:
 
 def whole_run(shown: Shown) -> str:
     """The same over all of the run."""
-    time_ns = shown.recording.truth.time_ns
-    return _sheet(shown.plots, (int(time_ns[0]), int(time_ns[-1])), "simulated time (ms)")
+    truth = shown.recording.truth
+    first, last = (int(truth.step_at(at)) * truth.step_ns for at in (0, truth.samples - 1))
+    return _sheet(shown.plots, (first, last), "simulated time (ms)")
 
 
 def spectra(shown: Shown) -> str:
@@ -57,15 +59,18 @@ def _sheet(plots: list[Plot], span_ns: tuple[int, int], label: str) -> str:
 
 
 def _draw(ax: Any, curve: Curve, span_ns: tuple[int, int]) -> None:
-    a, b = np.searchsorted(curve.time_ns, span_ns)
-    values = curve.values[a : b + 1]
+    times, values = curve.time_ns, curve.values
+    a, b = np.searchsorted(times, span_ns)
+    if b - a >= len(times) - 1 and curve.overview is not None:  # all of it, evenly
+        times, values = times[curve.overview], values[curve.overview]
+    else:
+        times, values = times[a : b + 1], values[a : b + 1]
     if not len(values) or not np.isfinite(values).any():
         return
     chosen = extremes(np.nan_to_num(values), _POINTS)
     style = pictures.look(_STYLES.get(curve.name, 0))
     style = {"color": "#888888", "linestyle": "--", "linewidth": 1.1} if curve.faint else style
-    times = 1e-6 * curve.time_ns[a : b + 1][chosen]
-    ax.plot(times, values[chosen], label=curve.label or curve.name, **style)
+    ax.plot(1e-6 * times[chosen], values[chosen], label=curve.label or curve.name, **style)
 
 
 def _legend(ax: Any) -> None:

@@ -3,12 +3,10 @@
 import base64
 import json
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import jinja2
 import numpy as np
 
 from hertzloop.commands.listen import heard_of
@@ -21,6 +19,7 @@ from recordings.replay.as_rerun import Shown
 from recordings.replay.data import Deflection
 from recordings.replay.scene3d import with_unit
 from studies.report import charts
+from studies.report.templates import template
 
 _FRAMES = 240
 _LISTED = 12  # contacts
@@ -45,7 +44,7 @@ def page_of(recording: Recording) -> str:
         columns.append(("without", figures.figures_of(free, uncontrolled_rows(free))))
     compare = compared and not stable["stability"]["unstable"]
     sounds, silent = _sounds(recording, scene)
-    return _template().render(
+    return template("page.html.j2").render(
         title=shown.told.heading,
         lines=[line.replace("**", "") for line in shown.told.lines],
         problems=recording.problems,
@@ -65,12 +64,6 @@ def page_of(recording: Recording) -> str:
         commands=_commands(recording, scene),
         versions=_versions(recording),
     )  # fmt: skip
-
-
-def _template() -> jinja2.Template:
-    text = (resources.files("studies.report") / "page.html.j2").read_text("utf-8")
-    settings = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    return settings.from_string(text)
 
 
 def _noise(columns: list[dict[str, Any]], compare: bool) -> list[list[str]]:
@@ -100,8 +93,7 @@ def _animation(shown: Shown) -> dict[str, Any]:
     levels = np.clip(np.round(np.nan_to_num(plate.w_m[inside]) / full * _LEVELS), -127, 127)
     # Rows of a picture go down, y goes up.
     frames = np.ascontiguousarray(levels.astype(np.int8).transpose(0, 2, 1)[:, ::-1])
-    steps = np.searchsorted(shown.recording.truth.time_ns, plate.times_ns[inside])
-    truth = shown.recording.truth.arrays
+    gap_m, force_n = (shown.at_frames[name][inside] for name in ("xi_m", "f_a_n"))
     size = float(plate.x_m[-1]), float(plate.y_m[-1])
     actuator = shown.told.actuator_m
     return {
@@ -110,8 +102,8 @@ def _animation(shown: Shown) -> dict[str, Any]:
         "x": (plate.x_m / size[0]).tolist(), "y": (1.0 - plate.y_m[::-1] / size[1]).tolist(),
         "aspect": size[1] / size[0], "size": [f"{1e3 * side:g} mm" for side in size],
         "times": [f"{1e-6 * t:.4f} ms" for t in plate.times_ns[inside].tolist()],
-        "touching": (truth["xi_m"][steps] < 0.0).tolist(),
-        "force": [with_unit(float(f), "N") for f in np.nan_to_num(truth["f_a_n"][steps])],
+        "touching": (gap_m < 0.0).tolist(),
+        "force": [with_unit(float(f), "N") for f in np.nan_to_num(force_n)],
         "contact": [plate.contact_point_m[0] / size[0], 1.0 - plate.contact_point_m[1] / size[1]],
         "actuator": [actuator[0] / size[0], 1.0 - actuator[1] / size[1]] if actuator else None,
         "full": with_unit(full, "m"),

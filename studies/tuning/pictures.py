@@ -2,13 +2,20 @@
 
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
 from studies import pictures, words
-from studies.tuning.tune import Found
+from studies.tuning.record import Found
 
 
 def draw_front(
     path: Path, title: str, best: list[Found], reference: Found, objectives: tuple[str, ...]
 ) -> None:
+    """Write `front` as PNG."""
+    pictures.save(front(title, best, reference, objectives), path)
+
+
+def front(title: str, best: list[Found], reference: Found, objectives: tuple[str, ...]) -> Figure:
     """The settings found, law by law, over the first two objectives (or over their number)."""
     sheet, axes = pictures.sheet(1, 1, width=8.5, height=4.2)
     ax = axes[0, 0]
@@ -24,4 +31,4 @@ def draw_front(
     )
     ax.set(xlabel=words.against_none(x), ylabel=words.against_none(y), title=title)
     sheet.legend(loc="outside right upper")
-    pictures.save(sheet, path)
+    return sheet

@@ -6,7 +6,7 @@ Over a set of scenes the worst of them counts, objective by objective.
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from studies.sweeps.design import Axis, Design, fitted
 from studies.sweeps.evaluate import Pool, evaluate
 from studies.sweeps.phases import Spread, at_all, spread_over
 from studies.sweeps.sweep import code_version, laws_of
+from studies.tuning.record import Found
 
 OBJECTIVES = (
     "plate_energy_db", "rebound_percent", "radiated_db", "plate_speed_db", "pressure_db",
@@ -33,16 +34,6 @@ PUBLISHED: dict[str, Any] = {
     "controller.law": "slope_threshold", "controller.kappa": 0.8, "controller.v_thr_m_s": -0.25,
 }  # fmt: skip
 _BAD = 1e6  # of a case without figures: unstable, or impossible
-
-
-@dataclass(frozen=True)
-class Found:
-    """A setting and what it gives: values by key, objectives by name (the worst of the scenes),
-    and their `spreads` over the touch phase (of the scene with the worst mean), where known."""
-
-    values: dict[str, Any]
-    figures: dict[str, float]
-    spreads: dict[str, Spread] = field(default_factory=dict)
 
 
 def header_of(

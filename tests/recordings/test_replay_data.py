@@ -10,10 +10,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bus.messages_pb2 import RunEnd, SetUp
+from recordings import columns
 from recordings.reader import Event, Recording, Stream
-from recordings.replay import axes, plate_mesh
+from recordings.replay import axes, plate_mesh, thin
 from recordings.replay import data as replay_data
-from recordings.replay.data import Deflection, contact_spans, extremes, full_rate_spans
+from recordings.replay.data import Deflection
+from recordings.replay.thin import (
+    Contact,
+    Thinner,
+    contact_spans,
+    contacts_of,
+    extremes,
+    full_rate_spans,
+    rows_at,
+    within,
+)
 from tests.recordings.plates import flat_plate
 
 # Thinning and spans
@@ -60,36 +71,76 @@ def test_a_short_run_is_shown_at_full_rate_a_long_one_around_contacts() -> None:
 
 def test_full_rate_is_limited_however_long_the_contacts_are() -> None:
     spans = full_rate_spans([(0, 400_000), (500_000, 900_000)], 1_000_000)
-    assert sum(b - a for a, b in spans) == replay_data.FULL_RATE_SAMPLES
+    assert sum(b - a for a, b in spans) == thin.FULL_RATE_SAMPLES
 
 
-def test_a_zoom_curve_has_every_sample_of_its_spans() -> None:
+@pytest.mark.parametrize("piece", [7_001, 65_536, 500_000])
+def test_a_thinned_line_has_every_sample_of_its_spans_and_every_extreme(piece: int) -> None:
     values = np.random.default_rng(2).normal(size=500_000)
-    chosen = replay_data.zoom_positions(values, [(1000, 3000)])
-    assert set(range(1000, 3000)) <= set(chosen.tolist())
-    assert len(chosen) < replay_data.OUTSIDE_POINTS + 2100
+    values[[123_457, 400_001]] = 9.0, -9.0
+    thinner = Thinner(len(values))
+    for first in range(0, len(values), piece):
+        some = values[first : first + piece]
+        thinner.feed(first, some, within([(1000, 3000), (8000, 8010)], first, len(some)))
+    line = thinner.line()
+    assert {*range(1000, 3000), *range(8000, 8010), 123_457, 400_001} <= set(line.at.tolist())
+    assert len(line.at) < thin.OUTSIDE_POINTS + thin.OVERVIEW_POINTS + 2500
+    assert np.all(np.diff(line.at) > 0)
+    assert line.values.tobytes() == values[line.at].tobytes()
+    overview = line.values[line.overview]
+    assert len(overview) < 1.1 * thin.OVERVIEW_POINTS
+    assert (overview.min(), overview.max()) == (-9.0, 9.0)
+    assert np.diff(line.at[line.overview]).max() < 500
+
+
+def test_contacts_are_found_across_the_seams_of_pieces() -> None:
+    rng = np.random.default_rng(4)
+    xi = np.repeat(rng.choice([-1.0, 1.0], 40), 5) * rng.uniform(0.1, 1.0, 200)
+    force = np.where(xi < 0.0, rng.uniform(1.0, 2.0, 200), 0.0)
+    expected = [
+        Contact(a, b, force[a:b].max(), -xi[a:b].min()) for a, b in contact_spans(xi)
+    ]  # fmt: skip
+    for length in (1, 3, 7, 200):
+        pieces = [
+            (at, {"xi_m": xi[at : at + length], "f_c_n": force[at : at + length]})
+            for at in range(0, 200, length)
+        ]
+        assert contacts_of(pieces) == expected
+
+
+def test_rows_are_picked_across_the_seams_of_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(columns, "PIECE", 10)
+    values = np.arange(100.0)
+    blocks = [{"xi_m": values[at : at + 7]} for at in range(0, 100, 7)]
+    again = columns.Columns(lambda: iter(blocks), {"xi_m": values.dtype}, 100)
+    stream = Stream(1, step_ns=1000, arrays=again)
+    wanted = np.array([0, 9, 10, 13, 14, 99])
+    assert rows_at(stream, wanted, ["xi_m"])["xi_m"].tolist() == wanted.tolist()
+    assert [at for at, _ in stream.pieces()] == [0, 14, 28, 42, 56, 70, 84, 98]
+    assert stream.in_memory(99) is stream
+    assert stream.in_memory(100).arrays["xi_m"].tobytes() == values.tobytes()
 
 
 # What is shown when
 
 
 def test_play_shows_the_first_contact_and_a_still_lies_shortly_after_it() -> None:
-    time_ns = np.arange(100_000) * 1000
-    when = replay_data.moments(time_ns, [(1000, 1030), (50_000, 60_000)], 1000)
+    when = replay_data.moments((0, 99_999_000), (1_000_000, 1_030_000), 1000)
     assert when.selection_ns[0] < 1_000_000 < 1_030_000 < when.selection_ns[1] < 2_000_000
     assert 1_030_000 < when.still_ns < when.selection_ns[1]
 
 
-@pytest.mark.parametrize("contacts", [[], [(0, 1)], [(0, 5)], [(4, 5)]])
+@pytest.mark.parametrize("contact", [None, (0, 1), (0, 5), (4, 5)])
 @pytest.mark.parametrize("steps", [5, 1])
 def test_moments_stay_within_a_run_of_few_steps(
-    contacts: list[tuple[int, int]], steps: int
+    contact: tuple[int, int] | None, steps: int
 ) -> None:
-    time_ns = np.arange(5)[:steps] * 1000
-    contacts = [(min(a, steps - 1), min(b, steps)) for a, b in contacts]
-    when = replay_data.moments(time_ns, contacts, 1000)
-    assert 0 <= when.still_ns <= time_ns[-1]
-    assert 0 <= when.selection_ns[0] <= time_ns[-1]
+    last_ns = 1000 * (steps - 1)
+    if contact is not None:
+        contact = 1000 * min(contact[0], steps - 1), 1000 * min(contact[1], steps)
+    when = replay_data.moments((0, last_ns), contact, 1000)
+    assert 0 <= when.still_ns <= last_ns
+    assert 0 <= when.selection_ns[0] <= last_ns
 
 
 def test_states_of_the_law_come_from_its_events() -> None:
@@ -122,7 +173,10 @@ def test_what_was_measured_is_plotted_where_it_belongs(
     toml = f"[sensors]\nquantity = '{quantity}'"
     recording = Recording(Path("a.mcap"), scene_toml=toml, truth=truth, daq=daq)
     (found,) = [
-        (p.key, c) for p in replay_data.plots(recording) for c in p.curves if c.name == "measured"
+        (p.key, c)
+        for p in replay_data.plots(recording, [])
+        for c in p.curves
+        if c.name == "measured"
     ]
     assert found[0] == plot
     np.testing.assert_allclose(found[1].values, factor * np.array([0.5, -1.5]))
@@ -130,11 +184,11 @@ def test_what_was_measured_is_plotted_where_it_belongs(
 
 
 def test_the_first_contact_is_in_the_zoom_of_a_run_that_ends_in_it() -> None:
-    time_ns = np.arange(20_000) * 1000
-    when = replay_data.moments(time_ns, [(1000, 20_000)], 1000)
-    assert when.still_ns - when.zoom_ns[0] < 1_000_000 < when.still_ns <= time_ns[-1]
-    assert when.still_ns + when.zoom_ns[1] <= time_ns[-1]
-    exploding = replay_data.moments(time_ns, [(1000, 3000)], 1000, 4_000_000)
+    run_ns = (0, 19_999_000)
+    when = replay_data.moments(run_ns, (1_000_000, 20_000_000), 1000)
+    assert when.still_ns - when.zoom_ns[0] < 1_000_000 < when.still_ns <= run_ns[1]
+    assert when.still_ns + when.zoom_ns[1] <= run_ns[1]
+    exploding = replay_data.moments(run_ns, (1_000_000, 3_000_000), 1000, 4_000_000)
     assert exploding.still_ns + exploding.zoom_ns[1] <= 4_001_000
     assert exploding.selection_ns[1] <= 4_000_000
 

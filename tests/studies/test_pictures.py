@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from studies import pictures, words
 from studies.latency.pictures import draw_maps, round_above
 from studies.tuning.pictures import draw_front
-from studies.tuning.tune import Found
+from studies.tuning.record import Found
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ def test_a_scene_file_gives_results_the_name_of_the_scene(tmp_path: Path) -> Non
     found = CliRunner().invoke(app, ["tune", path, *QUICK, "--out", str(tmp_path / "new")])
     assert found.exit_code == 0
     written = {f.name for f in (tmp_path / "new").iterdir()}
-    assert written == {"tune-aluminium-3mm.csv", "tune-aluminium-3mm.png"}
+    assert written == {f"tune-aluminium-3mm.{kind}" for kind in ("csv", "json", "png")}
 
 
 def test_settings_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:
