@@ -84,6 +84,11 @@ def bus_address(
     )
 
 
+def where(address: "BusAddress") -> str:
+    """Where a role listens, in words."""
+    return ", ".join(address.listen) or f"the endpoints of {address.config_file}"
+
+
 def progress_reporter(tell: Callable[..., None]) -> Callable[[int], None]:
     """Report progress at most ten times a second."""
 

@@ -43,9 +43,8 @@ class BusAddress:
 
     def open(self, role: str) -> ZenohPort:
         """Join the bus. Raises BusError."""
-        return ZenohPort(
-            role, self.name, self.listen, self.connect, self.config_file, self.timeout_s
-        )
+        where = (self.listen, self.connect, self.config_file)
+        return ZenohPort(role, self.name, *where, self.timeout_s, _say)
 
 
 def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[str]]:
@@ -53,6 +52,11 @@ def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[
     urls = [f"tcp/127.0.0.1:{port}" for port in ports]
     place = _ORDER.index(role)
     return [urls[place]], urls[:place]
+
+
+def _say(sentence: str) -> None:
+    sys.stderr.write(f"{sentence}\n")
+    sys.stderr.flush()
 
 
 class Interrupted(RuntimeError):
@@ -69,8 +73,7 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
     port = address.open(role)
 
     def leave() -> None:
-        sys.stderr.write(f"{role} was interrupted, and left before its part was in order\n")
-        sys.stderr.flush()
+        _say(f"{role} was interrupted, and left before its part was in order")
         os._exit(INTERRUPTED)
 
     patience = threading.Timer(_PATIENCE_S, leave)
