@@ -9,13 +9,14 @@ import queue
 import secrets
 import threading
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import zenoh
 
 from bus import LEAVING
+from bus.guests import Guests, names_let_in
 from bus.port import BusError, PeerLost
 from bus.streams import STREAMS, SUBSCRIPTIONS, Envelope, has_header_sequence
 from bus.zenoh_config import is_known, session_config
@@ -33,7 +34,8 @@ _NOTICE_S = 4.0  # for zenoh to say whose link it has closed
 class ZenohPort:
     """Port of one role. Raises BusError when an endpoint cannot be opened.
 
-    `patience_s` is how long a role of the run may leave messages untaken.
+    `patience_s` is how long a role of the run may leave messages untaken; `say` is told who is
+    linked in vain, where a configuration file decides who is let in.
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class ZenohPort:
         connect: Sequence[str] = (),
         config_file: Path | None = None,
         patience_s: float = 5.0,
+        say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
         os.environ.setdefault("ZENOH_RUNTIME", SMALL_RUNTIME)
         self.role, self.name = role, name
@@ -64,12 +67,16 @@ class ZenohPort:
             config = session_config(
                 role, tuple(SUBSCRIPTIONS), name, listen, connect, config_file, patience_s
             )
+            let_in = names_let_in(config)
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
             where = ", ".join(listen) or str(config_file)
             in_use = "is the port in use? " if "in use" in str(error) else ""
             why = str(error).split(" at /")[0]
             raise BusError(f"{role} cannot open the bus at {where}: {in_use}{why}") from error
+        self._guests: Guests | None = None
+        if config_file:
+            self._guests = Guests(self._session, let_in, config_file, name, role, say)
         self._publishers = {
             stream.name: self._session.declare_publisher(
                 f"{self._root}/{stream.name}",
@@ -168,9 +175,12 @@ class ZenohPort:
             self._refuse_doubles()
             if self._interrupted:
                 raise KeyboardInterrupt
+            if self._guests:
+                self._guests.missing(missing)
             if time.monotonic() > deadline:
                 left = [role for role in missing if role in self._left]
                 again = f" ({' and '.join(left)} came, but left again)" if left else ""
+                again += self._guests.words() if self._guests else ""
                 raise PeerLost(
                     f"{self.role} waited {timeout_s:g} s for {' and '.join(missing)} on bus "
                     f"'{self.name}': not there{again}",

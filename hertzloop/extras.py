@@ -8,6 +8,7 @@ EXTRAS = {
     "xarray": "python",
     "pymoo": "tune",
     "gymnasium": "gym",
+    "cryptography": "hosts",
 }
 
 

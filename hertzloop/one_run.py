@@ -36,7 +36,7 @@ class RunOptions:
     transport: Transport = Transport.ZENOH
     overwrite: bool = False
     horizon: int | None = None
-    ports: Sequence[int] | None = None
+    endpoints: Sequence[str] | None = None
     name: str | None = None
     timeout_s: float = 5.0
     verify: bool = False
@@ -70,7 +70,7 @@ def record(
             recording,
             overwrite=options.overwrite,
             horizon=options.horizon,
-            ports=options.ports,
+            endpoints=options.endpoints,
             name=options.name,
             timeout_s=options.timeout_s,
             fast_lane=options.fast_lane,

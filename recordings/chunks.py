@@ -91,13 +91,25 @@ class Walk:
                 continue
             if opcode == Opcode.DATA_END:
                 self._check_data(at, content, whole)
-                self._check_rest(at + 9 + length)
+                if not self._check_rest(at + 9 + length):
+                    yield from self._stray_chunks(at + 9 + length)
                 return
             if whole or opcode != Opcode.MESSAGE:  # without a checksum, one must be in its place
                 yield Record(opcode, at, length, content)
             at += 9 + length
         if whole:
             self.damage.append("the file ends where more data were expected")
+
+    def _stray_chunks(self, at: int) -> Iterator[Record]:
+        """Chunks from `at` on, where a file has none unless its parts have changed places."""
+        while 0 <= (at := self._resume(at)) < self.size:
+            try:
+                opcode, length = self._head(at)
+                if opcode == Opcode.CHUNK:
+                    yield Record(opcode, at, length, self._content(opcode, at, length))
+                at += 9 + length
+            except Damaged:
+                at += 1
 
     def again(self, record: Record) -> Record:
         """A record once more, its content read anew. Raises Damaged if it no longer is one."""
@@ -153,8 +165,8 @@ class Walk:
         if whole and struct.unpack("<I", content)[0] != checksum:
             self.damage.append("the checksum over all data does not fit, or is missing")
 
-    def _check_rest(self, start: int) -> None:
-        """What follows the data: summary, footer, magic, and nothing else."""
+    def _check_rest(self, start: int) -> bool:
+        """Whether what follows the data is summary, footer, magic, and nothing else."""
         end = self.size - 37
         rest = self.read(start, min(self.size - start, RECORD_BYTES))
         found = rest.find(_HEAD.pack(Opcode.FOOTER, 20), max(end - start, 0))
@@ -167,10 +179,12 @@ class Walk:
             self.late_channels.clear()
         if end < start or start + found != end or rest[-8:] != MAGIC:
             self._passed_over(start, self.size, "the footer is not the end of the file")
-            return
+            return False
         footer = Footer.read(ReadDataStream(BytesIO(rest[end - start + 9 :])))
         if footer.summary_crc != zlib.crc32(rest[:-12]):
             self._passed_over(start, self.size, "the checksum of the summary does not fit")
+            return False
+        return True
 
     def _follows(self, at: int) -> bool:
         """Whether records follow one another from here on, or the file ends here."""

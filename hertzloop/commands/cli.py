@@ -2,6 +2,7 @@
 mistake, 130 interrupted."""
 
 import os
+import secrets
 import sys
 import threading
 import time
@@ -76,7 +77,9 @@ def run(
     horizon: HorizonOption = None,
     port: Annotated[
         int | None,
-        typer.Option(min=1, max=65533, help="First of three ports; free ones if left out."),
+        typer.Option(
+            min=1, max=65533, help="First of three ports on loopback; private if left out."
+        ),
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the run on the bus.")] = None,
     timeout: TimeoutOption = 5.0,
@@ -125,7 +128,7 @@ def run(
     ensure_compiled(announce_compilation, kernels_of(resolved), paced=pace is not None)
 
     from bus.port import BusError
-    from bus.reserved import reserved_ports
+    from bus.sockets import on_loopback, own_endpoints
     from bus.streams import StreamFault
     from hertzloop.loop.launcher import RunFailed
     from hertzloop.loop.watching import watched
@@ -133,16 +136,16 @@ def run(
     from hertzloop.results import report
     from recordings.writer import RecordingError
 
-    ports = [port, port + 1, port + 2] if port else None
+    endpoints = on_loopback([port, port + 1, port + 2]) if port else None
     held = ExitStack()
     if live:
-        ports = ports or held.enter_context(reserved_ports(3))
-        name = name or f"live-{os.getpid()}-{ports[0]}"
+        endpoints = endpoints or held.enter_context(own_endpoints(3))
+        name = name or f"live-{os.getpid()}-{secrets.token_hex(4)}"
     options = RunOptions(
         transport=Transport(transport),
         overwrite=overwrite,
         horizon=horizon,
-        ports=ports,
+        endpoints=endpoints,
         name=name,
         timeout_s=timeout,
         verify=verify,
@@ -155,7 +158,7 @@ def run(
     try:
         with (
             held,
-            watched(name, ports) if live and name and ports else nullcontext(),
+            watched(name, endpoints) if live and name and endpoints else nullcontext(),
             progress(resolved.name, resolved.steps) as advance,
         ):
             data = run_scene(resolved, recording, options, advance)

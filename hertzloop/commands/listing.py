@@ -1,11 +1,13 @@
 """Commands that list what there is: scenes and their keys, the version."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 from rich.table import Column, Table
 
 from hertzloop import __version__
+from hertzloop.commands.hosts import write_keys
 from hertzloop.commands.terminal import fail, out, styled
 from hertzloop.scenes.scene import DEFAULT, load, shipped, shipped_text
 from hertzloop.scenes.sentences import shown
@@ -28,11 +30,29 @@ def scenes(
 
 
 def keys(
-    part: Annotated[str, typer.Argument(help="Only keys that contain this.")] = "",
+    part: Annotated[
+        str, typer.Argument(help="Only keys that contain this; with --hosts, a new folder.")
+    ] = "",
+    hosts: Annotated[
+        str | None,
+        typer.Option(
+            help="Write certificates and configurations for these hosts into the folder instead.",
+            metavar="plant=A,controller=B,recorder=C",
+        ),
+    ] = None,
+    days: Annotated[
+        int, typer.Option(min=1, max=36500, help="How long the certificates of --hosts are valid.")
+    ] = 365,
     law: Annotated[str | None, typer.Option(help="Only the keys of this law.")] = None,
     markdown: Annotated[bool, typer.Option("--markdown", help="As a page.")] = False,
 ) -> None:
-    """All keys of a scene: what they take, unit, default and meaning."""
+    """All keys of a scene: what they take, unit, default and meaning. With --hosts: keys of
+    another kind, for a run on several hosts."""
+    if hosts is not None:
+        if not part:
+            fail("--hosts needs a folder to write into: hertzloop keys DIR --hosts ...", 2)
+        write_keys(Path(part), hosts, days)
+        return
     from controller.door.law import LawError
     from hertzloop.scenes import keys as all_keys
 

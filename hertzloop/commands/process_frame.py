@@ -67,12 +67,15 @@ def bus_address(
 
     Ends the command if an endpoint is none; raises BusError for a `config` that is none.
     """
+    from bus.sockets import too_long
     from bus.zenoh_config import names_endpoints
     from hertzloop.loop.processes import BASE_PORT, BusAddress, default_endpoints
 
     for endpoint in [*(listen or []), *(connect or [])]:
-        if not re.fullmatch(r"[a-z]+/\S+", endpoint):
+        if not re.fullmatch(r"[a-z-]+/\S+", endpoint):
             fail(f"'{endpoint}' is no endpoint; write e.g. tcp/127.0.0.1:{BASE_PORT}", 2)
+        if too_long(endpoint):
+            fail(f"the path of '{endpoint}' is too long for a socket; Linux takes 107 bytes", 2)
     own, others = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
     return BusAddress(
         name,
@@ -82,6 +85,11 @@ def bus_address(
         timeout,
         wait,
     )
+
+
+def where(address: "BusAddress") -> str:
+    """Where a role listens, in words."""
+    return ", ".join(address.listen) or f"the endpoints of {address.config_file}"
 
 
 def progress_reporter(tell: Callable[..., None]) -> Callable[[int], None]:

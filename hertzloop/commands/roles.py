@@ -26,7 +26,7 @@ from hertzloop.commands.options import (
     check_pace,
     scene_from,
 )
-from hertzloop.commands.process_frame import bus_address, framed, progress_reporter
+from hertzloop.commands.process_frame import bus_address, framed, progress_reporter, where
 from hertzloop.commands.recordings import read_or_fail, repeat_or_fail
 from hertzloop.commands.terminal import err, out
 from hertzloop.loop.realtime import Wanted
@@ -69,7 +69,7 @@ def plant(
     with framed(PLANT, machine) as tell:
         address = bus_address(PLANT, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
-            err.print(f"plant on {', '.join(address.listen)}: waiting for controller and recorder")
+            err.print(f"plant on {where(address)}: waiting for controller and recorder")
         stats = processes.run_plant(
             resolved,
             address,
@@ -111,7 +111,7 @@ def controller(
     with framed(CONTROLLER, machine) as tell:
         address = bus_address(CONTROLLER, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
-            err.print(f"controller on {', '.join(address.listen)}: waiting for plant and recorder")
+            err.print(f"controller on {where(address)}: waiting for plant and recorder")
         stats = processes.run_controller(
             address, lambda: tell(ready=True), law, fast_lane, Wanted(realtime)
         )
@@ -140,7 +140,7 @@ def record(
     with framed(RECORDER, machine) as tell:
         address = bus_address(RECORDER, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
-            err.print(f"recorder on {', '.join(address.listen)}: waiting for plant and controller")
+            err.print(f"recorder on {where(address)}: waiting for plant and controller")
         stats = processes.run_recorder(
             out_file, address, overwrite, lambda: tell(ready=True), Wanted(realtime)
         )

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import queue
+import secrets
 import signal
 import subprocess
 import sys
@@ -16,9 +17,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bus.reserved import reserved_ports
+from bus.sockets import own_endpoints
 from bus.streams import CONTROLLER, PLANT, RECORDER
-from hertzloop.loop.processes import default_endpoints
+from hertzloop.loop.processes import mesh_endpoints
 from hertzloop.loop.signals import INTERRUPTED, ending_signals, interrupts_held_back
 from hertzloop.scenes.scene import Scene, to_toml
 
@@ -68,7 +69,7 @@ class Launcher:
         *,
         overwrite: bool = False,
         horizon: int | None = None,
-        ports: Sequence[int] | None = None,
+        endpoints: Sequence[str] | None = None,
         name: str | None = None,
         timeout_s: float = 5.0,
         wait_s: float = 30.0,
@@ -82,7 +83,7 @@ class Launcher:
         self._scene = scene
         self._in_use = ExitStack()
         self.children: list[Child] = []
-        self._ports = ports  # None: any that are free
+        self._endpoints = endpoints  # None: such as nobody else can reach
         self._name = name
         self._commands = {
             RECORDER: ["record", "--out", str(recording)] + ["--overwrite"] * overwrite,
@@ -95,10 +96,10 @@ class Launcher:
         self._common = ["--timeout", str(timeout_s), "--wait", str(wait_s)]
         self._common += ["--realtime", realtime]
 
-    def _bus(self, role: str, ports: Sequence[int]) -> list[str]:
+    def _bus(self, role: str, name: str, endpoints: Sequence[str]) -> list[str]:
         """Options by which a process meets the others."""
-        listen, connect = default_endpoints(role, ports)
-        words = ["--name", self._name or f"run-{os.getpid()}-{ports[0]}", *self._common]
+        listen, connect = mesh_endpoints(role, endpoints)
+        words = ["--name", name, *self._common]
         words += [word for url in listen for word in ("--listen", url)]
         return words + [word for url in connect for word in ("--connect", url)]
 
@@ -134,10 +135,13 @@ class Launcher:
             stack.enter_context(ending_signals(self._on_signal))
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="hertzloop-"))
             (Path(folder) / _SCENE).write_text(to_toml(self._scene), encoding="utf-8")
-            ports = self._ports or stack.enter_context(reserved_ports(3))
+            endpoints = self._endpoints or stack.enter_context(own_endpoints(len(_ALL)))
+            name = self._name or f"run-{os.getpid()}-{secrets.token_hex(4)}"
             stack.callback(self._end_all)
             for role, words in self._commands.items():
-                self._start(role, [*words, *self._bus(role, ports), "--machine"], Path(folder))
+                self._start(
+                    role, [*words, *self._bus(role, name, endpoints), "--machine"], Path(folder)
+                )
             self._in_use = stack.pop_all()
         return self
 

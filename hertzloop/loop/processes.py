@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bus.port import BusError, EndedByOther, PeerLost
+from bus.sockets import on_loopback, remove_folder_of
 from bus.streams import CONTROLLER, PLANT, RECORDER, StreamFault
 from bus.zenoh_port import ZenohPort
 from hertzloop.loop.realtime import Profile, Wanted
@@ -43,16 +44,24 @@ class BusAddress:
 
     def open(self, role: str) -> ZenohPort:
         """Join the bus. Raises BusError."""
-        return ZenohPort(
-            role, self.name, self.listen, self.connect, self.config_file, self.timeout_s
-        )
+        where = (self.listen, self.connect, self.config_file)
+        return ZenohPort(role, self.name, *where, self.timeout_s, _say)
+
+
+def mesh_endpoints(role: str, endpoints: Sequence[str]) -> tuple[list[str], list[str]]:
+    """What a role listens on, and connects to: its own of all roles', and those before it."""
+    place = _ORDER.index(role)
+    return [endpoints[place]], list(endpoints[:place])
 
 
 def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[str]]:
-    """Endpoints on loopback for a role: listen on its own, connect to those before it."""
-    urls = [f"tcp/127.0.0.1:{port}" for port in ports]
-    place = _ORDER.index(role)
-    return [urls[place]], urls[:place]
+    """The same on loopback."""
+    return mesh_endpoints(role, on_loopback(ports))
+
+
+def _say(sentence: str) -> None:
+    sys.stderr.write(f"{sentence}\n")
+    sys.stderr.flush()
 
 
 class Interrupted(RuntimeError):
@@ -66,11 +75,11 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
     A signal makes the next wait raise KeyboardInterrupt; a second one, or a role that does
     not get to its next wait because another hangs, ends the process at once.
     """
+    launcher = os.getppid()
     port = address.open(role)
 
     def leave() -> None:
-        sys.stderr.write(f"{role} was interrupted, and left before its part was in order\n")
-        sys.stderr.flush()
+        _say(f"{role} was interrupted, and left before its part was in order")
         os._exit(INTERRUPTED)
 
     patience = threading.Timer(_PATIENCE_S, leave)
@@ -98,6 +107,8 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
         finally:
             port.close()
             patience.cancel()
+            if os.getppid() != launcher:  # it was killed, and cannot tidy up
+                remove_folder_of(address.listen)
 
 
 def run_plant(

@@ -58,9 +58,9 @@ def blocks(name: str, connect: Sequence[str]) -> Iterator[bytes]:
 
 
 @contextmanager
-def watched(name: str, ports: Sequence[int]) -> Iterator[None]:
+def watched(name: str, endpoints: Sequence[str]) -> Iterator[None]:
     """A process beside a run that shows it; whatever becomes of it, the run goes on."""
-    words = [word for port in ports for word in ("--connect", f"tcp/127.0.0.1:{port}")]
+    words = [word for url in endpoints for word in ("--connect", url)]
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "hertzloop", "watch", "--name", name, *words],
         stdin=subprocess.PIPE,  # never written to: closed, however the run ends

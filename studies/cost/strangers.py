@@ -16,6 +16,7 @@ import zenoh
 
 from bus.port import BusError
 from bus.reserved import LOOPBACK, reserved_ports
+from bus.sockets import on_loopback
 from hertzloop.one_run import RunOptions, Transport, record
 from hertzloop.scenes.scene import Scene
 
@@ -79,7 +80,7 @@ def run_beside(scene: Scene, pause_s: float | None) -> Callable[[], float]:
             _stranger(ports, pause_s),
             TemporaryDirectory() as folder,
         ):
-            options = RunOptions(Transport.ZENOH, ports=ports)
+            options = RunOptions(Transport.ZENOH, endpoints=on_loopback(ports))
             stats = record(scene, Path(folder) / "a.mcap", options)
         return float(stats["wall_s"]) * 1e6 / scene.steps
 

@@ -1,0 +1,88 @@
+"""Endpoints for the processes of a run on one host, that no other user of it can reach."""
+
+import fcntl
+import os
+import re
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+from bus.reserved import reserved_ports
+
+_KIND = "unixsock-stream/"
+_PREFIX = "hertzloop-bus-"
+_LONGEST = 107  # bytes of a path that Linux binds a socket to
+_PLAIN = re.compile(r"[A-Za-z0-9/_.+-]+")  # other characters may mean something to zenoh
+_YOUNG_S = 60.0  # in which whoever made a folder has surely locked it
+
+
+def on_loopback(ports: Sequence[int]) -> list[str]:
+    """Endpoints of ports of this machine."""
+    return [f"tcp/127.0.0.1:{port}" for port in ports]
+
+
+def too_long(endpoint: str) -> bool:
+    """Whether an endpoint is a Unix socket whose path the kernel does not take."""
+    path = endpoint.removeprefix(_KIND)
+    return path != endpoint and len(os.fsencode(path)) > _LONGEST
+
+
+@contextmanager
+def own_endpoints(count: int) -> Iterator[list[str]]:
+    """Endpoints until the context ends: Unix sockets in a folder that only this user can enter.
+
+    Where no folder for temporary files has a path that is short and plain enough: loopback.
+    """
+    with ExitStack() as stack:
+        if folder := _short_folder(stack):
+            yield [f"{_KIND}{folder}/{number}" for number in range(count)]
+        else:
+            yield on_loopback(stack.enter_context(reserved_ports(count)))
+
+
+def _short_folder(stack: ExitStack) -> str | None:
+    for parent in (tempfile.gettempdir(), os.environ.get("XDG_RUNTIME_DIR", ""), "/tmp"):
+        named = f"{parent}/{_PREFIX}{'x' * 8}/00.lock"  # zenoh locks a file beside the socket
+        if _PLAIN.fullmatch(named) and not too_long(_KIND + named):
+            with suppress(OSError):
+                return _folder(stack, parent)
+    return None
+
+
+def _folder(stack: ExitStack, parent: str) -> str:
+    """A folder with mode 700 that is removed at the end, and locked until then, so that others
+    know it from what a killed process has left. Raises OSError."""
+    _sweep(parent)
+    folder = tempfile.mkdtemp(prefix=_PREFIX, dir=parent)
+    stack.callback(shutil.rmtree, folder, ignore_errors=True)
+    handle = os.open(folder, os.O_RDONLY)
+    stack.callback(os.close, handle)
+    fcntl.flock(handle, fcntl.LOCK_SH)
+    return folder
+
+
+def _sweep(parent: str) -> None:
+    """Remove what this user's processes left here that had no time to do so."""
+    for folder in Path(parent).glob(f"{_PREFIX}*"):
+        with suppress(OSError):
+            stat = folder.lstat()
+            if stat.st_uid != os.getuid() or time.time() - stat.st_mtime < _YOUNG_S:
+                continue
+            handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder)
+            finally:
+                os.close(handle)
+
+
+def remove_folder_of(endpoints: Sequence[str]) -> None:
+    """Remove the folder of `own_endpoints` if nothing is left in it: for who outlives its maker."""
+    for endpoint in endpoints:
+        folder = Path(endpoint.removeprefix(_KIND)).parent
+        if endpoint.startswith(_KIND) and folder.name.startswith(_PREFIX):
+            with suppress(OSError):
+                folder.rmdir()

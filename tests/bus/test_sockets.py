@@ -1,0 +1,105 @@
+"""Endpoints that only their user can reach."""
+
+import fcntl
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from bus import sockets
+from bus.sockets import own_endpoints, remove_folder_of, too_long
+from bus.streams import PLANT
+from bus.zenoh_port import ZenohPort
+
+KIND = "unixsock-stream/"
+LONG_AGO = 3600.0
+
+
+@pytest.fixture
+def temporary(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A short folder for temporary files: that of the tests may be too long for sockets."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as folder:
+        monkeypatch.setattr(tempfile, "tempdir", folder)
+        monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+        yield Path(folder)
+
+
+def test_a_folder_that_only_its_user_enters_and_that_goes(temporary: Path) -> None:
+    with own_endpoints(3) as endpoints:
+        [folder] = temporary.iterdir()
+        assert endpoints == [f"{KIND}{folder}/{number}" for number in range(3)]
+        assert folder.stat().st_mode & 0o777 == 0o700
+        port = ZenohPort(PLANT, "own", endpoints[:1])
+        assert (folder / "0").is_socket()
+        port.close()
+    assert not list(temporary.iterdir())
+
+
+@pytest.mark.parametrize("name", ["x" * 100, "a b", "a#b", "a?b"])
+def test_a_folder_that_cannot_hold_sockets_is_passed_over(
+    temporary: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Its path is too long, or has characters that mean something in an endpoint."""
+    unfit = temporary / name
+    unfit.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(unfit))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(temporary))
+    with own_endpoints(3) as endpoints:
+        assert all(url.startswith(f"{KIND}{temporary}/hertzloop-bus-") for url in endpoints)
+        assert not list(unfit.iterdir())
+
+
+def test_loopback_where_there_is_no_other_way(
+    temporary: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> str:
+        raise PermissionError
+
+    monkeypatch.setattr(sockets.tempfile, "mkdtemp", refuse)
+    with own_endpoints(3) as endpoints:
+        assert len({url.rpartition(":")[2] for url in endpoints}) == 3
+        assert all(url.startswith("tcp/127.0.0.1:") for url in endpoints)
+
+
+def test_the_longest_path_is_one_that_binds(temporary: Path) -> None:
+    for length in (107, 108):
+        path = f"{temporary}/{'x' * (length - len(str(temporary)) - 1)}"
+        assert too_long(KIND + path) == (length > 107)
+        try:
+            ZenohPort(PLANT, "long", [KIND + path]).close()
+            opened = True
+        except RuntimeError:
+            opened = False
+        assert opened == (length <= 107)
+    assert not too_long("tcp/" + "x" * 200)
+
+
+def test_what_a_killed_process_left_goes_with_the_next_run(temporary: Path) -> None:
+    left, used, young, others = (temporary / f"hertzloop-bus-{name}" for name in "abcd")
+    for folder in (left, used, young, others):
+        folder.mkdir()
+        (folder / "0").write_text("")
+    for folder in (left, used):
+        os.utime(folder, (time.time() - LONG_AGO,) * 2)
+    others.rename(temporary / "hertzloop-other")
+    handle = os.open(used, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH)
+        with own_endpoints(3):
+            kept = {folder.name for folder in temporary.iterdir()}
+    finally:
+        os.close(handle)
+    assert left.name not in kept
+    assert {used.name, young.name, "hertzloop-other"} <= kept
+
+
+def test_only_an_empty_folder_of_ours_is_removed(temporary: Path) -> None:
+    ours, full, theirs = (temporary / name for name in ("hertzloop-bus-1", "hertzloop-bus-2", "x"))
+    for folder in (ours, full, theirs):
+        folder.mkdir()
+    (full / "1").write_text("")
+    remove_folder_of([f"{KIND}{folder}/0" for folder in (ours, full, theirs)] + ["tcp/127.0.0.1:1"])
+    assert sorted(temporary.iterdir()) == [full, theirs]

@@ -1,0 +1,180 @@
+"""Damages of a recording by the thousand: `python -m tests.recordings.damages --tries 2000`.
+
+Of every damaged copy: no traceback, no hang, little memory, never "complete", never "the same" for
+other samples, and every chunk of which no byte is damaged is recovered. A seed is drawn, and
+printed, if none is given.
+"""
+
+import argparse
+import resource
+import secrets
+import signal
+import sys
+import tempfile
+from collections import Counter
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+import pytest
+from mcap.opcode import Opcode
+
+import recordings.writer
+from recordings.chunks import inner_records, message_of, unpacked
+from recordings.columns import SAMPLED
+from recordings.compare import first_difference
+from recordings.reader import Recording, read
+from recordings.recovery import recover
+from recordings.writer import RecordingError
+from tests.recordings.damaging import DAMAGES
+from tests.recordings.rewriting import record
+
+LONGEST_S = 120  # for one copy: far more than any takes, on a busy machine, too
+MOST_BYTES = 2 * 2**30
+
+
+@dataclass
+class Tally:
+    """What came of the copies, by kind of damage; `wrong` names each that broke a rule."""
+
+    tries: Counter[str] = field(default_factory=Counter)
+    unreadable: Counter[str] = field(default_factory=Counter)
+    whole_chunks: Counter[str] = field(default_factory=Counter)
+    recovered_chunks: Counter[str] = field(default_factory=Counter)
+    wrong: list[str] = field(default_factory=list)
+
+    def table(self) -> str:
+        """A line a kind of damage."""
+        head = ("damage", "copies", "no recording", "undamaged chunks", "recovered")
+        rows = [
+            (kind, *(str(c[kind]) for c in (
+                self.tries, self.unreadable, self.whole_chunks, self.recovered_chunks,
+            )))
+            for kind in self.tries
+        ]  # fmt: skip
+        return "\n".join(" | ".join(row) for row in (head, *rows))
+
+
+def many_chunks(folder: Path) -> Path:
+    """A short recording flushed after every message: a chunk each, as in a long run."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recordings.writer, "_FLUSH_EVERY_S", -1.0)
+        return record(folder / "whole.mcap", "sensors.bits=16")
+
+
+def chunks(content: bytes) -> list[tuple[bytes, list[bytes]]]:
+    """The bytes of every chunk of a whole file, in order, and the payloads in it."""
+    at, found = 8, []
+    while content[at] != Opcode.DATA_END:
+        end = at + 9 + int.from_bytes(content[at + 1 : at + 9], "little")
+        if content[at] == Opcode.CHUNK:
+            inside = inner_records(unpacked(content[at + 9 : end]))
+            payloads = [message_of(one).data for kind, one in inside if kind == Opcode.MESSAGE]
+            found.append((content[at:end], payloads))
+        at = end
+    return found
+
+
+def undamaged(damaged: bytes, of: list[tuple[bytes, list[bytes]]]) -> list[list[bytes]]:
+    """Payloads of the chunks that stand in a damaged file byte for byte, in their order."""
+    found, at = [], 0
+    for chunk, payloads in of:
+        place = damaged.find(chunk, at)
+        if place >= 0:
+            found.append(payloads)
+            at = place + len(chunk)
+    return found
+
+
+def _too_long(number: int, frame: FrameType | None) -> None:
+    raise TimeoutError(f"more than {LONGEST_S} s")
+
+
+def samples(recording: Recording) -> dict[tuple[str, str], bytes]:
+    """Bytes of every array, by stream and field."""
+    return {
+        (name, label): values.tobytes()
+        for name in SAMPLED
+        for label, values in getattr(recording, name).arrays.items()
+    }
+
+
+def try_one(path: Path, out: Path, original: Recording, whole: list[list[bytes]]) -> int | None:
+    """Read and recover a damaged copy of `original` at `path`; how many of its `whole` chunks were
+    recovered, None if a sentence says that it is no recording. Raises AssertionError."""
+    try:
+        kept = read(path)
+    except RecordingError:
+        return None
+    assert kept.problems, "said to be complete"
+    if first_difference(original, kept) is None:
+        assert samples(kept) == samples(original), "said to be the same"
+    try:
+        recover(path, out, overwrite=True)
+    except RecordingError:
+        return None
+    assert read(out).problems, "complete once recovered"
+    have = {one for _, inside in chunks(out.read_bytes()) for one in inside}
+    return sum(have.issuperset(payloads) for payloads in whole)
+
+
+def try_many(source: Path, folder: Path, tries: int, seed: int) -> Tally:
+    """Damage copies of a recording, every kind in turn."""
+    content, original, tally = source.read_bytes(), read(source), Tally()
+    parts = chunks(content)
+    path, out = folder / "damaged.mcap", folder / "recovered.mcap"
+    before = signal.signal(signal.SIGALRM, _too_long)
+    try:
+        for number in range(tries):
+            change = DAMAGES[number % len(DAMAGES)]
+            kind = change.__name__
+            damaged = bytes(change(bytearray(content), np.random.default_rng([seed, number])))
+            if damaged == content:
+                continue
+            path.write_bytes(damaged)
+            whole = undamaged(damaged, parts)
+            tally.tries[kind] += 1
+            signal.alarm(LONGEST_S)
+            try:
+                found = try_one(path, out, original, whole)
+            except Exception as error:
+                tally.wrong.append(f"{kind}, try {number}: {type(error).__name__}: {error}")
+                continue
+            finally:
+                signal.alarm(0)
+            if found is None:
+                tally.unreadable[kind] += 1
+                continue
+            tally.whole_chunks[kind] += len(whole)
+            tally.recovered_chunks[kind] += found
+            if found < len(whole):
+                lost = len(whole) - found
+                tally.wrong.append(f"{kind}, try {number}: {lost} undamaged chunks not recovered")
+    finally:
+        signal.signal(signal.SIGALRM, before)
+    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    if most > MOST_BYTES:
+        tally.wrong.append(f"it took {most / 2**30:.2f} GiB of memory")
+    return tally
+
+
+def main() -> int:
+    """Exit code: 1 if a rule was broken."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--tries", type=int, default=2000)
+    parser.add_argument("--seed", type=int, default=secrets.randbits(32))
+    chosen = parser.parse_args()
+    print(f"seed {chosen.seed}", flush=True)
+    with tempfile.TemporaryDirectory() as name:
+        tally = try_many(many_chunks(Path(name)), Path(name), chosen.tries, chosen.seed)
+    print(tally.table())
+    print(*tally.wrong, sep="\n")
+    print(f"{sum(tally.tries.values())} copies, {len(tally.wrong)} broke a rule")
+    return bool(tally.wrong)
+
+
+if __name__ == "__main__":
+    with suppress(KeyboardInterrupt):
+        sys.exit(main())

@@ -1,0 +1,33 @@
+"""A short series of damages with a fresh seed; long ones: see `tests.recordings.damages`."""
+
+import secrets
+from pathlib import Path
+
+from recordings.reader import read
+from recordings.recovery import recover
+from tests.recordings.damages import DAMAGES, chunks, many_chunks, try_many, undamaged
+
+TRIES = 45
+
+
+def test_damages_that_nobody_has_chosen(tmp_path: Path) -> None:
+    source, seed = many_chunks(tmp_path), secrets.randbits(32)
+    tally = try_many(source, tmp_path, TRIES, seed)
+    assert tally.wrong == [], f"python -m tests.recordings.damages --tries {TRIES} --seed {seed}"
+    assert set(tally.tries) == {damage.__name__ for damage in DAMAGES}
+    assert sum(tally.recovered_chunks.values()) > TRIES  # there was something to recover
+
+
+def test_chunks_behind_the_end_of_the_data_are_recovered(tmp_path: Path) -> None:
+    """Parts of the file have changed places: its end came before some of its chunks."""
+    source = many_chunks(tmp_path)
+    content = source.read_bytes()
+    parts = chunks(content)
+    first, last = (content.find(parts[n][0]) for n in (len(parts) // 2, len(parts) - 1))
+    moved = content[:first] + content[last:] + content[first:last]
+    assert len(undamaged(moved, parts[:-1])) == len(parts) - 1
+    source.write_bytes(moved)
+    assert read(source).problems
+    recover(source, tmp_path / "again.mcap")
+    have = {one for _, inside in chunks((tmp_path / "again.mcap").read_bytes()) for one in inside}
+    assert [n for n, (_, payloads) in enumerate(parts) if not have.issuperset(payloads)] == []
