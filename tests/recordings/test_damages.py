@@ -15,7 +15,8 @@ def test_damages_that_nobody_has_chosen(tmp_path: Path) -> None:
     tally = try_many(source, tmp_path, TRIES, seed)
     assert tally.wrong == [], f"python -m tests.recordings.damages --tries {TRIES} --seed {seed}"
     assert set(tally.tries) == {damage.__name__ for damage in DAMAGES}
-    assert sum(tally.recovered_chunks.values()) > TRIES  # there was something to recover
+    # Which chunks a copy loses is for the long series: here, that it is rare.
+    assert sum(tally.recovered_chunks.values()) > 0.8 * sum(tally.whole_chunks.values()) > TRIES
 
 
 def test_chunks_behind_the_end_of_the_data_are_recovered(tmp_path: Path) -> None:
