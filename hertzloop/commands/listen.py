@@ -1,6 +1,7 @@
 """The command that lets a run be heard."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +14,7 @@ from hertzloop.commands.recordings import FileArgument, read_or_fail
 from hertzloop.commands.terminal import err, fail, out
 
 if TYPE_CHECKING:
+    from hertzloop.results.impact_rows import Block
     from hertzloop.results.listening import Heard
     from hertzloop.scenes.scene import Scene
     from recordings.reader import Recording
@@ -80,22 +82,27 @@ def heard_of(
     """Write the sounds; what was heard. Raises RecordingError, SceneError, OSError."""
     from hertzloop.loop.compiled import uncontrolled_rows
     from hertzloop.results import listening
-    from hertzloop.results.figures import rows_of
+    from hertzloop.results.figures import pieces_of
 
     grid = listening.grid_of(scene, tail_s, slow)
     size = scene.plate.size_m or (0.0, 0.0)
     place = np.array([0.5 * size[0] + at[0], 0.5 * size[1] + at[1], at[2]])
-    runs = {"with-control": rows_of(recording)}
+
+    def recorded() -> "Iterable[Block]":
+        return pieces_of(recording)
+
+    def free() -> "Iterable[Block]":
+        return uncontrolled_rows(scene.without_control())
+
+    runs = {"with-control": recorded, "without-control": free}
     if scene.controller.law == "off":
-        runs = {"without-control": runs["with-control"]}
-    else:
-        blocks = uncontrolled_rows(scene.without_control())
-        runs["without-control"] = np.concatenate([rows for _, rows in blocks], axis=1)
+        runs = {"without-control": recorded}
     heard: dict[Path, Heard] = {}
     data: dict[str, Any] = {"at_m": list(at), "slow": slow, "tail_s": tail_s, "runs": {}}
-    for name, rows in runs.items():
+    for name, blocks in runs.items():
         path = folder / f"{recording.path.stem}-{name}.wav"
-        heard[path] = listening.listen(scene, rows, place, grid)
+        drive = listening.drive_of(scene, blocks())
+        heard[path] = listening.listen(scene, drive, place, grid)
         data["runs"][name] = {
             "file": str(path),
             "peak_pa": heard[path].peak_pa,
@@ -103,8 +110,9 @@ def heard_of(
             "level_db": _level(heard[path].exposure_pa2_s),
         }
         if energy:
+            rows = np.concatenate([rows for _, rows in blocks()], axis=1)
             data["runs"][name] |= {
-                "sound_energy_j": listening.radiated_energy_j(scene, rows, grid),
+                "sound_energy_j": listening.radiated_energy_j(scene, drive, grid),
                 "until_rest_j": listening.until_rest_j(scene, rows),
             }
     data["full_scale_pa"] = listening.write_wavs(heard)

@@ -1,6 +1,10 @@
 """The command that takes pictures of the replay: every shipped scene, a comparison, an unstable
-run."""
+run, a paced one."""
 
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
@@ -10,11 +14,47 @@ import typer
 from hertzloop.commands.options import make_folder
 from hertzloop.commands.terminal import fail, out
 
-_UNSTABLE = (
-    "controller.law=velocity_feedback", "controller.kappa=0.4", "run.duration_s=0.013",
-)  # fmt: skip
-_COMPARED = ("aluminium-20mm", ("run.duration_s=0.014",))
+
+@dataclass(frozen=True)
+class Run:
+    """A scene, what of it is changed, and the pace if it has one."""
+
+    scene: str
+    changed: tuple[str, ...] = ()
+    pace: float | None = None
+
+    def record(self, file: Path) -> None:
+        """Record it: in one compiled call, a paced one as processes."""
+        from hertzloop.loop.inprocess import record_in_process
+        from hertzloop.scenes.scene import load
+
+        if self.pace is None:
+            record_in_process(load(self.scene, self.changed), file, compiled=True)
+            return
+        settings = [word for key in self.changed for word in ("--set", key)]
+        command = [sys.executable, "-m", "hertzloop", "run", self.scene, *settings]
+        command += ["--pace", str(self.pace), "--out", str(file)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            fail(f"the paced run failed: {done.stderr.strip()}", 1)
+
+
+_REPORT = "report"
+_BROWSERS = ("chromium", "chromium-browser", "chrome")
+_SHORT = "run.duration_s=0.014"
 _OTHER = ("controller.law=shifted_threshold", "controller.kappa=0.9", "controller.v_thr_m_s=-0.9")
+_FEEDBACK = "controller.law=velocity_feedback"
+_MORE = {
+    "comparison": [
+        Run("aluminium-20mm", (_SHORT,)), Run("aluminium-20mm", (_SHORT, *_OTHER))
+    ],
+    "unstable": [
+        Run("aluminium-20mm", (_FEEDBACK, "controller.kappa=0.4", "run.duration_s=0.013"))
+    ],
+    "paced": [
+        Run("aluminium-3mm", (_FEEDBACK, "controller.kappa=0.1", "run.duration_s=0.003"), 0.003)
+    ],
+}  # fmt: skip
 
 
 def pictures(
@@ -24,29 +64,36 @@ def pictures(
     only: Annotated[
         list[str] | None, typer.Option("--only", help="A picture by its name; repeat for more.")
     ] = None,
+    documented: Annotated[
+        bool,
+        typer.Option("--docs", help="Those of the documentation instead, each by its command."),
+    ] = False,
+    note: Annotated[
+        bool, typer.Option("--note", help="With --docs: only note what they show today.")
+    ] = False,
 ) -> None:
     """Pictures of the replay: every shipped scene over itself without control, two laws compared,
-    an unstable run. No screen needed; a quarter of a minute each."""
+    an unstable run, a paced one; --only report: the page of a run. No screen needed; a quarter of
+    a minute each."""
     from hertzloop.commands import replaying
-    from hertzloop.loop.inprocess import record_in_process
-    from hertzloop.scenes.scene import load, shipped
+    from hertzloop.scenes.scene import shipped
     from recordings.reader import read
     from recordings.writer import RecordingError
 
-    wanted: dict[str, list[tuple[str, tuple[str, ...]]]] = {n: [(n, ())] for n in shipped()}
-    source, settings = _COMPARED
-    wanted["comparison"] = [(source, settings), (source, (*settings, *_OTHER))]
-    wanted["unstable"] = [(source, _UNSTABLE)]
-    unknown = [name for name in only or [] if name not in wanted]
-    if unknown:
-        fail(f"there is no picture '{unknown[0]}'; there are {', '.join(wanted)}", 2)
+    if documented:
+        _documented(folder, only, note)
+        return
+    wanted = {name: [Run(name)] for name in shipped()} | _MORE
+    _check(only, [*wanted, _REPORT])
     make_folder(folder)
-    for name in only or wanted:
+    if _REPORT in (only or ()):
+        _photograph_report(folder / f"{_REPORT}.png")
+    for name in [name for name in only or wanted if name != _REPORT]:
         with TemporaryDirectory(prefix="hertzloop-") as temporary:
             files = []
-            for i, (scene, changed) in enumerate(wanted[name]):
-                files.append(Path(temporary) / f"{scene}{'-other' * i}.mcap")
-                record_in_process(load(scene, changed), files[-1], compiled=True)
+            for i, run in enumerate(wanted[name]):
+                files.append(Path(temporary) / f"{run.scene}{'-other' * i}.mcap")
+                run.record(files[-1])
             first, *others = (read(file) for file in files)
             try:
                 picture = folder / f"replay-{name}.png"
@@ -54,3 +101,49 @@ def pictures(
             except RecordingError as error:
                 fail(str(error), 1)
         out.print(f"written: {picture}", soft_wrap=True)
+
+
+def _check(only: list[str] | None, known: list[str]) -> None:
+    unknown = [name for name in only or [] if name not in known]
+    if unknown:
+        fail(f"there is no picture '{unknown[0]}'; there are {', '.join(known)}", 2)
+
+
+def _documented(folder: Path, only: list[str] | None, note: bool) -> None:
+    """Draw the pictures of the documentation again, hours for all, and note what they show."""
+    from studies import drawn
+
+    _check(only, list(drawn.PICTURES))
+    make_folder(folder)
+    for name in only or drawn.PICTURES:
+        picture = drawn.PICTURES[name]
+        if not note:
+            with TemporaryDirectory(prefix="hertzloop-") as temporary:
+                words = picture.command.replace("DIR", temporary).split()
+                done = subprocess.run([sys.executable, "-m", *words], check=False)
+                if done.returncode:
+                    fail(f"'{picture.command}' ended with code {done.returncode}", 1)
+                shutil.copyfile(Path(temporary) / picture.writes, folder / name)
+        drawn.write_note(folder, name, drawn_again=not note)
+        out.print(f"{'noted' if note else 'written'}: {folder / name}", soft_wrap=True)
+
+
+def _photograph_report(picture: Path) -> None:
+    """The top of the page of the default scene, by Chromium."""
+    from recordings.reader import read
+    from studies.report.page import page_of
+
+    browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    if browser is None:
+        fail(f"the picture of the page needs a browser: {', '.join(_BROWSERS)}", 1)
+    with TemporaryDirectory(prefix="hertzloop-") as temporary:
+        file, page = Path(temporary) / "aluminium-3mm.mcap", Path(temporary) / "page.html"
+        Run("aluminium-3mm").record(file)
+        page.write_text(page_of(read(file)), encoding="utf-8")
+        command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+        command += [f"--user-data-dir={temporary}/profile", "--window-size=1100,1900"]
+        command += ["--virtual-time-budget=1500", f"--screenshot={picture}", page.as_uri()]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode or not picture.exists():
+        fail(f"{browser} took no picture: {done.stderr.strip()[-200:]}", 1)
+    out.print(f"written: {picture}", soft_wrap=True)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bus.streams import LAST_NS
 from hertzloop.loop.compiled import uncontrolled_rows
-from hertzloop.results import what_ran
+from hertzloop.results import pacing, what_ran
 from hertzloop.results.deflection import deflection
 from hertzloop.results.figures import pieces_of
 from hertzloop.results.overlay import Overlay, overlay
@@ -167,6 +167,8 @@ def _told(
     own = overlay(scene, blocks, _ENERGIES, truth.samples, spans)
     described = what_ran.description(scene, recording)
     told = [*described[:2], *lines, *described[2:]]
+    if paced := pacing.of(recording):
+        told += pacing.sentences(paced)[:2]
     since_s, until_ns = meter.result().since_s, LAST_NS
     if since_s is not None:
         until_ns = round(since_s * 1e9)

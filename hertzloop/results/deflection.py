@@ -6,7 +6,7 @@ modes of equal frequency are kept apart: their shapes differ away from the conta
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,6 +27,8 @@ NODES = 2401  # of the grid, about
 MODES_PER_AXIS = 160  # at most; all modes of the shipped scenes
 _MOST_MODES = 4000  # of a plate with other edges than simply supported ones
 _PIECE = 64  # steps under force that are advanced at once
+_MOST_PUSHED = 400_000  # steps under force for all modes; of a sphere at rest, the lowest do
+_FEW = 24  # along an axis
 _FIRST_FRAMES = 360  # around the first contact
 _LATER_FRAMES = 150  # around all later contacts
 _COARSE_FRAMES = 150  # over the whole run
@@ -190,21 +192,34 @@ def _states(modes: Modes, blocks: Iterable[Block], frames: np.ndarray) -> np.nda
     """Deflection of every mode at the steps `frames` (ascending), shape (frames, m, n), from
     blocks of forces, each with its first step; of those frames that the blocks reach."""
     z = np.zeros_like(modes.grown)
-    found = np.empty((len(frames), *z.shape))
-    step = i = 0
+    found = np.zeros((len(frames), *z.shape))
+    step = i = pushed = 0
     for first, forces in blocks:
         end = first + forces.shape[1]
         forced = first + np.flatnonzero(np.any(forces != 0.0, axis=0))
+        pushed += len(forced)
+        if pushed > _MOST_PUSHED and max(z.shape) > _FEW:
+            modes, z = _lowest(modes), z[(slice(_FEW),) * z.ndim]
         while i < len(frames) and frames[i] < end:
             z = _advanced(modes, z, forces, (first, step, int(frames[i])), forced)
             step = int(frames[i])
-            found[i] = z.imag
+            found[i][tuple(slice(count) for count in z.shape)] = z.imag
             i += 1
         if i == len(frames):
             break
         z = _advanced(modes, z, forces, (first, step, end), forced)
         step = end
     return found[:i]
+
+
+def _lowest(modes: Modes) -> Modes:
+    """The first _FEW modes along each axis."""
+    few = (slice(_FEW),) * modes.grown.ndim
+    cut = {
+        name: getattr(modes, name)[few]
+        for name in ("s_step", "grown", "grown_1", "at_contact", "at_actuator")
+    }
+    return replace(modes, powers_down=np.ascontiguousarray(modes.powers_down[:, *few]), **cut)
 
 
 def _advanced(
@@ -285,7 +300,8 @@ def deflection(
     `contacts` if they are known.
 
     Modes beyond `per_axis` along an axis (or _MOST_MODES) are left out: they matter next to the
-    contact, and only while it lasts. Raises SceneError if the recorded scene cannot be simulated.
+    contact, and only while it lasts; after _MOST_PUSHED steps under force, those beyond the first
+    _FEW. Raises SceneError if the recorded scene cannot be simulated.
     """
     spec = parts.plant_spec(scene)
     if frames is None:

@@ -2,14 +2,15 @@
 
 import math
 import wave
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from hertzloop import assembly as parts
-from hertzloop.results.deflection import forces_on_plate
-from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, modes_of
+from hertzloop.results.deflection import force_blocks
+from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, Block, modes_of
 from hertzloop.scenes.scene import Scene, SceneError
 from plant.figures.noise import (
     RADIATED_UP_TO_HZ,
@@ -136,10 +137,18 @@ def _widths(x: np.ndarray) -> np.ndarray:
     return np.diff(np.concatenate([[first], inner, [last]]))
 
 
-def drive_of(scene: Scene, rows: np.ndarray) -> Drive:
-    """Forces on the plate from rows of truth, shape (10, steps)."""
-    forces = forces_on_plate(parts.plant_spec(scene), rows)
-    return Drive(forces[0], forces[2], scene.step_s)
+def drive_of(scene: Scene, blocks: Iterable[Block]) -> Drive:
+    """Forces on the plate from rows of truth in blocks. Raises SceneError for a run that
+    explodes."""
+    contact, actuator = np.zeros(scene.steps), np.zeros(scene.steps)
+    at = 0
+    for _, forces in force_blocks(parts.plant_spec(scene), blocks):
+        end = min(at + forces.shape[1], scene.steps)
+        contact[at:end], actuator[at:end] = forces[0, : end - at], forces[2, : end - at]
+        at = end
+    if not (np.isfinite(contact).all() and np.isfinite(actuator).all()):
+        raise SceneError("the run has numbers that are not finite; there is nothing to hear")
+    return Drive(contact[:at], actuator[:at], scene.step_s)
 
 
 def grid_of(scene: Scene, tail_s: float, slow: float = 1.0) -> Grid:
@@ -152,15 +161,13 @@ def grid_of(scene: Scene, tail_s: float, slow: float = 1.0) -> Grid:
     return Grid(steps, step_s, up_to)
 
 
-def listen(scene: Scene, rows: np.ndarray, listener_m: np.ndarray, grid: Grid) -> Heard:
-    """Sound pressure of a run at a point. Raises SceneError for a run that explodes."""
-    if not np.isfinite(rows).all():
-        raise SceneError("the run has numbers that are not finite; there is nothing to hear")
-    found = pressure_pa(radiator_of(scene), drive_of(scene, rows), listener_m, grid)
+def listen(scene: Scene, drive: Drive, listener_m: np.ndarray, grid: Grid) -> Heard:
+    """Sound pressure of a run at a point."""
+    found = pressure_pa(radiator_of(scene), drive, listener_m, grid)
     return Heard(found, 1.0 / grid.step_s)
 
 
-def radiated_energy_j(scene: Scene, rows: np.ndarray, grid: Grid) -> float:
+def radiated_energy_j(scene: Scene, drive: Drive, grid: Grid) -> float:
     """Sound energy through a half sphere far away, within the grid's time; nan for what is no
     simply supported plate, J."""
     plate = parts.plant_spec(scene).plate
@@ -176,7 +183,7 @@ def radiated_energy_j(scene: Scene, rows: np.ndarray, grid: Grid) -> float:
         np.sin(np.outer(m[kept], x) * (np.pi / plate.size_m[0])), x,
         np.sin(np.outer(n[kept], y) * (np.pi / plate.size_m[1])), y,
     )  # fmt: skip
-    return radiated_j(radiator, products, drive_of(scene, rows), grid)
+    return radiated_j(radiator, products, drive, grid)
 
 
 def _limit_hz(scene: Scene) -> float:

@@ -17,7 +17,9 @@ _DAMPED_TO = 1e-4  # of an amplitude, over the period of the transform
 _FADE_FROM = 0.8  # of the upper frequency, from where on a band fades out
 _ACROSS = 16.0  # frequencies a turn of the phase over the plate, for interpolation
 _PAIRS_AT_ONCE = 1 << 22
-_MODES_AT_ONCE = 48
+_MODES_AT_ONCE = 48  # at most
+_BINS_AT_ONCE = 1 << 22  # of all modes together
+_STEPS_AT_ONCE = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -85,38 +87,50 @@ class Grid:
 def transform(force_n: np.ndarray, step_s: float, grid: Grid) -> np.ndarray:
     """Transform of a force, held over each step, at the grid's s; N s, (bins,)."""
     length = round(grid.period_s / step_s)
-    times = np.arange(len(force_n)) * step_s
-    damped = force_n * np.exp(-grid.sigma * times)
+    damped = np.zeros(length)
+    for first in range(0, min(len(force_n), length), _STEPS_AT_ONCE):
+        some = slice(first, min(first + _STEPS_AT_ONCE, len(force_n), length))
+        times = np.arange(some.start, some.stop) * step_s
+        damped[some] = force_n[some] * np.exp(-grid.sigma * times)
     s = grid.s
     held = -np.expm1(-s * step_s) / s
-    return np.asarray(np.fft.rfft(damped, length)[: len(s)] * held)
+    return np.asarray(np.fft.rfft(damped)[: len(s)] * held)
 
 
-def _groups(radiator: Radiator) -> Iterator[Radiator]:
-    """The modes by the dozen: all bins of all modes would not fit."""
-    for first in range(0, len(radiator.omega), _MODES_AT_ONCE):
-        some = slice(first, first + _MODES_AT_ONCE)
+def _groups(radiator: Radiator, grid: Grid) -> Iterator[Radiator]:
+    """The modes by the dozen, fewer in a long run: all bins of all modes would not fit."""
+    count = min(_MODES_AT_ONCE, max(1, _BINS_AT_ONCE // int(grid.up_to_hz * grid.period_s + 1)))
+    for first in range(0, len(radiator.omega), count):
+        some = slice(first, first + count)
         parts = ("omega", "eta", "at_contact", "at_actuator", "shapes")
         yield replace(radiator, **{name: getattr(radiator, name)[some] for name in parts})
 
 
 def _spectra(radiator: Radiator, drive: Drive, listeners_m: np.ndarray, grid: Grid) -> np.ndarray:
     """Transforms of the pressure at points (points, 3), shape (points, bins)."""
-    s = grid.s
-    total = np.zeros((len(listeners_m), len(s)), complex)
-    for some in _groups(radiator):
-        acceleration = _accelerations(some, drive, grid)
+    total = np.zeros((len(listeners_m), len(grid.s)), complex)
+    force = _transforms(drive, grid)
+    for some in _groups(radiator, grid):
+        acceleration = _accelerations(some, force, grid)
         for row, listener_m in zip(total, listeners_m, strict=True):
             row += np.sum(transfer(some, listener_m, grid) * acceleration, axis=0)
     return total
 
 
-def _accelerations(radiator: Radiator, drive: Drive, grid: Grid) -> np.ndarray:
-    """Transforms of what every mode does, (modes, bins)."""
-    s, omega = grid.s, radiator.omega[:, None]
-    contact, actuator = (
-        transform(force, drive.step_s, grid) for force in (drive.contact_n, drive.actuator_n)
+def _transforms(drive: Drive, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Of the forces at the contact and at the actuator, (bins,)."""
+    return (
+        transform(drive.contact_n, drive.step_s, grid),
+        transform(drive.actuator_n, drive.step_s, grid),
     )
+
+
+def _accelerations(
+    radiator: Radiator, forces: tuple[np.ndarray, np.ndarray], grid: Grid
+) -> np.ndarray:
+    """Transforms of what every mode does, (modes, bins), from those of the forces."""
+    s, omega = grid.s, radiator.omega[:, None]
+    contact, actuator = forces
     force = np.outer(radiator.at_contact, contact) + np.outer(radiator.at_actuator, actuator)
     found = radiator.scale_per_kg * force * s * s
     found /= s * s + radiator.eta[:, None] * omega * s + omega * omega
@@ -191,7 +205,8 @@ def radiated_j(
     spread = float(np.hypot(np.ptp(products.x_m), np.ptp(products.y_m))) / SOUND_SPEED_M_S
     apart = max(1, int(grid.period_s / (_ACROSS * spread)))
     at = np.unique(np.append(np.arange(0, len(s), apart), len(s) - 1))
-    acceleration = [_accelerations(some, drive, grid) for some in _groups(radiator)]
+    force = _transforms(drive, grid)
+    acceleration = [_accelerations(some, force, grid) for some in _groups(radiator, grid)]
     total_j = 0.0
     for direction in directions(count):
         x, y = (
@@ -202,8 +217,10 @@ def radiated_j(
             )
         )
         pressure = np.zeros(len(s), complex)
-        for i, of_modes in enumerate(acceleration):
-            some = slice(i * _MODES_AT_ONCE, (i + 1) * _MODES_AT_ONCE)
+        mode = 0
+        for of_modes in acceleration:
+            some = slice(mode, mode + len(of_modes))
+            mode += len(of_modes)
             pressure += np.sum(_between(x[some] * y[some], at, len(s)) * of_modes, axis=0)
         pressure *= AIR_DENSITY_KG_M3 / (2.0 * math.pi)  # times the distance
         total_j += float(np.sum(grid.in_time(pressure) ** 2)) * grid.step_s

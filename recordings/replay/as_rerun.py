@@ -24,6 +24,7 @@ _LINE_COLOURS = {
     "xi": (96, 165, 250), "F_c": (248, 113, 113), "F_a": (74, 222, 128),
     "v_p": (192, 132, 252), "measured": (250, 204, 21), "sphere": (96, 165, 250),
     "plate": (192, 132, 252), "contact": (248, 113, 113), "fed": (74, 222, 128),
+    "held": (251, 146, 60),
 }  # fmt: skip
 _FAINT = (150, 156, 166), (201, 167, 110)  # of what is there to compare with
 _MOST_LISTED = 2000  # contacts

@@ -19,6 +19,10 @@ SIGNALS = (
 )  # fmt: skip
 
 
+# Of a paced run, too: by how much the force that acted was too old.
+LATE = ("late", "held", "held_steps", 1.0, True)
+
+
 @dataclass(frozen=True)
 class Deflection:
     """Plate deflection as frames; up positive.
@@ -132,9 +136,12 @@ def plots(
             curves[plot] += twin.curves.get(plot, [])
     own = f" {twin.own}" if twin and twin.own else ""
     spans = [(contact.first, contact.end) for contact in contacts]
-    for (plot, name, _, factor, held), line in zip(
-        SIGNALS, _signals(recording, spans), strict=True
-    ):
+    signals = list(SIGNALS)
+    if LATE[2] in recording.truth.arrays:
+        signals.append(LATE)
+        curves[LATE[0]] = []
+    lines = _signals(recording, spans, [field for _, _, field, _, _ in signals])
+    for (plot, name, _, factor, held), line in zip(signals, lines, strict=True):
         times = recording.truth.step_at(line.at) * recording.truth.step_ns
         curves[plot].append(curve_of(name, line, times, factor, held, name + own))
     plot, factor = {
@@ -150,6 +157,7 @@ def plots(
         "force": "Contact F_c, actuator F_a (N)",
         "velocity": "Plate velocity v_p (m/s)",
         "acceleration": "Plate acceleration (m/s²)",
+        "late": "Force too old (steps)",
     }
     return [Plot(key, titles[key], tuple(found)) for key, found in curves.items() if found]
 
@@ -163,15 +171,15 @@ def curve_of(
     return Curve(name, time_ns, values, held, label, faint, line.overview)
 
 
-def _signals(recording: Recording, spans: list[Span]) -> list[Line]:
+def _signals(recording: Recording, spans: list[Span], fields: Sequence[str]) -> list[Line]:
     truth = recording.truth
     near = full_rate_spans(spans, truth.samples)
-    thinners = [Thinner(truth.samples) for _ in SIGNALS]
+    thinners = {name: Thinner(truth.samples) for name in fields}
     for at, arrays in truth.pieces():
         marked = within(near, at, len(arrays["xi_m"]))
-        for thinner, (_, _, name, _, _) in zip(thinners, SIGNALS, strict=True):
+        for name, thinner in thinners.items():
             thinner.feed(at, arrays[name], marked)
-    return [thinner.line() for thinner in thinners]
+    return [thinner.line() for thinner in thinners.values()]
 
 
 def _measured(recording: Recording, spans: list[Span]) -> Line:
