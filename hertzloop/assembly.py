@@ -148,7 +148,7 @@ def built(spec: PlantSpec, scheme: str) -> Plant:
     """A plant whose model is shared by all runs of the same description."""
     if spec.infinite_plate:
         return InfinitePlant(spec)
-    return SCHEMES[scheme].load()(spec)  # type: ignore[no-any-return]
+    return SCHEMES[scheme].load()(spec)
 
 
 def model_error(scene: Scene) -> float:
