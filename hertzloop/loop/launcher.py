@@ -23,6 +23,7 @@ from hertzloop.loop.processes import mesh_endpoints
 from hertzloop.loop.signals import INTERRUPTED, ending_signals, interrupts_held_back
 from hertzloop.scenes.scene import Scene, to_toml
 
+_START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled
 _GRACE_S = 6.0  # for the others to notice a fault, close their files and leave the bus
 _PATIENCE_S = 5.0  # for a process to react to a signal
 _SCENE = "scene.toml"
@@ -72,7 +73,7 @@ class Launcher:
         endpoints: Sequence[str] | None = None,
         name: str | None = None,
         timeout_s: float = 5.0,
-        wait_s: float = 30.0,
+        wait_s: float = _START_S,
         fast_lane: bool = True,
         realtime: str = "off",
         pace: float | None = None,

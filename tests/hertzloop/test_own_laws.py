@@ -148,7 +148,8 @@ def test_a_case_looks_for_its_law_once_and_starts_no_thread(
     )
     monkeypatch.setattr(threading.Thread, "start", lambda t: threads.append(t) or start(t))
     for number in range(3):
-        assert not run_case(scene, "impact", number, {"controller.share": 0.1})["status"]
+        case = {"controller.share": 0.1 + 0.01 * number}
+        assert not run_case(scene, "impact", number, case)["status"]
     assert len(looked) == 3
     assert not threads
     (here / "mine.py").write_text((here / "mine.py").read_text() + "# another\n")

@@ -98,7 +98,7 @@ recording = read(Path("a.mcap"))
 assert recording.problems == []
 assert abs(recording.daq_values - recording.truth.arrays["xi_p_m"]).max() < 1e-7
 assert export_labels("xi_p")["daq_value"] == ("m", "sampled place of the plate")
-gap = next(plot for plot in plots(recording) if plot.key == "gap")
+gap = next(plot for plot in plots(recording, []) if plot.key == "gap")
 assert [curve.name for curve in gap.curves][-1] == "measured"
 try:
     load("aluminium-3mm", [*settings, "sensors.quantity=v_p"])
