@@ -181,10 +181,13 @@ class TestBrokenAnswers:
 
         def work(node: ControllerNode, timeout_s: float) -> None:
             if pair.plant.answers.in_lane and node.samples > 2000 and not spoiled:
-                # The plant takes all answers and waits for the next; then it sees the spoiled one
-                # before the true one takes its place.
+                # The plant takes all answers, sends a sample and waits for the next; then it sees
+                # the spoiled one before the true one takes its place.
+                lane = pair.plant.answers.lane
                 wait_for(lambda: pair.plant.answers.samples == node.samples)
-                spoil(pair.plant.answers.lane, node.samples)
+                slot = lane_kernels.SAMPLE_WORDS * (node.samples % lane.slots)
+                wait_for(lambda: lane.words[lane_kernels.SAMPLE_RING + slot] == node.samples + 1)
+                spoil(lane, node.samples)
                 spoiled.append(node.samples)
                 wait_for(lambda: pair.fault)
             serve(node, timeout_s)
