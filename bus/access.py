@@ -7,7 +7,8 @@ literally.
 
 from collections.abc import Mapping
 
-from bus.streams import STREAMS, SUBSCRIPTIONS
+from bus.sockets import mesh_endpoints
+from bus.streams import ROLES, STREAMS, SUBSCRIPTIONS
 
 _RUNS = "hertzloop/*"  # key of any run
 
@@ -64,7 +65,7 @@ def _tokens(role: str) -> tuple[str, ...]:
 
 def access_control(role: str) -> dict[str, object]:
     """Value of `access_control` in the zenoh configuration of a role."""
-    others = [other for other in SUBSCRIPTIONS if other != role]
+    others = [other for other in ROLES if other != role]
     rules = {other: _streams(role, other) + _presence(role, other) for other in others}
     return {
         "enabled": True,
@@ -81,17 +82,17 @@ def access_control(role: str) -> dict[str, object]:
 def secured(
     role: str, endpoints: Mapping[str, str], certificate: str, key: str, authority: str
 ) -> dict[str, object]:
-    """A zenoh configuration of `role`: its endpoint and those before it in `endpoints` (zenoh's
+    """A zenoh configuration of `role`: where it listens and connects of all `endpoints` (zenoh's
     `tls/host:port`, by role), mutual TLS, access control.
 
     `certificate`, its private `key` and that of the `authority` are PEM texts in base64, so that
     the one file is all that a host needs.
     """
-    order = list(endpoints)
+    listen, connect = mesh_endpoints(role, [endpoints[one] for one in ROLES])
     return {
         "mode": "peer",
-        "listen": {"endpoints": [endpoints[role]]},
-        "connect": {"endpoints": [endpoints[other] for other in order[: order.index(role)]]},
+        "listen": {"endpoints": listen},
+        "connect": {"endpoints": connect},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "transport": {
             "link": {

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import zenoh
 
-from bus.streams import SUBSCRIPTIONS
+from bus.streams import ROLES
 from bus.zenoh_config import is_known
 
 _SHOWS_S = 1.5  # in which a role that is linked shows itself, if it is not still starting
@@ -78,7 +78,7 @@ class Guests:
         if event.kind != zenoh.SampleKind.PUT:
             self._links.pop(number, None)
             return
-        role = next((r for r in SUBSCRIPTIONS if is_known(self._run, (r,), number)), "")
+        role = next((r for r in ROLES if is_known(self._run, (r,), number)), "")
         link = _Link(event.link.auth_identifier or "", str(event.link.dst), role, time.monotonic())
         self._links[number] = link
         if self._let_in is not None and link.name not in self._let_in:

@@ -1,4 +1,4 @@
-"""Endpoints for the processes of a run on one host, that no other user of it can reach."""
+"""Endpoints where the processes of a run meet; on one host, such as no other user can reach."""
 
 import fcntl
 import os
@@ -11,6 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from bus.reserved import reserved_ports
+from bus.streams import ROLES
 
 _KIND = "unixsock-stream/"
 _PREFIX = "hertzloop-bus-"
@@ -24,6 +25,12 @@ def on_loopback(ports: Sequence[int]) -> list[str]:
     return [f"tcp/127.0.0.1:{port}" for port in ports]
 
 
+def mesh_endpoints(role: str, endpoints: Sequence[str]) -> tuple[list[str], list[str]]:
+    """What a role listens on, and connects to: its own of all roles', and those before it."""
+    place = ROLES.index(role)
+    return [endpoints[place]], list(endpoints[:place])
+
+
 def too_long(endpoint: str) -> bool:
     """Whether an endpoint is a Unix socket whose path the kernel does not take."""
     path = endpoint.removeprefix(_KIND)
@@ -31,16 +38,17 @@ def too_long(endpoint: str) -> bool:
 
 
 @contextmanager
-def own_endpoints(count: int) -> Iterator[list[str]]:
-    """Endpoints until the context ends: Unix sockets in a folder that only this user can enter.
+def own_endpoints() -> Iterator[list[str]]:
+    """One for each role until the context ends: Unix sockets in a folder that only this user can
+    enter.
 
     Where no folder for temporary files has a path that is short and plain enough: loopback.
     """
     with ExitStack() as stack:
         if folder := _short_folder(stack):
-            yield [f"{_KIND}{folder}/{number}" for number in range(count)]
+            yield [f"{_KIND}{folder}/{number}" for number in range(len(ROLES))]
         else:
-            yield on_loopback(stack.enter_context(reserved_ports(count)))
+            yield on_loopback(stack.enter_context(reserved_ports(len(ROLES))))
 
 
 def _short_folder(stack: ExitStack) -> str | None:

@@ -14,7 +14,7 @@ from bus import wire
 from bus.finite import not_finite
 from bus.messages_pb2 import DaqBlock, Hello, RunEnd, SetUp
 
-PLANT, CONTROLLER, RECORDER = "plant", "controller", "recorder"
+PLANT, CONTROLLER, RECORDER = ROLES = "plant", "controller", "recorder"
 LAST_NS = 2**63 - 1  # simulated time that every reader of a recording can hold
 
 

@@ -18,7 +18,7 @@ import zenoh
 from bus import LEAVING
 from bus.guests import Guests, names_let_in
 from bus.port import BusError, PeerLost
-from bus.streams import STREAMS, SUBSCRIPTIONS, Envelope, has_header_sequence
+from bus.streams import ROLES, STREAMS, SUBSCRIPTIONS, Envelope, has_header_sequence
 from bus.zenoh_config import is_known, session_config
 
 # Few runtime threads instead of several pools shorten the round trip. One would be fastest,
@@ -56,7 +56,7 @@ class ZenohPort:
         )
         self._interrupted = False
         self._instance = secrets.token_hex(8)  # two processes of one role have two tokens
-        self._alive: dict[str, set[str]] = {r: set() for r in SUBSCRIPTIONS}  # instances
+        self._alive: dict[str, set[str]] = {r: set() for r in ROLES}  # instances
         self._watched: dict[str, str] = {}  # the instance that takes part in the run
         self._left: set[str] = set()  # roles of which some process has left
         self._vouched: set[str] = set()
@@ -64,9 +64,7 @@ class ZenohPort:
         self._patience_s = patience_s
         self._root = f"hertzloop/{name}"
         try:
-            config = session_config(
-                role, tuple(SUBSCRIPTIONS), name, listen, connect, config_file, patience_s
-            )
+            config = session_config(role, ROLES, name, listen, connect, config_file, patience_s)
             let_in = names_let_in(config)
             self._session = zenoh.open(config)
         except zenoh.ZError as error:

@@ -248,21 +248,14 @@ def tune(
     `over`: ranges of keys other than a law's usual ones; `at_most`: largest values of figures.
     Raises DesignError, SceneError, SweepFailed.
     """
-    from hertzloop.assembly import plant_spec
     from studies.sweeps.design import as_axis
     from studies.sweeps.evaluate import local_pool
     from studies.tuning import tune as study
 
     bases = [scene] if isinstance(scene, Scene) else list(scene)
-    objectives = tuple(minimise)
-    speed = max(plant_spec(base).sphere.impact_speed_m_s for base in bases)
     given = tuple(as_axis(key, values) for key, values in (over or {}).items())
-    found: list[Found] = []
     with local_pool(workers) as pool:
-        for law in laws or [bases[0].controller.law]:
-            found += study.tune(
-                pool, bases, span, law, given or study.ranges_of(law, speed), objectives,
-                at_most=dict(at_most or {}), generations=generations, population=population,
-                seed=seed,
-            )  # fmt: skip
-    return study.front(found, objectives)
+        return study.best_of(
+            pool, bases, span, laws or [bases[0].controller.law], given, tuple(minimise),
+            at_most=dict(at_most or {}), generations=generations, population=population, seed=seed,
+        )  # fmt: skip

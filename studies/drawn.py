@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from hertzloop.commands import replaying
+from hertzloop.commands.pictures import MORE
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.results.impact_rows import first_impact
@@ -59,8 +60,8 @@ _PLANTS = tuple((name, (_SHORT_20MM, "controller.law=off")) for name in (
     "aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm"
 ))  # fmt: skip
 _DEFAULT: Case = ("aluminium-3mm", ())
+[_PACED] = MORE["paced"]
 _TUNED = ("controller.law=shifted_threshold", "controller.kappa=0.99", "controller.v_thr_m_s=-0.99")
-_PACED = ("controller.law=velocity_feedback", "controller.kappa=0.1", "run.duration_s=0.003")
 _TUNE = (
     "hertzloop tune aluminium-20mm --law slope_threshold --law shifted_threshold --law predicted "
     "--law force_feedback --span run --set run.duration_s=0.014 --out DIR"
@@ -73,7 +74,7 @@ PICTURES = {
     ),
     "replay-paced.png": Drawn(
         "hertzloop pictures --only paced -o DIR", "replay-paced.png",
-        replayed=("aluminium-3mm", _PACED),
+        replayed=(_PACED.scene, _PACED.changed),
     ),
     "report.png": Drawn(
         "hertzloop pictures --only report -o DIR", "report.png", replayed=_DEFAULT

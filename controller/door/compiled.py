@@ -9,7 +9,7 @@ import hashlib
 import os
 import sys
 from collections import namedtuple
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -181,33 +181,34 @@ class Entries:
         """Addresses of those of the functions that the law has; none if one was refused."""
         wanted = [name for name in wanted if name in self._names]
         open_ = [] if self.trouble else [name for name in wanted if name not in self._made]
-        child = self._compile_beside(open_[1:]) if _abreast and self._new else 0
         try:
-            for name in open_:
-                self._made[name] = self._compiled(name)
-                if child:
-                    os.waitpid(child, 0)
-                    child = 0
+            for count, name in enumerate(open_):
+                with self._compiled_beside(() if count else open_[1:]):
+                    self._made[name] = self._compiled(name)
         except Exception as error:  # whatever Numba does not know: there is Python instead
             self.trouble = _first_line(error)
             _put(self._refused, self.trouble)
-        finally:
-            if child:
-                os.waitpid(child, 0)
         if self.trouble:
             return {}
         return {name: self._made[name].address for name in wanted}
 
-    def _compile_beside(self, names: list[str]) -> int:
-        """Compile functions in a child that is on its way; its process id, 0 without any."""
-        child = os.fork() if names else 0
-        if names and child == 0:
+    @contextmanager
+    def _compiled_beside(self, names: Sequence[str]) -> Iterator[None]:
+        """Compile functions in a child until the context ends, where that is wanted."""
+        if not (_abreast and self._new and names):
+            yield
+            return
+        child = os.fork()
+        if child == 0:
             try:
                 for name in names:
                     self._compiled(name)
             finally:  # what Numba refuses it refuses in the parent, too, which says so
                 os._exit(0)
-        return child
+        try:
+            yield
+        finally:
+            os.waitpid(child, 0)
 
     def _compiled(self, name: str) -> Any:
         result, more = FUNCTIONS[name]

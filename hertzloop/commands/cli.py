@@ -139,7 +139,7 @@ def run(
     endpoints = on_loopback([port, port + 1, port + 2]) if port else None
     held = ExitStack()
     if live:
-        endpoints = endpoints or held.enter_context(own_endpoints(3))
+        endpoints = endpoints or held.enter_context(own_endpoints())
         name = name or f"live-{os.getpid()}-{secrets.token_hex(4)}"
     options = RunOptions(
         transport=Transport(transport),

@@ -6,11 +6,10 @@ import os
 import re
 from pathlib import Path
 
-from bus.streams import CONTROLLER, PLANT, RECORDER
+from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.commands.options import make_folder
 from hertzloop.commands.terminal import fail, out
 
-_ROLES = (PLANT, CONTROLLER, RECORDER)
 _EXAMPLE = "plant=10.0.0.1,controller=10.0.0.2,recorder=10.0.0.3"
 _NAME = re.compile(r"(?!-)[A-Za-z0-9-]{1,63}(\.(?!-)[A-Za-z0-9-]{1,63})*")
 
@@ -67,14 +66,14 @@ def _places(hosts: str) -> dict[str, tuple[str, int]]:
     places: dict[str, tuple[str, int]] = {}
     for word in hosts.split(","):
         role, _, where = word.strip().partition("=")
-        if role not in _ROLES:
+        if role not in ROLES:
             fail(f"--hosts has '{word}'; write ROLE=HOST for each role: {_EXAMPLE}", 2)
         if role in places:
             fail(f"--hosts has the {role} twice; a run has one", 2)
-        places[role] = _place(role, where, BASE_PORT + _ROLES.index(role))
-    if missing := [role for role in _ROLES if role not in places]:
+        places[role] = _place(role, where, BASE_PORT + ROLES.index(role))
+    if missing := [role for role in ROLES if role not in places]:
         fail(f"--hosts lacks the {' and the '.join(missing)}; write {_EXAMPLE}", 2)
-    ordered = {role: places[role] for role in _ROLES}
+    ordered = {role: places[role] for role in ROLES}
     if len(set(ordered.values())) < len(ordered):
         fail("--hosts gives two roles the same host and port; a port has one listener", 2)
     return ordered

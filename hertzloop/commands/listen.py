@@ -87,21 +87,17 @@ def heard_of(
     grid = listening.grid_of(scene, tail_s, slow)
     size = scene.plate.size_m or (0.0, 0.0)
     place = np.array([0.5 * size[0] + at[0], 0.5 * size[1] + at[1], at[2]])
-
-    def recorded() -> "Iterable[Block]":
-        return pieces_of(recording)
-
-    def free() -> "Iterable[Block]":
-        return uncontrolled_rows(scene.without_control())
-
-    runs = {"with-control": recorded, "without-control": free}
-    if scene.controller.law == "off":
-        runs = {"without-control": recorded}
+    recorded = pieces_of(recording)
+    runs: dict[str, Iterable[Block]] = {"without-control": recorded}
+    if scene.controller.law != "off":
+        free = uncontrolled_rows(scene.without_control())
+        runs = {"with-control": recorded, "without-control": free}
     heard: dict[Path, Heard] = {}
     data: dict[str, Any] = {"at_m": list(at), "slow": slow, "tail_s": tail_s, "runs": {}}
     for name, blocks in runs.items():
         path = folder / f"{recording.path.stem}-{name}.wav"
-        drive = listening.drive_of(scene, blocks())
+        kept = list(blocks) if energy else []
+        drive = listening.drive_of(scene, kept or blocks)
         heard[path] = listening.listen(scene, drive, place, grid)
         data["runs"][name] = {
             "file": str(path),
@@ -110,7 +106,7 @@ def heard_of(
             "level_db": _level(heard[path].exposure_pa2_s),
         }
         if energy:
-            rows = np.concatenate([rows for _, rows in blocks()], axis=1)
+            rows = np.concatenate([rows for _, rows in kept], axis=1)
             data["runs"][name] |= {
                 "sound_energy_j": listening.radiated_energy_j(scene, drive, grid),
                 "until_rest_j": listening.until_rest_j(scene, rows),

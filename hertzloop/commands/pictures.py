@@ -44,7 +44,7 @@ _BROWSERS = ("chromium", "chromium-browser", "chrome")
 _SHORT = "run.duration_s=0.014"
 _OTHER = ("controller.law=shifted_threshold", "controller.kappa=0.9", "controller.v_thr_m_s=-0.9")
 _FEEDBACK = "controller.law=velocity_feedback"
-_MORE = {
+MORE = {
     "comparison": [
         Run("aluminium-20mm", (_SHORT,)), Run("aluminium-20mm", (_SHORT, *_OTHER))
     ],
@@ -83,7 +83,7 @@ def pictures(
     if documented:
         _documented(folder, only, note)
         return
-    wanted = {name: [Run(name)] for name in shipped()} | _MORE
+    wanted = {name: [Run(name)] for name in shipped()} | MORE
     _check(only, [*wanted, _REPORT])
     make_folder(folder)
     if _REPORT in (only or ()):

@@ -120,29 +120,25 @@ def tune(
     else:
         check_writable(Path())  # for what is unfinished
     ensure_compiled(announce_compilation)
-    found: list[Found] = []
     tally = Tally()
-    search_seed = 1 if seed is None else seed
     names = [base.name for base in bases]
+    search: dict[str, Any] = {
+        "generations": generations, "population": population, "phases": phases,
+        "seed": 1 if seed is None else seed,
+    }  # fmt: skip
     header = study.header_of(
-        tried, tuple(chosen), given, objectives=objectives, at_most=limits, span=span,
-        generations=generations, population=population, phases=phases, seed=search_seed,
-    )  # fmt: skip
+        tried, tuple(chosen), given, objectives=objectives, at_most=limits, span=span, **search
+    )
     with resumable(folder or Path(), _file_name(names), header) as finished:
         try:
             with local_pool() as some, progress("tuning", generations * len(chosen)) as advance:
                 cores = finished.of(some)
                 pool = tally.of(cores)
                 reference = study.published(pool, tried, span, objectives, phases)
-                for i, law in enumerate(chosen):
-                    axes = given or study.ranges_of(law, _impact_speed(tried))
-                    found += study.tune(
-                        pool, tried, span, law, axes, objectives, at_most=limits,
-                        generations=generations, population=population, phases=phases,
-                        seed=search_seed,
-                        on_progress=lambda n, done=i * generations: advance(done + n),  # type: ignore[misc]
-                    )  # fmt: skip
-                best = study.front(found, objectives)
+                best = study.best_of(
+                    pool, tried, span, chosen, given, objectives, at_most=limits,
+                    on_progress=advance, **search,
+                )  # fmt: skip
                 reference, *best = study.with_spreads(
                     cores, tried, span, [reference, *best], objectives
                 )
@@ -151,24 +147,17 @@ def tune(
         verdict = _verdict(best, reference, objectives) if best else []
         if best:
             out.print(_table(best, reference, objectives))
-        for line in verdict:
-            out.print(line, soft_wrap=True)
-        if best and folder is not None:
-            words = _command(
-                scenes or [DEFAULT],
-                [("minimise", minimise), ("law", laws), ("vary", ranges), ("over", over),
-                 ("at-most", at_most), ("set", settings)],
-                {"span": span, "generations": generations, "population": population,
-                 "phases": phases, "seed": search_seed},
-            )  # fmt: skip
+            for line in verdict:
+                out.print(line, soft_wrap=True)
+            lists = [("minimise", minimise), ("law", laws), ("vary", ranges), ("over", over),
+                     ("at-most", at_most), ("set", settings)]  # fmt: skip
+            words = _command(scenes or [DEFAULT], lists, {"span": span, **search})
             tuned = Tuned(
                 [to_toml(base) for base in bases], objectives, span, limits, best, reference,
                 verdict, len(tally.not_run), words, code_version(),
             )  # fmt: skip
-            try:
+            if folder is not None:
                 _write(folder, names, tuned)
-            except OSError as error:
-                fail(f"cannot write into {folder}: {error.strerror}", 1)
     not_run = [row["status"] for row in tally.not_run]
     if not best:
         end_if_not_run(not_run, tally.cases)
@@ -203,7 +192,8 @@ def _command(
 
 
 def _write(folder: Path, names: list[str], tuned: "Tuned") -> None:
-    """Settings as CSV, all that was found as JSON, and the chart."""
+    """Settings as CSV, all that was found as JSON, and the chart; ends the command where they
+    cannot be written."""
     from studies.tabular import write_rows
     from studies.tuning.pictures import draw_front
     from studies.tuning.record import write_tuned
@@ -211,17 +201,18 @@ def _write(folder: Path, names: list[str], tuned: "Tuned") -> None:
     name = _file_name(names)
     best, objectives = tuned.front, tuple(tuned.objectives)
     keys = sorted({key for f in best for key in f.values})
-    write_rows(
-        folder / f"{name}.csv",
-        [*objectives, *(f"{o}_{part}" for o in objectives for part in _PARTS), *keys],
-        (
-            [*f.figures.values(), *(getattr(f.spreads[o], part) for o in objectives
-             for part in _PARTS), *(f.values.get(key, "") for key in keys)]
-            for f in best
-        ),
+    headings = [*objectives, *(f"{o}_{part}" for o in objectives for part in _PARTS), *keys]
+    rows = (
+        [*f.figures.values(), *(getattr(f.spreads[o], part) for o in objectives for part in _PARTS),
+         *(f.values.get(key, "") for key in keys)]
+        for f in best
     )  # fmt: skip
-    write_tuned(folder / f"{name}.json", tuned)
-    draw_front(folder / f"{name}.png", ", ".join(names), best, tuned.published, objectives)
+    try:
+        write_rows(folder / f"{name}.csv", headings, rows)
+        write_tuned(folder / f"{name}.json", tuned)
+        draw_front(folder / f"{name}.png", ", ".join(names), best, tuned.published, objectives)
+    except OSError as error:
+        fail(f"cannot write into {folder}: {error.strerror}", 1)
     out.print(f"written: {folder}/{name}.csv, .json and .png", soft_wrap=True)
 
 
@@ -249,12 +240,6 @@ def _limits(texts: list[str]) -> dict[str, float]:
                 continue
         fail(f"--at-most '{text}' is no limit; write figure=number, e.g. rebound_percent=120", 2)
     return found
-
-
-def _impact_speed(scenes: list[Any]) -> float:
-    from hertzloop import assembly as parts
-
-    return max(parts.plant_spec(scene).sphere.impact_speed_m_s for scene in scenes)
 
 
 def _words(values: dict[str, Any]) -> str:

@@ -38,7 +38,7 @@ class LawStopped(SceneError):
 
 
 class Clock:
-    """Seconds of processor time that this thread has spent in the compiled loop of `simulate`."""
+    """Seconds of processor time that the compiled loop of `simulate` has taken so far."""
 
     seconds = 0.0
 

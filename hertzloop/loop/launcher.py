@@ -17,9 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bus.sockets import own_endpoints
-from bus.streams import CONTROLLER, PLANT, RECORDER
-from hertzloop.loop.processes import mesh_endpoints
+from bus.sockets import mesh_endpoints, own_endpoints
+from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.loop.signals import INTERRUPTED, ending_signals, interrupts_held_back
 from hertzloop.scenes.scene import Scene, to_toml
 
@@ -27,7 +26,6 @@ _START_S = 180.0  # for all to appear: a death is told at once, kernels may have
 _GRACE_S = 6.0  # for the others to notice a fault, close their files and leave the bus
 _PATIENCE_S = 5.0  # for a process to react to a signal
 _SCENE = "scene.toml"
-_ALL = {PLANT, CONTROLLER, RECORDER}
 
 
 class RunFailed(RuntimeError):
@@ -136,7 +134,7 @@ class Launcher:
             stack.enter_context(ending_signals(self._on_signal))
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="hertzloop-"))
             (Path(folder) / _SCENE).write_text(to_toml(self._scene), encoding="utf-8")
-            endpoints = self._endpoints or stack.enter_context(own_endpoints(len(_ALL)))
+            endpoints = self._endpoints or stack.enter_context(own_endpoints())
             name = self._name or f"run-{os.getpid()}-{secrets.token_hex(4)}"
             stack.callback(self._end_all)
             for role, words in self._commands.items():
@@ -192,7 +190,7 @@ class Launcher:
 
         A second signal cuts the waiting short.
         """
-        stages = ((signal.SIGTERM, {PLANT}), (signal.SIGTERM, _ALL), (signal.SIGKILL, _ALL))
+        stages = ((signal.SIGTERM, (PLANT,)), (signal.SIGTERM, ROLES), (signal.SIGKILL, ROLES))
         for end, roles in stages:
             chosen = [c for c in self.children if c.role in roles and c.process.poll() is None]
             for child in chosen:

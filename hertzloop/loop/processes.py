@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bus.port import BusError, EndedByOther, PeerLost
-from bus.sockets import on_loopback, remove_folder_of
+from bus.sockets import mesh_endpoints, on_loopback, remove_folder_of
 from bus.streams import CONTROLLER, PLANT, RECORDER, StreamFault
 from bus.zenoh_port import ZenohPort
 from hertzloop.loop.realtime import Profile, Wanted
@@ -28,7 +28,6 @@ from recordings.writer import RecordingError
 BASE_PORT = 7450
 _GRACE_S = 2.0  # for the others to hear of a fault
 _PATIENCE_S = 4.0  # for an interrupted role to end in order
-_ORDER = (PLANT, CONTROLLER, RECORDER)
 
 
 @dataclass(frozen=True)
@@ -48,14 +47,8 @@ class BusAddress:
         return ZenohPort(role, self.name, *where, self.timeout_s, _say)
 
 
-def mesh_endpoints(role: str, endpoints: Sequence[str]) -> tuple[list[str], list[str]]:
-    """What a role listens on, and connects to: its own of all roles', and those before it."""
-    place = _ORDER.index(role)
-    return [endpoints[place]], list(endpoints[:place])
-
-
 def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[str]]:
-    """The same on loopback."""
+    """What a role listens on, and connects to, by the ports of all roles on loopback."""
     return mesh_endpoints(role, on_loopback(ports))
 
 

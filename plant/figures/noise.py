@@ -244,14 +244,6 @@ def radiated_parts(material_eta: float, air_eta: np.ndarray) -> np.ndarray:
     return np.divide(air_eta, total, out=np.zeros_like(total), where=total > 0.0)
 
 
-def sound_j(
-    modes: Oscillators, shares_j: np.ndarray, material_eta: float, air_eta: np.ndarray
-) -> float:
-    """Sum of these parts of the energies of the oscillators up to 20 kHz, J; never more than
-    these."""
-    return radiated_shares_j(modes, shares_j, radiated_parts(material_eta, air_eta))
-
-
 def mobility(modes: Oscillators, frequency_hz: np.ndarray) -> np.ndarray:
     """Point mobility i w lambda sum Phi^2/(w_n^2 (1 + i eta) - w^2) at the struck point.
 

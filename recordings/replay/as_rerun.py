@@ -188,9 +188,9 @@ def _colour(shown: Shown, plot: Plot, curve: Curve) -> tuple[int, int, int]:
 
 
 def _send_curve(stream: rr.RecordingStream, shown: Shown, plot: Plot, curve: Curve) -> None:
-    everything = slice(None) if curve.overview is None else curve.overview
+    enough = slice(None) if curve.overview is None else curve.overview
     for entity, held, chosen in (
-        ("overview", False, everything),
+        ("overview", False, enough),
         ("zoom", curve.held, slice(None)),
     ):
         path = f"{entity}/{plot.key}/{curve.name}"

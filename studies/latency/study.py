@@ -15,14 +15,14 @@ import numpy as np
 
 from hertzloop import assembly as parts
 from hertzloop.results.cases import Span, figures_of_case
-from hertzloop.scenes.scene import Scene, load, to_toml, vary
+from hertzloop.scenes.scene import Scene, load, vary
 from plant.contact.hertz import rigid_contact_time_s
 from studies.latency.pictures import draw_chance, draw_maps
 from studies.sweeps.design import Design
 from studies.sweeps.evaluate import Pool, Rows, evaluate, local_pool
 from studies.sweeps.phases import KEY as PHASE
 from studies.sweeps.phases import phases, spread_of
-from studies.sweeps.sweep import code_version, laws_of
+from studies.sweeps.sweep import work_of
 from studies.tabular import write_records, write_rows
 from studies.words import FIGURES
 
@@ -279,14 +279,7 @@ def chance(pool: Pool, named: Named, laws: tuple[str, ...]) -> Rows:
 def header_of(quick: bool, more_laws: tuple[str, ...]) -> dict[str, Any]:
     """What decides the cases of the study, and what comes of them."""
     scenes = [named.scene() for named in SCENES]
-    return {
-        "scenes": [to_toml(scene) for scene in scenes],
-        "quick": quick,
-        "laws": [
-            laws_of(vary(scenes[0], {"controller.law": law}), Design(())) for law in more_laws
-        ],
-        "versions": code_version(),
-    }
+    return work_of(scenes, more_laws, Design(())) | {"quick": quick}
 
 
 def run(

@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 from hertzloop.scenes.keys import unit_of
 from studies import pictures, words
 from studies.latency.pictures import round_above
-from studies.sweeps.summary import SHOWN, Rows, known
+from studies.sweeps.evaluate import Rows
+from studies.sweeps.summary import SHOWN, known
 
 _MOST_KEYS = 6
 _MOST_FIGURES = 3

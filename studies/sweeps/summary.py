@@ -3,9 +3,9 @@
 from collections import Counter
 from typing import Any
 
-SHOWN = ("plate_energy_db", "rebound_percent", "radiated_db", "plate_speed_db", "pressure_db")
+from studies.sweeps.evaluate import Rows
 
-Rows = list[dict[str, Any]]
+SHOWN = ("plate_energy_db", "rebound_percent", "radiated_db", "plate_speed_db", "pressure_db")
 
 
 def counted(rows: Rows, column: str) -> dict[str, int]:

@@ -3,7 +3,7 @@
 import json
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
@@ -17,7 +17,7 @@ import pyarrow.parquet
 from controller.door.law import LawError
 from controller.door.registry import find, resolve
 from hertzloop.results.cases import CaseFigures, Span
-from hertzloop.scenes.scene import Scene, SceneError, to_toml, toml_value
+from hertzloop.scenes.scene import Scene, SceneError, to_toml, toml_value, vary
 from jit.cache import code_digest
 from studies.sweeps.design import Design
 from studies.sweeps.evaluate import (
@@ -68,6 +68,16 @@ def laws_of(scene: Scene, design: Design) -> dict[str, dict[str, str]]:
         law = find(resolve(reference))
         found[reference] = {"name": law.name, "digest": law.digest, "source": law.source}
     return found
+
+
+def work_of(scenes: Sequence[Scene], laws: Iterable[str], design: Design) -> dict[str, Any]:
+    """What decides the cases of a search or a chart, and what comes of them, as far as all share
+    it: scenes, laws with their digests, versions. The arguments of each come on top."""
+    return {
+        "scenes": [to_toml(scene) for scene in scenes],
+        "laws": [laws_of(vary(scenes[0], {"controller.law": law}), design) for law in laws],
+        "versions": code_version(),
+    }
 
 
 def check_laws(header: dict[str, Any]) -> None:

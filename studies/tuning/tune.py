@@ -5,7 +5,7 @@ Over a set of scenes the worst of them counts, objective by objective.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -18,12 +18,13 @@ from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
 from controller.door.registry import find, resolve
 from controller.law import About
+from hertzloop.assembly import plant_spec
 from hertzloop.results.cases import Span
-from hertzloop.scenes.scene import Scene, to_toml, vary
+from hertzloop.scenes.scene import Scene
 from studies.sweeps.design import Axis, Design, fitted
 from studies.sweeps.evaluate import Pool, evaluate
 from studies.sweeps.phases import Spread, at_all, spread_over
-from studies.sweeps.sweep import code_version, laws_of
+from studies.sweeps.sweep import work_of
 from studies.tuning.record import Found
 
 OBJECTIVES = (
@@ -41,13 +42,8 @@ def header_of(
 ) -> dict[str, Any]:
     """What decides which settings a search tries, and what comes of them: its scenes, laws with
     their digests, given `axes`, the arguments of its `search`, versions."""
-    return {
-        "scenes": [to_toml(scene) for scene in scenes],
-        "laws": [laws_of(vary(scenes[0], {"controller.law": law}), Design(axes)) for law in laws],
-        "axes": [asdict(axis) for axis in axes],
-        "search": search,
-        "versions": code_version(),
-    }
+    own = {"axes": [asdict(axis) for axis in axes], "search": search}
+    return work_of(scenes, laws, Design(axes)) | own
 
 
 def ranges_of(law: str, impact_speed_m_s: float) -> tuple[Axis, ...]:
@@ -172,6 +168,34 @@ def tune(
         if np.all(f < _BAD)
     ]
     return sorted(found, key=lambda f: f.figures[objectives[0]])
+
+
+def best_of(
+    pool: Pool,
+    scenes: list[Scene],
+    span: Span,
+    laws: Sequence[str],
+    given: tuple[Axis, ...],
+    objectives: tuple[str, ...],
+    *,
+    at_most: dict[str, float],
+    generations: int,
+    population: int,
+    seed: int,
+    phases: int = 1,
+    on_progress: Callable[[int], None] = lambda generation: None,
+) -> list[Found]:
+    """The settings of several laws that no other beats; axes are those of each law where none are
+    `given`, `on_progress` counts the generations of all."""
+    speed = max(plant_spec(scene).sphere.impact_speed_m_s for scene in scenes)
+    found: list[Found] = []
+    for i, law in enumerate(laws):
+        found += tune(
+            pool, scenes, span, law, given or ranges_of(law, speed), objectives, at_most=at_most,
+            generations=generations, population=population, seed=seed, phases=phases,
+            on_progress=lambda n, before=i * generations: on_progress(before + n),  # type: ignore[misc]
+        )  # fmt: skip
+    return front(found, objectives)
 
 
 def front(found: list[Found], objectives: tuple[str, ...]) -> list[Found]:

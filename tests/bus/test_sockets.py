@@ -28,7 +28,7 @@ def temporary(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def test_a_folder_that_only_its_user_enters_and_that_goes(temporary: Path) -> None:
-    with own_endpoints(3) as endpoints:
+    with own_endpoints() as endpoints:
         [folder] = temporary.iterdir()
         assert endpoints == [f"{KIND}{folder}/{number}" for number in range(3)]
         assert folder.stat().st_mode & 0o777 == 0o700
@@ -47,7 +47,7 @@ def test_a_folder_that_cannot_hold_sockets_is_passed_over(
     unfit.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(unfit))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(temporary))
-    with own_endpoints(3) as endpoints:
+    with own_endpoints() as endpoints:
         assert all(url.startswith(f"{KIND}{temporary}/hertzloop-bus-") for url in endpoints)
         assert not list(unfit.iterdir())
 
@@ -59,7 +59,7 @@ def test_loopback_where_there_is_no_other_way(
         raise PermissionError
 
     monkeypatch.setattr(sockets.tempfile, "mkdtemp", refuse)
-    with own_endpoints(3) as endpoints:
+    with own_endpoints() as endpoints:
         assert len({url.rpartition(":")[2] for url in endpoints}) == 3
         assert all(url.startswith("tcp/127.0.0.1:") for url in endpoints)
 
@@ -88,7 +88,7 @@ def test_what_a_killed_process_left_goes_with_the_next_run(temporary: Path) -> N
     handle = os.open(used, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_SH)
-        with own_endpoints(3):
+        with own_endpoints():
             kept = {folder.name for folder in temporary.iterdir()}
     finally:
         os.close(handle)

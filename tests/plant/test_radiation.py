@@ -71,14 +71,19 @@ def test_corner_term_has_no_factor_of_frequency() -> None:
     assert radiation.efficiency_maidanik(SMALL, f)[0] == pytest.approx(expected, rel=1e-12)
 
 
+def sound_j(modes: Any, shares: np.ndarray, material_eta: float, air: np.ndarray) -> float:
+    """What modes radiate of their energies until they are at rest, J."""
+    return noise.radiated_shares_j(modes, shares, noise.radiated_parts(material_eta, air))
+
+
 def test_limits_of_the_energy_that_is_radiated() -> None:
     modes = modes_of(spec(limit_hz=20e3))
     shares = np.linspace(1.0, 2.0, len(modes.omega))
     air = radiation.air_loss_factor(SMALL, modes.omega / (2.0 * np.pi))
-    assert noise.sound_j(modes, shares, 0.0, air) == pytest.approx(shares.sum(), rel=1e-14)
-    assert noise.sound_j(modes, shares, 1e-4, 0.0 * air) == 0.0
-    assert noise.sound_j(modes, shares, 0.0, 0.0 * air) == 0.0
-    found = [noise.sound_j(modes, shares, eta, air) for eta in (1e-5, 1e-4, 1e-3, 1e-2)]
+    assert sound_j(modes, shares, 0.0, air) == pytest.approx(shares.sum(), rel=1e-14)
+    assert sound_j(modes, shares, 1e-4, 0.0 * air) == 0.0
+    assert sound_j(modes, shares, 0.0, 0.0 * air) == 0.0
+    found = [sound_j(modes, shares, eta, air) for eta in (1e-5, 1e-4, 1e-3, 1e-2)]
     assert np.all(np.diff([shares.sum(), *found]) < 0.0)
 
 
@@ -146,7 +151,7 @@ def test_air_takes_its_share_of_every_mode() -> None:
     # The share is exact, the energy of a mode to its loss factor.
     gone = books.air_dissipated_j + books.modal_dissipated_j
     assert gone == pytest.approx(books.injected_j, rel=2e-2)
-    sound = noise.sound_j(plant.modes, shares, 2e-2, air)
+    sound = sound_j(plant.modes, shares, 2e-2, air)
     assert books.air_dissipated_j / gone == pytest.approx(sound / shares.sum(), rel=2e-2)
 
 
