@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
+import scipy
 
 from plant.actuator.kernels import ForceLimit, SecondOrder
 
@@ -47,7 +47,7 @@ def build_model(actuator: Actuator, step_s: float) -> SecondOrder | ForceLimit |
     blocks = np.zeros((6, 6))
     blocks[:2, :2] = turn * np.array([[0.0, 1.0], [-1.0, -2.0 * zeta]])
     blocks[:2, 2:4] = blocks[2:4, 4:] = one
-    phi = expm(blocks)[:2]
+    phi = scipy.linalg.expm(blocks)[:2]
     (mean_f, mean_d), (slope_f, slope_d) = phi[0, 2:4], 3.0 * (phi[0, 2:4] - 2.0 * phi[0, 4:])
     return SecondOrder(
         turn_ff=float(phi[0, 0]),

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 
+import scipy
+
 from plant.structures.materials import Material
 
 GRAVITY_M_S2 = 9.81
@@ -92,8 +94,6 @@ def hunt_crossley_parameter(restitution: float, impact_speed_m_s: float) -> floa
     """
     if not 0.0 < restitution <= 1.0:
         raise ValueError(f"restitution is {restitution:g}; it must be above 0 and at most 1")
-    from scipy.optimize import brentq  # takes long to import, for a rare material
-
     loss = 1.0 - restitution
     if loss < 1e-5:  # the equation's terms cancel; its root is 1.5 loss (1 + O(loss))
         return 1.5 * loss / impact_speed_m_s
@@ -105,7 +105,7 @@ def hunt_crossley_parameter(restitution: float, impact_speed_m_s: float) -> floa
 
     # At x = 1 - e the mismatch is above zero, at u = 1/e + 1 it is -ln(1 + x) or less.
     lower, upper = -math.log1p(-restitution * loss), 1.0 / restitution + 1.0
-    u = float(brentq(mismatch, lower, upper, xtol=1e-300, rtol=1e-14))
+    u = float(scipy.optimize.brentq(mismatch, lower, upper, xtol=1e-300, rtol=1e-14))
     return -math.expm1(-u) / restitution / impact_speed_m_s
 
 

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from scipy.optimize import brentq
+import scipy
 
 from plant.contact.hertz import Damping
 from plant.plant import PlantSpec
@@ -122,7 +122,7 @@ def _solve(found: Callable[[float], float], target: float, start: float, what: s
         low, high = high, _GROWTH * high
         if high > start * _MOST_GROWTH:
             raise ValueError(f"{what}: no parameter gives restitution {target:g}")
-    root = brentq(
+    root = scipy.optimize.brentq(
         lambda u: found(math.exp(u)) - target, math.log(low), math.log(high), xtol=_RESOLUTION
     )
     sides = [math.exp(float(root) + shift * _RESOLUTION) for shift in (-2.0, 0.0, 2.0)]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import eval_jacobi, gammaln
+import scipy
 
 ORDERS = {"f": 0, "s": 1, "c": 2}  # what an edge holds: nothing, the deflection, the slope as well
 
@@ -45,21 +45,21 @@ def _functions(edges: str, count: int, xi: np.ndarray) -> list[np.ndarray]:
         np.exp(
             (alpha + beta + 1) * np.log(2.0)
             - np.log(2 * k + alpha + beta + 1)
-            + gammaln(k + alpha + 1)
-            + gammaln(k + beta + 1)
-            - gammaln(k + alpha + beta + 1)
-            - gammaln(k + 1)
+            + scipy.special.gammaln(k + alpha + 1)
+            + scipy.special.gammaln(k + beta + 1)
+            - scipy.special.gammaln(k + alpha + beta + 1)
+            - scipy.special.gammaln(k + 1)
         )
         ** -0.5
     )
     x = xi[:, None]
-    polynomial = [eval_jacobi(k, alpha, beta, x) * norm]
+    polynomial = [scipy.special.eval_jacobi(k, alpha, beta, x) * norm]
     for order in (1, 2):
         factor = norm
         for j in range(order):
             factor = factor * 0.5 * (k + alpha + beta + 1 + j)
         lower = np.maximum(k - order, 0)
-        value = eval_jacobi(lower, alpha + order, beta + order, x)
+        value = scipy.special.eval_jacobi(lower, alpha + order, beta + order, x)
         polynomial.append(np.where(k >= order, value * factor, 0.0))
     left, right = _power(1.0 + x, a), _power(1.0 - x, b)
     edge = [

@@ -15,9 +15,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.integrate import quad
-from scipy.interpolate import CubicSpline, PchipInterpolator
-from scipy.optimize import brentq
+import scipy
 
 _ORDER = 12
 HIGHEST = 20.0  # w h/c_T of the table
@@ -59,7 +57,9 @@ class Branches:
     def bending_x(self, omega: float) -> float:
         """k h of A0 at w h/c_T, the largest of all branches."""
         return float(
-            brentq(lambda x: self.thin * x * x * self.bending_over_thin(x) - omega, 0.0, LONGEST)
+            scipy.optimize.brentq(
+                lambda x: self.thin * x * x * self.bending_over_thin(x) - omega, 0.0, LONGEST
+            )
         )
 
     def left_out(self, omega_c: float) -> tuple[float, float]:
@@ -97,7 +97,7 @@ class Branches:
                 return x * weight / float(self.others[b - 1](x)) ** n
             return x * weight / (self.thin * x * x * float(self.bending_over_thin(x))) ** n
 
-        return float(quad(integrand, start, end, epsrel=1e-6, limit=200)[0])
+        return float(scipy.integrate.quad(integrand, start, end, epsrel=1e-6, limit=200)[0])
 
 
 def compliance(x: np.ndarray | float, poisson_ratio: float) -> np.ndarray:
@@ -129,14 +129,16 @@ def branches(poisson_ratio: float) -> Branches:
     rest = []
     for n, less in ((2, 1.0 - nu), (4, 0.0)):
         density = x * weight / omega**n
-        within = CubicSpline(np.append(0.0, x), np.append(-less, density[gone].sum(axis=0) - less))
+        within = scipy.interpolate.CubicSpline(
+            np.append(0.0, x), np.append(-less, density[gone].sum(axis=0) - less)
+        )
         # A half space's densities fall as x^(2 - n).
         beyond = LONGEST * density[:, -1].sum() / (n - 3) if n > 2 else 0.0
         rest.append(float(within.integrate(0.0, LONGEST)) + float(beyond))
     return Branches(
         thin=thin,
-        bending_over_thin=CubicSpline(at, values),
-        others=tuple(CubicSpline(x, omega[b]) for b in kept[1:]),
+        bending_over_thin=scipy.interpolate.CubicSpline(at, values),
+        others=tuple(scipy.interpolate.CubicSpline(x, omega[b]) for b in kept[1:]),
         participation=tuple(_monotone(x, weight[b], b == 0) for b in kept),
         x=x,
         static=np.sum(weight / omega**2, axis=0),
@@ -146,7 +148,9 @@ def branches(poisson_ratio: float) -> Branches:
 
 def _monotone(x: np.ndarray, weight: np.ndarray, bending: bool) -> Any:
     """Participation between abscissae without overshoot: 1 for A0 and 0 for all others at k = 0."""
-    return PchipInterpolator(np.append(0.0, x), np.append(1.0 if bending else 0.0, weight))
+    return scipy.interpolate.PchipInterpolator(
+        np.append(0.0, x), np.append(1.0 if bending else 0.0, weight)
+    )
 
 
 def _solved(x: np.ndarray, nu: float, held: int) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import quad, solve_ivp
+import scipy
 
 from plant.contact.hertz import Contact, Sphere, tangent_stiffness_n_m
 from plant.structures.plate import Plate
@@ -22,6 +22,8 @@ from plant.structures.plate import Plate
 # below 0.5, and less beyond.
 _ENERGY_FACTOR, _REBOUND_FACTOR = 0.085, 0.04
 _SERIES = 0.03  # of k h, below which the integral is a logarithm
+_RAYLEIGH = 20.0  # k h from which on a layer is a half space, and S - 1 - 6/y^3 its last term alone
+_ABSCISSAE, _WEIGHTS = np.polynomial.legendre.leggauss(48)  # of an integral over ln(k h)
 _LONGEST = 40.0  # of Zener's impact, in units of (1 + lambda) t*
 
 
@@ -119,7 +121,9 @@ def _zener(number: float) -> tuple[float, float]:
 
     apart.terminal = True  # type: ignore[attr-defined]
     end = _LONGEST * (1.0 + number)
-    found = solve_ivp(rates, (0.0, end), [0.0, 1.0], events=apart, rtol=1e-8, atol=1e-10)
+    found = scipy.integrate.solve_ivp(
+        rates, (0.0, end), [0.0, 1.0], events=apart, rtol=1e-8, atol=1e-10
+    )
     return float(found.t[-1]), float(np.max(found.y[0]) ** 1.5)
 
 
@@ -127,15 +131,14 @@ def _zener(number: float) -> tuple[float, float]:
 def _beyond(number: float) -> float:
     """I(x) of `static_difference_m_n`."""
 
-    def integrand(y: float) -> float:
-        if y > 20.0:
-            return -6.0 / y**3
-        sinh = math.sinh(y)
-        return (sinh * math.cosh(y) + y) / (sinh * sinh - y * y) - 1.0 - 6.0 / y**3
-
-    start = max(number, _SERIES)
-    found = quad(integrand, start, 20.0, epsabs=1e-10)[0] if start < 20.0 else 0.0
-    found -= 3.0 / max(start, 20.0) ** 2
+    start, found = max(number, _SERIES), 0.0
+    if start < _RAYLEIGH:
+        length = math.log(_RAYLEIGH / start)
+        y = start * np.exp(0.5 * length * (_ABSCISSAE + 1.0))  # dy = y d(ln y)
+        sinh = np.sinh(y)
+        beyond = (sinh * np.cosh(y) + y) / (sinh * sinh - y * y) - 1.0 - 6.0 / y**3
+        found = 0.5 * length * float(np.sum(_WEIGHTS * y * beyond))
+    found -= 3.0 / max(start, _RAYLEIGH) ** 2
     if number < _SERIES:
         found += 1.2 * math.log(_SERIES / number)  # S - 1 - 6/y^3 -> 1.2/y
-    return float(found)
+    return found

@@ -14,7 +14,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import sici
+import scipy
 
 from plant.contact.hertz import Contact, Sphere, rigid_contact_time_s
 from plant.plant import PlantSpec
@@ -120,7 +120,7 @@ def images(plate: Plate, point_m: tuple[float, float]) -> tuple[np.ndarray, np.n
 def twice_integrated(t: np.ndarray, r4a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First and second integral over time of 1 - (2/pi) Si(r4a/t), r4a = r^2/(4 a) in s; t > 0."""
     u = r4a / t
-    si, ci = sici(u)
+    si, ci = scipy.special.sici(u)
     sin, cos = np.sin(u), np.cos(u)
     now = 1.0 - 2.0 / math.pi * si
     cosines = t * cos + r4a * (si - 0.5 * math.pi)  # integral of cos(r4a/t)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+import scipy
 
 from plant.structures.beam_basis import BeamBasis
 
@@ -119,10 +119,10 @@ def _solved(
     stiffness += nu * (np.kron(ex, ey.T) + np.kron(ex.T, ey)) + 2.0 * (1.0 - nu) * np.kron(gx, gy)
     stiffness[np.diag_indices(len(stiffness))] += shift
     scale = np.sqrt(np.diag(stiffness))
-    lower = cholesky(stiffness / np.outer(scale, scale), lower=True)
-    halved = solve_triangular(lower, np.diag(1.0 / scale), lower=True)
+    lower = scipy.linalg.cholesky(stiffness / np.outer(scale, scale), lower=True)
+    halved = scipy.linalg.solve_triangular(lower, np.diag(1.0 / scale), lower=True)
     inverse, vectors = np.linalg.eigh(halved @ halved.T)
     values = np.maximum(1.0 / inverse[::-1] - shift, 0.0)
-    coefficients = solve_triangular(lower, vectors[:, ::-1], lower=True, trans="T")
+    coefficients = scipy.linalg.solve_triangular(lower, vectors[:, ::-1], lower=True, trans="T")
     coefficients /= scale[:, None]
     return values, coefficients / np.linalg.norm(coefficients, axis=0)

@@ -8,7 +8,7 @@ times that share of the contact's flexibility, of the gap itself 1 to 4 times.
 
 import math
 
-from scipy.optimize import brentq
+import scipy
 
 from plant.contact.hertz import Contact, Sphere, rigid_contact_time_s, rigid_penetration_m
 from plant.structures.model_order import expected_error
@@ -43,4 +43,6 @@ def solid_limit_hz(
     low = high + math.log(_LOWEST)
     if excess(high) >= 0.0:
         return highest_hz
-    return math.exp(low if excess(low) <= 0.0 else float(brentq(excess, low, high, rtol=1e-3)))
+    return math.exp(
+        low if excess(low) <= 0.0 else float(scipy.optimize.brentq(excess, low, high, rtol=1e-3))
+    )
