@@ -16,6 +16,7 @@ from plant.schemes import collocation_modes_kernels as c
 from plant.schemes import state_kernels as pk
 from plant.schemes.aligned import aligned
 from plant.schemes.collocation_books_kernels import Air
+from plant.schemes.gauss import gauss
 from plant.schemes.phi import phi
 from plant.schemes.tail import build, limit_of
 from plant.schemes.tail_kernels import DampedTail
@@ -198,7 +199,7 @@ def _losses(
     """
     beyond = max(float(np.abs(s).max()) * h - math.pi, 0.0)
     count = _NODES + math.ceil(_NODES_PER_RADIAN * beyond)
-    nodes, weights = np.polynomial.legendre.leggauss(count)
+    nodes, weights = gauss(count)
     t, weights = 0.5 * h * (nodes + 1.0), 0.5 * h * weights
     x = np.outer(s, t)
     one, two = phi(1, x), phi(2, x)

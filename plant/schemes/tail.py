@@ -16,6 +16,7 @@ import math
 import numpy as np
 
 from plant.contact import solve_kernels as solve
+from plant.schemes.gauss import gauss
 from plant.schemes.phi import phi
 from plant.schemes.tail_kernels import DampedTail
 
@@ -102,7 +103,7 @@ def _lost(
     """Y times the integral of y''^2 over a step: coefficients by z at the end without force, F_0
     and F_1, upper triangle row by row."""
     count = _NODES + math.ceil(_NODES_PER_RADIAN * max(abs(s) * h - math.pi, 0.0))
-    nodes, weights = np.polynomial.legendre.leggauss(count)
+    nodes, weights = gauss(count)
     t, weights = 0.5 * h * (nodes + 1.0), 0.5 * h * weights
     one, two = phi(1, s * t), phi(2, s * t)
     back = np.exp(s * (t - h))

@@ -151,11 +151,14 @@ def reflections(
         return Reflections(*(np.zeros(0),) * 7, math.inf, rigid_s)
     t = h * np.arange(1, steps + 1)
     once, twice = np.zeros(steps), np.zeros(steps)
-    for ratio, sign in zip(r4a, signs, strict=True):
-        heard = t > ratio / _EARLY
-        by_step, by_ramp = twice_integrated(t[heard], ratio)
-        once[heard] += sign * by_step
-        twice[heard] += sign * by_ramp
+    known: dict[float, tuple[np.ndarray, np.ndarray]] = {}  # in the middle most are alike
+    for ratio, sign in zip(r4a.tolist(), signs, strict=True):
+        heard = int(np.searchsorted(t, ratio / _EARLY, "right"))
+        if ratio not in known:
+            known[ratio] = twice_integrated(t[heard:], ratio)
+        by_step, by_ramp = known[ratio]
+        once[heard:] += sign * by_step
+        twice[heard:] += sign * by_ramp
     spec = PlantSpec(sphere, plate, contact, point_m, point_m, h, 0.5 / h, 0.0)
     model = InfinitePlant(spec)
     force, gap = np.zeros(steps), np.zeros(steps)
