@@ -17,6 +17,7 @@ import numpy as np
 
 from bus.messages_pb2 import Books, RunEnd
 from bus.streams import CONTROLLER, STREAMS
+from bus.versions import other_version
 from bus.wire import Packed
 from recordings.chunks import Damaged, Record, Walk
 from recordings.columns import SAMPLED, Arrays, Stream
@@ -50,6 +51,11 @@ class Recording:
     ends: dict[str, RunEnd] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     law_source: str = ""
+
+    @property
+    def other_version(self) -> str:
+        """By which version it was recorded and which this is, in brackets; empty for this one."""
+        return other_version(self.metadata.get("versions", ""), "it was recorded by")
 
     @property
     def law_ran(self) -> tuple[str, str]:
