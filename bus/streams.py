@@ -13,6 +13,7 @@ from bus import messages_pb2 as messages
 from bus import wire
 from bus.finite import not_finite
 from bus.messages_pb2 import DaqBlock, Hello, RunEnd, SetUp
+from bus.versions import other_version
 
 PLANT, CONTROLLER, RECORDER = ROLES = "plant", "controller", "recorder"
 LAST_NS = 2**63 - 1  # simulated time that every reader of a recording can hold
@@ -122,6 +123,11 @@ class Checker:
     next_step: dict[str, int] = field(default_factory=dict)
     scales: dict[str, tuple[float, ...]] = field(default_factory=dict)
     latest_event_ns: int = 0
+
+    def explained(self, error: StreamFault) -> StreamFault:
+        """The same fault, with both versions if the plant is of another one."""
+        versions = self.announced.versions if self.announced else ""
+        return StreamFault(f"{error}{other_version(versions, 'the plant is')}")
 
     def accept(self, envelope: Envelope) -> wire.Packed:
         """Decode and check one message. Raises StreamFault on anything out of order."""

@@ -154,7 +154,8 @@ def _check_pace(scene: Scene, options: "RunOptions") -> None:
 
 
 def read(recording: str | Path) -> Run:
-    """A recording as a run. Raises RecordingError if it is damaged or no recording."""
+    """A recording as a run. Raises RecordingError if it is damaged, no recording, or its scene
+    cannot be simulated here."""
     from hertzloop.results.figures import rows_of
     from recordings.reader import read as read_file
     from recordings.writer import RecordingError
@@ -162,7 +163,11 @@ def read(recording: str | Path) -> Run:
     found = read_file(Path(recording))
     if found.problems or found.books is None:
         raise RecordingError(f"{recording}: {[*found.problems, 'the run has no books'][0]}")
-    scene = scenes.parse(found.scene_toml)
+    try:
+        scene = scenes.parse(found.scene_toml)
+    except scenes.SceneError as error:
+        words = f"{recording}: its scene cannot be simulated here: {error}{found.other_version}"
+        raise RecordingError(words) from error
     names = [name for name in (*TRUTH, *HELD) if name in found.truth.arrays]
     kept = {name: found.truth.arrays[name] for name in names}
     books = (found.books.energy_residual, found.books.momentum_residual)

@@ -7,7 +7,8 @@ without its checksum. After damage the walk goes on at the next record that can 
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
 from typing import NamedTuple
@@ -38,6 +39,7 @@ _PIECES: dict[int, tuple[int, tuple[int, ...]]] = {
     Opcode.ATTACHMENT: (16, (4, 4, 8)),
 }  # fmt: skip
 _CHECKSUM = {Opcode.ATTACHMENT: 4}  # bytes after the pieces
+_CHECKED = (Opcode.CHUNK, Opcode.ATTACHMENT)  # kinds with a checksum of their own
 _CHAIN = 4  # records that follow one another are no chance
 
 
@@ -59,21 +61,39 @@ class Record(NamedTuple):
 class Walk:
     """A walk over a file of `size` bytes; `damage` lists in sentences what was passed over.
 
-    `late_channels` are those that the summary repeats.
+    `late_channels` are those that the summary repeats, `not_so` where what seemed a record is
+    none.
     """
 
     handle: int
     size: int
     damage: list[str] = field(default_factory=list)
     late_channels: dict[int, str] = field(default_factory=dict)
-    unpacked: int = 0
+    not_so: set[int] = field(default_factory=set)
+    checked: int = 0  # bytes, packed and unpacked
 
     def read(self, at: int, length: int) -> bytes:
         """Bytes of the file, fewer at its end."""
         return os.pread(self.handle, length, at)
 
     def records(self) -> Iterator[Record]:
-        """All records that can be read; a chunk's content is checked and unpacked."""
+        """All records that can be read; a chunk's content is checked and unpacked.
+
+        After damage, what has a checksum and was passed over comes last: a length that is damaged,
+        or not where it belongs, may have spanned it.
+        """
+        sure: list[tuple[int, int]] = []
+        for record in self._one_after_another():
+            if _is_checked(record):
+                sure.append((record.at, record.at + 9 + record.length))
+            yield record
+        if self.damage:
+            end = 8
+            for first, after in [*sure, (self.size, self.size)]:
+                yield from self._passed(end, first)
+                end = after
+
+    def _one_after_another(self) -> Iterator[Record]:
         at, whole = 8, True
         if self.read(0, 8) != MAGIC:
             self._passed_over(0, 8, "it does not begin as an MCAP file")
@@ -87,12 +107,12 @@ class Walk:
                 after = at + 9 + length
                 found = after if length and self._follows(after) else self._resume(at + 1)
                 self._passed_over(at, found if found >= 0 else self.size, str(error))
+                self.not_so.add(at)
                 at, whole = found, False
                 continue
             if opcode == Opcode.DATA_END:
                 self._check_data(at, content, whole)
-                if not self._check_rest(at + 9 + length):
-                    yield from self._stray_chunks(at + 9 + length)
+                self._check_rest(at + 9 + length)
                 return
             if whole or opcode != Opcode.MESSAGE:  # without a checksum, one must be in its place
                 yield Record(opcode, at, length, content)
@@ -100,16 +120,20 @@ class Walk:
         if whole:
             self.damage.append("the file ends where more data were expected")
 
-    def _stray_chunks(self, at: int) -> Iterator[Record]:
-        """Chunks from `at` on, where a file has none unless its parts have changed places."""
-        while 0 <= (at := self._resume(at)) < self.size:
-            try:
+    def _passed(self, start: int, end: int) -> Iterator[Record]:
+        """Records with a checksum from `start` to `end`, whatever else was seen there."""
+        reached = start
+        for at in self._heads(start, end, _CHECKED):
+            if at < reached or at in self.not_so:
+                continue
+            with suppress(Damaged):
                 opcode, length = self._head(at)
-                if opcode == Opcode.CHUNK:
-                    yield Record(opcode, at, length, self._content(opcode, at, length))
-                at += 9 + length
-            except Damaged:
-                at += 1
+                if at + 9 + length > end:
+                    continue
+                record = Record(opcode, at, length, self._content(opcode, at, length))
+                if _is_checked(record):
+                    yield record
+                    reached = at + 9 + length
 
     def again(self, record: Record) -> Record:
         """A record once more, its content read anew. Raises Damaged if it no longer is one."""
@@ -139,6 +163,8 @@ class Walk:
     def _content(self, opcode: int, at: int, length: int) -> bytes:
         if opcode == Opcode.CHUNK_INDEX:
             return b""
+        if opcode in _CHECKED:
+            self._count(length)
         content = self.read(at + 9, length)
         if len(content) < length:
             raise Damaged("a record is cut off")
@@ -151,11 +177,16 @@ class Walk:
             if checksum and checksum != zlib.crc32(content[:-4]):
                 raise Damaged("the checksum of an attachment does not fit")
         if opcode == Opcode.CHUNK:
+            self._count(_chunk_head(content, length)[1])
             content = unpacked(content)
-            self.unpacked += len(content)
-            if self.unpacked > max(TOTAL_BYTES, TOTAL_RATIO * self.size):
-                raise Damaged(f"what is packed in {self.size} bytes is more than a run holds")
         return content
+
+    def _count(self, size: int) -> None:
+        """Count bytes that are to be checked, wherever something seems to begin; raises Damaged
+        if they would be too many."""
+        if self.checked + size > max(TOTAL_BYTES, TOTAL_RATIO * self.size):
+            raise Damaged(f"what is packed in {self.size} bytes is more than a run holds")
+        self.checked += size
 
     def _check_data(self, at: int, content: bytes, whole: bool) -> None:
         """Compare the checksum over all data; known damage needs no second sentence."""
@@ -165,8 +196,8 @@ class Walk:
         if whole and struct.unpack("<I", content)[0] != checksum:
             self.damage.append("the checksum over all data does not fit, or is missing")
 
-    def _check_rest(self, start: int) -> bool:
-        """Whether what follows the data is summary, footer, magic, and nothing else."""
+    def _check_rest(self, start: int) -> None:
+        """Check that what follows the data is summary, footer, magic, and nothing else."""
         end = self.size - 37
         rest = self.read(start, min(self.size - start, RECORD_BYTES))
         found = rest.find(_HEAD.pack(Opcode.FOOTER, 20), max(end - start, 0))
@@ -179,12 +210,10 @@ class Walk:
             self.late_channels.clear()
         if end < start or start + found != end or rest[-8:] != MAGIC:
             self._passed_over(start, self.size, "the footer is not the end of the file")
-            return False
+            return
         footer = Footer.read(ReadDataStream(BytesIO(rest[end - start + 9 :])))
         if footer.summary_crc != zlib.crc32(rest[:-12]):
             self._passed_over(start, self.size, "the checksum of the summary does not fit")
-            return False
-        return True
 
     def _follows(self, at: int) -> bool:
         """Whether records follow one another from here on, or the file ends here."""
@@ -210,18 +239,27 @@ class Walk:
 
     def _resume(self, start: int) -> int:
         """First byte from `start` on at which a record begins; -1 if there is none."""
-        for first in range(start, self.size, _WINDOW):
-            window = np.frombuffer(self.read(first, _WINDOW + 8), np.uint8)
+        heads = self._heads(start, self.size, range(Opcode.HEADER, Opcode.DATA_END + 1))
+        return next((place for place in heads if self._follows(place)), -1)
+
+    def _heads(self, start: int, end: int, kinds: Sequence[int]) -> Iterator[int]:
+        """Bytes from `start` to `end` at which a record of these kinds may begin."""
+        for first in range(start, end, _WINDOW):
+            window = np.frombuffer(self.read(first, min(_WINDOW, end - first) + 8), np.uint8)
             count = len(window) - 8
             if count <= 0:
                 break
-            may = (window[:count] >= 1) & (window[:count] <= 15)
+            may = np.isin(window[:count], np.array(kinds, np.uint8))
             for shift in (5, 6, 7, 8):  # no length reaches 4 GiB
                 may &= window[shift : shift + count] == 0
-            for place in np.flatnonzero(may).tolist():
-                if self._follows(first + place):
-                    return first + place
-        return -1
+            yield from (first + place for place in np.flatnonzero(may).tolist())
+
+
+def _is_checked(record: Record) -> bool:
+    """Whether a record that could be read had a checksum."""
+    return record.opcode == Opcode.CHUNK or (
+        record.opcode == Opcode.ATTACHMENT and any(record.content[-4:])
+    )
 
 
 def _adds_up(opcode: int, content: bytes) -> bool:

@@ -77,10 +77,14 @@ class Intake:
     foreign: int = 0  # messages of topics that are none of ours
     tracks: dict[str, Track] = field(default_factory=lambda: {n: Track(n) for n in SAMPLED})
     text: int = 0  # characters of the events
+    first: dict[str, int] = field(default_factory=dict)  # numbers in the last record, by stream
+    out_of_place: bool = False  # a message came after a later one of its stream
     _next: dict[str, int] = field(default_factory=dict)
+    _highest: dict[str, int] = field(default_factory=dict)
 
     def take(self, record: Record) -> Iterator[Taken]:
         """The messages in a record that belong to the run."""
+        self.first = {}
         try:
             if record.opcode == Opcode.ATTACHMENT:
                 self._attachment(_parsed(Attachment, record.content))
@@ -160,6 +164,8 @@ class Intake:
                 self.run_id = self.run_id or header.run_id
                 if header.run_id != self.run_id:
                     raise Refused(f"it belongs to run {header.run_id:x}, not to {self.run_id:x}")
+            if name != _NAMELESS:
+                self._numbered(name, getattr(header, "sequence", message.sequence))
             if name in self.tracks:
                 arrays, problem = self.tracks[name].add(block, message)
             else:
@@ -175,6 +181,12 @@ class Intake:
         counter.messages += 1
         counter.samples += bus_streams.sample_count(block)
         yield Taken(name if name in STREAMS else _KINDS[topic].name, message, arrays)
+
+    def _numbered(self, name: str, number: int) -> None:
+        """Note where in its stream a message belongs."""
+        self.first.setdefault(name, number)
+        self.out_of_place |= number < self._highest.get(name, 0)
+        self._highest[name] = max(number, self._highest.get(name, 0))
 
     def _single(self, name: str, header: Any, message: Message) -> str:
         """Keep a message that is no block; a sentence on what is missing before it."""

@@ -6,20 +6,23 @@ more memory than what is looked at.
 
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from bus.messages_pb2 import Books, RunEnd
 from bus.streams import CONTROLLER, STREAMS
+from bus.versions import other_version
 from bus.wire import Packed
 from recordings.chunks import Damaged, Record, Walk
 from recordings.columns import SAMPLED, Arrays, Stream
 from recordings.intake import Event, Intake, Taken
+from recordings.order import in_order
 from recordings.writer import TOPICS, RecordingError
 
 __all__ = ["Event", "Recording", "Source", "Stream", "holds_a_run", "read"]
@@ -50,6 +53,11 @@ class Recording:
     law_source: str = ""
 
     @property
+    def other_version(self) -> str:
+        """By which version it was recorded and which this is, in brackets; empty for this one."""
+        return other_version(self.metadata.get("versions", ""), "it was recorded by")
+
+    @property
     def law_ran(self) -> tuple[str, str]:
         """Name and digest of the law that the controller said it ran; empty where it did not."""
         end = self.ends.get(CONTROLLER)
@@ -59,6 +67,14 @@ class Recording:
     def daq_values(self) -> np.ndarray:
         """Acquired values in the unit of the quantity, shape (samples,)."""
         return self.daq.values_of(self.daq.arrays)
+
+
+class Place(NamedTuple):
+    """Where a record is, the topics of its messages, and the first number of every stream."""
+
+    record: Record
+    topics: frozenset[str]
+    first: dict[str, int]
 
 
 class Source:
@@ -77,7 +93,7 @@ class Source:
             kind = "Is a directory" if stat.S_ISDIR(status.st_mode) else "it is no file"
             raise RecordingError(f"cannot read {path}: {kind}")
         self.size = status.st_size
-        self._places: list[tuple[Record, frozenset[str]]] = []
+        self._places: list[Place] = []
         self._channels: dict[int, str] = {}
 
     def __del__(self) -> None:
@@ -91,18 +107,18 @@ class Source:
         except OSError as error:
             raise RecordingError(f"cannot read {self.path}: {error.strerror}") from error
 
-    def messages(self, intake: Intake, walk: Walk) -> Iterator[Taken]:
-        """All messages that belong to the run, in their order; `intake` and `walk` know then what
-        else is there."""
+    def messages(self, intake: Intake, records: Iterable[Record]) -> Iterator[Taken]:
+        """All messages in `records` that belong to the run; `intake` knows then what else is
+        there."""
         self._places.clear()
         with self._reading():
-            for record in walk.records():
+            for record in records:
                 topics: set[str] = set()
                 for taken in intake.take(record):
                     topics.add(STREAMS[taken.stream].topic)
                     yield taken
-                if topics:
-                    place = (record._replace(content=b""), frozenset(topics))
+                if record.content:
+                    place = Place(record._replace(content=b""), frozenset(topics), intake.first)
                     self._places.append(place)
         self._channels = intake.channels
 
@@ -113,34 +129,49 @@ class Source:
     def look(self) -> tuple[Intake, Walk]:
         """Everything but the samples."""
         intake, walk = Intake(), self.walk()
-        for _ in self.messages(intake, walk):
-            pass
+        self._drain(intake, walk.records())
         if intake.unknown_channels:
-            # The record that names them is lost. The summary repeats it; without one, our
-            # writer's order is the best guess, and what a message is shows when it is decoded.
-            named = walk.late_channels or dict(enumerate(TOPICS, 1))
-            intake, walk = Intake(channels=dict(named)), self.walk()
-            for _ in self.messages(intake, walk):
-                pass
-            intake.unnamed_channels = True
+            # The record that names them is lost, or comes later. The summary repeats it; without
+            # one, our writer's order is the best guess, and what a message is shows when it is
+            # decoded.
+            guessed = walk.late_channels or dict(enumerate(TOPICS, 1))
+            named = intake.unknown_channels <= set(intake.channels)
+            intake, walk = Intake(channels=guessed | intake.channels), self.walk()
+            self._drain(intake, walk.records())
+            intake.unnamed_channels = not named
+        if intake.out_of_place:
+            before = intake
+            self._places = [self._places[n] for n in in_order([p.first for p in self._places])]
+            intake = Intake(channels=dict(before.channels))
+            self._drain(intake, self.records())
+            intake.unnamed_channels = before.unnamed_channels
+            intake.problems.append("parts of the file have changed places, or are there twice")
         return intake, walk
+
+    def _drain(self, intake: Intake, records: Iterable[Record]) -> None:
+        for _ in self.messages(intake, records):
+            pass
+
+    def records(self) -> Iterator[Record]:
+        """The records once more, after `look`, in the order in which they belong."""
+        walk, places = self.walk(), list(self._places)
+        return (self._read(walk, place) for place in places)
+
+    def _read(self, walk: Walk, place: Place) -> Record:
+        try:
+            return walk.again(place.record)
+        except Damaged as error:
+            raise RecordingError(f"{self.path} changed while it was read ({error})") from error
 
     def again(self, stream: str, run_id: int) -> Iterator[Arrays]:
         """The blocks of a stream once more, after `look`."""
         topic, walk = STREAMS[stream].topic, self.walk()
         intake = Intake(channels=dict(self._channels), only=topic, run_id=run_id)
         with self._reading():
-            for place, topics in self._places:
-                if topic not in topics:
-                    continue
-                try:
-                    record = walk.again(place)
-                except Damaged as error:
-                    raise RecordingError(
-                        f"{self.path} changed while it was read ({error})"
-                    ) from error
-                for taken in intake.take(record):
-                    yield taken.arrays
+            for place in self._places:
+                if topic in place.topics:
+                    for taken in intake.take(self._read(walk, place)):
+                        yield taken.arrays
 
 
 def read(path: Path) -> Recording:
@@ -190,7 +221,7 @@ def holds_a_run(path: Path) -> bool:
     try:
         source = Source(path)
         intake = Intake()
-        for _ in source.messages(intake, source.walk()):
+        for _ in source.messages(intake, source.walk().records()):
             if intake.scene_toml or intake.hello:
                 return True
         return bool(intake.scene_toml)

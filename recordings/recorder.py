@@ -30,7 +30,10 @@ class Recorder:
 
     def handle(self, envelope: Envelope) -> None:
         """Check and write one message. Raises StreamFault or RecordingError."""
-        block = self.checker.accept(envelope)
+        try:
+            block = self.checker.accept(envelope)
+        except StreamFault as error:
+            raise self.checker.explained(error) from error
         header: Any = block.header
         stream = envelope.stream
         if stream == "hello":

@@ -30,8 +30,8 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> int:
     writer = RecordingWriter(whole, overwrite)
     writer.scene(old.scene_toml, old.metadata)
     copied = 0
-    again, walk = Intake(channels=dict(seen.channels)), source.walk()
-    for taken in source.messages(again, walk):
+    again = Intake(channels=dict(seen.channels))
+    for taken in source.messages(again, source.records()):
         message = taken.message
         writer.write(taken.stream, message.data, message.sequence, message.log_time)
         copied += 1

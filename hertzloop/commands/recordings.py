@@ -39,7 +39,8 @@ def scene_to_run(recording: "Recording") -> "Scene":
     try:
         return parse(recording.scene_toml)
     except SceneError as error:
-        fail(f"the scene of {recording.path} cannot be simulated here: {error}", 2)
+        words = f"the scene of {recording.path} cannot be simulated here: {error}"
+        fail(words + recording.other_version, 2)
 
 
 def repeat_or_fail(recording: "Recording", scene: "Scene") -> "Repeat":
@@ -50,7 +51,7 @@ def repeat_or_fail(recording: "Recording", scene: "Scene") -> "Repeat":
 
     try:
         if to_toml(scene) != recording.scene_toml:
-            fail(f"{recording.path} is a recording of another scene", 2)
+            fail(f"{recording.path} is a recording of another scene{recording.other_version}", 2)
         return repeat_of(recording)
     except RecordingError as error:
         fail(str(error), 2)

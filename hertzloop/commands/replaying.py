@@ -93,7 +93,8 @@ def scene_of(recording: Recording) -> Scene:
     try:
         return parse(recording.scene_toml, recorded=True)
     except SceneError as error:
-        raise RecordingError(f"the scene in {recording.path} cannot be read: {error}") from error
+        words = f"the scene in {recording.path} cannot be read: {error}{recording.other_version}"
+        raise RecordingError(words) from error
 
 
 def without_control(

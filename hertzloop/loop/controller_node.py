@@ -103,6 +103,12 @@ class ControllerNode:
 
     def handle(self, envelope: Envelope) -> None:
         """Take one message. Raises StreamFault if it is not what had to come."""
+        try:
+            self._take(envelope)
+        except StreamFault as error:
+            raise self.checker.explained(error) from error
+
+    def _take(self, envelope: Envelope) -> None:
         block = self.checker.accept(envelope)
         if envelope.stream == "hello":
             self._set_up(block)

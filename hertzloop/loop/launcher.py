@@ -216,8 +216,22 @@ def _cause(failed: list[Child], running: set[str]) -> str:
         if reason := child.own_reason():
             return reason
     missed = {role for child in failed for role in child.lost}
-    lost = next(child.fault for child in failed)
+    lost = _most_precise(failed).fault
     if hung := sorted(running & missed):
         verb = "does" if len(hung) == 1 else "do"
         return f"{' and '.join(hung)} {verb} not react any more; {lost}"
     return lost
+
+
+def _most_precise(failed: list[Child]) -> Child:
+    """Who missed the fewest roles, of those that missed nobody who had given up before, nor one
+    that missed another itself."""
+    gave_up: set[str] = set()
+    believed: dict[str, Child] = {}
+    for child in failed:
+        if child.lost and not gave_up & set(child.lost):
+            believed[child.role] = child
+        if child.lost:
+            gave_up.add(child.role)
+    last = [child for child in believed.values() if not believed.keys() & set(child.lost)]
+    return min(last or believed.values(), key=lambda child: len(child.lost), default=failed[0])

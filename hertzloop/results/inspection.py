@@ -87,7 +87,7 @@ def _figures(recording: Recording) -> tuple[dict[str, Any], str]:
         with np.errstate(all="ignore"):
             return figures.figures_of(scene, figures.blocks_of(recording)), ""
     except (SceneError, RecursionError) as error:
-        return nothing, f"the scene inside cannot be read: {error}"
+        return nothing, f"the scene inside cannot be read: {error}{recording.other_version}"
     except (ArithmeticError, ValueError) as error:
         return nothing, f"no figures follow from what was recorded: {error}"
 

@@ -1,0 +1,100 @@
+"""A short series of faults in runs, and what judges them; long ones: see `tests.faults.runs`."""
+
+import random
+import tempfile
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from hertzloop.loop.launcher import Child, _cause
+from tests.faults.runs import (
+    COMMANDS,
+    LAUNCHER,
+    MOST_LOST_MS,
+    SIGNALS,
+    Fault,
+    Outcome,
+    draw,
+    inflict,
+    table,
+    wrong_words,
+)
+
+
+@pytest.mark.usefixtures("warm_kernels")
+@pytest.mark.parametrize(
+    "fault",
+    [
+        Fault("recorder", "kill", "lane", False, 0.3),
+        Fault("plant", "pause", "no lane", False, 0.2, 0.5),
+        Fault("launcher", "kill", "lane", False, 0.1),
+    ],
+)
+def test_faults(fault: Fault) -> None:
+    # Not in tmp_path: its path is too long for sockets.
+    with tempfile.TemporaryDirectory() as folder:
+        outcome = inflict(fault, Path(folder))
+    assert outcome.wrong == [], outcome
+    assert (outcome.lost_ms > 0) == (fault.victim == "recorder")
+
+
+def test_every_fault_is_drawn() -> None:
+    random_ = random.Random(1)
+    drawn = {(f.victim, f.how, f.lane) for f in (draw(random_) for _ in range(2000))}
+    assert len(drawn) == 2 * (len(COMMANDS) * len(SIGNALS) + len(SIGNALS) - 2)
+
+
+@pytest.mark.parametrize(
+    ("victim", "how", "code", "said", "wrong"),
+    [
+        ("plant", "kill", 1, "error: plant was killed by SIGKILL", ""),
+        ("plant", "kill", 1, "error: recorder was killed by SIGKILL", "another cause"),
+        ("plant", "kill", 0, "error: plant was killed by SIGKILL", "exit code 0"),
+        ("plant", "stop", 1, "controller does not react any more", "another cause"),
+        ("plant", "kill", 1, "Traceback plant was killed by SIGKILL", "a traceback"),
+        ("plant", "long pause", 1,
+         "plant waited 4 s for the force from the controller: nothing came", "another cause"),
+        ("controller", "long pause", 1,
+         "plant waited 4 s for the force from the controller: nothing came", ""),
+        ("plant", "pause", 1, "plant does not react any more", "exit code 1"),
+        (LAUNCHER, "terminate", 130, "interrupted; what was recorded", ""),
+        (LAUNCHER, "terminate", -15, "", "exit code -15"),
+    ],
+)  # fmt: skip
+def test_a_wrong_cause_is_found(victim: str, how: str, code: int, said: str, wrong: str) -> None:
+    assert wrong_words(Fault(victim, how, "lane", False, 0.0), code, said) == wrong
+
+
+def test_the_table_counts() -> None:
+    good, bad = Outcome("", 3.0), Outcome("", 9.0, MOST_LOST_MS + 1, ["another cause", "it hangs"])
+    said = table({("plant", "kill", "lane"): [good, bad]}, 4)
+    assert "| plant | kill | lane | 2 | 1 | 0 | 0 | 1 | 0 | 0 | 101 | 1 | 9 |" in said
+    assert "2 tries, something wrong after 1, more than 100 ms lost after 1; 4 runs" in said
+
+
+def ended(role: str, fault: str, *lost: str, others: bool = True) -> Child:
+    process: Any = SimpleNamespace(returncode=1)
+    return Child(role, process, Path("none"), True, fault, others, list(lost))
+
+
+def test_who_gave_up_is_not_to_blame_for_leaving() -> None:
+    """The controller paused for longer than the others wait, and lives again."""
+    recorder = ended("recorder", "nothing from plant and controller", "plant", "controller")
+    plant = ended("plant", "nothing from the controller", "controller")
+    deceived = ended("plant", "the recorder left", "recorder")
+    awake = ended("controller", "the plant left", "plant")
+    told = ended("controller", "the plant ended the run")
+    assert _cause([recorder, plant, awake], set()) == plant.fault
+    assert _cause([plant, recorder, told], set()) == plant.fault
+    assert _cause([told, plant, recorder], set()) == plant.fault
+    assert _cause([recorder, deceived, awake], set()) == recorder.fault
+    assert _cause([told], set()) == told.fault
+    # The recorder paused; the plant waited for it, and the controller for the plant.
+    waits = ended("controller", "nothing from the plant", "plant")
+    blocked = ended("plant", "the recorder took nothing", "recorder")
+    awake = ended("recorder", "the controller left", "controller")
+    assert _cause([waits, blocked, awake], set()) == blocked.fault
+    own = ended("controller", "its own", others=False)
+    assert _cause([recorder, plant, own], set()) == own.fault

@@ -1,0 +1,130 @@
+"""A wire peer and a recording of another version: taken, or refused with both versions named."""
+
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import pytest
+
+from bus import wire
+from bus.messages_pb2 import Hello
+from bus.streams import STREAMS, Envelope, StreamFault
+from bus.versions import other_version
+from hertzloop import __version__, interface
+from recordings.reader import read
+from recordings.recorder import Recorder
+from recordings.writer import RecordingError, RecordingWriter
+from tests.bus.tapes import plant_says
+from tests.hertzloop.exchange import exchange
+from tests.hertzloop.processes import hertzloop
+from tests.hertzloop.short_runs import scene
+from tests.recordings.rewriting import messages, record
+
+OTHER = json.dumps({"hertzloop": "0.7.3", "numpy": "2.4"})
+BOTH = f"hertzloop 0.7.3, this is {__version__}"
+# As a later version may have it: a key that is not known here.
+LATER = "[controller]\nforesight = 3\n"
+
+
+def hellos(change: Callable[[Hello], None]) -> Callable[[Envelope], Iterable[Envelope]]:
+    """On the plant's link: its hello as another version sends it."""
+
+    def alter(envelope: Envelope) -> Iterable[Envelope]:
+        if envelope.stream != "hello":
+            return (envelope,)
+        hello = wire.decode(STREAMS["hello"].message, envelope.payload).header
+        hello.versions = OTHER
+        change(hello)
+        return (Envelope("hello", hello.SerializeToString(), envelope.sequence),)
+
+    return alter
+
+
+def later(hello: Hello) -> None:
+    hello.scene_toml = hello.scene_toml.replace("[controller]\n", LATER)
+
+
+def test_a_plant_of_another_version_is_answered() -> None:
+    links = exchange(scene(), 1, forge=hellos(lambda hello: None))
+    assert links.fault == ""
+    assert links.heard.samples() == exchange(scene(), 1).heard.samples()
+
+
+def test_a_plant_of_another_version_is_refused_with_both_named() -> None:
+    with pytest.raises(StreamFault, match="the plant is " + BOTH):
+        exchange(scene(), 1, forge=hellos(later))
+
+
+def test_a_hello_that_is_meant_otherwise_names_both() -> None:
+    def again(hello: Hello) -> None:
+        hello.steps += 1
+
+    with pytest.raises(StreamFault, match=r"its scene has 2500 of 1000 ns \(the plant is " + BOTH):
+        exchange(scene(), 1, forge=hellos(again))
+
+
+def test_a_recorder_names_both(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "a.mcap")
+    said = plant_says()
+    [first] = hellos(lambda hello: None)(said[0])
+    recorder.handle(first)
+    recorder.handle(said[1])
+    with pytest.raises(StreamFault, match=r"repeat on stream .*\(the plant is " + BOTH):
+        recorder.handle(said[1])
+
+
+@pytest.fixture
+def later_recording(tmp_path: Path) -> Path:
+    """A recording as a later version may have made it."""
+    whole, path = record(tmp_path / "whole.mcap"), tmp_path / "later.mcap"
+    source = read(whole)
+    text = source.scene_toml.replace("[controller]\n", LATER)
+    writer = RecordingWriter(path)
+    writer.scene(text, {**source.metadata, "versions": OTHER})
+    for item in messages(whole):
+        if item.stream == "hello":
+            item.header.scene_toml, item.header.versions = text, OTHER
+        elif item.stream == "end/controller":
+            item.header.set_up.scene_toml = text
+        payload = wire.encode(item.header, **item.arrays)
+        writer.write(item.stream, payload, item.number, item.time_ns)
+    writer.finish(source.result)
+    return path
+
+
+def test_a_recording_of_a_later_version(later_recording: Path, tmp_path: Path) -> None:
+    """Its samples are there; what needs its scene says why not."""
+    kept = read(later_recording)
+    assert kept.problems == []
+    assert kept.truth.arrays["xi_m"].tobytes() == (
+        read(tmp_path / "whole.mcap").truth.arrays["xi_m"].tobytes()
+    )
+    with pytest.raises(RecordingError, match="foresight.*it was recorded by " + BOTH):
+        interface.read(later_recording)
+    out = str(tmp_path / "new.mcap")
+    for words, code in (
+        (["inspect", str(later_recording)], 1),
+        (["replay", str(later_recording), "--save", str(tmp_path / "a.rrd")], 1),
+        (["run", "--repeat", str(later_recording), "--out", out], 2),
+    ):
+        done = hertzloop(*words)
+        said = " ".join((done.stdout + done.stderr).split())
+        assert done.returncode == code, said
+        assert "it was recorded by " + BOTH in said, words
+        assert "foresight" in said
+        assert "Traceback" not in said
+    assert hertzloop("compare", str(later_recording), str(tmp_path / "whole.mcap")).returncode == 0
+
+
+@pytest.mark.parametrize(
+    "versions",
+    ["", "{", "[]", "7", '{"numpy": "2"}', '{"hertzloop": 3}', "[" * 9000,
+     json.dumps({"hertzloop": __version__})],
+)  # fmt: skip
+def test_versions_that_say_nothing_else(versions: str) -> None:
+    assert other_version(versions, "the plant is") == ""
+
+
+def test_a_long_version_is_cut() -> None:
+    said = other_version(json.dumps({"hertzloop": "1\n" + "9" * 500}), "the plant is")
+    assert said == f" (the plant is hertzloop 1{'9' * 19}, this is {__version__})"
