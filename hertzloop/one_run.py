@@ -154,7 +154,7 @@ def _judge_law(scene: Scene, report: dict[str, Any]) -> None:
     if not report["impacts"] or report["stability"]["unstable"]:
         return
     first = report["impacts"][0]
-    found = law_accuracy.judged(scene, first["start_s"] + first["duration_s"])
+    found = law_accuracy.judged(scene, first["start_s"] + 2.0 * first["duration_s"])
     report["law_accuracy"] = law_accuracy.as_json(found)
     if found and not found.kept:
         report["verdict"].append(found.sentence)

@@ -69,8 +69,8 @@ class LawAccuracy:
 
 
 def judged(scene: Scene, until_s: float) -> LawAccuracy | None:
-    """Simulate the first impact of a scene, over by `until_s`, with its modes and with twice as
-    many, as far as the step carries them.
+    """Simulate the first impact of a scene, over with the push it causes by `until_s`, with its
+    modes and with twice as many, as far as the step carries them.
 
     None without a law, where the step carries no more modes, where more are not known or take long
     to find (a file, edges that are not simply supported, an infinite plate, the published scheme),

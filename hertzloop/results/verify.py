@@ -1,13 +1,14 @@
 """A-posteriori check of a run: its first impact again with half the step and twice the modes, the
 loop closed."""
 
+import math
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from hertzloop import assembly as parts
 from hertzloop.loop.finer import finer_loop
-from hertzloop.results.impact_rows import XI, consistent_impacts, impacts_of_rows
+from hertzloop.results.impact_rows import F_A, F_C, XI, consistent_impacts, impacts_of_rows
 from hertzloop.scenes.scene import Scene, SceneError
 from plant.plant import Plant, PlantSpec
 from plant.schemes import state_kernels as pk
@@ -16,6 +17,7 @@ from plant.structures.modal_structure import ModalStructure
 from plant.structures.solid_plate import SolidPlate
 
 _START = [pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]
+_SMALL = 0.01  # of a push, from which on it stores 1e-4 of what it did
 
 
 @dataclass(frozen=True)
@@ -76,10 +78,17 @@ def against(scene: Scene, rows: np.ndarray, fine: PlantSpec) -> Verification | N
 
 
 def past_first_impact(scene: Scene, rows: np.ndarray) -> int | None:
-    """Steps until the first impact is over and by one more, so that it is seen to end; None if it
-    does not end within the rows."""
+    """Steps until the first contact is over and by one more, so that it is seen to end, and until
+    the push is, for as long again at most: what a spring for the modes left out stores under a
+    force counts once it has come back. None if the contact does not end within the rows."""
     found = impacts_of_rows(scene, rows, most=1)
-    return min(found[0].end + 2, rows.shape[1]) if found and found[0].ended else None
+    if not found or not found[0].ended:
+        return None
+    first, end = found[0].start, min(found[0].end + 2, rows.shape[1])
+    after = rows[:, end : 2 * end - first]
+    small = _SMALL * np.abs(rows[F_A, first:end]).max()
+    over = np.flatnonzero((np.abs(after[F_A]) <= small) | (after[F_C] != 0.0))
+    return end + (int(over[0]) if len(over) else after.shape[1])
 
 
 def started_as(scene: Scene, fine: PlantSpec) -> Plant:
@@ -101,7 +110,8 @@ def changes(
     by_finer = consistent_impacts(scene, finer_rows[:, : finer_rows.shape[1] + 1 - times], fine)
     if not by_finer:
         return None
-    gap, finer = rows[XI], finer_rows[XI, ::times]
+    contact = math.ceil((coarse_impact.start_s + coarse_impact.duration_s) / scene.step_s) + 2
+    gap, finer = rows[XI, :contact], finer_rows[XI, ::times][:contact]
     energy = by_finer[0].plate_energy_j
     change = by_finer[0].rebound_speed_m_s - coarse_impact.rebound_speed_m_s
     return Verification(

@@ -61,16 +61,16 @@ def test_a_threshold_further_off_keeps_what_was_asked(
 
 
 def test_what_moves_without_another_decision_is_said_too() -> None:
-    """A solid plate's estimate knows nothing of a force that jumps; `--verify` finds the same."""
-    scene = load("aluminium-3mm", ["plate.theory=3d", "run.duration_s=0.0015"])
-    found = judged(scene, 1.1e-3)
+    """A solid plate's estimate knows nothing of a law; `--verify` finds the same."""
+    scene = load("aluminium-20mm", ["plate.theory=3d", "run.duration_s=0.003"])
+    found = judged(scene, 3e-3)
     assert found is not None
     assert found.delay_us == found.finer_delay_us
     assert not found.kept
     assert "latches" not in found.sentence
     true = against(scene, simulate(scene).rows, finer_spec(scene))
     assert true is not None
-    assert found.by_modes.plate_energy == pytest.approx(true.plate_energy, rel=0.1)
+    assert found.by_modes.largest == pytest.approx(true.largest, rel=0.1)
 
 
 @pytest.mark.parametrize("name", ["aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm"])
