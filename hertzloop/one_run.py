@@ -125,8 +125,8 @@ def run_scene(
         realtime=stats.get("realtime", ""),
     )
     report["predictability"] = _predictability(scene, without, report)
-    if options.pace is None and options.repeat is None:  # late forces are not the law's doing
-        _judge_law(scene, report)
+    late = options.pace is not None or options.repeat is not None  # then not the law alone decides
+    report["law_accuracy"] = None if late else _judge_law(scene, report)
     if options.repeat:
         report["repeats"] = str(options.repeat)
         report["differs"] = first_difference(read(options.repeat), recorded)
@@ -148,16 +148,15 @@ def _predictability(scene: Scene, without: Scene, report: dict[str, Any]) -> dic
     return found | {"controlled": as_dicts(known), "uncontrolled": as_dicts(other)}
 
 
-def _judge_law(scene: Scene, report: dict[str, Any]) -> None:
-    """Add to a report whether the accuracy asked for is kept under the law; in words if not."""
-    report["law_accuracy"] = None
+def _judge_law(scene: Scene, report: dict[str, Any]) -> dict[str, Any] | None:
+    """Whether the accuracy asked for is kept under the law; a sentence of the verdict if not."""
     if not report["impacts"] or report["stability"]["unstable"]:
-        return
+        return None
     first = report["impacts"][0]
     found = law_accuracy.judged(scene, first["start_s"] + 2.0 * first["duration_s"])
-    report["law_accuracy"] = law_accuracy.as_json(found)
     if found and not found.kept:
         report["verdict"].append(found.sentence)
+    return law_accuracy.as_json(found)
 
 
 def what_is_kept(recording: Path, since_s: float) -> str:
