@@ -144,7 +144,8 @@ def _until_over(scene: Scene, quiet: int) -> Simulated:
     return simulate(scene, quiet)
 
 
-def _latched_us(scene: Scene, run: Simulated) -> float:
+def latched_us(scene: Scene, run: Simulated) -> float:
+    """The first delay that the law of a run latched, us; nan of one that latches none."""
     acting = np.flatnonzero(run.modes == ACTING)
     if not scene.law.latches or not len(acting):
         return math.nan
@@ -192,7 +193,7 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
         contact_us=1e6 * noise.contact_time_s,
         contacts=len(impacts),
         peak_force_n=max(impact.peak_force_n for impact in impacts),
-        delay_us=_latched_us(scene, run),
+        delay_us=latched_us(scene, run),
         energy_residual=books.energy_residual,
         plate_model=scene.run.plate_model,
         leaves_out=left_out.get("left out", ""),

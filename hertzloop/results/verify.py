@@ -1,21 +1,23 @@
 """A-posteriori check of a run: its first impact again with half the step and twice the modes, the
 loop closed."""
 
+import math
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from hertzloop import assembly as parts
 from hertzloop.loop.finer import finer_loop
-from hertzloop.results.impact_rows import XI, consistent_impacts, impacts_of_rows
+from hertzloop.results.impact_rows import F_A, F_C, XI, consistent_impacts, impacts_of_rows
 from hertzloop.scenes.scene import Scene, SceneError
-from plant.plant import PlantSpec
+from plant.plant import Plant, PlantSpec
 from plant.schemes import state_kernels as pk
 from plant.schemes.door import SCHEMES
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.solid_plate import SolidPlate
 
 _START = [pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]
+_SMALL = 0.01  # of a push, from which on it stores 1e-4 of what it did
 
 
 @dataclass(frozen=True)
@@ -67,21 +69,49 @@ def finer_spec(scene: Scene) -> PlantSpec:
 
 def against(scene: Scene, rows: np.ndarray, fine: PlantSpec) -> Verification | None:
     """What a finer plant changes in the first impact of a run; None as for `verify`."""
+    until = past_first_impact(scene, rows)
+    if until is None:
+        return None
+    times = round(scene.step_s / fine.step_s)
+    finer_rows = finer_loop(scene, started_as(scene, fine), until, times)
+    return changes(scene, rows[:, :until], finer_rows, fine)
+
+
+def past_first_impact(scene: Scene, rows: np.ndarray) -> int | None:
+    """Steps until the first contact is over and by one more, so that it is seen to end, and until
+    the push is, for as long again at most: what a spring for the modes left out stores under a
+    force counts once it has come back. None if the contact does not end within the rows."""
     found = impacts_of_rows(scene, rows, most=1)
     if not found or not found[0].ended:
         return None
-    spec, times = parts.plant_spec(scene), round(scene.step_s / fine.step_s)
-    # Past the contact by one step, so that it is seen to end.
-    until = min(found[0].end + 2, rows.shape[1])
+    first, end = found[0].start, min(found[0].end + 2, rows.shape[1])
+    after = rows[:, end : 2 * end - first]
+    small = _SMALL * np.abs(rows[F_A, first:end]).max()
+    over = np.flatnonzero((np.abs(after[F_A]) <= small) | (after[F_C] != 0.0))
+    return end + (int(over[0]) if len(over) else after.shape[1])
+
+
+def started_as(scene: Scene, fine: PlantSpec) -> Plant:
+    """A finer plant at the start of a scene's run."""
     plant = parts.built(fine, scene.run.scheme).at_start(parts.touch_phase(scene))
-    plant.state.body[_START] = parts.plant_of(spec, scene).state.body[_START]
-    finer_rows = finer_loop(scene, plant, until, times)
-    gap, finer = rows[XI, :until], finer_rows[XI, ::times]
-    coarse_impact = consistent_impacts(scene, rows[:, :until], spec)[0]
+    coarse = parts.plant_of(parts.plant_spec(scene), scene)
+    plant.state.body[_START] = coarse.state.body[_START]
+    return plant
+
+
+def changes(
+    scene: Scene, rows: np.ndarray, finer_rows: np.ndarray, fine: PlantSpec
+) -> Verification | None:
+    """What differs in the first impact between a scene's rows and those of a finer plant over the
+    same time; None if that has no impact."""
+    times = finer_rows.shape[1] // rows.shape[1]
+    coarse_impact = consistent_impacts(scene, rows)[0]
     # Work counts from row to row: without the last part of a step both end at the same time.
-    by_finer = consistent_impacts(scene, finer_rows[:, : len(finer_rows[0]) + 1 - times], fine)
+    by_finer = consistent_impacts(scene, finer_rows[:, : finer_rows.shape[1] + 1 - times], fine)
     if not by_finer:
         return None
+    contact = math.ceil((coarse_impact.start_s + coarse_impact.duration_s) / scene.step_s) + 2
+    gap, finer = rows[XI, :contact], finer_rows[XI, ::times][:contact]
     energy = by_finer[0].plate_energy_j
     change = by_finer[0].rebound_speed_m_s - coarse_impact.rebound_speed_m_s
     return Verification(

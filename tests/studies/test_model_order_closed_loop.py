@@ -14,7 +14,7 @@ def test_requests_are_met_by_whole_scenes(tmp_path: Path) -> None:
     assert len(found) == 3 * 2 * len(study.REQUESTS)
     assert {o.law for o in found} == {"off", "slope_threshold"}
     assert len({o.contact for o in found}) > 1
-    free = [o for o in found if not o.beyond]
+    free = [o for o in found if not o.said]
     assert sum(o.error <= o.request for o in free) >= 0.9 * len(free)
     assert all(o.gap <= o.request and o.rebound <= o.request for o in free)
     lines = (tmp_path / "model_order_closed_loop.csv").read_text().count("\n")

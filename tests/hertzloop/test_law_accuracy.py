@@ -1,0 +1,111 @@
+"""A run says where twice the modes change what its law does by more than was asked."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from hertzloop.commands.cli import app
+from hertzloop.loop.compiled import simulate
+from hertzloop.results.law_accuracy import judged
+from hertzloop.results.verify import against, finer_spec
+from hertzloop.scenes.scene import Scene, load
+
+# A threshold that the slope passes within the error of the modes at 1e-3, between two samples.
+NEAR = [
+    "sphere.radius_m=0.01118", "sphere.drop_height_m=0.06053", "plate.size_m=[0.2332, 0.2846]",
+    "plate.thickness_m=0.001976", "plate.contact_point_m=[0.1741, 0.1999]",
+    "contact.plasticity=thornton", "contact.limiting_pressure_pa=1.035e9",
+    "controller.kappa=0.626", "run.duration_s=0.0015", "run.lead_in_s=1e-5",
+]  # fmt: skip
+UNTIL_S = 5e-4
+
+
+def near(v_thr_m_s: float, *settings: str) -> Scene:
+    return load("aluminium-3mm", [*NEAR, f"controller.v_thr_m_s={v_thr_m_s}", *settings])
+
+
+def test_a_threshold_within_the_error_is_said() -> None:
+    found = judged(near(-0.442), UNTIL_S)
+    assert found is not None
+    assert (found.delay_us, found.finer_delay_us) == (6.0, 7.0)
+    assert found.by_modes.largest > 10.0 * found.asked
+    assert not found.kept
+    assert "the law then latches 7 us, not 6 us" in found.sentence
+    assert "penetration of the first impact by 2.3 % (asked: 0.1 %)" in found.sentence
+
+
+def test_it_is_what_a_finer_plant_with_smaller_steps_does() -> None:
+    scene = near(-0.442)
+    found, true = judged(scene, UNTIL_S), against(scene, simulate(scene).rows, finer_spec(scene))
+    assert found is not None
+    assert true is not None
+    for figure in ("penetration", "rebound_speed", "plate_energy"):
+        one, other = getattr(found.by_modes, figure), getattr(true, figure)
+        assert one == pytest.approx(other, rel=0.1), figure
+
+
+@pytest.mark.parametrize(
+    ("v_thr_m_s", "settings"),
+    [(-0.40, []), (-0.48, []), (-0.442, ["run.accuracy=5e-4"])],
+)
+def test_a_threshold_further_off_keeps_what_was_asked(
+    v_thr_m_s: float, settings: list[str]
+) -> None:
+    found = judged(near(v_thr_m_s, *settings), UNTIL_S)
+    assert found is not None
+    assert found.delay_us == found.finer_delay_us
+    assert found.kept
+    assert found.by_modes.largest < found.asked
+
+
+def test_what_moves_without_another_decision_is_said_too() -> None:
+    """A solid plate's estimate knows nothing of a law; `--verify` finds the same."""
+    scene = load("aluminium-20mm", ["plate.theory=3d", "run.duration_s=0.003"])
+    found = judged(scene, 3e-3)
+    assert found is not None
+    assert found.delay_us == found.finer_delay_us
+    assert not found.kept
+    assert "latches" not in found.sentence
+    true = against(scene, simulate(scene).rows, finer_spec(scene))
+    assert true is not None
+    assert found.by_modes.largest == pytest.approx(true.largest, rel=0.1)
+
+
+@pytest.mark.parametrize("name", ["aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm"])
+def test_shipped_scenes_keep_it(name: str) -> None:
+    found = judged(load(name, ["controller.law=slope_threshold"]), 5e-3)
+    assert found is not None
+    assert found.kept
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ["controller.law=off"],
+        ["run.scheme=thesis2008"],
+        ["run.plate_model=infinite"],
+        ["run.accuracy=1e-4"],  # the step carries no more modes
+        ["plate.edges=cccc"],
+        ["run.duration_s=0.00101"],  # the contact does not end
+        ["run.duration_s=0.0005"],
+    ],
+)
+def test_where_nothing_can_be_said(settings: list[str]) -> None:
+    assert judged(load("aluminium-3mm", settings), 2e-3) is None
+
+
+@pytest.mark.parametrize(("v_thr_m_s", "kept"), [(-0.442, False), (-0.48, True)])
+def test_a_run_says_so(tmp_path: Path, v_thr_m_s: float, kept: bool) -> None:
+    words = [w for s in (*NEAR, f"controller.v_thr_m_s={v_thr_m_s}") for w in ("--set", s)]
+    done = CliRunner().invoke(
+        app,
+        ["run", "aluminium-3mm", "--transport", "compiled", "--out", str(tmp_path / "a.mcap"),
+         "--json", str(tmp_path / "a.json"), *words],
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    said = json.loads((tmp_path / "a.json").read_text())
+    assert said["law_accuracy"]["kept"] is kept
+    assert ("not kept under the law" in done.output) is not kept
+    assert any("not kept under the law" in sentence for sentence in said["verdict"]) is not kept
