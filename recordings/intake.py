@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -77,7 +77,12 @@ class Intake:
     foreign: int = 0  # messages of topics that are none of ours
     tracks: dict[str, Track] = field(default_factory=lambda: {n: Track(n) for n in SAMPLED})
     text: int = 0  # characters of the events
+    keep: InitVar[bool] = False  # the samples of streams that are short enough
     _next: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self, keep: bool) -> None:
+        for track in self.tracks.values():
+            track.kept = [] if keep else None
 
     def take(self, record: Record) -> Iterator[Taken]:
         """The messages in a record that belong to the run."""

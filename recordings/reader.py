@@ -110,16 +110,17 @@ class Source:
         """A new walk over the file."""
         return Walk(self._handle, self.size)
 
-    def look(self) -> tuple[Intake, Walk]:
-        """Everything but the samples."""
-        intake, walk = Intake(), self.walk()
+    def look(self, keep: bool = False) -> tuple[Intake, Walk]:
+        """Everything but the samples, or with those of the streams that are short enough to
+        `keep`."""
+        intake, walk = Intake(keep=keep), self.walk()
         for _ in self.messages(intake, walk):
             pass
         if intake.unknown_channels:
             # The record that names them is lost. The summary repeats it; without one, our
             # writer's order is the best guess, and what a message is shows when it is decoded.
             named = walk.late_channels or dict(enumerate(TOPICS, 1))
-            intake, walk = Intake(channels=dict(named)), self.walk()
+            intake, walk = Intake(channels=dict(named), keep=keep), self.walk()
             for _ in self.messages(intake, walk):
                 pass
             intake.unnamed_channels = True
@@ -143,13 +144,14 @@ class Source:
                     yield taken.arrays
 
 
-def read(path: Path) -> Recording:
-    """Read a recording as far as it is readable.
+def read(path: Path, keep: bool = False) -> Recording:
+    """Read a recording as far as it is readable; with `keep`, samples of a short run stay in
+    memory, for who looks at all of them.
 
     Raises RecordingError if there is no file, or no recording of hertzloop in it.
     """
     source = Source(path)
-    intake, walk = source.look()
+    intake, walk = source.look(keep)
     intake.agree()
     if not intake.scene_toml:
         why = f" ({walk.damage[0]})" if walk.damage else ""

@@ -56,7 +56,7 @@ def listen(
     if not at[2] > 0.0:
         fail(f"--at: the listener's height {at[2]:g} m is not above the plate", 2)
     check_folder(json_file)
-    recording = read_or_fail(file)
+    recording = read_or_fail(file, keep=True)
     for problem in recording.problems:
         err.print(f"{file}: {problem}", soft_wrap=True)
     make_folder(folder)
