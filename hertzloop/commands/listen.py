@@ -132,7 +132,7 @@ def _show(data: dict[str, Any]) -> None:
         if all(key in run for run in runs.values()):
             values = [run[key] for run in runs.values()]
             words = [f"{factor * value:.3g} {unit}" for value in values]
-            table.add_row(label, *words, *[_change(values, unit)] * compared)
+            table.add_row(label, *words, *([_change(values, unit)] if compared else []))
     out.print(table)
     if data["full_scale_pa"] == 0.0:
         out.print("Silence: nothing moves the plate.")
