@@ -183,6 +183,7 @@ class Track:
     next_sequence: int = 0
     dtypes: dict[str, np.dtype] = field(default_factory=dict)
     finite: bool = True
+    kept: list[Arrays] | None = None  # all blocks, if they are to be kept and while they are few
 
     def add(self, block: Packed, message: Message) -> tuple[Arrays, str]:
         """Arrays of a block, and what is missing before it or wrong in it, "" if nothing.
@@ -217,6 +218,10 @@ class Track:
         self.samples += count
         self.next_sequence = header.sequence + 1
         self.next_step = header.first_step + count * every
+        if self.kept is not None and count:
+            self.kept.append(arrays)
+            if self.samples > IN_MEMORY:
+                self.kept = None
         return arrays, problem or self._not_finite(arrays, header.first_step, every)
 
     def _check(self, header: Any, message: Message, every: int, arrays: Arrays, count: int) -> None:
@@ -256,7 +261,10 @@ class Track:
         return ""
 
     def join(self, again: Callable[[], Iterator[Arrays]]) -> Stream:
-        """The stream, its arrays still in the file."""
+        """The stream, its arrays still in the file unless they were kept."""
+        if (kept := self.kept) is not None:
+            self.stream.arrays = Columns(lambda: iter(kept), self.dtypes, self.samples)
+            return self.stream
         self.stream.arrays = Columns(self._same(again), self.dtypes, self.samples)
         return self.stream
 

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -79,8 +79,13 @@ class Intake:
     text: int = 0  # characters of the events
     first: dict[str, int] = field(default_factory=dict)  # numbers in the last record, by stream
     out_of_place: bool = False  # a message came after a later one of its stream
+    keep: InitVar[bool] = False  # the samples of streams that are short enough
     _next: dict[str, int] = field(default_factory=dict)
     _highest: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self, keep: bool) -> None:
+        for track in self.tracks.values():
+            track.kept = [] if keep else None
 
     def take(self, record: Record) -> Iterator[Taken]:
         """The messages in a record that belong to the run."""

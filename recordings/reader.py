@@ -126,9 +126,10 @@ class Source:
         """A new walk over the file."""
         return Walk(self._handle, self.size)
 
-    def look(self) -> tuple[Intake, Walk]:
-        """Everything but the samples."""
-        intake, walk = Intake(), self.walk()
+    def look(self, keep: bool = False) -> tuple[Intake, Walk]:
+        """Everything but the samples, or with those of the streams that are short enough to
+        `keep`."""
+        intake, walk = Intake(keep=keep), self.walk()
         self._drain(intake, walk.records())
         if intake.unknown_channels:
             # The record that names them is lost, or comes later. The summary repeats it; without
@@ -136,13 +137,13 @@ class Source:
             # decoded.
             guessed = walk.late_channels or dict(enumerate(TOPICS, 1))
             named = intake.unknown_channels <= set(intake.channels)
-            intake, walk = Intake(channels=guessed | intake.channels), self.walk()
+            intake, walk = Intake(channels=guessed | intake.channels, keep=keep), self.walk()
             self._drain(intake, walk.records())
             intake.unnamed_channels = not named
         if intake.out_of_place:
             before = intake
             self._places = [self._places[n] for n in in_order([p.first for p in self._places])]
-            intake = Intake(channels=dict(before.channels))
+            intake = Intake(channels=dict(before.channels), keep=keep)
             self._drain(intake, self.records())
             intake.unnamed_channels = before.unnamed_channels
             intake.problems.append("parts of the file have changed places, or are there twice")
@@ -174,13 +175,14 @@ class Source:
                         yield taken.arrays
 
 
-def read(path: Path) -> Recording:
-    """Read a recording as far as it is readable.
+def read(path: Path, keep: bool = False) -> Recording:
+    """Read a recording as far as it is readable; with `keep`, samples of a short run stay in
+    memory, for who looks at all of them.
 
     Raises RecordingError if there is no file, or no recording of hertzloop in it.
     """
     source = Source(path)
-    intake, walk = source.look()
+    intake, walk = source.look(keep)
     intake.agree()
     if not intake.scene_toml:
         why = f" ({walk.damage[0]})" if walk.damage else ""

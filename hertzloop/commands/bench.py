@@ -10,7 +10,7 @@ from rich.table import Table
 from hertzloop.commands.options import JsonOption, announce_compilation, check_folder, write_json
 from hertzloop.commands.terminal import fail, out
 
-What = Literal["costs", "exchange", "laws", "exported", "cases"]
+What = Literal["costs", "exchange", "laws", "exported", "cases", "replay"]
 
 
 def bench(
@@ -18,14 +18,14 @@ def bench(
         What,
         typer.Argument(
             help="costs: steps, exchanges, loop; exchange: ours and others'; laws: one's own; "
-            "exported: a plant in a C program; cases: of a sweep."
+            "exported: a plant in a C program; cases: of a sweep; replay: of a recording."
         ),
     ] = "costs",
     picture: Annotated[
         Path | None, typer.Option("--out", "-o", help="Picture of `exchange` to draw.")
     ] = None,
     rounds: Annotated[
-        int, typer.Option(min=1, help="How often `laws`, `exported`, `cases` measure each.")
+        int, typer.Option(min=1, help="How often all but `costs` and `exchange` measure each.")
     ] = 7,
     json_file: JsonOption = None,
 ) -> None:
@@ -33,7 +33,8 @@ def bench(
     and one force back cost in the fast lane, over the bus, and with other tools; or what a law of
     one's own costs, as a Python file and as a C library, against a shipped one; or what an exported
     plant's step costs in a C program, against the compiled loop; or how many cases of a sweep a
-    core runs in a second, and what part of that time is the compiled loop."""
+    core runs in a second, and what part of that time is the compiled loop; or how long the way from
+    a recording to the viewer takes, and a frame there."""
     check_folder(picture)
     check_folder(json_file)
     if picture is not None and what != "exchange":
@@ -46,6 +47,8 @@ def bench(
         _exported(rounds, json_file)
     elif what == "cases":
         _cases(rounds, json_file)
+    elif what == "replay":
+        _replay(rounds, json_file)
     else:
         _costs(json_file)
 
@@ -153,6 +156,24 @@ def _cases(rounds: int, json_file: Path | None) -> None:
         )  # fmt: skip
     out.print(table)
     write_json(json_file, {"cases": [asdict(row) for row in rows]})
+
+
+def _replay(rounds: int, json_file: Path | None) -> None:
+    from hertzloop.commands.warmup import ensure_compiled
+    from studies.cost import replay
+
+    ensure_compiled(announce_compilation)
+    found = replay.measure(rounds)
+    table = Table(title=f"replay of {found.steps:,} steps", title_justify="left")
+    for heading in ("case", "median", "least"):
+        table.add_column(heading, justify="left" if heading == "case" else "right")
+    for row in found.cases:
+        table.add_row(row.case, f"{row.median:.3g}", f"{row.least:.3g}")
+    out.print(table)
+    out.print(f"the file has {found.megabytes:.1f} MB")
+    if found.no_frames:
+        out.print(f"frames not measured: {found.no_frames}", soft_wrap=True, markup=False)
+    write_json(json_file, {"replay": asdict(found)})
 
 
 def _cost_table(title: str, costs: list[dict[str, Any]]) -> Table:

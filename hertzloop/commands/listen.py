@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,10 +21,11 @@ if TYPE_CHECKING:
     from recordings.reader import Recording
 
 
-_CHANGES = {
-    "Sound exposure at the point": "exposure_pa2_s",
-    "Sound energy through the half sphere": "sound_energy_j",
-    "Sound energy until rest, by efficiencies": "until_rest_j",
+_ENERGIES = {
+    "sound_energy_j": "sound energy, half sphere",
+    "by_modes_j": "... by each mode's own efficiency",
+    "by_means_j": "... by mean efficiencies",
+    "until_rest_j": "... by these until the plate is at rest",
 }
 
 
@@ -56,7 +58,7 @@ def listen(
     if not at[2] > 0.0:
         fail(f"--at: the listener's height {at[2]:g} m is not above the plate", 2)
     check_folder(json_file)
-    recording = read_or_fail(file)
+    recording = read_or_fail(file, keep=True)
     for problem in recording.problems:
         err.print(f"{file}: {problem}", soft_wrap=True)
     make_folder(folder)
@@ -96,8 +98,7 @@ def heard_of(
     data: dict[str, Any] = {"at_m": list(at), "slow": slow, "tail_s": tail_s, "runs": {}}
     for name, blocks in runs.items():
         path = folder / f"{recording.path.stem}-{name}.wav"
-        kept = list(blocks) if energy else []
-        drive = listening.drive_of(scene, kept or blocks)
+        drive = listening.drive_of(scene, blocks)
         heard[path] = listening.listen(scene, drive, place, grid)
         data["runs"][name] = {
             "file": str(path),
@@ -106,11 +107,8 @@ def heard_of(
             "level_db": _level(heard[path].exposure_pa2_s),
         }
         if energy:
-            rows = np.concatenate([rows for _, rows in kept], axis=1)
-            data["runs"][name] |= {
-                "sound_energy_j": listening.radiated_energy_j(scene, drive, grid),
-                "until_rest_j": listening.until_rest_j(scene, rows),
-            }
+            found = listening.radiated(scene, drive, grid)
+            data["runs"][name] |= asdict(found) if found else {}
     data["full_scale_pa"] = listening.write_wavs(heard)
     return data
 
@@ -123,24 +121,47 @@ def _level(exposure_pa2_s: float) -> float:
 def _show(data: dict[str, Any]) -> None:
     runs = data["runs"]
     table = Table(title="Sound at the listener's point", title_justify="left")
-    for heading in ("", *(name.replace("-", " ") for name in runs)):
+    compared = len(runs) == 2 and data["full_scale_pa"] > 0.0
+    for heading in ("", *(name.replace("-", " ") for name in runs), *["change"] * compared):
         table.add_column(heading, justify="right")
     for label, key, factor, unit in (
         ("largest pressure", "peak_pa", 1.0, "Pa"),
         ("sound exposure level", "level_db", 1.0, "dB"),
-        ("sound energy, half sphere", "sound_energy_j", 1e6, "uJ"),
-        ("sound energy until rest, by efficiencies", "until_rest_j", 1e6, "uJ"),
+        *((label, key, 1e6, "uJ") for key, label in _ENERGIES.items()),
     ):
         if all(key in run for run in runs.values()):
-            table.add_row(label, *(f"{factor * run[key]:.3g} {unit}" for run in runs.values()))
+            values = [run[key] for run in runs.values()]
+            words = [f"{factor * value:.3g} {unit}" for value in values]
+            table.add_row(label, *words, *([_change(values, unit)] if compared else []))
     out.print(table)
     if data["full_scale_pa"] == 0.0:
         out.print("Silence: nothing moves the plate.")
-    elif len(runs) == 2:
-        for label, key in _CHANGES.items():
-            both = [run.get(key, 0.0) for run in runs.values()]
-            if min(both) > 0.0:
-                change = 10.0 * math.log10(both[0] / both[1])
-                out.print(f"{label}: with control {change:+.2f} dB against without")
+    for name, run in runs.items():
+        _explain(name.replace("-", " "), run)
     for run in runs.values():
         out.print(f"written: {run['file']}", soft_wrap=True)
+
+
+def _change(values: list[float], unit: str) -> str:
+    """The first against the second, in dB; "" where there is none."""
+    first, second = values
+    if unit == "dB":
+        return f"{first - second:+.2f} dB" if min(values) > -math.inf else ""
+    times = 20.0 if unit == "Pa" else 10.0
+    return f"{times * math.log10(first / second):+.2f} dB" if min(values) > 0.0 else ""
+
+
+def _explain(name: str, run: dict[str, Any]) -> None:
+    """Why the energies of a run differ, and by how much."""
+    from plant.figures.sound import DIRECTIONS
+
+    energies = [run.get(key, 0.0) for key in _ENERGIES]
+    if min(energies) > 0.0:
+        levels = [10.0 * math.log10(one) for one in energies]
+        through, means, later = (levels[i] - levels[j] for i, j in ((0, 1), (2, 1), (3, 2)))
+        out.print(
+            f"{name}: the half sphere, by {DIRECTIONS} directions, has {through:+.2f} dB against "
+            f"the modes' own efficiencies, mean efficiencies {means:+.2f} dB; what follows after "
+            f"the file (--tail) adds {later:.2f} dB",
+            soft_wrap=True,
+        )

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from recordings.reader import Recording
 
 
-def read_or_fail(path: Path) -> "Recording":
-    """A recording; ends the command if there is none."""
+def read_or_fail(path: Path, keep: bool = False) -> "Recording":
+    """A recording, as `recordings.reader.read` has it; ends the command if there is none."""
     from recordings.reader import read
     from recordings.writer import RecordingError
 
     try:
-        return read(path)
+        return read(path, keep)
     except RecordingError as error:
         fail(str(error), 2)
 
@@ -162,8 +162,8 @@ def replay(
             check_output(output, overwrite, option)
     if alone and other is not None:
         fail(f"--alone leaves nothing to compare with, but {other} is named", 2)
-    recording = read_or_fail(file)
-    compared = read_or_fail(other) if other else None
+    recording = read_or_fail(file, keep=True)
+    compared = read_or_fail(other, keep=True) if other else None
 
     # Here and not above: Rerun takes a second to load, and only a replay needs it.
     from hertzloop.commands import replaying

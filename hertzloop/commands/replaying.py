@@ -4,6 +4,8 @@ import dataclasses
 import tempfile
 from pathlib import Path
 
+import numpy as np
+
 from bus.streams import LAST_NS
 from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.results import pacing, what_ran
@@ -191,15 +193,17 @@ def _told(
 
 def _energies(scene: Scene, own: Overlay, twin: Twin | None, explodes: bool) -> Plot:
     """The ledger as a plot in a unit with readable numbers."""
-    factor, unit = next((f for f in _PREFIXES if own.start_j >= f[0]), _PREFIXES[-1])
+    # Where the published scheme ends a contact, its sphere jumps.
+    whole = scene.run.scheme != "thesis2008"
+    size_j = own.start_j if whole else float(np.max(own.lines["plate"].values, initial=0.0))
+    factor, unit = next((f for f in _PREFIXES if size_j >= f[0]), _PREFIXES[-1])
     curves = [
         dataclasses.replace(curve, values=curve.values / factor)
         for curve in (twin.curves["energy"] if twin else [])
     ]
     for name, label in _ENERGIES.items():
         line = own.lines[name]
-        # Where the published scheme ends a contact, its sphere jumps.
-        known = scene.run.scheme != "thesis2008" or name in ("plate", "fed")
+        known = whole or name in ("plate", "fed")
         if known and (name != "fed" or line.values.any()):
             times = line.at * scene.run.step_ns
             curves.append(curve_of(name, line, times, 1.0 / factor, label=label))

@@ -37,7 +37,7 @@ def _of_run(file: Path, folder: Path, overwrite: bool) -> None:
     from hertzloop.scenes.scene import SceneError
     from recordings.writer import RecordingError
 
-    recording = read_or_fail(file)
+    recording = read_or_fail(file, keep=True)
     page = _page(file, folder, overwrite)
     for problem in recording.problems:
         err.print(f"{file}: {problem}", soft_wrap=True)

@@ -59,8 +59,8 @@ class LateForces:
             return last, text, Log.WARNING
         rows = np.split(late, np.flatnonzero(np.diff(late) > 1) + 1)
         text = (
-            f"late forces {number} to {self._numbered}: in {len(late)} of steps {first} to {last} "
-            f"older ones acted, in {len(rows)} rows of at most {max(map(len, rows))} steps, the "
+            f"late forces {number} to {self._numbered}: in {len(late)} of steps {first} to {last}, "
+            f"older ones acted in {len(rows)} rows of at most {max(map(len, rows))} steps, the "
             f"oldest {int(np.max(held))} steps old"
         )
         return last, text, Log.WARNING

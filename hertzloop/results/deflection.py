@@ -142,8 +142,10 @@ def _modes_of_file(
 def _under_force(modes: Modes, z: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """z after at most _PIECE steps under forces up on the plate, shape (4, steps)."""
     count = forces.shape[1]
-    turned = modes.powers_down[_PIECE + 1 - count :]
-    contact, contact_1, actuator, actuator_1 = np.tensordot(forces.astype(complex), turned, 1)
+    # As pairs of real numbers: forces have no imaginary part.
+    turned = modes.powers_down[_PIECE + 1 - count :].reshape(count, -1).view(float)
+    sums = (forces @ turned).view(complex).reshape(len(forces), *z.shape)
+    contact, contact_1, actuator, actuator_1 = sums
     drive = modes.at_actuator * actuator + modes.at_contact * contact
     tilt = modes.at_actuator * actuator_1 + modes.at_contact * contact_1
     turn = modes.powers_down[_PIECE - count]

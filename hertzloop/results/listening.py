@@ -10,19 +10,23 @@ import numpy as np
 
 from hertzloop import assembly as parts
 from hertzloop.results.deflection import force_blocks
-from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, Block, modes_of
+from hertzloop.results.impact_rows import Block
 from hertzloop.scenes.scene import Scene, SceneError
-from plant.figures.noise import (
-    RADIATED_UP_TO_HZ,
-    SOUND_SPEED_M_S,
-    modal_shares_j,
-    radiated_shares_j,
+from plant.figures.noise import RADIATED_UP_TO_HZ, SOUND_SPEED_M_S
+from plant.figures.sound import (
+    FADE_FROM,
+    Drive,
+    Grid,
+    Products,
+    Radiator,
+    pressure_pa,
+    radiated_j,
+    rung_j,
 )
-from plant.figures.sound import Drive, Grid, Products, Radiator, pressure_pa, radiated_j
 from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.plate import Plate
-from plant.structures.radiation import air_loss_factor
+from plant.structures.radiation import air_loss_factor, efficiency_wallace
 from plant.structures.structure import NO_PARTICIPATION, Structure
 
 RATE_HZ = 48_000
@@ -154,10 +158,10 @@ def drive_of(scene: Scene, blocks: Iterable[Block]) -> Drive:
 def grid_of(scene: Scene, tail_s: float, slow: float = 1.0) -> Grid:
     """Samples from the start of a run to `tail_s` after its end: so many that they sound at RATE_HZ
     when played `slow` times slower."""
-    spec = parts.plant_spec(scene)
     step_s = 1.0 / (RATE_HZ * slow)
     steps = math.ceil((scene.run.duration_s + tail_s) / step_s / _WHOLE) * _WHOLE
-    up_to = min(RADIATED_UP_TO_HZ, spec.frequency_limit_hz, 0.45 / step_s)
+    # The band fades out above all modes that sound: else it would take from their energy.
+    up_to = min(_limit_hz(scene) / FADE_FROM, 0.45 / step_s)
     return Grid(steps, step_s, up_to)
 
 
@@ -167,42 +171,54 @@ def listen(scene: Scene, drive: Drive, listener_m: np.ndarray, grid: Grid) -> He
     return Heard(found, 1.0 / grid.step_s)
 
 
-def radiated_energy_j(scene: Scene, drive: Drive, grid: Grid) -> float:
-    """Sound energy through a half sphere far away, within the grid's time; nan for what is no
-    simply supported plate, J."""
-    plate = parts.plant_spec(scene).plate
+@dataclass(frozen=True)
+class Radiated:
+    """Sound energy of a run, J: through a half sphere far away within the grid's time; in that time
+    by each mode's own efficiency, and by mean ones, which are what damps the modes; by these until
+    the plate is at rest."""
+
+    sound_energy_j: float
+    by_modes_j: float
+    by_means_j: float
+    until_rest_j: float
+
+
+def radiated(scene: Scene, drive: Drive, grid: Grid) -> Radiated | None:
+    """The sound energy of a run; None for what is no simply supported plate."""
+    spec = parts.plant_spec(scene)
+    plate = spec.plate
     if not isinstance(plate, Plate):
-        return math.nan
+        return None
     radiator = radiator_of(scene)
     m, n, _ = plate.mode_numbers(2.0 * math.pi * _limit_hz(scene))
-    spec = parts.plant_spec(scene)
     points = (spec.contact_point_m, spec.actuator_point_m)
     kept = np.max([abs(plate.mode_shape(m, n, at)) for at in points], axis=0) > NO_PARTICIPATION
+    m, n = m[kept], n[kept]
     x, y = (np.unique(radiator.places_m[:, axis]) for axis in (0, 1))
     products = Products(
-        np.sin(np.outer(m[kept], x) * (np.pi / plate.size_m[0])), x,
-        np.sin(np.outer(n[kept], y) * (np.pi / plate.size_m[1])), y,
+        np.sin(np.outer(m, x) * (np.pi / plate.size_m[0])), x,
+        np.sin(np.outer(n, y) * (np.pi / plate.size_m[1])), y,
     )  # fmt: skip
-    return radiated_j(radiator, products, drive, grid)
+    taken_j, held_j = rung_j(radiator, drive, grid)
+    frequency_hz = radiator.omega / (2.0 * math.pi)
+
+    def own(plate: Plate, frequency_hz: np.ndarray) -> np.ndarray:
+        each = zip(m.tolist(), n.tolist(), frequency_hz.tolist(), strict=True)
+        return np.array([efficiency_wallace(plate, *mode) for mode in each])
+
+    mean = air_loss_factor(plate, frequency_hz)
+    by_means_j = float(mean @ taken_j)
+    return Radiated(
+        radiated_j(radiator, products, drive, grid),
+        float(air_loss_factor(plate, frequency_hz, by=own) @ taken_j),
+        by_means_j,
+        by_means_j + float((mean / radiator.eta) @ held_j),
+    )
 
 
 def _limit_hz(scene: Scene) -> float:
     """Up to where modes sound."""
     return min(RADIATED_UP_TO_HZ, parts.plant_spec(scene).frequency_limit_hz)
-
-
-def until_rest_j(scene: Scene, rows: np.ndarray) -> float:
-    """What the plate radiates until it is at rest, by the energy that its modes were given: of
-    each mode's energy the radiation's share of its losses; nan for what is no simply supported
-    plate, J."""
-    spec = parts.plant_spec(scene)
-    if not isinstance(spec.plate, Plate):
-        return math.nan
-    modes = modes_of(spec)
-    shares = modal_shares_j(modes, -rows[F_C], rows[F_A], scene.step_s, -rows[F_C1], rows[F_A1])
-    radiation = radiation_loss(spec.plate, modes.omega)
-    losses = modes.eta if spec.radiating_faces else modes.eta + radiation
-    return radiated_shares_j(modes, shares, radiation / losses)
 
 
 def write_wavs(heard: dict[Path, Heard]) -> float:

@@ -14,7 +14,8 @@ import numpy as np
 from plant.structures.radiation import AIR_DENSITY_KG_M3, SOUND_SPEED_M_S
 
 _DAMPED_TO = 1e-4  # of an amplitude, over the period of the transform
-_FADE_FROM = 0.8  # of the upper frequency, from where on a band fades out
+FADE_FROM = 0.925  # of the upper frequency, from where on a band fades out
+DIRECTIONS = 48  # of a half sphere
 _ACROSS = 16.0  # frequencies a turn of the phase over the plate, for interpolation
 _PAIRS_AT_ONCE = 1 << 22
 _MODES_AT_ONCE = 48  # at most
@@ -73,7 +74,7 @@ class Grid:
     def band(self) -> np.ndarray:
         """Weight of each bin: one, towards the upper end fading to zero."""
         share = self.s.imag / (2.0 * math.pi * self.up_to_hz)
-        fade = np.clip((share - _FADE_FROM) / (1.0 - _FADE_FROM), 0.0, 1.0)
+        fade = np.clip((share - FADE_FROM) / (1.0 - FADE_FROM), 0.0, 1.0)
         return np.asarray(0.5 + 0.5 * np.cos(np.pi * fade))
 
     def in_time(self, spectrum: np.ndarray) -> np.ndarray:
@@ -198,7 +199,7 @@ class Products:
 
 
 def radiated_j(
-    radiator: Radiator, products: Products, drive: Drive, grid: Grid, count: int = 48
+    radiator: Radiator, products: Products, drive: Drive, grid: Grid, count: int = DIRECTIONS
 ) -> float:
     """Energy that goes through a half sphere far away within the grid's time, J."""
     s = grid.s
@@ -225,6 +226,23 @@ def radiated_j(
         pressure *= AIR_DENSITY_KG_M3 / (2.0 * math.pi)  # times the distance
         total_j += float(np.sum(grid.in_time(pressure) ** 2)) * grid.step_s
     return 2.0 * math.pi * total_j / count / (AIR_DENSITY_KG_M3 * SOUND_SPEED_M_S)
+
+
+def rung_j(radiator: Radiator, drive: Drive, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Of every mode the energy that a loss factor of one would have taken of its motion within the
+    grid's time, and the energy that it has at the end, J, both (modes,)."""
+    forces = _transforms(drive, grid)
+    taken, held = [np.empty(0)], [np.empty(0)]
+    for some in _groups(radiator, grid):
+        found = _accelerations(some, forces, grid) / grid.s
+        velocity = grid.in_time(found)
+        place = grid.in_time(found / grid.s)[:, -1]
+        # A mode has the mass 1/scale_per_kg and loses eta w m v^2 in a second.
+        squares = np.sum(velocity**2, axis=1) * grid.step_s
+        taken.append(some.omega * squares / radiator.scale_per_kg)
+        both = velocity[:, -1] ** 2 + (some.omega * place) ** 2
+        held.append(0.5 * both / radiator.scale_per_kg)
+    return np.concatenate(taken), np.concatenate(held)
 
 
 def _far(shapes: np.ndarray, places_m: np.ndarray, along: float, s: np.ndarray) -> np.ndarray:

@@ -8,13 +8,13 @@ import rerun as rr
 
 from bus.streams import LAST_NS
 from recordings.columns import Arrays
-from recordings.reader import Recording
+from recordings.reader import Event, Recording
 from recordings.replay import axes, plate_mesh, scene3d
 from recordings.replay import data as replay_data
 from recordings.replay import spectrum as spectra_drawn
 from recordings.replay.blueprint import Layout, PlotLook, dashboard
 from recordings.replay.data import Curve, Deflection, Moments, Plot, Twin
-from recordings.replay.scene3d import times
+from recordings.replay.scene3d import times, with_unit
 from recordings.replay.spectrum import Spectrum
 from recordings.replay.thin import Contact, contacts_of, rows_at
 from recordings.writer import RecordingError
@@ -28,6 +28,7 @@ _LINE_COLOURS = {
 }  # fmt: skip
 _FAINT = (150, 156, 166), (201, 167, 110)  # of what is there to compare with
 _MOST_LISTED = 2000  # contacts
+_LINE = 66  # characters of an event that the dashboard shows
 _STATE_COLOURS = {
     "apart": 0x3A4150FF, "in contact": 0xFFB020FF, "off": 0x3A4150FF, "idle": 0x3A4150FF,
     "watching": 0x3B82F6FF, "acting": 0x22A05AFF,
@@ -210,7 +211,7 @@ def _send_events(stream: rr.RecordingStream, recording: Recording) -> None:
     if not recording.events:
         return
     columns = rr.TextLog.columns(
-        text=[f"{e.time_ns * 1e-6:.3f} ms  {e.message}" for e in recording.events],
+        text=[_event_line(event) for event in recording.events],
         level=[_LEVELS.get(event.level, "INFO") for event in recording.events],
     )
     at = times(np.array([event.time_ns for event in recording.events]))
@@ -248,8 +249,8 @@ def _send_contacts(stream: rr.RecordingStream, shown: Shown) -> None:
     begins_ns = truth.step_at(np.array([one.first for one in contacts])) * truth.step_ns
     texts = [
         f"{i} at {begins_ns[i - 1] * 1e-6:.3f} ms: "
-        f"{_short((one.end - one.first) * truth.step_ns * 1e-3)} µs, "
-        f"{_short(one.peak_n)} N, {_short(one.deepest_m * 1e6)} µm deep"
+        f"{with_unit((one.end - one.first) * truth.step_ns * 1e-9, 's')}, "
+        f"{_short(one.peak_n)} N, {with_unit(one.deepest_m, 'm')} deep"
         + ("" if one.end < truth.samples else ", cut by the end")
         for i, one in enumerate(contacts, 1)
     ]
@@ -279,6 +280,12 @@ def _about(shown: Shown, still: bool) -> str:
     for problem in recording.problems:
         lines += ["", f"**Missing or damaged:** {problem}"]
     return "\n".join(lines) + "\n"
+
+
+def _event_line(event: Event) -> str:
+    """When and what; of a line that would be cut in its middle the beginning."""
+    line = f"{event.time_ns * 1e-6:.3f} ms  {event.message.removeprefix('law ')}"
+    return line if len(line) <= _LINE else line.split(", ", maxsplit=1)[0]
 
 
 def _short(value: float) -> str:

@@ -48,14 +48,14 @@ def dashboard(layout: Layout, still: bool = False) -> rrb.Blueprint:
         rrb.Horizontal(
             rrb.TextDocumentView(origin="about", name="Run"),
             rrb.Vertical(*lists, _events()),
-            column_shares=[1.0, 1.1],
+            column_shares=[1.0, 1.2],
         ),
     ]
     if layout.has_spectrum:
         left.append(_spectrum())
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(*left, row_shares=[1.25, 1.2, 0.85][: len(left)]),
+            rrb.Vertical(*left, row_shares=[1.1, 1.4, 0.8][: len(left)]),
             rrb.Vertical(
                 *(_plot_row(layout, plot) for plot in layout.plots),
                 _state_row(layout),

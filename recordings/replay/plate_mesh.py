@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -16,6 +17,7 @@ _MOST_SHARE = 0.3  # largest deflection as drawn; what is beyond is cut
 _HIGHEST_SHARE = 0.35  # of the sphere as drawn: it stays in the picture
 _FLAT_M = 1e-15  # less than this is no deflection
 _LOW, _REST, _HIGH = (np.array(c) for c in ((38, 98, 214), (196, 204, 214), (226, 84, 44)))
+_SHADES = 512  # to either side of rest: finer than a colour can be told
 
 
 @dataclass(frozen=True)
@@ -89,11 +91,15 @@ def _heights(deflection: Deflection, drawn: Scale) -> np.ndarray:
 
 def normals(deflection: Deflection, drawn: Scale) -> np.ndarray:
     """Unit normals of the surface as drawn, shape (frames, nodes, 3)."""
-    w = _heights(deflection, drawn)
-    slope_x, slope_y = np.gradient(w, deflection.x_m, deflection.y_m, axis=(1, 2))
-    found = np.stack([-slope_x, -slope_y, np.ones_like(w)], axis=-1)
-    found /= np.linalg.norm(found, axis=-1, keepdims=True)
-    return found.reshape(len(w), -1, 3).astype(np.float32)
+    w = _heights(deflection, drawn).astype(np.float32)
+    x, y = deflection.x_m.astype(np.float32), deflection.y_m.astype(np.float32)
+    slope_x, slope_y = np.gradient(w, x, y, axis=(1, 2))
+    up = 1.0 / np.sqrt(slope_x * slope_x + slope_y * slope_y + np.float32(1.0))
+    found = np.empty((*w.shape, 3), np.float32)
+    np.multiply(slope_x, -up, out=found[..., 0])
+    np.multiply(slope_y, -up, out=found[..., 1])
+    found[..., 2] = up
+    return found.reshape(len(w), -1, 3)
 
 
 def colours(deflection: Deflection, drawn: Scale) -> np.ndarray:
@@ -103,7 +109,14 @@ def colours(deflection: Deflection, drawn: Scale) -> np.ndarray:
 
 def colour_of(share: np.ndarray) -> np.ndarray:
     """Colours of deflections in shares of that in full colour, same shape, 0xRRGGBBAA."""
-    share = np.clip(share, -1.0, 1.0)[..., None]
+    shade = np.rint(_SHADES * np.clip(share, -1.0, 1.0)).astype(np.int16) + np.int16(_SHADES)
+    return np.asarray(_shades()[shade])
+
+
+@cache
+def _shades() -> np.ndarray:
+    """The colours of the shares -1 to 1 in equal steps, (2 _SHADES + 1,), 0xRRGGBBAA."""
+    share = np.linspace(-1.0, 1.0, 2 * _SHADES + 1)[:, None]
     towards = np.where(share < 0.0, _LOW, _HIGH)
     rgb = (_REST + abs(share) * (towards - _REST)).astype(np.uint32)
     return (rgb[..., 0] << 24) | (rgb[..., 1] << 16) | (rgb[..., 2] << 8) | np.uint32(255)

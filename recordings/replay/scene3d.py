@@ -54,7 +54,9 @@ def _send_colour_scale(
     stream.log("scene/colours", bar, static=True)
     value = with_unit(drawn.full_colour_m, "m")
     words = [f"-{value} and below", "0 m", f"+{value} and above"]
-    places = [(at + 0.1 * min(x, y), share * y, 0.0) for share in (0.1, 0.5, 0.9)]
+    # A word is centred at its place: the farther ones need more room beside the bar.
+    beside = ((0.1, 0.13), (0.5, 0.1), (0.9, 0.22))
+    places = [(at + off * min(x, y), share * y, 0.0) for share, off in beside]
     stream.log(
         "scene/colours/values",
         rr.Points3D(places, labels=words, colors=_WORDS, radii=1e-4, show_labels=True),

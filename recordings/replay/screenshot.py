@@ -1,17 +1,22 @@
-"""A picture of a replay, drawn by a viewer that needs no screen."""
+"""A picture of a replay, drawn by a viewer that needs no screen, and how long its frames take."""
 
+import json
 import subprocess
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import IO
+from tempfile import TemporaryDirectory
+from typing import IO, Literal, TypeVar
 
 import numpy as np
+from rerun.experimental import ViewerClient
 
 from bus.reserved import reserved_ports
 from recordings.replay.blueprint import TIMELINE
-from recordings.replay.viewer import ViewerError, loaded, reason, running
+from recordings.replay.viewer import ViewerError, executable, loaded, reason, running
 
+_Answer = TypeVar("_Answer")
 SIZE = (1920, 1200)  # pixels
 _ALIKE = 3  # pictures in a row
 _SETTLES_S = 8.0  # data and meshes arrive after the first pictures
@@ -26,8 +31,48 @@ def screenshot(
     Raises ViewerError if the viewer does not start, a view reports an error, the picture is
     not there after `within_s` seconds, or cannot be written.
     """
-    size_option = f"{size[0]}x{size[1]}"
-    options = ("--headless", "--window-size", size_option)
+
+    def ask(process: subprocess.Popen[bytes], port: int) -> bytes:
+        return _settled(loaded(process, port), time_ns)
+
+    picture = _asked(rrd, ask, "draw the picture", size, within_s)
+    try:
+        png.write_bytes(picture)
+    except OSError as error:
+        raise ViewerError(f"cannot write {png}: {error.strerror}") from error
+
+
+def frame_times_ms(
+    rrd: Path, time_ns: int, frames: int, state: Literal["paused", "playing"]
+) -> list[float]:
+    """Time on the viewer's main thread of each of so many frames of SIZE with everything loaded,
+    ms; the cursor at `time_ns`, or playing from there on. Raises ViewerError as `screenshot`."""
+    with TemporaryDirectory(prefix="hertzloop-") as folder:
+        trace = Path(folder) / "frames.puffin"
+
+        def ask(process: subprocess.Popen[bytes], port: int) -> None:
+            client = loaded(process, port)
+            _settled(client, time_ns)
+            client.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"), play_state=state)
+            client.capture_profile_trace(str(trace), num_frames=frames)
+
+        _asked(rrd, ask, "tell the time of its frames")
+        words = [str(executable()), "dump-puffin", str(trace)]
+        dumped = subprocess.run(words, capture_output=True, check=False)
+    if dumped.returncode:
+        raise ViewerError(f"the viewer cannot read its own times (code {dumped.returncode})")
+    return [1e-6 * frame["duration_ns"] for frame in json.loads(dumped.stdout)["frames"]]
+
+
+def _asked(
+    rrd: Path,
+    ask: Callable[[subprocess.Popen[bytes], int], _Answer],
+    to_do: str,
+    size: tuple[int, int] = SIZE,
+    within_s: float = 90.0,
+) -> _Answer:
+    """What a viewer without a screen answers, its process and port given; it is gone then."""
+    options = ("--headless", "--window-size", f"{size[0]}x{size[1]}")
     with (
         reserved_ports(1) as [port],
         running(rrd, *options, "--port", str(port)) as (process, log),
@@ -42,31 +87,26 @@ def screenshot(
         watchdog.daemon = True
         watchdog.start()
         try:
-            picture = _picture(process, port, time_ns)
+            return ask(process, port)
         except (ConnectionError, RuntimeError, OSError) as error:
             if late.is_set():
-                message = f"the viewer did not draw the picture within {within_s:g} s"
+                message = f"the viewer did not {to_do} within {within_s:g} s"
                 raise ViewerError(message) from error
-            raise ViewerError(_failure(process, log, error)) from error
+            raise ViewerError(_failure(process, log, to_do, error)) from error
         finally:
             watchdog.cancel()
-    try:
-        png.write_bytes(picture)
-    except OSError as error:
-        raise ViewerError(f"cannot write {png}: {error.strerror}") from error
 
 
-def _failure(process: subprocess.Popen[bytes], log: IO[bytes], error: Exception) -> str:
+def _failure(process: subprocess.Popen[bytes], log: IO[bytes], to_do: str, error: Exception) -> str:
     if isinstance(error, ViewerError):
         return str(error)
     if process.poll() is not None:
-        return f"the viewer ended before the picture was drawn; {reason(log)}"
+        return f"the viewer ended before it could {to_do}; {reason(log)}"
     return f"the viewer did not answer: {error}"
 
 
-def _picture(process: subprocess.Popen[bytes], port: int, time_ns: int) -> bytes:
+def _settled(client: ViewerClient, time_ns: int) -> bytes:
     """The picture as PNG, once it no longer changes."""
-    client = loaded(process, port)
     client.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"), play_state="paused")
     begun, pictures = time.monotonic(), [b""]
     while len(pictures) < _ALIKE or time.monotonic() - begun < _SETTLES_S:

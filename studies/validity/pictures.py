@@ -10,7 +10,7 @@ from matplotlib.ticker import FixedLocator
 from studies import pictures
 
 _LEVELS = ((1e-3, "what costs more than 0.1 %"), (1e-1, "what costs more than 10 %"))
-_SCENES = {"aluminium-3mm": (3.0, 3.0), "offcentre-6mm": (4.0, 6.0), "aluminium-20mm": (20.0, 3.0)}
+_SCENES = {"aluminium-3mm": (3.0, 3.0), "offcentre-6mm": (6.0, 5.0), "aluminium-20mm": (20.0, 3.0)}
 _LATE_MM = 10.0  # radius from which on a name ends at its star
 _TICKS = (0.2, 0.5, 1, 2, 5, 10, 20)
 _HATCHES = ("", "////", "....", "xxx", "", "")

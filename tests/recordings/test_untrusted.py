@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from bus import wire
 from bus.messages_pb2 import Hello
 from bus.streams import Envelope, StreamFault
-from recordings import intake
+from recordings import columns, intake
 from recordings.chunks import MAGIC, RECORD_BYTES
 from recordings.reader import read
 from recordings.recorder import Recorder
@@ -176,14 +176,23 @@ def test_recovery_does_not_write_into_its_source(whole: Path, tmp_path: Path) ->
     assert path.read_bytes() == content
 
 
-def test_a_recording_that_changes_while_it_is_read(whole: Path, tmp_path: Path) -> None:
+def test_a_recording_that_changes_while_it_is_read(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Samples that were kept are those of before; others are not there any more."""
     path = tmp_path / "a.mcap"
     path.write_bytes(whole.read_bytes())
-    kept = read(path)
+    there, in_memory = read(path), read(path, keep=True)
+    monkeypatch.setattr(columns, "IN_MEMORY", 10)
+    too_long = read(path, keep=True)
     with path.open("r+b") as file:
         file.truncate(2000)
-    with pytest.raises(RecordingError, match="changed while it was read"):
-        kept.truth.arrays["xi_m"]
+    for kept in (there, too_long):
+        with pytest.raises(RecordingError, match="changed while it was read"):
+            kept.truth.arrays["xi_m"]
+    for name in ("daq", "truth"):
+        was, now = getattr(read(whole), name).arrays, getattr(in_memory, name).arrays
+        assert {key: now[key].tobytes() for key in now} == {key: was[key].tobytes() for key in was}
 
 
 @pytest.mark.parametrize("stream", ["hello", "books", "events/plant", "events/controller"])

@@ -1,11 +1,12 @@
 """The benchmark measures what it says; how fast that is here is not for a test to judge."""
 
+import os
 from pathlib import Path
 
 import pytest
 
 from hertzloop.scenes.scene import load
-from studies.cost import baseline, exchange
+from studies.cost import baseline, exchange, replay
 from studies.cost.strangers import run_beside
 from studies.cost.structures import mode_file_costs
 
@@ -32,6 +33,17 @@ def test_plates_by_their_modes() -> None:
 def test_a_run_beside_a_stranger(pause_s: float | None) -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0016", "run.accuracy=0.1"])
     assert run_beside(scene, pause_s)() > 0
+
+
+def test_a_replay_and_its_frames() -> None:
+    found = replay.measure(rounds=1, duration_s=0.0016)
+    assert found.steps == 1600
+    assert found.megabytes > 0
+    if "no graphics driver" in found.no_frames and "CI" not in os.environ:
+        pytest.skip("no Vulkan driver here")
+    assert (len(found.cases), found.no_frames) == (4, "")
+    for row in found.cases:
+        assert 0 < row.least <= row.median
 
 
 def test_exchanges_of_all_ways_that_are_installed(tmp_path: Path) -> None:
