@@ -21,6 +21,7 @@ _PAIRS_AT_ONCE = 1 << 22
 _MODES_AT_ONCE = 48  # at most
 _BINS_AT_ONCE = 1 << 22  # of all modes together
 _STEPS_AT_ONCE = 1 << 20
+_PRESSURES_AT_ONCE = 1 << 23  # bins of all directions together
 
 
 @dataclass(frozen=True)
@@ -207,25 +208,37 @@ def radiated_j(
     apart = max(1, int(grid.period_s / (_ACROSS * spread)))
     at = np.unique(np.append(np.arange(0, len(s), apart), len(s) - 1))
     force = _transforms(drive, grid)
-    acceleration = [_accelerations(some, force, grid) for some in _groups(radiator, grid)]
-    total_j = 0.0
-    for direction in directions(count):
-        x, y = (
-            _far(shapes, places, float(along), s[at])
-            for shapes, places, along in (
-                (products.along_x, products.x_m, direction[0]),
-                (products.along_y, products.y_m, direction[1]),
-            )
-        )
-        pressure = np.zeros(len(s), complex)
-        mode = 0
-        for of_modes in acceleration:
-            some = slice(mode, mode + len(of_modes))
-            mode += len(of_modes)
-            pressure += np.sum(_between(x[some] * y[some], at, len(s)) * of_modes, axis=0)
-        pressure *= AIR_DENSITY_KG_M3 / (2.0 * math.pi)  # times the distance
-        total_j += float(np.sum(grid.in_time(pressure) ** 2)) * grid.step_s
+    total_j, every = 0.0, directions(count)
+    together = max(1, _PRESSURES_AT_ONCE // len(s))
+    for first in range(0, count, together):
+        some = every[first : first + together]
+        for pressure in _far_pressures(radiator, products, force, grid, at, some):
+            total_j += float(np.sum(grid.in_time(pressure) ** 2)) * grid.step_s
     return 2.0 * math.pi * total_j / count / (AIR_DENSITY_KG_M3 * SOUND_SPEED_M_S)
+
+
+def _far_pressures(
+    radiator: Radiator,
+    products: Products,
+    forces: tuple[np.ndarray, np.ndarray],
+    grid: Grid,
+    at: np.ndarray,
+    towards: np.ndarray,
+) -> np.ndarray:
+    """Transforms of the pressure far away times the distance, Pa m, (directions, bins), formed by
+    its share a mode at the bins `at`."""
+    s = grid.s
+    total = np.zeros((len(towards), len(s)), complex)
+    mode = 0
+    for group in _groups(radiator, grid):
+        acceleration = _accelerations(group, forces, grid)
+        some = slice(mode, mode + len(acceleration))
+        mode += len(acceleration)
+        for pressure, direction in zip(total, towards, strict=True):
+            x = _far(products.along_x[some], products.x_m, float(direction[0]), s[at])
+            y = _far(products.along_y[some], products.y_m, float(direction[1]), s[at])
+            pressure += np.sum(_between(x * y, at, len(s)) * acceleration, axis=0)
+    return total * (AIR_DENSITY_KG_M3 / (2.0 * math.pi))
 
 
 def rung_j(radiator: Radiator, drive: Drive, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
