@@ -1,14 +1,15 @@
 """Another user of this machine, who wants to hear a run and to have a say in it.
 
 `python -m tests.hertzloop.other_user UID NAME ENDPOINT ...`, by root: becomes that user once all is
-imported, connects to every socket, and then as zenoh does; prints the errors, and whether it
-heard something while it spoke.
+imported, connects to every socket, and then as zenoh does, hears, and speaks; prints the errors,
+and whether it heard something.
 """
 
 import json
 import os
 import socket
 import sys
+import time
 
 import zenoh
 
@@ -28,8 +29,8 @@ def errors(endpoints: list[str]) -> list[str]:
 
 
 def takes_part(endpoint: str, name: str) -> bool:
-    """Whether a session links to the endpoint; then it speaks until it has heard something, or
-    the run is over."""
+    """Whether a session that links to the endpoint hears something of the run; if so it speaks
+    until the run is over. (Not before: what it says may end the run before it has heard.)"""
     config = zenoh.Config()
     for key, value in {
         "mode": "client",
@@ -47,6 +48,8 @@ def takes_part(endpoint: str, name: str) -> bool:
                 allowed_origin=zenoh.Locality.REMOTE,
             )
             while not heard and session.info.peers_zid():
+                time.sleep(0.01)
+            while session.info.peers_zid():
                 for stream in STREAMS:
                     session.put(f"hertzloop/{name}/{stream}", b"evil", attachment=bytes(8))
             return bool(heard)
