@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from plant.structures.radiation import AIR_DENSITY_KG_M3, SOUND_SPEED_M_S
 
@@ -169,9 +170,7 @@ def _between(coarse: np.ndarray, at: np.ndarray, bins: int) -> np.ndarray:
         rows = [np.interp(everywhere, at, row.real) + 1j * np.interp(everywhere, at, row.imag)
                 for row in coarse]  # fmt: skip
         return np.array(rows)
-    from scipy.interpolate import CubicSpline
-
-    return np.asarray(CubicSpline(at, coarse, axis=1)(np.arange(bins)))
+    return np.asarray(scipy.interpolate.CubicSpline(at, coarse, axis=1)(np.arange(bins)))
 
 
 def pressure_pa(radiator: Radiator, drive: Drive, listener_m: np.ndarray, grid: Grid) -> np.ndarray:
@@ -229,15 +228,18 @@ def _far_pressures(
     its share a mode at the bins `at`."""
     s = grid.s
     total = np.zeros((len(towards), len(s)), complex)
+    coarse = [
+        _far(products.along_x, products.x_m, float(direction[0]), s[at])
+        * _far(products.along_y, products.y_m, float(direction[1]), s[at])
+        for direction in towards
+    ]
     mode = 0
     for group in _groups(radiator, grid):
         acceleration = _accelerations(group, forces, grid)
         some = slice(mode, mode + len(acceleration))
         mode += len(acceleration)
-        for pressure, direction in zip(total, towards, strict=True):
-            x = _far(products.along_x[some], products.x_m, float(direction[0]), s[at])
-            y = _far(products.along_y[some], products.y_m, float(direction[1]), s[at])
-            pressure += np.sum(_between(x * y, at, len(s)) * acceleration, axis=0)
+        for pressure, share in zip(total, coarse, strict=True):
+            pressure += np.sum(_between(share[some], at, len(s)) * acceleration, axis=0)
     return total * (AIR_DENSITY_KG_M3 / (2.0 * math.pi))
 
 

@@ -10,13 +10,13 @@ from plant.actuator import model as actuator
 from plant.contact import solve_kernels as solve
 from plant.contact.hertz import GRAVITY_M_S2
 from plant.contact.plastic import yielding
+from plant.gauss import gauss
 from plant.plant import Plant, PlantSpec, air_eta, damped_frequency
 from plant.schemes import collocation_kernels as k
 from plant.schemes import collocation_modes_kernels as c
 from plant.schemes import state_kernels as pk
 from plant.schemes.aligned import aligned
 from plant.schemes.collocation_books_kernels import Air
-from plant.schemes.gauss import gauss
 from plant.schemes.phi import phi
 from plant.schemes.tail import build, limit_of
 from plant.schemes.tail_kernels import DampedTail

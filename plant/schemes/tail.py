@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from plant.contact import solve_kernels as solve
-from plant.schemes.gauss import gauss
+from plant.gauss import gauss
 from plant.schemes.phi import phi
 from plant.schemes.tail_kernels import DampedTail
 

@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 
 from plant.contact.hertz import Contact, Sphere, tangent_stiffness_n_m
+from plant.gauss import gauss
 from plant.structures.plate import Plate
 
 # Against an elastic solid, five impacts of R 3 to 20 mm on 1.5 to 10 mm: errors of the plate
@@ -23,7 +24,7 @@ from plant.structures.plate import Plate
 _ENERGY_FACTOR, _REBOUND_FACTOR = 0.085, 0.04
 _SERIES = 0.03  # of k h, below which the integral is a logarithm
 _RAYLEIGH = 20.0  # k h from which on a layer is a half space, and S - 1 - 6/y^3 its last term alone
-_ABSCISSAE, _WEIGHTS = np.polynomial.legendre.leggauss(48)  # of an integral over ln(k h)
+_NODES = 48  # of an integral over ln(k h)
 _LONGEST = 40.0  # of Zener's impact, in units of (1 + lambda) t*
 
 
@@ -134,10 +135,11 @@ def _beyond(number: float) -> float:
     start, found = max(number, _SERIES), 0.0
     if start < _RAYLEIGH:
         length = math.log(_RAYLEIGH / start)
-        y = start * np.exp(0.5 * length * (_ABSCISSAE + 1.0))  # dy = y d(ln y)
+        nodes, weights = gauss(_NODES)
+        y = start * np.exp(0.5 * length * (nodes + 1.0))  # dy = y d(ln y)
         sinh = np.sinh(y)
         beyond = (sinh * np.cosh(y) + y) / (sinh * sinh - y * y) - 1.0 - 6.0 / y**3
-        found = 0.5 * length * float(np.sum(_WEIGHTS * y * beyond))
+        found = 0.5 * length * float(np.sum(weights * y * beyond))
     found -= 3.0 / max(start, _RAYLEIGH) ** 2
     if number < _SERIES:
         found += 1.2 * math.log(_SERIES / number)  # S - 1 - 6/y^3 -> 1.2/y

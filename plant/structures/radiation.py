@@ -6,10 +6,10 @@ their shape and no unit.
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
 
 import numpy as np
 
+from plant.gauss import gauss
 from plant.structures.plate import Plate
 
 AIR_DENSITY_KG_M3 = 1.2
@@ -75,7 +75,7 @@ def efficiency_wallace(plate: Plate, m: int, n: int, frequency_hz: float, nodes:
     """
     wave_number = 2.0 * math.pi * frequency_hz / SOUND_SPEED_M_S
     nodes = nodes or 100 * math.ceil(0.4 + 0.02 * wave_number * max(plate.size_m))
-    at, weights = _gauss(nodes)
+    at, weights = gauss(nodes)
     angle, weights = math.pi / 4.0 * (at + 1.0), math.pi / 4.0 * weights
     across = wave_number * np.sin(angle)[:, None]
 
@@ -90,13 +90,6 @@ def efficiency_wallace(plate: Plate, m: int, n: int, frequency_hz: float, nodes:
     both = (along(lx, m, np.cos(angle)) * along(ly, n, np.sin(angle))) ** 2
     integral = float(np.sum(both * (np.sin(angle) * weights)[:, None] * weights))
     return 64.0 * wave_number**2 * lx * ly / (math.pi**6 * (m * n) ** 2) * integral
-
-
-@lru_cache
-def _gauss(nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places from -1 to 1 and weights of Gauss's rule: dear, and the same for many modes."""
-    at, weights = np.polynomial.legendre.leggauss(nodes)
-    return at, weights
 
 
 def air_loss_factor(

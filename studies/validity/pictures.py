@@ -7,10 +7,11 @@ import numpy as np
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator
 
+from hertzloop.scenes.scene import load
 from studies import pictures
 
 _LEVELS = ((1e-3, "what costs more than 0.1 %"), (1e-1, "what costs more than 10 %"))
-_SCENES = {"aluminium-3mm": (3.0, 3.0), "offcentre-6mm": (6.0, 5.0), "aluminium-20mm": (20.0, 3.0)}
+_SCENES = ("aluminium-3mm", "offcentre-6mm", "aluminium-20mm")
 _LATE_MM = 10.0  # radius from which on a name ends at its star
 _TICKS = (0.2, 0.5, 1, 2, 5, 10, 20)
 _HATCHES = ("", "////", "....", "xxx", "", "")
@@ -57,7 +58,10 @@ def draw_map(
 
 def _mark_scenes(ax: Any) -> None:
     """Shipped scenes of these materials, by their names."""
-    for name, (radius, thickness) in _SCENES.items():
+    for name in _SCENES:
+        scene = load(name)
+        assert scene.plate.thickness_m is not None  # each is a plate
+        radius, thickness = 1e3 * scene.sphere.radius_m, 1e3 * scene.plate.thickness_m
         ax.plot(radius, thickness, "k*", markersize=11, zorder=7)
         side = "right" if radius > _LATE_MM else "center"
         ax.annotate(name, (radius, thickness), xytext=(0, 9), textcoords="offset points", ha=side,
