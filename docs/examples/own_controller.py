@@ -160,7 +160,7 @@ def main():
                 sys.exit("nothing came from the plant")
             if heard:
                 controller.hear(*heard)
-            elif not {"plant", "recorder"} <= there:
+            elif not ({"plant", "recorder"} <= there or "complete/recorder" in there):
                 sys.exit("plant or recorder left the run")
         while "recorder" in there:  # until it has heard the end
             time.sleep(0.002)

@@ -16,7 +16,7 @@ from hertzloop.loop.conformance import Broken, Checks, Listener, ScriptedPlant
 from hertzloop.loop.conformance_scripts import Script
 from hertzloop.loop.processes import default_endpoints
 
-_LATE_S = 0.3  # that the recorder comes after the first samples, where it is late
+_LATE_S = 0.3  # that the recorder comes after the first samples, or the plant's end after it left
 _LEAVES_S = 5.0  # at most, after a run; longer where an answer may take longer
 
 
@@ -72,8 +72,12 @@ class _Process:
         code = self.code(1.0)
         if code is None:
             return ""
-        lines = self._stderr.read_text(errors="replace").strip().splitlines() or ["nothing said"]
-        return f" (its process ended with exit code {code}: {lines[-1]})"
+        return f" (its process ended with exit code {code}{self.said() or ': nothing said'})"
+
+    def said(self) -> str:
+        """The last line of its stderr, for a sentence; "" if there is none."""
+        lines = self._stderr.read_text(errors="replace").strip().splitlines()
+        return f": {lines[-1]}" if lines else ""
 
     def end(self) -> None:
         """Terminate, then kill."""
@@ -178,12 +182,15 @@ def _leave(
 ) -> None:
     """The plant ends, or is suddenly gone; the controller has to go as well."""
     dies = script.ending == "death"
-    if not dies:
+    if not (dies or script.late_end):
         plant.publisher.end()  # once: after a fault it was said already
     if script.ending == "whole":
         ports[RECORDER].vouch()
     # Whoever is left sees the controller go: the recorder after a death, else the plant.
     ports.pop(PLANT if dies else RECORDER).close()
+    if script.late_end:
+        time.sleep(_LATE_S)
+        plant.publisher.end()
     observer = ports[RECORDER if dies else PLANT]
     why = "the plant has died" if dies else "the run has ended and the recorder left"
     checks.that(
@@ -195,5 +202,8 @@ def _leave(
         checks.that(code is not None, f"the controller's process runs on after {why}")
         checks.that(
             code == 0 or script.ending != "whole",
-            f"the controller's process ended with exit code {code} after a run without fault",
+            lambda: (
+                f"the controller's process ended with exit code {code} after a run without fault"
+                f"{process.said()}"
+            ),
         )

@@ -23,6 +23,8 @@ class Script:
 
     `samples` are codes of a converter or values, with a flag each in `clipped`; `ending` is
     "whole", "fault" (the plant gives up half way and says so) or "death" (it leaves half way).
+    `late_end`: the plant's end comes after the recorder has vouched and left, as it may, since the
+    two are on different links.
     `expected`: the force of every step (N), where `expected_of` says whose.
     """
 
@@ -35,6 +37,7 @@ class Script:
     stiffness: float = 0.0
     ending: str = "whole"
     late_recorder: bool = False
+    late_end: bool = False
     horizons: tuple[int | None, ...] = (1, None)
     expected: np.ndarray | None = None
     expected_of: str = ""
@@ -109,10 +112,11 @@ def scripts(law: str | None = None, settings: Sequence[str] = ()) -> list[Script
             ("sensors.every_steps=3", "controller.latency_us=4", *asked),
         ),
         replace(_script("late-recorder", 160, bouncing[:1], asked), late_recorder=True),
+        replace(_script("late-end", 160, bouncing[:1], asked), late_end=True),
         replace(_script("fault", 300, bouncing, asked), ending="fault"),
         replace(_script("death", 300, bouncing, asked), ending="death"),
     ]
-    made[-3:] = [replace(script, horizons=(None,)) for script in made[-3:]]
+    made[-4:] = [replace(script, horizons=(None,)) for script in made[-4:]]
     return [_with_law(script, law) for script in made] if law else made
 
 

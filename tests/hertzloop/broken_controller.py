@@ -110,12 +110,22 @@ class Rubbish:
         return self._bytes
 
 
+class Unbelieving(set):
+    """Who is there, but for what the recorder vouches for."""
+
+    def add(self, what: str) -> None:
+        if what != "complete/recorder":
+            super().add(what)
+
+
 if __name__ == "__main__":
     rule = sys.argv.pop(1)
     if rule == "stays":
         own.sys.exit = lambda *_: time.sleep(60)
     if rule == "hasty":  # it believes from the start that the recorder is there
         own.set = lambda: {"recorder"}
+    if rule == "parts-early":  # it takes a recorder that vouched for one that died
+        own.set = Unbelieving
     if rule == "stranger":
         own.hashlib = SimpleNamespace(
             blake2b=lambda text, digest_size: hashlib.md5(text)

@@ -115,6 +115,7 @@ def test_a_broken_rule_is_named(rule: str) -> None:
         ("silent-about-fault", "--script fault", "the controller's end has none"),
         ("stays", "--script death --timeout 5", "still there 5 s after the plant has died"),
         ("hasty", "--script late-recorder", "gap on stream 'force': sequence"),
+        ("parts-early", "--script late-end", "without fault: plant or recorder left the run"),
     ],
 )
 def test_a_broken_rule_of_a_script(rule: str, words: str, sentence: str) -> None:
