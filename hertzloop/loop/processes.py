@@ -28,6 +28,9 @@ from recordings.writer import RecordingError
 BASE_PORT = 7450
 _GRACE_S = 2.0  # for the others to hear of a fault
 _PATIENCE_S = 4.0  # for an interrupted role to end in order
+# Of the recorder, in that of plant and controller: one of these waits for the other alone and can
+# name it, but the last block that it recorded may be older than its wait.
+_LONGER = 1.5
 
 
 @dataclass(frozen=True)
@@ -210,7 +213,7 @@ def run_recorder(
                 while not recorder.done:
                     envelope = port.receive(patience_s, "messages from plant and controller")
                     recorder.handle(envelope)
-                    patience_s = address.timeout_s
+                    patience_s = _LONGER * address.timeout_s
                     if envelope.stream.startswith("end/"):
                         port.release(envelope.stream.removeprefix("end/"))
             recorder.reconcile()

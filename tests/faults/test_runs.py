@@ -30,6 +30,8 @@ from tests.faults.runs import (
         Fault("recorder", "kill", "lane", False, 0.3),
         Fault("plant", "pause", "no lane", False, 0.2, 0.5),
         Fault("launcher", "kill", "lane", False, 0.1),
+        # The recorder's last block is older than the controller's wait, which knows the cause.
+        Fault("plant", "long pause", "lane", False, 0.235, 6.2),
     ],
 )
 def test_faults(fault: Fault) -> None:
