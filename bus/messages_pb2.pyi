@@ -205,16 +205,18 @@ class StreamCount(_message.Message):
     def __init__(self, stream: _Optional[str] = ..., messages: _Optional[int] = ..., samples: _Optional[int] = ...) -> None: ...
 
 class SetUp(_message.Message):
-    __slots__ = ("scene_toml", "stiffness", "law", "law_digest")
+    __slots__ = ("scene_toml", "stiffness", "law", "law_digest", "versions")
     SCENE_TOML_FIELD_NUMBER: _ClassVar[int]
     STIFFNESS_FIELD_NUMBER: _ClassVar[int]
     LAW_FIELD_NUMBER: _ClassVar[int]
     LAW_DIGEST_FIELD_NUMBER: _ClassVar[int]
+    VERSIONS_FIELD_NUMBER: _ClassVar[int]
     scene_toml: str
     stiffness: float
     law: str
     law_digest: str
-    def __init__(self, scene_toml: _Optional[str] = ..., stiffness: _Optional[float] = ..., law: _Optional[str] = ..., law_digest: _Optional[str] = ...) -> None: ...
+    versions: str
+    def __init__(self, scene_toml: _Optional[str] = ..., stiffness: _Optional[float] = ..., law: _Optional[str] = ..., law_digest: _Optional[str] = ..., versions: _Optional[str] = ...) -> None: ...
 
 class RunEnd(_message.Message):
     __slots__ = ("run_id", "role", "count", "fault", "set_up")

@@ -272,7 +272,15 @@ class Checker:
 
 
 def compare_set_up(announced: Hello, ran: SetUp) -> None:
-    """Raise StreamFault unless the controller worked by the scene that the plant announced."""
+    """Raise StreamFault unless the controller worked by the scene that the plant announced; with
+    both versions if it is of another one."""
+    try:
+        _compare_set_up(announced, ran)
+    except StreamFault as error:
+        raise StreamFault(f"{error}{other_version(ran.versions, 'the controller is')}") from error
+
+
+def _compare_set_up(announced: Hello, ran: SetUp) -> None:
     if not ran.scene_toml:
         raise StreamFault("the controller did not say by which scene it worked")
     for said, done in zip_longest(

@@ -14,6 +14,7 @@ from controller.controller import Controller, Reply
 from controller.door.bound import LawFault
 from hertzloop import control
 from hertzloop.loop.events import ControllerEvents
+from hertzloop.loop.hello import versions_here
 from hertzloop.loop.lane_answers import LaneAnswers
 from hertzloop.scenes.scene import Scene, SceneError, parse, to_toml
 
@@ -44,6 +45,7 @@ def set_up_by(scene: Scene, stiffness: float, law: str | None = None) -> SetUp:
         stiffness=stiffness,
         law=scene.law.name,
         law_digest=scene.law.digest,
+        versions=versions_here(),
     )
 
 

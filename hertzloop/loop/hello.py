@@ -1,6 +1,7 @@
 """First message of a run."""
 
 import secrets
+from functools import cache
 from importlib.metadata import version
 from json import dumps
 
@@ -8,6 +9,12 @@ from bus.messages_pb2 import Hello
 from hertzloop.scenes.scene import Scene, to_toml
 
 _PACKAGES = ("hertzloop", "numpy", "numba", "eclipse-zenoh", "mcap", "protobuf")
+
+
+@cache
+def versions_here() -> str:
+    """Versions of this package and of those that a run depends on: JSON, by package."""
+    return dumps({name: version(name) for name in _PACKAGES})
 
 
 def hello(scene: Scene, stiffness: float) -> Hello:
@@ -19,7 +26,7 @@ def hello(scene: Scene, stiffness: float) -> Hello:
         step_ns=scene.run.step_ns,
         seed=scene.run.seed,
         stiffness=stiffness,
-        versions=dumps({name: version(name) for name in _PACKAGES}),
+        versions=versions_here(),
         law=scene.law.name,
         law_digest=scene.law.digest,
         law_source=scene.law.source,

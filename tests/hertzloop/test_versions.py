@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from bus import wire
-from bus.messages_pb2 import Hello
+from bus.messages_pb2 import Hello, SetUp
 from bus.streams import STREAMS, Envelope, StreamFault
 from bus.versions import other_version
 from hertzloop import __version__, interface
@@ -61,6 +61,42 @@ def test_a_hello_that_is_meant_otherwise_names_both() -> None:
 
     with pytest.raises(StreamFault, match=r"its scene has 2500 of 1000 ns \(the plant is " + BOTH):
         exchange(scene(), 1, forge=hellos(again))
+
+
+def end_of_controller(change: Callable[[SetUp], None]) -> Callable[[Envelope], Iterable[Envelope]]:
+    """The controller's end as another version sends it."""
+
+    def alter(envelope: Envelope) -> Iterable[Envelope]:
+        if envelope.stream != "end/controller":
+            return (envelope,)
+        end = wire.decode(STREAMS["end/controller"].message, envelope.payload).header
+        end.set_up.versions = OTHER
+        change(end.set_up)
+        return (Envelope("end/controller", end.SerializeToString(), envelope.sequence),)
+
+    return alter
+
+
+def test_a_controller_of_another_version_is_taken() -> None:
+    links = exchange(scene(), 1, alter=end_of_controller(lambda ran: None))
+    assert links.recorder_fault == ""
+    assert links.heard.samples() == exchange(scene(), 1).heard.samples()
+
+
+def test_a_controller_of_another_version_is_refused_with_both_named() -> None:
+    """By the plant; its recording says it, too."""
+
+    def otherwise(ran: SetUp) -> None:
+        ran.scene_toml = ran.scene_toml.replace("[controller]\n", LATER)
+
+    words = r"worked by another scene: .*foresight.* \(the controller is " + BOTH
+    with pytest.raises(StreamFault, match=words):
+        exchange(scene(), 1, alter=end_of_controller(otherwise))
+
+
+def test_a_controller_says_which_version_it_is() -> None:
+    [ran] = [end.set_up for end in exchange(scene(), 1).ends if end.role == "controller"]
+    assert json.loads(ran.versions)["hertzloop"] == __version__
 
 
 def test_a_recorder_names_both(tmp_path: Path) -> None:
