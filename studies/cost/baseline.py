@@ -8,7 +8,7 @@ import multiprocessing
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +17,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from bus.port import PeerLost
-from bus.reserved import LOOPBACK, reserved_ports
-from bus.streams import CONTROLLER, PLANT, Envelope
+from bus.reserved import reserved_ports
+from bus.sockets import mesh_endpoints, on_loopback
+from bus.streams import CONTROLLER, PLANT, ROLES, Envelope
 from bus.zenoh_port import ZenohPort
 from hertzloop import assembly as parts
 from hertzloop.one_run import RunOptions, Transport, run_scene
@@ -35,6 +36,8 @@ _TRIPS = 400
 _PAYLOAD = bytes(100)  # about a block with one sample, or its answer
 _STOP = b"stop"
 _PATIENCE_S = 300.0  # of an echo, while others are measured
+NAME = "baseline"  # of the bus
+Meets = Callable[[str], tuple[list[str], list[str], Path | None]]  # what a role listens on ...
 
 
 @dataclass(frozen=True)
@@ -112,8 +115,8 @@ def step_costs(rounds: int = ROUNDS) -> list[Cost]:
     return in_turn(cases, rounds)
 
 
-def _echo_zenoh(listen: str, connect: str) -> None:
-    port = ZenohPort(CONTROLLER, "baseline", [listen], [connect])
+def _echo_zenoh(listen: list[str], connect: list[str], file: Path | None) -> None:
+    port = ZenohPort(CONTROLLER, NAME, listen, connect, file)
     port.announce()
     port.wait_for([PLANT], _PATIENCE_S)
     try:
@@ -164,14 +167,20 @@ def _tcp() -> Iterator[Callable[[], float]]:
         peer.close()
 
 
+def on_ports(endpoints: Sequence[str]) -> Meets:
+    """Roles meet at these endpoints."""
+    return lambda role: (*mesh_endpoints(role, endpoints), None)
+
+
 @contextmanager
-def over_zenoh() -> Iterator[Callable[[], float]]:
-    """Round trips through the zenoh port to another process."""
+def over_zenoh(meets: Meets | None = None) -> Iterator[Callable[[], float]]:
+    """Round trips through the zenoh port to another process; on loopback, if not told where."""
     with ExitStack() as stack:
-        numbers = stack.enter_context(reserved_ports(2))
-        here, there = (f"tcp/{LOOPBACK}:{number}" for number in numbers)
-        stack.enter_context(child(_echo_zenoh, there, here))
-        port = ZenohPort(PLANT, "baseline", [here])
+        if meets is None:
+            endpoints = on_loopback(stack.enter_context(reserved_ports(len(ROLES))))
+            meets = on_ports(endpoints)
+        stack.enter_context(child(_echo_zenoh, *meets(CONTROLLER)))
+        port = ZenohPort(PLANT, NAME, *meets(PLANT))
         port.announce()
         port.wait_for([CONTROLLER], 30.0)
 

@@ -3,6 +3,7 @@
 from dataclasses import asdict
 
 from studies.cost.baseline import exchange_costs, loop_costs, step_costs, stranger_costs
+from studies.cost.links import certificate_costs, link_costs, opening_costs
 from studies.cost.structures import mode_file_costs
 
 
@@ -12,6 +13,8 @@ def measure() -> dict[str, list[dict[str, object]]]:
         "plant step (us)": step_costs(),
         "plate by its modes (us per step)": mode_file_costs(),
         "exchange (us per round trip of 100 B)": exchange_costs(),
+        "ways on one host (us per round trip of 100 B)": link_costs(),
+        "opening a port (us)": opening_costs() + certificate_costs(),
         "whole loop (us per step)": loop_costs(),
         "beside strangers (us per step)": stranger_costs(),
     }

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.scenes.scene import load
-from studies.cost import baseline, exchange, replay
+from studies.cost import baseline, exchange, links, replay
 from studies.cost.strangers import run_beside
 from studies.cost.structures import mode_file_costs
 
@@ -19,6 +19,15 @@ def test_step_and_exchange_costs() -> None:
     for cost in steps + exchanges:
         assert 0 < cost.least_us <= cost.median_us
     assert steps[0].ratio == exchanges[0].ratio == 1.0
+
+
+def test_ways_on_one_host() -> None:
+    found = links.link_costs(rounds=1), links.opening_costs(rounds=1)
+    for costs in found:
+        assert [cost.case for cost in costs] == ["loopback", "Unix sockets", "TLS on loopback"]
+        assert all(cost.least_us > 0 for cost in costs)
+    [made] = links.certificate_costs(rounds=1)
+    assert made.least_us > 0
 
 
 def test_plates_by_their_modes() -> None:

@@ -1,0 +1,90 @@
+"""What it costs to keep other users of a host off the bus: Unix sockets in a private folder, and
+certificates made on the fly, against ports on loopback."""
+
+import importlib.util
+import json
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from bus.access import common_name, secured
+from bus.reserved import LOOPBACK, reserved_ports
+from bus.sockets import on_loopback, own_endpoints
+from bus.streams import PLANT, ROLES
+from bus.zenoh_port import ZenohPort
+from studies.cost.baseline import NAME, Cost, Meets, in_turn, on_ports, over_zenoh, timed
+
+_ROUNDS, _OPENED = 9, 3
+_PAUSE_S = 0.05  # after a session: what closes it must not be counted with the next
+
+
+@contextmanager
+def ways() -> Iterator[dict[str, Meets]]:
+    """All that are possible here, each with endpoints of its own; loopback first."""
+    with ExitStack() as stack:
+        loopback = on_loopback(stack.enter_context(reserved_ports(len(ROLES))))
+        found = {"loopback": on_ports(loopback)}
+        sockets = stack.enter_context(own_endpoints())
+        if sockets[0].startswith("unixsock"):
+            found["Unix sockets"] = on_ports(sockets)
+        if importlib.util.find_spec("cryptography"):
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            numbers = stack.enter_context(reserved_ports(len(ROLES)))
+            files = _certified(folder, numbers)
+            found["TLS on loopback"] = lambda role: ([], [], files[role])
+        yield found
+
+
+def _certified(folder: Path, ports: list[int]) -> dict[str, Path]:
+    """Configurations with certificates of an authority that is forgotten at once."""
+    from hertzloop.certificates import Authority, in_base64
+
+    authority, files = Authority(days=1), {}
+    endpoints = {role: f"tls/{LOOPBACK}:{port}" for role, port in zip(ROLES, ports, strict=True)}
+    for role in ROLES:
+        pair = authority.certificate(common_name(role), LOOPBACK)
+        texts = [in_base64(pem) for pem in (*pair, authority.pem())]
+        files[role] = folder / f"{role}.json5"
+        files[role].touch(mode=0o600)
+        files[role].write_text(json.dumps(secured(role, endpoints, *texts)))
+    return files
+
+
+def link_costs(rounds: int = _ROUNDS) -> list[Cost]:
+    """us per round trip of 100 B through the zenoh port, by each way; yardstick: loopback."""
+    with ExitStack() as stack:
+        found = stack.enter_context(ways())
+        cases = {name: stack.enter_context(over_zenoh(meets)) for name, meets in found.items()}
+        return in_turn(cases, rounds)
+
+
+def opening_costs(rounds: int = _ROUNDS) -> list[Cost]:
+    """us to open a port, certificates not counted; yardstick: loopback."""
+
+    def case(meets: Meets) -> Callable[[], float]:
+        def measure() -> float:
+            spent = 0.0
+            for _ in range(_OPENED):
+                started = time.perf_counter()
+                port = ZenohPort(PLANT, NAME, *meets(PLANT))
+                spent += 1e6 * (time.perf_counter() - started)
+                port.close()
+                time.sleep(_PAUSE_S)
+            return spent / _OPENED
+
+        return measure
+
+    with ways() as found:
+        return in_turn({name: case(meets) for name, meets in found.items()}, rounds)
+
+
+def certificate_costs(rounds: int = _ROUNDS) -> list[Cost]:
+    """us to make what a run by certificates needs: an authority, and one for each role."""
+    if not importlib.util.find_spec("cryptography"):
+        return []
+    with tempfile.TemporaryDirectory() as folder:
+        ports = list(range(1, 1 + len(ROLES)))  # nobody listens there
+        cases = {"TLS, certificates": lambda: timed(lambda: _certified(Path(folder), ports), 1)}
+        return in_turn(cases, rounds)
