@@ -1,5 +1,6 @@
 """The contract that the in-process and the zenoh port share."""
 
+import time
 from collections.abc import Mapping
 from typing import Protocol
 
@@ -18,12 +19,14 @@ class BusError(RuntimeError):
 class PeerLost(BusError):
     """A process that takes part in the run is gone, or never came, or is silent.
 
-    `roles` are those that are missing, as far as known.
+    `roles` are those that are missing, as far as known; `at_s` is when that was found, by a clock
+    that all processes of a host share.
     """
 
     def __init__(self, sentence: str, *roles: str) -> None:
         super().__init__(sentence)
         self.roles = roles
+        self.at_s = time.monotonic()
 
 
 class EndedByOther(StreamFault):

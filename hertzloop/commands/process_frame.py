@@ -23,7 +23,7 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
 
     Faults are reported too, or told to a person; then the command ends with exit code 1, or
     130 if it was interrupted. A report says whether the fault is another role's (`others`),
-    and which roles were missing (`lost`).
+    which roles were missing (`lost`), and when that was found (`at_s`).
     """
     from bus.port import BusError, EndedByOther, PeerLost
     from bus.streams import StreamFault
@@ -41,8 +41,11 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
     try:
         yield tell
     except (BusError, StreamFault, RecordingError) as error:
-        lost = error.roles if isinstance(error, PeerLost) else ()
-        tell(fault=str(error), others=isinstance(error, PeerLost | EndedByOther), lost=list(lost))
+        missed: dict[str, object] = {}
+        if isinstance(error, PeerLost):
+            missed = {"lost": list(error.roles), "at_s": error.at_s}
+        others = isinstance(error, PeerLost | EndedByOther)
+        tell(fault=str(error), others=others, **missed)
         if not machine:
             fail(str(error), 1)
         raise typer.Exit(1) from None

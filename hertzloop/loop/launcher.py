@@ -43,6 +43,7 @@ class Child:
     fault: str = ""
     others: bool = False  # the fault is another role's
     lost: list[str] = field(default_factory=list)  # roles that it missed
+    at_s: float = 0.0  # when it found that they are missing
     done: dict[str, Any] = field(default_factory=dict)
 
     def own_reason(self) -> str:
@@ -170,7 +171,7 @@ class Launcher:
             child, report = item
             if "step" in report:
                 on_progress(report["step"])
-            for name in ("ready", "fault", "others", "lost", "done"):
+            for name in ("ready", "fault", "others", "lost", "at_s", "done"):
                 setattr(child, name, report.get(name, getattr(child, name)))
             if "exited" in report:
                 del running[child.role]
@@ -225,10 +226,10 @@ def _cause(failed: list[Child], running: set[str]) -> str:
 
 def _most_precise(failed: list[Child]) -> Child:
     """Who missed the fewest roles, of those that missed nobody who had given up before, nor one
-    that missed another itself."""
+    that missed another itself. Who gives up first may be the last to end."""
     gave_up: set[str] = set()
     believed: dict[str, Child] = {}
-    for child in failed:
+    for child in sorted(failed, key=lambda child: child.at_s):
         if child.lost and not gave_up & set(child.lost):
             believed[child.role] = child
         if child.lost:

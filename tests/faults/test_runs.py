@@ -76,9 +76,9 @@ def test_the_table_counts() -> None:
     assert "2 tries, something wrong after 1, more than 100 ms lost after 1; 4 runs" in said
 
 
-def ended(role: str, fault: str, *lost: str, others: bool = True) -> Child:
+def ended(role: str, fault: str, *lost: str, others: bool = True, at_s: float = 0.0) -> Child:
     process: Any = SimpleNamespace(returncode=1)
-    return Child(role, process, Path("none"), True, fault, others, list(lost))
+    return Child(role, process, Path("none"), True, fault, others, list(lost), at_s)
 
 
 def test_who_gave_up_is_not_to_blame_for_leaving() -> None:
@@ -98,5 +98,9 @@ def test_who_gave_up_is_not_to_blame_for_leaving() -> None:
     blocked = ended("plant", "the recorder took nothing", "recorder")
     awake = ended("recorder", "the controller left", "controller")
     assert _cause([waits, blocked, awake], set()) == blocked.fault
+    # The same, but who wakes up late ends first.
+    blocked = ended("plant", "the recorder took nothing", "recorder", at_s=2.0)
+    awake = ended("recorder", "the plant left", "plant", at_s=2.5)
+    assert _cause([awake, blocked], set()) == blocked.fault
     own = ended("controller", "its own", others=False)
     assert _cause([recorder, plant, own], set()) == own.fault
