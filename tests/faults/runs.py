@@ -27,6 +27,7 @@ import psutil
 
 from recordings.reader import read
 from recordings.writer import RecordingError
+from tests.faults.page import put
 from tests.hertzloop.processes import child_of, grown_to, leftovers, start, wait_for
 
 COMMANDS = {"plant": "plant", "controller": "controller", "recorder": "record"}
@@ -243,6 +244,7 @@ def main() -> int:
     options.add_argument("--tries", type=int, default=1000)
     options.add_argument("--seed", type=int, default=secrets.randbits(32))
     options.add_argument("--first", type=int, default=0, help="leave out the tries before")
+    options.add_argument("--page", action="store_true", help="put the table into docs/faults.md")
     given = options.parse_args()
     print(f"seed {given.seed}", flush=True)
     random_, late = random.Random(given.seed), 0
@@ -263,7 +265,12 @@ def main() -> int:
         found[fault.victim, fault.how, fault.lane].append(outcome)
         if outcome.wrong or outcome.lost_ms > MOST_LOST_MS:
             print(f"try {number}, {fault}: {outcome}", file=sys.stderr, flush=True)
-    print(table(found, late))
+    print(made := table(found, late))
+    if given.page:
+        tried = given.first + late + sum(map(len, found.values()))
+        first = f" --first {given.first}" if given.first else ""
+        words = f"python -m tests.faults.runs --tries {tried} --seed {given.seed}{first}"
+        put("runs", words, made)
     return int(any(one.wrong or one.lost_ms > MOST_LOST_MS for o in found.values() for one in o))
 
 

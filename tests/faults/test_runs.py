@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from hertzloop.loop.launcher import Child, _cause
+from tests.faults.page import PAGE, put
 from tests.faults.runs import (
     COMMANDS,
     LAUNCHER,
@@ -21,6 +22,7 @@ from tests.faults.runs import (
     table,
     wrong_words,
 )
+from tests.recordings.damages import Tally
 
 
 @pytest.mark.usefixtures("warm_kernels")
@@ -104,3 +106,20 @@ def test_who_gave_up_is_not_to_blame_for_leaving() -> None:
     assert _cause([awake, blocked], set()) == blocked.fault
     own = ended("controller", "its own", others=False)
     assert _cause([recorder, plant, own], set()) == own.fault
+
+
+def test_the_page_takes_the_tables(tmp_path: Path) -> None:
+    """Each in its place, again and again; the page that is there has both, as they are now."""
+    page, text = tmp_path / "faults.md", PAGE.read_text(encoding="utf-8")
+    page.write_text(text, encoding="utf-8")
+    for round_ in ("first", "second"):
+        put("runs", "command", f"| {round_} |", page)
+    written = page.read_text(encoding="utf-8")
+    assert "`command`:\n\n| second |\n\n<!-- end of runs -->" in written
+    assert "| first |" not in written
+    put("runs", "command", "| first |", page)
+    assert page.read_text(encoding="utf-8") == written.replace("| second |", "| first |")
+    with pytest.raises(ValueError, match="has no place for 'wars'"):
+        put("wars", "command", "", page)
+    for heads in (table({}, 0), Tally().table()):
+        assert heads.splitlines()[0] in text

@@ -29,6 +29,7 @@ from recordings.compare import first_difference
 from recordings.reader import Recording, read
 from recordings.recovery import recover
 from recordings.writer import RecordingError
+from tests.faults.page import put
 from tests.recordings.damaging import DAMAGES
 from tests.recordings.rewriting import record
 
@@ -60,7 +61,8 @@ class Tally:
             )))
             for kind in self.tries
         ]  # fmt: skip
-        return "\n".join(" | ".join(row) for row in (head, *rows))
+        lines = [head, ("---", *["--:"] * (len(head) - 1)), *rows]
+        return "\n".join(f"| {' | '.join(row)} |" for row in lines)
 
 
 def many_chunks(folder: Path) -> Path:
@@ -174,6 +176,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tries", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=secrets.randbits(32))
+    parser.add_argument("--page", action="store_true", help="put the table into docs/faults.md")
     chosen = parser.parse_args()
     print(f"seed {chosen.seed}", flush=True)
     with tempfile.TemporaryDirectory() as name:
@@ -181,10 +184,13 @@ def main() -> int:
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     if most > MOST_BYTES:
         tally.wrong.append(f"it took {most / 2**30:.2f} GiB of memory")
-    print(tally.table())
     broken = [*tally.wrong, *tally.lost]
     print(*broken, sep="\n")
-    print(f"{sum(tally.tries.values())} copies, {len(broken)} broke a rule")
+    found = f"{tally.table()}\n\n{sum(tally.tries.values())} copies, {len(broken)} broke a rule"
+    print(found)
+    if chosen.page:
+        command = f"python -m tests.recordings.damages --tries {chosen.tries} --seed {chosen.seed}"
+        put("recordings", command, found)
     return bool(broken)
 
 
