@@ -18,6 +18,7 @@ import psutil
 import pytest
 
 from tests.hertzloop.processes import (
+    EVENTUALLY_S,
     LONG,
     WELL_UNDER_WAY,
     child_of,
@@ -39,10 +40,13 @@ def recording(tmp_path: Path) -> Path:
 
 
 @contextmanager
-def terminals(recording: Path, *words: str) -> Iterator[dict[str, subprocess.Popen]]:
+def terminals(
+    recording: Path, *words: str, timeout_s: float = EVENTUALLY_S
+) -> Iterator[dict[str, subprocess.Popen]]:
     """Plant, controller and recorder as three people would start them."""
     a, b, c = (f"tcp/127.0.0.1:{port}" for port in free_ports(3))
-    bus = ["--name", f"terminals-{os.getpid()}", "--wait", "60", "--timeout", "2"]
+    patience = ["--wait", str(EVENTUALLY_S), "--timeout", str(timeout_s)]
+    bus = ["--name", f"terminals-{os.getpid()}", *patience]
     started = {
         "recorder": start("record", "--out", str(recording), *bus, "--listen", c,
                           "--connect", a, "--connect", b),
@@ -58,13 +62,13 @@ def terminals(recording: Path, *words: str) -> Iterator[dict[str, subprocess.Pop
 
 
 def test_a_frozen_recorder_is_named_by_the_plant(recording: Path) -> None:
-    with terminals(recording, *LONG) as roles:
+    with terminals(recording, *LONG, timeout_s=5.0) as roles:
         wait_for(grown_to(recording, WELL_UNDER_WAY))
         roles["recorder"].send_signal(signal.SIGSTOP)
         code, err, _ = finish(roles["plant"], 60)
         assert code == 1
         # By itself, or told by the controller, which sends to the recorder, too.
-        assert "recorder took no message for 2 s" in err
+        assert "recorder took no message for 5 s" in err
         assert "Traceback" not in err
         code, err, _ = finish(roles["controller"], 60)
         assert code == 1, err
