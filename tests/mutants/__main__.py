@@ -59,8 +59,7 @@ def try_one(copy: Copy, mutation: Mutation) -> Row:
     text = (copy.root / mutation.path).read_text()
     changed = mutated(text, mutation)
     assert changed is not None
-    files = copy.tests(mutation.path)
-    outcome = copy.attempt(mutation.path, changed, files)
+    outcome, files = copy.attempt(mutation.path, changed)
     diff = difflib.unified_diff(
         text.splitlines(), changed.splitlines(), mutation.path, mutation.path, lineterm="", n=2
     )
@@ -101,7 +100,12 @@ def main() -> int:
     parser.add_argument("--tries", type=int, default=40, help="mutants of each folder")
     parser.add_argument("--seed", type=int, default=secrets.randbits(32))
     parser.add_argument("--only", action="append", default=[], metavar="FILE")
-    parser.add_argument("--seconds", type=float, default=120.0, help="of tests for a mutant")
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        default=60.0,
+        help="processor time of tests for a mutant: of its folder's, and of others",
+    )
     parser.add_argument("--results", type=Path, help="a file that is read, and written")
     parser.add_argument("--survivors", action="store_true", help="of the results, and no others")
     given = parser.parse_args()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 # Fail for the form of a mutant, whatever it does; and run this command.
 _LEFT_OUT = ("tests/test_checks.py", "tests/mutants/")
-_GUESS_S = 10.0  # of a test file that has not been timed yet
+_GUESS_S = 10.0  # processor time of a test file that has not been timed yet
 _NEAR = 2  # imports: directly, or through one other module
 
 
@@ -43,15 +43,16 @@ def ranks(root: Path, module: str) -> dict[str, int]:
 
 
 def chosen(
-    root: Path, module: str, seconds: dict[str, float | None],
+    root: Path, module: str, near: bool, seconds: dict[str, float | None],
     measure: Callable[[str], float | None], most_s: float,
 ) -> list[str]:  # fmt: skip
-    """The tests for a mutant of `module`, in order, that take `most_s` seconds together.
+    """The tests for a mutant of `module`, in order, that take `most_s` seconds together: those
+    that are `near`, or the others.
 
     `seconds` each file is known to take, None if it fails without any mutant; `measure` finds out
     what is not known yet.
     """
-    order = ranks(root, module)
+    order = {test: rank for test, rank in ranks(root, module).items() if (rank == 0) == near}
     files, total = [], 0.0
     for test in sorted(order, key=lambda test: (order[test], seconds.get(test) or _GUESS_S, test)):
         if total + (seconds.get(test) or 0.0) > most_s:

@@ -120,7 +120,7 @@ def test_what_a_test_leaves_behind_is_ended(toy: Path, tmp_path: Path) -> None:
     pid = tmp_path / "pid"
     (toy / "tests/toy/test_sums.py").write_text(LEAVES_A_CHILD.format(path=str(pid)))
     with copy_of(toy, 100.0, tmp_path / "copy") as copy:
-        assert copy.run(["tests/toy/test_sums.py"], 120.0) == "killed"
-        assert copy.run(["tests/toy/test_sums.py"], 0.0) == "timed out"
+        assert copy.run(["tests/toy/test_sums.py"])[0] == "killed"
+        assert copy.run(["tests/toy/test_sums.py"], 0.0)[0] == "timed out"
     number = int(pid.read_text())
     assert not psutil.pid_exists(number) or psutil.Process(number).status() == "zombie"

@@ -4,12 +4,12 @@ import compileall
 import hashlib
 import json
 import os
+import select
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from fcntl import LOCK_EX, LOCK_NB, flock
@@ -22,6 +22,8 @@ from tests.mutants.choosing import chosen
 
 _NOT_COPIED = (".git", "__pycache__", ".*_cache", ".venv", "venv", ".hypothesis")
 _MARK = "HERTZLOOP_MUTANTS"  # in the environment of all that a test starts, and its children
+_SERVER = Path(__file__).with_name("server.py")
+_LIMIT_S = 1200.0  # of all tests of a mutant; each has the limit of its own of the test suite
 
 
 class Busy(Exception):
@@ -45,58 +47,68 @@ class Copy:
         self.seconds: dict[str, float | None] = {
             test: took for test, (took, of) in known.items() if of == _digest(self.tree / test)
         }
+        environment = dict(os.environ, PYTHONPATH=str(self.tree), PYTHONDONTWRITEBYTECODE="1")
+        self._server = subprocess.Popen(
+            [sys.executable, "-P", str(_SERVER), _MARK], cwd=self.tree, env=environment,
+            start_new_session=True, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        )  # fmt: skip
 
-    def tests(self, module: str) -> list[str]:
-        """Test files for a mutant of `module`; those whose time is not known are timed."""
-        files = chosen(self.tree, module, self.seconds, self._measure, self.most_s)
+    def close(self) -> None:
+        """End the process that tests are forks of."""
+        self._server.communicate()
+
+    def tests(self, module: str, near: bool) -> list[str]:
+        """Test files for a mutant of `module`, in its own folder's or elsewhere; those whose time
+        is not known are timed."""
+        files = chosen(self.tree, module, near, self.seconds, self._measure, self.most_s)
         known = {test: (took, _digest(self.tree / test)) for test, took in self.seconds.items()}
         self._times.write_text(json.dumps(known, indent=1))
         return files
 
     def _measure(self, test: str) -> float | None:
-        """How long a test file takes without a mutant, s; None if it fails (or has no tests)."""
-        started = time.monotonic()
-        outcome = self.run([test], 10 * self.most_s)
-        took = round(time.monotonic() - started, 1)
-        if outcome != "survived":
-            print(f"{test} is left out: {outcome} without any mutant\n{self.output()}", flush=True)
-            return None
-        return took
+        """Processor time that a test file takes without a mutant, s; None if it fails."""
+        outcome, took = self.run([test])
+        if outcome == "survived":
+            return took
+        print(f"{test} is left out: {outcome} without any mutant\n{self.output()}", flush=True)
+        return None
 
     def output(self) -> str:
         """The last lines that tests printed."""
         return "\n".join(self._log.read_text(errors="replace").splitlines()[-12:])
 
-    def attempt(self, path: str, changed: str, files: list[str]) -> str:
-        """What test files do with a file changed: killed, survived, timed out."""
-        at = self.tree / path
-        at.write_text(changed)
-        try:
-            return self.run(files, 4 * sum(self.seconds[test] or 0.0 for test in files) + 120)
-        finally:
-            shutil.copy2(self.root / path, at)  # with the time of its change
-
-    def run(self, files: list[str], limit_s: float) -> str:
-        """Run test files in the copy."""
-        environment = dict(os.environ, PYTHONPATH=str(self.tree), PYTHONDONTWRITEBYTECODE="1")
-        environment[_MARK] = str(self.tree)
-        words = [
-            "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider",
-            f"--basetemp={self._scratch}", *files,
-        ]  # fmt: skip
-        with self._log.open("w") as log:
-            child = subprocess.Popen(
-                [sys.executable, *words], cwd=self.tree, env=environment, start_new_session=True,
-                stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT,
-            )  # fmt: skip
+    def attempt(self, path: str, changed: str) -> tuple[str, list[str]]:
+        """What tests do with a file changed: killed, survived, timed out; and which were run."""
+        files: list[str] = []
+        for near in (True, False):
+            more = self.tests(path, near)
+            files += more
+            (self.tree / path).write_text(changed)
             try:
-                code = child.wait(limit_s)
-            except subprocess.TimeoutExpired:
-                return "timed out"
+                outcome = self.run(more)[0] if more else "survived"
             finally:
-                _end_all(self.tree)
-                child.wait()
-        return "survived" if code == 0 else "killed"
+                shutil.copy2(self.root / path, self.tree / path)  # with the time of its change
+            if outcome != "survived":
+                break
+        return outcome, files
+
+    def run(self, files: list[str], limit_s: float = _LIMIT_S) -> tuple[str, float]:
+        """Run test files in the copy: what came of it, and the processor time it took, s."""
+        words = [
+            "-x", "-q", "-n", "0", "-p", "no:cacheprovider", f"--basetemp={self._scratch}", *files
+        ]  # fmt: skip
+        self._log.write_text("")
+        assert self._server.stdin
+        assert self._server.stdout
+        print(json.dumps([words, str(self._log)]), file=self._server.stdin, flush=True)
+        child = int(self._server.stdout.readline())
+        in_time = select.select([self._server.stdout], [], [], limit_s)[0]
+        if not in_time:
+            os.killpg(child, signal.SIGKILL)
+        code, took = self._server.stdout.readline().split()
+        _end_all(self.tree)
+        outcome = ("survived" if code == "0" else "killed") if in_time else "timed out"
+        return outcome, float(took)
 
 
 @contextmanager
@@ -111,7 +123,11 @@ def copy_of(root: Path, most_s: float, folder: Path | None = None) -> Iterator[C
             flock(lock, LOCK_EX | LOCK_NB)
         except BlockingIOError:
             raise Busy(f"{folder} is in use by another run of this command") from None
-        yield Copy(root, folder, most_s)
+        copy = Copy(root, folder, most_s)
+        try:
+            yield copy
+        finally:
+            copy.close()
 
 
 def _end_all(tree: Path) -> None:
