@@ -54,12 +54,12 @@ def drawn(root: Path, folder: str, tries: int, seed: int, only: list[str]) -> li
     return kept
 
 
-def try_one(copy: Copy, mutation: Mutation) -> Row:
-    """What the tests say of one mutant."""
+def try_one(copy: Copy, mutation: Mutation, given: list[str]) -> Row:
+    """What the tests say of one mutant: those `given`, or else those that know its file."""
     text = (copy.root / mutation.path).read_text()
     changed = mutated(text, mutation)
     assert changed is not None
-    outcome, files = copy.attempt(mutation.path, changed)
+    outcome, files = copy.attempt(mutation.path, changed, given)
     diff = difflib.unified_diff(
         text.splitlines(), changed.splitlines(), mutation.path, mutation.path, lineterm="", n=2
     )
@@ -80,10 +80,13 @@ def mutation_of(row: Row) -> Mutation:
     return Mutation(row["path"], row["line"], row["operator"], row["occurrence"])
 
 
-def run(copy: Copy, chosen: list[Mutation], rows: list[Row], results: Path | None) -> None:
+def run(
+    copy: Copy, chosen: list[Mutation], rows: list[Row], results: Path | None = None,
+    given: list[str] | None = None,
+) -> None:  # fmt: skip
     """Try mutants in turn, and add a row each to `rows` and to the file of results."""
     for number, mutation in enumerate(chosen, 1):
-        row = try_one(copy, mutation)
+        row = try_one(copy, mutation, given or [])
         rows[:] = [old for old in rows if mutation_of(old) != mutation] + [row]
         if results is not None:
             results.write_text("".join(json.dumps(row) + "\n" for row in rows))
@@ -106,26 +109,23 @@ def main() -> int:
         default=60.0,
         help="processor time of tests for a mutant: of its folder's, and of others",
     )
+    parser.add_argument("--near", action="store_true", help="no tests but of the folder's own")
+    parser.add_argument("--tests", nargs="+", default=[], metavar="FILE", help="these, no others")
     parser.add_argument("--results", type=Path, help="a file that is read, and written")
     parser.add_argument("--survivors", action="store_true", help="of the results, and no others")
     given = parser.parse_args()
     rows = read(given.results)
     print(f"seed {given.seed}", flush=True)
-    chosen = [
-        mutation
-        for folder in given.folders
-        for mutation in (
-            survivors(rows, folder)
-            if given.survivors
-            else drawn(ROOT, folder, given.tries, given.seed, given.only)
-        )
-    ]
-    if not given.survivors:
-        done = {mutation_of(row) for row in rows}
-        chosen = [mutation for mutation in chosen if mutation not in done]
     try:
-        with copy_of(ROOT, given.seconds) as copy, suppress(KeyboardInterrupt):
-            run(copy, chosen, rows, given.results)
+        with copy_of(ROOT, given.seconds, given.near) as copy, suppress(KeyboardInterrupt):
+            for folder in given.folders:
+                if given.survivors:
+                    chosen = survivors(rows, folder)
+                else:
+                    done = {mutation_of(row) for row in rows}
+                    new = drawn(ROOT, folder, given.tries, given.seed, given.only)
+                    chosen = [mutation for mutation in new if mutation not in done]
+                run(copy, chosen, rows, given.results, given.tests)
     except Busy as error:
         print(error, file=sys.stderr)
         return 2

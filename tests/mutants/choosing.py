@@ -35,9 +35,10 @@ def ranks(root: Path, module: str) -> dict[str, int]:
     mirrored = f"tests/{module.split('/')[0]}/"
 
     def rank(test: str) -> int:
-        if near.get(test, _NEAR + 1) <= _NEAR:
-            return 0 if test.startswith(mirrored) else 1
-        return 2 if test in near or test.startswith(mirrored) else 3  # 3: as a child, perhaps
+        away = near.get(test, _NEAR + 1)
+        if away <= _NEAR:
+            return 0 if test.startswith(mirrored) else away
+        return 3 if test in near or test.startswith(mirrored) else 4  # 4: as a child, perhaps
 
     return {test: rank(test) for test in test_files(root)}
 

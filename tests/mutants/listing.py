@@ -10,6 +10,7 @@ from pathlib import Path
 from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import MutationVisitor
 from cosmic_ray.operators.provider import OperatorProvider
+from parso.tree import NodeOrLeaf
 
 from jit.cache import kernel_sources
 
@@ -21,7 +22,9 @@ OPERATORS = {
     for name in OperatorProvider()
     if not OperatorProvider()[name].arguments()
 }
+_PUNCTUATION = (*"()[]{},.:=", "->")
 _FOR_TYPE_CHECKERS = {"overload", "override", "final"}  # decorators
+_OF_A_LAW = {"command", "command_ahead", "known_ahead", "quiet_level"}  # compiled with a loop
 
 
 @dataclass(frozen=True, order=True)
@@ -47,9 +50,10 @@ def sources(root: Path, folder: str) -> list[str]:
 
 
 def mutations(root: Path, path: str) -> list[Mutation]:
-    """All mutations of a file but those of what only type checkers read."""
+    """All mutations of a file but those of compiled functions and of what type checkers read."""
     text = (root / path).read_text()
-    nodes, left_out = list(ast_nodes(get_ast(text))), _for_type_checkers(text)
+    nodes = [node for node in ast_nodes(get_ast(text)) if not _inert(node)]
+    left_out = _left_out(text)
     found = []
     for name, operator in OPERATORS.items():
         places = (at for node in nodes for at, _ in operator().mutation_positions(node))
@@ -82,14 +86,16 @@ def draw(found: list[Mutation], seed: str) -> Iterator[Mutation]:
         yield chance.choice(lines[line])
 
 
-def _for_type_checkers(text: str) -> list[tuple[Place, Place]]:
-    """Where a file says what has no effect when it runs: annotations, and the like."""
+def _left_out(text: str) -> list[tuple[Place, Place]]:
+    """Where a file says what has no effect when it runs, as annotations, or is compiled."""
     parts: list[ast.AST | None] = []
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.arg | ast.AnnAssign):
             parts.append(node.annotation)
         elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             parts.append(node.returns)
+            if node.name in _OF_A_LAW or "kernel" in map(_name, node.decorator_list):
+                parts += [*node.decorator_list, node]
             parts += [one for one in node.decorator_list if _name(one) in _FOR_TYPE_CHECKERS]
         elif isinstance(node, ast.If) and _name(node.test) == "TYPE_CHECKING":
             parts += [node.test, *node.body]
@@ -106,6 +112,13 @@ def _for_type_checkers(text: str) -> list[tuple[Place, Place]]:
         for part in parts
         if part is not None
     ]
+
+
+def _inert(node: NodeOrLeaf) -> bool:
+    """Whether no operator changes a node, as most of them: said here, it is asked once."""
+    return node.type in ("name", "string", "newline") or (
+        node.type == "operator" and node.value in _PUNCTUATION
+    )
 
 
 def _name(node: ast.expr) -> str:

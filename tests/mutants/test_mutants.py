@@ -14,9 +14,13 @@ from tests.mutants.trying import Busy, copy_of
 
 CODE = '''"""Sums."""
 from typing import overload
-
+kernel = staticmethod
 def doubled(x: int | None = 2) -> int | str:
     return x * 2
+
+@kernel
+def compiled(x):
+    return x + 1
 
 def unheard_of(x):
     return x + 7
@@ -66,7 +70,7 @@ def toy(tmp_path: Path) -> Path:
 def test_only_what_changes_a_program_is_listed(toy: Path) -> None:
     assert sources(toy, "toy") == ["toy/__init__.py", "toy/far.py", "toy/sums.py"]
     found = mutations(toy, "toy/sums.py")
-    assert {one.line for one in found} == {4, 5, 8}
+    assert {one.line for one in found} == {4, 5, 12}
     assert {one.operator for one in found if one.line == 4} == {"NumberReplacer"}
     assert mutated("x = 1\n", Mutation("", 1, "NumberReplacer", 0)) == "x = 2\n"
     assert mutated("def f(*, a): 1", Mutation("", 1, "ReplaceBinaryOperator_Mul_Add", 0)) is None
@@ -75,7 +79,7 @@ def test_only_what_changes_a_program_is_listed(toy: Path) -> None:
 def test_every_line_has_the_same_chance_and_a_seed_repeats_the_draw(toy: Path) -> None:
     found = mutations(toy, "toy/sums.py")
     assert [one.line for one in draw(found, "3")] != [one.line for one in draw(found, "4")]
-    assert sorted(one.line for one in draw(found, "3")) == [4, 5, 8]
+    assert sorted(one.line for one in draw(found, "3")) == [4, 5, 12]
     assert drawn(toy, "toy", 2, 5, []) == drawn(toy, "toy", 2, 5, [])
     assert len(drawn(toy, "toy", 2, 5, [])) == 2
     assert drawn(toy, "toy", 2, 5, ["toy/far.py"]) == []
@@ -84,9 +88,9 @@ def test_every_line_has_the_same_chance_and_a_seed_repeats_the_draw(toy: Path) -
 def test_tests_near_the_module_come_first(toy: Path) -> None:
     assert ranks(toy, "toy/sums.py") == {
         "tests/toy/test_sums.py": 0,
-        "tests/above/test_far.py": 1,
-        "tests/above/test_broken.py": 1,
-        "tests/toy/test_other.py": 2,
+        "tests/above/test_far.py": 2,
+        "tests/above/test_broken.py": 2,
+        "tests/toy/test_other.py": 3,
     }
 
 
@@ -98,10 +102,10 @@ def test_a_mutant_is_killed_in_a_child_of_a_test_and_another_survives(
     missed = next(one for one in found if one.operator == "ReplaceBinaryOperator_Add_Sub")
     rows: list[Row] = []
     results = tmp_path / "results.jsonl"
-    with copy_of(toy, 100.0, tmp_path / "copy") as copy:
+    with copy_of(toy, 100.0, folder=tmp_path / "copy") as copy:
         run(copy, [noticed, missed], rows, results)
         assert (copy.tree / "toy/sums.py").read_text() == CODE
-        with pytest.raises(Busy), copy_of(toy, 100.0, tmp_path / "copy"):
+        with pytest.raises(Busy), copy_of(toy, 100.0, folder=tmp_path / "copy"):
             pass
     assert [row["outcome"] for row in rows] == ["killed", "survived"]
     assert [mutation_of(row) for row in rows] == [noticed, missed]
@@ -119,7 +123,7 @@ def test_a_mutant_is_killed_in_a_child_of_a_test_and_another_survives(
 def test_what_a_test_leaves_behind_is_ended(toy: Path, tmp_path: Path) -> None:
     pid = tmp_path / "pid"
     (toy / "tests/toy/test_sums.py").write_text(LEAVES_A_CHILD.format(path=str(pid)))
-    with copy_of(toy, 100.0, tmp_path / "copy") as copy:
+    with copy_of(toy, 100.0, folder=tmp_path / "copy") as copy:
         assert copy.run(["tests/toy/test_sums.py"])[0] == "killed"
         assert copy.run(["tests/toy/test_sums.py"], 0.0)[0] == "timed out"
     number = int(pid.read_text())

@@ -36,8 +36,9 @@ class Copy:
     It has the same place each time, since compiled kernels are kept by place and time of change.
     """
 
-    def __init__(self, root: Path, folder: Path, most_s: float) -> None:
+    def __init__(self, root: Path, folder: Path, most_s: float, near: bool = False) -> None:
         self.root, self.tree, self.most_s = root, folder / "tree", most_s
+        self._stages = (True,) if near else (True, False)
         self._scratch, self._log = folder / "t", folder / "output.txt"
         self._times = folder / "seconds.json"
         shutil.rmtree(self.tree, ignore_errors=True)
@@ -77,11 +78,12 @@ class Copy:
         """The last lines that tests printed."""
         return "\n".join(self._log.read_text(errors="replace").splitlines()[-12:])
 
-    def attempt(self, path: str, changed: str) -> tuple[str, list[str]]:
-        """What tests do with a file changed: killed, survived, timed out; and which were run."""
+    def attempt(self, path: str, changed: str, given: list[str]) -> tuple[str, list[str]]:
+        """What tests do with a file changed: killed, survived, timed out; and which were run:
+        those `given`, or else those that know the file."""
         files: list[str] = []
-        for near in (True, False):
-            more = self.tests(path, near)
+        for near in self._stages[:1] if given else self._stages:
+            more = given or self.tests(path, near)
             files += more
             (self.tree / path).write_text(changed)
             try:
@@ -100,7 +102,8 @@ class Copy:
         self._log.write_text("")
         assert self._server.stdin
         assert self._server.stdout
-        print(json.dumps([words, str(self._log)]), file=self._server.stdin, flush=True)
+        job = [words, str(self._log), round(20 * self.most_s) + 20]
+        print(json.dumps(job), file=self._server.stdin, flush=True)
         child = int(self._server.stdout.readline())
         in_time = select.select([self._server.stdout], [], [], limit_s)[0]
         if not in_time:
@@ -112,7 +115,9 @@ class Copy:
 
 
 @contextmanager
-def copy_of(root: Path, most_s: float, folder: Path | None = None) -> Iterator[Copy]:
+def copy_of(
+    root: Path, most_s: float, near: bool = False, folder: Path | None = None
+) -> Iterator[Copy]:
     """A copy of the sources, in a folder among the temporary ones that stays. Raises Busy."""
     if folder is None:
         name = hashlib.sha256(bytes(root)).hexdigest()[:8]
@@ -123,7 +128,7 @@ def copy_of(root: Path, most_s: float, folder: Path | None = None) -> Iterator[C
             flock(lock, LOCK_EX | LOCK_NB)
         except BlockingIOError:
             raise Busy(f"{folder} is in use by another run of this command") from None
-        copy = Copy(root, folder, most_s)
+        copy = Copy(root, folder, most_s, near)
         try:
             yield copy
         finally:
