@@ -35,10 +35,10 @@ def ranks(root: Path, module: str) -> dict[str, int]:
     mirrored = f"tests/{module.split('/')[0]}/"
 
     def rank(test: str) -> int:
-        away = near.get(test, _NEAR + 1)
+        ours, away = test.startswith(mirrored), near.get(test, _NEAR + 1)
         if away <= _NEAR:
-            return 0 if test.startswith(mirrored) else away
-        return 3 if test in near or test.startswith(mirrored) else 4  # 4: as a child, perhaps
+            return away - 1 if ours else _NEAR + away - 1
+        return 2 * _NEAR + (not ours and test not in near)  # the last as a child, perhaps
 
     return {test: rank(test) for test in test_files(root)}
 
@@ -53,7 +53,7 @@ def chosen(
     `seconds` each file is known to take, None if it fails without any mutant; `measure` finds out
     what is not known yet.
     """
-    order = {test: rank for test, rank in ranks(root, module).items() if (rank == 0) == near}
+    order = {test: rank for test, rank in ranks(root, module).items() if (rank <= _NEAR) == near}
     files, total = [], 0.0
     for test in sorted(order, key=lambda test: (order[test], seconds.get(test) or _GUESS_S, test)):
         if total + (seconds.get(test) or 0.0) > most_s:

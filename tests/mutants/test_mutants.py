@@ -88,9 +88,9 @@ def test_every_line_has_the_same_chance_and_a_seed_repeats_the_draw(toy: Path) -
 def test_tests_near_the_module_come_first(toy: Path) -> None:
     assert ranks(toy, "toy/sums.py") == {
         "tests/toy/test_sums.py": 0,
-        "tests/above/test_far.py": 2,
-        "tests/above/test_broken.py": 2,
-        "tests/toy/test_other.py": 3,
+        "tests/above/test_far.py": 3,
+        "tests/above/test_broken.py": 3,
+        "tests/toy/test_other.py": 4,
     }
 
 
