@@ -3,7 +3,7 @@
 import math
 from copy import copy
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -83,8 +83,10 @@ _MOST_ETA = 1.9  # a mode is critically damped at 2
 RIGID_RAD_S = 1e-9  # after 20 s the displacement is wrong by 7e-17
 
 
+@lru_cache(maxsize=8)
 def modes_of(spec: PlantSpec) -> Oscillators:
-    """Oscillators of a description: of its structure with the actuator's mass on it, in air.
+    """Oscillators of a description: of its structure with the actuator's mass on it, in air. Kept:
+    the plant has them, and the figures of its runs.
 
     Raises ValueError for a mass on modes with loss factors of their own, or on a rigid body's,
     and where air would damp a mode critically, or what is struck is no plate that it is known for.

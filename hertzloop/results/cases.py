@@ -2,7 +2,8 @@
 
 import hashlib
 import math
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
 
@@ -20,7 +21,6 @@ from hertzloop.results.impact_rows import (
     F_C1,
     V_P,
     consistent_impacts,
-    modes_of,
 )
 from hertzloop.results.stability import Stability, StabilityMeter
 from hertzloop.results.validity import State, names_by_state
@@ -34,12 +34,22 @@ from hertzloop.scenes.scene import (
 from hertzloop.scenes.shared import by_tables
 from plant.figures.impact_noise import impact_noise
 from plant.figures.impacts import Impact
-from plant.figures.noise import ImpactNoise, modal_shares_j
+from plant.figures.noise import (
+    RADIATED_UP_TO_HZ,
+    ImpactNoise,
+    audible,
+    audible_alone,
+    modal_shares_j,
+)
+from plant.plant import PlantSpec, modes_of
+from plant.structures.plate import Oscillators
 
 Span = Literal["impact", "run"]
 _QUIET_S = 1e-4  # a first impact is over when nothing has touched or pushed for so long
 # After the lead-in; four times as many until the impact is over. A run that is over ends before.
 _FIRST_STEPS = 2048
+# Of 20 kHz: no oscillator stands for modes further apart than that.
+_BEYOND_AUDIBLE = 1.01
 UNSTABLE = "the closed loop is unstable"  # how the reason of such a case begins
 
 
@@ -252,8 +262,22 @@ def _left_out(scene: Scene, rows: np.ndarray, impacts: list[Impact]) -> dict[Sta
     return names_by_state(Facts(scene, spec, meter.result(impacts)))
 
 
+@lru_cache(maxsize=8)
+def _audible_modes(spec: PlantSpec) -> Oscillators:
+    """Oscillators up to 20 kHz. An infinite plate has no use for others, which are not looked for
+    where two are that low."""
+    beyond_hz = _BEYOND_AUDIBLE * RADIATED_UP_TO_HZ
+    if spec.infinite_plate and spec.frequency_limit_hz > beyond_hz:
+        with suppress(ValueError):  # none is so low
+            low = modes_of(replace(spec, frequency_limit_hz=beyond_hz))
+            if len(audible(low)) > 1:
+                return audible_alone(low)
+    return audible_alone(modes_of(spec))
+
+
 def _noise(scene: Scene, rows: np.ndarray) -> tuple[ImpactNoise, list[Impact]]:
-    """Noise figures of all contacts of a run taken together, and these."""
+    """Noise figures of all contacts of a run taken together, and these. Of the forces' spectrum
+    what is audible counts alone: no figure of a case asks for more."""
     spec = parts.plant_spec(scene)
     found = consistent_impacts(scene, rows, spec)
     if not found:
@@ -261,7 +285,7 @@ def _noise(scene: Scene, rows: np.ndarray) -> tuple[ImpactNoise, list[Impact]]:
             f"run.duration_s = {scene.run.duration_s:g} ends before the first contact; take more, "
             f"or less than run.lead_in_s = {scene.run.lead_in_s:g}"
         )
-    modes = modes_of(spec)
+    modes = _audible_modes(spec)
     noise = impact_noise(
         spec.sphere,
         spec.plate,

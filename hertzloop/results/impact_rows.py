@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterable, Iterator
-from functools import lru_cache
 from itertools import islice
 
 import numpy as np
@@ -32,10 +31,8 @@ from hertzloop.scenes.scene import Scene
 from plant.contact.hertz import GRAVITY_M_S2
 from plant.figures.impact_noise import published_noise
 from plant.figures.impacts import Impact
-from plant.plant import PlantSpec
-from plant.plant import modes_of as plant_modes
+from plant.plant import PlantSpec, modes_of
 from plant.schemes.thesis2008 import relative_speed_m_s, sampled
-from plant.structures.plate import Oscillators
 
 __all__ = [
     "F_A", "F_A1", "F_C", "F_C1", "V_P", "XI", "XI_A", "XI_P", "XI_S", "Block", "RowsOfImpact",
@@ -94,11 +91,6 @@ def consistent_impacts(
     another one than the scene's."""
     spec = spec or parts.plant_spec(scene)
     return impacts_in(spec, rows, modal_displacement(spec, rows), starting_speed(spec, rows))
-
-
-@lru_cache(maxsize=8)
-def modes_of(spec: PlantSpec) -> Oscillators:
-    return plant_modes(spec)
 
 
 def _published(scene: Scene, blocks: Iterable[Block]) -> Iterator[RowsOfImpact]:

@@ -5,7 +5,7 @@ the step. Spectra follow F(w) = integral F(t) exp(-i w t) dt (N s).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -231,6 +231,17 @@ def shares_of_drive_j(modes: Oscillators, drive: np.ndarray) -> np.ndarray:
 def audible(modes: Oscillators) -> np.ndarray:
     """Which oscillators are up to 20 kHz."""
     return np.flatnonzero(modes.omega <= 2.0 * np.pi * RADIATED_UP_TO_HZ)
+
+
+def audible_alone(modes: Oscillators) -> Oscillators:
+    """The oscillators up to 20 kHz alone; two at least, for of one the force's spectrum is summed
+    in another order than among others, and its last digits would differ."""
+    count = max(2, len(audible(modes)))
+    eta = modes.eta[:count] if isinstance(modes.eta, np.ndarray) else modes.eta
+    return replace(
+        modes, omega=modes.omega[:count], contact=modes.contact[:count],
+        actuator=modes.actuator[:count], eta=eta,
+    )  # fmt: skip
 
 
 def radiated_shares_j(modes: Oscillators, shares_j: np.ndarray, efficiency: np.ndarray) -> float:

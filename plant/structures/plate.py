@@ -10,10 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
+from plant.structures import rising_kernels as rising
 from plant.structures.materials import Material
 from plant.structures.structure import Modes, Structure
 
 _SAME_FREQUENCY = 1e-12  # relative; phase error of merging stays below rounding of the sums
+_SLICE = 8192  # modes that are sorted together, at most; as many bands
 _TAIL = 16.0  # modes left out are summed one by one up to this multiple of the limit
 
 
@@ -70,21 +72,28 @@ class Plate:
 
     def mode_numbers(self, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """All modes up to `omega_max` rad/s by rising frequency: m, n, omega."""
+        along_x, along_y, speed = self._squared_wave_numbers(omega_max)
+        most = len(along_x) * len(along_y)
+        omega, m, n = np.empty(most), np.empty(most, np.int64), np.empty(most, np.int64)
+        count = rising.number(
+            along_x, along_y, speed, omega_max, *_room(along_x, along_y), omega, m, n
+        )
+        return m[:count], n[:count], omega[:count]
+
+    def _squared_wave_numbers(self, omega_max: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """Squared wave numbers (1/m^2) along both sides of the modes up to a frequency (rad/s), and
+        the frequency per square."""
         speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
         k_max = math.sqrt(omega_max / speed) / math.pi
         m_max, n_max = (max(1, math.floor(k_max * length)) for length in self.size_m)
         along_x = (np.arange(1, m_max + 1) * np.pi / self.size_m[0]) ** 2
         along_y = (np.arange(1, n_max + 1) * np.pi / self.size_m[1]) ** 2
-        omega = speed * np.add.outer(along_y, along_x).ravel()
-        within = np.flatnonzero(omega <= omega_max)
-        order = within[np.argsort(omega[within], kind="stable")]
-        n, m = np.divmod(order, m_max)
-        return m + 1, n + 1, omega[order]
+        return along_x, along_y, speed
 
     def mode_shape(self, m: np.ndarray, n: np.ndarray, point_m: tuple[float, float]) -> np.ndarray:
         """Shape of modes (m, n) at a point, shape (modes,), dimensionless."""
         x, y = point_m[0] / self.size_m[0], point_m[1] / self.size_m[1]
-        return _sines(m, x) * _sines(n, y)
+        return np.asarray(_sines(_most(m), x)[m - 1] * _sines(_most(n), y)[n - 1])
 
     def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         """Shapes of all modes up to `omega_max` on a grid, (modes, x, y)."""
@@ -123,16 +132,30 @@ class Plate:
         tail = 2.0 / (math.pi * self.infinite_plate_impedance_n_s_m * beyond)
         if point_m is None:
             return tail
-        m, n, omega = self.mode_numbers(beyond)
-        left_out = omega > omega_max
-        shape = self.mode_shape(m[left_out], n[left_out], point_m)
-        return tail + self.modal_scale_per_kg * float(np.sum((shape / omega[left_out]) ** 2))
+        along_x, along_y, speed = self._squared_wave_numbers(beyond)
+        terms = np.empty(len(along_x) * len(along_y))
+        omega = np.empty(len(terms))
+        x, y = point_m[0] / self.size_m[0], point_m[1] / self.size_m[1]
+        count = rising.flexibilities(
+            along_x, along_y, _sines(len(along_x), x), _sines(len(along_y), y), speed,
+            omega_max, beyond, *_room(along_x, along_y), omega, terms,
+        )  # fmt: skip
+        return tail + self.modal_scale_per_kg * float(np.sum(terms[:count]))
 
 
-def _sines(numbers: np.ndarray, share: float) -> np.ndarray:
-    """sin(m pi x) of whole numbers m, of which many are the same."""
-    known = np.arange(np.max(numbers, initial=0) + 1)
-    return np.asarray(np.sin(known * np.pi * share)[numbers])
+def _room(along_x: np.ndarray, along_y: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+    """How many slices the modes are taken in, and room for rows and bands of a slice."""
+    slices = 1 + len(along_x) * len(along_y) // _SLICE
+    return slices, np.zeros(len(along_y), np.int64), np.zeros(_SLICE + 1, np.int64)
+
+
+def _sines(most: int, share: float) -> np.ndarray:
+    """sin(m pi x) of m = 1 ... `most`."""
+    return np.asarray(np.sin(np.arange(1, most + 1) * np.pi * share))
+
+
+def _most(numbers: np.ndarray) -> int:
+    return int(np.max(numbers, initial=0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,7 +31,9 @@ def test_what_is_written(tmp_path: Path) -> None:
     for place, role in enumerate((PLANT, CONTROLLER, RECORDER)):
         assert made[role]["listen"]["endpoints"] == [at[place]]
         assert made[role]["connect"]["endpoints"] == at[:place]
-        assert made[role]["transport"]["link"]["tls"]["enable_mtls"] is True
+        tls = made[role]["transport"]["link"]["tls"]
+        for check in ("enable_mtls", "verify_name_on_connect", "close_link_on_expiration"):
+            assert tls[check] is True
         assert made[role]["access_control"] == access_control(role)
     keys = {one["transport"]["link"]["tls"]["listen_private_key_base64"] for one in made.values()}
     assert len(keys) == 3

@@ -119,6 +119,7 @@ def test_nothing_of_it_stays_behind(unit: Path, transport: Transport, tmp_path: 
 def test_its_parameters_are_scene_keys(unit: Path) -> None:
     law = scene_of(unit).law
     assert law.senses == "xi"
+    assert law.keys.model_fields["gain"].description == "force by depth"
     assert scene_of(unit, "controller.gain=3").controller.keys.gain == 3.0
     with pytest.raises(SceneError, match=r"controller\.gian"):
         scene_of(unit, "controller.gian=3")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
 import recordings.writer
@@ -122,3 +123,17 @@ def test_a_flipped_byte_in_a_chunk_is_reported(whole: Path, tmp_path: Path, part
         assert np.array_equal(steps * 1000, stream.time_ns)
         for label, values in stream.arrays.items():
             assert full.arrays[label][steps].tobytes() == values.tobytes()
+
+
+def test_only_what_is_damaged_is_said_to_be(whole: Path, tmp_path: Path) -> None:
+    """The record that ends the data is none: summary and footer behind it are still what they
+    were."""
+    content, at = bytearray(whole.read_bytes()), 8
+    while content[at] != Opcode.DATA_END:
+        at += 9 + int.from_bytes(content[at + 1 : at + 9], "little")
+    content[at] = 0xFF
+    path = tmp_path / "no_end.mcap"
+    path.write_bytes(content)
+    first, *more = read(path).problems
+    assert f"bytes {at} to {at + 12} of {len(content)} are damaged" in first
+    assert not [problem for problem in more if "a record of kind" in problem]

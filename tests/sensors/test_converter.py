@@ -2,6 +2,7 @@
 
 import math
 import struct
+from dataclasses import FrozenInstanceError
 
 import pytest
 from hypothesis import assume, given
@@ -132,8 +133,18 @@ NAN, INF = math.nan, math.inf
         ({"low_pass_hz": NAN}, "low_pass_hz is nan"),
         ({"noise_rms": -1e-9}, "noise_rms is -1e-09"),
         ({"noise_rms": NAN}, "noise_rms is nan"),
+        # As read from a text: not the object that math.inf is.
+        ({"noise_rms": float("inf")}, "noise_rms is inf"),
+        ({"low_pass_hz": float("inf")}, "low_pass_hz is inf"),
+        ({"full_scale": (0.0, float("inf"))}, "full_scale is"),
+        ({"full_scale": (float("-inf"), 0.0)}, "full_scale is"),
     ],
 )
 def test_channels_that_cannot_be_are_refused(values: dict, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         SensorSpec(**values)
+
+
+def test_a_channel_stays_what_was_checked() -> None:
+    with pytest.raises(FrozenInstanceError):
+        SensorSpec().bits = 99  # type: ignore[misc]

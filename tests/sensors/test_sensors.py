@@ -113,6 +113,15 @@ def test_every_nth_step_is_sampled_from_the_first_on(every: int) -> None:
     assert np.array_equal(values, truth[0][::every])
 
 
+def test_the_gap_is_sensed_unless_told() -> None:
+    assert Sensor(SensorSpec(), STEP_S, 1, 1).model.of_state == SENSED["xi"].of_state
+
+
+def test_the_state_has_room_for_what_the_kernels_keep() -> None:
+    """Compiled, they would write beyond it without a word."""
+    assert Sensor(SensorSpec(), STEP_S, 1, 1).state.tolist() == [0.0] * (1 + k.STARTED)
+
+
 def test_each_quantity_is_read_from_its_own_place() -> None:
     read = {name: run(scene(f"sensors.quantity={name}"), 500) for name in SENSED}
     truth = read["xi"][0]

@@ -1,0 +1,21 @@
+"""Who is let in, as a configuration says it; how it is told: tests/hertzloop/test_hosts.py."""
+
+import json
+
+import zenoh
+
+from bus.access import access_control
+from bus.guests import names_let_in
+from bus.streams import PLANT
+
+
+def test_names_count_where_access_control_is_on_and_goes_by_them() -> None:
+    config = zenoh.Config()
+    assert names_let_in(config) is None
+    config.insert_json5("access_control", json.dumps(access_control(PLANT)))
+    assert names_let_in(config) == {"hertzloop controller", "hertzloop recorder"}
+    anybody = [{"id": "anybody", "interfaces": ["lo"]}]
+    config.insert_json5("access_control/subjects", json.dumps(anybody))
+    assert names_let_in(config) is None
+    config.insert_json5("access_control", json.dumps(access_control(PLANT) | {"enabled": False}))
+    assert names_let_in(config) is None
