@@ -146,9 +146,7 @@ def plant(scene: Scene) -> Plant | ThesisPlant:
 @lru_cache(maxsize=8)
 def built(spec: PlantSpec, scheme: str) -> Plant:
     """A plant whose model is shared by all runs of the same description."""
-    if spec.infinite_plate:
-        return InfinitePlant(spec)
-    return SCHEMES[scheme].load()(spec)
+    return InfinitePlant(spec) if spec.infinite_plate else SCHEMES[scheme].load()(spec)
 
 
 def model_error(scene: Scene) -> float:
@@ -304,6 +302,7 @@ def _about_impact(scene: Scene, stiffness: float) -> About:
     )
 
 
+@by_tables(*_OF_PLANT, "sensors", "controller.latency_us")
 def full_scale(scene: Scene) -> tuple[float, float] | None:
     """Range of the converter in units of its quantity; None without limits.
 
@@ -317,7 +316,7 @@ def full_scale(scene: Scene) -> tuple[float, float] | None:
         return table.full_scale
     if table.full_scale == "none" or table.bits == "ideal":
         return None
-    spec = plant_spec(scene)
+    spec = _modal_spec(scene)  # an infinite plate has the same bodies
     m, v = spec.sphere.mass_kg, spec.sphere.impact_speed_m_s
     rigid, flight_s = rigid_penetration_m(m, spec.contact.stiffness, v), 0.0
     if table.full_scale == "auto":

@@ -27,6 +27,7 @@ from hertzloop.results.validity import State, names_by_state
 from hertzloop.scenes.scene import (
     NO_CASE_OF_THESIS,
     ControllerTable,
+    RunTable,
     Scene,
     SceneError,
     SensorsTable,
@@ -108,15 +109,19 @@ def digest_of(rows: np.ndarray, samples: np.ndarray) -> str:
 
 def lasting(scene: Scene, steps: int) -> Scene:
     """The scene with a run of so many steps."""
-    run = scene.run.model_copy(update={"duration_s": steps * scene.step_s})
+    run = _run_with(scene.run, "duration_s", steps * scene.step_s)
     return scene.model_copy(update={"run": run})
+
+
+@lru_cache(maxsize=64)
+def _run_with(run: RunTable, key: str, value: str | float) -> RunTable:
+    """One table for all cases that ask for the same: what is kept by tables is found faster."""
+    return run.model_copy(update={key: value})
 
 
 def on_plate(scene: Scene, plate_model: str) -> Scene:
     """The scene with run.plate_model set."""
-    return scene.model_copy(
-        update={"run": scene.run.model_copy(update={"plate_model": plate_model})}
-    )
+    return scene.model_copy(update={"run": _run_with(scene.run, "plate_model", plate_model)})
 
 
 def _follow(scene: Scene, span: Span) -> tuple[Scene, Simulated]:
@@ -156,10 +161,11 @@ def _until_over(scene: Scene, quiet: int) -> Simulated:
 
 def latched_us(scene: Scene, run: Simulated) -> float:
     """The first delay that the law of a run latched, us; nan of one that latches none."""
-    acting = np.flatnonzero(run.modes == ACTING)
-    if not scene.law.latches or not len(acting):
+    acting = run.modes == ACTING
+    if not scene.law.latches or not acting.any():
         return math.nan
-    return float(run.delays[acting[0]]) * scene.sensors.every_steps * scene.run.step_ns / 1000
+    first = int(np.argmax(acting))
+    return float(run.delays[first]) * scene.sensors.every_steps * scene.run.step_ns / 1000
 
 
 def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
@@ -182,8 +188,9 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
     found = _bounded(scene, run.rows)
     if not (np.isfinite(run.rows).all() and math.isfinite(books.energy_residual)):
         raise SceneError("the run has numbers that are not finite; its figures would say nothing")
-    noise, impacts = _noise(scene, run.rows)
-    left_out = _left_out(scene, run.rows, impacts)
+    spec = parts.plant_spec(scene)
+    noise, impacts = _noise(scene, spec, run.rows)
+    left_out = _left_out(scene, spec, run.rows, impacts)
     free = _uncontrolled(plain, span if run.over else "run")
     return CaseFigures(
         plate_energy_db=_db(noise.transmitted_j, free.transmitted_j),
@@ -251,12 +258,13 @@ def _plain(scene: Scene) -> Scene:
 @lru_cache(maxsize=64)
 def _uncontrolled(scene: Scene, span: Span) -> ImpactNoise:
     scene, run = _follow(scene, span)
-    return _noise(scene, run.rows)[0]
+    return _noise(scene, parts.plant_spec(scene), run.rows)[0]
 
 
-def _left_out(scene: Scene, rows: np.ndarray, impacts: list[Impact]) -> dict[State, str]:
+def _left_out(
+    scene: Scene, spec: PlantSpec, rows: np.ndarray, impacts: list[Impact]
+) -> dict[State, str]:
     scene = lasting(scene, rows.shape[1])
-    spec = parts.plant_spec(scene)
     meter = ExtremesMeter(spec)
     meter.feed(rows)
     return names_by_state(Facts(scene, spec, meter.result(impacts)))
@@ -275,10 +283,9 @@ def _audible_modes(spec: PlantSpec) -> Oscillators:
     return audible_alone(modes_of(spec))
 
 
-def _noise(scene: Scene, rows: np.ndarray) -> tuple[ImpactNoise, list[Impact]]:
+def _noise(scene: Scene, spec: PlantSpec, rows: np.ndarray) -> tuple[ImpactNoise, list[Impact]]:
     """Noise figures of all contacts of a run taken together, and these. Of the forces' spectrum
     what is audible counts alone: no figure of a case asks for more."""
-    spec = parts.plant_spec(scene)
     found = consistent_impacts(scene, rows, spec)
     if not found:
         raise SceneError(

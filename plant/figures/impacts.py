@@ -1,12 +1,15 @@
 """Impacts of a run, from its rows of truth: the figures that `run` and `inspect` print."""
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from plant.contact.hertz import GRAVITY_M_S2
 from plant.figures import rows_kernels as k
 from plant.figures.peaks import peak_force_n, peak_speed_m_s
+
+FloatOrArray = TypeVar("FloatOrArray", float, np.ndarray)
 
 
 @dataclass(frozen=True)
@@ -29,18 +32,14 @@ class Impact:
 
 
 def sphere_speed_m_s(
-    xi_s: np.ndarray,
-    f_c: np.ndarray,
-    mass_kg: float,
-    step_s: float,
-    f_c1: np.ndarray | float = 0.0,
-) -> np.ndarray:
-    """Speed of the sphere at every step but the last, up positive, shape (steps - 1,).
+    way_m: FloatOrArray, f_c: FloatOrArray, f_c1: FloatOrArray, mass_kg: float, step_s: float
+) -> FloatOrArray:
+    """Speed of the sphere at the start of a step in which it moves by `way_m`, up positive.
 
     Exact for a force F + F_1 (2 t/h - 1): v = (x1 - x0)/h - ((F - F_1/3)/m - g) h/2.
     """
-    held = (f_c - np.asarray(f_c1) / 3.0)[:-1] / mass_kg - GRAVITY_M_S2
-    return np.diff(xi_s) / step_s - 0.5 * held * step_s
+    held = (f_c - f_c1 / 3.0) / mass_kg - GRAVITY_M_S2
+    return way_m / step_s - 0.5 * held * step_s
 
 
 def _contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:
@@ -135,8 +134,8 @@ def impacts(
 
     def speed(at: int) -> float:
         """Of the sphere at a step but the last."""
-        step = slice(at, at + 2)
-        return float(sphere_speed_m_s(xi_s[step], f_c[step], mass_kg, step_s, slope[step])[0])
+        way_m, force_n, slope_n = xi_s[at + 1] - xi_s[at], f_c[at], slope[at]
+        return sphere_speed_m_s(float(way_m), float(force_n), float(slope_n), mass_kg, step_s)
 
     for i, start in enumerate(starts):
         end = ends[i] if i < len(ends) else last

@@ -83,6 +83,8 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
         gains[solve.MEAN_BY_SWING] = -1.0 / (h * (1.0 + rho * rho))
     gains[solve.NODE0 :] = solve.at_nodes(gains, h)
 
+    # Means from z at the end of a step without force: phi_1(x)/e^x = phi_1(-x).
+    back = phi(1, -x)
     columns = {
         c.ROT_RE: turn.real,
         c.ROT_IM: turn.imag,
@@ -91,9 +93,8 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
         c.C1_RE: drive_c * linear.real,
         c.C1_IM: drive_c * linear.imag,
         c.OUT: weight_c / theta,
-        # From z at the end of a step without force: phi_1(x)/e^x = phi_1(-x).
-        c.MEAN_RE: phi(1, -x).real * weight_c / theta,
-        c.MEAN_IM: phi(1, -x).imag * weight_c / theta,
+        c.MEAN_RE: back.real * weight_c / theta,
+        c.MEAN_IM: back.imag * weight_c / theta,
         c.THETA: theta,
         c.A_RE: drive_a * constant.real,
         c.A_IM: drive_a * constant.imag,
@@ -101,8 +102,8 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
         c.B_A: weight_a / theta,
         c.A1_RE: drive_a * linear.real,
         c.A1_IM: drive_a * linear.imag,
-        c.MEAN_A_RE: phi(1, -x).real * weight_a / theta,
-        c.MEAN_A_IM: phi(1, -x).imag * weight_a / theta,
+        c.MEAN_A_RE: back.real * weight_a / theta,
+        c.MEAN_A_IM: back.imag * weight_a / theta,
         c.ENERGY: 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c))),
     }
     damped = bool(np.any(np.asarray(modes.eta) > 0.0))

@@ -232,6 +232,19 @@ def test_phi_functions() -> None:
         )
 
 
+def test_phi_of_many_numbers_is_horners_rule_where_they_are_small() -> None:
+    x = 3.0 * np.random.default_rng(1).normal(size=(40, 24, 2)).view(complex)[..., 0]
+    x[:, ::2] /= 10.0
+    small = np.abs(x) <= 1.0
+    for order in (1, 2, 3):
+        by_rule = np.zeros_like(x[small])
+        for i in range(23, -1, -1):
+            by_rule = by_rule * x[small] + 1.0 / math.factorial(i + order)
+        np.testing.assert_allclose(phi(order, x)[small], by_rule, rtol=1e-15)
+        beyond = [phi(order, np.array([one]))[0] for one in x[~small]]
+        np.testing.assert_array_equal(phi(order, x)[~small], beyond)
+
+
 @pytest.mark.parametrize("turn", [10.0, 100.0, 500.0])
 def test_losses_are_booked_where_modes_turn_far_in_a_step(turn: float) -> None:
     highest = CollocationPlant(spec(loss_factor=0.1)).modes.omega[-1]
