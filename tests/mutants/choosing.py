@@ -53,7 +53,7 @@ def chosen(
     `seconds` each file is known to take, None if it fails without any mutant; `measure` finds out
     what is not known yet.
     """
-    order = {test: rank for test, rank in ranks(root, module).items() if (rank <= _NEAR) == near}
+    order = {test: rank for test, rank in ranks(root, module).items() if (rank < _NEAR) == near}
     files, total = [], 0.0
     for test in sorted(order, key=lambda test: (order[test], seconds.get(test) or _GUESS_S, test)):
         if total + (seconds.get(test) or 0.0) > most_s:

@@ -110,9 +110,12 @@ class Copy:
         job = [words, str(self._log), math.ceil(most_s)]
         print(json.dumps(job), file=self._server.stdin, flush=True)
         child = int(self._server.stdout.readline())
-        in_time = select.select([self._server.stdout], [], [], limit_s)[0]
-        if not in_time:
-            os.killpg(child, signal.SIGKILL)
+        in_time = False
+        try:
+            in_time = bool(select.select([self._server.stdout], [], [], limit_s)[0])
+        finally:  # also when interrupted
+            if not in_time:
+                os.killpg(child, signal.SIGKILL)
         code, took = self._server.stdout.readline().split()
         _end_all(self.tree)
         outcome = ("survived" if code == "0" else "killed") if in_time else "timed out"
