@@ -57,8 +57,12 @@ def _material(scene: dict[str, Any], body: str) -> str:
 
 def _radius(scene: dict[str, Any]) -> str:
     found = _value(scene, "sphere", "radius_m")
-    known = isinstance(found, int | float) and not isinstance(found, bool)
-    return f"{1e3 * found:g}mm" if known else ""
+    if not isinstance(found, int | float) or isinstance(found, bool):
+        return ""
+    try:
+        return f"{1e3 * found:g}mm"
+    except OverflowError:  # a whole number beyond all radii, which is refused later
+        return ""
 
 
 def _file(scene: dict[str, Any]) -> str:

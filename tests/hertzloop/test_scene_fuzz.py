@@ -67,6 +67,18 @@ def test_any_text_makes_a_scene_or_a_sentence(text: str, setting: str) -> None:
     toml_value(text)
 
 
+@pytest.mark.parametrize("value", [10**400, -(10**400)], ids=["above", "below"])
+def test_a_whole_number_beyond_all_floats(value: int) -> None:
+    """In every key, in the file and as a setting, and both."""
+    for table, key in KEYS:
+        data = load(shipped()[0]).model_dump(exclude_none=True)
+        base = tomli_w.dumps(data)
+        data[table][key] = value
+        for text in (base, tomli_w.dumps(data)):
+            scene_or_sentence(text, [f"{table}.{key}={value}"])
+        scene_or_sentence(tomli_w.dumps(data), ["run.seed=2"])
+
+
 def test_what_python_itself_refuses() -> None:
     for value in ("[" * 3000 + "]" * 3000, "9" * 5000, "0x" + "f" * 9000, '"' + "x" * 15000 + '"'):
         for key in ("seed", "step_ns", "accuracy", "nothing"):

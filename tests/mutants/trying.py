@@ -114,8 +114,9 @@ class Copy:
         try:
             in_time = bool(select.select([self._server.stdout], [], [], limit_s)[0])
         finally:  # also when interrupted
-            if not in_time:
-                os.killpg(child, signal.SIGKILL)
+            for end in () if in_time else (os.killpg, os.kill):
+                with suppress(ProcessLookupError):  # it has no group yet, or has just ended
+                    end(child, signal.SIGKILL)
         code, took = self._server.stdout.readline().split()
         _end_all(self.tree)
         outcome = ("survived" if code == "0" else "killed") if in_time else "timed out"
