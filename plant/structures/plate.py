@@ -133,12 +133,13 @@ class Plate:
         if point_m is None:
             return tail
         along_x, along_y, speed = self._squared_wave_numbers(beyond)
-        terms = np.empty(len(along_x) * len(along_y))
-        omega = np.empty(len(terms))
+        most = len(along_x) * len(along_y)  # of which only what is written costs anything
+        omega, m, n = np.empty(most), np.empty(most, np.int32), np.empty(most, np.int32)
+        terms = np.empty(most)
         x, y = point_m[0] / self.size_m[0], point_m[1] / self.size_m[1]
         count = rising.flexibilities(
             along_x, along_y, _sines(len(along_x), x), _sines(len(along_y), y), speed,
-            omega_max, beyond, *_room(along_x, along_y), omega, terms,
+            omega_max, beyond, *_room(along_x, along_y), omega, m, n, terms,
         )  # fmt: skip
         return tail + self.modal_scale_per_kg * float(np.sum(terms[:count]))
 
