@@ -3,11 +3,14 @@
 import base64
 import datetime
 import ipaddress
+from collections.abc import Mapping
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from bus.access import common_name, secured
 
 _EARLIER = datetime.timedelta(days=1)  # hosts' clocks differ
 
@@ -61,6 +64,23 @@ class Authority:
             .sign(self._key, hashes.SHA256())
         )
         return _pem(signed), _key_pem(key)
+
+
+def configurations(
+    authority: Authority, places: Mapping[str, tuple[str, int]]
+) -> dict[str, dict[str, object]]:
+    """A zenoh configuration for every role at its host and port, each with a certificate."""
+    endpoints = {role: f"tls/{_joined(*place)}" for role, place in places.items()}
+    found = {}
+    for role, (host, _) in places.items():
+        pair = authority.certificate(common_name(role), host)
+        texts = [in_base64(pem) for pem in (*pair, authority.pem())]
+        found[role] = secured(role, endpoints, *texts)
+    return found
+
+
+def _joined(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def in_base64(pem: str) -> str:

@@ -21,8 +21,7 @@ def write_keys(folder: Path, hosts: str, days: int) -> None:
 
     places = _places(hosts)
     need("cryptography")
-    from bus.access import common_name, secured
-    from hertzloop.certificates import Authority, in_base64
+    from hertzloop.certificates import Authority, configurations
 
     if folder.is_dir() and any(folder.iterdir()):
         fail(
@@ -32,11 +31,8 @@ def write_keys(folder: Path, hosts: str, days: int) -> None:
         )
     make_folder(folder)
     authority = Authority(days)
-    endpoints = {role: f"tls/{_joined(*place)}" for role, place in places.items()}
-    for role, (host, _) in places.items():
-        pair = authority.certificate(common_name(role), host)
-        texts = [in_base64(pem) for pem in (*pair, authority.pem())]
-        _write(folder / f"{role}.json5", json.dumps(secured(role, endpoints, *texts), indent=1))
+    for role, configuration in configurations(authority, places).items():
+        _write(folder / f"{role}.json5", json.dumps(configuration, indent=1))
     _write(folder / "authority.pem", authority.pem())
     _write(folder / "authority.key", authority.key_pem())
     words = {PLANT: "plant SCENE", CONTROLLER: "controller", RECORDER: "record --out F.mcap"}
@@ -98,7 +94,3 @@ def _place(role: str, where: str, port: int) -> tuple[str, int]:
     if not _NAME.fullmatch(where) or where.replace(".", "").isdecimal():
         fail(f"--hosts has '{where}' for the {role}; it is an address or the name of a host", 2)
     return where, port
-
-
-def _joined(host: str, port: int) -> str:
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

@@ -9,14 +9,13 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from bus.access import common_name, secured
 from bus.reserved import LOOPBACK, reserved_ports
 from bus.sockets import on_loopback, own_endpoints
 from bus.streams import PLANT, ROLES
 from bus.zenoh_port import ZenohPort
-from studies.cost.baseline import NAME, Cost, Meets, in_turn, on_ports, over_zenoh, timed
+from studies.cost.baseline import NAME, ROUNDS, Cost, Meets, in_turn, on_ports, over_zenoh, timed
 
-_ROUNDS, _OPENED = 9, 3
+_OPENED = 3
 _PAUSE_S = 0.05  # after a session: what closes it must not be counted with the next
 
 
@@ -39,20 +38,17 @@ def ways() -> Iterator[dict[str, Meets]]:
 
 def _certified(folder: Path, ports: list[int]) -> dict[str, Path]:
     """Configurations with certificates of an authority that is forgotten at once."""
-    from hertzloop.certificates import Authority, in_base64
+    from hertzloop.certificates import Authority, configurations
 
-    authority, files = Authority(days=1), {}
-    endpoints = {role: f"tls/{LOOPBACK}:{port}" for role, port in zip(ROLES, ports, strict=True)}
-    for role in ROLES:
-        pair = authority.certificate(common_name(role), LOOPBACK)
-        texts = [in_base64(pem) for pem in (*pair, authority.pem())]
-        files[role] = folder / f"{role}.json5"
+    places = {role: (LOOPBACK, port) for role, port in zip(ROLES, ports, strict=True)}
+    files = {role: folder / f"{role}.json5" for role in ROLES}
+    for role, configuration in configurations(Authority(days=1), places).items():
         files[role].touch(mode=0o600)
-        files[role].write_text(json.dumps(secured(role, endpoints, *texts)))
+        files[role].write_text(json.dumps(configuration))
     return files
 
 
-def link_costs(rounds: int = _ROUNDS) -> list[Cost]:
+def link_costs(rounds: int = ROUNDS) -> list[Cost]:
     """us per round trip of 100 B through the zenoh port, by each way; yardstick: loopback."""
     with ExitStack() as stack:
         found = stack.enter_context(ways())
@@ -60,7 +56,7 @@ def link_costs(rounds: int = _ROUNDS) -> list[Cost]:
         return in_turn(cases, rounds)
 
 
-def opening_costs(rounds: int = _ROUNDS) -> list[Cost]:
+def opening_costs(rounds: int = ROUNDS) -> list[Cost]:
     """us to open a port, certificates not counted; yardstick: loopback."""
 
     def case(meets: Meets) -> Callable[[], float]:
@@ -80,7 +76,7 @@ def opening_costs(rounds: int = _ROUNDS) -> list[Cost]:
         return in_turn({name: case(meets) for name, meets in found.items()}, rounds)
 
 
-def certificate_costs(rounds: int = _ROUNDS) -> list[Cost]:
+def certificate_costs(rounds: int = ROUNDS) -> list[Cost]:
     """us to make what a run by certificates needs: an authority, and one for each role."""
     if not importlib.util.find_spec("cryptography"):
         return []
