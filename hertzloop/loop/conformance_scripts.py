@@ -111,12 +111,13 @@ def scripts(law: str | None = None, settings: Sequence[str] = ()) -> list[Script
             bouncing,
             ("sensors.every_steps=3", "controller.latency_us=4", *asked),
         ),
-        replace(_script("late-recorder", 160, bouncing[:1], asked), late_recorder=True),
-        replace(_script("late-end", 160, bouncing[:1], asked), late_end=True),
-        replace(_script("fault", 300, bouncing, asked), ending="fault"),
-        replace(_script("death", 300, bouncing, asked), ending="death"),
+        replace(
+            _script("late-recorder", 160, bouncing[:1], asked), late_recorder=True, horizons=(None,)
+        ),
+        replace(_script("late-end", 160, bouncing[:1], asked), late_end=True, horizons=(None,)),
+        replace(_script("fault", 300, bouncing, asked), ending="fault", horizons=(None,)),
+        replace(_script("death", 300, bouncing, asked), ending="death", horizons=(None,)),
     ]
-    made[-4:] = [replace(script, horizons=(None,)) for script in made[-4:]]
     return [_with_law(script, law) for script in made] if law else made
 
 
