@@ -27,7 +27,7 @@ import psutil
 
 from recordings.reader import read
 from recordings.writer import RecordingError
-from tests.faults.page import put
+from tests.faults import page
 from tests.hertzloop.processes import child_of, grown_to, leftovers, start, wait_for
 
 COMMANDS = {"plant": "plant", "controller": "controller", "recorder": "record"}
@@ -217,25 +217,27 @@ def table(found: dict[tuple[str, str, str], list[Outcome]], late: int) -> str:
             )
         return sum(any(word in said for said in one.wrong) for one in outcomes)
 
-    lines = [
-        "| process | fault | fast lane | tries | hangs | processes left | unreadable | "
-        "wrong cause | wrong exit code | otherwise wrong | most lost, ms | above 100 ms | "
-        "longest, s |",
-        "|---|---|---|" + "--:|" * 10,
-    ]
+    head = (
+        "process", "fault", "fast lane", "tries", "hangs", "processes left", "unreadable",
+        "wrong cause", "wrong exit code", "otherwise wrong", "most lost, ms", "above 100 ms",
+        "longest, s",
+    )  # fmt: skip
+    rows = []
     for key, outcomes in sorted(found.items()):
-        row = [*key, len(outcomes), *(count(outcomes, word) for word in counted)]
-        lost = [one.lost_ms for one in outcomes]
-        row += [f"{max(lost):.0f}", sum(ms > MOST_LOST_MS for ms in lost)]
-        row += [f"{max(one.seconds for one in outcomes):.0f}"]
-        lines.append("| " + " | ".join(map(str, row)) + " |")
+        lost_ms = [one.lost_ms for one in outcomes]
+        rows.append([
+            *key, len(outcomes), *(count(outcomes, word) for word in counted),
+            f"{max(lost_ms):.0f}", sum(ms > MOST_LOST_MS for ms in lost_ms),
+            f"{max(one.seconds for one in outcomes):.0f}",
+        ])  # fmt: skip
     everything = [one for outcomes in found.values() for one in outcomes]
     wrong = sum(bool(one.wrong) for one in everything)
     lost = sum(one.lost_ms > MOST_LOST_MS for one in everything)
-    return "\n".join([
-        *lines, "", f"{len(everything)} tries, something wrong after {wrong}, more than "
-        f"{MOST_LOST_MS:.0f} ms lost after {lost}; {late} runs were over, or not under way in time",
-    ])  # fmt: skip
+    return (
+        f"{page.markdown(head, rows, words=3)}\n\n{len(everything)} tries, something wrong after "
+        f"{wrong}, more than {MOST_LOST_MS:.0f} ms lost after {lost}; {late} runs were over, or "
+        "not under way in time"
+    )
 
 
 def main() -> int:
@@ -270,7 +272,7 @@ def main() -> int:
         tried = given.first + late + sum(map(len, found.values()))
         first = f" --first {given.first}" if given.first else ""
         words = f"python -m tests.faults.runs --tries {tried} --seed {given.seed}{first}"
-        put("runs", words, made)
+        page.put("runs", words, made)
     return int(any(one.wrong or one.lost_ms > MOST_LOST_MS for o in found.values() for one in o))
 
 

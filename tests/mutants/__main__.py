@@ -19,6 +19,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from tests.faults import page
 from tests.mutants.listing import Mutation, draw, mutated, mutations, sources
 from tests.mutants.trying import Busy, Copy, copy_of
 
@@ -31,14 +32,14 @@ Row = dict[str, Any]  # a line of the file of results
 def table(rows: list[Row]) -> str:
     """A line a folder: how many were tried, what came of them, and how many of those that change
     behaviour were noticed; a hang counts as noticed."""
-    lines = [("folder", "tried", *OUTCOMES, "noticed")]
+    lines = []
     for folder in sorted({row["path"].split("/")[0] for row in rows}):
         counts = Counter(row["outcome"] for row in rows if row["path"].split("/")[0] == folder)
         noticed = counts["killed"] + counts["timed out"]
         share = noticed / max(noticed + counts["survived"], 1)
-        numbers = (str(counts[outcome]) for outcome in OUTCOMES)
-        lines.append((folder, str(counts.total()), *numbers, f"{share:.1%}"))
-    return "\n".join(" | ".join(line) for line in lines)
+        numbers = (counts[outcome] for outcome in OUTCOMES)
+        lines.append((folder, counts.total(), *numbers, f"{share:.1%}"))
+    return page.markdown(("folder", "tried", *OUTCOMES, "noticed"), lines)
 
 
 def drawn(root: Path, folder: str, tries: int, seed: int, only: list[str]) -> list[Mutation]:

@@ -117,7 +117,7 @@ def test_a_mutant_is_killed_in_a_child_of_a_test_and_another_survives(
     said = capsys.readouterr().out
     assert "tests/above/test_broken.py is left out: killed without any mutant" in said
     assert "-    return x + 7\n+    return x - 7" in said
-    assert table(rows).splitlines()[1] == "toy | 2 | 1 | 0 | 1 | 0 | 50.0%"
+    assert table(rows).splitlines()[2] == "| toy | 2 | 1 | 0 | 1 | 0 | 50.0% |"
 
 
 def test_what_a_test_leaves_behind_is_ended(toy: Path, tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from recordings.compare import first_difference
 from recordings.reader import Recording, read
 from recordings.recovery import recover
 from recordings.writer import RecordingError
-from tests.faults.page import put
+from tests.faults import page
 from tests.recordings.damaging import DAMAGES
 from tests.recordings.rewriting import record
 
@@ -55,14 +55,13 @@ class Tally:
             "damage", "copies", "no recording", "chunks in those", "undamaged chunks", "recovered",
         )  # fmt: skip
         rows = [
-            (kind, *(str(c[kind]) for c in (
+            (kind, *(c[kind] for c in (
                 self.tries, self.unreadable, self.sceneless_chunks, self.whole_chunks,
                 self.recovered_chunks,
             )))
             for kind in self.tries
         ]  # fmt: skip
-        lines = [head, ("---", *["--:"] * (len(head) - 1)), *rows]
-        return "\n".join(f"| {' | '.join(row)} |" for row in lines)
+        return page.markdown(head, rows)
 
 
 def many_chunks(folder: Path) -> Path:
@@ -190,7 +189,7 @@ def main() -> int:
     print(found)
     if chosen.page:
         command = f"python -m tests.recordings.damages --tries {chosen.tries} --seed {chosen.seed}"
-        put("recordings", command, found)
+        page.put("recordings", command, found)
     return bool(broken)
 
 
