@@ -74,7 +74,7 @@ class Intake:
     problems: list[str] = field(default_factory=list)
     unknown_channels: set[int] = field(default_factory=set)
     unnamed_channels: bool = False  # what they carry is known from elsewhere
-    foreign: int = 0  # messages of topics that are none of ours
+    others: int = 0  # messages of topics that are none of ours
     tracks: dict[str, Track] = field(default_factory=lambda: {n: Track(n) for n in SAMPLED})
     text: int = 0  # characters of the events
     first: dict[str, int] = field(default_factory=dict)  # numbers in the last record, by stream
@@ -148,7 +148,7 @@ class Intake:
             if topic is None:
                 self.unknown_channels.add(message.channel_id)
             elif topic not in _KINDS:
-                self.foreign += 1
+                self.others += 1
             elif not self.only or topic == self.only:
                 yield from self._message(topic, message)
 

@@ -34,6 +34,7 @@ _DAMAGES_NAMED = 5
 class Recording:
     """What a file holds. `problems` lists gaps and damage in sentences; empty when whole.
 
+    `others`: how many messages are of topics that are none of ours, and were passed over.
     `law_ran`: name and digest of the law that the controller said it ran, empty where it did not
     say; `law_source`: text of the one that the plant announced.
     """
@@ -51,6 +52,7 @@ class Recording:
     ends: dict[str, RunEnd] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     law_source: str = ""
+    others: int = 0
 
     @property
     def other_version(self) -> str:
@@ -200,6 +202,7 @@ def read(path: Path, keep: bool = False) -> Recording:
         books=intake.books,
         pacing=intake.pacing,
         ends=intake.ends,
+        others=intake.others,
     )
     for name in SAMPLED:
         again: Callable[[], Iterator[Arrays]] = partial(source.again, name, intake.run_id)

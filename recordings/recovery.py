@@ -1,18 +1,26 @@
 """Make a whole file of a recording that was cut off or damaged."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 from recordings.intake import Intake
 from recordings.reader import Source, read
 from recordings.writer import RecordingError, RecordingWriter
 
 
-def recover(path: Path, whole: Path, overwrite: bool = False) -> int:
+class Recovered(NamedTuple):
+    """How many messages were copied, and how many of topics that are none of ours were not."""
+
+    messages: int
+    others: int
+
+
+def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
     """Copy every readable message of `path` that belongs to its run into a new file, with index
     and checksums.
 
-    The new file says that it is incomplete and why. Returns the number of messages. Raises
-    RecordingError if there is nothing to recover or the new file cannot be written.
+    The new file says that it is incomplete and why. Raises RecordingError if there is nothing to
+    recover or the new file cannot be written.
     """
     try:
         old = read(path)
@@ -36,4 +44,4 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> int:
         writer.write(taken.stream, message.data, message.sequence, message.log_time)
         copied += 1
     writer.finish({"complete": "no" if fault else "yes", "fault": fault})
-    return copied
+    return Recovered(copied, old.others)

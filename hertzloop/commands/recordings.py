@@ -204,10 +204,11 @@ def recover(
     whole = out_file or file.with_name(f"{file.stem}-recovered.mcap")
     check_output(whole, overwrite)
     try:
-        messages = recover_file(file, whole, overwrite)
+        messages, others = recover_file(file, whole, overwrite)
     except RecordingError as error:
         fail(str(error), 2)
-    out.print(f"recovered {messages:,} messages into {whole}", soft_wrap=True)
+    left = f"; {others:,} of other topics are left out" if others else ""
+    out.print(f"recovered {messages:,} messages into {whole}{left}", soft_wrap=True)
 
 
 def register(app: typer.Typer) -> None:

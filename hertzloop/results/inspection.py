@@ -37,6 +37,7 @@ def summary(recording: Recording) -> dict[str, Any]:
         "seed": _number(recording, "seed"),
         "steps": _number(recording, "steps"),
         "streams": streams,
+        "other_messages": recording.others,
         "events": [
             {"time_s": e.time_ns * 1e-9, "name": e.name, "message": e.message}
             for e in recording.events
@@ -104,6 +105,8 @@ def show(console: Console, recording: Recording, data: dict[str, Any]) -> None:
         table.add_row(f"/{name}", *row)
     table.add_row("/events", f"{len(data['events']):,}", "", "")
     console.print(table)
+    if data["other_messages"]:
+        console.print(f"Passed over: {data['other_messages']:,} messages of other topics.")
     console.print(styled("Law really run: ", law_line(data)), soft_wrap=True)
     console.print(impacts_table("Impacts", data["impacts"]))
     if data["noise"]:

@@ -27,7 +27,7 @@ def test_cut_off(whole: Path, tmp_path: Path, share: float) -> None:
     content = whole.read_bytes()
     cut, mended = tmp_path / "cut.mcap", tmp_path / "mended.mcap"
     cut.write_bytes(content[: int(share * len(content))])
-    copied = recover(cut, mended)
+    copied = recover(cut, mended).messages
     with mended.open("rb") as file:
         assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) == copied
     before, after = read(cut), read(mended)

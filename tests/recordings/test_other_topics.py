@@ -1,0 +1,61 @@
+"""Who adds a topic of his own to a recording is told that it is passed over."""
+
+from pathlib import Path
+
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from typer.testing import CliRunner
+
+from hertzloop.commands.cli import app
+from recordings.compare import first_difference
+from recordings.reader import read
+from tests.recordings.rewriting import record
+
+
+def with_temperatures(original: Path, path: Path, count: int) -> Path:
+    """A copy in which another tool has put `count` messages before ours."""
+    with original.open("rb") as source, path.open("wb") as target:
+        reader, writer = make_reader(source), Writer(target, enable_data_crcs=True)
+        writer.start()
+        own = writer.register_channel("/room/temperature", "json", 0)
+        for number in range(count):
+            writer.add_message(own, number, b'{"celsius": 21.5}', number)
+        for item in reader.iter_attachments():
+            writer.add_attachment(
+                item.create_time, item.log_time, item.name, item.media_type, item.data
+            )
+        for item in reader.iter_metadata():
+            writer.add_metadata(item.name, item.metadata)
+        channels: dict[int, int] = {}
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            if channel.id not in channels:
+                kind = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, kind
+                )
+            writer.add_message(
+                channels[channel.id], message.log_time, message.data, message.publish_time,
+                message.sequence,
+            )  # fmt: skip
+        writer.finish()
+    return path
+
+
+def said(*words: str | Path) -> str:
+    result = CliRunner().invoke(app, [str(word) for word in words])
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+def test_messages_of_other_topics_are_counted_and_told(tmp_path: Path) -> None:
+    original = record(tmp_path / "a.mcap", compiled=True)
+    path = with_temperatures(original, tmp_path / "b.mcap", 3)
+    found = read(path)
+    assert found.others == 3
+    assert not found.problems
+    assert first_difference(read(original), found) is None
+    assert "Passed over: 3 messages of other topics." in said("inspect", path)
+    assert "Passed over" not in said("inspect", original)
+    whole = tmp_path / "c.mcap"
+    assert "; 3 of other topics are left out" in said("recover", path, "--out", whole)
+    assert read(whole).others == 0
