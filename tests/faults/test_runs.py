@@ -1,6 +1,8 @@
 """A short series of faults in runs, and what judges them; long ones: see `tests.faults.runs`."""
 
+import itertools
 import random
+import sys
 import tempfile
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,19 +11,20 @@ from typing import Any
 import pytest
 
 from hertzloop.loop.launcher import Child, _cause
-from tests.faults.page import PAGE, put
-from tests.faults.runs import (
+from tests.faults import runs
+from tests.faults.inflict import (
     COMMANDS,
     LAUNCHER,
-    MOST_LOST_MS,
     SIGNALS,
     Fault,
+    NotUnderWay,
     Outcome,
     draw,
     inflict,
-    table,
     wrong_words,
 )
+from tests.faults.page import PAGE, put
+from tests.faults.runs import MOST_LOST_MS, table
 from tests.recordings.damages import Tally
 
 
@@ -73,9 +76,46 @@ def test_a_wrong_cause_is_found(victim: str, how: str, code: int, said: str, wro
 
 def test_the_table_counts() -> None:
     good, bad = Outcome("", 3.0), Outcome("", 9.0, MOST_LOST_MS + 1, ["another cause", "it hangs"])
-    said = table({("plant", "kill", "lane"): [good, bad]}, 4)
+    fault = Fault("plant", "kill", "lane", False, 0.0)
+    said = table([fault] * 6, {0: good, 5: bad} | dict.fromkeys(range(1, 5)))
     assert "| plant | kill | lane | 2 | 1 | 0 | 0 | 1 | 0 | 0 | 101 | 1 | 9 |" in said
     assert "2 tries, something wrong after 1, more than 100 ms lost after 1; 4 runs" in said
+
+
+def test_a_series_goes_on_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    done: list[Fault] = []
+    numbers = itertools.count(1)  # one for each thread that asks
+
+    def once(fault: Fault, folder: Path) -> Outcome:
+        done.append(fault)
+        number = next(numbers)
+        if number == 2:
+            raise NotUnderWay("it is over")
+        return Outcome("ended", 1.0, 2.0, ["it hangs"] if number == 4 else [])
+
+    def series(tries: int, seed: int = 5) -> int:
+        words = ["runs", "--tries", str(tries), "--seed", str(seed), "--results", str(results)]
+        monkeypatch.setattr(sys, "argv", [*words, "--at-once", "2"])
+        return runs.main()
+
+    results = tmp_path / "results.jsonl"
+    monkeypatch.setattr(runs, "inflict", once)
+    assert series(3) == 0
+    assert len(done) == 3
+    assert series(3) == 0  # nothing is left to do
+    assert series(8) == 1
+    said = capsys.readouterr()
+    assert "7 tries, something wrong after 1, more than 100 ms lost after 0; 1 runs" in said.out
+    assert "it is over" in said.err
+    assert "['it hangs']" in said.err
+    random_ = random.Random(5)
+    drawn = [draw(random_) for _ in range(8)]
+    assert sorted(map(str, done)) == sorted(map(str, drawn))
+    with pytest.raises(SystemExit):
+        series(8, seed=6)
+    assert "is of another series" in capsys.readouterr().err
 
 
 def ended(role: str, fault: str, *lost: str, others: bool = True, at_s: float = 0.0) -> Child:
@@ -121,5 +161,5 @@ def test_the_page_takes_the_tables(tmp_path: Path) -> None:
     assert page.read_text(encoding="utf-8") == written.replace("| second |", "| first |")
     with pytest.raises(ValueError, match="has no place for 'wars'"):
         put("wars", "command", "", page)
-    for heads in (table({}, 0), Tally().table()):
+    for heads in (table([], {}), Tally().table()):
         assert heads.splitlines()[0] in text
