@@ -19,6 +19,8 @@ def given_up_in_time(patience_s: float | None = None) -> Iterator[None]:
     interrupt = ctypes.pythonapi.PyThreadState_SetAsyncExc
 
     def give_up() -> None:
+        # Never to be taken back: CPython 3.11 would count one as under way for ever, and go round
+        # in circles for whoever traces it (a debugger, a measurement of coverage).
         with lock:
             if not over:
                 interrupt(thread, ctypes.py_object(Overdue))
@@ -30,6 +32,5 @@ def given_up_in_time(patience_s: float | None = None) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
-        with lock:
+        with lock:  # one that comes late is raised here
             over = True
-        interrupt(thread, None)  # one that has come too late

@@ -1,0 +1,58 @@
+"""What a law's file does before a run is given up in time, and nothing stays of that."""
+
+import subprocess
+import sys
+import time
+
+import pytest
+
+from controller.door.patience import Overdue, given_up_in_time
+
+# Traced code hangs in CPython 3.11 while an exception from another thread is on its way for ever.
+TRACED = """
+import sys
+from controller.door.patience import given_up_in_time
+with given_up_in_time():
+    pass
+def function():
+    return 7
+sys.settrace(lambda *arguments: None)
+print(function())
+"""
+
+
+def test_code_may_be_traced_afterwards() -> None:
+    said = subprocess.run(
+        [sys.executable, "-c", TRACED], capture_output=True, text=True, timeout=60
+    )
+    assert said.stdout == "7\n", said.stderr
+
+
+def endless() -> None:
+    with given_up_in_time(0.05):
+        while True:
+            pass
+
+
+def test_a_loop_without_end_is_given_up() -> None:
+    began = time.monotonic()
+    with pytest.raises(Overdue):
+        endless()
+    assert time.monotonic() - began < 60.0
+
+
+@pytest.mark.parametrize("late_s", [-1e-3, -1e-4, 0.0, 1e-4])
+def test_at_the_last_moment_it_is_over_or_overdue_once(late_s: float) -> None:
+    """Whichever comes first, what follows is not interrupted any more."""
+    patience_s, overdue = 0.003, 0
+    for _ in range(50):
+        try:
+            with given_up_in_time(patience_s):
+                until = time.perf_counter() + patience_s + late_s
+                while time.perf_counter() < until:
+                    pass
+        except Overdue:
+            overdue += 1
+        for _ in range(1000):
+            pass
+    assert 0 <= overdue <= 50
