@@ -137,7 +137,9 @@ def local_pool(workers: int | None = None) -> Iterator[Pool]:
     except BrokenProcessPool as error:
         raise SweepFailed("a worker process died") from error
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        # Waited for: a thread of it that is left to the end of the interpreter may find its pipe
+        # closed there, and the last that is said would be an OSError.
+        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def evaluate(pool: Pool, scene: Scene, span: Span, cases: list[dict[str, Any]]) -> Rows:
