@@ -12,7 +12,6 @@ file grew to the fault, if the fault kept the recorder from closing it.
 """
 
 import argparse
-import json
 import random
 import secrets
 import sys
@@ -24,6 +23,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 
+from studies.sweeps.journal import Journal, JournalError
 from tests.faults import page
 from tests.faults.inflict import Fault, NotUnderWay, Outcome, draw, inflict
 
@@ -32,19 +32,10 @@ MOST_LOST_MS = 100.0
 Tried = dict[int, Outcome | None]  # by number; None: over, or not under way in time
 
 
-def known(results: Path | None, seed: int) -> Tried:
-    """What came of earlier tries, by a file of `results`; it is begun if there is none.
-
-    Raises ValueError if it is of another seed.
-    """
-    if results is None:
-        return {}
-    if not results.exists():
-        results.write_text(json.dumps({"seed": seed}) + "\n", encoding="utf-8")
-    first, *lines = map(json.loads, results.read_text(encoding="utf-8").splitlines())
-    if first != {"seed": seed}:
-        raise ValueError(f"{results} is of another series, {first}, not of seed {seed}")
-    return {line["try"]: Outcome(**line["outcome"]) if line["outcome"] else None for line in lines}
+def known(journal: Journal) -> Tried:
+    """What came of the tries in a journal."""
+    rows = journal.done.values()
+    return {row["case"]: Outcome(**row["outcome"]) if row["outcome"] else None for row in rows}
 
 
 def attempted(fault: Fault) -> Outcome | str:
@@ -58,13 +49,13 @@ def attempted(fault: Fault) -> Outcome | str:
 
 def series(faults: dict[int, Fault], at_once: int) -> Iterator[tuple[int, Outcome | str]]:
     """What came of each, as they end; an interrupt waits for those that are under way."""
-    with ThreadPoolExecutor(at_once) as pool:
-        futures = {pool.submit(attempted, fault): number for number, fault in faults.items()}
-        try:
-            for future in as_completed(futures):
-                yield futures[future], future.result()
-        finally:
-            pool.shutdown(cancel_futures=True)
+    pool = ThreadPoolExecutor(at_once)
+    futures = {pool.submit(attempted, fault): number for number, fault in faults.items()}
+    try:
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def table(faults: list[Fault], tried: Tried) -> str:
@@ -124,21 +115,19 @@ def main() -> int:
     print(f"seed {given.seed}", flush=True)
     random_ = random.Random(given.seed)
     faults = [draw(random_) for _ in range(given.tries)]
-    try:
-        tried = known(given.results, given.seed)
-    except ValueError as error:
-        options.error(str(error))
-    open_ = {n: faults[n] for n in range(given.first, given.tries) if n not in tried}
-    with suppress(KeyboardInterrupt):  # then the table of what was tried until then
-        for number, found in series(open_, given.at_once):
-            outcome = found if isinstance(found, Outcome) else None
-            tried[number] = outcome
-            if given.results:
-                line = {"try": number, "outcome": outcome and asdict(outcome)}
-                with given.results.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(line) + "\n")
-            if bad(outcome) or not outcome:
-                print(f"try {number}, {faults[number]}: {found}", file=sys.stderr, flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            journal = Journal(given.results or Path(folder) / "results", {"seed": given.seed})
+        except JournalError as error:
+            options.error(str(error))
+        with journal, suppress(KeyboardInterrupt):  # then the table of what was tried until then
+            open_ = {n: faults[n] for n in range(given.first, given.tries) if n not in journal.done}
+            for number, found in series(open_, given.at_once):
+                outcome = found if isinstance(found, Outcome) else None
+                journal.add({"case": number, "outcome": outcome and asdict(outcome)})
+                if bad(outcome) or not outcome:
+                    print(f"try {number}, {faults[number]}: {found}", file=sys.stderr, flush=True)
+    tried = known(journal)
     print(made := table(faults, tried))
     if given.page:
         words = f"python -m tests.faults.runs --tries {given.tries} --seed {given.seed}"

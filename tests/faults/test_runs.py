@@ -115,7 +115,7 @@ def test_a_series_goes_on_where_it_was(
     assert sorted(map(str, done)) == sorted(map(str, drawn))
     with pytest.raises(SystemExit):
         series(8, seed=6)
-    assert "is of another series" in capsys.readouterr().err
+    assert "holds unfinished work with another seed" in capsys.readouterr().err
 
 
 def ended(role: str, fault: str, *lost: str, others: bool = True, at_s: float = 0.0) -> Child:
