@@ -1,6 +1,5 @@
 """docs/faults.md: the tables that series of faults print are put into it (`--page`)."""
 
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
@@ -18,9 +17,3 @@ def put(name: str, command: str, table: str, page: Path = PAGE) -> None:
     before, rest = text.split(begin, 1)
     after = rest.split(end, 1)[1]
     page.write_text(f"{before}{begin}\n`{command}`:\n\n{table}\n\n{end}{after}", encoding="utf-8")
-
-
-def markdown(head: Sequence[str], rows: Iterable[Sequence[object]], words: int = 1) -> str:
-    """A table in Markdown, its first columns `words` and the others numbers."""
-    rule = ["---"] * words + ["--:"] * (len(head) - words)
-    return "\n".join(f"| {' | '.join(map(str, row))} |" for row in (head, rule, *rows))

@@ -26,6 +26,7 @@ from pathlib import Path
 from studies.sweeps.journal import Journal, JournalError
 from tests.faults import page
 from tests.faults.inflict import Fault, NotUnderWay, Outcome, draw, inflict
+from tests.tables import markdown
 
 MOST_LOST_MS = 100.0
 
@@ -91,7 +92,7 @@ def table(faults: list[Fault], tried: Tried) -> str:
     wrong = sum(bool(one.wrong) for one in everything)
     lost = sum(one.lost_ms > MOST_LOST_MS for one in everything)
     return (
-        f"{page.markdown(head, rows, words=3)}\n\n{len(everything)} tries, something wrong after "
+        f"{markdown(head, rows, words=3)}\n\n{len(everything)} tries, something wrong after "
         f"{wrong}, more than {MOST_LOST_MS:.0f} ms lost after {lost}; "
         f"{len(tried) - len(everything)} runs were over, or not under way in time"
     )

@@ -19,9 +19,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from tests.faults import page
 from tests.mutants.listing import Mutation, draw, mutated, mutations, sources
 from tests.mutants.trying import Busy, Copy, copy_of
+from tests.tables import markdown
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 OUTCOMES = ("killed", "timed out", "survived", "equivalent")
@@ -39,7 +39,7 @@ def table(rows: list[Row]) -> str:
         share = noticed / max(noticed + counts["survived"], 1)
         numbers = (counts[outcome] for outcome in OUTCOMES)
         lines.append((folder, counts.total(), *numbers, f"{share:.1%}"))
-    return page.markdown(("folder", "tried", *OUTCOMES, "noticed"), lines)
+    return markdown(("folder", "tried", *OUTCOMES, "noticed"), lines)
 
 
 def drawn(root: Path, folder: str, tries: int, seed: int, only: list[str]) -> list[Mutation]:

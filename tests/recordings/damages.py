@@ -32,6 +32,7 @@ from recordings.writer import RecordingError
 from tests.faults import page
 from tests.recordings.damaging import DAMAGES
 from tests.recordings.rewriting import record
+from tests.tables import markdown
 
 LONGEST_S = 120  # for one copy: far more than any takes, on a busy machine, too
 MOST_BYTES = 2 * 2**30
@@ -61,7 +62,7 @@ class Tally:
             )))
             for kind in self.tries
         ]  # fmt: skip
-        return page.markdown(head, rows)
+        return markdown(head, rows)
 
 
 def many_chunks(folder: Path) -> Path:
