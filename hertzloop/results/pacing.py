@@ -88,7 +88,7 @@ def _missed(recording: Recording) -> dict[str, Any]:
 def _clock(recording: Recording) -> dict[str, Any]:
     responses = responses_of(recording)
     if recording.pacing is None or responses is None:
-        return {"pace": None}
+        return {"pace": None, "is_repeat": "repeats" in recording.metadata}
     header = recording.pacing.header
     lead_us = 1e-3 * header.lead_steps * header.step_ns
     held_us = responses.within_us(IN_TIME)
@@ -125,7 +125,12 @@ def sentences(found: dict[str, Any]) -> list[str]:
     if not found["late_forces"]:
         missed = f"None of {found['steps']:,} forces came late"
     if found["pace"] is None:
-        return [f"{missed}, as in the run that this one repeats."]
+        if found["is_repeat"]:
+            return [f"{missed}, as in the run that this one repeats."]
+        return [
+            f"{missed} in what was recorded; the response times, which the plant tells at the end "
+            "of a run, are not in it."
+        ]
     held = found["response_us"]
     said = [
         f"Pace {found['pace']:g}: {missed}"

@@ -5,6 +5,7 @@ import signal
 import threading
 import time
 from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -102,6 +103,22 @@ def test_late_forces_repeat_to_the_bit(lane: bool, tmp_path: Path) -> None:
     # Without the late forces it is another run.
     other = replace(repeat, held=np.zeros_like(held))
     assert "this is not the same run" in repeated(scene, other).fault
+
+
+def test_a_recording_that_ends_early_repeats_no_other(tmp_path: Path) -> None:
+    """Without the plant's last words on its pace, a paced run is still no repeat."""
+    pair = paced(feedback("run.duration_s=0.00002"), 0.01).run()
+    whole = recorded(pair, tmp_path / "whole.mcap")
+    recorder = Recorder(tmp_path / "early.mcap")
+    for envelope in takewhile(lambda envelope: envelope.stream != "pacing", pair.heard):
+        recorder.handle(envelope)
+    recorder.close()
+    inspected = run_here("inspect", str(tmp_path / "early.mcap"), code=1)
+    assert "the response times, which the plant tells" in inspected
+    assert "repeats" not in inspected
+    again = tmp_path / "again.mcap"
+    recorded(repeated(pair.plant.scene, repeat_of(whole)), again)
+    assert "as in the run that this one repeats" in run_here("inspect", str(again))
 
 
 def test_a_row_of_late_forces_is_counted_and_numbered(tmp_path: Path) -> None:
