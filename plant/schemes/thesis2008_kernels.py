@@ -133,13 +133,28 @@ def _residual(model, a, x, w, push, memory):
 @kernel
 def _newton_2008(model, a, x, w, push, memory):
     """Newton's method as published: until |da| < dt. Returns a and iterations, minus their
-    number if the most allowed did not do."""
-    for iteration in range(1, model.most_iterations + 1):
+    number if the most allowed did not do.
+
+    Far from any impact, rounding alone exceeds dt, and `a` goes round in circles (found as by
+    R. P. Brent, 1980): those that change nothing any more are left out.
+    """
+    left = model.most_iterations
+    kept, since = a, 0
+    while left > 0:
         residual, derivative, _, _, _, _ = _residual(model, a, x, w, push, memory)
         change = -residual / derivative
         a += change
+        left -= 1
+        done = model.most_iterations - left
         if abs(change) < model.step_s:
-            return a, iteration
+            return a, done
+        if math.isnan(a):
+            break
+        since += 1
+        if a == kept:
+            left %= since
+        elif done & (done - 1) == 0:
+            kept, since = a, 0
     return a, -model.most_iterations
 
 

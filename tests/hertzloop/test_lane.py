@@ -1,5 +1,6 @@
 """The fast lane: the same bytes as over the bus, checked against it, and left when it cannot be."""
 
+import fcntl
 import os
 import time
 from collections.abc import Callable
@@ -135,6 +136,17 @@ def test_nothing_of_it_has_a_name() -> None:
     assert set(os.listdir("/dev/shm")) <= before
     segment.withdraw()
     assert lane.join(Hello(run_id=1, lane=segment.offer))[0] is None
+
+
+def test_no_end_can_change_its_size_or_seal_it_further() -> None:
+    segment = lane.Segment(1, 2, 3)
+    size = os.fstat(segment.fd).st_size
+    for other in (size - 8, size + 8):
+        with pytest.raises(PermissionError):
+            os.ftruncate(segment.fd, other)
+    with pytest.raises(PermissionError):
+        fcntl.fcntl(segment.fd, fcntl.F_ADD_SEALS, fcntl.F_SEAL_WRITE)
+    segment.withdraw()
 
 
 class TestLies:
