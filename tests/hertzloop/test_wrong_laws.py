@@ -106,6 +106,10 @@ IN_TRIAL = {
         ["at sample 30", "ValueError: too much"],
     ),
     "nan": ("if i == 30: return float('nan')", ["at sample 30, commanded nan N"]),
+    "raises within": (
+        "if i == 30: too_much(samples)",
+        ["at sample 30", "ValueError: too much (line 21: raise ValueError('too much'))"],
+    ),
     "infinite": ("if i == 30: return 1.0 / (samples[i] - samples[i])", ["at sample 30"]),
 }
 
@@ -113,7 +117,12 @@ IN_TRIAL = {
 @pytest.mark.parametrize("case", IN_TRIAL)
 def test_wrong_at_once(here: Path, case: str) -> None:
     line, words = IN_TRIAL[case]
-    write_law(here, line)
+    path = write_law(here, line)
+    with path.open("a") as file:
+        file.write(
+            "\ndef too_much(samples):\n    refuse()\n"
+            "\ndef refuse():\n    raise ValueError('too much')\n"
+        )
     refused(here, "mine.py", *words)
 
 
@@ -152,6 +161,22 @@ def test_a_loop_without_end_before_any_sample(here: Path, monkeypatch: pytest.Mo
     scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
     with pytest.raises(SceneError, match=r"mine.py was not prepared within 0.2 s"):
         try_law(scene)
+
+
+def test_a_module_is_loaded_with_the_same_care(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("controller.door.patience.PATIENCE_S", 0.2)
+    monkeypatch.syspath_prepend(here)
+    (here / "endless_law.py").write_text("while True:\n    pass\n")
+    with pytest.raises(LawError, match=r"was not loaded within 0.2 s"):
+        find("endless_law:Law")
+    (here / "other_law.py").write_text(f"open('{here}/executed', 'w')\n")
+    with pytest.raises(LawError, match="both sides need the same file") as refused:
+        find("other_law:Law", "0" * 32)
+    assert "cannot be loaded" not in str(refused.value)
+    assert not (here / "executed").exists()
+    (here / "wrong_law.py").write_text("import nothing_such\n")
+    with pytest.raises(LawError, match=r"cannot be loaded: .*nothing_such"):
+        find("wrong_law:Law")
 
 
 @pytest.mark.parametrize("transport", ["compiled", "inprocess", "zenoh"])
