@@ -21,7 +21,7 @@ from hertzloop.loop.compiled import rows_under, simulate
 from studies.cost.exported import same_bytes
 from tests.hertzloop.elsewhere import NOISY, SHORT, InC, exported, needs_cc, scene_of
 
-pytestmark = [needs_cc, pytest.mark.usefixtures("warm_kernels")]
+pytestmark = needs_cc
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,6 @@ from tests.hertzloop.processes import (
 from tests.ports import free_ports
 
 SECONDS = 60  # far from for ever, even if other processes keep the cores busy
-pytestmark = pytest.mark.usefixtures("warm_kernels")
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import pytest
 
 from tests.hertzloop.processes import HERTZLOOP
 
-pytestmark = pytest.mark.usefixtures("warm_kernels")
 # In a mount namespace of its own; nobody else's is touched.
 FULL = ["unshare", "--mount", "--map-root-user", "sh", "-c",
         "mount -t tmpfs -o size=4k tmpfs /dev/shm && { head -c 8192 /dev/zero > /dev/shm/full; "

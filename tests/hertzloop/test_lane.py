@@ -25,8 +25,6 @@ from tests.hertzloop.lanes import Pair
 from tests.hertzloop.processes import wait_for
 from tests.hertzloop.test_transports import VARIANTS, scene_of
 
-pytestmark = pytest.mark.usefixtures("warm_kernels")
-
 FEEDBACK = "velocity feedback"
 SOME = ["default", "converters", FEEDBACK, "predicted", "shifted threshold", "a single step"]
 

@@ -26,7 +26,6 @@ EXAMPLES = ROOT / "docs" / "examples"
 SETTINGS = ["controller.law=force_feedback", "controller.kappa=0.4", "controller.latency_us=2"]
 
 needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
-pytestmark = pytest.mark.usefixtures("warm_kernels")
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,6 @@ import threading
 import time
 from pathlib import Path
 
-import pytest
-
 from bus.streams import CONTROLLER, PLANT, RECORDER
 from bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import ControllerNode
@@ -15,7 +13,6 @@ from recordings.reader import read
 from tests.hertzloop.processes import finish, start
 from tests.ports import free_ports
 
-pytestmark = pytest.mark.usefixtures("warm_kernels")
 NAME, TIMEOUT_S = "late-start", 0.5
 
 

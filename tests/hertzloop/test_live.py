@@ -18,7 +18,6 @@ from recordings.replay import live, viewer
 from tests.hertzloop.processes import finish, hertzloop, start
 from tests.ports import free_ports
 
-pytestmark = pytest.mark.usefixtures("warm_kernels")
 RUN = ["--set", "run.duration_s=0.02", "--set", "run.accuracy=0.1"]
 NO_SCREEN = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
 

@@ -31,8 +31,6 @@ from tests.hertzloop.processes import (
 )
 from tests.ports import free_ports
 
-pytestmark = pytest.mark.usefixtures("warm_kernels")
-
 
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:

@@ -22,8 +22,6 @@ from tests.hertzloop.processes import (
     wait_for,
 )
 
-pytestmark = pytest.mark.usefixtures("warm_kernels")
-
 NOBODY = 65534
 ROLES = ("plant", "controller", "record")
 UNDER_WAY = 200_000  # bytes

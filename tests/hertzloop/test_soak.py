@@ -23,11 +23,7 @@ WARM_UP = 10
 LEAST_LEAK = 60_000  # bytes a run
 NOISE = 1_000_000  # bytes that the allocator may hold more at one time than at another
 
-pytestmark = [
-    pytest.mark.soak,
-    pytest.mark.timeout(60 + 60 * RUNS),
-    pytest.mark.usefixtures("warm_kernels"),
-]
+pytestmark = [pytest.mark.soak, pytest.mark.timeout(60 + 60 * RUNS)]
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,6 @@
 import os
 from pathlib import Path
 
-import pytest
-
 from recordings.compare import first_difference
 from recordings.reader import read
 from tests.hertzloop.processes import hertzloop
@@ -19,7 +17,6 @@ print("the clock leaps", file=open({seen!r}, "a"))
 """
 
 
-@pytest.mark.usefixtures("warm_kernels")
 def test_a_clock_that_is_set_changes_nothing(tmp_path: Path) -> None:
     seen = tmp_path / "seen"
     (tmp_path / "sitecustomize.py").write_text(LEAPING.format(seen=str(seen)))
