@@ -159,7 +159,7 @@ def _full_arrow_n(shown: Shown) -> float:
         largest = max(-float(np.nanmin(pushed.values)), float(np.nanmax(pushed.values)))
     if not np.isfinite(largest):
         return 0.0
-    return 2.0 * plate_mesh.round_below(largest) if largest > 0.0 else 0.0
+    return plate_mesh.round_above(largest) if largest > 0.0 else 0.0
 
 
 def _layout(shown: Shown) -> Layout:

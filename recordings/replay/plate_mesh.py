@@ -65,6 +65,12 @@ def round_below(wanted: float) -> float:
     return float(power * max(step for step in (1, 2, 5) if step * power <= wanted * (1 + 1e-9)))
 
 
+def round_above(wanted: float) -> float:
+    """The smallest of 1, 2, 5 times a power of ten that is not below."""
+    power = 10.0 ** math.floor(math.log10(wanted))
+    return float(power * min(step for step in (1, 2, 5, 10) if step * power >= wanted * (1 - 1e-9)))
+
+
 def triangles(deflection: Deflection) -> np.ndarray:
     """Vertex indices of the triangles, shape (triangles, 3); vertex (i, j) is i * ny + j."""
     nx, ny = len(deflection.x_m), len(deflection.y_m)
