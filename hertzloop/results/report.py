@@ -89,7 +89,7 @@ def run_table(report: dict[str, Any]) -> Table:
     table.add_row("steps", f"{report['steps']:,}")
     table.add_row(
         "wall time of the loop",
-        f"{report['wall_s']:.3f} s, {report['real_time_factor']:.3g} times real time, "
+        f"{report['wall_s']:.4g} s, {report['real_time_factor']:.3g} times real time, "
         f"{report['steps'] / max(report['wall_s'], 1e-9):,.0f} steps/s",
     )
     if report["scheme"] == "thesis2008":

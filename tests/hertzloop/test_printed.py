@@ -1,0 +1,116 @@
+"""What a run prints is what `--json` says, in the unit that is printed with it."""
+
+import io
+import math
+import re
+from typing import Any
+
+import pytest
+from rich.console import Console
+from rich.table import Table
+
+from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.results import report as tables
+from hertzloop.results.impacts_table import impacts_table
+from hertzloop.scenes.scene import load
+
+UNITS = {
+    "us": 1e-6, "ms": 1e-3, "s": 1.0, "um": 1e-6, "mm": 1e-3, "uJ": 1e-6, "m/s": 1.0, "Pa": 1.0,
+    "GPa": 1e9, "kHz": 1e3, "N": 1.0, "N/us": 1e6, "W": 1.0, "steps/s": 1.0,
+}  # fmt: skip
+NOISE = {
+    "contact time": "contact_time_s",
+    "next impact speed": "next_impact_speed_m_s",
+    "rebound height": "rebound_height_m",
+    "acceleration noise, Longhorn": "longhorn_j",
+    "acceleration noise, Holmes": "holmes_j",
+    "peak pressure bound at 1 m": "peak_pressure_pa",
+    "transmitted energy, in time": "transmitted_j",
+    "transmitted energy, by spectrum": "transmitted_spectrum_j",
+    "largest plate speed to next contact": "plate_speed_max_m_s",
+    "sigma E to 20 kHz, eq. 3.12 (study)": "radiated_j",
+    "sigma E to 20 kHz, eq. 3.13": "radiated_maidanik_j",
+    "radiated to 20 kHz, eq. 3.12": "sound_j",
+    "radiated to 20 kHz, eq. 3.13": "sound_maidanik_j",
+}
+IMPACT = {
+    "start": "start_s", "duration": "duration_s", "impact": "impact_speed_m_s",
+    "rebound": "rebound_speed_m_s", "peak force": "peak_force_n",
+    "into the plate": "plate_energy_j", "plate, at most": "plate_speed_max_m_s",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    settings = [
+        "run.duration_s=0.003", "contact.plasticity=thornton", "plate.radiation=one_face",
+        "actuator.bandwidth_hz=50e3",
+    ]  # fmt: skip
+    path = tmp_path_factory.mktemp("printed") / "a.mcap"
+    return run_scene(load("aluminium-3mm", settings), path, RunOptions(Transport.COMPILED))
+
+
+def lines(table: Table) -> list[list[str]]:
+    """Cells of a table as they are printed, row by row."""
+    out = io.StringIO()
+    Console(file=out, width=400).print(table)
+    return [[cell.strip() for cell in re.split("[│┃]", line)[1:-1]]
+            for line in out.getvalue().splitlines() if line[:1] in "│┃"]  # fmt: skip
+
+
+def quantities(words: str) -> list[float]:
+    """All numbers with a unit, in SI."""
+    units = "|".join(sorted(map(re.escape, UNITS), key=len, reverse=True))
+    found = re.findall(rf"(-?[0-9][0-9.,]*(?:e[-+]?[0-9]+)?) ({units})\b", words)
+    return [float(number.replace(",", "")) * UNITS[unit] for number, unit in found]
+
+
+def test_noise(report: dict[str, Any]) -> None:
+    own, free = report["noise"][0], report["uncontrolled"]["noise"][0]
+    header, *rows = lines(tables.noise_table([("with", own), ("without", free)]))
+    assert header[1:] == ["with", "without", "change"]
+    assert {row[0] for row in rows} == set(NOISE)
+    for label, with_control, without, change in rows:
+        values = own[NOISE[label]], free[NOISE[label]]
+        found = [*quantities(with_control), *quantities(without)]
+        assert found == pytest.approx(values, rel=6e-4), label
+        ratio = values[0] / values[1]
+        if change.endswith("%"):
+            assert float(change[:-2]) == pytest.approx(100 * ratio, abs=0.051)
+        else:
+            of_amplitude = label.startswith(("peak pressure", "largest plate"))
+            decibel = (20 if of_amplitude else 10) * math.log10(ratio)
+            assert float(change[:-3]) == pytest.approx(decibel, abs=0.0051)
+    assert len(lines(tables.noise_table([("with", own), ("without", free)], False))[0]) == 3
+
+
+def test_impacts(report: dict[str, Any]) -> None:
+    header, *rows = lines(impacts_table("Impacts", report["impacts"]))
+    for heading, *cells in zip(header, *rows, strict=True):
+        words, unit = re.fullmatch(r"(.+) \((.+)\)", heading).groups()  # type: ignore[union-attr]
+        for cell, impact in zip(cells, report["impacts"], strict=True):
+            assert float(cell) * UNITS[unit] == pytest.approx(impact[IMPACT[words]], rel=6e-4)
+
+
+def test_the_run(report: dict[str, Any]) -> None:
+    rows = {label: words for label, words in lines(tables.run_table(report))}
+    assert "scheme" not in rows
+    printed = {label: quantities(words) for label, words in rows.items()}
+    demand, limit = report["demand"], report["limiting_pressure"]
+    expected = {
+        "wall time of the loop": [report["wall_s"], report["steps"] / report["wall_s"]],
+        "demand on the actuator": [demand["force_n"], demand["slew_n_s"], demand["power_w"],
+                                   demand["delay_s"]],
+        "yield": [report["yield"]["dent_m"], report["yield"]["dissipated_j"]],
+        "radiation": [report["radiation"]["dissipated_j"]],
+        "limiting pressure": [limit["pressure_pa"], limit["by"]["value_pa"]],
+        "modes left out": [report["tail"]["lost_j"]],
+    }  # fmt: skip
+    assert demand["delay_s"] > 0.0
+    for label, values in expected.items():
+        assert printed[label] == pytest.approx(values, rel=6e-3), label
+    assert printed["model of the plate"][0] == pytest.approx(report["frequency_limit_hz"], rel=6e-4)
+    assert rows["steps"] == f"{report['steps']:,}"
+    assert "one face" in rows["radiation"]
+    of_study = report | {"scheme": "thesis2008"}
+    assert "flaws included" in dict(lines(tables.run_table(of_study)))["scheme"]
