@@ -8,7 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
-from hertzloop.results.verdict import verdict
+from hertzloop.results.verdict import saturation_of, verdict
+from recordings.reader import Event
 
 
 def run(folder: Path, *settings: str, scene: str = "aluminium-3mm") -> tuple[list[str], str]:
@@ -103,3 +104,28 @@ def test_the_words_follow_the_figures() -> None:
         "(first impact)."
     )
     assert "left the sensor's range 2 times, first at 1 ms" in said[1]
+
+
+LEFT, BACK = "left the converter's range", "is back in the converter's range"
+
+
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        (["contact 1 began", "contact 1 ended"], None),
+        ([f"xi {LEFT}", f"xi {BACK}", "contact 1 began", "contact 1 ended"], None),
+        ([f"xi {LEFT}", "contact 1 began", "contact 1 ended", "contact 2 began"], (1, 2)),
+        (["contact 1 began", f"xi {LEFT}", f"xi {BACK}", f"xi {LEFT}"], (2, 2)),
+        (["contact 1 began", f"xi {LEFT}", "contact 1 ended", f"xi {BACK}", f"xi {LEFT}"], (1, 2)),
+        ([f"v_p {LEFT}", "contact 1 began", "contact 1 ended", f"v_p {BACK}"], (1, 1)),
+        (["contact 1 began", f"v_p {LEFT}", f"v_p {BACK}", f"v_p {LEFT}"], (2, 2)),
+    ],
+)
+def test_a_gap_out_of_range_counts_while_it_matters(
+    said: list[str], expected: tuple[int, int] | None
+) -> None:
+    """Once each time that it leaves, however many contacts pass until it is back."""
+    events = [Event(int(1e6 * ms), "plant", 3, message) for ms, message in enumerate(said, 1)]
+    events.append(Event(0, "controller", 3, f"v_p {LEFT}"))
+    found = saturation_of(events)
+    assert (found and (found["times"], pytest.approx(found["since_s"] * 1e3))) == expected
