@@ -192,6 +192,10 @@ def test_a_second_hello(path: Path, scene: str) -> None:
     [
         (SCENE.replace("0.8", "-5.0"), "another scene: 'kappa = -5.0' where .* 'kappa = 0.8'"),
         (SCENE + "\nmore = 1", "another scene: 'more = 1' where the plant announced 'nothing'"),
+        (
+            SCENE + "\nmore = " + 200 * "1",
+            "scene: 'more = " + 93 * "1" + "' where the plant announced 'nothing'",
+        ),
         ("", "the controller did not say by which scene it worked"),
     ],
 )
