@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from controller.door.registry import find, shipped
 from hertzloop.commands.cli import app
 from hertzloop.results.cases import figures_of_case
 from hertzloop.scenes.scene import Scene, load, vary
@@ -84,6 +85,13 @@ def test_a_front_holds_nothing_that_another_beats(pool: Pool, scene: Scene) -> N
     winner = study.better_than(reference, front, *BOTH)
     assert winner is not None
     assert winner.figures["rebound_percent"] <= reference.figures["rebound_percent"]
+
+
+@pytest.mark.parametrize("law", shipped())
+def test_a_search_may_come_back_with_what_a_scene_starts_from(law: str) -> None:
+    for axis in study.ranges_of(law, 1.0):
+        default = find(law).keys.model_fields[axis.key.removeprefix("controller.")].default
+        assert axis.low <= default <= axis.high, axis
 
 
 def test_without_a_better_setting_none_is_named() -> None:

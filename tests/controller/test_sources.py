@@ -1,0 +1,58 @@
+"""The digest of a law: of all that decides what it does, and of nothing else."""
+
+from pathlib import Path
+
+import pytest
+
+from controller.door import sources
+from controller.door.sources import digest_of
+
+
+@pytest.fixture
+def law(tmp_path: Path) -> Path:
+    """A law that uses a file beside it, which uses another; and a file that nothing uses."""
+    (tmp_path / "mine.py").write_text("import math\nimport shaping\n")
+    (tmp_path / "shaping.py").write_text("def late():\n    from tables import GAIN\n")
+    (tmp_path / "tables.py").write_text("GAIN = 2.0\n")
+    (tmp_path / "notes.py").write_text("GAIN = 3.0\n")
+    return tmp_path / "mine.py"
+
+
+@pytest.mark.parametrize("name", ["mine", "shaping", "tables"])
+def test_every_file_that_is_used_counts(law: Path, name: str) -> None:
+    before = digest_of(law)
+    file = law.with_name(f"{name}.py")
+    file.write_text(file.read_text() + "# again\n")
+    assert digest_of(law) != before
+
+
+def test_a_file_that_is_not_used_does_not(law: Path) -> None:
+    before = digest_of(law)
+    law.with_name("notes.py").unlink()
+    assert digest_of(law) == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["import shaping", "import shaping as s", "from shaping import late", "from . import shaping"],
+)
+def test_however_it_is_imported(law: Path, words: str) -> None:
+    law.write_text(f"{words}\n")
+    before = digest_of(law)
+    law.with_name("tables.py").write_text("GAIN = 2.5\n")
+    assert digest_of(law) != before
+
+
+def test_shipped_laws_are_among_those_used(
+    law: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A version of hertzloop that changes them changes the law that builds on them."""
+    shipped = tmp_path / "laws" / "slope_threshold.py"
+    assert (sources.SHIPPED / shipped.name).is_file()
+    monkeypatch.setattr(sources, "SHIPPED", shipped.parent)
+    shipped.parent.mkdir()
+    shipped.write_text("GAIN = 1.0\n")
+    law.write_text("from controller.laws import slope_threshold\n")
+    before = digest_of(law)
+    shipped.write_text("GAIN = 1.5\n")
+    assert digest_of(law) != before
