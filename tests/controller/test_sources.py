@@ -1,10 +1,11 @@
-"""The digest of a law: of all that decides what it does, and of nothing else."""
+"""A law and its files; its digest is of all that decides what it does, and of nothing else."""
 
 from pathlib import Path
 
 import pytest
 
 from controller.door import sources
+from controller.door.registry import find
 from controller.door.sources import digest_of
 
 
@@ -56,3 +57,14 @@ def test_shipped_laws_are_among_those_used(
     before = digest_of(law)
     shipped.write_text("GAIN = 1.5\n")
     assert digest_of(law) != before
+
+
+def test_a_file_is_looked_for_in_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.py").write_text(Path(sources.SHIPPED, "off.py").read_text())
+    monkeypatch.chdir(tmp_path)
+    law = find("mine.py")
+    monkeypatch.chdir("/")
+    assert law.path == tmp_path / "mine.py"
+    assert digest_of(law.path) == law.digest

@@ -36,6 +36,9 @@ class SpringLaw(Fmi2Slave):
         {more}
         self.register_variable(Real("force", causality=Fmi2Causality.output))
 
+    def setup_experiment(self, start_time, *_):
+        assert start_time == 0.0
+
     def do_step(self, t, h):
         self.kept = 0.5 * self.kept + 0.5 * max(-self.{name}, 0.0)
         self.force = self.gain * self.kept
