@@ -35,8 +35,8 @@ class Layout:
     zoom_ns: tuple[int, int]
     plate_m: tuple[float, float]
     surface_title: str
-    has_spectrum: bool = False
-    has_contacts: bool = True
+    has_spectrum: bool
+    has_contacts: bool
 
 
 def dashboard(layout: Layout, still: bool = False) -> rrb.Blueprint:

@@ -66,7 +66,7 @@ def repeated(scene: Scene, repeat: Repeat, lane: bool = True) -> Pair:
 
 
 @pytest.mark.parametrize("lane", [True, False])
-def test_with_time_to_spare_it_is_the_run_in_lock_step(lane: bool) -> None:
+def test_with_time_to_spare_it_is_the_run_in_lock_step(lane: bool, tmp_path: Path) -> None:
     """A step every 5 ms, and 21 steps from a sample to its force."""
     scene = feedback("controller.latency_us=20", "run.duration_s=0.00006")
     pair = paced(scene, 0.0002, lane).run()
@@ -74,6 +74,10 @@ def test_with_time_to_spare_it_is_the_run_in_lock_step(lane: bool) -> None:
     assert pair.stats is not None
     assert pair.stats.wall_s >= 0.29  # the last of 60 steps begins then
     assert pair.stats.lane == ("JOINED" if lane else "")
+    told = pacing.of(recorded(pair, tmp_path / "paced.mcap"))
+    assert told is not None
+    assert told["slack_us"] == pytest.approx(105_000.0)
+    assert told["answers_in_time"] == 1.0
     found = pair.samples()
     assert found.pop("truth.held_steps")
     assert found == {

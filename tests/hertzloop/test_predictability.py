@@ -31,7 +31,7 @@ def test_every_bounce_of_a_light_ball_magnifies_what_was_before() -> None:
     known = known_impacts(FOUR, impacts, 1e-3)
     assert known is not None
     grown = [each.amplification for each in known]
-    assert grown[0] < CHAOTIC
+    assert grown[0] == pytest.approx(2.0, abs=0.3)  # what its energy does to that of the plate
     assert grown[1] > 50.0 * grown[0]
     assert grown[2] > 50.0 * grown[1]
     # At the accuracy of the scene nothing is left of the third's rebound.

@@ -12,6 +12,7 @@ from rich.table import Table
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.results import report as tables
 from hertzloop.results.impacts_table import impacts_table
+from hertzloop.results.left_out import table_of
 from hertzloop.scenes.scene import load
 
 UNITS = {
@@ -63,6 +64,26 @@ def quantities(words: str) -> list[float]:
     units = "|".join(sorted(map(re.escape, UNITS), key=len, reverse=True))
     found = re.findall(rf"(-?[0-9][0-9.,]*(?:e[-+]?[0-9]+)?) ({units})\b", words)
     return [float(number.replace(",", "")) * UNITS[unit] for number, unit in found]
+
+
+def test_what_the_run_leaves_out(report: dict[str, Any]) -> None:
+    _, *rows = lines(table_of(report["validity"]))
+    sides = set()
+    for (name, _, value, asked, state), found in zip(rows, report["validity"], strict=True):
+        assert (name, state) == (found["name"], found["state"])
+        side, threshold = asked.split()
+        if value:
+            assert float(value) == pytest.approx(found["value"], rel=0.05)
+        assert float(threshold) == pytest.approx(found["threshold"], rel=0.05)
+        if state in ("within", "left out", "out of range"):
+            meets = (
+                found["value"] > found["threshold"]
+                if side == ">"
+                else (found["value"] < found["threshold"])
+            )
+            assert meets == (state == "within"), name
+            sides.add(side)
+    assert sides == {"<", ">"}
 
 
 def test_noise(report: dict[str, Any]) -> None:
