@@ -39,6 +39,8 @@ def test_it_is_the_run_with_the_same_law(tmp_path: Path, latency_us: int) -> Non
     begin = gaps[0][0]
     ours = np.array([gap for _, gap in gaps])
     assert ours.min() < 0.0
+    left = np.flatnonzero(ours[:, 0] <= 0.0)[-1] + 1
+    assert len(ours) - left == 20
     for i in range(3):
         assert ours[:, i].tobytes() == loop.values[begin : begin + len(ours)].tobytes()
         assert np.array(forces)[:, i].tobytes() == loop.rows[5, begin : begin + len(ours)].tobytes()

@@ -9,13 +9,16 @@ from pathlib import Path
 
 import pytest
 
+from bus.streams import CONTROLLER
 from controller.door.registry import find, shipped
+from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.scenes import controller_table
 from hertzloop.scenes.scene import Scene, SceneError, load, parse, to_toml, vary
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 from studies.sweeps.evaluate import run_case
+from tests.hertzloop.lanes import Pair
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
 from tests.hertzloop.processes import hertzloop
 
@@ -222,6 +225,23 @@ def test_a_law_beside_its_scene(here: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert load("scenes/mine.toml").law.path == folder / "mine.py"
 
 
+def test_a_controller_that_has_the_law_elsewhere(here: Path) -> None:
+    """It says at its end what the plant calls the law; another law it does not take for it."""
+    folder = here / "there"
+    folder.mkdir()
+    write_law(here)
+    there = write_law(folder)
+    pair = Pair(load("aluminium-3mm", [SHORT, "controller.law=mine.py"]))
+    pair.controller = ControllerNode(pair.ports[CONTROLLER], law=str(there))
+    pair.run()
+    assert (pair.fault, pair.controller_fault) == ("", "")
+    write_law(folder, "s.largest_n += 0.0")
+    other = Pair(load("aluminium-3mm", [SHORT, "controller.law=mine.py"]), timeout_s=1.0)
+    other.controller = ControllerNode(other.ports[CONTROLLER], law=str(there))
+    other.run()
+    assert "both sides need the same file" in other.controller_fault
+
+
 def test_every_shipped_law_is_described() -> None:
     """Shared keys have one default and meaning, so that a scene may keep them for all laws."""
     seen: dict[str, object] = {}
@@ -270,6 +290,10 @@ def test_law_on_a_recording(here: Path) -> None:
     force = read(here / "r.mcap").force.arrays["force_n"]
     assert force[first] != 0.0
     assert not force[:first].any()
+    content = (here / "r.mcap").read_bytes()
+    (here / "cut.mcap").write_bytes(content[: len(content) - 2000])
+    cut = hertzloop("law-on", "cut.mcap", "--law", "same.py", cwd=here)
+    assert "cut.mcap: the file is cut off or damaged" in " ".join(cut.stderr.split())
     wrong = hertzloop("law-on", "r.mcap", "--law", "mine.py", "-o", "c.png", cwd=here)
     assert wrong.returncode == 2
     assert "works on 'contact_force'" in " ".join(wrong.stderr.split())

@@ -6,7 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plant.plant import Plant, PlantSpec
-from plant.structures.model_order import energy_beyond, expected_error, frequency_limit_hz
+from plant.structures.model_order import (
+    energy_beyond,
+    expected_error,
+    frequency_limit_hz,
+    held_error,
+)
 from tests.plant.rigs import run, spec
 
 STEP_S = 2.5e-7
@@ -79,3 +84,15 @@ def test_energy_beyond_is_that_of_a_hertz_like_pulse() -> None:
     falls = [energy_beyond(x) for x in np.geomspace(0.05, 100.0, 200)]
     assert falls == sorted(falls, reverse=True)
     assert falls[0] <= 1.0
+
+
+def test_a_force_that_is_held_errs_less_where_all_modes_are_damped() -> None:
+    """And by the square of the time for which it is held; what it costs a whole scene:
+    tests/studies/test_model_order_closed_loop.py."""
+    what = spec(step_s=STEP_S, limit_hz=1e5)
+
+    def error(hold_s: float, share: float, damped: bool) -> float:
+        return held_error(what.sphere, what.contact, share, hold_s, damped=damped)
+
+    assert 0.0 < error(1e-6, 0.8, True) < 0.5 * error(1e-6, 0.8, False)
+    assert error(2e-6, 0.4, True) == pytest.approx(2.0 * error(1e-6, 0.8, True))
