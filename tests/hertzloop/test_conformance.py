@@ -11,6 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bus.port import PeerLost
+from bus.streams import PLANT, Envelope, decode
+from hertzloop.loop.conformance import Checks, ScriptedPlant
 from hertzloop.loop.conformance_scripts import scripts
 from recordings.reader import read
 from tests.hertzloop.processes import finish, hertzloop, start
@@ -194,6 +197,38 @@ def test_the_scripts_show_what_they_are_for() -> None:
     touching = played["bounce"].samples < 0
     assert np.count_nonzero(np.diff(touching.astype(int)) == 1) == 4
     assert {script.ending for script in played.values()} == {"whole", "fault", "death"}
+
+
+class Mute:
+    """The port of a plant that nobody answers."""
+
+    role = PLANT
+
+    def __init__(self) -> None:
+        self.said: list[Envelope] = []
+
+    def publish(self, envelope: Envelope) -> None:
+        self.said.append(envelope)
+
+    def receive(self, timeout_s: float, awaited: str) -> Envelope:
+        raise PeerLost(awaited)
+
+
+def test_samples_of_a_script_are_said_as_a_plant_says_them() -> None:
+    """Codes with a flag each, values without."""
+    kinds = set()
+    for script in scripts("slope_threshold"):
+        port = Mute()
+        plant = ScriptedPlant(script, port, None, 1.0, Checks())  # type: ignore[arg-type]
+        with pytest.raises(PeerLost, match="the answer to sample 0"):
+            plant.play()
+        [daq] = [decode(envelope) for envelope in port.said if envelope.stream == "daq"]
+        [(kind, samples)] = [(k, array) for k, array in daq.arrays.items() if len(array)]
+        kinds.add(kind)
+        assert samples.tolist() == script.samples[: len(samples)].tolist()
+        flags = script.clipped[: len(samples)].tobytes() if kind == "code" else b""
+        assert daq.header.saturated == flags
+    assert kinds == {"code", "value"}
 
 
 def test_the_example_gives_the_shipped_laws_bytes(tmp_path: Path) -> None:

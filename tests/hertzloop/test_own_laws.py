@@ -285,7 +285,9 @@ def test_law_on_a_recording(here: Path) -> None:
     assert (here / "r-law.png").read_bytes().startswith(b"\x89PNG")
     words = ["law-on", "r.mcap", "--law", "same.py", "--set", "controller.kappa=0.7", "-o", "b.png"]
     other = hertzloop(*words, "--json", "o.json", cwd=here)
-    assert "differ first at step" in other.stdout
+    difference, written = other.stdout.splitlines()
+    assert "differ first at step" in difference
+    assert written == "written: b.png"
     first = json.loads((here / "o.json").read_text())["first_difference"]
     force = read(here / "r.mcap").force.arrays["force_n"]
     assert force[first] != 0.0

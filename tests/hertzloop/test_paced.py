@@ -1,6 +1,7 @@
 """Paced mode: the wall clock sets the step, late forces act when they come, and a recording of that
 repeats in lock-step to the bit."""
 
+import io
 import signal
 import threading
 import time
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from bus.streams import PLANT, StreamFault
@@ -266,6 +268,18 @@ def test_events_do_not_depend_on_how_a_run_is_cut() -> None:
     assert "the force of step 2497 acted in step 2500" in whole[2][1]
     assert f"to {np.count_nonzero(held)}:" in whole[3][1]
     assert whole == events([1, 7, 1000, 1999, 2001]) == events([*range(1, 3456)])
+
+
+@pytest.mark.parametrize(
+    ("differs", "said"),
+    [("", "\x1b[1mRepeated: the same bytes as in a.mcap."),
+     ("stream 'daq'", "\x1b[31mRepeated: not the run in a.mcap: stream 'daq'.")],
+)  # fmt: skip
+def test_what_was_not_the_same_is_red(differs: str, said: str) -> None:
+    console = Console(file=io.StringIO(), force_terminal=True, color_system="standard")
+    pacing.show(console, {"repeats": "a.mcap", "differs": differs})
+    assert isinstance(console.file, io.StringIO)
+    assert console.file.getvalue().startswith(said)
 
 
 def test_what_is_no_histogram(tmp_path: Path) -> None:

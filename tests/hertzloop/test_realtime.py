@@ -125,6 +125,23 @@ print(os.sched_getscheduler(0) == os.SCHED_OTHER, p.line())
     assert "given up: the loop spun without progress" in said
 
 
+@pytest.mark.usefixtures("permitted")
+def test_a_loop_that_is_slow_for_a_while_keeps_the_class() -> None:
+    """Half a second of processor time for a step, twice."""
+    text = """
+p, steps = Profile(Wanted.ON, 'plant'), [0]
+with p.loop(lambda: steps[0]):
+    for _ in range(2):
+        until = time.process_time() + 0.6
+        while time.process_time() < until:
+            pass
+        steps[0] += 1
+        time.sleep(0.6)
+    print(os.sched_getscheduler(0) == os.SCHED_FIFO, 'given up' in p.line())
+"""
+    assert child(text) == "True False"
+
+
 def test_a_run_says_what_was_granted(tmp_path: Path) -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0015"])
     report = run_scene(scene, tmp_path / "a.mcap", RunOptions(realtime="off"))

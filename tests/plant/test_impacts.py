@@ -9,7 +9,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import consistent_impacts
 from hertzloop.scenes.scene import SceneError, load
 from plant.contact.hertz import GRAVITY_M_S2
-from plant.figures.impacts import Impact, impacts, sphere_speed_m_s
+from plant.figures.impacts import Impact, impacts, sphere_speed_m_s, step_work_j
 
 MASS = 0.1
 H = 0.5  # s; round numbers keep the expected values readable
@@ -144,3 +144,10 @@ def test_a_contact_shorter_than_a_step_is_refused(step_ns: int, scheme: str) -> 
             f"run.scheme={scheme}"]  # fmt: skip
     with pytest.raises(SceneError, match=f"run.step_ns = {step_ns} is longer than a contact"):
         simulate(load(scene, keys))
+
+
+def test_a_single_step_has_no_work_yet() -> None:
+    """A run of one row, with an actuator of its own place whose force changes."""
+    one = np.ones(1)
+    work = step_work_j(one, one, one, one, one, one, 1e-6, None, one, same_point=False)
+    assert work.tolist() == [0.0]

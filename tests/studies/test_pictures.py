@@ -5,8 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import typer
 from matplotlib.figure import Figure
 
+from hertzloop.commands.pictures import Run
 from studies import pictures, words
 from studies.latency.pictures import draw_maps, round_above
 from studies.tuning.pictures import draw_front
@@ -93,3 +95,14 @@ def test_every_objective_has_words() -> None:
     for figure in OBJECTIVES:
         assert "_" not in words.against_none(figure)
         assert words.against_none(figure).endswith(("(dB)", "(%)", "(N)"))
+
+
+def test_a_run_for_a_picture_that_fails_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(typer.Exit) as ended:
+        Run("aluminium-3mm", ("controller.kappa=much",), 0.003).record(tmp_path / "a.mcap")
+    assert ended.value.exit_code == 1
+    said = " ".join(capsys.readouterr().err.split())
+    assert "the paced run failed: error: " in said
+    assert "controller.kappa" in said
