@@ -101,6 +101,8 @@ class TestByTheMcapLibrary:
             attachments = {a.name: a for a in reader.iter_attachments()}
             metadata = {m.name: m.metadata for m in reader.iter_metadata()}
         assert set(attachments) == {"scene.toml", "law"}
+        # No clock of the day: two runs of a scene have the same bytes.
+        assert {(a.log_time, a.create_time) for a in attachments.values()} == {(0, 0)}
         assert parse(attachments["scene.toml"].data.decode()) == scene(*SETTINGS)
         assert attachments["law"].data.decode() == scene(*SETTINGS).law.source
         run = metadata["run"]
