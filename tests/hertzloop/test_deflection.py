@@ -33,6 +33,7 @@ def replayed(folder: Path, scene: Scene) -> tuple[Recording, Deflection]:
         ("aluminium-3mm", SHORT),
         ("offcentre-6mm", SHORT),
         ("aluminium-20mm", [*SHORT, "plate.loss_factor=0.05"]),
+        ("aluminium-20mm", [*SHORT, "run.lead_in_s=0"]),  # it touches in the first step
     ],
 )
 def test_the_contact_node_moves_as_recorded(tmp_path: Path, name: str, settings: list[str]) -> None:
