@@ -1,6 +1,7 @@
 """What is drawn in three dimensions: the actuator's place, and its force to scale."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -73,3 +74,22 @@ def test_no_force_around_the_first_contact_is_cut_off(
     as_rerun.fill(rr.RecordingStream("a"), replaying.prepare(recording, alone=True))
     largest = np.abs(recording.truth.arrays["f_a_n"]).max()
     assert largest <= full[0] <= 2.5 * largest
+
+
+@pytest.mark.parametrize(
+    ("force_n", "full_n"),
+    [
+        ([0.0, -3.0, 1.0, 0.0, 90.0, 0.0], 5.0),
+        ([0.0, 0.0, np.nan, 0.0, -90.0, 0.0], 100.0),
+        ([0.0, 0.0, 0.0, 0.0, np.inf, 0.0], 0.0),
+        ([0.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.0),
+    ],
+    ids=["in it", "later only", "without bound", "none"],
+)
+def test_a_full_arrow_goes_by_the_first_contact(force_n: list[float], full_n: float) -> None:
+    """Around it, from 1 to 3 ns; by the whole run where nothing pushes there."""
+    curve = SimpleNamespace(name="F_a", time_ns=np.arange(6), values=np.array(force_n))
+    shown: Any = SimpleNamespace(
+        plots=[SimpleNamespace(curves=[curve])], when=SimpleNamespace(selection_ns=(1, 3))
+    )
+    assert as_rerun._full_arrow_n(shown) == full_n
