@@ -1,5 +1,6 @@
 """Materials: shipped ones, a file of one's own, tables, single numbers; and the labels."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -77,6 +78,16 @@ def test_numbers_of_a_material_can_be_set_and_varied(tmp_path: Path) -> None:
     assert plate(own) == Material(1e11, 5000.0, 0.1, 1e-3)
     heavier = load("aluminium-3mm", ["sphere.material.density_kg_m3=15000"])
     assert figures_of_case(heavier).rebound_m_s < figures_of_case(load("aluminium-3mm")).rebound_m_s
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "is_one"), [(9.99, False), (10.01, True), (39_999.5, True), (40_000.5, False)]
+)
+def test_sound_is_as_fast_as_in_solids(speed_m_s: float, is_one: bool) -> None:
+    """From 10 m/s, the softest gel, to 40 km/s, beyond diamond."""
+    table = f"{{young_pa={1e3 * speed_m_s**2!r}, density_kg_m3=1e3, poisson=0.3}}"
+    with nullcontext() if is_one else pytest.raises(SceneError, match="make a speed of sound of"):
+        load("aluminium-3mm", [f"sphere.material={table}"])
 
 
 @pytest.mark.parametrize(
