@@ -193,6 +193,17 @@ def _recording(path: Path, overwrite: bool) -> Iterator[Recorder]:
     recorder.close()
 
 
+def _hear_scene(port: ZenohPort, recorder: Recorder) -> None:
+    """After a fault that came first: the plant's hello may be on its way, on another link, and
+    without a scene there would be no recording to read."""
+    until_s = time.monotonic() + _GRACE_S
+    with suppress(BusError, StreamFault, RecordingError):  # the first fault is the one to tell
+        while "hello" not in recorder.counters:
+            envelope = port.receive(max(until_s - time.monotonic(), 0.0), "the plant's hello")
+            if envelope.stream == "hello":
+                recorder.handle(envelope)
+
+
 def run_recorder(
     path: Path,
     address: BusAddress,
@@ -212,7 +223,11 @@ def run_recorder(
                 patience_s = address.wait_s
                 while not recorder.done:
                     envelope = port.receive(patience_s, "messages from plant and controller")
-                    recorder.handle(envelope)
+                    try:
+                        recorder.handle(envelope)
+                    except StreamFault:
+                        _hear_scene(port, recorder)
+                        raise
                     patience_s = _LONGER * address.timeout_s
                     if envelope.stream.startswith("end/"):
                         port.release(envelope.stream.removeprefix("end/"))

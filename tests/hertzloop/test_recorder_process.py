@@ -1,38 +1,49 @@
 """The recorder as it runs in its process, on a real bus: it vouches for what was announced only."""
 
+import time
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from bus.port import PeerLost
-from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
+from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
 from bus.zenoh_port import ZenohPort
 from hertzloop.loop.processes import BusAddress, run_recorder
 from recordings.reader import read
 from tests.bus.meshes import PATIENCE_S, url
-from tests.bus.tapes import controller_says, plant_says
+from tests.bus.tapes import SCENE, controller_says, plant_says
 from tests.ports import free_ports
 
 
-def recorded(path: Path, plant: list[Envelope], controller: list[Envelope]) -> Future:
-    """Play both on a bus to a recorder; how that ended. Raises PeerLost if it does not vouch."""
+@contextmanager
+def recording(path: Path) -> Iterator[tuple[Future, ZenohPort, ZenohPort]]:
+    """A recorder on a bus, and the ports of plant and controller, which see it."""
     urls = [url(port) for port in free_ports(3)]
     address = BusAddress("tapes", urls[2:], urls[:2], timeout_s=PATIENCE_S, wait_s=PATIENCE_S)
-    ports = [ZenohPort(PLANT, "tapes", urls[:1]), ZenohPort(CONTROLLER, "tapes", urls[1:2])]
+    ports = ZenohPort(PLANT, "tapes", urls[:1]), ZenohPort(CONTROLLER, "tapes", urls[1:2])
     with ThreadPoolExecutor(1) as other:
         ended = other.submit(run_recorder, path, address)
         try:
-            for port, said in zip(ports, (plant, controller), strict=True):
+            for port in ports:
                 port.announce()
                 port.wait_for([RECORDER], PATIENCE_S)
-                for envelope in said:
-                    port.publish(envelope)
-            ports[0].wait_for_voucher(RECORDER)
+            yield ended, *ports
         finally:
             ended.exception(PATIENCE_S)
             for port in ports:
                 port.close()
+
+
+def recorded(path: Path, plant: list[Envelope], controller: list[Envelope]) -> Future:
+    """Play both on a bus to a recorder; how that ended. Raises PeerLost if it does not vouch."""
+    with recording(path) as (ended, *ports):
+        for port, said in zip(ports, (plant, controller), strict=True):
+            for envelope in said:
+                port.publish(envelope)
+        ports[0].wait_for_voucher(RECORDER)
     return ended
 
 
@@ -51,3 +62,16 @@ def test_what_was_announced_and_did_not_come_fails_the_run(tmp_path: Path, strea
     with pytest.raises(PeerLost, match="recorder left the run before its part was complete"):
         recorded(path, said[:last] + said[last + 1 :], controller_says())
     assert f"stream '{stream}' lost its tail" in read(path).result["fault"]
+
+
+def test_a_fault_that_comes_before_the_scene(tmp_path: Path) -> None:
+    """The links are not equally fast: the file says all the same what was to be run."""
+    with recording(tmp_path / "a.mcap") as (ended, plant, controller):
+        controller.publish(Envelope("force", b"none", 0))
+        time.sleep(0.5)
+        plant.publish(plant_says()[0])
+        with pytest.raises(StreamFault, match="stream 'force'"):
+            ended.result(PATIENCE_S)
+    kept = read(tmp_path / "a.mcap")
+    assert kept.scene_toml == SCENE
+    assert "stream 'force'" in kept.result["fault"]
