@@ -26,7 +26,7 @@ from recordings.recorder import Recorder
 from recordings.writer import RecordingError
 
 BASE_PORT = 7450
-_GRACE_S = 2.0  # for the others to hear of a fault
+_GRACE_S = 2.0  # for the others to hear of a fault, and for the scene to come after one
 _PATIENCE_S = 4.0  # for an interrupted role to end in order
 # Of the recorder, in that of plant and controller: one of these waits for the other alone and can
 # name it, but the last block that it recorded may be older than its wait.

@@ -62,7 +62,7 @@ def test_shipped_laws_are_among_those_used(
 def test_a_file_is_looked_for_in_the_working_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "mine.py").write_text(Path(sources.SHIPPED, "off.py").read_text())
+    (tmp_path / "mine.py").write_text((sources.SHIPPED / "off.py").read_text())
     monkeypatch.chdir(tmp_path)
     law = find("mine.py")
     monkeypatch.chdir("/")

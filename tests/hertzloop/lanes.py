@@ -16,7 +16,7 @@ from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.scenes.scene import Scene
 
 
-class _Port:
+class QueuePort:
     """Port of one role; `heard` gets what a recorder would."""
 
     def __init__(self, role: str, heard: list[Envelope]) -> None:
@@ -57,7 +57,7 @@ class Pair:
     stats: LoopStats | None = None
 
     def __post_init__(self) -> None:
-        self.ports = {role: _Port(role, self.heard) for role in (PLANT, CONTROLLER)}
+        self.ports = {role: QueuePort(role, self.heard) for role in (PLANT, CONTROLLER)}
         for role, other in ((PLANT, CONTROLLER), (CONTROLLER, PLANT)):
             self.ports[role].other = self.ports[other]
         self.plant = PlantNode(

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from bus.streams import PLANT, Envelope, decode
 from hertzloop.loop.conformance import Checks, ScriptedPlant
 from hertzloop.loop.conformance_scripts import scripts
 from recordings.reader import read
+from tests.hertzloop.lanes import QueuePort
 from tests.hertzloop.processes import finish, hertzloop, start
 from tests.ports import free_ports
 
@@ -199,30 +201,16 @@ def test_the_scripts_show_what_they_are_for() -> None:
     assert {script.ending for script in played.values()} == {"whole", "fault", "death"}
 
 
-class Mute:
-    """The port of a plant that nobody answers."""
-
-    role = PLANT
-
-    def __init__(self) -> None:
-        self.said: list[Envelope] = []
-
-    def publish(self, envelope: Envelope) -> None:
-        self.said.append(envelope)
-
-    def receive(self, timeout_s: float, awaited: str) -> Envelope:
-        raise PeerLost(awaited)
-
-
 def test_samples_of_a_script_are_said_as_a_plant_says_them() -> None:
     """Codes with a flag each, values without."""
     kinds = set()
     for script in scripts("slope_threshold"):
-        port = Mute()
-        plant = ScriptedPlant(script, port, None, 1.0, Checks())  # type: ignore[arg-type]
+        said: list[Envelope] = []
+        port: Any = QueuePort(PLANT, said)  # which nobody answers
+        plant = ScriptedPlant(script, port, None, 0.0, Checks())
         with pytest.raises(PeerLost, match="the answer to sample 0"):
             plant.play()
-        [daq] = [decode(envelope) for envelope in port.said if envelope.stream == "daq"]
+        [daq] = [decode(envelope) for envelope in said if envelope.stream == "daq"]
         [(kind, samples)] = [(k, array) for k, array in daq.arrays.items() if len(array)]
         kinds.add(kind)
         assert samples.tolist() == script.samples[: len(samples)].tolist()

@@ -2,6 +2,7 @@
 
 import io
 import math
+import operator
 import re
 from typing import Any
 
@@ -76,12 +77,8 @@ def test_what_the_run_leaves_out(report: dict[str, Any]) -> None:
             assert float(value) == pytest.approx(found["value"], rel=0.05)
         assert float(threshold) == pytest.approx(found["threshold"], rel=0.05)
         if state in ("within", "left out", "out of range"):
-            meets = (
-                found["value"] > found["threshold"]
-                if side == ">"
-                else (found["value"] < found["threshold"])
-            )
-            assert meets == (state == "within"), name
+            meets = operator.gt if side == ">" else operator.lt
+            assert meets(found["value"], found["threshold"]) == (state == "within"), name
             sides.add(side)
     assert sides == {"<", ">"}
 

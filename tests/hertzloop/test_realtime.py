@@ -127,7 +127,7 @@ print(os.sched_getscheduler(0) == os.SCHED_OTHER, p.line())
 
 @pytest.mark.usefixtures("permitted")
 def test_a_loop_that_is_slow_for_a_while_keeps_the_class() -> None:
-    """Half a second of processor time for a step, twice."""
+    """More than half a second of processor time for a step, twice."""
     text = """
 p, steps = Profile(Wanted.ON, 'plant'), [0]
 with p.loop(lambda: steps[0]):

@@ -4,11 +4,12 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from bus.messages_pb2 import Hello
-from bus.streams import Envelope, StreamFault
+from bus.streams import CONTROLLER, Envelope, StreamFault
 from controller.door.law import LawError
 from controller.door.registry import find
 from hertzloop.loop.controller_node import ControllerNode
@@ -16,6 +17,7 @@ from hertzloop.loop.hello import hello
 from hertzloop.loop.law_trial import try_law
 from hertzloop.scenes.scene import SceneError, load, parse, to_toml
 from recordings.reader import read
+from tests.hertzloop.lanes import QueuePort
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
 from tests.hertzloop.processes import finish, hertzloop, start
 from tests.ports import free_ports
@@ -274,17 +276,11 @@ def test_another_file_on_the_controllers_side(here: Path) -> None:
     assert read(here / "a.mcap").problems
 
 
-class Silent:
-    role = "controller"
-
-    def publish(self, envelope: Envelope) -> None:
-        """Nobody listens."""
-
-
 def test_a_shipped_law_of_another_version_is_refused() -> None:
     announced: Hello = hello(load("aluminium-3mm"), 1e10)
     announced.run_id, announced.law_digest = 1, "0" * 32
-    node = ControllerNode(Silent())  # type: ignore[arg-type]
+    port: Any = QueuePort(CONTROLLER, [])  # on which nobody listens
+    node = ControllerNode(port)
     with pytest.raises(StreamFault, match="both sides need the same file"):
         node.handle(Envelope("hello", announced.SerializeToString(), 0))
 
