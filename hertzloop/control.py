@@ -14,7 +14,7 @@ from controller.door.registry import find, shipped
 from controller.law import About, Keys
 from hertzloop import assembly as parts
 from hertzloop.loop import kernels as k
-from hertzloop.loop.plant_node import empty_window
+from hertzloop.loop.plant_streams import empty_window
 from hertzloop.results.impact_rows import first_impact
 from hertzloop.scenes.scene import Scene, SceneError
 from hertzloop.scenes.shared import by_tables

@@ -89,7 +89,7 @@ def simulate(scene: Scene) -> Run:
     """
     from hertzloop.assembly import plant_spec
     from hertzloop.loop import compiled
-    from hertzloop.loop.plant_node import truth_columns
+    from hertzloop.loop.plant_streams import truth_columns
 
     found = compiled.simulate(scene)
     columns = truth_columns(found.rows, scene, plant_spec(scene).same_point)

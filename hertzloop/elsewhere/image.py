@@ -16,7 +16,7 @@ from hertzloop import assembly as parts
 from hertzloop.elsewhere.kernels import ENERGIES, Unit, is_known
 from hertzloop.elsewhere.objects import needed
 from hertzloop.loop import kernels as loop
-from hertzloop.loop.plant_node import empty_window
+from hertzloop.loop.plant_streams import empty_window
 from hertzloop.quantities import SENSED
 from hertzloop.results.impact_windows import F_A, F_C
 from hertzloop.scenes.scene import Scene, SceneError

@@ -18,7 +18,8 @@ from hertzloop.loop import kernels as k
 from hertzloop.loop.controller_node import set_up_by
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.hello import new_run_id
-from hertzloop.loop.plant_node import BLOCK_STEPS, LoopStats, PlantStreams, empty_window
+from hertzloop.loop.plant_node import LoopStats
+from hertzloop.loop.plant_streams import BLOCK_STEPS, PlantStreams, empty_window
 from hertzloop.loop.watchdog import watching
 from hertzloop.scenes.scene import Scene, SceneError
 from plant.books import Books

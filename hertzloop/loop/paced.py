@@ -17,7 +17,7 @@ from bus.streams import StreamFault
 from hertzloop.loop import kernels as k
 from hertzloop.loop import pace_kernels as pk
 from hertzloop.loop.answers import refusal
-from hertzloop.loop.plant_node import BLOCK_STEPS, PlantNode
+from hertzloop.loop.plant_node import PlantNode
 from hertzloop.scenes.scene import Scene, SceneError
 
 _MOST_WAITING = 1 << 22  # samples that are not answered
@@ -120,8 +120,7 @@ class PacedPlantNode(PlantNode):
         )
         said_s, every_s = time.monotonic(), say_every_s(self.timeout_s)
         while streams.step < steps:
-            boundary = (streams.step // BLOCK_STEPS + 1) * BLOCK_STEPS
-            said = self._advance(min(boundary, steps))
+            said = self._advance(streams.boundary)
             if said == k.REACHED or time.monotonic() - said_s > every_s:
                 streams.send_samples()
                 streams.send_truth()

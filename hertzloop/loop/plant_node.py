@@ -3,44 +3,22 @@
 import math
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from bus.messages_pb2 import Books, DaqBlock, RunEnd, TruthBlock
+from bus.messages_pb2 import RunEnd
 from bus.port import BusError, EndedByOther, Port, Publisher, say_every_s
 from bus.streams import PLANT, Checker, StreamFault
-from hertzloop import assembly as parts
 from hertzloop.loop import kernels as k
 from hertzloop.loop.answers import Answers, controllers_fault
-from hertzloop.loop.events import PlantEvents, log
-from hertzloop.loop.hello import hello, new_run_id
+from hertzloop.loop.hello import new_run_id
 from hertzloop.loop.lane_offer import LaneOffer
+from hertzloop.loop.plant_streams import PlantStreams
 from hertzloop.loop.repeating import Repeat
-from hertzloop.quantities import TRUTH
 from hertzloop.scenes.scene import Scene
-from plant.contact.plastic import above_dent_m
-from plant.schemes import state_kernels as pk
 
-BLOCK_STEPS = 1000  # steps in a block of truth, samples in a block at most
-_AHEAD_BLOCKS = 64  # samples that may be on their way while the controller has promised zero
-
-
-def truth_columns(rows: np.ndarray, scene: Scene, same_point: bool) -> dict[str, np.ndarray]:
-    """Rows of truth, shape (10, steps), by the message's fields: those that the scene has, the
-    actuator's displacement only where it pushes elsewhere (see `PlantSpec.same_point`)."""
-    arrays = dict(zip(TRUTH, rows, strict=True))
-    if same_point:
-        del arrays["xi_a_m"]
-    if scene.run.scheme != "modal":
-        del arrays["f_c1_n"]
-    if scene.actuator.bandwidth_hz is None:
-        del arrays["f_a1_n"]
-    if scene.contact.plasticity == "none":
-        del arrays["deepest_m"]
-    return arrays
+_AHEAD_SAMPLES = 64_000  # that may be on their way while the controller has promised zero
 
 
 @dataclass(frozen=True)
@@ -51,133 +29,6 @@ class LoopStats:
     exchanges: int
     run_id: str  # as the recording gives it
     lane: str = ""  # what became of the fast lane: a LaneAnswer's name, "" if none was offered
-
-
-def empty_window(steps: int, samples: int) -> k.Window:
-    """Room for the truth of `steps` steps and for `samples` samples."""
-    return k.Window(
-        truth=np.zeros((k.TRUTH_COLUMNS, steps)),
-        codes=np.zeros(samples, np.int64),
-        values=np.zeros(samples),
-        clipped=np.zeros(samples, np.int64),
-        counts=np.zeros(k.WINDOW_COUNTS, np.int64),
-    )
-
-
-class PlantStreams:
-    """Window of what the plant produced, and its way onto the bus in blocks.
-
-    Blocks of truth and their events are cut at multiples of BLOCK_STEPS, whatever the
-    exchange does.
-    """
-
-    def __init__(self, scene: Scene, publisher: Publisher, held: np.ndarray | None = None) -> None:
-        """`held`: by how many steps each step's command is too old, where some may be."""
-        self.scene, self.publisher, self._held = scene, publisher, held
-        self.plant = parts.plant(scene)
-        self.sensor = parts.sensor(scene)
-        self.hello = hello(scene, self.plant.model.stiffness)
-        self.window = empty_window(BLOCK_STEPS, BLOCK_STEPS)
-        spec = self.sensor.spec
-        quantity = scene.sensors.quantity
-        self._events = PlantEvents(scene.run.step_ns, spec.every_steps, quantity, scene.steps)
-        self._clipped: list[np.ndarray] = []  # flags since the last block of truth
-        self._flags_first = 0
-
-    @property
-    def step(self) -> int:
-        """Present step."""
-        return int(self.plant.state.counts[pk.STEP])
-
-    def greet(self) -> None:
-        """Announce the run."""
-        self.publisher.send("hello", self.hello)
-
-    def samples_waiting(self) -> int:
-        """Samples taken, but not sent."""
-        counts = self.window.counts
-        return int(counts[k.SAMPLES_END] - counts[k.SAMPLES_FIRST])
-
-    def send_samples(self) -> None:
-        """Publish the waiting samples, if there are any."""
-        count, counts = self.samples_waiting(), self.window.counts
-        if not count:
-            return
-        model, every = self.sensor.model, self.sensor.spec.every_steps
-        clipped = self.window.clipped[:count].astype(np.uint8)
-        header = DaqBlock(
-            first_step=int(counts[k.SAMPLES_FIRST]) * every,
-            step_ns=self.scene.run.step_ns,
-            every_steps=every,
-            scale=model.scale,
-            offset=model.offset,
-            saturated=clipped.tobytes() if model.limited else b"",
-        )
-        arrays = (
-            {"value": self.window.values[:count]}
-            if model.ideal
-            else {"code": self.window.codes[:count]}
-        )
-        self.publisher.send("daq", header, arrays)
-        self._clipped.append(clipped)
-        counts[k.SAMPLES_FIRST] += count
-
-    def send_truth(self) -> None:
-        """Publish the waiting rows of truth and their events; samples must be sent before."""
-        counts = self.window.counts
-        first, end = int(counts[k.TRUTH_FIRST]), int(counts[k.TRUTH_END])
-        if first == end:
-            return
-        rows = self.window.truth[:, : end - first]
-        arrays = truth_columns(rows, self.scene, self.plant.spec.same_point)
-        held = None
-        if self._held is not None:
-            arrays["held_steps"] = held = self._held[first:end]
-        header = TruthBlock(first_step=first, step_ns=self.scene.run.step_ns)
-        self.publisher.send("truth", header, arrays)
-        # Flags of samples up to here; a later sample belongs to the next block.
-        flags = np.concatenate([np.empty(0, np.uint8), *self._clipped])
-        share = -(-end // self.sensor.spec.every_steps) - self._flags_first
-        for event in self._events.of(
-            first,
-            above_dent_m(self.plant.spec.contact, rows[0], rows[9]),
-            self._flags_first,
-            flags[:share],
-            held,
-        ):
-            self.publisher.send("events/plant", event)
-        self._clipped, self._flags_first = [flags[share:]], self._flags_first + share
-        counts[k.TRUTH_FIRST] = end
-
-    def finish(self) -> None:
-        """Publish the books and the counts."""
-        plant = self.plant
-        closed = plant.close_books()
-        header = Books(
-            **vars(closed),
-            frequencies=len(plant.modes.omega),
-            frequency_limit_hz=plant.spec.frequency_limit_hz,
-            expected_error=parts.model_error(self.scene),
-        )
-        self.publisher.send("books", header)
-        self.publisher.end()
-
-    def fail(self, sentence: str) -> None:
-        """Publish what is there and why it ends here; a dead bus is no second fault, nor is a
-        block that holds the fault itself. Where one of the run is gone, the end is told to the
-        others all the same."""
-        event = log("plant", self.step, self.scene.run.step_ns, sentence, Log.FATAL)
-        last_words: tuple[Callable[[], object], ...] = (
-            self.send_samples,
-            self.send_truth,
-            lambda: self.publisher.send("events/plant", event),
-        )
-        with suppress(BusError):
-            for say in last_words:
-                with suppress(StreamFault):
-                    say()
-        with suppress(BusError):
-            self.publisher.end(fault=sentence)
 
 
 class PlantNode:
@@ -263,17 +114,17 @@ class PlantNode:
         last_exchange, told_s = 0, time.monotonic()
         every_s = say_every_s(self.timeout_s)
         while streams.step < steps:
-            boundary = (streams.step // BLOCK_STEPS + 1) * BLOCK_STEPS
-            end = int(min(boundary, steps, last_exchange + self.horizon))
-            said = self._advance(end)
+            said = self._advance(int(min(streams.boundary, last_exchange + self.horizon)))
             must_wait = said == k.MUST_WAIT
             # A slow run is not to be taken for a dead one.
             overdue = time.monotonic() - told_s > every_s
             if said != k.SILENT or overdue:
                 if streams.step >= last_exchange + self.horizon:
                     must_wait, last_exchange = True, streams.step
-                streams.send_samples()
-                if overdue or streams.step % BLOCK_STEPS == 0 or streams.step == steps:
+                due = overdue or streams.due
+                if due or must_wait:
+                    streams.send_samples()
+                if due and (overdue or streams.at_boundary):
                     streams.send_truth()
                     self.on_progress(streams.step)
                     told_s = time.monotonic()
@@ -296,7 +147,7 @@ class PlantNode:
         return int(self.streams.window.counts[k.SAMPLES_FIRST])
 
     def _too_far_ahead(self) -> bool:
-        return self._sent() - self.answers.samples > _AHEAD_BLOCKS * BLOCK_STEPS
+        return self._sent() - self.answers.samples > _AHEAD_SAMPLES
 
     def _await_answers(self) -> None:
         """Wait until the controller has answered all samples sent."""

@@ -1,5 +1,6 @@
 """The lock-step under any delays: the same bytes."""
 
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -9,6 +10,7 @@ import pytest
 from bus.messages_pb2 import ForceBlock
 from bus.port import Port, Publisher
 from bus.streams import Checker, Envelope
+from hertzloop.loop import plant_streams
 from hertzloop.loop.controller_node import ControllerNode, set_up_by
 from hertzloop.scenes.scene import parse
 from tests.hertzloop.exchange import exchange
@@ -19,21 +21,45 @@ pytestmark = pytest.mark.usefixtures("short_blocks")
 SEEDS = 60  # of every scene
 
 
+class Clock:
+    """Goes on by a time of its own at every look; where blocks end is what it says."""
+
+    def __init__(self, tick_s: Callable[[], float]) -> None:
+        self._tick_s, self._now_s = tick_s, 0.0
+
+    def monotonic(self) -> float:
+        self._now_s += self._tick_s()
+        return self._now_s
+
+
 @cache
 def expected(name: str) -> dict[str, str]:
     return exchange(scene(name), 0, horizon=1).heard.samples()
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_the_same_bytes_under_any_delays(name: str) -> None:
+def test_the_same_bytes_under_any_delays(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plant_streams, "ROOM_STEPS", 500)
     ways = set()
     for seed in range(SEEDS):
+        draw = np.random.default_rng([seed, 2])
+        monkeypatch.setattr(plant_streams, "time", Clock(lambda draw=draw: draw.uniform(0.0, 0.02)))
         links = exchange(scene(name), seed, **way(seed))
         assert links.heard.samples() == expected(name), f"seed {seed}"
         assert not links.fault
         assert not links.recorder_fault
         ways.add(tuple(links.heard.order))
     assert len(ways) > SEEDS * 0.9  # hardly two of them alike
+
+
+@pytest.mark.parametrize(("tick_s", "blocks"), [(0.0, 6), (1.0, 50)])
+def test_blocks_are_as_long_as_there_is_time(
+    tick_s: float, blocks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """2500 steps: by room alone but for the first 50, or whenever there may be one."""
+    monkeypatch.setattr(plant_streams, "ROOM_STEPS", 500)
+    monkeypatch.setattr(plant_streams, "time", Clock(lambda: tick_s))
+    assert exchange(scene("law"), 0).heard.order.count("truth") == blocks
 
 
 def way(seed: int) -> dict[str, Any]:

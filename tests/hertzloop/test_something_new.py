@@ -138,7 +138,7 @@ import numpy as np
 from bus.streams import RECORDER, SUBSCRIPTIONS
 from hertzloop.loop import kernels as k
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.loop.plant_node import PlantStreams
+from hertzloop.loop.plant_streams import PlantStreams
 from hertzloop.scenes.scene import load
 from recordings.compare import first_difference
 from recordings.reader import read

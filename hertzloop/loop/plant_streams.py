@@ -1,0 +1,184 @@
+"""What the plant produces, on its way onto the bus: samples, truth, events, books."""
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+from foxglove_schemas_protobuf.Log_pb2 import Log
+
+from bus.messages_pb2 import Books, DaqBlock, TruthBlock
+from bus.port import BusError, Publisher
+from bus.streams import StreamFault
+from hertzloop import assembly as parts
+from hertzloop.loop import kernels as k
+from hertzloop.loop.events import PlantEvents, log
+from hertzloop.loop.hello import hello
+from hertzloop.quantities import TRUTH
+from hertzloop.scenes.scene import Scene
+from plant.contact.plastic import above_dent_m
+from plant.schemes import state_kernels as pk
+
+BLOCK_STEPS = 1000  # blocks end at whole multiples of it
+ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most
+_EVERY_S = 0.01  # a message costs as much as hundreds of steps: not more than one in this time
+
+
+def truth_columns(rows: np.ndarray, scene: Scene, same_point: bool) -> dict[str, np.ndarray]:
+    """Rows of truth, shape (10, steps), by the message's fields: those that the scene has, the
+    actuator's displacement only where it pushes elsewhere (see `PlantSpec.same_point`)."""
+    arrays = dict(zip(TRUTH, rows, strict=True))
+    if same_point:
+        del arrays["xi_a_m"]
+    if scene.run.scheme != "modal":
+        del arrays["f_c1_n"]
+    if scene.actuator.bandwidth_hz is None:
+        del arrays["f_a1_n"]
+    if scene.contact.plasticity == "none":
+        del arrays["deepest_m"]
+    return arrays
+
+
+def empty_window(steps: int, samples: int) -> k.Window:
+    """Room for the truth of `steps` steps and for `samples` samples."""
+    return k.Window(
+        truth=np.zeros((k.TRUTH_COLUMNS, steps)),
+        codes=np.zeros(samples, np.int64),
+        values=np.zeros(samples),
+        clipped=np.zeros(samples, np.int64),
+        counts=np.zeros(k.WINDOW_COUNTS, np.int64),
+    )
+
+
+class PlantStreams:
+    """Window of what the plant produced, and its way onto the bus in blocks.
+
+    Blocks of truth are cut at multiples of BLOCK_STEPS, at which of them the clock decides.
+    """
+
+    def __init__(self, scene: Scene, publisher: Publisher, held: np.ndarray | None = None) -> None:
+        """`held`: by how many steps each step's command is too old, where some may be."""
+        self.scene, self.publisher, self._held = scene, publisher, held
+        self.plant = parts.plant(scene)
+        self.sensor = parts.sensor(scene)
+        self.hello = hello(scene, self.plant.model.stiffness)
+        self.window = empty_window(ROOM_STEPS, ROOM_STEPS)
+        spec = self.sensor.spec
+        quantity = scene.sensors.quantity
+        self._events = PlantEvents(scene.run.step_ns, spec.every_steps, quantity, scene.steps)
+        self._clipped: list[np.ndarray] = []  # flags since the last block of truth
+        self._flags_first = 0
+        self._next_s = 0.0  # before which no block is due
+
+    @property
+    def step(self) -> int:
+        """Present step."""
+        return int(self.plant.state.counts[pk.STEP])
+
+    @property
+    def boundary(self) -> int:
+        """The next step at which a block may end."""
+        return min((self.step // BLOCK_STEPS + 1) * BLOCK_STEPS, self.scene.steps)
+
+    @property
+    def at_boundary(self) -> bool:
+        """Whether a block may end at the present step."""
+        return self.step % BLOCK_STEPS == 0 or self.step == self.scene.steps
+
+    @property
+    def due(self) -> bool:
+        """Whether what is waiting should go: after a while, at the end, or for want of room."""
+        counts = self.window.counts
+        room = ROOM_STEPS - int(counts[k.TRUTH_END] - counts[k.TRUTH_FIRST])
+        last = self.step == self.scene.steps
+        return last or room < BLOCK_STEPS or time.monotonic() >= self._next_s
+
+    def greet(self) -> None:
+        """Announce the run."""
+        self.publisher.send("hello", self.hello)
+
+    def samples_waiting(self) -> int:
+        """Samples taken, but not sent."""
+        counts = self.window.counts
+        return int(counts[k.SAMPLES_END] - counts[k.SAMPLES_FIRST])
+
+    def send_samples(self) -> None:
+        """Publish the waiting samples, if there are any."""
+        count, counts = self.samples_waiting(), self.window.counts
+        if not count:
+            return
+        model, every = self.sensor.model, self.sensor.spec.every_steps
+        clipped = self.window.clipped[:count].astype(np.uint8)
+        header = DaqBlock(
+            first_step=int(counts[k.SAMPLES_FIRST]) * every,
+            step_ns=self.scene.run.step_ns,
+            every_steps=every,
+            scale=model.scale,
+            offset=model.offset,
+            saturated=clipped.tobytes() if model.limited else b"",
+        )
+        arrays = (
+            {"value": self.window.values[:count]}
+            if model.ideal
+            else {"code": self.window.codes[:count]}
+        )
+        self.publisher.send("daq", header, arrays)
+        self._clipped.append(clipped)
+        counts[k.SAMPLES_FIRST] += count
+
+    def send_truth(self) -> None:
+        """Publish the waiting rows of truth and their events; samples must be sent before."""
+        counts = self.window.counts
+        first, end = int(counts[k.TRUTH_FIRST]), int(counts[k.TRUTH_END])
+        if first == end:
+            return
+        rows = self.window.truth[:, : end - first]
+        arrays = truth_columns(rows, self.scene, self.plant.spec.same_point)
+        held = None
+        if self._held is not None:
+            arrays["held_steps"] = held = self._held[first:end]
+        header = TruthBlock(first_step=first, step_ns=self.scene.run.step_ns)
+        self.publisher.send("truth", header, arrays)
+        # Flags of samples up to here; a later sample belongs to the next block.
+        flags = np.concatenate([np.empty(0, np.uint8), *self._clipped])
+        share = -(-end // self.sensor.spec.every_steps) - self._flags_first
+        for event in self._events.of(
+            first,
+            above_dent_m(self.plant.spec.contact, rows[0], rows[9]),
+            self._flags_first,
+            flags[:share],
+            held,
+        ):
+            self.publisher.send("events/plant", event)
+        self._clipped, self._flags_first = [flags[share:]], self._flags_first + share
+        counts[k.TRUTH_FIRST], self._next_s = end, time.monotonic() + _EVERY_S
+
+    def finish(self) -> None:
+        """Publish the books and the counts."""
+        plant = self.plant
+        closed = plant.close_books()
+        header = Books(
+            **vars(closed),
+            frequencies=len(plant.modes.omega),
+            frequency_limit_hz=plant.spec.frequency_limit_hz,
+            expected_error=parts.model_error(self.scene),
+        )
+        self.publisher.send("books", header)
+        self.publisher.end()
+
+    def fail(self, sentence: str) -> None:
+        """Publish what is there and why it ends here; a dead bus is no second fault, nor is a
+        block that holds the fault itself. Where one of the run is gone, the end is told to the
+        others all the same."""
+        event = log("plant", self.step, self.scene.run.step_ns, sentence, Log.FATAL)
+        last_words: tuple[Callable[[], object], ...] = (
+            self.send_samples,
+            self.send_truth,
+            lambda: self.publisher.send("events/plant", event),
+        )
+        with suppress(BusError):
+            for say in last_words:
+                with suppress(StreamFault):
+                    say()
+        with suppress(BusError):
+            self.publisher.end(fault=sentence)
