@@ -50,13 +50,14 @@ class PlantNode:
         fast_lane: bool = False,
         repeat: Repeat | None = None,
         held: np.ndarray | None = None,
+        every_s: float = 0.0,
     ) -> None:
-        """`held` as in PlantStreams; that of `repeat`, if there is one."""
+        """`held` and `every_s` as in PlantStreams; the former that of `repeat`, if there is one."""
         self.scene, self.port, self.timeout_s = scene, port, timeout_s
         self.horizon = horizon or math.inf
         self.on_progress = on_progress
         publisher = Publisher(port, new_run_id())
-        self.streams = PlantStreams(scene, publisher, repeat.held if repeat else held)
+        self.streams = PlantStreams(scene, publisher, repeat.held if repeat else held, every_s)
         self.answers = Answers(scene, self.streams.window, held)
         self._repeat, self._commands = repeat, self.answers.forces
         if repeat:

@@ -21,7 +21,7 @@ from plant.schemes import state_kernels as pk
 
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
 ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most
-_EVERY_S = 0.01  # a message costs as much as hundreds of steps: not more than one in this time
+EVERY_S = 0.01  # a message costs as much as hundreds of steps: not more than one in this time
 
 
 def truth_columns(rows: np.ndarray, scene: Scene, same_point: bool) -> dict[str, np.ndarray]:
@@ -53,10 +53,17 @@ def empty_window(steps: int, samples: int) -> k.Window:
 class PlantStreams:
     """Window of what the plant produced, and its way onto the bus in blocks.
 
-    Blocks of truth are cut at multiples of BLOCK_STEPS, at which of them the clock decides.
+    Blocks of truth are cut at multiples of BLOCK_STEPS: at each, or at those which are `every_s`
+    of wall time apart at least.
     """
 
-    def __init__(self, scene: Scene, publisher: Publisher, held: np.ndarray | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        publisher: Publisher,
+        held: np.ndarray | None = None,
+        every_s: float = 0.0,
+    ) -> None:
         """`held`: by how many steps each step's command is too old, where some may be."""
         self.scene, self.publisher, self._held = scene, publisher, held
         self.plant = parts.plant(scene)
@@ -68,7 +75,7 @@ class PlantStreams:
         self._events = PlantEvents(scene.run.step_ns, spec.every_steps, quantity, scene.steps)
         self._clipped: list[np.ndarray] = []  # flags since the last block of truth
         self._flags_first = 0
-        self._next_s = 0.0  # before which no block is due
+        self._every_s, self._next_s = every_s, 0.0  # the latter: before which no block is due
 
     @property
     def step(self) -> int:
@@ -151,7 +158,7 @@ class PlantStreams:
         ):
             self.publisher.send("events/plant", event)
         self._clipped, self._flags_first = [flags[share:]], self._flags_first + share
-        counts[k.TRUTH_FIRST], self._next_s = end, time.monotonic() + _EVERY_S
+        counts[k.TRUTH_FIRST], self._next_s = end, time.monotonic() + self._every_s
 
     def finish(self) -> None:
         """Publish the books and the counts."""

@@ -122,6 +122,7 @@ def run_plant(
     of another run, or at a `pace`; says how fast that went."""
     from hertzloop.loop.paced import PacedPlantNode
     from hertzloop.loop.plant_node import PlantNode
+    from hertzloop.loop.plant_streams import EVERY_S
 
     profile = Profile(realtime, PLANT)
     with _joined(address, PLANT) as port:
@@ -129,7 +130,7 @@ def run_plant(
         node = (
             PacedPlantNode(scene, port, pace, *common)
             if pace
-            else PlantNode(scene, port, horizon, *common, repeat)
+            else PlantNode(scene, port, horizon, *common, repeat, every_s=EVERY_S)
         )
         port.announce()
         port.wait_for([CONTROLLER, RECORDER], address.wait_s)

@@ -181,11 +181,12 @@ def exchange(
     controller: Callable[[Any], Any] = ControllerNode,
     alter: Alter = as_it_is,
     forge: Alter = as_it_is,
+    every_s: float = 0.0,
 ) -> Links:
     """A whole run over links of a seed. Raises what the plant raises; everything arrives first."""
     links = Links(seed, alter, forge)
     links.controller = controller(links.ports[CONTROLLER])
-    plant = PlantNode(scene, links.ports[PLANT], horizon)
+    plant = PlantNode(scene, links.ports[PLANT], horizon, every_s=every_s)
     try:
         plant.run()
     finally:

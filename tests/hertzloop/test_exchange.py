@@ -44,7 +44,7 @@ def test_the_same_bytes_under_any_delays(name: str, monkeypatch: pytest.MonkeyPa
     for seed in range(SEEDS):
         draw = np.random.default_rng([seed, 2])
         monkeypatch.setattr(plant_streams, "time", Clock(lambda draw=draw: draw.uniform(0.0, 0.02)))
-        links = exchange(scene(name), seed, **way(seed))
+        links = exchange(scene(name), seed, every_s=0.01, **way(seed))
         assert links.heard.samples() == expected(name), f"seed {seed}"
         assert not links.fault
         assert not links.recorder_fault
@@ -59,7 +59,7 @@ def test_blocks_are_as_long_as_there_is_time(
     """2500 steps: by room alone but for the first 50, or whenever there may be one."""
     monkeypatch.setattr(plant_streams, "ROOM_STEPS", 500)
     monkeypatch.setattr(plant_streams, "time", Clock(lambda: tick_s))
-    assert exchange(scene("law"), 0).heard.order.count("truth") == blocks
+    assert exchange(scene("law"), 0, every_s=0.01).heard.order.count("truth") == blocks
 
 
 def way(seed: int) -> dict[str, Any]:
