@@ -133,10 +133,12 @@ class PlantStreams:
         self._clipped.append(clipped)
         counts[k.SAMPLES_FIRST] += count
 
-    def send_truth(self) -> None:
-        """Publish the waiting rows of truth and their events; samples must be sent before."""
+    def send_truth(self, until: int | None = None) -> None:
+        """Publish the waiting rows of truth, those of steps before `until` if it is given, and
+        their events; the samples of these steps must be sent before."""
         counts = self.window.counts
-        first, end = int(counts[k.TRUTH_FIRST]), int(counts[k.TRUTH_END])
+        first, taken = int(counts[k.TRUTH_FIRST]), int(counts[k.TRUTH_END])
+        end = taken if until is None else until
         if first == end:
             return
         rows = self.window.truth[:, : end - first]
@@ -158,6 +160,7 @@ class PlantStreams:
         ):
             self.publisher.send("events/plant", event)
         self._clipped, self._flags_first = [flags[share:]], self._flags_first + share
+        self.window.truth[:, : taken - end] = self.window.truth[:, end - first : taken - first]
         counts[k.TRUTH_FIRST], self._next_s = end, time.monotonic() + self._every_s
 
     def finish(self) -> None:

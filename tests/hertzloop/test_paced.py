@@ -111,6 +111,28 @@ def test_late_forces_repeat_to_the_bit(lane: bool, tmp_path: Path) -> None:
     assert "this is not the same run" in repeated(scene, other).fault
 
 
+def test_a_step_between_the_messages_of_a_block(tmp_path: Path) -> None:
+    """The plant takes a step that is due after the samples of a block, before its rows of truth:
+    none goes to another block, nor does what noise clips of every third sample."""
+    clips = ("sensors.full_scale=[-0.01, 0.01]", "sensors.noise_rms=0.01")
+    scene = feedback(*clips, "run.duration_s=0.0035")
+    pair = paced(scene, 0.05)
+    streams, ahead = pair.plant.streams, []
+    send_truth = streams.send_truth
+
+    def watched(until: int | None = None) -> None:
+        ahead.append(streams.step - (streams.step if until is None else until))
+        send_truth(until)
+
+    streams.send_truth = watched  # type: ignore[method-assign]
+    first = recorded(pair.run(), tmp_path / "paced.mcap")
+    assert not first.problems
+    assert ahead[:3] == [1, 1, 1]
+    assert sum("left the converter's range" in event.message for event in first.events) > 300
+    again = repeated(scene, repeat_of(first))
+    assert first_difference(first, recorded(again, tmp_path / "again.mcap")) is None
+
+
 def test_a_recording_that_ends_early_repeats_no_other(tmp_path: Path) -> None:
     """Without the plant's last words on its pace, a paced run is still no repeat."""
     pair = paced(feedback("run.duration_s=0.00002"), 0.01).run()
