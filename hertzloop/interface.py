@@ -225,7 +225,8 @@ def sweep(
     DesignError, SceneError, SweepFailed.
     """
     from studies.sweeps.design import as_axis, design_of
-    from studies.sweeps.evaluate import evaluate, local_pool
+    from studies.sweeps.evaluate import evaluate
+    from studies.sweeps.pool import local_pool
 
     axes = [as_axis(key, values) for key, values in over.items()]
     planned = design_of(scene, axes, design, cases, scene.run.seed)
@@ -254,7 +255,7 @@ def tune(
     Raises DesignError, SceneError, SweepFailed.
     """
     from studies.sweeps.design import as_axis
-    from studies.sweeps.evaluate import local_pool
+    from studies.sweeps.pool import local_pool
     from studies.tuning import tune as study
 
     bases = [scene] if isinstance(scene, Scene) else list(scene)

@@ -26,7 +26,7 @@ def real(
 ) -> None:
     """What each law does in an ideal plant, and where contact, plate, actuator, sensor are real."""
     from studies.real import study
-    from studies.sweeps.evaluate import SweepFailed
+    from studies.sweeps.pool import SweepFailed
 
     check_folder(json_file)
     known = [named.name for named in study.SCENES]

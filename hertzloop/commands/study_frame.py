@@ -44,9 +44,9 @@ def results_in(folder: Path, *schemes: str) -> Iterator[None]:
 def resumable(folder: Path, name: str, header: dict[str, Any]) -> "Iterator[Kept]":
     """Work on many cases that goes on where an earlier start of it was cut short, if one was;
     `header` says what decides the cases. Ends the command where they cannot be finished."""
-    from studies.sweeps.evaluate import SweepFailed
     from studies.sweeps.journal import JournalError
     from studies.sweeps.kept import kept
+    from studies.sweeps.pool import SweepFailed
 
     try:
         with kept(folder, name, header) as finished:

@@ -88,7 +88,8 @@ def tune(
     from hertzloop.commands.warmup import ensure_compiled
     from studies.latency.study import LAWS
     from studies.sweeps.design import DesignError, parse_axis
-    from studies.sweeps.evaluate import Tally, local_pool
+    from studies.sweeps.evaluate import Tally
+    from studies.sweeps.pool import local_pool
     from studies.sweeps.sweep import code_version
     from studies.tuning import tune as study
     from studies.tuning.record import Tuned

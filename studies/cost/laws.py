@@ -20,7 +20,8 @@ from controller.door.sources import SHIPPED
 from hertzloop.results.cases import figures_of_case
 from hertzloop.scenes.scene import DEFAULT, Scene, load
 from studies.sweeps.design import Axis
-from studies.sweeps.evaluate import Pool, evaluate, local_pool
+from studies.sweeps.evaluate import Pool, evaluate
+from studies.sweeps.pool import local_pool
 from studies.tuning.tune import tune
 
 LAW = "slope_threshold"

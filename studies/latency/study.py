@@ -19,9 +19,10 @@ from hertzloop.scenes.scene import Scene, load, vary
 from plant.contact.hertz import rigid_contact_time_s
 from studies.latency.pictures import draw_chance, draw_maps
 from studies.sweeps.design import Design
-from studies.sweeps.evaluate import Pool, Rows, evaluate, local_pool
+from studies.sweeps.evaluate import Pool, Rows, evaluate
 from studies.sweeps.phases import KEY as PHASE
 from studies.sweeps.phases import phases, spread_of
+from studies.sweeps.pool import local_pool
 from studies.sweeps.sweep import work_of
 from studies.tabular import write_records, write_rows
 from studies.words import FIGURES

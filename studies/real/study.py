@@ -24,8 +24,9 @@ from studies.latency.study import (
     survived_us,
 )
 from studies.real.picture import draw
-from studies.sweeps.evaluate import Pool, evaluate, local_pool
+from studies.sweeps.evaluate import Pool, evaluate
 from studies.sweeps.phases import Spread, at_all, spread_of
+from studies.sweeps.pool import local_pool
 from studies.tabular import write_rows
 
 TRIED = (*LAWS, "dent_threshold")

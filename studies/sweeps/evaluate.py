@@ -1,17 +1,9 @@
-"""Simulate many cases of a scene on the cores at hand."""
+"""Simulate many cases of a scene: one, some that travel together, all of them."""
 
-import os
-import sys
-import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, fields
-from multiprocessing import get_context, parent_process
 from typing import Any
 
-from hertzloop.loop.signals import interrupts_held_back
 from hertzloop.results.cases import UNSTABLE, CaseFigures, Span, figures_of_case
 from hertzloop.scenes.scene import Scene, SceneError, parse, to_toml, vary
 
@@ -69,77 +61,6 @@ class Tally:
 def chunked(numbered: Numbered) -> list[Numbered]:
     """Cases in the portions that travel together."""
     return [numbered[i : i + _CHUNK] for i in range(0, len(numbered), _CHUNK)]
-
-
-def local_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
-def _end_with_parent() -> None:
-    """Let a worker end when its parent is killed; it would wait for work for ever."""
-    parent = parent_process()
-    assert parent is not None
-
-    def watch() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-@contextmanager
-def _without_main() -> Iterator[None]:
-    """Start workers that do not import the caller's script: they need nothing of it, and a script
-    without a guarded main would start workers of its own."""
-    main = sys.modules["__main__"]
-    hidden = {name: getattr(main, name) for name in ("__spec__", "__file__") if hasattr(main, name)}
-    main.__spec__ = None
-    main.__dict__.pop("__file__", None)
-    try:
-        yield
-    finally:
-        for name, value in hidden.items():
-            setattr(main, name, value)
-
-
-@contextmanager
-def _starting(count: int) -> Iterator[None]:
-    """Say what a system lacks that starts no workers. Raises SweepFailed."""
-    try:
-        yield
-    except OSError as error:
-        raise SweepFailed(
-            f"{count} workers cannot be started: {error.strerror} (they need some room in "
-            "/dev/shm; --workers 1 needs none)"
-        ) from error
-
-
-@contextmanager
-def local_pool(workers: int | None = None) -> Iterator[Pool]:
-    """Processes that run chunks: a function of scene (TOML), span and chunks that yields their
-    rows as they come. Raises SweepFailed when a process dies, or none can be started."""
-    count = workers or local_cores()
-    if count == 1:
-        yield lambda toml, span, chunks: (run_chunk(toml, span, chunk) for chunk in chunks)
-        return
-    # Spawned, not forked: the caller may have threads.
-    with _starting(count):
-        pool = ProcessPoolExecutor(count, get_context("spawn"), _end_with_parent)
-
-    def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
-        with _starting(count), interrupts_held_back(), _without_main():
-            futures = [pool.submit(run_chunk, toml, span, chunk) for chunk in chunks]
-        return (future.result() for future in as_completed(futures))
-
-    try:
-        yield results
-    except BrokenProcessPool as error:
-        raise SweepFailed("a worker process died") from error
-    finally:
-        # Waited for: a thread of it that is left to the end of the interpreter may find its pipe
-        # closed there, and the last that is said would be an OSError.
-        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def evaluate(pool: Pool, scene: Scene, span: Span, cases: list[dict[str, Any]]) -> Rows:

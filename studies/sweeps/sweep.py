@@ -20,15 +20,9 @@ from hertzloop.results.cases import CaseFigures, Span
 from hertzloop.scenes.scene import Scene, SceneError, to_toml, toml_value, vary
 from jit.cache import code_digest
 from studies.sweeps.design import Design
-from studies.sweeps.evaluate import (
-    SweepFailed,
-    chunked,
-    local_cores,
-    local_pool,
-    not_run,
-    run_chunk,
-)
+from studies.sweeps.evaluate import chunked, not_run, run_chunk
 from studies.sweeps.journal import Journal
+from studies.sweeps.pool import SweepFailed, local_cores, local_pool
 
 _PACKAGES = ("hertzloop", "numpy", "numba")
 

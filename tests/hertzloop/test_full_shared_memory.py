@@ -35,7 +35,7 @@ def test_a_run_needs_no_shared_memory(tmp_path: Path) -> None:
 def test_workers_that_cannot_be_started(tmp_path: Path) -> None:
     words = [
         "--over",
-        "controller.kappa=0:1:0.02",
+        "controller.kappa=0:1:0.0002",
         "--workers",
         "2",
         "--out",
@@ -43,5 +43,5 @@ def test_workers_that_cannot_be_started(tmp_path: Path) -> None:
     ]
     code, said = in_full(*HERTZLOOP, "sweep", *words)
     assert code == 1
-    assert "2 workers cannot be started: No space left on device (they need some room in" in said
+    assert "workers cannot be started: No space left on device (they need some room in" in said
     assert "Traceback" not in said

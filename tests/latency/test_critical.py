@@ -11,7 +11,8 @@ from collections.abc import Iterator
 import pytest
 
 from studies.latency.study import SCENES, Critical, critical
-from studies.sweeps.evaluate import Pool, local_pool
+from studies.sweeps.evaluate import Pool
+from studies.sweeps.pool import local_pool
 
 NAMED = {named.name: named for named in SCENES}
 # Scene, law: least and largest critical latency (us; inf: survives all tried), bits.

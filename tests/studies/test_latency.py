@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from studies.latency import study as study
-from studies.sweeps.evaluate import Pool, local_pool
+from studies.sweeps.evaluate import Pool
+from studies.sweeps.pool import local_pool
 
 
 @pytest.fixture(scope="module")

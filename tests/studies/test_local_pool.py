@@ -1,4 +1,4 @@
-"""The worker processes of a sweep leave nothing behind, however it ends."""
+"""The processes of a sweep: when there are any, what each of them runs, and that none is left."""
 
 import threading
 from multiprocessing import active_children
@@ -6,19 +6,36 @@ from multiprocessing import active_children
 import pytest
 
 from hertzloop.scenes.scene import load, to_toml
-from studies.sweeps.evaluate import chunked, local_pool
+from studies.sweeps import pool as crew
+from studies.sweeps.evaluate import Numbered, chunked
+from studies.sweeps.pool import local_pool
+from tests.hertzloop.own_laws import EXAMPLES
+
+TOML = to_toml(load("aluminium-3mm", ["run.accuracy=0.1"]))
+
+
+def cases(count: int) -> list[Numbered]:
+    return chunked([(number, {"run.seed": number}) for number in range(count)])
+
+
+def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let workers start with the second case."""
+    monkeypatch.setattr(crew, "_LOOK_S", 0.0)
+    monkeypatch.setattr(crew, "_WORTH_S", 0.0)
 
 
 @pytest.mark.usefixtures("warm_kernels")
 @pytest.mark.parametrize("ends", [None, KeyboardInterrupt])
-def test_nothing_of_a_pool_is_left(ends: type[BaseException] | None) -> None:
-    toml = to_toml(load("aluminium-3mm", ["run.accuracy=0.1"]))
-    chunks = chunked([(number, {"run.seed": number}) for number in range(64)])
+def test_nothing_of_a_pool_is_left(
+    ends: type[BaseException] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_once(monkeypatch)
     threads, children = set(threading.enumerate()), set(active_children())
 
     def started() -> None:
         with local_pool(2) as pool:
-            assert next(iter(pool(toml, "impact", chunks)))
+            assert next(iter(pool(TOML, "impact", cases(64))))
+            assert set(active_children()) != children
             if ends:
                 raise ends
 
@@ -29,3 +46,49 @@ def test_nothing_of_a_pool_is_left(ends: type[BaseException] | None) -> None:
         started()
     assert set(threading.enumerate()) == threads
     assert set(active_children()) == children
+
+
+@pytest.mark.usefixtures("warm_kernels")
+def test_every_case_is_run_once_by_whichever_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    at_once(monkeypatch)
+    here: list[int] = []
+    run_case = crew.run_case
+
+    def noted(scene: object, span: object, number: int, values: object) -> object:
+        here.append(number)
+        return run_case(scene, span, number, values)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(crew, "run_case", noted)
+    with local_pool(3) as pool:
+        for count in (16 * 40, 16 * 20 + 3):  # the second time the workers are there
+            here.clear()
+            rows = [row for some in pool(TOML, "impact", cases(count)) for row in some]
+            assert sorted(row["case"] for row in rows) == list(range(count))
+            assert not any(row["status"] for row in rows)
+            assert 0 < len(here) < count
+            assert len(set(here)) == len(here)
+
+
+@pytest.mark.usefixtures("warm_kernels")
+def test_few_cases_start_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(crew, "_WORTH_S", 60.0)  # 1.5 s could be, where the machine is busy
+    before = set(active_children())
+    with local_pool(2) as pool:
+        rows = [row for some in pool(TOML, "impact", cases(40)) for row in some]
+        assert set(active_children()) == before
+    assert [row["case"] for row in rows] == list(range(40))
+
+
+@pytest.mark.parametrize("by_case", [False, True])
+def test_a_law_from_elsewhere_is_not_run_here(
+    by_case: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may crash its process; what the others have found is not lost with it."""
+    monkeypatch.setattr(crew, "run_case", None)
+    law = str(EXAMPLES / "low_passed.py")
+    toml, values = TOML, {"controller.law": law}
+    if not by_case:
+        toml, values = to_toml(load("aluminium-3mm", [f"controller.law={law}"])), {}
+    with local_pool(2) as pool:
+        (rows,) = pool(toml, "impact", chunked([(0, values), (1, {})]))
+    assert [row["status"] for row in rows] == ["", ""]

@@ -14,8 +14,9 @@ from hertzloop.results.cases import figures_of_case
 from hertzloop.scenes.scene import load, vary
 from studies.latency.study import Named, critical
 from studies.sweeps.design import Axis
-from studies.sweeps.evaluate import Pool, local_pool
+from studies.sweeps.evaluate import Pool
 from studies.sweeps.phases import KEY, phases, spread_of
+from studies.sweeps.pool import local_pool
 from studies.tuning import tune
 
 CHEAP = ("run.accuracy=0.1", "run.duration_s=0.0013")

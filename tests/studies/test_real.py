@@ -12,8 +12,8 @@ from hertzloop.results.cases import figures_of_case
 from hertzloop.scenes.scene import vary
 from studies.latency.study import Named, critical
 from studies.real import study
-from studies.sweeps.evaluate import local_pool
 from studies.sweeps.phases import phases
+from studies.sweeps.pool import local_pool
 
 COARSE = Named(
     "coarse", "aluminium-3mm",

@@ -14,8 +14,9 @@ import pytest
 from hertzloop.results.cases import Span
 from hertzloop.scenes.scene import load
 from studies.latency import study as latency
-from studies.sweeps.evaluate import Numbered, Pool, Rows, evaluate, local_pool
+from studies.sweeps.evaluate import Numbered, Pool, Rows, evaluate
 from studies.sweeps.kept import Kept, kept
+from studies.sweeps.pool import local_pool
 from tests.studies.sweeping import COARSE, command
 
 TUNE = ["tune", "--law", "predicted", "--set", "run.accuracy=0.05", "--set",

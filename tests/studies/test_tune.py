@@ -12,7 +12,8 @@ from hertzloop.commands.cli import app
 from hertzloop.results.cases import figures_of_case
 from hertzloop.scenes.scene import Scene, load, vary
 from studies.sweeps.design import Axis
-from studies.sweeps.evaluate import Pool, local_pool
+from studies.sweeps.evaluate import Pool
+from studies.sweeps.pool import local_pool
 from studies.tuning import tune as study
 
 KAPPA = (Axis("controller.kappa", (), -0.5, 1.5),)
