@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -271,9 +272,9 @@ def law_reach(scene: Scene) -> Reach:
         return Reach()
 
 
-def about_bodies(scene: Scene, stiffness: float) -> About:
-    """What a law may know of a run, with the contact's `stiffness` (N/m^1.5), without what takes
-    a simulation or the range of the converter."""
+def about_bodies(scene: Scene, stiffness: float, **more: Any) -> About:
+    """What a law may know of a run, with the contact's `stiffness` (N/m^1.5), and `more` of what
+    takes a simulation or the range of the converter."""
     limit_n = scene.controller.full_scale_n
     return replace(
         _about_impact(scene, stiffness),
@@ -282,6 +283,7 @@ def about_bodies(scene: Scene, stiffness: float) -> About:
         # The force of a sample acts one step after it at the earliest.
         horizon_steps=1 + scene.in_steps(scene.controller.latency_us),
         limit_n=math.inf if limit_n is None else limit_n,
+        **more,
     )
 
 

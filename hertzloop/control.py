@@ -6,7 +6,6 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from controller import law_kernels as laws
 from controller.controller import Controller, LineSpec
 from controller.door.bound import BoundLaw
 from controller.door.law import LawError
@@ -31,8 +30,9 @@ def about(scene: Scene, stiffness: float) -> About:
     """What a law may know of a run; `stiffness` in N/m^1.5 is the contact's."""
     limits = parts.full_scale(scene) if scene.sensors.bits != "ideal" else None
     step = (limits[1] - limits[0]) / (2 ** int(scene.sensors.bits) - 1) if limits else 0.0
-    return replace(
-        parts.about_bodies(scene, stiffness),
+    return parts.about_bodies(
+        scene,
+        stiffness,
         converter_step=step,
         uncontrolled_force_n=partial(uncontrolled_force_n, scene),
     )
@@ -96,9 +96,7 @@ def flight_m(scene: Scene, spec: PlantSpec) -> float:
     Raises SceneError."""
     if scene.controller.law not in shipped():  # a recording must not have others called
         return 0.0
-    bound = law(scene, spec.contact.stiffness, True)
-    state = laws.LawState(np.zeros(laws.LAW_COUNTS, np.int64), np.zeros(0), bound.new_state())
-    level = float(laws.quiet_level(bound.model, state))
+    level = law(scene, spec.contact.stiffness, True).waits_above
     if not 0.0 < level < math.inf:
         return 0.0
     known = parts.about_bodies(scene, spec.contact.stiffness)

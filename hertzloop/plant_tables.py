@@ -4,6 +4,7 @@ from dataclasses import asdict
 from typing import Any
 
 from hertzloop.scenes.scene import Scene
+from hertzloop.scenes.shared import by_tables
 from plant.actuator.model import Actuator
 from plant.contact.hertz import (
     Contact,
@@ -23,6 +24,7 @@ def actuator_of(scene: Scene) -> Actuator:
     return Actuator(table.bandwidth_hz, table.damping, table.mass_kg or 0.0, table.force_limit_n)
 
 
+@by_tables("sphere", "plate", "materials")
 def weaker(scene: Scene) -> tuple[str, Strength] | None:
     """Which body yields first, and its strength; None where that of the plate is not known."""
     return softer(scene.material("plate"), scene.material("sphere"))

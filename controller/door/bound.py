@@ -6,6 +6,7 @@ import numbers
 import time
 import traceback
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from controller.door.callbacks import plain, python_functions, state_view
 from controller.door.compiled import FUNCTIONS, UNCOMPILED, Entries
 from controller.door.records import Packed, pack, state_of
-from controller.law_kernels import LawModel
+from controller.law_kernels import LAW_COUNTS, LawModel, LawState, quiet_level
 
 
 class LawFault(RuntimeError):
@@ -37,6 +38,12 @@ class BoundLaw:
     def new_state(self) -> np.ndarray:
         """Words of the state at the start of a run."""
         return self._state.data.copy()
+
+    @cached_property
+    def waits_above(self) -> float:
+        """Level above which samples leave the law at zero, as it is at the start; inf without."""
+        state = LawState(np.zeros(LAW_COUNTS, np.int64), np.zeros(0), self.new_state())
+        return float(quiet_level(self.model, state))
 
     def explain(self, samples: np.ndarray, index: int) -> str:
         """One sentence on what the law did wrong at sample `index`."""

@@ -7,6 +7,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from annotated_types import Ge, Le
 from pydantic import BaseModel
 
@@ -34,6 +35,7 @@ class Law:
     source: str
     digest: str
     home: Any = field(repr=False, compare=False)
+    _bound: dict[Any, BoundLaw] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
     def keys(self) -> type[BaseModel]:
@@ -94,10 +96,39 @@ class Law:
 
     def bound_to(self, constants: Any, ahead: bool = True) -> BoundLaw:
         """The law with given constants. Raises LawError."""
-        try:
-            return BoundPython(self.name, self.digest, self.home, constants, ahead)
-        except TypeError as error:
-            raise LawError(f"the law {self.name} cannot be: {error}") from error
+        # The cases of a sweep often differ in what leaves a law's constants as they are.
+        words = (_exactly(constants), ahead)
+        if words not in self._bound:
+            try:
+                found = BoundPython(self.name, self.digest, self.home, constants, ahead)
+            except TypeError as error:
+                raise LawError(f"the law {self.name} cannot be: {error}") from error
+            if words[0] is None:
+                return found
+            if len(self._bound) >= _MOST_BOUND:
+                self._bound.clear()
+            self._bound[words] = found
+        return self._bound[words]
+
+
+_MOST_BOUND = 64
+_FEW = 64
+
+
+def _exactly(constants: Any) -> tuple[Any, ...] | None:
+    """Constants as what tells apart those that differ in a bit or a type; None of what may have
+    more to it than a few numbers."""
+    if not isinstance(constants, tuple):
+        return None
+    words: list[Any] = []
+    for value in constants:
+        if type(value) in (int, float, bool):
+            words.append(repr(value))
+        elif isinstance(value, np.ndarray) and value.dtype == float and value.size <= _FEW:
+            words.append(value.tobytes())
+        else:
+            return None
+    return tuple(words)
 
 
 @lru_cache(maxsize=64)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from hertzloop.quantities import SENSED
 from hertzloop.scenes.sentences import shortened
+from hertzloop.scenes.shared import by_tables
 from plant.contact.hertz import GRAVITY_M_S2
 
 if TYPE_CHECKING:
@@ -22,9 +23,9 @@ _NARROWEST_SHARE = 1e-6  # of its larger number; 24 bits of it are still told ap
 def problems(scene: "Scene") -> list[str]:
     """Sentences on values that are fine alone, but not together."""
     found = []
-    plate, run, control = scene.plate, scene.run, scene.controller
-    found += _structure_problems(scene)
-    found += _point_problems(plate)
+    run, control = scene.run, scene.controller
+    of_plate, of_run = _beside_control(scene)
+    found += of_plate
     if not 1 <= scene.steps <= _MAX_STEPS:
         found.append(
             f"run.duration_s = {run.duration_s:g} makes {scene.steps} steps of run.step_ns = "
@@ -37,7 +38,6 @@ def problems(scene: "Scene") -> list[str]:
                 f"controller.{key} = {value:g} is no whole number of steps; take a multiple of "
                 f"{run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})"
             )
-    found += _phase_problems(scene)
     wanted = scene.law.senses
     if wanted not in (*SENSED, "any"):
         found.append(f"{scene.law.name} senses '{wanted}'; known are {', '.join(SENSED)} and any")
@@ -46,7 +46,7 @@ def problems(scene: "Scene") -> list[str]:
             f"sensors.quantity = '{scene.sensors.quantity}' does not fit controller.law = "
             f"'{control.law}', which works on '{wanted}'; take that or 'auto', or law 'off'"
         )
-    found += _scheme_problems(scene)
+    found += of_run
     if control.bits != "ideal" and control.full_scale_n is None:
         found.append(
             f"controller.bits = {control.bits} needs controller.full_scale_n, the largest force (N)"
@@ -68,6 +68,13 @@ def problems(scene: "Scene") -> list[str]:
             f"sensors.bits = {scene.sensors.bits} needs a range in sensors.full_scale, not 'none'"
         )
     return found
+
+
+@by_tables("sphere", "plate", "contact", "actuator", "materials", "run")
+def _beside_control(scene: "Scene") -> tuple[list[str], list[str]]:
+    """Of the plate alone, and of the run with all that is neither sensor nor controller."""
+    of_plate = _structure_problems(scene) + _point_problems(scene.plate)
+    return of_plate, _phase_problems(scene) + _scheme_problems(scene)
 
 
 def _phase_problems(scene: "Scene") -> list[str]:

@@ -6,9 +6,10 @@ The cases of a sweep differ in a few keys; most of what is made of a scene is th
 from collections.abc import Callable, Hashable
 from functools import wraps
 from operator import attrgetter
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
-from hertzloop.scenes.scene import Scene
+if TYPE_CHECKING:
+    from hertzloop.scenes.scene import Scene
 
 _KEPT = 8  # a table of modes can be large
 
@@ -19,19 +20,19 @@ More = ParamSpec("More")
 def by_tables(
     *names: str,
 ) -> Callable[
-    [Callable[Concatenate[Scene, More], Result]], Callable[Concatenate[Scene, More], Result]
+    [Callable[Concatenate["Scene", More], Result]], Callable[Concatenate["Scene", More], Result]
 ]:
     """Keep the results of a function of a scene by the tables, or "table.key", that it reads, and
     by what else it is given; those that were made last."""
     shared: Callable[[Scene], Hashable] = attrgetter(*names)
 
     def keeping(
-        function: Callable[Concatenate[Scene, More], Result],
-    ) -> Callable[Concatenate[Scene, More], Result]:
+        function: Callable[Concatenate["Scene", More], Result],
+    ) -> Callable[Concatenate["Scene", More], Result]:
         known: dict[Hashable, Any] = {}
 
         @wraps(function)
-        def kept(scene: Scene, *more: More.args, **named: More.kwargs) -> Result:
+        def kept(scene: "Scene", *more: More.args, **named: More.kwargs) -> Result:
             key = (shared(scene), more, *named.items())
             found = known.get(key, known)  # None may be a result
             if found is known:

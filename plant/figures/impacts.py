@@ -10,6 +10,7 @@ from plant.figures import rows_kernels as k
 from plant.figures.peaks import peak_force_n, peak_speed_m_s
 
 FloatOrArray = TypeVar("FloatOrArray", float, np.ndarray)
+_FEW_EDGES = 64  # starts and ends of contacts; of a run with more they are counted first
 
 
 @dataclass(frozen=True)
@@ -44,13 +45,12 @@ def sphere_speed_m_s(
 
 def _contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:
     """First steps of the contacts, and of what follows them; none after one that is cut off."""
-    touching = np.flatnonzero(f_c)
-    if not len(touching):
-        return [], []
-    last_before = np.flatnonzero(np.diff(touching) > 1)
-    starts = [int(touching[0]), *touching[last_before + 1].tolist()]
-    ends = [*(touching[last_before] + 1).tolist(), int(touching[-1]) + 1]
-    return starts, ends if ends[-1] < len(f_c) else ends[:-1]
+    edges = np.empty(_FEW_EDGES, np.int64)
+    count = k.edges_of(f_c, edges)
+    if count > len(edges):
+        edges = np.empty(count, np.int64)
+        k.edges_of(f_c, edges)
+    return edges[:count:2].tolist(), edges[1:count:2].tolist()
 
 
 def _crossing(xi: np.ndarray, before: int, dent: float) -> float:

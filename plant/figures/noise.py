@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from plant.contact.hertz import GRAVITY_M_S2
+from plant.figures import spectrum_kernels as k
 from plant.structures.plate import Oscillators
 from plant.structures.radiation import AIR_DENSITY_KG_M3, SOUND_SPEED_M_S
 
@@ -116,14 +117,15 @@ def force_spectrum(
     the slopes times h e^(-i a) (-i) (sin a - a cos a)/a^2.
     """
     by = _transform(np.asarray(frequency_hz, dtype=float).tobytes(), step_s)
-    found = by.sum(force_n) * by.held * step_s
-    if slope_n is not None and np.any(slope_n):
-        found = found + by.tilted * by.sum(slope_n)
-    return np.asarray(found)
+    found = np.zeros(len(by.held), complex)
+    by.add(force_n, by.held, found)
+    if slope_n is not None:
+        by.add(slope_n, by.tilted, found)
+    return found
 
 
 _BLOCK = 64
-_PAIRS_AT_ONCE = 1 << 23  # of a frequency and a time, or another frequency
+_PAIRS_AT_ONCE = 1 << 23  # of two frequencies
 
 
 class _Transform:
@@ -132,37 +134,24 @@ class _Transform:
     def __init__(self, frequency_hz: np.ndarray, step_s: float) -> None:
         self._step_s, self._omega = step_s, 2.0 * np.pi * frequency_hz
         omega, half = self._omega, np.pi * frequency_hz * step_s
-        # Of a force of 1/h held over a step.
-        self.held = np.sinc(omega * step_s / (2.0 * np.pi)) * np.exp(-0.5j * omega * step_s)
+        # Of a force of 1 held over a step.
+        self.held = step_s * np.sinc(half / np.pi) * np.exp(-1j * half)
         # (sin a - a cos a)/a^2 = a/3 (1 - a^2/10 + ...)
         small = np.abs(half) < 1e-2
         a = np.where(small, 1.0, half)
         odd = np.where(small, half / 3.0 * (1.0 - half * half / 10.0),
                        (np.sin(a) - a * np.cos(a)) / (a * a))  # fmt: skip
         self.tilted = -1j * odd * np.exp(-1j * half) * step_s
-        # exp(-i w n h) for n below _BLOCK, shape (frequencies, _BLOCK), and for n = _BLOCK.
-        phase = -1j * step_s * omega
-        self._powers = np.exp(phase[:, None] * np.arange(_BLOCK))
-        self._turn = np.exp(phase * _BLOCK)
+        # exp(-i w n h) for n up to _BLOCK, shape (2, n, frequencies).
+        powers = np.exp(-1j * step_s * np.arange(_BLOCK + 1)[:, None] * omega)
+        self._powers = np.stack([powers.real, powers.imag])
         self._delays: dict[int, np.ndarray] = {}  # exp(-i w n h) by n
 
-    def sum(self, force_n: np.ndarray) -> np.ndarray:
-        """sum F_n exp(-i w n h)."""
-        used = np.flatnonzero(force_n)
-        total = np.zeros(len(self._omega), complex)
-        if not len(used):
-            return total
-        first, last = int(used[0]), int(used[-1]) + 1
-        # In blocks: exp(-i w t) for all pairs would not fit for a long force.
-        pulse = np.zeros(-(-(last - first) // _BLOCK) * _BLOCK)
-        pulse[: last - first] = force_n[first:last]
-        blocks = pulse.reshape(-1, _BLOCK)
-        group = max(1, _PAIRS_AT_ONCE // len(total))
-        for start in reversed(range(0, len(blocks), group)):
-            sums = self._powers @ blocks[start : start + group].T
-            for block in range(sums.shape[1] - 1, -1, -1):  # Horner's rule
-                total = total * self._turn + sums[:, block]
-        return np.asarray(total * self._delayed(first))
+    def add(self, force_n: np.ndarray, factor: np.ndarray, found: np.ndarray) -> None:
+        """Add `factor` sum F_n exp(-i w n h) to `found`, shapes (frequencies,)."""
+        first, end = k.nonzero(force_n)
+        if first < end:
+            k.add_spectrum(force_n, first, end, self._powers, self._delayed(first), factor, found)
 
     def _delayed(self, steps: int) -> np.ndarray:
         if steps not in self._delays:
@@ -234,9 +223,8 @@ def audible(modes: Oscillators) -> np.ndarray:
 
 
 def audible_alone(modes: Oscillators) -> Oscillators:
-    """The oscillators up to 20 kHz alone; two at least, for of one the force's spectrum is summed
-    in another order than among others, and its last digits would differ."""
-    count = max(2, len(audible(modes)))
+    """The oscillators up to 20 kHz alone; what a force gives each is the same as among others."""
+    count = len(audible(modes))
     eta = modes.eta[:count] if isinstance(modes.eta, np.ndarray) else modes.eta
     return replace(
         modes, omega=modes.omega[:count], contact=modes.contact[:count],

@@ -94,3 +94,30 @@ def add_work_of_slopes(slope, v_end, v_start, sign, step_s, work):
     """Add that of their slopes, `sign` F_1 h (v_1 - v_0)/6."""
     for i in range(work.size - 1):
         work[i] += sign * slope[i] * (v_end[i + 1] - v_start[i]) * step_s / 6.0
+
+
+@kernel(borrowed=True)
+def edges_of(values, edges):
+    """Steps at which what is not zero begins and ends, in turns, as many as `edges` takes; how
+    many there are. What lasts to the end has no end."""
+    count, inside = 0, False
+    for i in range(values.size):
+        if (values[i] != 0.0) != inside:
+            inside = not inside
+            if count < edges.size:
+                edges[count] = i
+            count += 1
+    return count
+
+
+@kernel(borrowed=True)
+def fastest(values):
+    """Index of the largest size; of the first that is no number, if there is one."""
+    at = 0
+    for i in range(values.size):
+        size = abs(values[i])
+        if math.isnan(size):
+            return i
+        if size > abs(values[at]):
+            at = i
+    return at

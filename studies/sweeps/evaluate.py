@@ -1,7 +1,7 @@
 """Simulate many cases of a scene: one, some that travel together, all of them."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from hertzloop.results.cases import UNSTABLE, CaseFigures, Span, figures_of_case
@@ -28,7 +28,7 @@ def run_case(scene: Scene, span: Span, number: int, values: dict[str, Any]) -> d
     """One case: its number, the varied keys, the figures, and `status`, empty if all is well."""
     row: dict[str, Any] = {"case": number, **values}
     try:
-        return row | asdict(figures_of_case(vary(scene, values), span)) | {"status": ""}
+        return row | vars(figures_of_case(vary(scene, values), span)) | {"status": ""}
     except Exception as error:  # one case must not end the others
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
         return row | dict.fromkeys(f.name for f in fields(CaseFigures)) | {"status": status}
