@@ -264,6 +264,7 @@ def _actuation(scene: Scene, reach: Reach, found: Reflections) -> Actuation:
     return Actuation(jumps_n=2.0 * reach.share * peak_n)
 
 
+@by_tables("controller")
 def law_reach(scene: Scene) -> Reach:
     """How far the force of the scene's law can go."""
     try:

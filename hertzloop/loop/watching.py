@@ -30,7 +30,7 @@ def session(connect: Sequence[str]) -> zenoh.Session:
         "connect/endpoints": list(connect),
         "connect/timeout_ms": -1,  # for as long as it takes
         "connect/exit_on_failure": False,
-        "connect/retry": {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 2},
+        "connect/retry": {"period_init_ms": 50, "period_max_ms": 100, "period_increase_factor": 2},
     }.items():
         config.insert_json5(key, json.dumps(value))
     return zenoh.open(config)

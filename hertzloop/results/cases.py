@@ -42,6 +42,7 @@ from plant.figures.noise import (
     audible_alone,
     modal_shares_j,
 )
+from plant.figures.rows_kernels import all_finite
 from plant.plant import PlantSpec, modes_of
 from plant.structures.plate import Oscillators
 
@@ -186,7 +187,7 @@ def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
         raise
     books = run.books
     found = _bounded(scene, run.rows)
-    if not (np.isfinite(run.rows).all() and math.isfinite(books.energy_residual)):
+    if not (all_finite(run.rows) and math.isfinite(books.energy_residual)):
         raise SceneError("the run has numbers that are not finite; its figures would say nothing")
     spec = parts.plant_spec(scene)
     noise, impacts = _noise(scene, spec, run.rows)

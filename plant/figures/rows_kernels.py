@@ -121,3 +121,15 @@ def fastest(values):
         if size > abs(values[at]):
             at = i
     return at
+
+
+@kernel(borrowed=True)
+def all_finite(rows):
+    """Whether rows, shape (rows, steps), hold nothing but finite numbers."""
+    for row in rows:
+        odd = 0
+        for value in row:
+            odd += not math.isfinite(value)
+        if odd:
+            return False
+    return True

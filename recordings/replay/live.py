@@ -1,4 +1,4 @@
-"""A run while it goes on: a few points of every block, in a Rerun viewer."""
+"""A run while it goes on: a few points of every thousand steps, in a Rerun viewer."""
 
 import numpy as np
 import rerun as rr
@@ -13,7 +13,7 @@ _CURVES = (
     ("xi_m", "live/gap/xi", 1e6), ("f_c_n", "live/force/F_c", 1.0),
     ("f_a_n", "live/force/F_a", 1.0), ("v_p_m_s", "live/velocity/v_p", 1.0),
 )  # fmt: skip
-_PIECES = 4  # of a block, each with its minimum and maximum
+_PIECE_STEPS = 250  # each with its minimum and maximum, however long a block is
 
 
 def blueprint() -> rrb.Blueprint:
@@ -29,11 +29,12 @@ def blueprint() -> rrb.Blueprint:
     return rrb.Blueprint(rrb.Vertical(*views), auto_layout=False, auto_views=False)
 
 
-def extremes_of(values: np.ndarray, pieces: int = _PIECES) -> np.ndarray:
+def extremes_of(values: np.ndarray) -> np.ndarray:
     """Ascending positions of the minimum and maximum of each piece of a block."""
+    pieces = [values[at : at + _PIECE_STEPS] for at in range(0, len(values), _PIECE_STEPS)]
     found = [
-        part[0] + np.array([values[part].argmin(), values[part].argmax()])
-        for part in np.array_split(np.arange(len(values)), min(pieces, len(values)))
+        i * _PIECE_STEPS + np.array([piece.argmin(), piece.argmax()])
+        for i, piece in enumerate(pieces)
     ]
     return np.unique(np.concatenate(found))
 

@@ -18,7 +18,7 @@ from recordings.replay import live, viewer
 from tests.hertzloop.processes import finish, hertzloop, start
 from tests.ports import free_ports
 
-RUN = ["--set", "run.duration_s=0.02", "--set", "run.accuracy=0.1"]
+RUN = ["--set", "run.duration_s=0.1", "--set", "run.accuracy=0.1"]
 NO_SCREEN = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
 
 
@@ -28,6 +28,8 @@ def test_a_few_samples_keep_the_extremes_of_a_block() -> None:
     chosen = live.extremes_of(values)
     assert {17, 801} <= set(chosen.tolist())
     assert len(chosen) <= 8
+    long = np.tile(values, 10)  # a fast plant's blocks are as long; each thousand steps count
+    assert {17 + 1000 * i for i in range(10)} <= set(live.extremes_of(long).tolist())
     assert live.extremes_of(np.array([2.0])).tolist() == [0]
 
 
