@@ -42,7 +42,7 @@ from plant.figures.noise import (
     audible_alone,
     modal_shares_j,
 )
-from plant.figures.rows_kernels import all_finite
+from plant.figures.rows_kernels import all_finite, first_of, largest
 from plant.plant import PlantSpec, modes_of
 from plant.structures.plate import Oscillators
 
@@ -162,10 +162,9 @@ def _until_over(scene: Scene, quiet: int) -> Simulated:
 
 def latched_us(scene: Scene, run: Simulated) -> float:
     """The first delay that the law of a run latched, us; nan of one that latches none."""
-    acting = run.modes == ACTING
-    if not scene.law.latches or not acting.any():
+    first = first_of(run.modes, ACTING) if scene.law.latches else -1
+    if first < 0:
         return math.nan
-    first = int(np.argmax(acting))
     return float(run.delays[first]) * scene.sensors.every_steps * scene.run.step_ns / 1000
 
 
@@ -300,7 +299,7 @@ def _noise(scene: Scene, spec: PlantSpec, rows: np.ndarray) -> tuple[ImpactNoise
         modes,
         modal_shares_j(modes, -rows[F_C], rows[F_A], scene.step_s, -rows[F_C1], rows[F_A1]),
         work_j=sum(impact.plate_energy_j for impact in found),
-        plate_speed_max_m_s=float(np.max(np.abs(rows[V_P]), initial=0.0)),
+        plate_speed_max_m_s=largest(rows[V_P]),
         contact_time_s=found[0].duration_s,
         impact_speed_m_s=found[0].impact_speed_m_s,
         rebound_speed_m_s=found[-1].rebound_speed_m_s,

@@ -35,11 +35,13 @@ class ExtremesMeter:
 
     def feed(self, rows: np.ndarray) -> None:
         """Take rows, shape (10, steps)."""
+        if not rows.shape[1]:
+            self._touching = False
+            return
         self._force_n = max(self._force_n, k.largest_sum(rows[F_C], rows[F_C1]))
         self._actuator_n = max(self._actuator_n, k.largest_sum(rows[F_A], rows[F_A1]))
-        self._touching = bool(rows.shape[1] and rows[F_C, -1] != 0.0)
-        moved = float(np.max(np.abs(rows[XI_P]), initial=0.0))
-        self._deflection_m = max(self._deflection_m, moved)
+        self._touching = bool(rows[F_C, -1] != 0.0)
+        self._deflection_m = max(self._deflection_m, k.largest(rows[XI_P]))
 
     def through(self, blocks: Iterable[Block]) -> Iterator[Block]:
         """The same blocks, followed as they pass."""

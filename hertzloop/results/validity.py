@@ -218,11 +218,10 @@ def findings(facts: Facts) -> list[Finding]:
 
 def names_by_state(facts: Facts) -> dict[State, str]:
     """Names of the indicators in each state, as the results of a sweep have them."""
-    names: dict[State, str] = {}
+    names: dict[State, list[str]] = {}
     for row, found in _judged(facts):
-        before = names.get(found.state)
-        names[found.state] = row.name if before is None else f"{before}, {row.name}"
-    return names
+        names.setdefault(found.state, []).append(row.name)
+    return {state: ", ".join(some) for state, some in names.items()}
 
 
 def _judged(facts: Facts) -> Iterator[tuple[Row, _Judged]]:

@@ -59,27 +59,24 @@ def _radiated_j(
     if not isinstance(plate, Plate):
         return dict.fromkeys(_RADIATED, math.nan)
     audible, weights = _weights(plate, modes, faces)
-    heard = shares_j[audible]
-    return {name: float(np.sum(heard * part)) for name, part in weights.items()}
+    sums = np.sum(shares_j[audible] * weights, axis=1)
+    return dict(zip(_RADIATED, sums.tolist(), strict=True))
 
 
 _RADIATED = [f"{kind}{name}_j" for kind in ("radiated", "sound") for name in _EFFICIENCIES]
 
 
 @lru_cache(maxsize=16)
-def _weights(
-    plate: Plate, modes: Oscillators, faces: int
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Oscillators up to 20 kHz, and what of their energies counts, for all impacts on a plate."""
+def _weights(plate: Plate, modes: Oscillators, faces: int) -> tuple[np.ndarray, np.ndarray]:
+    """Oscillators up to 20 kHz, and what of their energies counts, for all impacts on a plate: a
+    row for each of `_RADIATED`."""
     frequency = modes.omega / (2.0 * np.pi)
     audible = noise.audible(modes)
-    weights = {}
-    for name, by in _EFFICIENCIES.items():
-        weights[f"radiated{name}_j"] = by(plate, frequency)[audible]
-    for name, by in _EFFICIENCIES.items():
+    weights = [by(plate, frequency)[audible] for by in _EFFICIENCIES.values()]
+    for by in _EFFICIENCIES.values():
         air_eta = air_loss_factor(plate, frequency, faces, by)
-        weights[f"sound{name}_j"] = noise.radiated_parts(plate.eta, air_eta)[audible]
-    return audible, weights
+        weights.append(noise.radiated_parts(plate.eta, air_eta)[audible])
+    return audible, np.array(weights)
 
 
 @lru_cache(maxsize=8)

@@ -133,3 +133,18 @@ def all_finite(rows):
         if odd:
             return False
     return True
+
+
+@kernel(borrowed=True)
+def largest(values):
+    """Largest size; no number where one is none, zero of no values."""
+    return abs(values[fastest(values)]) if values.size else 0.0
+
+
+@kernel(borrowed=True)
+def first_of(values, wanted):
+    """Index of the first value that is `wanted`, -1 if none is."""
+    for i in range(values.size):
+        if values[i] == wanted:
+            return i
+    return -1

@@ -19,8 +19,8 @@ from multiprocessing import get_context, parent_process
 from controller.door.registry import shipped
 from hertzloop.loop.signals import interrupts_held_back
 from hertzloop.results.cases import Span
-from hertzloop.scenes.scene import Scene, parse, to_toml
-from studies.sweeps.evaluate import Numbered, Pool, Rows, run_case, run_chunk
+from hertzloop.scenes.scene import Scene, to_toml
+from studies.sweeps.evaluate import Numbered, Pool, Rows, run_case, run_chunk, scene_of
 
 _LOOK_S = 0.1  # of work here, before what is left is estimated
 _WORTH_S = 1.5  # of work left for this process alone: about what the start of another takes
@@ -61,7 +61,7 @@ class _Crew:
         """Rows of the chunks as they come."""
         if self.count == 1:
             return (run_chunk(toml, span, chunk) for chunk in chunks)
-        scene = parse(toml)
+        scene = scene_of(toml)
         if not _all_shipped(scene, chunks):
             # A law that crashes its process must not end the sweep's.
             return _finished(self._sent(self.count, toml, span, chunks))
