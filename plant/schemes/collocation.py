@@ -11,6 +11,7 @@ from plant.contact import solve_kernels as solve
 from plant.contact.hertz import GRAVITY_M_S2
 from plant.contact.plastic import yielding
 from plant.gauss import gauss
+from plant.one_thread import on_one_thread
 from plant.plant import Plant, PlantSpec, air_eta, damped_frequency
 from plant.schemes import collocation_kernels as k
 from plant.schemes import collocation_modes_kernels as c
@@ -187,6 +188,7 @@ _NODES = 24  # of the time integral while no mode turns by more than pi in a ste
 _NODES_PER_RADIAN = 0.75  # more for the turn beyond; Gauss's rule needs half a node a radian
 
 
+@on_one_thread
 def _losses(
     s: np.ndarray, rho: float | np.ndarray, h: float, scale: float, energy: np.ndarray,
     drive_c: np.ndarray, drive_a: np.ndarray,

@@ -11,6 +11,7 @@ import numpy as np
 
 from plant.books import Books, balance
 from plant.contact.hertz import GRAVITY_M_S2, Contact, Damping
+from plant.one_thread import on_one_thread
 from plant.plant import PlantSpec
 from plant.schemes import state_kernels as pk
 from plant.schemes import thesis2008_kernels as k
@@ -43,6 +44,7 @@ def green_functions(
     return sampled[0], sampled[1], sampled[2]
 
 
+@on_one_thread
 def _add_modes(total: np.ndarray, s: np.ndarray, weight: np.ndarray, step_s: float) -> None:
     """Add modes of exponents `s` to the three functions, shape (3, blocks, _BLOCK)."""
     inside = np.exp(np.outer(s, np.arange(_BLOCK) * step_s))

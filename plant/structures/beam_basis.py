@@ -11,6 +11,8 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
+from plant.one_thread import on_one_thread
+
 ORDERS = {"f": 0, "s": 1, "c": 2}  # what an edge holds: nothing, the deflection, the slope as well
 
 
@@ -82,6 +84,7 @@ def _power(u: np.ndarray, n: int) -> list[np.ndarray]:
 
 
 @lru_cache(maxsize=32)
+@on_one_thread
 def _integrals(edges: str, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The integrals over -1..1, exact by Gauss's rule."""
     nodes, weights = np.polynomial.legendre.leggauss(count + 5)

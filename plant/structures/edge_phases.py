@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from plant.one_thread import on_one_thread
 from plant.structures.beam_basis import BeamBasis
 
 _ROUNDS = 40
@@ -84,6 +85,7 @@ def waves(edges: str, size_m: tuple[float, float], nu: float, k_max: float) -> l
     return found
 
 
+@on_one_thread
 def _edge_waves(
     across: str, along: str, width: float, length: float, nu: float, k_max: float
 ) -> list[tuple[np.ndarray, _Side, _Side]]:
@@ -109,6 +111,7 @@ def _edge_waves(
     return found
 
 
+@on_one_thread
 def shape_along(edges: str, length_m: float, side: _Side, nu: float, x_m: np.ndarray) -> np.ndarray:
     """Shapes along a coordinate, unit integral of the square; (points, modes)."""
     x = np.asarray(x_m, dtype=float)

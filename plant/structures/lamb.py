@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 import scipy
 
+from plant.one_thread import on_one_thread
+
 _ORDER = 12
 HIGHEST = 20.0  # w h/c_T of the table
 LONGEST = 24.0  # k h of the table; beyond it a layer is a half space
@@ -153,6 +155,7 @@ def _monotone(x: np.ndarray, weight: np.ndarray, bending: bool) -> Any:
     )
 
 
+@on_one_thread
 def _solved(x: np.ndarray, nu: float, held: int) -> tuple[np.ndarray, np.ndarray]:
     """w h/c_T and P rho h of a family's branches at k h, (points, branches).
 
@@ -183,6 +186,7 @@ def _solved(x: np.ndarray, nu: float, held: int) -> tuple[np.ndarray, np.ndarray
 
 
 @lru_cache(maxsize=1)
+@on_one_thread
 def _shapes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lagrange's polynomials on Gauss-Lobatto nodes of 0..1/2 and their slopes at Gauss's points,
     (nodes, points), and the weights."""

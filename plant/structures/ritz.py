@@ -14,6 +14,7 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
+from plant.one_thread import on_one_thread
 from plant.structures.beam_basis import BeamBasis
 
 _FUNCTIONS = 1600  # products of functions; a plate without any symmetry takes a second or two
@@ -44,6 +45,7 @@ class LowModes:
     blocks: tuple[_Block, ...]
     order: np.ndarray
 
+    @on_one_thread
     def shapes(self, x_m: np.ndarray, y_m: np.ndarray, count: int) -> np.ndarray:
         """Shapes of the first `count` modes on a grid, (count, x, y); unit integral of squares."""
         at_x, at_y = self.bases[0].at(x_m), self.bases[1].at(y_m)
@@ -103,6 +105,7 @@ def _families(edges: str, count: int) -> list[np.ndarray]:
     return [functions[::2], functions[1::2]] if edges[0] == edges[1] else [functions]
 
 
+@on_one_thread
 def _solved(
     bases: tuple[BeamBasis, BeamBasis], x: np.ndarray, y: np.ndarray, nu: float, shift: float
 ) -> tuple[np.ndarray, np.ndarray]:
