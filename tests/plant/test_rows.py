@@ -1,0 +1,94 @@
+"""Compiled passes over rows, beside the same in plain NumPy."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plant.figures import rows_kernels as rows
+from plant.figures import spectrum_kernels as spectrum
+from plant.figures.impacts import _contacts
+from plant.figures.noise import force_spectrum
+from plant.figures.peaks import peak_force_n, peak_speed_m_s
+
+STEP_S = 1e-6
+
+
+@given(st.lists(st.booleans(), max_size=300))
+def test_contacts_are_what_is_not_zero(touching: list[bool]) -> None:
+    starts, ends = _contacts(np.array(touching, float))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], touching]).astype(int)))
+    assert starts == edges[::2].tolist()
+    assert ends == edges[1::2].tolist()
+
+
+def test_more_contacts_than_there_is_room_for_at_first() -> None:
+    starts, ends = _contacts(np.tile([0.0, 1.0, 1.0], 200))
+    assert starts == list(range(1, 600, 3))
+    assert ends == list(range(3, 600, 3))  # the last one is cut off
+
+
+@pytest.mark.parametrize("zeros", [(0, 0), (5, 0), (0, 7), (3, 4)])
+def test_ends_of_what_is_not_zero(zeros: tuple[int, int]) -> None:
+    inside = [1.0, 0.0, math.nan]
+    values = np.array([0.0] * zeros[0] + inside + [0.0] * zeros[1])
+    assert spectrum.nonzero(values) == (zeros[0], zeros[0] + 3)
+    assert spectrum.nonzero(np.zeros(sum(zeros))) == (0, 0)
+
+
+@pytest.mark.parametrize("first", [0, 1, 63, 500])
+@pytest.mark.parametrize("steps", [1, 63, 64, 65, 1000])
+@pytest.mark.parametrize("frequencies", [1, 56, 128, 300])
+def test_a_spectrum_is_the_sum_over_all_steps(first: int, steps: int, frequencies: int) -> None:
+    draw = np.random.default_rng([first, steps, frequencies])
+    force, slope = np.zeros((2, first + steps + 9))
+    force[first : first + steps] = draw.normal(size=steps)
+    force[first + steps // 2] = 0.0
+    slope[first : first + steps] = draw.normal(size=steps)
+    hertz = np.sort(draw.uniform(20.0, 4e5, frequencies))
+    found = force_spectrum(force, STEP_S, hertz, slope)
+    a = np.pi * hertz * STEP_S
+    turned = np.exp(-2j * np.pi * np.outer(hertz, np.arange(len(force)) * STEP_S))
+    held = STEP_S * np.exp(-1j * a) * np.sin(a) / a
+    tilted = -1j * STEP_S * np.exp(-1j * a) * (np.sin(a) - a * np.cos(a)) / a**2
+    expected = held * (turned @ force) + tilted * (turned @ slope)
+    assert np.max(np.abs(found - expected)) < 1e-12 * STEP_S * steps
+
+
+def test_a_frequency_has_the_same_bits_alone_and_among_others() -> None:
+    """Figures of a sweep are formed of the audible modes alone, those of a run of all."""
+    force = np.random.default_rng(1).normal(size=700)
+    hertz = np.linspace(100.0, 3e5, 301)
+    every = force_spectrum(force, STEP_S, hertz, force[::-1].copy())
+    for count in (1, 2, 127, 129, 300):
+        alone = force_spectrum(force, STEP_S, hertz[:count], force[::-1].copy())
+        assert np.array_equal(alone, every[:count])
+
+
+def test_sizes_where_one_is_no_number() -> None:
+    odd = np.array([1.0, -5.0, math.nan, 2.0])
+    assert rows.fastest(odd) == 2
+    assert math.isnan(rows.largest(odd))
+    assert math.isnan(peak_speed_m_s(odd))
+    assert math.isnan(peak_force_n(odd, np.ones(4)))
+    assert rows.largest(odd[:2]) == 5.0
+    assert rows.largest(odd[:0]) == 0.0
+
+
+@pytest.mark.parametrize("odd", [math.nan, math.inf, -math.inf])
+def test_rows_that_are_not_finite(odd: float) -> None:
+    values = np.ones((3, 50))
+    assert rows.all_finite(values)
+    assert rows.all_finite(values[:, :0])
+    values[2, 49] = odd
+    assert not rows.all_finite(values)
+    assert rows.all_finite(values[:, :49])
+
+
+def test_the_first_of_what_is_looked_for() -> None:
+    values = np.array([0, 2, 1, 2])
+    assert rows.first_of(values, 2) == 1
+    assert rows.first_of(values, 3) == -1
+    assert rows.first_of(values[:0], 0) == -1
