@@ -2,12 +2,13 @@
 
 import threading
 from multiprocessing import active_children
+from pathlib import Path
 
 import pytest
 
-from hertzloop.scenes.scene import load, to_toml
+from hertzloop.scenes.scene import SceneError, load, to_toml
 from studies.sweeps import pool as crew
-from studies.sweeps.evaluate import Numbered, chunked
+from studies.sweeps.evaluate import Numbered, chunked, scene_of
 from studies.sweeps.pool import local_pool
 from tests.hertzloop.own_laws import EXAMPLES
 
@@ -92,3 +93,14 @@ def test_a_law_from_elsewhere_is_not_run_here(
     with local_pool(2) as pool:
         (rows,) = pool(toml, "impact", chunked([(0, values), (1, {})]))
     assert [row["status"] for row in rows] == ["", ""]
+
+
+def test_a_scene_is_read_once_but_not_the_law_of_a_file(tmp_path: Path) -> None:
+    assert scene_of(TOML) is scene_of(TOML)
+    law = tmp_path / "mine.py"
+    law.write_text((EXAMPLES / "low_passed.py").read_text())
+    toml = to_toml(load("aluminium-3mm", [f"controller.law={law}"]))
+    scene_of(toml)
+    law.write_text(law.read_text() + "\n# changed\n")
+    with pytest.raises(SceneError, match="both sides need the same file"):
+        scene_of(toml)

@@ -1,0 +1,45 @@
+"""A law is bound once for constants that are the same to the bit, and anew for all others."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from controller.door.registry import find
+
+
+class Constants(NamedTuple):
+    """As a law's own."""
+
+    gain: Any = 0.5
+    weights: Any = np.array([1.0, -1.0])
+
+
+LAW = find("off")
+
+
+def test_equal_constants_are_bound_once() -> None:
+    first = LAW.bound_to(Constants())
+    assert LAW.bound_to(Constants(weights=np.array([1.0, -1.0]))) is first
+    assert LAW.bound_to(Constants(), ahead=False) is not first
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (Constants(0.0), Constants(-0.0)),
+        (Constants(1.0), Constants(1)),
+        (Constants(1), Constants(True)),
+        (Constants(0.1), Constants(0.1 + 2**-56)),
+        (Constants(), Constants(weights=np.array([1.0, -1.0 - 2**-52]))),
+        (Constants(), Constants(weights=np.array([1.0, -1.0, 0.0]))),
+        (Constants(weights=np.zeros(2)), Constants(weights=-np.zeros(2))),
+    ],
+)
+def test_what_differs_in_a_bit_or_a_type_is_another(one: Constants, other: Constants) -> None:
+    assert LAW.bound_to(one) is not LAW.bound_to(other)
+
+
+def test_long_tables_are_not_kept() -> None:
+    long = Constants(weights=np.zeros(1000))
+    assert LAW.bound_to(long) is not LAW.bound_to(long)
