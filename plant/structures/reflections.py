@@ -117,7 +117,7 @@ def images(plate: Plate, point_m: tuple[float, float]) -> tuple[np.ndarray, np.n
     return squared[kept], signs[kept]
 
 
-def twice_integrated(t: np.ndarray, r4a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def twice_integrated(t: np.ndarray, r4a: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First and second integral over time of 1 - (2/pi) Si(r4a/t), r4a = r^2/(4 a) in s; t > 0."""
     u = r4a / t
     si, ci = scipy.special.sici(u)
@@ -151,22 +151,25 @@ def reflections(
         return Reflections(*(np.zeros(0),) * 7, math.inf, rigid_s)
     t = h * np.arange(1, steps + 1)
     once, twice = np.zeros(steps), np.zeros(steps)
-    known: dict[float, tuple[np.ndarray, np.ndarray]] = {}  # in the middle most are alike
-    for ratio, sign in zip(r4a.tolist(), signs, strict=True):
+    weights: dict[float, float] = {}  # in the middle most are alike
+    for ratio, sign in zip(r4a.tolist(), signs.tolist(), strict=True):
+        weights[ratio] = weights.get(ratio, 0.0) + sign
+    for ratio, weight in weights.items():
         heard = int(np.searchsorted(t, ratio / _EARLY, "right"))
-        if ratio not in known:
-            known[ratio] = twice_integrated(t[heard:], ratio)
-        by_step, by_ramp = known[ratio]
-        once[heard:] += sign * by_step
-        twice[heard:] += sign * by_ramp
+        by_step, by_ramp = twice_integrated(t[heard:], ratio)
+        once[heard:] += weight * by_step
+        twice[heard:] += weight * by_ramp
     spec = PlantSpec(sphere, plate, contact, point_m, point_m, h, 0.5 / h, 0.0)
     model = InfinitePlant(spec)
     force, gap = np.zeros(steps), np.zeros(steps)
     k.pulse(model.model, model.state, force, gap)
     slopes = np.diff(force, prepend=0.0) / h  # of a force linear between the steps
     bends = np.diff(slopes, prepend=0.0)
+    touching = int(np.flatnonzero(force)[-1]) + 1  # steps; most come after the contact
     z = model.model.impedance_n_s_m
-    shift = np.convolve(bends, twice)[:steps] / z  # of the plate by the reflections, m
+    shift = (
+        np.convolve(bends[: touching + 2], twice)[:steps] / z
+    )  # of the plate by the reflections, m
     work = np.cumsum(force * np.diff(shift, prepend=0.0))
     energy = float(np.sum(force * force)) * h / z
     depth = -gap.min()
@@ -179,7 +182,7 @@ def reflections(
         times_s=t,
         gap=rising(shift) / depth,
         energy=rising(work) / energy,
-        copy=rising(np.correlate(moved, force, "full")[steps - 1 :]) / energy,
+        copy=rising(np.correlate(moved, force[:touching], "full")[touching - 1 :]) / energy,
         way=np.cumsum(abs(moved)) / energy,
         step_gap=rising(once) / (z * depth),
         step_energy=rising(once) / (z * energy),

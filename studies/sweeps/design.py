@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from scipy.stats import qmc
 
 from hertzloop.scenes.scene import Scene, SceneError, grain_of, toml_value, vary
 from hertzloop.scenes.sentences import shortened, shown
@@ -128,6 +127,8 @@ class Design:
         if self.kind == "grid":
             every = itertools.product(*(axis.values for axis in self.axes))
             return [dict(zip(keys, values, strict=True)) for values in every]
+        from scipy.stats import qmc  # half a second, which a grid need not wait for
+
         sampler: Any = qmc.Sobol if self.kind == "sobol" else qmc.LatinHypercube
         spread = sampler(len(self.axes), rng=np.random.default_rng(self.seed))
         with warnings.catch_warnings():  # Sobol points are balanced best by powers of 2

@@ -50,8 +50,13 @@ def test_nothing_of_a_pool_is_left(
 
 
 @pytest.mark.usefixtures("warm_kernels")
-def test_every_case_is_run_once_by_whichever_process(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("workers", "cores"), [(3, 1), (None, 3)])
+def test_every_case_is_run_once_by_whichever_process(
+    workers: int | None, cores: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     at_once(monkeypatch)
+    monkeypatch.setattr(crew, "local_cores", lambda: cores)
+    before = set(active_children())
     here: list[int] = []
     run_case = crew.run_case
 
@@ -60,7 +65,7 @@ def test_every_case_is_run_once_by_whichever_process(monkeypatch: pytest.MonkeyP
         return run_case(scene, span, number, values)  # type: ignore[arg-type]
 
     monkeypatch.setattr(crew, "run_case", noted)
-    with local_pool(3) as pool:
+    with local_pool(workers) as pool:
         for count in (16 * 40, 16 * 20 + 3):  # the second time the workers are there
             here.clear()
             rows = [row for some in pool(TOML, "impact", cases(count)) for row in some]
@@ -68,6 +73,7 @@ def test_every_case_is_run_once_by_whichever_process(monkeypatch: pytest.MonkeyP
             assert not any(row["status"] for row in rows)
             assert 0 < len(here) < count
             assert len(set(here)) == len(here)
+            assert len(set(active_children()) - before) == 2  # and this process
 
 
 @pytest.mark.usefixtures("warm_kernels")
