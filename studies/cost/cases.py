@@ -6,9 +6,9 @@ import time
 from dataclasses import dataclass
 
 from hertzloop.loop.compiled import IN_LOOP
-from hertzloop.results.cases import figures_of_case
-from hertzloop.scenes.scene import DEFAULT, load, vary
+from hertzloop.scenes.scene import DEFAULT, load
 from studies.sweeps.design import Kind, make_design
+from studies.sweeps.evaluate import run_cases
 
 _SWEEPS: dict[str, tuple[Kind, list[str]]] = {
     "latency map": ("grid", ["controller.latency_us=0:99:1", "sensors.bits=8:23:1"]),
@@ -40,8 +40,7 @@ def measure(rounds: int) -> list[CaseCost]:
         for turn in range(rounds + 1):
             some = cases[turn * count % len(cases) :][:count]
             started, before = time.thread_time(), IN_LOOP.seconds
-            for values in some:
-                figures_of_case(vary(scene, values))
+            list(run_cases(scene, "impact", list(enumerate(some))))
             if turn:  # the first loads what is compiled
                 whole.append(1e3 * (time.thread_time() - started) / len(some))
                 loop.append(1e3 * (IN_LOOP.seconds - before) / len(some))

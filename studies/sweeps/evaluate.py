@@ -1,23 +1,21 @@
 """Simulate many cases of a scene: one, some that travel together, all of them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import Any
 
 from controller.door.registry import shipped
-from hertzloop.results.cases import UNSTABLE, CaseFigures, Span, figures_of_case
+from hertzloop.results.cases import UNSTABLE, CaseFigures, Span, case_in_parts, together
 from hertzloop.scenes.scene import Scene, SceneError, parse, to_toml, vary
 
 _CHUNK = 16  # cases that travel together: some 40 ms of work
+_TOGETHER = 8  # cases that are formed in step
+_BESIDE_PLANT = ("controller.", "sensors.", "run.touch_phase", "run.seed")
 
 Numbered = list[tuple[int, dict[str, Any]]]
 Rows = list[dict[str, Any]]
 Pool = Callable[[str, Span, list[Numbered]], Iterator[Rows]]
-
-
-class SweepFailed(RuntimeError):
-    """The cases were not all run; what was finished is kept."""
 
 
 _parsed = lru_cache(maxsize=4)(parse)
@@ -30,20 +28,35 @@ def scene_of(toml: str) -> Scene:
     return scene if scene.controller.law in shipped() else parse(toml)
 
 
-def run_chunk(scene_toml: str, span: Span, numbered: list[tuple[int, dict[str, Any]]]) -> list[Any]:
+def run_chunk(scene_toml: str, span: Span, numbered: Numbered) -> Rows:
     """Simulate some cases, in whatever process; a row each."""
-    scene = scene_of(scene_toml)
-    return [run_case(scene, span, number, values) for number, values in numbered]
+    return list(run_cases(scene_of(scene_toml), span, numbered))
 
 
-def run_case(scene: Scene, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
-    """One case: its number, the varied keys, the figures, and `status`, empty if all is well."""
+def run_cases(scene: Scene, span: Span, numbered: Numbered) -> Iterator[dict[str, Any]]:
+    """Rows of cases as they come: their number, the varied keys, the figures, and `status`, empty
+    if all is well."""
+    alike = all(key.startswith(_BESIDE_PLANT) for _, values in numbered for key in values)
+    some = _TOGETHER if alike else 1  # plants of several cases would not all be kept
+    for at in range(0, len(numbered), some):
+        yield from together([_row(scene, span, *case) for case in numbered[at : at + some]])
+
+
+def _row(
+    scene: Scene, span: Span, number: int, values: dict[str, Any]
+) -> Generator[None, None, dict[str, Any]]:
     row: dict[str, Any] = {"case": number, **values}
     try:
-        return row | vars(figures_of_case(vary(scene, values), span)) | {"status": ""}
+        figures = yield from case_in_parts(vary(scene, values), span)
+        return row | vars(figures) | {"status": ""}
     except Exception as error:  # one case must not end the others
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
         return row | dict.fromkeys(f.name for f in fields(CaseFigures)) | {"status": status}
+
+
+def run_case(scene: Scene, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
+    """The row of one case."""
+    return next(run_cases(scene, span, [(number, values)]))
 
 
 def not_run(rows: Rows) -> Rows:

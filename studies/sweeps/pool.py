@@ -20,7 +20,7 @@ from controller.door.registry import shipped
 from hertzloop.loop.signals import interrupts_held_back
 from hertzloop.results.cases import Span
 from hertzloop.scenes.scene import Scene, to_toml
-from studies.sweeps.evaluate import Numbered, Pool, Rows, run_case, run_chunk, scene_of
+from studies.sweeps.evaluate import Numbered, Pool, Rows, run_cases, run_chunk, scene_of
 
 _LOOK_S = 0.1  # of work here, before what is left is estimated
 _WORTH_S = 1.5  # of work left for this process alone: about what the start of another takes
@@ -69,32 +69,24 @@ class _Crew:
 
     def _with_own_hands(self, scene: Scene, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
         """The same, some of them run here."""
-        left, sent = deque(chunks), dict[Future[Rows], Numbered]()
+        left, sent = deque(_two_first(chunks)), dict[Future[Rows], Numbered]()
         began, first_s, ran = time.perf_counter(), 0.0, 0
-
-        def worth_sending() -> bool:
-            worked_s = time.perf_counter() - began
-            if not left or not (self._pools or worked_s > _LOOK_S):
-                return False
-            # The first case loads what all need.
-            a_case_s = (worked_s - first_s) / (ran - 1) if ran > 1 else worked_s
-            return bool(self._pools) or a_case_s * sum(map(len, left)) > _WORTH_S
-
         while left:
-            rows: Rows = []
-            for number, values in left.popleft():
-                rows.append(run_case(scene, span, number, values))
-                ran += 1
-                first_s = first_s or time.perf_counter() - began
-                if not sent and worth_sending():
+            rows = list(run_cases(scene, span, left.popleft()))
+            yield rows
+            ran += len(rows)
+            worked_s = time.perf_counter() - began
+            first_s = first_s or worked_s  # which loads what all need
+            if left and (self._pools or worked_s > _LOOK_S):
+                a_case_s = (worked_s - first_s) / (ran - 1) if ran > 1 else worked_s
+                if self._pools or a_case_s * sum(map(len, left)) > _WORTH_S:
                     sent = self._sent(self.count - 1, to_toml(scene), span, list(left))
                     left.clear()
-            yield rows
         while sent:
             mine = next((future for future in reversed(sent) if future.cancel()), None)
             if mine is None:
                 break
-            yield [run_case(scene, span, *case) for case in sent.pop(mine)]
+            yield list(run_cases(scene, span, sent.pop(mine)))
             for future in [future for future in sent if future.done()]:
                 del sent[future]
                 yield future.result()
@@ -121,6 +113,12 @@ class _Crew:
             # Waited for: a thread of it that is left to the end of the interpreter may find its
             # pipe closed there, and the last that is said would be an OSError.
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _two_first(chunks: list[Numbered]) -> list[Numbered]:
+    """The same, the first two cases each by itself: they tell what a case takes."""
+    first = chunks[0] if chunks else []
+    return [some for some in ([*first[:1]], [*first[1:2]], [*first[2:]], *chunks[1:]) if some]
 
 
 def _finished(sent: dict[Future[Rows], Numbered]) -> Iterator[Rows]:

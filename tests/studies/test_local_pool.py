@@ -1,8 +1,10 @@
 """The processes of a sweep: when there are any, what each of them runs, and that none is left."""
 
 import threading
+from collections.abc import Iterator
 from multiprocessing import active_children
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -35,7 +37,8 @@ def test_nothing_of_a_pool_is_left(
 
     def started() -> None:
         with local_pool(2) as pool:
-            assert next(iter(pool(TOML, "impact", cases(64))))
+            rows = pool(TOML, "impact", cases(64))
+            assert all(next(rows) for _ in range(3))  # two cases, and some when there are workers
             assert set(active_children()) != children
             if ends:
                 raise ends
@@ -58,13 +61,13 @@ def test_every_case_is_run_once_by_whichever_process(
     monkeypatch.setattr(crew, "local_cores", lambda: cores)
     before = set(active_children())
     here: list[int] = []
-    run_case = crew.run_case
+    run_cases = crew.run_cases
 
-    def noted(scene: object, span: object, number: int, values: object) -> object:
-        here.append(number)
-        return run_case(scene, span, number, values)  # type: ignore[arg-type]
+    def noted(scene: Any, span: Any, numbered: Numbered) -> Iterator[Any]:
+        here.extend(number for number, _ in numbered)
+        return run_cases(scene, span, numbered)
 
-    monkeypatch.setattr(crew, "run_case", noted)
+    monkeypatch.setattr(crew, "run_cases", noted)
     with local_pool(workers) as pool:
         for count in (16 * 40, 16 * 20 + 3):  # the second time the workers are there
             here.clear()
@@ -91,7 +94,7 @@ def test_a_law_from_elsewhere_is_not_run_here(
     by_case: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It may crash its process; what the others have found is not lost with it."""
-    monkeypatch.setattr(crew, "run_case", None)
+    monkeypatch.setattr(crew, "run_cases", None)
     law = str(EXAMPLES / "low_passed.py")
     toml, values = TOML, {"controller.law": law}
     if not by_case:
