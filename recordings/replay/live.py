@@ -13,7 +13,8 @@ _CURVES = (
     ("xi_m", "live/gap/xi", 1e6), ("f_c_n", "live/force/F_c", 1.0),
     ("f_a_n", "live/force/F_a", 1.0), ("v_p_m_s", "live/velocity/v_p", 1.0),
 )  # fmt: skip
-_PIECE_STEPS = 250  # each with its minimum and maximum, however long a block is
+_PIECES = 4  # of a block at least, each with its minimum and maximum
+_PIECE_STEPS = 250  # at most
 
 
 def blueprint() -> rrb.Blueprint:
@@ -31,10 +32,10 @@ def blueprint() -> rrb.Blueprint:
 
 def extremes_of(values: np.ndarray) -> np.ndarray:
     """Ascending positions of the minimum and maximum of each piece of a block."""
-    pieces = [values[at : at + _PIECE_STEPS] for at in range(0, len(values), _PIECE_STEPS)]
+    pieces = min(max(_PIECES, -(-len(values) // _PIECE_STEPS)), len(values))
     found = [
-        i * _PIECE_STEPS + np.array([piece.argmin(), piece.argmax()])
-        for i, piece in enumerate(pieces)
+        part[0] + np.array([values[part].argmin(), values[part].argmax()])
+        for part in np.array_split(np.arange(len(values)), pieces)
     ]
     return np.unique(np.concatenate(found))
 
