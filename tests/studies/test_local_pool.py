@@ -12,9 +12,15 @@ from hertzloop.scenes.scene import SceneError, load, to_toml
 from studies.sweeps import pool as crew
 from studies.sweeps.evaluate import Numbered, chunked, scene_of
 from studies.sweeps.pool import local_pool
-from tests.hertzloop.own_laws import EXAMPLES
 
 TOML = to_toml(load("aluminium-3mm", ["run.accuracy=0.1"]))
+
+
+def write(folder: Path) -> Path:
+    """A law that does nothing."""
+    law = folder / "mine.py"
+    law.write_text("def command(p, s, samples, i):\n    return 0.0\n")
+    return law
 
 
 def cases(count: int) -> list[Numbered]:
@@ -91,11 +97,11 @@ def test_few_cases_start_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("by_case", [False, True])
 def test_a_law_from_elsewhere_is_not_run_here(
-    by_case: bool, monkeypatch: pytest.MonkeyPatch
+    by_case: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It may crash its process; what the others have found is not lost with it."""
     monkeypatch.setattr(crew, "run_cases", None)
-    law = str(EXAMPLES / "low_passed.py")
+    law = str(write(tmp_path))
     toml, values = TOML, {"controller.law": law}
     if not by_case:
         toml, values = to_toml(load("aluminium-3mm", [f"controller.law={law}"])), {}
@@ -106,8 +112,7 @@ def test_a_law_from_elsewhere_is_not_run_here(
 
 def test_a_scene_is_read_once_but_not_the_law_of_a_file(tmp_path: Path) -> None:
     assert scene_of(TOML) is scene_of(TOML)
-    law = tmp_path / "mine.py"
-    law.write_text((EXAMPLES / "low_passed.py").read_text())
+    law = write(tmp_path)
     toml = to_toml(load("aluminium-3mm", [f"controller.law={law}"]))
     scene_of(toml)
     law.write_text(law.read_text() + "\n# changed\n")
