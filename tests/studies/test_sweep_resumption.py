@@ -123,6 +123,8 @@ def _wait_for(path: Path, cases: int, process: subprocess.Popen[Any]) -> None:
 
 BIG = ["sweep", "aluminium-3mm", "--set", "run.accuracy=0.05", "--over",
        "controller.latency_us=0:199:1", "--over", "sensors.bits=4:15:1"]  # fmt: skip
+# So many that no machine is done with them before workers are there, or what ends them arrives.
+HUGE = [*BIG, "--over", "controller.kappa=0.1:0.9:0.05"]
 
 
 def test_a_killed_sweep_goes_on_without_losing_or_repeating_a_case(tmp_path: Path) -> None:
@@ -151,6 +153,16 @@ def _children(pid: int) -> list[int]:
     return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
+def _workers(process: subprocess.Popen[Any], count: int) -> list[int]:
+    """Its children, once there are so many: a sweep starts workers after it has begun."""
+    deadline = time.monotonic() + 120
+    while len(found := _children(process.pid)) < count:
+        assert process.poll() is None, "the sweep ended before its workers were there"
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    return found
+
+
 def _runs(pid: int) -> bool:
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
@@ -161,10 +173,9 @@ def _runs(pid: int) -> bool:
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM])
 def test_workers_end_with_a_sweep_that_is_killed(tmp_path: Path, sent: signal.Signals) -> None:
     out = tmp_path / "r.csv"
-    process = subprocess.Popen(command(*BIG, "-o", str(out), "--workers", "2"))
+    process = subprocess.Popen(command(*HUGE, "-o", str(out), "--workers", "2"))
     _wait_for(study.journal_of(out), 100, process)
-    workers = _children(process.pid)
-    assert len(workers) >= 2
+    workers = _workers(process, 2)  # one, and what tracks multiprocessing's semaphores
     process.send_signal(sent)
     process.wait()
     deadline = time.monotonic() + 30
@@ -176,7 +187,7 @@ def test_workers_end_with_a_sweep_that_is_killed(tmp_path: Path, sent: signal.Si
 @pytest.mark.usefixtures("warm_kernels")
 def test_ctrl_c_ends_a_sweep_with_a_sentence_alone(tmp_path: Path) -> None:
     out = tmp_path / "r.csv"
-    process = subprocess.Popen(command(*BIG, "-o", str(out), "--workers", "2"),
+    process = subprocess.Popen(command(*HUGE, "-o", str(out), "--workers", "2"),
                                stderr=subprocess.PIPE, start_new_session=True)  # fmt: skip
     _wait_for(study.journal_of(out), 100, process)
     os.killpg(process.pid, signal.SIGINT)
@@ -232,7 +243,7 @@ def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path: Path) -
     out = tmp_path / "r.csv"
     with cluster(1) as (address, _):
         process = subprocess.Popen(
-            command(*BIG, "-o", str(out), "--dask", address), stderr=subprocess.PIPE
+            command(*HUGE, "-o", str(out), "--dask", address), stderr=subprocess.PIPE
         )
         _wait_for(study.journal_of(out), 100, process)
     _, said = process.communicate(timeout=120)
