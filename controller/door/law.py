@@ -116,16 +116,16 @@ _FEW = 64
 
 
 def _exactly(constants: Any) -> tuple[Any, ...] | None:
-    """Constants as what tells apart those that differ in a bit or a type; None of what may have
-    more to it than a few numbers."""
+    """Constants as what tells apart those that differ in a bit, a type, a name or a shape; None of
+    what may have more to it than a few numbers."""
     if not isinstance(constants, tuple):
         return None
-    words: list[Any] = []
+    words: list[Any] = [getattr(constants, "_fields", None)]
     for value in constants:
         if type(value) in (int, float, bool):
             words.append(repr(value))
         elif isinstance(value, np.ndarray) and value.dtype == float and value.size <= _FEW:
-            words.append(value.tobytes())
+            words.append((value.shape, value.tobytes()))
         else:
             return None
     return tuple(words)

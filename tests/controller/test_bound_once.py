@@ -15,6 +15,13 @@ class Constants(NamedTuple):
     weights: Any = np.array([1.0, -1.0])
 
 
+class Turned(NamedTuple):
+    """The same two, the other way round."""
+
+    weights: Any = 0.5
+    gain: Any = 2.0
+
+
 LAW = find("off")
 
 
@@ -34,9 +41,11 @@ def test_equal_constants_are_bound_once() -> None:
         (Constants(), Constants(weights=np.array([1.0, -1.0 - 2**-52]))),
         (Constants(), Constants(weights=np.array([1.0, -1.0, 0.0]))),
         (Constants(weights=np.zeros(2)), Constants(weights=-np.zeros(2))),
+        (Constants(weights=np.ones((3, 2))), Constants(weights=np.ones((2, 3)))),
+        (Constants(0.5, 2.0), Turned(0.5, 2.0)),
     ],
 )
-def test_what_differs_in_a_bit_or_a_type_is_another(one: Constants, other: Constants) -> None:
+def test_what_differs_in_anything_is_another(one: Any, other: Any) -> None:
     assert LAW.bound_to(one) is not LAW.bound_to(other)
 
 
