@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import subprocess
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from studies.latency import study as latency
 from studies.sweeps.evaluate import Numbered, Pool, Rows, evaluate
 from studies.sweeps.kept import Kept, kept
 from studies.sweeps.pool import local_pool
-from tests.studies.sweeping import COARSE, command
+from tests.studies.sweeping import COARSE, command, wait_until
 
 TUNE = ["tune", "--law", "predicted", "--set", "run.accuracy=0.05", "--set",
         "run.duration_s=0.0016", "--generations", "20", "--population", "40"]  # fmt: skip
@@ -35,11 +34,7 @@ def _kept(folder: Path) -> list[str]:
 
 
 def _wait_for(folder: Path, cases: int, process: subprocess.Popen[Any]) -> None:
-    deadline = time.monotonic() + 120
-    while len(_kept(folder)) < cases:
-        assert process.poll() is None, "it ended before it could be cut short"
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: len(_kept(folder)) >= cases, process)
 
 
 def _told(path: Path) -> dict[str, Any]:

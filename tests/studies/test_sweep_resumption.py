@@ -17,7 +17,7 @@ from hertzloop.scenes.scene import load
 from studies.sweeps import sweep as study
 from studies.sweeps.design import make_design
 from studies.sweeps.journal import Journal, JournalError
-from tests.studies.sweeping import COARSE, command
+from tests.studies.sweeping import COARSE, command, wait_until
 
 
 @pytest.mark.parametrize(
@@ -114,11 +114,7 @@ def _lines(path: Path) -> list[dict[str, Any]]:
 
 
 def _wait_for(path: Path, cases: int, process: subprocess.Popen[Any]) -> None:
-    deadline = time.monotonic() + 120
-    while len(_lines(path)) < cases:
-        assert process.poll() is None, "the sweep ended before it could be killed"
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: len(_lines(path)) >= cases, process)
 
 
 BIG = ["sweep", "aluminium-3mm", "--set", "run.accuracy=0.05", "--over",
@@ -153,16 +149,6 @@ def _children(pid: int) -> list[int]:
     return [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
-def _workers(process: subprocess.Popen[Any], count: int) -> list[int]:
-    """Its children, once there are so many: a sweep starts workers after it has begun."""
-    deadline = time.monotonic() + 120
-    while len(found := _children(process.pid)) < count:
-        assert process.poll() is None, "the sweep ended before its workers were there"
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    return found
-
-
 def _runs(pid: int) -> bool:
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
@@ -175,7 +161,9 @@ def test_workers_end_with_a_sweep_that_is_killed(tmp_path: Path, sent: signal.Si
     out = tmp_path / "r.csv"
     process = subprocess.Popen(command(*HUGE, "-o", str(out), "--workers", "2"))
     _wait_for(study.journal_of(out), 100, process)
-    workers = _workers(process, 2)  # one, and what tracks multiprocessing's semaphores
+    # One, and what tracks multiprocessing's semaphores; they start after the sweep has begun.
+    wait_until(lambda: len(_children(process.pid)) >= 2, process)
+    workers = _children(process.pid)
     process.send_signal(sent)
     process.wait()
     deadline = time.monotonic() + 30
