@@ -1,8 +1,8 @@
 """Cases on the cores at hand: this process and others that it starts when there is work for them.
 
 A process takes a second or two until it can run a case, in which this one runs a thousand. So this
-one begins at once, starts the others where what is left is worth it, and takes back from them what
-they have not begun.
+one begins at once, starts the others where what is left is worth it, and gives them only what they
+are about to begin; the rest stays within its own reach.
 """
 
 import os
@@ -11,10 +11,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context, parent_process
+from multiprocessing import parent_process
+from multiprocessing.context import SpawnContext, SpawnProcess
+from typing import Any
 
 from controller.door.registry import shipped
 from hertzloop.loop.signals import interrupts_held_back
@@ -38,8 +40,9 @@ def local_cores() -> int:
 @contextmanager
 def local_pool(workers: int | None = None) -> Iterator[Pool]:
     """As many processes as `workers` says, this one among them: a function of scene (TOML), span
-    and chunks that yields their rows as they come. Raises SweepFailed when a process dies, or none
-    can be started."""
+    and chunks that yields their rows as they come. Where a law is not one that is shipped, this one
+    waits for so many others instead, unless `workers` is 1. Raises SweepFailed when a process dies,
+    or none can be started."""
     count = workers or local_cores()
     crew = _Crew(count)
     try:
@@ -55,7 +58,7 @@ class _Crew:
 
     def __init__(self, count: int) -> None:
         self.count = count
-        self._pools: dict[int, ProcessPoolExecutor] = {}  # by how many they are
+        self._others: dict[int, _Others] = {}  # by how many they are
 
     def results(self, toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
         """Rows of the chunks as they come."""
@@ -64,12 +67,12 @@ class _Crew:
         scene = scene_of(toml)
         if not _all_shipped(scene, chunks):
             # A law that crashes its process must not end the sweep's.
-            return _finished(self._sent(self.count, toml, span, chunks))
+            return self._of(self.count).results(toml, span, deque(chunks))
         return self._with_own_hands(scene, span, chunks)
 
     def _with_own_hands(self, scene: Scene, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
         """The same, some of them run here."""
-        left, sent = deque(_two_first(chunks)), dict[Future[Rows], Numbered]()
+        left = deque(_two_first(chunks))
         began, first_s, ran = time.perf_counter(), 0.0, 0
         while left:
             rows = list(run_cases(scene, span, left.popleft()))
@@ -77,52 +80,83 @@ class _Crew:
             ran += len(rows)
             worked_s = time.perf_counter() - began
             first_s = first_s or worked_s  # which loads what all need
-            if left and (self._pools or worked_s > _LOOK_S):
+            if left and (self._others or worked_s > _LOOK_S):
                 a_case_s = (worked_s - first_s) / (ran - 1) if ran > 1 else worked_s
-                if self._pools or a_case_s * sum(map(len, left)) > _WORTH_S:
-                    sent = self._sent(self.count - 1, to_toml(scene), span, list(left))
-                    left.clear()
-        while sent:
-            mine = next((future for future in reversed(sent) if future.cancel()), None)
-            if mine is None:
-                break
-            yield list(run_cases(scene, span, sent.pop(mine)))
-            for future in [future for future in sent if future.done()]:
-                del sent[future]
-                yield future.result()
-        yield from _finished(sent)
+                if self._others or a_case_s * sum(map(len, left)) > _WORTH_S:
+                    others = self._of(self.count - 1)
+                    yield from others.results(to_toml(scene), span, left, scene)
 
-    def _sent(
-        self, workers: int, toml: str, span: Span, chunks: list[Numbered]
-    ) -> dict[Future[Rows], Numbered]:
-        """Chunks given to processes. Raises SweepFailed where none can be started."""
-        with _starting():
-            # Before interrupts are held back: multiprocessing lets them through again when it
-            # starts what tracks its semaphores.
-            if workers not in self._pools:
-                # Spawned, not forked: the caller may have threads.
-                pool = ProcessPoolExecutor(workers, get_context("spawn"), _end_with_parent)
-                self._pools[workers] = pool
-        pool = self._pools[workers]
-        with _starting(), interrupts_held_back(), _without_main():
-            return {pool.submit(run_chunk, toml, span, chunk): chunk for chunk in chunks}
+    def _of(self, workers: int) -> "_Others":
+        if workers not in self._others:
+            self._others[workers] = _Others(workers)
+        return self._others[workers]
 
     def dismiss(self) -> None:
         """Let the workers go."""
-        for pool in self._pools.values():
-            # Waited for: a thread of it that is left to the end of the interpreter may find its
-            # pipe closed there, and the last that is said would be an OSError.
-            pool.shutdown(wait=True, cancel_futures=True)
+        for others in self._others.values():
+            others.dismiss()
+
+
+class _Others:
+    """Worker processes. Raises SweepFailed where none can be started."""
+
+    def __init__(self, count: int) -> None:
+        self._started = _Started()
+        with _starting():
+            self._pool = ProcessPoolExecutor(count, self._started, _end_with_parent)
+        self._ahead = 2 * count + 1  # one for each at work and one for each that is done with it
+
+    def results(
+        self, toml: str, span: Span, left: deque[Numbered], own: Scene | None = None
+    ) -> Iterator[Rows]:
+        """Rows of the chunks that are left, as they come; with `own`, their scene, this process
+        runs what the others have not been given.
+
+        What is given is never cancelled: where a worker dies, Python 3.11 fails over a future that
+        was, and those who wait for the others wait for ever.
+        """
+        given = set[Future[Rows]]()
+        while left or given:
+            with _starting(), interrupts_held_back(), _without_main():
+                while left and len(given) < self._ahead:
+                    given.add(self._pool.submit(run_chunk, toml, span, left.popleft()))
+            if own and left:
+                yield list(run_cases(own, span, left.pop()))
+            else:
+                wait(given, return_when=FIRST_COMPLETED)
+            done = {future for future in given if future.done()}
+            given -= done
+            for future in done:
+                yield future.result()
+
+    def dismiss(self) -> None:
+        """End the workers, whatever they are at: what they give is not asked for any more."""
+        # Held back, since Python 3.11 takes a thread for ended when it is interrupted in waiting
+        # for it. Waited for: a thread of it that is left to the end of the interpreter may find its
+        # pipe closed there, and the last that is said would be an OSError.
+        with interrupts_held_back():
+            for process in self._started.processes:
+                process.kill()
+            self._pool.shutdown(wait=True)
+
+
+class _Started(SpawnContext):
+    """Processes that are spawned, not forked, since the caller may have threads; they are kept."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.processes: list[SpawnProcess] = []
+
+    def Process(self, *args: Any, **named: Any) -> SpawnProcess:  # type: ignore[override]
+        """One of them."""
+        self.processes.append(SpawnProcess(*args, **named))
+        return self.processes[-1]
 
 
 def _two_first(chunks: list[Numbered]) -> list[Numbered]:
     """The same, the first two cases each by itself: they tell what a case takes."""
     first = chunks[0] if chunks else []
     return [some for some in ([*first[:1]], [*first[1:2]], [*first[2:]], *chunks[1:]) if some]
-
-
-def _finished(sent: dict[Future[Rows], Numbered]) -> Iterator[Rows]:
-    return (future.result() for future in as_completed(sent))
 
 
 def _all_shipped(scene: Scene, chunks: list[Numbered]) -> bool:

@@ -179,10 +179,61 @@ def test_ctrl_c_ends_a_sweep_with_a_sentence_alone(tmp_path: Path) -> None:
                                stderr=subprocess.PIPE, start_new_session=True)  # fmt: skip
     _wait_for(study.journal_of(out), 100, process)
     os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=240)  # running chunks are finished first
+    _, said = process.communicate(timeout=60)
     assert process.returncode == 130
     assert said.decode().splitlines()[-1].startswith("interrupted; finished cases are kept")
     assert b"Traceback" not in said
+
+
+def _workers(pid: int) -> list[int]:
+    return [p for p in _children(pid) if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes()]
+
+
+@pytest.mark.usefixtures("warm_kernels")
+@pytest.mark.parametrize("after_s", [0.0, 0.02, 0.1, 0.5])
+def test_ctrl_c_twice_ends_a_sweep_too(after_s: float, tmp_path: Path) -> None:
+    out = tmp_path / "r.csv"
+    process = subprocess.Popen(command(*HUGE, "-o", str(out), "--workers", "3"),
+                               stderr=subprocess.DEVNULL, start_new_session=True)  # fmt: skip
+    wait_until(lambda: len(_workers(process.pid)) == 2, process)
+    _wait_for(study.journal_of(out), len(_lines(study.journal_of(out))) + 100, process)
+    workers = _workers(process.pid)
+    for _ in range(2):
+        os.killpg(process.pid, signal.SIGINT)
+        time.sleep(after_s)
+    try:
+        assert process.wait(timeout=60) == 130
+        assert not any(_runs(pid) for pid in workers)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+@pytest.mark.usefixtures("warm_kernels")
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_worker_that_dies_ends_a_sweep_with_a_sentence(count: int, tmp_path: Path) -> None:
+    out = tmp_path / "r.csv"
+    process = subprocess.Popen(
+        command(*HUGE, "-o", str(out), "--workers", str(count)),
+        stderr=subprocess.PIPE, start_new_session=True,
+    )  # fmt: skip
+    wait_until(lambda: len(_workers(process.pid)) == count - 1, process)
+    # Until all processes are at it, and this one has taken from what was left for them.
+    _wait_for(study.journal_of(out), len(_lines(study.journal_of(out))) + 2000, process)
+    workers = _workers(process.pid)
+    os.kill(workers[0], signal.SIGKILL)
+    try:
+        _, said = process.communicate(timeout=60)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 1
+    assert " ".join(said.decode().split()).endswith(
+        "error: a worker process died; finished cases are kept, the same command goes on with them"
+    )
+    assert b"Traceback" not in said
+    assert not any(_runs(pid) for pid in workers)
+    assert len(_lines(study.journal_of(out))) >= 2000
 
 
 @contextmanager
