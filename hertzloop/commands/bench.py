@@ -7,7 +7,13 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.table import Table
 
-from hertzloop.commands.options import JsonOption, announce_compilation, check_folder, write_json
+from hertzloop.commands.options import (
+    JsonOption,
+    announce_compilation,
+    check_folder,
+    check_json,
+    write_json,
+)
 from hertzloop.commands.terminal import fail, out
 
 What = Literal["costs", "exchange", "laws", "exported", "cases", "replay"]
@@ -36,7 +42,7 @@ def bench(
     core runs in a second, and what part of that time is the compiled loop; or how long the way from
     a recording to the viewer takes, and a frame there."""
     check_folder(picture)
-    check_folder(json_file)
+    check_json(json_file, picture)
     if picture is not None and what != "exchange":
         fail("--out draws `bench exchange` only", 2)
     if what == "exchange":

@@ -45,7 +45,7 @@ from hertzloop.commands.options import (
     TimeoutOption,
     TransportName,
     announce_compilation,
-    check_folder,
+    check_json,
     check_output,
     check_pace,
     scene_from,
@@ -114,7 +114,7 @@ def run(
     resolved = scene_to_run(repeated) if repeated else scene_from(scene, settings, seed)
     recording = out_file or Path(f"{resolved.name}{'-again' if repeat else ''}.mcap")
     check_output(recording, overwrite)
-    check_folder(json_file)
+    check_json(json_file, recording)
     if verify and resolved.run.scheme == "thesis2008":
         fail("--verify needs a scheme that converges; run.scheme = 'thesis2008' does not", 2)
     if live and transport != "zenoh":

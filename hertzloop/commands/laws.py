@@ -11,6 +11,7 @@ from hertzloop.commands.options import (
     OverwriteOption,
     SetOption,
     check_folder,
+    check_json,
     check_output,
     write_json,
 )
@@ -99,7 +100,7 @@ def law_on(
 
     target = picture or file.with_name(f"{file.stem}-law.png")
     check_output(target, overwrite)
-    check_folder(json_file)
+    check_json(json_file, target)
     try:
         recording = read(file)
         keys = dict(_setting(text) for text in settings or [])

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from hertzloop.commands.options import JsonOption, check_folder, make_folder, write_json
+from hertzloop.commands.options import JsonOption, check_json, make_folder, write_json
 from hertzloop.commands.recordings import FileArgument, read_or_fail
 from hertzloop.commands.terminal import err, fail, out
 
@@ -57,7 +57,7 @@ def listen(
 
     if not at[2] > 0.0:
         fail(f"--at: the listener's height {at[2]:g} m is not above the plate", 2)
-    check_folder(json_file)
+    check_json(json_file)
     recording = read_or_fail(file, keep=True)
     for problem in recording.problems:
         err.print(f"{file}: {problem}", soft_wrap=True)

@@ -6,6 +6,7 @@ import math
 import os
 import tempfile
 from collections import Counter
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -61,8 +62,12 @@ PaceOption = Annotated[
     ),
 ]
 MachineOption = Annotated[bool, typer.Option("--machine", hidden=True)]
-JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figures to this file.")]
+JsonOption = Annotated[
+    Path | None,
+    typer.Option("--json", help="Write all figures to this file; an earlier one is replaced."),
+]
 
+_JSON_BEGINS = '{\n  "hertzloop": '  # and its version: what --json wrote
 
 TransportName = Literal["zenoh", "inprocess", "compiled"]
 
@@ -134,6 +139,29 @@ def check_folder(path: Path | None) -> None:
         fail(f"cannot write {path}: {os.strerror(errno.EACCES)}", 2)
 
 
+def check_json(path: Path | None, *outputs: Path | None) -> None:
+    """End the command unless what --json asks for, if it does, can be written: to a file that is
+    new, empty or an earlier one of these, and none of the command's other `outputs`."""
+    check_folder(path)
+    if path is None:
+        return
+    if any(output is not None and output.resolve() == path.resolve() for output in outputs):
+        fail(f"--json {path} is a file of the results; choose another name", 2)
+    if not _of_json(path):
+        fail(f"--json {path} exists and was not written by --json; choose another name", 2)
+
+
+def _of_json(path: Path) -> bool:
+    """Whether nothing is lost if a file is replaced."""
+    if not path.is_file():
+        return True
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_JSON_BEGINS)) in (b"", _JSON_BEGINS.encode())
+    except OSError:  # it may be written, but not read
+        return False
+
+
 def check_writable(folder: Path) -> None:
     """End the command unless a file can be made in an existing folder."""
     try:
@@ -165,11 +193,14 @@ def end_if_not_run(reasons: list[str], total: int) -> None:
 
 
 def write_json(path: Path | None, data: dict[str, Any]) -> None:
-    """Write what --json asks for, if it does."""
+    """Write what --json asks for, if it does: `data` and the version of hertzloop."""
     if path is None:
         return
+    marked = {"hertzloop": version("hertzloop"), **_strict(data)}
     try:
-        path.write_text(json.dumps(_strict(data), indent=2) + "\n", encoding="utf-8")
+        if not _of_json(path):
+            fail(f"--json {path} has been written by others meanwhile; it is left as it is", 1)
+        path.write_text(json.dumps(marked, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         fail(f"cannot write {path}: {error.strerror}", 1)
 

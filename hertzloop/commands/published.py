@@ -12,7 +12,7 @@ from hertzloop.commands.options import (
     SceneArgument,
     SetOption,
     announce_compilation,
-    check_folder,
+    check_json,
     make_folder,
     scene_from,
     write_json,
@@ -54,7 +54,7 @@ def optima(folder: OutOption = None, json_file: JsonOption = None) -> None:
     from studies.published import optima as study
     from studies.tabular import write_records
 
-    check_folder(json_file)
+    check_json(json_file)
     if folder:
         make_folder(folder)
     _ready("thesis2008", "modal")
@@ -103,7 +103,7 @@ def a1(
 
     if scheme not in ("thesis2008", "modal"):
         fail(f"--scheme {scheme} is neither thesis2008 nor modal", 2)
-    check_folder(json_file)
+    check_json(json_file)
     if folder:
         make_folder(folder)
     _ready(scheme)
@@ -136,7 +136,7 @@ def equations(
     from studies.published import equations as study
 
     resolved = scene_from(scene, settings, None)
-    check_folder(json_file)
+    check_json(json_file)
     _ready(resolved.run.scheme)
     try:
         found = study.lines(resolved)

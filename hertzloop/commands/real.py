@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from hertzloop.commands.options import JsonOption, check_folder, write_json
+from hertzloop.commands.options import JsonOption, check_json, write_json
 from hertzloop.commands.study_frame import results_in
 from hertzloop.commands.terminal import fail, out, progress
 
@@ -28,7 +28,7 @@ def real(
     from studies.real import study
     from studies.sweeps.pool import SweepFailed
 
-    check_folder(json_file)
+    check_json(json_file)
     known = [named.name for named in study.SCENES]
     names = tuple(dict.fromkeys(scenes or (known[:2] if quick else known)))
     for name in names:

@@ -9,7 +9,7 @@ import typer
 from hertzloop.commands.options import (
     JsonOption,
     OverwriteOption,
-    check_folder,
+    check_json,
     check_output,
     write_json,
 )
@@ -65,7 +65,7 @@ def inspect(file: FileArgument, json_file: JsonOption = None) -> None:
     from hertzloop.results import inspection
     from recordings.writer import RecordingError
 
-    check_folder(json_file)
+    check_json(json_file)
     recording = read_or_fail(file)
     try:
         data = inspection.summary(recording)

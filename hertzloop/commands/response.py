@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hertzloop.commands.options import JsonOption, check_folder, make_folder, write_json
+from hertzloop.commands.options import JsonOption, check_json, make_folder, write_json
 from hertzloop.commands.recordings import FileArgument, read_or_fail
 from hertzloop.commands.terminal import fail, out
 
@@ -20,7 +20,7 @@ def response(
     from recordings.writer import RecordingError
     from studies.response import picture
 
-    check_folder(json_file)
+    check_json(json_file)
     recording = read_or_fail(file)
     try:
         responses, found = pacing.responses_of(recording), pacing.of(recording)

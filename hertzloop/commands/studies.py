@@ -13,6 +13,7 @@ from hertzloop.commands.options import (
     SetOption,
     announce_compilation,
     check_folder,
+    check_json,
     check_law,
     scene_from,
     write_json,
@@ -43,8 +44,8 @@ def tables(
     from hertzloop.commands.warmup import ensure_compiled
     from studies.published import tables as study
 
-    for path in (out_file, json_file):
-        check_folder(path)
+    check_folder(out_file)
+    check_json(json_file, out_file)
     if out_file is not None and out_file.resolve() == rows_file.resolve():
         fail(f"{out_file} is the table to read; write to another file", 2)
     try:
@@ -104,7 +105,7 @@ def calibrate(
     from plant.figures import calibration
 
     resolved = scene_from(scene, settings, None)
-    check_folder(json_file)
+    check_json(json_file)
     target = restitution or resolved.material("plate").restitution
     spec = parts.plant_spec(resolved)
     data = {"restitution": target, "relaxation_s": relaxation_s}
@@ -246,7 +247,7 @@ def latency(
     killed, it goes on with the same command."""
     from studies.latency import study as study
 
-    check_folder(json_file)
+    check_json(json_file)
     try:
         for law in laws or []:
             check_law(load(DEFAULT, [f"controller.law={law}"]))

@@ -15,7 +15,7 @@ from hertzloop.commands.options import (
     SetOption,
     TransportName,
     announce_compilation,
-    check_folder,
+    check_json,
     check_law,
     check_output,
     check_writable,
@@ -79,9 +79,8 @@ def sweep(
         fail(f"{target} is neither .parquet nor .csv, which say how to write the results", 2)
     check_output(target, overwrite)
     check_writable(target.parent)  # for what is unfinished, even where a file may be replaced
-    check_folder(json_file)
-    if json_file in (target, target.with_name(target.name + ".json")):
-        fail(f"--json {json_file} is a file of the results; choose another name", 2)
+    beside = (target.with_name(target.name + end) for end in (".json", ".partial"))
+    check_json(json_file, target, *beside)
     if resolved.run.scheme == "thesis2008":
         fail(NO_CASE_OF_THESIS, 2)
     try:
@@ -209,7 +208,7 @@ def check(
     from studies.sweeps.summary import counted
     from studies.sweeps.sweep import check_laws, code_version, read_results
 
-    check_folder(json_file)
+    check_json(json_file)
     try:
         rows, header = read_results(results)
         check_laws(header)

@@ -16,7 +16,7 @@ from hertzloop.commands.options import (
     SeedOption,
     SetOption,
     announce_compilation,
-    check_folder,
+    check_json,
     check_law,
     check_writable,
     end_if_not_run,
@@ -94,7 +94,7 @@ def tune(
     from studies.tuning import tune as study
     from studies.tuning.record import Tuned
 
-    check_folder(json_file)
+    check_json(json_file)
     bases = [scene_from(name, settings, seed) for name in scenes or [DEFAULT]]
     if any(base.run.scheme == "thesis2008" for base in bases):
         fail(NO_CASE_OF_THESIS, 2)

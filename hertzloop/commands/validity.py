@@ -11,7 +11,7 @@ from hertzloop.commands.options import (
     SeedOption,
     SetOption,
     announce_compilation,
-    check_folder,
+    check_json,
     make_folder,
     scene_from,
     write_json,
@@ -30,7 +30,7 @@ def validity(
     from hertzloop.commands.warmup import ensure_compiled, kernels_of
 
     resolved = scene_from(scene, settings, seed)
-    check_folder(json_file)
+    check_json(json_file)
     ensure_compiled(announce_compilation, kernels_of(resolved))
 
     from hertzloop.results import left_out
