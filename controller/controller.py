@@ -116,7 +116,12 @@ class Controller:
         return int(self.law_state.counts[laws.FAULT]) - 1
 
     def check(self) -> None:
-        """Raises LawFault if the law has failed on a sample so far."""
+        """Raises LawFault if the law has failed on a sample so far; KeyboardInterrupt if that ended
+        it."""
+        if self.bound.ended:
+            ended = self.bound.ended[0]
+            self.bound.ended.clear()  # the law may be used again
+            raise ended
         if self.failed_at >= 0:
             seen = self.law_state.history[: self.law_state.counts[laws.SAMPLES]]
             raise LawFault(self.bound.explain(seen, self.failed_at))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from controller.door.law import LawError
 from controller.law import About, Reach
 from hertzloop.plant_tables import actuator_of, contact_of
 from hertzloop.plate_choice import check_reach, check_step, limit_hz_of
@@ -266,11 +267,15 @@ def _actuation(scene: Scene, reach: Reach, found: Reflections) -> Actuation:
 
 @by_tables("controller")
 def law_reach(scene: Scene) -> Reach:
-    """How far the force of the scene's law can go."""
+    """How far the force of the scene's law can go. Raises SceneError."""
     try:
-        return scene.law.reach(scene.controller.keys)
+        law = scene.law
     except SceneError:  # a recording may outlive its law
         return Reach()
+    try:
+        return law.reach(scene.controller.keys)
+    except LawError as error:
+        raise SceneError(str(error)) from error
 
 
 def about_bodies(scene: Scene, stiffness: float, **more: Any) -> About:

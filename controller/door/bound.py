@@ -35,6 +35,11 @@ class BoundLaw:
         self.model = LawModel(*[*at, constants.data])
         self._state, self._held = state, (constants, held)
 
+    @cached_property
+    def ended(self) -> list[BaseException]:
+        """What was raised in the law that is to end more than the law, as Ctrl-C is."""
+        return []
+
     def new_state(self) -> np.ndarray:
         """Words of the state at the start of a run."""
         return self._state.data.copy()
@@ -70,7 +75,7 @@ class BoundPython(BoundLaw):
             held = _entries(name, digest, home, packed.dtype, state.dtype)
             addresses, trouble = held.addresses(wanted), held.trouble
         if not addresses:
-            held = python_functions(home, self._constants, state.dtype, wanted)
+            held = python_functions(home, self._constants, state.dtype, wanted, self.ended)
             addresses = {
                 key: ctypes.cast(function, ctypes.c_void_p).value or 0
                 for key, function in held.items()
@@ -87,7 +92,7 @@ class BoundPython(BoundLaw):
             try:
                 with np.errstate(all="ignore"):  # what comes of it is said below
                     force = command(self._constants, state, samples[: i + 1], i)
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 return f"{where}, failed: {_said(error)}"
             if not isinstance(force, numbers.Real):
                 return f"{where}, returned {force!r}, which is no number"
@@ -95,10 +100,9 @@ class BoundPython(BoundLaw):
                 return f"{where}, commanded {float(force)} N"
         return super().explain(samples, index)
 
-    def cost_us(self) -> float:
-        """What a sample costs, us; measured with samples of zero."""
-        state = state_view(self.new_state(), self._state.dtype)
-        samples, command = np.zeros(200), plain(self._home.command)
+    def cost_us(self, samples: np.ndarray) -> float:
+        """What a sample costs, us; measured with samples that it is known to take."""
+        state, command = state_view(self.new_state(), self._state.dtype), plain(self._home.command)
         started = time.perf_counter()
         for i in range(len(samples)):
             command(self._constants, state, samples[: i + 1], i)
@@ -123,7 +127,7 @@ def _with_arrays(constants: Any, fields: Mapping[str, Any]) -> Any:
     return constants._replace(**arrays) if arrays else constants
 
 
-def _said(error: Exception) -> str:
+def _said(error: BaseException) -> str:
     """An exception, with its line."""
     frames = traceback.extract_tb(error.__traceback__)
     at = f" (line {frames[-1].lineno}: {frames[-1].line})" if len(frames) > 1 else ""

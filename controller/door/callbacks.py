@@ -3,8 +3,10 @@
 import ctypes
 import math
 import numbers
+import sys
 from collections.abc import Iterable
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -24,18 +26,26 @@ def state_view(words: np.ndarray, dtype: np.dtype) -> Any:
 
 
 def python_functions(
-    home: Any, constants: Any, state: np.dtype, wanted: Iterable[str]
+    home: Any, constants: Any, state: np.dtype, wanted: Iterable[str], ended: list[BaseException]
 ) -> dict[str, Any]:
     """Those `wanted` that a law has, as C functions by name; what a law raises, or returns that
-    is no number, becomes nan."""
+    is no number, becomes nan. What is to end more than the law, as Ctrl-C is, cannot pass through
+    compiled code: it is added to `ended`, to be raised behind it, and the law fails until then."""
     return {
-        name: _callback(plain(getattr(home, name)), *FUNCTIONS[name], constants, state)
+        name: _callback(plain(getattr(home, name)), *FUNCTIONS[name], constants, state, ended)
         for name in wanted
         if callable(getattr(home, name, None))
     }
 
 
-def _callback(function: Any, result: str, arguments: str, constants: Any, state: np.dtype) -> Any:
+def _callback(
+    function: Any,
+    result: str,
+    arguments: str,
+    constants: Any,
+    state: np.dtype,
+    ended: list[BaseException],
+) -> Any:
     seen: dict[int, Any] = {}  # states by address
 
     def view(address: int) -> Any:
@@ -49,15 +59,46 @@ def _callback(function: Any, result: str, arguments: str, constants: Any, state:
 
     def call(p: int, s: int, *rest: int) -> Any:
         try:
+            if ended:
+                return failed
             if arguments:
                 known = (ctypes.c_double * (rest[1] + 1)).from_address(rest[0])
                 value = function(constants, view(s), np.frombuffer(known), *rest[1:])
             else:
                 value = function(constants, view(s))
             return convert(value) if isinstance(value, numbers.Real) else failed
-        except Exception:
+        except (Exception, SystemExit):
+            return failed
+        except BaseException as error:
+            ended.append(error)
             return failed
 
+    _hear_of(call, ended)
     pointers: list[Any] = [ctypes.c_void_p] * (3 if arguments else 2)
     integers: list[Any] = [ctypes.c_int64] * arguments.count(",")
     return ctypes.CFUNCTYPE(_RESULTS[result], *pointers, *integers)(call)
+
+
+_HEARD: "WeakKeyDictionary[Any, list[BaseException]]" = WeakKeyDictionary()
+
+
+def _hear_of(call: Any, ended: list[BaseException]) -> None:
+    """Have what is raised at the very start of a call, before its `try`, added to `ended`: ctypes
+    hands that to a hook, and lets C go on."""
+    _HEARD[call] = ended
+    before = sys.unraisablehook
+    if getattr(before, "hears", None) is _HEARD:
+        return
+
+    def hook(unraisable: Any) -> None:
+        try:
+            ended = _HEARD.get(unraisable.object)
+        except TypeError:  # what cannot be weakly referenced is none of these
+            ended = None
+        if ended is None or unraisable.exc_value is None:
+            before(unraisable)
+        else:
+            ended.append(unraisable.exc_value)
+
+    hook.hears = _HEARD  # type: ignore[attr-defined]
+    sys.unraisablehook = hook

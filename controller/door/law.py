@@ -59,15 +59,26 @@ class Law:
         return [name for name, about in fields if WHOLE_STEPS in about.metadata]
 
     def reach(self, keys: Any) -> Reach:
-        """How far its force can go; without limit if it does not say."""
-        reach = getattr(self.home, "reach", None)
-        return reach(keys) if reach else Reach()
+        """How far its force can go; without limit if it does not say. Raises LawError."""
+        if not hasattr(self.home, "reach"):
+            return Reach()
+        found = self._asked("reach", keys)
+        if not isinstance(found, Reach):
+            raise LawError(f"reach of the law {self.name} returned {found!r}, which is no Reach")
+        return found
 
     def ranges(self, about: About) -> dict[str, tuple[float, float]]:
-        """Ranges that a search takes for its keys: what it says, else their bounds."""
-        tune = getattr(self.home, "tune", None)
-        if tune:
-            return dict(tune(about))
+        """Ranges that a search takes for its keys: what it says, else their bounds. Raises
+        LawError."""
+        if hasattr(self.home, "tune"):
+            said = self._asked("tune", about)
+            try:
+                return {str(key): (float(low), float(high)) for key, (low, high) in said.items()}
+            except (AttributeError, TypeError, ValueError):
+                raise LawError(
+                    f"tune of the law {self.name} returned {said!r}, which is no "
+                    "{key: (low, high)}"
+                ) from None
         found = {}
         for name, info in self.keys.model_fields.items():
             low = next((float(m.ge) for m in info.metadata if isinstance(m, Ge)), math.nan)  # type: ignore[arg-type]
@@ -78,17 +89,21 @@ class Law:
 
     def constants(self, keys: Any, about: About) -> Any:
         """What its functions see as `p`. Raises LawError."""
-        prepare = getattr(self.home, "prepare", None)
-        if prepare:
-            try:
-                return prepare(keys, about)
-            except LawError:
-                raise
-            except Exception as error:
-                raise LawError(f"the law {self.name} could not be prepared: {error}") from error
+        if hasattr(self.home, "prepare"):
+            return self._asked("prepare", keys, about)
         own = numbers_of(vars(keys).items())
         known = (getattr(about, name) for name in ABOUT_FIELDS)
         return _constants_of((*ABOUT_FIELDS, *own))(*known, *own.values())
+
+    def _asked(self, function: str, *about: Any) -> Any:
+        """What one of its functions says before a run. Raises LawError."""
+        try:
+            return getattr(self.home, function)(*about)
+        except LawError:
+            raise
+        except (Exception, SystemExit) as error:
+            said = said_of(error, self.path)
+            raise LawError(f"{function} of the law {self.name} failed: {said}") from error
 
     def bind(self, keys: Any, about: About, ahead: bool = True) -> BoundLaw:
         """The law with its constants; without `ahead` its commands alone. Raises LawError."""
@@ -113,6 +128,17 @@ class Law:
 
 _MOST_BOUND = 64
 _FEW = 64
+
+
+def said_of(error: BaseException, path: Path) -> str:
+    """An exception, with the line of the law's file."""
+    trace, line = error.__traceback__, None
+    while trace is not None:
+        if trace.tb_frame.f_code.co_filename == str(path):
+            line = trace.tb_lineno
+        trace = trace.tb_next
+    said = ": ".join(filter(None, (type(error).__name__, str(error))))
+    return said + (f" (line {line})" if line else "")
 
 
 def _exactly(constants: Any) -> tuple[Any, ...] | None:

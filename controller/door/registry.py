@@ -14,7 +14,7 @@ from typing import Any
 from pydantic.fields import FieldInfo
 
 from controller.door import patience
-from controller.door.law import Law, LawError, check_home
+from controller.door.law import Law, LawError, check_home, said_of
 from controller.door.patience import Overdue, given_up_in_time
 from controller.door.sources import SHIPPED, digest_of
 
@@ -131,8 +131,8 @@ def _loaded_file(
             exec(compile(source, str(path), "exec"), module.__dict__)
     except Overdue:
         raise LawError(_not_over(str(path))) from None
-    except Exception as error:
-        raise LawError(f"the law {path} cannot be loaded: {_said(error, path)}") from error
+    except (Exception, SystemExit) as error:
+        raise LawError(f"the law {path} cannot be loaded: {said_of(error, path)}") from error
     finally:
         sys.path.remove(str(path.parent))
     return _checked(
@@ -157,8 +157,8 @@ def _from_module(reference: str, module: str, name: str | None, digest: str | No
         raise
     except Overdue:
         raise LawError(_not_over(reference)) from None
-    except Exception as error:
-        raise LawError(f"the law {reference} cannot be loaded: {_said(error, path)}") from error
+    except (Exception, SystemExit) as error:
+        raise LawError(f"the law {reference} cannot be loaded: {said_of(error, path)}") from error
     return _checked(reference, home, name, path, path.read_text(encoding="utf-8"), found)
 
 
@@ -179,16 +179,6 @@ def _not_over(law: str) -> str:
         f"the law {law} was not loaded within {patience.PATIENCE_S:g} s; does a loop of it never "
         "end?"
     )
-
-
-def _said(error: Exception, path: Path) -> str:
-    """An exception, with the line of the law's file."""
-    trace, line = error.__traceback__, None
-    while trace is not None:
-        if trace.tb_frame.f_code.co_filename == str(path):
-            line = trace.tb_lineno
-        trace = trace.tb_next
-    return f"{type(error).__name__}: {error}" + (f" (line {line})" if line else "")
 
 
 @cache

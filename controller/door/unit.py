@@ -74,7 +74,7 @@ class BoundUnit(BoundLaw):
         packed = pack(constants._asdict())
         state: Packed = state_of(None)
         self._instance = _Instance(law, constants)
-        held = python_functions(self._instance, constants, state.dtype, ("command",))
+        held = python_functions(self._instance, constants, state.dtype, ("command",), self.ended)
         addresses = {
             name: ctypes.cast(function, ctypes.c_void_p).value or 0
             for name, function in held.items()

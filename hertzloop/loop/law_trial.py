@@ -43,15 +43,17 @@ def try_law(scene: Scene) -> str:
         ) from None
     with compiled_abreast():
         bound = control.law(scene, stiffness, True)
+    samples = _samples(scene, about)
     # The child may be killed: what it unpacks goes with this folder.
     with tempfile.TemporaryDirectory(prefix="hertzloop-") as folder:
-        said = _in_child(bound, _samples(scene, about), scene, folder)
+        said = _in_child(bound, samples, scene, folder)
     if said:
         raise SceneError(said)
     if isinstance(bound, BoundPython) and bound.trouble:
+        cost_us = bound.cost_us(samples[:200])
         return (
-            f"the law {bound.name} runs as Python, {bound.cost_us():.1f} us a sample instead of "
-            f"about 0.01, because Numba says: {bound.trouble}"
+            f"the law {bound.name} runs as Python, {cost_us:.1f} us a sample instead of about "
+            f"0.01, because Numba says: {bound.trouble}"
         )
     return ""
 

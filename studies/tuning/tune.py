@@ -16,11 +16,12 @@ from pymoo.core.problem import Problem
 from pymoo.optimize import minimize
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
+from controller.door.law import LawError
 from controller.door.registry import find, resolve
 from controller.law import About
 from hertzloop.assembly import plant_spec
 from hertzloop.results.cases import Span
-from hertzloop.scenes.scene import Scene
+from hertzloop.scenes.scene import Scene, SceneError
 from studies.sweeps.design import Axis, Design, fitted
 from studies.sweeps.evaluate import Pool, evaluate
 from studies.sweeps.phases import Spread, at_all, spread_over
@@ -47,9 +48,12 @@ def header_of(
 
 
 def ranges_of(law: str, impact_speed_m_s: float) -> tuple[Axis, ...]:
-    """What is varied of a law if nothing else is asked for."""
+    """What is varied of a law if nothing else is asked for. Raises SceneError."""
     about = About(impact_speed_m_s=impact_speed_m_s)
-    ranges = find(resolve(law)).ranges(about).items()
+    try:
+        ranges = find(resolve(law)).ranges(about).items()
+    except LawError as error:
+        raise SceneError(str(error)) from error
     return tuple(Axis(f"controller.{key}", (), low, high) for key, (low, high) in ranges)
 
 

@@ -70,7 +70,21 @@ BEFORE = {
     "prepare": (
         "def prepare(keys, about):\n    return {}['x']\n"
         "def command(p, s, samples, i):\n    return 0.0\n",
-        ["could not be prepared"],
+        ["prepare of the law mine.py failed: KeyError: 'x' (line 2)"],
+    ),
+    "exit": ("raise SystemExit(0)\n", ["cannot be loaded: SystemExit: 0 (line 1)"]),
+    "exit of prepare": (
+        "import sys\ndef prepare(keys, about):\n    sys.exit()\n"
+        "def command(p, s, samples, i):\n    return 0.0\n",
+        ["prepare of the law mine.py failed: SystemExit (line 3)"],
+    ),
+    "reach": (
+        "def reach(keys):\n    return 1 / 0\ndef command(p, s, samples, i):\n    return 0.0\n",
+        ["reach of the law mine.py failed: ZeroDivisionError: division by zero (line 2)"],
+    ),
+    "no reach": (
+        "def reach(keys):\n    return 5.0\ndef command(p, s, samples, i):\n    return 0.0\n",
+        ["reach of the law mine.py returned 5.0, which is no Reach"],
     ),
     "text": ("def command(p, s, samples, i):\n    return 'much'\n", ["at sample 0", "'much'"]),
     "nothing": ("def command(p, s, samples, i):\n    pass\n", ["at sample 0", "None"]),
@@ -100,6 +114,21 @@ def test_a_class_that_the_file_has_not(here: Path) -> None:
 )
 def test_a_law_that_is_not_there(here: Path, law: str, words: str) -> None:
     refused(here, law, words)
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ("raise ValueError('x')", "tune of the law mine.py failed: ValueError: x (line 17)"),
+        ("raise SystemExit", "tune of the law mine.py failed: SystemExit (line 17)"),
+        ("return [('share', 0.0, 1.0)]", "which is no {key: (low, high)}"),
+    ],
+)
+def test_ranges_that_are_none(here: Path, body: str, words: str) -> None:
+    write_law(here).open("a").write(f"def tune(about):\n    {body}\n")
+    done = hertzloop("tune", "--law", "mine.py", cwd=here)
+    assert done.returncode > 0
+    assert words in " ".join(done.stderr.split())
 
 
 IN_TRIAL = {
@@ -200,6 +229,18 @@ def test_wrong_in_the_run(here: Path, transport: str, python: bool) -> None:
     said = next(problem for problem in recording.problems if "it is late" in problem)
     assert said.count("failed: AssertionError") == 1  # the role that heard of it adds nothing
     assert recording.law_ran[0] == "mine.py"
+
+
+@pytest.mark.parametrize("transport", ["compiled", "inprocess", "zenoh"])
+def test_a_law_that_ends_the_program_in_the_run(here: Path, transport: str) -> None:
+    """It runs as Python; compiled it could not."""
+    path = write_law(here, "if i == 3000: import sys; sys.exit(0)")
+    path.write_text(path.read_text().replace("p.share *", "float(str(p.share)) *"))
+    words = ["run", "--transport", transport, *LONGER, "--set", "controller.law=mine.py"]
+    done = hertzloop(*words, "--out", "a.mcap", cwd=here)
+    assert done.returncode == 1
+    said = " ".join(done.stderr.split())
+    assert "the law mine.py, at sample 3000, failed: SystemExit: 0 (line" in said
 
 
 def test_a_sweep_notes_the_case_in_which_a_law_fails(here: Path) -> None:
