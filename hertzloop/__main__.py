@@ -43,6 +43,8 @@ def main() -> None:
         cli.main(commands)
     except SystemExit as end:
         if end.code == INTERRUPTED:
+            # Another one, while Python ends, would come out as an exception.
+            signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
             _code.append(INTERRUPTED)
         raise
 
