@@ -8,8 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hertzloop.commands.options import ConnectOption, NameOption, OverwriteOption, check_output
+from hertzloop.commands.options import (
+    ConnectOption,
+    MachineOption,
+    NameOption,
+    OverwriteOption,
+    check_output,
+)
 from hertzloop.commands.terminal import err, fail, out
+from hertzloop.loop.signals import INTERRUPTED, raise_when_ended
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -22,6 +29,7 @@ def watch(
         Path | None, typer.Option(help="Write an .rrd file instead.", metavar="F.rrd")
     ] = None,
     overwrite: OverwriteOption = False,
+    machine: MachineOption = False,
 ) -> None:
     """Watch a run while it goes on: a few samples of every millisecond. It never slows the run;
     what this side does not take in time is dropped."""
@@ -38,19 +46,25 @@ def watch(
     elif not viewer.has_display():
         fail("there is no screen to watch on; --save F.rrd writes a file for the Rerun viewer", 2)
     where = connect or [f"tcp/127.0.0.1:{port}" for port in range(BASE_PORT, BASE_PORT + 3)]
-    stream, shown = rr.RecordingStream("hertzloop live"), 0
+    raise_when_ended()
+    stream, shown, interrupted = rr.RecordingStream("hertzloop live"), 0, False
     try:
         with _shown_in(stream, save):
             stream.send_blueprint(live.blueprint())
             err.print(f"watching run '{name}'")
-            for payload in blocks(name, where):
-                with contextlib.suppress(MessageError):  # a stranger's
-                    shown += live.send(stream, payload)
+            try:
+                for payload in blocks(name, where, machine):
+                    with contextlib.suppress(MessageError):  # a stranger's
+                        shown += live.send(stream, payload)
+            except KeyboardInterrupt:  # what was seen until now is kept
+                interrupted = True
     except (zenoh.ZError, viewer.ViewerError, OSError) as error:
         fail(f"cannot watch: {error}", 1)
-    except KeyboardInterrupt:
-        err.print("stopped watching")
     out.print(f"watched: {shown:,} samples", soft_wrap=True)
+    if interrupted:
+        kept = f"; what was seen until now is in {save}" if save else ""
+        err.print(f"interrupted{kept}", soft_wrap=True)
+        raise typer.Exit(INTERRUPTED)
 
 
 @contextlib.contextmanager

@@ -36,16 +36,17 @@ def session(connect: Sequence[str]) -> zenoh.Session:
     return zenoh.open(config)
 
 
-def blocks(name: str, connect: Sequence[str]) -> Iterator[bytes]:
-    """Blocks of truth of the run `name` as they come, until the plant ends, or whoever started
-    this process: its standard input is closed then. Raises zenoh.ZError."""
+def blocks(name: str, connect: Sequence[str], beside: bool = False) -> Iterator[bytes]:
+    """Blocks of truth of the run `name` as they come, until the plant ends; `beside` the run that
+    started this process, also when that is gone: standard input ends then. Raises zenoh.ZError."""
     inbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
 
     def follow_parent() -> None:
         sys.stdin.read()
         inbox.put(None)
 
-    threading.Thread(target=follow_parent, daemon=True).start()
+    if beside:  # of anybody else standard input says nothing: /dev/null has ended from the start
+        threading.Thread(target=follow_parent, daemon=True).start()
     with session(connect) as joined:
         root = f"hertzloop/{name}"
         kept = [
@@ -62,7 +63,7 @@ def watched(name: str, endpoints: Sequence[str]) -> Iterator[None]:
     """A process beside a run that shows it; whatever becomes of it, the run goes on."""
     words = [word for url in endpoints for word in ("--connect", url)]
     process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "hertzloop", "watch", "--name", name, *words],
+        [sys.executable, "-P", "-m", "hertzloop", "watch", "--machine", "--name", name, *words],
         stdin=subprocess.PIPE,  # never written to: closed, however the run ends
         start_new_session=True,
     )

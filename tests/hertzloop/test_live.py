@@ -15,7 +15,15 @@ from hertzloop.scenes.scene import load
 from recordings.compare import first_difference
 from recordings.reader import read
 from recordings.replay import live, viewer
-from tests.hertzloop.processes import finish, hertzloop, start
+from tests.hertzloop.processes import (
+    LONG,
+    WELL_UNDER_WAY,
+    finish,
+    grown_to,
+    hertzloop,
+    start,
+    wait_for,
+)
 from tests.ports import free_ports
 
 RUN = ["--set", "run.duration_s=0.1", "--set", "run.accuracy=0.1"]
@@ -36,10 +44,10 @@ def test_a_few_samples_keep_the_extremes_of_a_block() -> None:
 @pytest.mark.parametrize("hangs", [False, True])
 def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: bool) -> None:
     ports, rrd = free_ports(3), tmp_path / "a.rrd"
-    connect = [word for port in ports for word in ("--connect", f"tcp/127.0.0.1:{port}")]
-    watcher = start("watch", "--name", "mine", *connect, "--save", str(rrd), stdin=subprocess.PIPE)
-    assert watcher.stderr is not None
-    assert "watching run 'mine'" in watcher.stderr.readline()
+    if hangs:  # it may miss the end of the run, and has that of its standard input then
+        watcher = watching(ports, rrd, "--machine", stdin=subprocess.PIPE)
+    else:
+        watcher = watching(ports, rrd, stdin=subprocess.DEVNULL)
     if hangs:
         watcher.send_signal(signal.SIGSTOP)
     try:
@@ -53,11 +61,53 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: boo
     code, error, _ = finish(watcher)
     assert code == 0, error
     if not hangs:
-        printed = subprocess.run(
-            [str(viewer.executable()), "rrd", "stats", str(rrd)],
-            capture_output=True, text=True, timeout=120,
-        ).stdout  # fmt: skip
-        assert "/live/velocity/v_p" in printed
+        assert "/live/velocity/v_p" in shown_in(rrd)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_an_interrupted_watcher_saw_is_kept(tmp_path: Path, number: signal.Signals) -> None:
+    ports, rrd, mcap = free_ports(3), tmp_path / "a.rrd", tmp_path / "a.mcap"
+    watcher = watching(ports, rrd, stdin=subprocess.DEVNULL)
+    run = start("run", *LONG, "--out", str(mcap), "--name", "mine", "--port", str(ports[0]))
+    wait_for(grown_to(mcap, 5 * WELL_UNDER_WAY))  # the watcher links within tenths of a second
+    watcher.send_signal(number)
+    code, error, _ = finish(watcher)
+    assert (code, error) == (130, f"interrupted; what was seen until now is in {rrd}")
+    assert "/live/velocity/v_p" in shown_in(rrd)
+    run.send_signal(signal.SIGINT)
+    assert finish(run)[0] == 130
+
+
+def test_only_the_watcher_of_a_run_ends_with_who_started_it(tmp_path: Path) -> None:
+    ports = free_ports(3)
+    beside = watching(ports, tmp_path / "a.rrd", "--machine", stdin=subprocess.PIPE)
+    alone = watching(ports, tmp_path / "b.rrd", stdin=subprocess.PIPE)
+    for watcher in (beside, alone):
+        assert watcher.stdin is not None
+        watcher.stdin.close()
+        watcher.stdin = None  # for `finish`
+    assert finish(beside)[:2] == (0, "")
+    assert alone.poll() is None
+    alone.send_signal(signal.SIGINT)
+    assert finish(alone)[0] == 130
+
+
+def watching(ports: list[int], rrd: Path, *more: str, stdin: int) -> subprocess.Popen:
+    """A watcher of the run "mine", from its first words on."""
+    connect = [word for port in ports for word in ("--connect", f"tcp/127.0.0.1:{port}")]
+    words = ["--name", "mine", *connect, "--save", str(rrd), *more]
+    watcher = start("watch", *words, stdin=stdin)
+    assert watcher.stderr is not None
+    assert "watching run 'mine'" in watcher.stderr.readline()
+    return watcher
+
+
+def shown_in(rrd: Path) -> str:
+    """What a file for the viewer has, as that says it."""
+    return subprocess.run(
+        [str(viewer.executable()), "rrd", "stats", str(rrd)],
+        capture_output=True, text=True, timeout=120,
+    ).stdout  # fmt: skip
 
 
 def test_a_viewer_that_cannot_be_there_changes_nothing(tmp_path: Path) -> None:
