@@ -1,11 +1,13 @@
 """Linear algebra on one thread: on several, sums come in another order and models in other bits.
 
-What is loaded later does as the environment says. NumPy may have been there before.
+What is loaded later does as the environment says. NumPy may have been there before, and the
+environment may ask for more.
 """
 
 import os
 from collections.abc import Callable
 from functools import cache, wraps
+from threading import RLock
 from typing import ParamSpec, TypeVar
 
 from threadpoolctl import ThreadpoolController
@@ -15,11 +17,25 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 
+# The number of threads is one for the whole process: two calls at once would undo each other's.
+_alone = RLock()
+
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """The libraries of linear algebra that are loaded."""
+    """The libraries of linear algebra: NumPy's, and the one that SciPy brings along."""
+    import scipy.linalg  # noqa: F401  loads it
+
     return ThreadpoolController().select(user_api="blas")
+
+
+def _obeyed(found: ThreadpoolController) -> ThreadpoolController:
+    """The same, doing as this thread says: threadpoolctl 3.8 passes over, without a word, all but
+    the thread that set a limit first."""
+    for library in found.lib_controllers:
+        if hasattr(library, "clear_controlling_thread"):
+            library.clear_controlling_thread(force=True)
+    return found
 
 
 def on_one_thread(function: Callable[Given, Result]) -> Callable[Given, Result]:
@@ -27,10 +43,11 @@ def on_one_thread(function: Callable[Given, Result]) -> Callable[Given, Result]:
 
     @wraps(function)
     def alone(*given: Given.args, **named: Given.kwargs) -> Result:
-        found = _libraries()
-        if all(library.num_threads == 1 for library in found.lib_controllers):
-            return function(*given, **named)
-        with found.limit(limits=1):
-            return function(*given, **named)
+        with _alone:
+            found = _libraries()
+            if all(library.num_threads == 1 for library in found.lib_controllers):
+                return function(*given, **named)
+            with _obeyed(found).limit(limits=1):
+                return function(*given, **named)
 
     return alone

@@ -3,11 +3,15 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor, wait
+from threading import Event
 
 import pytest
+from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from hertzloop.results.cases import figures_of_case
 from hertzloop.scenes.scene import load
+from plant.one_thread import on_one_thread
 
 SETTINGS = ["run.duration_s=0.002", "run.accuracy=0.05", "plate.edges=cffs"]
 SCRIPT = f"""
@@ -22,13 +26,41 @@ print(max(found["num_threads"] for found in threadpool_info()))
 
 
 @pytest.mark.usefixtures("warm_kernels")
-def test_a_plate_is_the_same_where_numpy_came_first() -> None:
+@pytest.mark.parametrize("asked", ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"])
+def test_a_plate_is_the_same_where_numpy_came_first(asked: str) -> None:
     if (os.cpu_count() or 1) < 2:
         pytest.skip("one core: NumPy has one thread anyway")
     unasked = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
-    done = subprocess.run([sys.executable, "-c", SCRIPT], env=unasked | {"OMP_NUM_THREADS": "2"},
+    done = subprocess.run([sys.executable, "-c", SCRIPT], env=unasked | {asked: "2"},
                           capture_output=True, text=True, timeout=280)  # fmt: skip
     assert done.returncode == 0, done.stderr
     before, digest, after = done.stdout.split()
     assert digest == figures_of_case(load("aluminium-3mm", SETTINGS)).digest
     assert before == after == "2"  # what the caller has is left alone
+
+
+def test_calls_in_two_threads_do_not_undo_each_other() -> None:
+    first_in, second_in = Event(), Event()
+
+    def threads() -> set[int]:
+        libraries = ThreadpoolController().select(user_api="blas").info()
+        return {library["num_threads"] for library in libraries}
+
+    @on_one_thread
+    def first() -> set[int]:
+        first_in.set()
+        second_in.wait(0.5)  # which it may not be before this one has left
+        return threads()
+
+    @on_one_thread
+    def second() -> set[int]:
+        second_in.set()
+        wait([leaving], timeout=60)
+        return threads()
+
+    # Limits of the caller's own are there, and are there again afterwards.
+    with ThreadPoolExecutor(2) as pool, threadpool_limits(2, user_api="blas"):
+        leaving = pool.submit(first)
+        assert first_in.wait(60)
+        assert pool.submit(second).result(60) == leaving.result(60) == {1}
+        assert threads() == {2}
