@@ -265,15 +265,20 @@ def _actuation(scene: Scene, reach: Reach, found: Reflections) -> Actuation:
     return Actuation(jumps_n=2.0 * reach.share * peak_n)
 
 
-@by_tables("controller")
 def law_reach(scene: Scene) -> Reach:
-    """How far the force of the scene's law can go. Raises SceneError."""
+    """How far the force of the scene's law can go; without limit if the law is not there any more,
+    as that of a recording may be. Raises SceneError."""
     try:
-        law = scene.law
-    except SceneError:  # a recording may outlive its law
+        scene.law  # noqa: B018  which may be back the next time: nothing is kept of this
+    except SceneError:
         return Reach()
+    return _known_reach(scene)
+
+
+@by_tables("controller")
+def _known_reach(scene: Scene) -> Reach:
     try:
-        return law.reach(scene.controller.keys)
+        return scene.law.reach(scene.controller.keys)
     except LawError as error:
         raise SceneError(str(error)) from error
 

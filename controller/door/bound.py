@@ -7,6 +7,7 @@ import time
 import traceback
 from collections.abc import Mapping
 from functools import cached_property
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -72,8 +73,9 @@ class BoundPython(BoundLaw):
         held: Any = None
         trouble = ""
         if not UNCOMPILED:
-            held = _entries(name, digest, home, packed.dtype, state.dtype)
-            addresses, trouble = held.addresses(wanted), held.trouble
+            with _compiling:
+                held = _entries(name, digest, home, packed.dtype, state.dtype)
+                addresses, trouble = held.addresses(wanted), held.trouble
         if not addresses:
             held = python_functions(home, self._constants, state.dtype, wanted, self.ended)
             addresses = {
@@ -111,6 +113,7 @@ class BoundPython(BoundLaw):
 
 # By name and digest of the law and by the layouts, which are kept and thus known by identity.
 _ENTRIES: dict[tuple[str, str, int, int], tuple[Entries, np.dtype, np.dtype]] = {}
+_compiling = Lock()  # threads that meet a new law at once would each compile it, and drop others'
 
 
 def _entries(name: str, digest: str, home: Any, parameters: np.dtype, state: np.dtype) -> Entries:

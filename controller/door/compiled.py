@@ -7,6 +7,7 @@ function defined in a function.)
 
 import hashlib
 import os
+import secrets
 import sys
 from collections import namedtuple
 from collections.abc import Iterable, Iterator, Sequence
@@ -237,8 +238,8 @@ def _written(name: str, text: str) -> tuple[Path, bool]:
 
 
 def _put(path: Path, text: str) -> None:
-    """Write a file that other processes may be looking for."""
-    new = path.with_suffix(f".{os.getpid()}")
+    """Write a file that others, threads or processes, may be looking for, or writing too."""
+    new = path.with_suffix(f".{secrets.token_hex(8)}")
     new.write_text(text, encoding="utf-8")
     new.replace(path)
 

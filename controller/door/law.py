@@ -113,7 +113,8 @@ class Law:
         """The law with given constants. Raises LawError."""
         # The cases of a sweep often differ in what leaves a law's constants as they are.
         words = (_exactly(constants), ahead)
-        if words not in self._bound:
+        found = self._bound.get(words)
+        if found is None:
             try:
                 found = BoundPython(self.name, self.digest, self.home, constants, ahead)
             except TypeError as error:
@@ -123,7 +124,7 @@ class Law:
             if len(self._bound) >= _MOST_BOUND:
                 self._bound.clear()
             self._bound[words] = found
-        return self._bound[words]
+        return found
 
 
 _MOST_BOUND = 64

@@ -6,6 +6,7 @@ Numba compiles for one processor a process, so that happens in a process of its 
 import hashlib
 import os
 import pickle
+import secrets
 import subprocess
 import sys
 from pathlib import Path
@@ -65,7 +66,7 @@ def plant_object(outline: "Unit", cpu: str) -> bytes:
     environment = {**os.environ, "NUMBA_DISABLE_INTEL_SVML": "1"}
     if cpu != HOST:
         environment |= {"NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": ""}
-    made = kept.with_suffix(f".{os.getpid()}")
+    made = kept.with_suffix(f".{secrets.token_hex(8)}")
     done = subprocess.run(
         [sys.executable, "-m", __spec__.name, made],
         input=pickle.dumps(outline), env=environment, capture_output=True,

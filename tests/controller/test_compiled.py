@@ -3,7 +3,9 @@
 import shutil
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 from typing import Any
 
 import pytest
@@ -88,3 +90,18 @@ def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -
     bound._ENTRIES.clear()
     again.bind(again.keys(), About())
     assert not heard.names
+
+
+def test_threads_may_meet_a_law_at_once(tmp_path: Path, heard: Heard) -> None:
+    law = unseen(tmp_path / "new.py", (SHIPPED / "force_feedback.py").read_text())
+    together = Barrier(8)
+
+    def bound(gain: float) -> Any:
+        together.wait(60)
+        return law.bind(law.keys(), About(stiffness=gain), ahead=False)
+
+    with ThreadPoolExecutor(8) as pool:
+        found = list(pool.map(bound, range(8)))
+    assert not any(one.trouble for one in found)
+    assert len({one.model.command for one in found}) == 1
+    assert heard.names.count("command") == 1

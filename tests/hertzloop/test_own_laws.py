@@ -11,6 +11,8 @@ import pytest
 
 from bus.streams import CONTROLLER
 from controller.door.registry import find, shipped
+from controller.law import Reach
+from hertzloop.assembly import law_reach
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.scenes import controller_table
@@ -312,3 +314,17 @@ def test_a_recording_outlives_its_law(here: Path) -> None:
     assert data["complete"]
     assert len(data["impacts"]) == 1
     assert data["law"] == data["scene_law"] == "mine.py"
+
+
+def test_how_far_a_law_reaches_is_looked_up_when_it_is_back(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write_law(here)
+    says = "def reach(keys):\n    from controller.law import Reach\n    return Reach(force_n=7.0)\n"
+    path.write_text(path.read_text() + says)
+    scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
+    monkeypatch.setattr(controller_table, "_CHECKED", {})  # as in a process that opens a recording
+    path.rename(here / "gone.py")
+    assert law_reach(scene) == Reach()
+    (here / "gone.py").rename(path)
+    assert law_reach(scene).force_n == 7.0
