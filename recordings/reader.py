@@ -19,7 +19,7 @@ from bus.messages_pb2 import Books, RunEnd
 from bus.streams import CONTROLLER, STREAMS
 from bus.versions import other_version
 from bus.wire import Packed
-from recordings.chunks import Damaged, Record, Walk
+from recordings.chunks import MAGIC, Damaged, Record, Walk
 from recordings.columns import SAMPLED, Arrays, Stream
 from recordings.intake import Event, Intake, Taken
 from recordings.order import in_order
@@ -187,6 +187,8 @@ def read(path: Path, keep: bool = False) -> Recording:
     intake, walk = source.look(keep)
     intake.agree()
     if not intake.scene_toml:
+        if walk.read(0, 8) != MAGIC and not intake.counters:
+            raise RecordingError(f"{path} is no recording: it does not begin as an MCAP file")
         why = f" ({walk.damage[0]})" if walk.damage else ""
         raise RecordingError(f"{path} holds no scene{why}: not a recording of hertzloop")
     damage = [f"the file is cut off or damaged ({words})" for words in walk.damage]

@@ -99,7 +99,7 @@ def law_on(
     from studies import law_on as study
 
     target = picture or file.with_name(f"{file.stem}-law.png")
-    check_output(target, overwrite)
+    check_output(target, overwrite, source=file)
     check_json(json_file, target)
     try:
         recording = read(file)

@@ -116,8 +116,13 @@ def check_law(scene: Scene) -> None:
         err.print(note, soft_wrap=True, markup=False)
 
 
-def check_output(path: Path, overwrite: bool, option: str = "--out") -> None:
-    """End the command unless `path` can be written, and may be."""
+def check_output(
+    path: Path, overwrite: bool, option: str = "--out", source: Path | None = None
+) -> None:
+    """End the command unless `path` can be written, and may be; it is not the `source` that the
+    command reads."""
+    if source is not None and path.exists() and source.exists() and path.samefile(source):
+        fail(f"{option} {path} is the file that is read; choose another name", 2)
     if path.exists() and not path.is_file() and not overwrite:
         fail(f"{path} is no file that could be written to", 2)
     if path.is_file() and not overwrite:

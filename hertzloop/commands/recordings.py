@@ -159,7 +159,7 @@ def replay(
     forces, energies, events. Opens a window by default."""
     for option, output in (("--save", save), ("--screenshot", screenshot)):
         if output is not None:
-            check_output(output, overwrite, option)
+            check_output(output, overwrite, option, file)
     if alone and other is not None:
         fail(f"--alone leaves nothing to compare with, but {other} is named", 2)
     recording = read_or_fail(file, keep=True)
@@ -202,7 +202,7 @@ def recover(
     from recordings.writer import RecordingError
 
     whole = out_file or file.with_name(f"{file.stem}-recovered.mcap")
-    check_output(whole, overwrite)
+    check_output(whole, overwrite, source=file)
     try:
         messages, others = recover_file(file, whole, overwrite)
     except RecordingError as error:

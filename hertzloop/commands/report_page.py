@@ -27,7 +27,7 @@ def report(
     """One HTML page that needs nothing else. Of a run: figures, charts, animation of the plate,
     sound, scene, how to run it again; of a sweep or a tuning: charts, tables of cases, scene."""
     need("matplotlib", "jinja2")
-    if source.suffix in (".parquet", ".csv", ".json") or source.is_dir():
+    if source.suffix in (".parquet", ".csv", ".json", ".partial") or source.is_dir():
         _of_results(source, folder, overwrite)
     else:
         _of_run(source, folder, overwrite)
@@ -65,7 +65,7 @@ def _page(source: Path, folder: Path, overwrite: bool) -> Path:
     """Where the page goes; ends the command if it cannot."""
     make_folder(folder)
     page = folder / f"{source.stem}.html"
-    check_output(page, overwrite)
+    check_output(page, overwrite, source=source)
     return page
 
 

@@ -140,6 +140,7 @@ def shipped() -> list[str]:
 
 
 DEFAULT = "aluminium-3mm"
+_OF_LAWS = (".py", ".so", ".dylib", ".fmu")
 
 
 def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> Scene:
@@ -149,7 +150,12 @@ def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> 
     directory. Raises SceneError with one sentence for anything wrong in it.
     """
     path = Path(source)
-    return parse(_text(source), settings, seed, folder=path.parent if path.is_file() else None)
+    if path.suffix in _OF_LAWS:
+        raise SceneError(
+            f"{shortened(source)} is a law, and no scene; --set controller.law={shortened(source)}"
+        )
+    folder = path.parent if path.is_file() else None
+    return parse(_text(source), settings, seed, folder=folder, name=shortened(source))
 
 
 def _text(source: str) -> str:
@@ -185,16 +191,20 @@ def parse(
     folder: Path | None = None,
     law: str | None = None,
     recorded: bool = False,
+    name: str = "",
 ) -> Scene:
     """Make a scene from TOML text. Raises SceneError.
 
     The files that it names, its law's too, are looked for in `folder` and in the working folder;
-    `law` says where the law is on this machine. A `recorded` scene need not find its law.
+    `law` says where the law is on this machine. A `recorded` scene need not find its law. `name`
+    is what the text goes by.
     """
     try:
         data = _from_toml(text)
     except ValueError as error:
-        raise SceneError(f"the scene is not valid TOML: {shortened(str(error))}") from error
+        raise SceneError(
+            f"the scene{name and ' ' + name} is not valid TOML: {shortened(str(error))}"
+        ) from error
     _take_in(data, folder or Path())
     before = copy.deepcopy(data)
     for setting in settings:

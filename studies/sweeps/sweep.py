@@ -233,6 +233,16 @@ def _one_type_a_column(
 
 def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Rows and header of a sweep's results. Raises ValueError for another kind of file."""
+    if path.suffix == ".partial":
+        raise ValueError(f"{path} is unfinished; the command that began it goes on with it")
+    if not path.is_file():
+        raise ValueError(f"there are no results {path}")
+    if path.suffix == ".csv" and not _beside(path).is_file():
+        raise ValueError(
+            f"{path} lacks {_beside(path).name} beside it, in which a sweep tells its scene"
+        )
+    if path.suffix not in (".parquet", ".csv"):
+        raise ValueError(f"{path} holds no results of a sweep, which end in .parquet or .csv")
     try:
         if path.suffix == ".parquet":
             table = pyarrow.parquet.read_table(path)

@@ -53,6 +53,8 @@ def read_tuned(path: Path) -> Tuned:
         data = json.loads(path.read_text(encoding="utf-8"))["tuned"]
         front = [_found(one) for one in data.pop("front")]
         return Tuned(front=front, published=_found(data.pop("published")), **data)
+    except FileNotFoundError as error:
+        raise ValueError(f"there are no results {path}") from error
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"{path} holds no results of a tuning: {error}") from error
 

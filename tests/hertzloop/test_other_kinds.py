@@ -1,0 +1,61 @@
+"""Files of another kind than a command works on, and files that it would read and write at once."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.hertzloop.test_cli import SHORT, call, here, said
+
+__all__ = ["here"]  # the fixture
+
+NO_MCAP = "is no recording: it does not begin as an MCAP file"
+LAW = "def command(p, s, samples, i):\n    return 0.0\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        ("inspect a.png", f"a.png {NO_MCAP}"),
+        ("report a.png -o r", f"a.png {NO_MCAP}"),
+        ("law-on a.json --law off", f"a.json {NO_MCAP}"),
+        ("run --repeat a.csv", f"a.csv {NO_MCAP}"),
+        ("recover a.csv", f"a.csv {NO_MCAP}: nothing to recover"),
+        ("report a.partial -o r", "a.partial is unfinished; the command that began it goes on"),
+        ("report none.parquet -o r", "there are no results none.parquet"),
+        ("report tune-none.json -o r", "there are no results tune-none.json"),
+        ("check none.csv", "there are no results none.csv"),
+        ("check a.csv", "a.csv lacks a.csv.json beside it, in which a sweep tells its scene"),
+        ("check a.json", "a.json holds no results of a sweep, which end in .parquet or .csv"),
+        ("run a.csv", "the scene a.csv is not valid TOML"),
+        ("run mine.py", "mine.py is a law, and no scene; --set controller.law=mine.py"),
+        ("sweep mine.py --over sensors.bits=4,5", "mine.py is a law, and no scene"),
+    ],
+)
+def test_it_is_named(words: str, sentence: str, here: Path) -> None:
+    (here / "a.png").write_bytes(b"\x89PNG\r\n\x1a\n0000")
+    (here / "a.json").write_text('{"a": 1}')
+    (here / "a.csv").write_text("a,b\n1,2\n")
+    (here / "a.partial").write_text('{"a": 1}\n')
+    (here / "mine.py").write_text(LAW)
+    result = call(*words.split())
+    assert result.exit_code == 2
+    assert sentence in said(result)
+    assert "damaged" not in said(result)
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "./a.mcap", "linked.mcap"])
+def test_what_is_read_is_not_replaced(name: str, here: Path) -> None:
+    call("run", *SHORT, "--out", "a.mcap")
+    (here / "linked.mcap").hardlink_to(here / "a.mcap")
+    before = (here / "a.mcap").read_bytes()
+    for words in (
+        ["run", "--repeat", "a.mcap", "--out", name],
+        ["replay", "a.mcap", "--save", name],
+        ["law-on", "a.mcap", "--law", "off", "--out", name],
+        ["recover", "a.mcap", "--out", name],
+        ["export", "a.mcap", "--out", name],
+    ):
+        result = call(*words, "--overwrite")
+        assert result.exit_code == 2
+        assert f"{Path(name)} is the file that is read" in said(result)
+    assert (here / "a.mcap").read_bytes() == before
