@@ -6,11 +6,14 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hertzloop import assembly as parts
 from hertzloop import control
 from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.loop.launcher import Launcher
+from hertzloop.loop.repeating import repeat_of
 from hertzloop.results import figures, law_accuracy
 from hertzloop.results.impact_rows import through_first_contact
 from hertzloop.results.predictability import DISTURBANCE, as_dicts, known_impacts
@@ -124,8 +127,9 @@ def run_scene(
         lane=stats["lane"],
         realtime=stats.get("realtime", ""),
     )
-    report["predictability"] = _predictability(scene, without, report)
     late = options.pace is not None or options.repeat is not None  # then not the law alone decides
+    acted = repeat_of(recorded).commands if late else None
+    report["predictability"] = _predictability(scene, without, report, acted)
     report["law_accuracy"] = None if late else _judge_law(scene, report)
     if options.repeat:
         report["repeats"] = str(options.repeat)
@@ -135,14 +139,17 @@ def run_scene(
     return report
 
 
-def _predictability(scene: Scene, without: Scene, report: dict[str, Any]) -> dict[str, Any]:
-    """How well the impacts of a run, and of that without control, can be known."""
+def _predictability(
+    scene: Scene, without: Scene, report: dict[str, Any], acted: np.ndarray | None
+) -> dict[str, Any]:
+    """How well the impacts of a run, and of that without control, can be known; `acted`: commands
+    (N, one a step) of a run by the wall clock."""
     error = report["expected_error"]
     found: dict[str, Any] = {"disturbance": DISTURBANCE, "model_error": error}
-    if report["stability"]["unstable"]:
-        return found | {"controlled": None, "uncontrolled": None}
-    known = known_impacts(scene, report["impacts"], error)
-    other = known
+    unstable = report["stability"]["unstable"]
+    known = other = None
+    if not unstable:
+        known = other = known_impacts(scene, report["impacts"], error, acted)
     if without != scene:
         other = known_impacts(without, report["uncontrolled"]["impacts"], error)
     return found | {"controlled": as_dicts(known), "uncontrolled": as_dicts(other)}

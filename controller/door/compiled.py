@@ -7,6 +7,7 @@ function defined in a function.)
 
 import hashlib
 import os
+import re
 import secrets
 import sys
 from collections import namedtuple
@@ -245,7 +246,10 @@ def _put(path: Path, text: str) -> None:
 
 
 def _first_line(error: Exception) -> str:
-    """What Numba complains about, in a line."""
-    lines = [line.strip() for line in str(error).splitlines()]
+    """What Numba complains about, in a line: the innermost error, since those around it speak of
+    our functions, and the line of the law."""
+    inner = re.sub(r"\x1b\[\d+m", "", str(error)).rpartition("(step: nopython frontend)")[2]
+    lines = [line.strip() for line in inner.splitlines()]
     said = [line for line in lines if line and not line.startswith(("Failed in", "During:", ">>>"))]
-    return said[0] if said else type(error).__name__
+    at = re.search(r"^ *File .*, (line \d+):", inner, re.MULTILINE)
+    return (said[0] if said else type(error).__name__) + (f" ({at[1]})" if at else "")

@@ -223,8 +223,9 @@ def case_in_parts(scene: Scene, span: Span) -> Generator[None, None, CaseFigures
         yield
     return CaseFigures(
         plate_energy_db=_db(noise.transmitted_j, free.transmitted_j),
+        # Of a rebound within the model's error nothing is a share that could be known.
         rebound_percent=100.0 * noise.rebound_height_m / free.rebound_height_m
-        if free.rebound_height_m
+        if free.next_impact_speed_m_s > scene.run.accuracy * spec.sphere.impact_speed_m_s
         else math.nan,
         radiated_db=_db(noise.radiated_j, free.radiated_j),
         plate_speed_db=2.0 * _db(noise.plate_speed_max_m_s, free.plate_speed_max_m_s),

@@ -21,10 +21,14 @@ _COLUMNS = (
 
 
 def impacts_table(
-    title: str, impacts: list[dict[str, float]], known: list[dict[str, Any]] | None = None
+    title: str,
+    impacts: list[dict[str, float]],
+    known: list[dict[str, Any]] | None = None,
+    recorded: bool = False,
 ) -> Table:
     """Impacts, one a row; `known` as `predictability.Known`: an impact that depends chaotically
-    on those before it has the digits that are left, and none are shown once there are none."""
+    on those before it has the digits that are left, and none are shown once there are none.
+    `recorded`: nothing is known of that, as the run is not made again."""
     table = Table(title=title, title_justify="left")
     for heading, *_ in _COLUMNS:
         table.add_column(heading, justify="right")
@@ -50,6 +54,8 @@ def impacts_table(
             "digits as far as the model's error leaves any: "
             f"the second impact magnifies it {grown:.2g} times"
         )
+    if recorded and len(impacts) > 1:
+        notes.append("digits as recorded: 'hertzloop run' tells how many later impacts have")
     table.caption = "; ".join(notes) or None
     return table
 

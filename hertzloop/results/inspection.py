@@ -108,7 +108,7 @@ def show(console: Console, recording: Recording, data: dict[str, Any]) -> None:
     if data["other_messages"]:
         console.print(f"Passed over: {data['other_messages']:,} messages of other topics.")
     console.print(styled("Law really run: ", law_line(data)), soft_wrap=True)
-    console.print(impacts_table("Impacts", data["impacts"]))
+    console.print(impacts_table("Impacts", data["impacts"], recorded=True))
     if data["noise"]:
         console.print(report.noise_table([("", data["noise"][0])]))
     if data["demand"]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.loop.compiled import closed_loop_rows
+from hertzloop.loop.compiled import closed_loop_rows, commanded_rows
 from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, impacts_of_blocks
 from hertzloop.scenes.scene import Scene
 
@@ -37,14 +37,23 @@ class Known:
 
 
 def known_impacts(
-    scene: Scene, impacts: list[dict[str, float]], model_error: float
+    scene: Scene,
+    impacts: list[dict[str, float]],
+    model_error: float,
+    commands: np.ndarray | None = None,
 ) -> list[Known] | None:
     """What can be known of the impacts of a run; None where nothing can depend on one before, and
-    of the published scheme. `model_error`: relative, of the run."""
+    of the published scheme. `model_error`: relative, of the run; `commands` (N, one a step) of a
+    run by the wall clock, which the law would give otherwise in lock-step."""
     if len(impacts) < 2 or scene.run.scheme == "thesis2008":
         return None
     with np.errstate(over="ignore", invalid="ignore"):
-        disturbed = impacts_of_blocks(scene, closed_loop_rows(scene, DISTURBANCE))
+        rows = (
+            closed_loop_rows(scene, DISTURBANCE)
+            if commands is None
+            else commanded_rows(scene, commands, DISTURBANCE)
+        )
+        disturbed = impacts_of_blocks(scene, rows)
         others = [vars(found.impact) for found in disturbed]
     found = []
     for i, impact in enumerate(impacts):

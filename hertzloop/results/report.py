@@ -69,6 +69,8 @@ def _change(key: str, value: float, reference: float) -> str:
     if reference == 0.0 or math.isnan(value):
         return ""
     if key in ("contact_time_s", "next_impact_speed_m_s", "rebound_height_m"):
+        if value > 1e3 * reference:  # what is divided by lies within the model's error
+            return "of next to nothing"
         return f"{100.0 * value / reference:.1f} %"
     if value / reference <= 0.0:
         return ""

@@ -1,9 +1,13 @@
 """Figures of a case: over the length of time that they are said to be over."""
 
+import json
 import math
+from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import Simulated, simulate
 from hertzloop.results import cases
 from hertzloop.results.cases import figures_of_case
@@ -62,6 +66,23 @@ def test_no_rebound_without_control_is_nothing_to_compare_with() -> None:
     """The first impact leaves the heavy sphere falling still."""
     figures = figures_of_case(load("aluminium-20mm", ["run.duration_s=0.003"]))
     assert math.isnan(figures.rebound_percent)
+
+
+def test_of_a_rebound_within_the_models_error_nothing_is_a_share(tmp_path: Path) -> None:
+    settings = ["plate.thickness_m=0.0005", "run.accuracy=0.05", "run.duration_s=0.004"]
+    scene = load("aluminium-3mm", settings)
+    assert math.isnan(figures_of_case(scene).rebound_percent)
+    out, told = tmp_path / "a.mcap", tmp_path / "a.json"
+    words = [part for setting in settings for part in ("--set", setting)]
+    done = CliRunner().invoke(
+        app, ["run", *words, "--transport", "compiled", "--out", str(out), "--json", str(told)]
+    )
+    said = " ".join(done.output.split())
+    report = json.loads(told.read_text())
+    noise = [some["noise"][0] for some in (report, report["uncontrolled"])]
+    assert noise[0]["rebound_height_m"] > 1e3 * noise[1]["rebound_height_m"] > 0.0
+    assert "of next to nothing" in said
+    assert "the sphere rebounds, where it hardly did" in said
 
 
 def test_numbers_that_are_not_finite_make_no_figures(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """Later impacts: how far what was before is magnified, and how far runs can be compared."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
-from hertzloop.loop.compiled import closed_loop_rows, simulate
+from hertzloop.loop.compiled import closed_loop_rows, commanded_rows, simulate
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.results.figures import figures_of
 from hertzloop.results.impacts_table import known_digits
@@ -37,6 +38,32 @@ def test_every_bounce_of_a_light_ball_magnifies_what_was_before() -> None:
     # At the accuracy of the scene nothing is left of the third's rebound.
     assert known[1].errors["rebound_speed_m_s"] < impacts[1]["rebound_speed_m_s"]
     assert known[2].errors["rebound_speed_m_s"] > impacts[2]["rebound_speed_m_s"]
+
+
+def test_late_forces_magnify_nothing() -> None:
+    """What came late in a run by the wall clock is no disturbance that the bounce magnified."""
+    scene = load("aluminium-3mm", ["run.duration_s=0.15"])
+    late = np.roll(simulate(scene).forces, 20)
+    rows = np.concatenate([rows for _, rows in commanded_rows(scene, late)], axis=1)
+    impacts = figures_of(scene, rows)["impacts"]
+    told, not_told = (known_impacts(scene, impacts, 1e-3, given) for given in (late, None))
+    assert told is not None
+    assert not_told is not None
+    assert told[0].amplification < CHAOTIC
+    assert not_told[0].amplification > 1e6
+
+
+def test_what_is_without_control_has_its_digits_where_the_loop_explodes(tmp_path: Path) -> None:
+    words = ["run", "--set", "controller.law=velocity_feedback", "--set", "controller.kappa=0.3",
+             "--set", "controller.latency_us=6", "--set", "run.duration_s=0.15",
+             "--transport", "compiled", "--out", str(tmp_path / "a.mcap")]  # fmt: skip
+    words += ["--json", str(tmp_path / "a.json")]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    told = json.loads((tmp_path / "a.json").read_text())
+    assert told["stability"]["unstable"]
+    assert told["predictability"]["controlled"] is None
+    assert told["predictability"]["uncontrolled"][1]["amplification"] > 50.0
 
 
 def test_the_error_of_the_second_impact_is_what_more_modes_change() -> None:

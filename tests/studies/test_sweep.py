@@ -198,6 +198,7 @@ def test_results_come_back_with_scene_and_versions(tmp_path: Path, suffix: str) 
 
 
 def test_other_files_are_no_results(tmp_path: Path) -> None:
+    (tmp_path / "b.csv.json").write_text("nothing")
     for name in ("a.parquet", "b.csv"):
         (tmp_path / name).write_text("nothing")
         with pytest.raises(ValueError, match="no results of a sweep"):
