@@ -20,7 +20,7 @@ from controller.door.registry import find, resolve
 from controller.law import About
 from hertzloop.assembly import plant_spec
 from hertzloop.results.cases import Span
-from hertzloop.scenes.scene import Scene
+from hertzloop.scenes.scene import Scene, vary
 from studies.sweeps.design import Axis, Design, fitted
 from studies.sweeps.evaluate import Pool, evaluate
 from studies.sweeps.phases import Spread, at_all, spread_over
@@ -74,7 +74,10 @@ class _Settings(Problem):
         phases: int,
     ) -> None:
         self.pool, self.scenes, self.span, self.phases = pool, scenes, span, phases
-        axes = tuple(fitted(axis, scenes[0]) for axis in axes)
+        coarsest = max(scenes, key=lambda scene: scene.run.step_ns)
+        # By the law that is tried: the scenes' own may not have its keys.
+        of_law = vary(coarsest, fixed)
+        axes = tuple(fitted(axis, of_law) for axis in axes)
         self.fixed, self.axes = fixed, axes
         self.objectives, self.at_most = objectives, at_most
         low = [0.0 if axis.values else axis.low for axis in axes]

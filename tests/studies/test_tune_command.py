@@ -52,3 +52,45 @@ def test_settings_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> Non
     assert 1 <= told["failed"] <= 3
     assert told["front"]
     assert f"{told['failed']} of 5 cases could not be run" in found.stderr
+
+
+OWN_LAW = """
+from pydantic import Field
+
+from controller.law import Keys, StepsUs
+
+
+class Parameters(Keys):
+    often: int = Field(3, ge=1, le=9)
+    wait_us: StepsUs = Field(0.0, ge=0.0, le=40.0)
+
+
+def command(p, s, samples, i):
+    return 0.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("law", "key"), [("fade_out", "fade_us"), ("precomputed", "delay_us"), ("mine.py", "wait_us")]
+)
+def test_a_law_that_the_scene_has_not_is_tuned_in_whole_steps(
+    law: str, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(OWN_LAW)
+    # The coarser of the scenes decides: what it can have, the other can.
+    steps = ["--over", "run.step_ns=500,1000"]
+    found = CliRunner().invoke(app, ["tune", "--law", law, *QUICK, *steps, "--json", "r.json"])
+    assert found.exit_code == 0, found.output
+    told = json.loads(Path("r.json").read_text())
+    assert (told["cases"], told["failed"]) == (10, 0)
+    best = told["front"][0]["values"]
+    assert best[f"controller.{key}"] == round(best[f"controller.{key}"])
+    assert isinstance(best.get("controller.often", 1), int)
+
+
+def test_all_laws_can_be_tuned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = CliRunner().invoke(app, ["tune", "--law", "all", *QUICK, "--json", "r.json"])
+    assert found.exit_code == 0, found.output
+    assert json.loads(Path("r.json").read_text())["failed"] == 0
