@@ -108,12 +108,14 @@ def tune(
         given = tuple(parse_axis(text) for text in ranges or [])
         around = _cases_of(over or [])
         tried = [vary(base, case) for base in bases for case in around]
+        speed = study.fastest_m_s(tried)
         for law in chosen:
             for scene in tried:
                 check_law(vary(scene, {"controller.law": law}))
                 for axis in given:
                     for value in axis.values or (axis.low, axis.high):
                         vary(scene, {"controller.law": law, axis.key: value})
+            study.axes_of(law, given, speed)
     except (DesignError, SceneError) as error:
         fail(str(error), 2)
     if folder is not None:

@@ -19,15 +19,21 @@ QUICK = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--gene
         (["--over", "controller.kappa=0:1"], "has no step"),
         (["--at-most", "rebound_percent=nan"], "is no limit"),
         (["--law", "nonsense"], "controller.law = 'nonsense'"),
+        (["--law", "slope_threshold", "--law", "off"], "controller.law = 'off' has no parameters"),
+        (["--set", "controller.law=off"], "take one of acceleration_feedback, "),
         (["--minimise", "nonsense"], "is no figure"),
         (["--out", __file__], "is no folder"),
         (["--out", "/proc"], "cannot write into the folder /proc"),
     ],
 )
-def test_mistakes_are_the_users(words: list[str], says: str) -> None:
+def test_mistakes_are_the_users(
+    words: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     found = CliRunner().invoke(app, ["tune", *words])
     assert found.exit_code == 2
     assert says in " ".join(found.stderr.split())
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_scene_file_gives_results_the_name_of_the_scene(tmp_path: Path) -> None:
