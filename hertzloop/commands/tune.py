@@ -70,8 +70,12 @@ def tune(
         Literal["impact", "run"],
         typer.Option(help="Figures of the first impact, or of all contacts of the run."),
     ] = "impact",
-    generations: Annotated[int, typer.Option(min=1, help="Generations of the search.")] = 25,
-    population: Annotated[int, typer.Option(min=4, help="Settings in a generation.")] = 40,
+    generations: Annotated[
+        int, typer.Option(min=1, max=10_000, help="Generations of the search.")
+    ] = 25,
+    population: Annotated[
+        int, typer.Option(min=4, max=1000, help="Settings in a generation.")
+    ] = 40,
     phases: Annotated[
         int, typer.Option(min=1, max=100, help="Search by the mean over so many touch phases.")
     ] = 1,

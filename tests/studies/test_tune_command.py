@@ -22,6 +22,8 @@ QUICK = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--gene
         (["--law", "slope_threshold", "--law", "off"], "controller.law = 'off' has no parameters"),
         (["--set", "controller.law=off"], "take one of acceleration_feedback, "),
         (["--minimise", "nonsense"], "is no figure"),
+        (["--population", "1001"], "Invalid value for '--population'"),
+        (["--generations", "10001"], "Invalid value for '--generations'"),
         (["--out", __file__], "is no folder"),
         (["--out", "/proc"], "cannot write into the folder /proc"),
     ],
