@@ -11,6 +11,8 @@ from hertzloop.commands.cli import app
 QUICK = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--generations", "1",
          "--population", "4", "--minimise", "plate_energy_db"]  # fmt: skip
 
+KAPPA = ["--vary", "controller.kappa=0:1"]
+
 
 @pytest.mark.parametrize(
     ("words", "says"),
@@ -22,6 +24,9 @@ QUICK = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--gene
         (["--law", "slope_threshold", "--law", "off"], "controller.law = 'off' has no parameters"),
         (["--set", "controller.law=off"], "take one of acceleration_feedback, "),
         (["--minimise", "nonsense"], "is no figure"),
+        (KAPPA + KAPPA, "--vary controller.kappa is given twice"),
+        (["--over", "sensors.bits=8", "--over", "sensors.bits=9"], "sensors.bits is given twice"),
+        ([*KAPPA, "--over", "controller.kappa=0.8"], "given to --vary and to --over"),
         (["--population", "1001"], "Invalid value for '--population'"),
         (["--generations", "10001"], "Invalid value for '--generations'"),
         (["--out", __file__], "is no folder"),
