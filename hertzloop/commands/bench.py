@@ -7,7 +7,13 @@ from typing import Annotated, Any, Literal
 import typer
 from rich.table import Table
 
-from hertzloop.commands.options import JsonOption, announce_compilation, check_folder, write_json
+from hertzloop.commands.options import (
+    JsonOption,
+    announce_compilation,
+    check_folder,
+    check_picture,
+    write_json,
+)
 from hertzloop.commands.terminal import fail, out
 
 What = Literal["costs", "exchange", "laws", "exported", "cases", "replay"]
@@ -39,6 +45,8 @@ def bench(
     check_folder(json_file)
     if picture is not None and what != "exchange":
         fail("--out draws `bench exchange` only", 2)
+    if picture is not None:
+        check_picture(picture)
     if what == "exchange":
         _exchange(picture, json_file)
     elif what == "laws":

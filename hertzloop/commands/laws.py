@@ -12,6 +12,7 @@ from hertzloop.commands.options import (
     SetOption,
     check_folder,
     check_output,
+    check_picture,
     write_json,
 )
 from hertzloop.commands.terminal import err, fail, out
@@ -98,6 +99,7 @@ def law_on(
     from studies import law_on as study
 
     target = picture or file.with_name(f"{file.stem}-law.png")
+    check_picture(target)
     check_output(target, overwrite)
     check_folder(json_file)
     try:

@@ -66,6 +66,8 @@ JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figur
 
 TransportName = Literal["zenoh", "inprocess", "compiled"]
 
+_PICTURES = (".png", ".pdf", ".svg", ".jpg")
+
 
 def scene_from(
     source: str, settings: list[str] | None, seed: int | None, tried: bool = False
@@ -111,8 +113,25 @@ def check_law(scene: Scene) -> None:
         err.print(note, soft_wrap=True, markup=False)
 
 
+def check_reachable(path: Path) -> None:
+    """End the command for a path that cannot even be looked at, such as one too long."""
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except OSError as error:
+        fail(f"cannot write {path}: {error.strerror}", 2)
+
+
+def check_picture(path: Path) -> None:
+    """End the command for a picture whose name does not say how to draw it."""
+    if path.suffix not in _PICTURES:
+        fail(f"{path} does not end in one of {', '.join(_PICTURES)}, which say how to draw it", 2)
+
+
 def check_output(path: Path, overwrite: bool, option: str = "--out") -> None:
     """End the command unless `path` can be written, and may be."""
+    check_reachable(path)
     if path.exists() and not path.is_file() and not overwrite:
         fail(f"{path} is no file that could be written to", 2)
     if path.is_file() and not overwrite:
@@ -124,6 +143,7 @@ def check_folder(path: Path | None) -> None:
     """End the command unless a file to write, if there is one, can be."""
     if path is None:
         return
+    check_reachable(path)
     if path.is_dir():
         fail(f"{path} is a folder; choose the name of a file", 2)
     if not path.parent.is_dir():
