@@ -66,6 +66,7 @@ JsonOption = Annotated[Path | None, typer.Option("--json", help="Write all figur
 
 TransportName = Literal["zenoh", "inprocess", "compiled"]
 
+LARGEST_PORT = 65535
 _PICTURES = (".png", ".pdf", ".svg", ".jpg")
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hertzloop.commands.options import ConnectOption, NameOption, OverwriteOption, check_output
+from hertzloop.commands.process_frame import check_endpoints
 from hertzloop.commands.terminal import err, fail, out
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ def watch(
     from hertzloop.loop.watching import blocks
     from recordings.replay import live, viewer
 
+    check_endpoints("--connect", connect)
     if save is not None:
         check_output(save, overwrite, "--save")
     elif not viewer.has_display():
