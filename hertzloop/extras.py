@@ -9,6 +9,7 @@ EXTRAS = {
     "pymoo": "tune",
     "gymnasium": "gym",
     "cryptography": "hosts",
+    "distributed": "dask",
 }
 
 

@@ -54,6 +54,11 @@ def reach(keys) -> Reach:
     return Reach(share=abs(keys.kappa))
 
 
+def tune(about: About) -> dict[str, tuple[float, float]]:
+    """Ranges that `tune` searches."""
+    return {"kappa": (-1.0, 2.0), "delay_us": (0.0, 50.0)}
+
+
 def shaped(shape: str, kappa: float, contact_n: np.ndarray) -> np.ndarray:
     """kappa max(F_c0), or kappa F_c0 times 1, sin or cos of 2 pi t/T0; as long as F_c0.
 

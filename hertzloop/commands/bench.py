@@ -12,6 +12,7 @@ from hertzloop.commands.options import (
     announce_compilation,
     check_folder,
     check_json,
+    check_picture,
     write_json,
 )
 from hertzloop.commands.terminal import fail, out
@@ -45,6 +46,8 @@ def bench(
     check_json(json_file, picture)
     if picture is not None and what != "exchange":
         fail("--out draws `bench exchange` only", 2)
+    if picture is not None:
+        check_picture(picture)
     if what == "exchange":
         _exchange(picture, json_file)
     elif what == "laws":

@@ -12,6 +12,7 @@ from hertzloop.commands.options import (
     SeedOption,
     SetOption,
     check_output,
+    check_reachable,
     check_writable,
     make_folder,
     scene_from,
@@ -52,6 +53,7 @@ def export_plant(
     folder = out_path.suffix == ""
     if not folder and out_path.suffix not in (".fmu", ".so"):
         fail(f"{out_path} does not end in .fmu or .so, nor in nothing, for a folder", 2)
+    check_reachable(out_path)
     if not folder:
         check_output(out_path, overwrite)
     elif out_path.is_dir() and any(out_path.iterdir()) and not overwrite:

@@ -13,6 +13,7 @@ from hertzloop.commands.options import (
     check_folder,
     check_json,
     check_output,
+    check_picture,
     write_json,
 )
 from hertzloop.commands.terminal import err, fail, out
@@ -99,6 +100,7 @@ def law_on(
     from studies import law_on as study
 
     target = picture or file.with_name(f"{file.stem}-law.png")
+    check_picture(target)
     check_output(target, overwrite, source=file)
     check_json(json_file, target)
     try:

@@ -71,6 +71,9 @@ _JSON_BEGINS = '{\n  "hertzloop": '  # and its version: what --json wrote
 
 TransportName = Literal["zenoh", "inprocess", "compiled"]
 
+LARGEST_PORT = 65535
+_PICTURES = (".png", ".pdf", ".svg", ".jpg")
+
 
 def scene_from(
     source: str, settings: list[str] | None, seed: int | None, tried: bool = False
@@ -116,11 +119,28 @@ def check_law(scene: Scene) -> None:
         err.print(note, soft_wrap=True, markup=False)
 
 
+def check_reachable(path: Path) -> None:
+    """End the command for a path that cannot even be looked at, such as one too long."""
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except OSError as error:
+        fail(f"cannot write {path}: {error.strerror}", 2)
+
+
+def check_picture(path: Path) -> None:
+    """End the command for a picture whose name does not say how to draw it."""
+    if path.suffix not in _PICTURES:
+        fail(f"{path} does not end in one of {', '.join(_PICTURES)}, which say how to draw it", 2)
+
+
 def check_output(
     path: Path, overwrite: bool, option: str = "--out", source: Path | None = None
 ) -> None:
     """End the command unless `path` can be written, and may be; it is not the `source` that the
     command reads."""
+    check_reachable(path)
     if source is not None and path.exists() and source.exists() and path.samefile(source):
         fail(f"{option} {path} is the file that is read; choose another name", 2)
     if path.exists() and not path.is_file() and not overwrite:
@@ -134,6 +154,7 @@ def check_folder(path: Path | None) -> None:
     """End the command unless a file to write, if there is one, can be."""
     if path is None:
         return
+    check_reachable(path)
     if path.is_dir():
         fail(f"{path} is a folder; choose the name of a file", 2)
     if not path.parent.is_dir():

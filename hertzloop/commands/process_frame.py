@@ -10,11 +10,17 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from hertzloop.commands.options import LARGEST_PORT
 from hertzloop.commands.terminal import err, fail
 from hertzloop.loop.signals import INTERRUPTED, end_with_the_launcher, raise_when_ended
 
 if TYPE_CHECKING:
     from hertzloop.loop.processes import BusAddress
+
+# Of the kinds that zenoh comes with here.
+_ENDPOINT = re.compile(
+    r"unixsock-stream/\S+|(?:tcp|tls|quic|udp|ws)/[^\s?#]+:(?P<port>[0-9]{1,9})(?:[?#]\S+)?"
+)
 
 
 @contextmanager
@@ -68,26 +74,39 @@ def bus_address(
 ) -> "BusAddress":
     """Address from the options of a command, else from `config`, else on loopback.
 
-    Ends the command if an endpoint is none; raises BusError for a `config` that is none.
+    Ends the command if an endpoint or `config` is none.
     """
-    from bus.sockets import too_long
+    from bus.port import BusError
     from bus.zenoh_config import names_endpoints
     from hertzloop.loop.processes import BASE_PORT, BusAddress, default_endpoints
 
-    for endpoint in [*(listen or []), *(connect or [])]:
-        if not re.fullmatch(r"[a-z-]+/\S+", endpoint):
-            fail(f"'{endpoint}' is no endpoint; write e.g. tcp/127.0.0.1:{BASE_PORT}", 2)
+    check_endpoints("--listen", listen)
+    check_endpoints("--connect", connect)
+    own, others = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
+    try:
+        if config and names_endpoints(config, "listen"):
+            own = []
+        if config and names_endpoints(config, "connect"):
+            others = []
+    except BusError as error:
+        fail(f"--zenoh-config: {error}", 2)
+    return BusAddress(name, listen or own, connect or others, config, timeout, wait)
+
+
+def check_endpoints(option: str, endpoints: list[str] | None) -> None:
+    """End the command if what an option gives is no endpoint."""
+    from bus.sockets import too_long
+    from hertzloop.loop.processes import BASE_PORT
+
+    for endpoint in endpoints or []:
+        found = _ENDPOINT.fullmatch(endpoint)
+        if not found:
+            example = f"tcp/127.0.0.1:{BASE_PORT}"
+            fail(f"{option} '{endpoint}' is no endpoint; write e.g. {example}", 2)
+        if int(found["port"] or 0) > LARGEST_PORT:
+            fail(f"{option} '{endpoint}' has no port up to {LARGEST_PORT}", 2)
         if too_long(endpoint):
             fail(f"the path of '{endpoint}' is too long for a socket; Linux takes 107 bytes", 2)
-    own, others = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
-    return BusAddress(
-        name,
-        listen or ([] if config and names_endpoints(config, "listen") else own),
-        connect or ([] if config and names_endpoints(config, "connect") else others),
-        config,
-        timeout,
-        wait,
-    )
 
 
 def where(address: "BusAddress") -> str:

@@ -1,5 +1,6 @@
 """Commands that run many cases: `sweep`, and `check` of its results against real processes."""
 
+import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -8,6 +9,7 @@ import typer
 from rich.table import Table
 
 from hertzloop.commands.options import (
+    LARGEST_PORT,
     JsonOption,
     OverwriteOption,
     SceneArgument,
@@ -24,6 +26,7 @@ from hertzloop.commands.options import (
     write_json,
 )
 from hertzloop.commands.terminal import err, fail, out, progress, styled
+from hertzloop.extras import need
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, SceneError, vary
 
 
@@ -83,6 +86,8 @@ def sweep(
     check_json(json_file, target, *beside)
     if resolved.run.scheme == "thesis2008":
         fail(NO_CASE_OF_THESIS, 2)
+    if dask is not None:
+        _check_scheduler(dask)
     try:
         over = list(over or [])
         if phases is not None:
@@ -166,6 +171,19 @@ def sweep(
 
 
 _MOST_ROWS = 20
+_SCHEDULER = re.compile(
+    r"(?:(?:tcp|tls|ucx|wss?)://)?(?:\[[^\s\]]+\]|[^\s/:\[\]]+):(?P<port>[0-9]{1,9})"
+)
+
+
+def _check_scheduler(address: str) -> None:
+    """End the command unless a Dask scheduler can be at an address."""
+    need("distributed")
+    found = _SCHEDULER.fullmatch(address)
+    if not found:
+        fail(f"--dask '{address}' is no address of a scheduler; write e.g. tcp://host:8786", 2)
+    if not 0 < int(found["port"]) <= LARGEST_PORT:
+        fail(f"--dask '{address}' has no port from 1 to {LARGEST_PORT}", 2)
 
 
 def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:

@@ -70,8 +70,12 @@ def tune(
         Literal["impact", "run"],
         typer.Option(help="Figures of the first impact, or of all contacts of the run."),
     ] = "impact",
-    generations: Annotated[int, typer.Option(min=1, help="Generations of the search.")] = 25,
-    population: Annotated[int, typer.Option(min=4, help="Settings in a generation.")] = 40,
+    generations: Annotated[
+        int, typer.Option(min=1, max=10_000, help="Generations of the search.")
+    ] = 25,
+    population: Annotated[
+        int, typer.Option(min=4, max=1000, help="Settings in a generation.")
+    ] = 40,
     phases: Annotated[
         int, typer.Option(min=1, max=100, help="Search by the mean over so many touch phases.")
     ] = 1,
@@ -87,7 +91,7 @@ def tune(
     need("matplotlib", "pymoo")
     from hertzloop.commands.warmup import ensure_compiled
     from studies.latency.study import LAWS
-    from studies.sweeps.design import DesignError, parse_axis
+    from studies.sweeps.design import DesignError, check_keys, parse_axis
     from studies.sweeps.evaluate import Tally
     from studies.sweeps.pool import local_pool
     from studies.sweeps.sweep import code_version
@@ -106,14 +110,20 @@ def tune(
     chosen = list(LAWS) if laws == ["all"] else laws or [bases[0].controller.law]
     try:
         given = tuple(parse_axis(text) for text in ranges or [])
+        check_keys(given, "--vary")
         around = _cases_of(over or [])
+        for axis in given:
+            if axis.key in around[0]:
+                fail(f"{axis.key} is given to --vary and to --over; take one of them", 2)
         tried = [vary(base, case) for base in bases for case in around]
+        speed = study.fastest_m_s(tried)
         for law in chosen:
             for scene in tried:
                 check_law(vary(scene, {"controller.law": law}))
                 for axis in given:
                     for value in axis.values or (axis.low, axis.high):
                         vary(scene, {"controller.law": law, axis.key: value})
+            study.axes_of(law, given, speed)
     except (DesignError, SceneError) as error:
         fail(str(error), 2)
     if folder is not None:
@@ -219,9 +229,10 @@ def _write(folder: Path, names: list[str], tuned: "Tuned") -> None:
 
 def _cases_of(over: list[str]) -> list[dict[str, Any]]:
     """All combinations of the values to be robust over. Raises DesignError."""
-    from studies.sweeps.design import Design, DesignError, parse_axis
+    from studies.sweeps.design import Design, DesignError, check_keys, parse_axis
 
     axes = tuple(parse_axis(text) for text in over)
+    check_keys(axes)
     for axis in axes:
         if not axis.values:
             raise DesignError(

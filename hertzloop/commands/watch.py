@@ -15,6 +15,7 @@ from hertzloop.commands.options import (
     OverwriteOption,
     check_output,
 )
+from hertzloop.commands.process_frame import check_endpoints
 from hertzloop.commands.terminal import err, fail, out
 from hertzloop.loop.signals import INTERRUPTED, raise_when_ended
 
@@ -41,6 +42,7 @@ def watch(
     from hertzloop.loop.watching import blocks
     from recordings.replay import live, viewer
 
+    check_endpoints("--connect", connect)
     if save is not None:
         check_output(save, overwrite, "--save")
     elif not viewer.has_display():

@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError, ValidationInfo, model_validator
 
 from controller.door.law import Law, LawError
 from controller.door.registry import find, resolve
+from controller.law import WHOLE_STEPS
 from hertzloop.quantities import SENSED
 from hertzloop.scenes.changed_tables import changed_tables
 from hertzloop.scenes.controller_table import (
@@ -317,7 +318,7 @@ def grain_of(scene: Scene, key: str) -> float:
     if path == ["controller"]:
         info = law_key(scene.controller, last)
         kind: Any = info.annotation if info else None
-        if last in scene.whole_step_keys():
+        if last in scene.whole_step_keys() or (info and WHOLE_STEPS in info.metadata):
             return scene.run.step_ns / 1000
     else:
         try:

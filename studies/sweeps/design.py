@@ -150,6 +150,16 @@ def as_axis(key: str, values: str | Iterable[Any]) -> Axis:
     return Axis(key, given)
 
 
+def check_keys(axes: Iterable[Axis], option: str = "--over") -> None:
+    """Refuse a key that is given twice. Raises DesignError."""
+    keys = [axis.key for axis in axes]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise DesignError(
+                f"{option} {shortened(key)} is given twice; put its values into one list"
+            )
+
+
 def make_design(scene: Scene, over: list[str], kind: Kind, count: int, seed: int) -> Design:
     """A design from axes in words, see `parse_axis`. Raises DesignError or SceneError."""
     return design_of(scene, [parse_axis(text) for text in over], kind, count, seed)
@@ -160,12 +170,7 @@ def design_of(scene: Scene, over: list[Axis], kind: Kind, count: int, seed: int)
     axes = tuple(fitted(axis, scene) for axis in over)
     if not axes:
         raise DesignError("a sweep needs at least one --over, e.g. controller.latency_us=0:100:1")
-    keys = [axis.key for axis in axes]
-    for key in keys:
-        if keys.count(key) > 1:
-            raise DesignError(
-                f"--over {shortened(key)} is given twice; put its values into one list"
-            )
+    check_keys(axes)
     design = Design(axes, kind, count, seed)
     if kind == "grid":
         for axis in axes:

@@ -17,12 +17,12 @@ from pymoo.optimize import minimize
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
 from controller.door.law import LawError
-from controller.door.registry import find, resolve
+from controller.door.registry import find, resolve, shipped
 from controller.law import About
 from hertzloop.assembly import plant_spec
 from hertzloop.results.cases import Span
-from hertzloop.scenes.scene import Scene, SceneError
-from studies.sweeps.design import Axis, Design, fitted
+from hertzloop.scenes.scene import Scene, SceneError, vary
+from studies.sweeps.design import Axis, Design, DesignError, fitted
 from studies.sweeps.evaluate import Pool, evaluate
 from studies.sweeps.phases import Spread, at_all, spread_over
 from studies.sweeps.sweep import work_of
@@ -57,6 +57,24 @@ def ranges_of(law: str, impact_speed_m_s: float) -> tuple[Axis, ...]:
     return tuple(Axis(f"controller.{key}", (), low, high) for key, (low, high) in ranges)
 
 
+def axes_of(law: str, given: tuple[Axis, ...], impact_speed_m_s: float) -> tuple[Axis, ...]:
+    """What is varied of a law: the axes `given`, else its own. Raises DesignError where it has
+    none."""
+    axes = given or ranges_of(law, impact_speed_m_s)
+    if not axes:
+        others = ", ".join(name for name in shipped() if ranges_of(name, impact_speed_m_s))
+        raise DesignError(
+            f"controller.law = '{law}' has no parameters to tune; take one of {others}, or name "
+            "other scene keys with --vary"
+        )
+    return axes
+
+
+def fastest_m_s(scenes: Sequence[Scene]) -> float:
+    """Largest impact speed of the scenes."""
+    return max(plant_spec(scene).sphere.impact_speed_m_s for scene in scenes)
+
+
 def _value(axis: Axis, x: float) -> Any:
     if axis.values:
         return axis.values[min(int(x), len(axis.values) - 1)]
@@ -78,7 +96,10 @@ class _Settings(Problem):
         phases: int,
     ) -> None:
         self.pool, self.scenes, self.span, self.phases = pool, scenes, span, phases
-        axes = tuple(fitted(axis, scenes[0]) for axis in axes)
+        coarsest = max(scenes, key=lambda scene: scene.run.step_ns)
+        # By the law that is tried: the scenes' own may not have its keys.
+        of_law = vary(coarsest, fixed)
+        axes = tuple(fitted(axis, of_law) for axis in axes)
         self.fixed, self.axes = fixed, axes
         self.objectives, self.at_most = objectives, at_most
         low = [0.0 if axis.values else axis.low for axis in axes]
@@ -190,12 +211,13 @@ def best_of(
     on_progress: Callable[[int], None] = lambda generation: None,
 ) -> list[Found]:
     """The settings of several laws that no other beats; axes are those of each law where none are
-    `given`, `on_progress` counts the generations of all."""
-    speed = max(plant_spec(scene).sphere.impact_speed_m_s for scene in scenes)
+    `given`, `on_progress` counts the generations of all. Raises DesignError for a law without."""
+    speed = fastest_m_s(scenes)
+    searched = [(law, axes_of(law, given, speed)) for law in laws]
     found: list[Found] = []
-    for i, law in enumerate(laws):
+    for i, (law, axes) in enumerate(searched):
         found += tune(
-            pool, scenes, span, law, given or ranges_of(law, speed), objectives, at_most=at_most,
+            pool, scenes, span, law, axes, objectives, at_most=at_most,
             generations=generations, population=population, seed=seed, phases=phases,
             on_progress=lambda n, before=i * generations: on_progress(before + n),  # type: ignore[misc]
         )  # fmt: skip

@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from hertzloop.commands.cli import app
+from hertzloop.commands.process_frame import check_endpoints
 from recordings.reader import read
 from tests.hertzloop.processes import hertzloop
 
@@ -170,6 +171,10 @@ def test_scenes_are_listed() -> None:
         assert name in listed.output
 
 
+SWEEP = ["sweep", "--over", "sensors.bits=8,9", "--dask"]
+BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"]
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
@@ -179,6 +184,11 @@ def test_scenes_are_listed() -> None:
         (["run", "--out", "no/such/folder/a.mcap"], "the folder no/such/folder does not exist"),
         (["run", "--out", "."], "is no file"),
         (["run", "--json", "no/such/folder/a.json"], "the folder no/such/folder does not exist"),
+        (["run", "--out", "a" * 300], "File name too long"),
+        (["run", "--json", "a" * 300], "File name too long"),
+        (["export-plant", "aluminium-3mm", "-o", "a" * 300], "File name too long"),
+        (["bench", "exchange", "-o", "a.txt"], "a.txt does not end in one of .png, .pdf"),
+        (["law-on", "none.mcap", "--law", "off", "-o", "a"], "a does not end in one of .png"),
         (["run", "--horizon", "0"], "Invalid value for '--horizon'"),
         (["run", "--seed", "x"], "Invalid value for '--seed'"),
         (["inspect", "none.mcap"], "none.mcap"),
@@ -188,15 +198,34 @@ def test_scenes_are_listed() -> None:
         (["plant", "--zenoh-config", "none.json5"], "does not exist"),
         (["plant", "--set", "run.seed=-1"], "run.seed = -1"),
         (["controller", "--listen", "nonsense"], "'nonsense' is no endpoint; write e.g. tcp/"),
+        (["controller", "--connect", "tcp/127.0.0.1"], "--connect 'tcp/127.0.0.1' is no endpoint"),
+        (["controller", "--zenoh-config", "text.mcap"], "--zenoh-config: text.mcap is no zenoh"),
+        (["plant", "--zenoh-config", "text.mcap", *BOTH_ENDS], "text.mcap is no zenoh"),
+        (["plant", "--listen", "tcp/1.2.3.4:99999"], "'tcp/1.2.3.4:99999' has no port up to 65535"),
+        (["record", "--connect", "wire/x:1"], "--connect 'wire/x:1' is no endpoint; write e.g."),
+        (["watch", "--connect", "nonsense"], "--connect 'nonsense' is no endpoint; write e.g."),
+        (["watch", "--connect", "tcp/[::1]:99999"], "has no port up to 65535"),
+        ([*SWEEP, "nonsense"], "--dask 'nonsense' is no address of a scheduler; write e.g. tcp://"),
+        ([*SWEEP, ""], "--dask '' is no address of a scheduler"),
+        ([*SWEEP, "wire://127.0.0.1:80"], "--dask 'wire://127.0.0.1:80' is no address"),
+        ([*SWEEP, "tcp://[::1]:99999"], "--dask 'tcp://[::1]:99999' has no port from 1 to 65535"),
     ],
 )
 def test_the_users_mistakes(here: Path, words: list[str], sentence: str) -> None:
     (here / "text.mcap").write_text("this is no recording")
     (here / "empty.mcap").touch()
+    before = set(here.iterdir())
     result = call(*words)
+    assert set(here.iterdir()) == before
     assert result.exit_code == 2, result.output
     assert sentence in said(result)
     assert "Traceback" not in result.output
+
+
+def test_endpoints_that_zenoh_takes_are_taken() -> None:
+    plain = ["tcp/[::1]:7450", "ws/localhost:7450", "unixsock-stream//tmp/a.b"]
+    with_words = ["udp/10.0.0.1:7450?rel=1", "tls/lab.example:65535#iface=eth0"]
+    check_endpoints("--listen", plain + with_words)
 
 
 WRITERS = [

@@ -26,6 +26,7 @@ def without(packages: str, *words: str, cwd: Path) -> subprocess.CompletedProces
     [
         ("pymoo", "tune", ("tune", "aluminium-3mm")),
         ("matplotlib", "charts", ("chart", "stability", "-o", "charts")),
+        ("distributed", "dask", ("sweep", "--over", "sensors.bits=8", "--dask", "tcp://h:8786")),
     ],
 )
 def test_a_missing_package_is_named(

@@ -11,6 +11,8 @@ from hertzloop.commands.cli import app
 QUICK = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--generations", "1",
          "--population", "4", "--minimise", "plate_energy_db"]  # fmt: skip
 
+KAPPA = ["--vary", "controller.kappa=0:1"]
+
 
 @pytest.mark.parametrize(
     ("words", "says"),
@@ -19,15 +21,26 @@ QUICK = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--gene
         (["--over", "controller.kappa=0:1"], "has no step"),
         (["--at-most", "rebound_percent=nan"], "is no limit"),
         (["--law", "nonsense"], "controller.law = 'nonsense'"),
+        (["--law", "slope_threshold", "--law", "off"], "controller.law = 'off' has no parameters"),
+        (["--set", "controller.law=off"], "take one of acceleration_feedback, "),
         (["--minimise", "nonsense"], "is no figure"),
+        (KAPPA + KAPPA, "--vary controller.kappa is given twice"),
+        (["--over", "sensors.bits=8", "--over", "sensors.bits=9"], "sensors.bits is given twice"),
+        ([*KAPPA, "--over", "controller.kappa=0.8"], "given to --vary and to --over"),
+        (["--population", "1001"], "Invalid value for '--population'"),
+        (["--generations", "10001"], "Invalid value for '--generations'"),
         (["--out", __file__], "is no folder"),
         (["--out", "/proc"], "cannot write into the folder /proc"),
     ],
 )
-def test_mistakes_are_the_users(words: list[str], says: str) -> None:
+def test_mistakes_are_the_users(
+    words: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     found = CliRunner().invoke(app, ["tune", *words])
     assert found.exit_code == 2
     assert says in " ".join(found.stderr.split())
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_scene_file_gives_results_the_name_of_the_scene(tmp_path: Path) -> None:
@@ -52,3 +65,45 @@ def test_settings_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> Non
     assert 1 <= told["failed"] <= 3
     assert told["front"]
     assert f"{told['failed']} of 5 cases could not be run" in found.stderr
+
+
+OWN_LAW = """
+from pydantic import Field
+
+from controller.law import Keys, StepsUs
+
+
+class Parameters(Keys):
+    often: int = Field(3, ge=1, le=9)
+    wait_us: StepsUs = Field(0.0, ge=0.0, le=40.0)
+
+
+def command(p, s, samples, i):
+    return 0.0
+"""
+
+
+@pytest.mark.parametrize(
+    ("law", "key"), [("fade_out", "fade_us"), ("precomputed", "delay_us"), ("mine.py", "wait_us")]
+)
+def test_a_law_that_the_scene_has_not_is_tuned_in_whole_steps(
+    law: str, key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(OWN_LAW)
+    # The coarser of the scenes decides: what it can have, the other can.
+    steps = ["--over", "run.step_ns=500,1000"]
+    found = CliRunner().invoke(app, ["tune", "--law", law, *QUICK, *steps, "--json", "r.json"])
+    assert found.exit_code == 0, found.output
+    told = json.loads(Path("r.json").read_text())
+    assert (told["cases"], told["failed"]) == (10, 0)
+    best = told["front"][0]["values"]
+    assert best[f"controller.{key}"] == round(best[f"controller.{key}"])
+    assert isinstance(best.get("controller.often", 1), int)
+
+
+def test_all_laws_can_be_tuned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = CliRunner().invoke(app, ["tune", "--law", "all", *QUICK, "--json", "r.json"])
+    assert found.exit_code == 0, found.output
+    assert json.loads(Path("r.json").read_text())["failed"] == 0
