@@ -78,7 +78,8 @@ def _places(hosts: str) -> dict[str, tuple[str, int]]:
 def _place(role: str, where: str, port: int) -> tuple[str, int]:
     """Host and port in `where`: an address or a name, with a port or not."""
     try:
-        return str(ipaddress.ip_address(where)), port
+        bare = where[1:-1] if where.startswith("[") and where.endswith("]") else where
+        return str(ipaddress.ip_address(bare)), port
     except ValueError:
         host, colon, digits = where.rpartition(":")
     if colon:
@@ -88,7 +89,8 @@ def _place(role: str, where: str, port: int) -> tuple[str, int]:
         if where.startswith("[") and where.endswith("]"):
             where = where[1:-1]
     try:
-        return str(ipaddress.ip_address(where)), port
+        bare = where[1:-1] if where.startswith("[") and where.endswith("]") else where
+        return str(ipaddress.ip_address(bare)), port
     except ValueError:
         pass
     if not _NAME.fullmatch(where) or where.replace(".", "").isdecimal():

@@ -157,8 +157,10 @@ def replay(
 ) -> None:
     """Watch a recording in slow motion over the same run without control, or over another: plate,
     forces, energies, events. Opens a window by default."""
-    for option, output in (("--save", save), ("--screenshot", screenshot)):
+    for option, output, ending in (("--save", save, ".rrd"), ("--screenshot", screenshot, ".png")):
         if output is not None:
+            if output.suffix != ending:
+                fail(f"{option} {output} does not end in {ending}, which is what it writes", 2)
             check_output(output, overwrite, option, file)
     if alone and other is not None:
         fail(f"--alone leaves nothing to compare with, but {other} is named", 2)

@@ -91,6 +91,10 @@ def sweep(
     try:
         over = list(over or [])
         if phases is not None:
+            if any(text.partition("=")[0].strip() == PHASE for text in over):
+                raise DesignError(
+                    f"--phases {phases} spreads {PHASE}, so --over cannot give it too"
+                )
             if design != "grid":
                 raise DesignError(
                     f"--phases {phases} needs --design grid; with '{design}' spread them with the "

@@ -261,7 +261,8 @@ def _words(values: dict[str, Any]) -> str:
 
 
 def _table(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> Table:
-    table = Table(title=f"{len(best)} settings that no other beats", title_justify="left")
+    settings = "setting" if len(best) == 1 else "settings"
+    table = Table(title=f"{len(best)} {settings} that no other beats", title_justify="left")
     for heading in objectives:
         table.add_column(heading, justify="right")
     table.add_column(f"{objectives[0]} over touch phases", justify="right")

@@ -44,6 +44,8 @@ def watch(
 
     check_endpoints("--connect", connect)
     if save is not None:
+        if save.suffix != ".rrd":
+            fail(f"--save {save} does not end in .rrd, which is what it writes", 2)
         check_output(save, overwrite, "--save")
     elif not viewer.has_display():
         fail("there is no screen to watch on; --save F.rrd writes a file for the Rerun viewer", 2)

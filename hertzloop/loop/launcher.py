@@ -19,6 +19,7 @@ from typing import Any
 
 from bus.sockets import mesh_endpoints, own_endpoints
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
+from controller.door.registry import shipped
 from hertzloop.loop.signals import INTERRUPTED, ending_signals, interrupts_held_back
 from hertzloop.scenes.scene import Scene, to_toml
 
@@ -183,7 +184,9 @@ class Launcher:
                 in_vain = known and not any(c.ready for c in running.values())
                 deadline = min(deadline, time.monotonic() + (0.0 if in_vain else _GRACE_S))
         if failed:
-            raise RunFailed(_cause(failed, set(running)))
+            own = self._scene.controller.law not in shipped()
+            law = self._scene.law.name if own else ""
+            raise RunFailed(_cause(failed, set(running), law))
         return next(c.done for c in self.children if c.role == PLANT)
 
     def _end_all(self) -> None:
@@ -207,11 +210,12 @@ class Launcher:
             child.process.stdin.close()
 
 
-def _cause(failed: list[Child], running: set[str]) -> str:
+def _cause(failed: list[Child], running: set[str], law: str = "") -> str:
     """The sentence that explains a failure: a death, a fault, a hang, at last a lost peer.
 
     `failed` is in the order of the ends. Whoever merely lost another, or was told of a fault,
-    is not to blame; nor is one that still runs, unless another missed it.
+    is not to blame; nor is one that still runs, unless another missed it. `law`: one from
+    elsewhere, which may hang.
     """
     for child in sorted(failed, key=lambda c: c.process.returncode >= 0):
         if reason := child.own_reason():
@@ -220,7 +224,9 @@ def _cause(failed: list[Child], running: set[str]) -> str:
     lost = _most_precise(failed).fault
     if hung := sorted(running & missed):
         verb = "does" if len(hung) == 1 else "do"
-        return f"{' and '.join(hung)} {verb} not react any more; {lost}"
+        hangs = f", perhaps in a loop of the law {law} that never ends" * bool(law)
+        why = hangs if CONTROLLER in hung else ""
+        return f"{' and '.join(hung)} {verb} not react any more{why}; {lost}"
     return lost
 
 

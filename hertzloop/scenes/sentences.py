@@ -42,6 +42,7 @@ def refused(keys: tuple[str, ...], value: Any, problems: Iterable[Any], field: A
     """Sentence on a value that will not do, of pydantic's `problems` with it and the `field`."""
     problems = list(problems)
     wanted = " or ".join(dict.fromkeys(p["msg"][0].lower() + p["msg"][1:] for p in problems))
+    wanted = wanted.replace("a valid tuple", "a list in brackets, such as [0.1, 0.2]")
     bounds = bounds_of(field) if any("than" in p["type"] for p in problems) else ""
     also = f" (from {bounds})" if bounds else ""
     return f"{'.'.join(keys)} = {shown(value)} will not do: {wanted}{also}"

@@ -59,7 +59,7 @@ def ranges_of(law: str, impact_speed_m_s: float) -> tuple[Axis, ...]:
 
 def axes_of(law: str, given: tuple[Axis, ...], impact_speed_m_s: float) -> tuple[Axis, ...]:
     """What is varied of a law: the axes `given`, else its own. Raises DesignError where it has
-    none."""
+    none, SceneError where it cannot say."""
     axes = given or ranges_of(law, impact_speed_m_s)
     if not axes:
         others = ", ".join(name for name in shipped() if ranges_of(name, impact_speed_m_s))

@@ -92,6 +92,14 @@ def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -
     assert not heard.names
 
 
+def test_what_numba_refuses_is_told_by_its_line(tmp_path: Path) -> None:
+    law = unseen(tmp_path / "new.py", "def command(p, s, samples, i):\n    return {}.get(open)\n")
+    said = law.bind(law.keys(), About()).trouble
+    assert said.startswith("Untyped global name 'open'")
+    assert said.endswith("(line 2)")
+    assert "\x1b" not in said
+
+
 def test_threads_may_meet_a_law_at_once(tmp_path: Path, heard: Heard) -> None:
     law = unseen(tmp_path / "new.py", (SHIPPED / "force_feedback.py").read_text())
     together = Barrier(8)

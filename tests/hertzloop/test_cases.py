@@ -69,7 +69,7 @@ def test_no_rebound_without_control_is_nothing_to_compare_with() -> None:
 
 
 def test_of_a_rebound_within_the_models_error_nothing_is_a_share(tmp_path: Path) -> None:
-    settings = ["plate.thickness_m=0.0005", "run.accuracy=0.05", "run.duration_s=0.004"]
+    settings = ["plate.thickness_m=0.0011", "run.accuracy=0.05", "run.duration_s=0.004"]
     scene = load("aluminium-3mm", settings)
     assert math.isnan(figures_of_case(scene).rebound_percent)
     out, told = tmp_path / "a.mcap", tmp_path / "a.json"

@@ -10,6 +10,7 @@ from bus import streams
 from bus.access import access_control
 from bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Stream
 from hertzloop.commands.cli import app
+from hertzloop.commands.hosts import _place
 from tests.hertzloop.processes import hertzloop
 
 HOSTS = "plant=10.0.0.1,controller=lab.example:7500,recorder=[fd00::3]:7600"
@@ -117,3 +118,8 @@ def test_a_new_stream_needs_no_second_place(monkeypatch: pytest.MonkeyPatch) -> 
     assert (RECORDER, "egress", "put", "new") in allowed(PLANT)
     assert (PLANT, "ingress", "put", "new") in allowed(RECORDER)
     assert not [rule for rule in allowed(CONTROLLER) if rule[3] == "new"]
+
+
+def test_an_address_in_brackets_needs_no_port() -> None:
+    assert _place("plant", "[::1]", 7450) == _place("plant", "::1", 7450) == ("::1", 7450)
+    assert _place("plant", "[::1]:7500", 7450) == ("::1", 7500)

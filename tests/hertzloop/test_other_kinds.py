@@ -28,6 +28,18 @@ LAW = "def command(p, s, samples, i):\n    return 0.0\n"
         ("check a.json", "a.json holds no results of a sweep, which end in .parquet or .csv"),
         ("run a.csv", "the scene a.csv is not valid TOML"),
         ("run mine.py", "mine.py is a law, and no scene; --set controller.law=mine.py"),
+        ("watch --save a.txt", "--save a.txt does not end in .rrd"),
+        ("replay a.mcap --save a.mcap", "--save a.mcap does not end in .rrd"),
+        ("replay a.mcap --screenshot a.jpg", "--screenshot a.jpg does not end in .png"),
+        ("law-on a.mcap --law off -o a.mcap", "a.mcap does not end in one of .png"),
+        (
+            "sweep --over run.touch_phase=0.1,0.2 --phases 4",
+            "--phases 4 spreads run.touch_phase, so --over cannot give it too",
+        ),
+        (
+            "sweep --over plate.size_m=0.1,0.2",
+            "input should be a list in brackets, such as [0.1, 0.2]",
+        ),
         ("sweep mine.py --over sensors.bits=4,5", "mine.py is a law, and no scene"),
     ],
 )
@@ -50,8 +62,6 @@ def test_what_is_read_is_not_replaced(name: str, here: Path) -> None:
     before = (here / "a.mcap").read_bytes()
     for words in (
         ["run", "--repeat", "a.mcap", "--out", name],
-        ["replay", "a.mcap", "--save", name],
-        ["law-on", "a.mcap", "--law", "off", "--out", name],
         ["recover", "a.mcap", "--out", name],
         ["export", "a.mcap", "--out", name],
     ):

@@ -116,21 +116,6 @@ def test_a_law_that_is_not_there(here: Path, law: str, words: str) -> None:
     refused(here, law, words)
 
 
-@pytest.mark.parametrize(
-    ("body", "words"),
-    [
-        ("raise ValueError('x')", "tune of the law mine.py failed: ValueError: x (line 17)"),
-        ("raise SystemExit", "tune of the law mine.py failed: SystemExit (line 17)"),
-        ("return [('share', 0.0, 1.0)]", "which is no {key: (low, high)}"),
-    ],
-)
-def test_ranges_that_are_none(here: Path, body: str, words: str) -> None:
-    write_law(here).open("a").write(f"def tune(about):\n    {body}\n")
-    done = hertzloop("tune", "--law", "mine.py", cwd=here)
-    assert done.returncode > 0
-    assert words in " ".join(done.stderr.split())
-
-
 IN_TRIAL = {
     "raises": (
         "if i == 30: raise ValueError('too much')",
@@ -231,18 +216,6 @@ def test_wrong_in_the_run(here: Path, transport: str, python: bool) -> None:
     assert recording.law_ran[0] == "mine.py"
 
 
-@pytest.mark.parametrize("transport", ["compiled", "inprocess", "zenoh"])
-def test_a_law_that_ends_the_program_in_the_run(here: Path, transport: str) -> None:
-    """It runs as Python; compiled it could not."""
-    path = write_law(here, "if i == 3000: import sys; sys.exit(0)")
-    path.write_text(path.read_text().replace("p.share *", "float(str(p.share)) *"))
-    words = ["run", "--transport", transport, *LONGER, "--set", "controller.law=mine.py"]
-    done = hertzloop(*words, "--out", "a.mcap", cwd=here)
-    assert done.returncode == 1
-    said = " ".join(done.stderr.split())
-    assert "the law mine.py, at sample 3000, failed: SystemExit: 0 (line" in said
-
-
 def test_a_sweep_notes_the_case_in_which_a_law_fails(here: Path) -> None:
     write_law(here, "if p.share > 0.7: raise ValueError('too much')")
     words = ["sweep", "--set", SHORT, "--set", "controller.law=mine.py", "-o", "r.csv"]
@@ -286,7 +259,8 @@ def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
     done = hertzloop(*words, cwd=here)
     said = " ".join(done.stderr.split())
     assert done.returncode == 1
-    assert "controller" in said
+    hangs = "perhaps in a loop of the law mine.py that never ends"
+    assert f"controller does not react any more, {hangs}; plant waited" in said
     assert "Traceback" not in said
     assert read(here / "a.mcap").truth.samples > 2000
 
