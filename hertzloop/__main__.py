@@ -6,7 +6,7 @@ import signal
 import sys
 from types import FrameType
 
-from hertzloop.loop.signals import INTERRUPTED
+from hertzloop.loop.signals import INTERRUPTED, hear_lost_interrupts
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
@@ -39,8 +39,13 @@ def main() -> None:
 
     commands = cli.built()
     signal.signal(signal.SIGINT, before)
+    lost = hear_lost_interrupts()
     try:
         cli.main(commands)
+    except Exception:
+        if lost.is_set():  # and compiling, say, has failed for want of what it was to bring
+            _leave(signal.SIGINT, None)
+        raise
     except SystemExit as end:
         if end.code == INTERRUPTED:
             # Another one, while Python ends, would come out as an exception.

@@ -188,6 +188,8 @@ class Entries:
                 with self._compiled_beside(() if count else open_[1:]):
                     self._made[name] = self._compiled(name)
         except Exception as error:  # whatever Numba does not know: there is Python instead
+            if "no compiled object yet" in str(error):  # Ctrl-C was lost in a call from LLVM
+                raise KeyboardInterrupt from error
             self.trouble = _first_line(error)
             _put(self._refused, self.trouble)
         if self.trouble:

@@ -3,10 +3,12 @@
 import os
 import signal
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 INTERRUPTED = 130  # exit code
 
@@ -25,6 +27,27 @@ def raise_when_ended() -> None:
     """From now on every ending signal raises KeyboardInterrupt, as Ctrl-C does."""
     for number in _ending():
         signal.signal(number, _interrupt)
+
+
+def hear_lost_interrupts() -> threading.Event:
+    """From now on, interrupt the main thread again where KeyboardInterrupt was lost: nothing can be
+    raised out of a call from C, as compiling has some, or from the collector. The event is set
+    then: what else goes wrong may come of it."""
+    lost, before = threading.Event(), sys.unraisablehook
+
+    def hook(unraisable: Any) -> None:
+        if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+            before(unraisable)
+            return
+        lost.set()
+        # Later, since here it would be lost again.
+        main = threading.main_thread().ident
+        again = threading.Timer(0.01, signal.pthread_kill, (main, signal.SIGINT))
+        again.daemon = True
+        again.start()
+
+    sys.unraisablehook = hook
+    return lost
 
 
 @contextmanager

@@ -1,0 +1,65 @@
+"""Ctrl-C that comes where nothing can be raised: in a call from C, as compiling has some."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+CALL = """
+import ctypes, signal, time
+call = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
+"""
+
+
+def ended(script: str) -> tuple[int, str, str]:
+    done = subprocess.run(
+        [sys.executable, "-c", CALL + script], capture_output=True, text=True, timeout=60
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_it_is_heard_a_moment_later() -> None:
+    script = """
+from hertzloop.loop.signals import hear_lost_interrupts
+lost = hear_lost_interrupts()
+for _ in range(3):
+    try:
+        call()
+        time.sleep(30)
+    except KeyboardInterrupt:
+        print(lost.is_set())
+"""
+    assert ended(script) == (0, "True\n" * 3, "")
+
+
+def test_what_fails_for_it_is_no_error_of_the_command() -> None:
+    script = """
+from hertzloop import __main__
+from hertzloop.commands import cli
+def fails(commands):
+    call()
+    raise RuntimeError("no compiled object yet for <Library>")
+cli.main = fails
+__main__.main()
+"""
+    assert ended(script) == (130, "", "interrupted\n")
+
+
+def test_a_law_is_not_refused_for_it(tmp_path: Path) -> None:
+    script = f"""
+from controller.door import compiled
+from controller.door.registry import find
+from controller.law import About
+def lost(self, name):
+    raise RuntimeError("no compiled object yet for <Library>")
+compiled.Entries._compiled, whole = lost, compiled.Entries._compiled
+path = "{tmp_path}/mine.py"
+open(path, "w").write("def command(p, s, samples, i):\\n    return 0.0\\n# " + str(time.time_ns()))
+law = find(path)
+try:
+    law.bind(law.keys(), About())
+except KeyboardInterrupt:
+    print("interrupted")
+compiled.Entries._compiled = whole
+print(law.bind(law.keys(), About()).trouble)
+"""
+    assert ended(script) == (0, "interrupted\n\n", "")
