@@ -136,7 +136,8 @@ class _Others:
         # pipe closed there, and the last that is said would be an OSError.
         with interrupts_held_back():
             for process in self._started.processes:
-                process.kill()
+                if process.pid is not None:  # of one that could not be started
+                    process.kill()
             self._pool.shutdown(wait=True)
 
 

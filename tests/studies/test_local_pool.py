@@ -1,8 +1,10 @@
 """The processes of a sweep: when there are any, what each of them runs, and that none is left."""
 
+import errno
 import threading
 from collections.abc import Iterator
 from multiprocessing import active_children
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import pytest
 from hertzloop.scenes.scene import SceneError, load, to_toml
 from studies.sweeps import pool as crew
 from studies.sweeps.evaluate import Numbered, chunked, scene_of
-from studies.sweeps.pool import local_pool
+from studies.sweeps.pool import SweepFailed, local_pool
 
 TOML = to_toml(load("aluminium-3mm", ["run.accuracy=0.1"]))
 
@@ -93,6 +95,31 @@ def test_few_cases_start_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
         rows = [row for some in pool(TOML, "impact", cases(40)) for row in some]
         assert set(active_children()) == before
     assert [row["case"] for row in rows] == list(range(40))
+
+
+@pytest.mark.usefixtures("warm_kernels")
+@pytest.mark.parametrize("before", [0, 1])
+def test_a_worker_that_cannot_be_started_is_told(
+    before: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_once(monkeypatch)
+    threads, children = set(threading.enumerate()), set(active_children())
+    start, started = SpawnProcess.start, []
+
+    def fails(process: SpawnProcess) -> None:
+        if len(started) == before:
+            raise OSError(errno.ENOMEM, "Cannot allocate memory")
+        started.append(process)
+        start(process)
+
+    monkeypatch.setattr(SpawnProcess, "start", fails)
+    with (
+        pytest.raises(SweepFailed, match="workers cannot be started: Cannot allocate memory"),
+        local_pool(3) as pool,
+    ):
+        list(pool(TOML, "impact", cases(64)))
+    assert set(threading.enumerate()) == threads
+    assert set(active_children()) == children
 
 
 @pytest.mark.parametrize("by_case", [False, True])
