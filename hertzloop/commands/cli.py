@@ -48,6 +48,7 @@ from hertzloop.commands.options import (
     check_json,
     check_output,
     check_pace,
+    files_of,
     scene_from,
     write_json,
 )
@@ -113,7 +114,8 @@ def run(
     repeated = read_or_fail(repeat) if repeat else None
     resolved = scene_to_run(repeated) if repeated else scene_from(scene, settings, seed)
     recording = out_file or Path(f"{resolved.name}{'-again' if repeat else ''}.mcap")
-    check_output(recording, overwrite, source=repeat)
+    inputs = [repeat] if repeat else files_of(resolved, scene, *(settings or []))
+    check_output(recording, overwrite, read=inputs)
     check_json(json_file, recording)
     if verify and resolved.run.scheme == "thesis2008":
         fail("--verify needs a scheme that converges; run.scheme = 'thesis2008' does not", 2)

@@ -39,7 +39,7 @@ def export(
         fail(f"{out_file} does not end in one of {', '.join(FORMATS)}, which say what to write", 2)
     if to_ms is not None and to_ms < from_ms:
         fail(f"--to {to_ms:g} is before --from {from_ms:g}", 2)
-    check_output(out_file, overwrite, source=file)
+    check_output(out_file, overwrite, read=[file])
     recording = read_or_fail(file)
     for problem in recording.problems:
         err.print(f"{file}: {problem}", soft_wrap=True)

@@ -101,7 +101,7 @@ def law_on(
 
     target = picture or file.with_name(f"{file.stem}-law.png")
     check_picture(target)
-    check_output(target, overwrite, source=file)
+    check_output(target, overwrite, read=[file])
     check_json(json_file, target)
     try:
         recording = read(file)

@@ -11,6 +11,7 @@ from hertzloop.commands.options import (
     SceneArgument,
     SetOption,
     check_output,
+    files_of,
     scene_from,
 )
 from hertzloop.commands.terminal import fail, out
@@ -85,7 +86,7 @@ def modes(
         fail(f"{target} is none of {', '.join(SUFFIXES)}, which say how to write the modes", 2)
     if grid and target.suffix != ".npz":
         fail(f"{target} cannot hold shapes on a grid; take an .npz for --grid", 2)
-    check_output(target, overwrite)
+    check_output(target, overwrite, read=files_of(resolved, scene, *(settings or [])))
     try:
         table = modes_of_scene(resolved, grid)
     except SceneError as error:

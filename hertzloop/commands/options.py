@@ -6,6 +6,7 @@ import math
 import os
 import tempfile
 from collections import Counter
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -136,18 +137,27 @@ def check_picture(path: Path) -> None:
 
 
 def check_output(
-    path: Path, overwrite: bool, option: str = "--out", source: Path | None = None
+    path: Path, overwrite: bool, option: str = "--out", read: Iterable[Path] = ()
 ) -> None:
-    """End the command unless `path` can be written, and may be; it is not the `source` that the
-    command reads."""
+    """End the command unless `path` can be written, and may be; it is none of the files that the
+    command has to `read`."""
     check_reachable(path)
-    if source is not None and path.exists() and source.exists() and path.samefile(source):
-        fail(f"{option} {path} is the file that is read; choose another name", 2)
+    for file in read:
+        if path.is_file() and os.path.exists(file) and path.samefile(file):
+            fail(f"{option} {path} is a file that is read; choose another name", 2)
     if path.exists() and not path.is_file() and not overwrite:
         fail(f"{path} is no file that could be written to", 2)
     if path.is_file() and not overwrite:
         fail(f"{path} exists; choose another name with {option}, or allow it with --overwrite", 2)
     check_folder(path)
+
+
+def files_of(scene: Scene, *named: str) -> list[Path]:
+    """What may be files that a scene was made of: its law's, and what is `named`, as the scene or
+    in a setting."""
+    law = scene.controller.law
+    texts = [law, law.rpartition(":")[0], *named, *(text.partition("=")[2] for text in named)]
+    return [Path(text.strip("\"' ")) for text in texts if text]
 
 
 def check_folder(path: Path | None) -> None:

@@ -161,7 +161,7 @@ def replay(
         if output is not None:
             if output.suffix != ending:
                 fail(f"{option} {output} does not end in {ending}, which is what it writes", 2)
-            check_output(output, overwrite, option, file)
+            check_output(output, overwrite, option, [file])
     if alone and other is not None:
         fail(f"--alone leaves nothing to compare with, but {other} is named", 2)
     recording = read_or_fail(file, keep=True)
@@ -204,7 +204,7 @@ def recover(
     from recordings.writer import RecordingError
 
     whole = out_file or file.with_name(f"{file.stem}-recovered.mcap")
-    check_output(whole, overwrite, source=file)
+    check_output(whole, overwrite, read=[file])
     try:
         messages, others = recover_file(file, whole, overwrite)
     except RecordingError as error:

@@ -65,7 +65,7 @@ def _page(source: Path, folder: Path, overwrite: bool) -> Path:
     """Where the page goes; ends the command if it cannot."""
     make_folder(folder)
     page = folder / f"{source.stem}.html"
-    check_output(page, overwrite, source=source)
+    check_output(page, overwrite, read=[source])
     return page
 
 

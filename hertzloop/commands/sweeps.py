@@ -22,6 +22,7 @@ from hertzloop.commands.options import (
     check_output,
     check_writable,
     end_if_not_run,
+    files_of,
     scene_from,
     write_json,
 )
@@ -80,7 +81,7 @@ def sweep(
     target = out_file or Path(f"{resolved.name}-sweep.parquet")
     if target.suffix not in (".parquet", ".csv"):
         fail(f"{target} is neither .parquet nor .csv, which say how to write the results", 2)
-    check_output(target, overwrite)
+    check_output(target, overwrite, read=files_of(resolved, scene, *(settings or [])))
     check_writable(target.parent)  # for what is unfinished, even where a file may be replaced
     beside = (target.with_name(target.name + end) for end in (".json", ".partial"))
     check_json(json_file, target, *beside)

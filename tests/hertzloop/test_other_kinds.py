@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.scenes.scene import shipped_text
 from tests.hertzloop.test_cli import SHORT, call, here, said
 
 __all__ = ["here"]  # the fixture
@@ -67,5 +68,28 @@ def test_what_is_read_is_not_replaced(name: str, here: Path) -> None:
     ):
         result = call(*words, "--overwrite")
         assert result.exit_code == 2
-        assert f"{Path(name)} is the file that is read" in said(result)
+        assert f"{Path(name)} is a file that is read" in said(result)
     assert (here / "a.mcap").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["run", "mine.toml", "--out", "mine.toml"],
+        ["run", "--set", "controller.law=mine.py", "--out", "mine.py"],
+        ["run", "mine.toml", "--out", "./mine.py"],
+        ["sweep", "--set", "plate.modes=m.csv", "--over", "sensors.bits=4,5", "-o", "m.csv"],
+        ["modes", "--set", "plate.modes=m.csv", "-o", "m.csv"],
+    ],
+)
+def test_what_a_scene_is_made_of_is_not_replaced(words: list[str], here: Path) -> None:
+    (here / "mine.py").write_text(LAW)
+    call("modes", "-o", "m.csv")
+    shipped = shipped_text("aluminium-3mm").replace('law = "slope_threshold"', 'law = "mine.py"')
+    assert "mine.py" in shipped
+    (here / "mine.toml").write_text(shipped)
+    before = {path: path.read_bytes() for path in here.iterdir()}
+    result = call(*words, "--overwrite")
+    assert result.exit_code == 2
+    assert f"{Path(words[-1])} is a file that is read" in said(result)
+    assert {path: path.read_bytes() for path in here.iterdir()} == before

@@ -181,7 +181,7 @@ def test_the_users_mistakes(file: Path, tmp_path: Path) -> None:
         (("-o", tmp_path / "x.xlsx"), "does not end in one of .mcap, .parquet, .csv, .npz, .h5"),
         (("-o", taken), "exists; choose another name"),
         (("-o", tmp_path / "x.csv", "--from", 2, "--to", 1), "--to 1 is before --from 2"),
-        (("-o", file, "--overwrite"), "is the file that is read"),
+        (("-o", file, "--overwrite"), "is a file that is read"),
     ):
         result = call("export", file, *words)
         assert result.exit_code == 2, result.output
