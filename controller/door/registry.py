@@ -4,6 +4,7 @@ import difflib
 import importlib
 import importlib.metadata
 import importlib.util
+import os
 import re
 import sys
 from functools import cache, lru_cache
@@ -46,7 +47,7 @@ def resolve(reference: str, folder: Path | None = None) -> str:
     if not match:
         return reference
     tried = [*([folder] if folder else []), Path.cwd()]
-    found = next((f / match["file"] for f in tried if (f / match["file"]).is_file()), None)
+    found = next((f / match["file"] for f in tried if os.path.isfile(f / match["file"])), None)
     path = (found or tried[-1] / match["file"]).resolve()
     return f"{path}:{match['name']}" if match["name"] else str(path)
 

@@ -1,5 +1,6 @@
 """The command that writes a scene's plant for programs without Python."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
@@ -56,7 +57,7 @@ def export_plant(
     check_reachable(out_path)
     if not folder:
         check_output(out_path, overwrite)
-    elif out_path.is_dir() and any(out_path.iterdir()) and not overwrite:
+    elif os.path.isdir(out_path) and any(out_path.iterdir()) and not overwrite:
         fail(f"the folder {out_path} is not empty; choose another, or allow it with --overwrite", 2)
     resolved = scene_from(scene, settings, seed)
 

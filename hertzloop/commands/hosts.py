@@ -23,7 +23,7 @@ def write_keys(folder: Path, hosts: str, days: int) -> None:
     need("cryptography")
     from hertzloop.certificates import Authority, configurations
 
-    if folder.is_dir() and any(folder.iterdir()):
+    if os.path.isdir(folder) and any(folder.iterdir()):
         fail(
             f"the folder {folder} is not empty; keys are never replaced, since hosts with the old "
             "ones would be left out without a word: choose another",

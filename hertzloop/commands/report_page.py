@@ -1,5 +1,6 @@
 """The command that makes a page to send to somebody, of a run, a sweep or a tuning."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -27,7 +28,7 @@ def report(
     """One HTML page that needs nothing else. Of a run: figures, charts, animation of the plate,
     sound, scene, how to run it again; of a sweep or a tuning: charts, tables of cases, scene."""
     need("matplotlib", "jinja2")
-    if source.suffix in (".parquet", ".csv", ".json", ".partial") or source.is_dir():
+    if source.suffix in (".parquet", ".csv", ".json", ".partial") or os.path.isdir(source):
         _of_results(source, folder, overwrite)
     else:
         _of_run(source, folder, overwrite)

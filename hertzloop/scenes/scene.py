@@ -155,8 +155,9 @@ def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> 
         raise SceneError(
             f"{shortened(source)} is a law, and no scene; --set controller.law={shortened(source)}"
         )
+    text = _text(source)  # first: there may be no looking for it
     folder = path.parent if path.is_file() else None
-    return parse(_text(source), settings, seed, folder=folder, name=shortened(source))
+    return parse(text, settings, seed, folder=folder, name=shortened(source))
 
 
 def _text(source: str) -> str:

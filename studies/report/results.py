@@ -1,6 +1,7 @@
 """Results of a sweep or of a tuning as one page, and which of them a folder holds."""
 
 import json
+import os
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,7 +42,7 @@ class _Table:
 
 def results_in(path: Path) -> Path:
     """The results that a path names: itself, or the only ones in a folder. Raises ValueError."""
-    if not path.is_dir():
+    if not os.path.isdir(path):
         return path
     found = sorted(
         [*path.glob("tune-*.json"), *path.glob("*.parquet")]

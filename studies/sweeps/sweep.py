@@ -2,6 +2,7 @@
 
 import json
 import logging
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -235,7 +236,7 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Rows and header of a sweep's results. Raises ValueError for another kind of file."""
     if path.suffix == ".partial":
         raise ValueError(f"{path} is unfinished; the command that began it goes on with it")
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise ValueError(f"there are no results {path}")
     if path.suffix == ".csv" and not _beside(path).is_file():
         raise ValueError(

@@ -93,3 +93,34 @@ def test_what_a_scene_is_made_of_is_not_replaced(words: list[str], here: Path) -
     assert result.exit_code == 2
     assert f"{Path(words[-1])} is a file that is read" in said(result)
     assert {path: path.read_bytes() for path in here.iterdir()} == before
+
+
+LONG = 300 * "x"  # no file has such a name
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        f"run {LONG}",
+        f"run {LONG}.toml",
+        f"run --set controller.law={LONG}.py",
+        f"run --set plate.modes={LONG}.csv",
+        f"run --repeat {LONG}.mcap",
+        f"inspect {LONG}.mcap",
+        f"report {LONG}.parquet -o r",
+        f"report {LONG} -o r",
+        f"report a.mcap -o {LONG}",
+        f"check {LONG}.parquet",
+        f"law-on {LONG}.mcap --law off",
+        f"tables {LONG}.csv -o b.csv",
+        f"export-plant aluminium-3mm -o {LONG}",
+        f"keys {LONG} --hosts plant=a,controller=b,recorder=c",
+        f"sweep --over sensors.bits=4,5 -o {LONG}.csv",
+        f"tune -o {LONG}",
+        f"new law {LONG}.py",
+    ],
+)
+def test_a_name_too_long_for_a_file(words: str, here: Path) -> None:
+    result = call(*words.split())  # which lets no other exception pass
+    assert result.exit_code == 2
+    assert "error: " in said(result)
