@@ -6,7 +6,7 @@ import signal
 import sys
 from types import FrameType
 
-from hertzloop.loop.signals import INTERRUPTED, hear_lost_interrupts
+from hertzloop.loop.signals import INTERRUPTED, hear_lost_interrupts, interrupt
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
@@ -38,7 +38,8 @@ def main() -> None:
     from hertzloop.commands import cli
 
     commands = cli.built()
-    signal.signal(signal.SIGINT, before)
+    ignored = before == signal.SIG_IGN
+    signal.signal(signal.SIGINT, before if ignored else interrupt)
     lost = hear_lost_interrupts()
     try:
         cli.main(commands)

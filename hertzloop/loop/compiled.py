@@ -104,20 +104,10 @@ def simulate(scene: Scene, quiet_steps: int = -1, own_plant: Plant | None = None
 
 def uncontrolled_rows(scene: Scene) -> Iterator[tuple[int, np.ndarray]]:
     """Rows of truth of a scene without control in blocks: first step, rows of shape (10, steps)."""
-    yield from commanded_rows(scene, np.broadcast_to(0.0, scene.steps))
-
-
-def commanded_rows(
-    scene: Scene, commands: np.ndarray, disturbance: float = 0.0
-) -> Iterator[tuple[int, np.ndarray]]:
-    """The same under given commands (N, one a step), as they were recorded, say; the sphere starts
-    faster by `disturbance`, relative."""
-    plant = parts.plant(scene)
-    plant.state.body[pk.FLIGHT_V] *= 1.0 + disturbance
+    plant, no_force = parts.plant(scene), np.zeros(_PIECE_STEPS)
     for first in range(0, scene.steps, _PIECE_STEPS):
-        some = np.array(commands[first : first + _PIECE_STEPS])
-        window = empty_window(len(some), 0)
-        k.plant_alone(plant.model, plant.state, some, window)
+        window = empty_window(min(_PIECE_STEPS, scene.steps - first), 0)
+        k.plant_alone(plant.model, plant.state, no_force[: window.truth.shape[1]], window)
         yield first, window.truth
 
 

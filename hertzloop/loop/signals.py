@@ -11,6 +11,8 @@ from types import FrameType
 from typing import Any
 
 INTERRUPTED = 130  # exit code
+_LLVM = os.path.join("", "llvmlite", "binding", "")
+_SOON_S = 0.01
 
 
 def _ending() -> list[signal.Signals]:
@@ -19,14 +21,34 @@ def _ending() -> list[signal.Signals]:
     return numbers + [signal.SIGHUP] * (signal.getsignal(signal.SIGHUP) != signal.SIG_IGN)
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
+def _send_soon(number: int) -> None:
+    """Send the main thread a signal in a moment."""
+    main = threading.main_thread().ident
+    timer = threading.Timer(_SOON_S, signal.pthread_kill, (main, number))
+    timer.daemon = True
+    timer.start()
+
+
+def interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt; at once, or soon where Python's side of LLVM is at work.
+
+    What LLVM has called drops an exception, so that Numba misses what was compiled; a signal that
+    comes while LLVM works is heard just there. What was to be made of LLVM's stays half made, and
+    complains when it is thrown away.
+    """
+    inner = frame
+    while inner is not None:
+        if _LLVM in inner.f_code.co_filename:
+            _send_soon(number)
+            return
+        inner = inner.f_back
     raise KeyboardInterrupt
 
 
 def raise_when_ended() -> None:
     """From now on every ending signal raises KeyboardInterrupt, as Ctrl-C does."""
     for number in _ending():
-        signal.signal(number, _interrupt)
+        signal.signal(number, interrupt)
 
 
 def hear_lost_interrupts() -> threading.Event:
@@ -40,11 +62,7 @@ def hear_lost_interrupts() -> threading.Event:
             before(unraisable)
             return
         lost.set()
-        # Later, since here it would be lost again.
-        main = threading.main_thread().ident
-        again = threading.Timer(0.01, signal.pthread_kill, (main, signal.SIGINT))
-        again.daemon = True
-        again.start()
+        _send_soon(signal.SIGINT)  # here it would be lost again
 
     sys.unraisablehook = hook
     return lost

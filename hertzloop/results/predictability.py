@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.loop.compiled import closed_loop_rows, commanded_rows
+from hertzloop.loop.compiled import closed_loop_rows
 from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, impacts_of_blocks
 from hertzloop.scenes.scene import Scene
 
@@ -37,26 +37,18 @@ class Known:
 
 
 def known_impacts(
-    scene: Scene,
-    impacts: list[dict[str, float]],
-    model_error: float,
-    commands: np.ndarray | None = None,
+    scene: Scene, impacts: list[dict[str, float]], model_error: float, in_lock_step: bool = True
 ) -> list[Known] | None:
     """What can be known of the impacts of a run; None where nothing can depend on one before, and
-    of the published scheme. `model_error`: relative, of the run; `commands` (N, one a step) of a
-    run by the wall clock, which the law would give otherwise in lock-step."""
+    of the published scheme. `model_error`: relative, of the run. A run that was not `in_lock_step`
+    has other impacts than the disturbed one for that reason alone: each is known as well as the
+    same one in lock-step."""
     if len(impacts) < 2 or scene.run.scheme == "thesis2008":
         return None
-    with np.errstate(over="ignore", invalid="ignore"):
-        rows = (
-            closed_loop_rows(scene, DISTURBANCE)
-            if commands is None
-            else commanded_rows(scene, commands, DISTURBANCE)
-        )
-        disturbed = impacts_of_blocks(scene, rows)
-        others = [vars(found.impact) for found in disturbed]
+    others = _impacts(scene, DISTURBANCE)
+    run = [] if in_lock_step else _impacts(scene)[: len(impacts)]
     found = []
-    for i, impact in enumerate(impacts):
+    for i, impact in enumerate([*run, *impacts[len(run) :]]):
         moved = {
             name: abs(others[i][name] - impact[name]) if i < len(others) else np.inf
             for name in (*_QUANTITIES, *_FOLLOWS)
@@ -65,6 +57,12 @@ def known_impacts(
         errors = {name: value * model_error / DISTURBANCE for name, value in moved.items()}
         found.append(Known(float(np.max(share)) / DISTURBANCE, errors))
     return found
+
+
+def _impacts(scene: Scene, disturbance: float = 0.0) -> list[dict[str, float]]:
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = impacts_of_blocks(scene, closed_loop_rows(scene, disturbance))
+        return [vars(one.impact) for one in found]
 
 
 def as_dicts(known: list[Known] | None) -> list[dict[str, Any]] | None:
