@@ -6,14 +6,11 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from hertzloop import assembly as parts
 from hertzloop import control
 from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.loop.launcher import Launcher
-from hertzloop.loop.repeating import repeat_of
 from hertzloop.results import figures, law_accuracy
 from hertzloop.results.impact_rows import through_first_contact
 from hertzloop.results.predictability import DISTURBANCE, as_dicts, known_impacts
@@ -128,8 +125,7 @@ def run_scene(
         realtime=stats.get("realtime", ""),
     )
     late = options.pace is not None or options.repeat is not None  # then not the law alone decides
-    acted = repeat_of(recorded).commands if late else None
-    report["predictability"] = _predictability(scene, without, report, acted)
+    report["predictability"] = _predictability(scene, without, report, late)
     report["law_accuracy"] = None if late else _judge_law(scene, report)
     if options.repeat:
         report["repeats"] = str(options.repeat)
@@ -140,18 +136,17 @@ def run_scene(
 
 
 def _predictability(
-    scene: Scene, without: Scene, report: dict[str, Any], acted: np.ndarray | None
+    scene: Scene, without: Scene, report: dict[str, Any], late: bool
 ) -> dict[str, Any]:
-    """How well the impacts of a run, and of that without control, can be known; `acted`: commands
-    (N, one a step) of a run by the wall clock."""
-    error = report["expected_error"]
-    found: dict[str, Any] = {"disturbance": DISTURBANCE, "model_error": error}
-    unstable = report["stability"]["unstable"]
-    known = other = None
-    if not unstable:
-        known = other = known_impacts(scene, report["impacts"], error, acted)
+    """How well the impacts of a run, and of that without control, can be known; `late`: its forces
+    were, so that it is judged by the same in lock-step. Nothing is said of an unstable loop."""
+    error, known = report["expected_error"], None
+    if not report["stability"]["unstable"]:
+        known = known_impacts(scene, report["impacts"], error, in_lock_step=not late)
+    other = known
     if without != scene:
         other = known_impacts(without, report["uncontrolled"]["impacts"], error)
+    found: dict[str, Any] = {"disturbance": DISTURBANCE, "model_error": error}
     return found | {"controlled": as_dicts(known), "uncontrolled": as_dicts(other)}
 
 
