@@ -188,7 +188,9 @@ def read(path: Path, keep: bool = False) -> Recording:
     intake.agree()
     if not intake.scene_toml:
         if walk.read(0, 8) != MAGIC and not intake.counters:
-            raise RecordingError(f"{path} is no recording: it does not begin as an MCAP file")
+            raise RecordingError(
+                f"{path} does not begin as an MCAP file: not a recording of hertzloop"
+            )
         why = f" ({walk.damage[0]})" if walk.damage else ""
         raise RecordingError(f"{path} holds no scene{why}: not a recording of hertzloop")
     damage = [f"the file is cut off or damaged ({words})" for words in walk.damage]

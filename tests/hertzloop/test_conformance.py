@@ -51,7 +51,8 @@ def conformance(command: str, *words: str) -> tuple[int, str]:
     """Exit code and what was said, in one line."""
     # Nothing is timed, but where a controller is silent: it says when it ends that wait.
     patient = [] if "--timeout" in words else ["--timeout", "60"]
-    done = hertzloop("conformance", "--start", command, "--wait", "120", *patient, *words)
+    wanted = ("conformance", "--start", command, "--wait", "120", *patient, *words)
+    done = hertzloop(*wanted, timeout_s=800.0)
     assert "Traceback" not in done.stderr, done.stderr
     return done.returncode, " ".join((done.stdout + done.stderr).split())
 

@@ -9,7 +9,7 @@ from tests.hertzloop.test_cli import SHORT, call, here, said
 
 __all__ = ["here"]  # the fixture
 
-NO_MCAP = "is no recording: it does not begin as an MCAP file"
+NO_MCAP = "does not begin as an MCAP file: not a recording of hertzloop"
 LAW = "def command(p, s, samples, i):\n    return 0.0\n"
 
 
