@@ -269,16 +269,11 @@ def law_reach(scene: Scene) -> Reach:
     """How far the force of the scene's law can go; without limit if the law is not there any more,
     as that of a recording may be. Raises SceneError."""
     try:
-        scene.law  # noqa: B018  which may be back the next time: nothing is kept of this
+        law = scene.law
     except SceneError:
         return Reach()
-    return _known_reach(scene)
-
-
-@by_tables("controller")
-def _known_reach(scene: Scene) -> Reach:
     try:
-        return scene.law.reach(scene.controller.keys)
+        return law.reach(scene.controller.keys)
     except LawError as error:
         raise SceneError(str(error)) from error
 

@@ -6,7 +6,6 @@ import numbers
 import sys
 from collections.abc import Iterable
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -79,26 +78,20 @@ def _callback(
     return ctypes.CFUNCTYPE(_RESULTS[result], *pointers, *integers)(call)
 
 
-_HEARD: "WeakKeyDictionary[Any, list[BaseException]]" = WeakKeyDictionary()
-
-
 def _hear_of(call: Any, ended: list[BaseException]) -> None:
     """Have what is raised at the very start of a call, before its `try`, added to `ended`: ctypes
     hands that to a hook, and lets C go on."""
-    _HEARD[call] = ended
+    call.ended_law = ended
     before = sys.unraisablehook
-    if getattr(before, "hears", None) is _HEARD:
+    if getattr(before, "hears_laws", False):
         return
 
     def hook(unraisable: Any) -> None:
-        try:
-            ended = _HEARD.get(unraisable.object)
-        except TypeError:  # what cannot be weakly referenced is none of these
-            ended = None
+        ended = getattr(unraisable.object, "ended_law", None)
         if ended is None or unraisable.exc_value is None:
             before(unraisable)
         else:
             ended.append(unraisable.exc_value)
 
-    hook.hears = _HEARD  # type: ignore[attr-defined]
+    hook.hears_laws = True  # type: ignore[attr-defined]
     sys.unraisablehook = hook

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
-from hertzloop.commands.options import make_folder
+from hertzloop.commands.options import LARGEST_PORT, make_folder
 from hertzloop.commands.terminal import fail, out
 
 _EXAMPLE = "plant=10.0.0.1,controller=10.0.0.2,recorder=10.0.0.3"
@@ -75,22 +75,24 @@ def _places(hosts: str) -> dict[str, tuple[str, int]]:
     return ordered
 
 
+def _bare(host: str) -> str:
+    """A host without the brackets that an IPv6 address may have."""
+    return host[1:-1] if host.startswith("[") and host.endswith("]") else host
+
+
 def _place(role: str, where: str, port: int) -> tuple[str, int]:
     """Host and port in `where`: an address or a name, with a port or not."""
     try:
-        bare = where[1:-1] if where.startswith("[") and where.endswith("]") else where
-        return str(ipaddress.ip_address(bare)), port
+        return str(ipaddress.ip_address(_bare(where))), port
     except ValueError:
         host, colon, digits = where.rpartition(":")
     if colon:
-        if not digits.isdecimal() or not 0 < int(digits) < 65536:
-            fail(f"--hosts has the port '{digits}' for the {role}; it is a number to 65535", 2)
-        where, port = host, int(digits)
-        if where.startswith("[") and where.endswith("]"):
-            where = where[1:-1]
+        if not digits.isdecimal() or not 0 < int(digits) <= LARGEST_PORT:
+            said = f"it is a number to {LARGEST_PORT}"
+            fail(f"--hosts has the port '{digits}' for the {role}; {said}", 2)
+        where, port = _bare(host), int(digits)
     try:
-        bare = where[1:-1] if where.startswith("[") and where.endswith("]") else where
-        return str(ipaddress.ip_address(bare)), port
+        return str(ipaddress.ip_address(where)), port
     except ValueError:
         pass
     if not _NAME.fullmatch(where) or where.replace(".", "").isdecimal():

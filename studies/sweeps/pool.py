@@ -102,6 +102,8 @@ class _Others:
 
     def __init__(self, count: int) -> None:
         self._started = _Started()
+        # Not where interrupts are held back: multiprocessing lets them through again when it
+        # starts what tracks its semaphores.
         with _starting():
             self._pool = ProcessPoolExecutor(count, self._started, _end_with_parent)
         self._ahead = 2 * count + 1  # one for each at work and one for each that is done with it
