@@ -15,6 +15,7 @@ from hertzloop.commands.options import (
     check_output,
     check_reachable,
     check_writable,
+    files_of,
     make_folder,
     scene_from,
 )
@@ -55,11 +56,11 @@ def export_plant(
     if not folder and out_path.suffix not in (".fmu", ".so"):
         fail(f"{out_path} does not end in .fmu or .so, nor in nothing, for a folder", 2)
     check_reachable(out_path)
+    resolved = scene_from(scene, settings, seed)
     if not folder:
-        check_output(out_path, overwrite)
+        check_output(out_path, overwrite, read=files_of(resolved, scene, *(settings or [])))
     elif os.path.isdir(out_path) and any(out_path.iterdir()) and not overwrite:
         fail(f"the folder {out_path} is not empty; choose another, or allow it with --overwrite", 2)
-    resolved = scene_from(scene, settings, seed)
 
     from hertzloop.assembly import plate_model
     from hertzloop.elsewhere import library

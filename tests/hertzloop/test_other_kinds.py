@@ -1,10 +1,12 @@
 """Files of another kind than a command works on, and files that it would read and write at once."""
 
+import shutil
 from pathlib import Path
 
 import pytest
 
 from hertzloop.scenes.scene import shipped_text
+from tests.hertzloop.own_laws import EXAMPLES, build
 from tests.hertzloop.test_cli import SHORT, call, here, said
 
 __all__ = ["here"]  # the fixture
@@ -93,6 +95,24 @@ def test_what_a_scene_is_made_of_is_not_replaced(words: list[str], here: Path) -
     assert result.exit_code == 2
     assert f"{Path(words[-1])} is a file that is read" in said(result)
     assert {path: path.read_bytes() for path in here.iterdir()} == before
+
+
+@pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
+def test_a_law_in_c_is_not_replaced_by_a_plant(here: Path) -> None:
+    library = build(here, EXAMPLES / "low_passed.c")
+    before = library.read_bytes()
+    words = [
+        "export-plant",
+        "aluminium-3mm",
+        "--set",
+        f"controller.law={library.name}",
+        "-o",
+        library.name,
+    ]
+    result = call(*words, "--overwrite")
+    assert result.exit_code == 2
+    assert f"{library.name} is a file that is read" in said(result)
+    assert library.read_bytes() == before
 
 
 LONG = 300 * "x"  # no file has such a name
