@@ -2,7 +2,9 @@
 
 A dropped or reordered sample would be a wrong result, so messages between the roles wait
 under congestion (BLOCK) until the link's patience is over; then zenoh closes the link, and
-the departure is reported. Whoever else listens must not make the run wait: to sessions
+the departure is reported. That patience is also the longest time for which the death of a
+process may stay unheard: where a message waits for its link, zenoh 1.10 can, on closing the
+link, wait for that message. Whoever else listens must not make the run wait: to sessions
 that are no role's, messages are dropped when they do not take them. zenoh tells sessions
 apart by their ids, so a role draws its id from a pool that follows from the run's name.
 Multicast scouting and gossip are off: only the given endpoints are open. Shared memory is

@@ -4,6 +4,7 @@ A liveliness token is declared after the subscribers exist, so a role that shows
 hear everything. The settings of a session are in zenoh_config.
 """
 
+import math
 import os
 import queue
 import secrets
@@ -29,6 +30,8 @@ SMALL_RUNTIME = (
 )
 _CLOSE_S = 2.0  # for zenoh to send what is under way
 _NOTICE_S = 4.0  # for zenoh to say whose link it has closed
+# For last words that say why a role has left: they come over the link of another, perhaps later.
+_EXPLAIN_S = 0.5
 
 
 class ZenohPort:
@@ -58,7 +61,7 @@ class ZenohPort:
         self._instance = secrets.token_hex(8)  # two processes of one role have two tokens
         self._alive: dict[str, set[str]] = {r: set() for r in ROLES}  # instances
         self._watched: dict[str, str] = {}  # the instance that takes part in the run
-        self._left: set[str] = set()  # roles of which some process has left
+        self._left_s: dict[str, float] = {}  # roles of which some process has left, and when
         self._vouched: set[str] = set()
         self._spoke_last: set[str] = set()  # roles that announced their end: they are not deaf
         self._patience_s = patience_s
@@ -123,7 +126,7 @@ class ZenohPort:
             self._alive[role].add(instance)
         else:
             self._alive[role].discard(instance)
-            self._left.add(role)
+            self._left_s[role] = time.monotonic()
             self._inbox.put(PeerLost(f"{role} left the run", role))
 
     def _on_voucher(self, sample: zenoh.Sample) -> None:
@@ -137,13 +140,15 @@ class ZenohPort:
     def _gone(self) -> list[str]:
         """Roles of the run that left it without a word. Who announced an end has said why: that
         message is received before anything is missed. Who vouched for its part has heard all of
-        the others, whose last words may still be on their way to this one."""
-        said = self._spoke_last | self._vouched
-        return [
-            role
-            for role, one in list(self._watched.items())
-            if one not in self._alive[role] and role not in said
-        ]
+        the others, whose last words may still be on their way to this one. So may be those of
+        who is still there: for a moment nobody is missed."""
+        if not self._left_s:
+            return []
+        said, watched = self._spoke_last | self._vouched, list(self._watched.items())
+        lost = [role for role, one in watched if one not in self._alive[role] and role not in said]
+        to_say = self._watched.keys() - said - {*lost}
+        before_s = time.monotonic() - (_EXPLAIN_S if to_say else 0.0)
+        return [role for role in lost if self._left_s[role] <= before_s]
 
     def _refuse_doubles(self) -> None:
         for role, instances in self._alive.items():
@@ -176,7 +181,7 @@ class ZenohPort:
             if self._guests:
                 self._guests.missing(missing)
             if time.monotonic() > deadline:
-                left = [role for role in missing if role in self._left]
+                left = [role for role in missing if role in self._left_s]
                 again = f" ({' and '.join(left)} came, but left again)" if left else ""
                 again += self._guests.words() if self._guests else ""
                 raise PeerLost(
@@ -261,10 +266,14 @@ class ZenohPort:
         """Next message; see Port. A role's departure is reported after what it sent."""
         deadline = time.monotonic() + timeout_s
         while True:
+            wait_s = max(0.0, deadline - time.monotonic())
             try:
-                item = self._first or self._inbox.get(timeout=max(0.0, deadline - time.monotonic()))
+                item = self._first or self._inbox.get(timeout=min(wait_s, self._look_again_s()))
                 self._first = None
             except queue.Empty:
+                self._miss(awaited)
+                if time.monotonic() < deadline:
+                    continue
                 raise PeerLost(
                     f"{self.role} waited {timeout_s:g} s for {awaited}: nothing came",
                     *self._awaited(awaited),
@@ -273,8 +282,18 @@ class ZenohPort:
                 return item
             if isinstance(item, KeyboardInterrupt):
                 raise item
-            for role in self._gone():
-                raise PeerLost(f"{role} left the run; {self.role} was waiting for {awaited}", role)
+            self._miss(awaited)
+
+    def _look_again_s(self) -> float:
+        """How long a wait may last before somebody could be missed: without end as long as all are
+        there, since who leaves ends the wait."""
+        if not self._left_s:
+            return math.inf
+        return 0.0 if self._gone() else _EXPLAIN_S
+
+    def _miss(self, awaited: str) -> None:
+        for role in self._gone():
+            raise PeerLost(f"{role} left the run; {self.role} was waiting for {awaited}", role)
 
     def _awaited(self, awaited: str) -> list[str]:
         return [role for role in self._watched if role in awaited.split()]
@@ -294,8 +313,8 @@ class ZenohPort:
             try:
                 item = self._inbox.get_nowait()
             except queue.Empty:
-                return False
-            if not isinstance(item, PeerLost) or self._gone():
+                return bool(self._gone())
+            if not isinstance(item, PeerLost):
                 self._first = item
         return True
 

@@ -102,6 +102,30 @@ class TestPresence:
         zenoh[PLANT].publish(Envelope("end/plant", b"last words"))
         assert zenoh[CONTROLLER].receive(PATIENCE_S, "samples").payload == b"last words"
 
+    def test_last_words_that_come_after_a_departure_explain_it(
+        self, zenoh: dict[str, ZenohPort]
+    ) -> None:
+        """Two links again, and no voucher: why the recorder left, the plant may be about to say."""
+        zenoh[RECORDER].close()
+        assert zenoh[CONTROLLER].wait_until_gone(RECORDER, PATIENCE_S)
+        zenoh[CONTROLLER].publish(Envelope("force", b"not missed yet"))
+        assert not zenoh[CONTROLLER].pending()
+        zenoh[PLANT].publish(Envelope("end/plant", b"interrupted"))
+        assert zenoh[CONTROLLER].receive(PATIENCE_S, "samples").payload == b"interrupted"
+
+    def test_a_departure_that_nobody_explains_is_reported(
+        self, zenoh: dict[str, ZenohPort]
+    ) -> None:
+        zenoh[RECORDER].close()
+        left = "recorder left the run; controller was waiting for samples"
+        with pytest.raises(PeerLost, match=left):
+            zenoh[CONTROLLER].receive(PATIENCE_S, "samples")
+        assert zenoh[CONTROLLER].pending()  # of it, again
+        with pytest.raises(PeerLost, match=left):
+            zenoh[CONTROLLER].receive(PATIENCE_S, "samples")
+        with pytest.raises(PeerLost, match="recorder left the run; controller was sending 'force'"):
+            zenoh[CONTROLLER].publish(Envelope("force", b""))
+
     def test_a_role_that_stays_is_not_gone(self, zenoh: dict[str, ZenohPort]) -> None:
         assert not zenoh[RECORDER].wait_until_gone(PLANT, ABSENCE_S)
 

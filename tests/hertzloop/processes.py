@@ -1,6 +1,7 @@
 """Helpers that run hertzloop as a user does: as real processes."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -26,20 +27,23 @@ def hertzloop(
 
 
 def start(*words: str, **more: object) -> subprocess.Popen:
-    """Start a command."""
+    """Start a command, which shows where it is when it is aborted."""
+    command = [sys.executable, "-X", "faulthandler", *HERTZLOOP[1:], *words]
     return subprocess.Popen(
-        [*HERTZLOOP, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more
     )
 
 
 def finish(process: subprocess.Popen, timeout_s: float = EVENTUALLY_S) -> tuple[int, str, float]:
-    """Exit code, standard error in one line, seconds it took."""
+    """Exit code, standard error in one line, seconds it took. Raises AssertionError with the stacks
+    of a process that does not end."""
     began = time.monotonic()
     try:
         _, err = process.communicate(timeout=timeout_s)
     except subprocess.TimeoutExpired:
-        process.kill()
-        raise
+        process.send_signal(signal.SIGABRT)
+        _, err = process.communicate()
+        raise AssertionError(f"not ended within {timeout_s} s: {process.args}\n{err}") from None
     return process.returncode, " ".join(err.split()), time.monotonic() - began
 
 

@@ -11,6 +11,7 @@ from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from hertzloop.results.cases import figures_of_case
 from hertzloop.scenes.scene import load
+from plant import one_thread
 from plant.one_thread import on_one_thread
 
 SETTINGS = ["run.duration_s=0.002", "run.accuracy=0.05", "plate.edges=cffs"]
@@ -40,6 +41,8 @@ def test_a_plate_is_the_same_where_numpy_came_first(asked: str) -> None:
 
 
 def test_calls_in_two_threads_do_not_undo_each_other() -> None:
+    # Another test of this process may have brought a library that was not there at the first call.
+    one_thread._libraries.cache_clear()
     first_in, second_in = Event(), Event()
 
     def threads() -> set[int]:
