@@ -51,7 +51,7 @@ class Port(Protocol):
 
     def receive(self, timeout_s: float, awaited: str) -> Envelope:
         """Next message for this role. Raises PeerLost after `timeout_s` seconds without
-        one, naming `awaited`, and at once when a role of the run has gone."""
+        one, naming `awaited`, and soon after a role of the run has gone without a word."""
 
     def pending(self) -> bool:
         """Whether `receive` would return at once."""

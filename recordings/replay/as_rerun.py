@@ -270,6 +270,8 @@ def _about(shown: Shown, still: bool) -> str:
         lines += ["No contact in this recording.", ""]
     elif len(shown.contacts) > _MOST_LISTED:
         lines += [f"{len(shown.contacts)} contacts; the first {_MOST_LISTED} are listed.", ""]
+    if len(shown.contacts) > 1:  # they may be chaotic; what is known of them no recording has
+        lines += ["Digits as recorded: `hertzloop run` tells how many later contacts have.", ""]
     lines += [f"Heights are drawn {shown.drawn.in_words}"]
     if shown.sphere_radius_m:
         larger = shown.drawn.sphere_radius_m / shown.sphere_radius_m

@@ -148,6 +148,19 @@ def test_an_exploding_loop_is_drawn_by_its_first_contact(tmp_path: Path) -> None
     assert shown.when.still_ns + shown.when.zoom_ns[1] < 7_650_000
 
 
+@pytest.mark.parametrize("contacts", [1, 2])
+def test_later_contacts_are_said_to_be_as_recorded(contacts: int) -> None:
+    """They may be chaotic, and a recording does not hold how much of them can be known."""
+    recording = Recording(Path("a.mcap"))
+    gap = np.array([1.0, *(-1.0, 1.0) * contacts])
+    fields = ("xi_s_m", "f_c_n", "f_a_n", "v_p_m_s")
+    arrays = {name: np.zeros(len(gap)) for name in fields} | {"xi_m": gap}
+    recording.truth = Stream(1, step_ns=1000, arrays=arrays)
+    shown = replay.prepare(recording, flat_plate(recording.truth.time_ns))
+    assert len(shown.contacts) == contacts
+    assert ("Digits as recorded" in replay._about(shown, still=True)) == (contacts > 1)
+
+
 def test_times_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
     recording = Recording(Path("a.mcap"))
     fields = ("xi_m", "xi_s_m", "f_c_n", "f_a_n", "v_p_m_s")
