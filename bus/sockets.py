@@ -88,9 +88,13 @@ def _sweep(parent: str) -> None:
 
 
 def remove_folder_of(endpoints: Sequence[str]) -> None:
-    """Remove the folder of `own_endpoints` if nothing is left in it: for who outlives its maker."""
+    """Remove what a role listened on, and the folder if nothing else is left in it: for who
+    outlives the folder's maker."""
     for endpoint in endpoints:
         folder = Path(endpoint.removeprefix(_KIND)).parent
         if endpoint.startswith(_KIND) and folder.name.startswith(_PREFIX):
+            path = Path(endpoint.removeprefix(_KIND))
             with suppress(OSError):
+                for own in (path, path.with_name(f"{path.name}.lock")):
+                    own.unlink(missing_ok=True)
                 folder.rmdir()

@@ -74,8 +74,13 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
     launcher = os.getppid()
     port = address.open(role)
 
+    def tidy_up() -> None:
+        if os.getppid() != launcher:  # it was killed, and cannot
+            remove_folder_of(address.listen)
+
     def leave() -> None:
         _say(f"{role} was interrupted, and left before its part was in order")
+        tidy_up()
         os._exit(INTERRUPTED)
 
     patience = threading.Timer(_PATIENCE_S, leave)
@@ -103,8 +108,7 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
         finally:
             port.close()
             patience.cancel()
-            if os.getppid() != launcher:  # it was killed, and cannot tidy up
-                remove_folder_of(address.listen)
+            tidy_up()
 
 
 def run_plant(
