@@ -91,10 +91,9 @@ def remove_folder_of(endpoints: Sequence[str]) -> None:
     """Remove what a role listened on, and the folder if nothing else is left in it: for who
     outlives the folder's maker."""
     for endpoint in endpoints:
-        folder = Path(endpoint.removeprefix(_KIND)).parent
-        if endpoint.startswith(_KIND) and folder.name.startswith(_PREFIX):
-            path = Path(endpoint.removeprefix(_KIND))
+        socket = Path(endpoint.removeprefix(_KIND))
+        if endpoint.startswith(_KIND) and socket.parent.name.startswith(_PREFIX):
             with suppress(OSError):
-                for own in (path, path.with_name(f"{path.name}.lock")):
+                for own in (socket, socket.with_name(f"{socket.name}.lock")):
                     own.unlink(missing_ok=True)
-                folder.rmdir()
+                socket.parent.rmdir()

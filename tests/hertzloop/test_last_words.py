@@ -13,6 +13,7 @@ from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decode
 from bus.zenoh_port import ZenohPort
 from hertzloop.loop.plant_node import PlantNode
 from tests.bus.meshes import ABSENCE_S, PATIENCE_S, zenoh_mesh
+from tests.hertzloop.processes import wait_for
 from tests.hertzloop.short_runs import scene
 from tests.ports import free_ports
 
@@ -41,11 +42,12 @@ def test_a_plant_without_a_recorder_tells_the_controller(mesh: dict[str, ZenohPo
     node = PlantNode(scene(), mesh[PLANT], timeout_s=PATIENCE_S)
     mesh[RECORDER].close()
     assert mesh[PLANT].wait_until_gone(RECORDER, PATIENCE_S)
-    with pytest.raises(PeerLost, match="recorder left the run; plant was waiting for the force"):
+    wait_for(mesh[PLANT].pending)  # until it is missed
+    with pytest.raises(PeerLost, match="recorder left the run; plant was sending 'hello'"):
         node.run()
     last = heard_last(mesh[CONTROLLER])
     assert last.stream == "end/plant"
-    assert "recorder left the run; plant was waiting for the force" in decode(last).header.fault
+    assert "recorder left the run; plant was sending 'hello'" in decode(last).header.fault
 
 
 def test_it_stays_until_they_have_heard(mesh: dict[str, ZenohPort]) -> None:
