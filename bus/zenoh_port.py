@@ -125,8 +125,8 @@ class ZenohPort:
         if sample.kind == zenoh.SampleKind.PUT:
             self._alive[role].add(instance)
         else:
+            self._left_s[role] = time.monotonic()  # first: who is not alive has a time
             self._alive[role].discard(instance)
-            self._left_s[role] = time.monotonic()
             self._inbox.put(PeerLost(f"{role} left the run", role))
 
     def _on_voucher(self, sample: zenoh.Sample) -> None:
