@@ -21,16 +21,40 @@ def _ending() -> list[signal.Signals]:
     return numbers + [signal.SIGHUP] * (signal.getsignal(signal.SIGHUP) != signal.SIG_IGN)
 
 
+_on_their_way: set[int] = set()
+_lost = threading.Event()
+_unraisable_before = sys.unraisablehook
+
+
 def _send_soon(number: int) -> None:
-    """Send the main thread a signal in a moment."""
+    """Send the main thread a signal in a moment; once, however often it came until then."""
+    if number in _on_their_way:
+        return
+    _on_their_way.add(number)
     main = threading.main_thread().ident
-    timer = threading.Timer(_SOON_S, signal.pthread_kill, (main, number))
+    assert main is not None  # it has started
+
+    def send() -> None:
+        _on_their_way.discard(number)
+        signal.pthread_kill(main, number)
+
+    timer = threading.Timer(_SOON_S, send)
     timer.daemon = True
     timer.start()
 
 
+def _unraisable(unraisable: Any) -> None:
+    """Python's hook for what nobody can catch."""
+    if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+        _unraisable_before(unraisable)
+        return
+    _lost.set()
+    _send_soon(signal.SIGINT)  # here it would be lost again
+
+
 def interrupt(number: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt; at once, or soon where Python's side of LLVM is at work.
+    """Raise KeyboardInterrupt; at once, or soon where it would be lost: where Python's side of LLVM
+    is at work, and where a lost one is about to be sent again.
 
     What LLVM has called drops an exception, so that Numba misses what was compiled; a signal that
     comes while LLVM works is heard just there. What was to be made of LLVM's stays half made, and
@@ -38,7 +62,7 @@ def interrupt(number: int, frame: FrameType | None) -> None:
     """
     inner = frame
     while inner is not None:
-        if _LLVM in inner.f_code.co_filename:
+        if inner.f_code is _unraisable.__code__ or _LLVM in inner.f_code.co_filename:
             _send_soon(number)
             return
         inner = inner.f_back
@@ -54,18 +78,9 @@ def raise_when_ended() -> None:
 def hear_lost_interrupts() -> threading.Event:
     """From now on, interrupt the main thread again where KeyboardInterrupt was lost: nothing can be
     raised out of a call from C, as compiling has some, or from the collector. The event is set
-    then: what else goes wrong may come of it."""
-    lost, before = threading.Event(), sys.unraisablehook
-
-    def hook(unraisable: Any) -> None:
-        if not isinstance(unraisable.exc_value, KeyboardInterrupt):
-            before(unraisable)
-            return
-        lost.set()
-        _send_soon(signal.SIGINT)  # here it would be lost again
-
-    sys.unraisablehook = hook
-    return lost
+    then: what else goes wrong may come of it. SIGINT's handler is to be `interrupt`."""
+    sys.unraisablehook = _unraisable
+    return _lost
 
 
 @contextmanager
