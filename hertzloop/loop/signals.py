@@ -13,17 +13,15 @@ from typing import Any
 INTERRUPTED = 130  # exit code
 _LLVM = os.path.join("", "llvmlite", "binding", "")
 _SOON_S = 0.01
+_on_their_way: set[int] = set()  # signals that will be sent again
+_lost = threading.Event()  # a KeyboardInterrupt was
+_unraisable_before = sys.unraisablehook
 
 
 def _ending() -> list[signal.Signals]:
     """All of them; without SIGHUP where it is ignored, as under nohup."""
     numbers = [signal.SIGINT, signal.SIGTERM]
     return numbers + [signal.SIGHUP] * (signal.getsignal(signal.SIGHUP) != signal.SIG_IGN)
-
-
-_on_their_way: set[int] = set()
-_lost = threading.Event()
-_unraisable_before = sys.unraisablehook
 
 
 def _send_soon(number: int) -> None:

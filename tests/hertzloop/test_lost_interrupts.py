@@ -8,6 +8,11 @@ CALL = """
 import ctypes, signal, time
 call = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
 """
+HEARD = """
+from hertzloop.loop.signals import hear_lost_interrupts, interrupt
+signal.signal(signal.SIGINT, interrupt)
+lost = hear_lost_interrupts()
+"""
 
 
 def ended(script: str) -> tuple[int, str, str]:
@@ -19,9 +24,6 @@ def ended(script: str) -> tuple[int, str, str]:
 
 def test_it_is_heard_a_moment_later() -> None:
     script = """
-from hertzloop.loop.signals import hear_lost_interrupts, interrupt
-signal.signal(signal.SIGINT, interrupt)
-lost = hear_lost_interrupts()
 for _ in range(3):
     try:
         call()
@@ -29,16 +31,13 @@ for _ in range(3):
     except KeyboardInterrupt:
         print(lost.is_set())
 """
-    assert ended(script) == (0, "True\n" * 3, "")
+    assert ended(HEARD + script) == (0, "True\n" * 3, "")
 
 
 def test_the_next_one_is_heard_that_comes_while_it_is_sent_again() -> None:
     """As on a busy machine: the main thread has not left Python's hook when the moment is over."""
     script = """
 import threading
-from hertzloop.loop.signals import hear_lost_interrupts, interrupt
-signal.signal(signal.SIGINT, interrupt)
-hear_lost_interrupts()
 start = threading.Timer.start
 def start_slowly(timer):
     threading.Timer.start = start
@@ -51,15 +50,12 @@ try:
 except KeyboardInterrupt:
     print("heard", threading.Timer.start is start)
 """
-    assert ended(script) == (0, "heard True\n", "")
+    assert ended(HEARD + script) == (0, "heard True\n", "")
 
 
 def test_many_that_cannot_be_raised_are_sent_as_one() -> None:
     """A second one would come out while the first is explained, and leave no words."""
     script = """
-from hertzloop.loop.signals import hear_lost_interrupts, interrupt
-signal.signal(signal.SIGINT, interrupt)
-hear_lost_interrupts()
 def calls():
     for _ in range(20):
         call()
@@ -70,7 +66,7 @@ except KeyboardInterrupt:
     time.sleep(0.5)
     print("heard")
 """
-    assert ended(script) == (0, "heard\n", "")
+    assert ended(HEARD + script) == (0, "heard\n", "")
 
 
 def test_what_fails_for_it_is_no_error_of_the_command() -> None:
