@@ -60,6 +60,19 @@ def names_endpoints(config_file: Path, kind: str) -> bool:
     return bool(_read(config_file).get_json(key) != zenoh.Config().get_json(key))
 
 
+def endpoints_named(config_file: Path) -> list[str]:
+    """All endpoints of a configuration file, for whatever mode; zenoh's own where it names none.
+
+    Raises BusError for a file that is no configuration.
+    """
+    config, named = _read(config_file), []
+    for kind in ("listen", "connect"):
+        said = json.loads(config.get_json(f"{kind}/endpoints")) or []
+        by_mode = list(said.values()) if isinstance(said, dict) else [said]
+        named += [endpoint for endpoints in by_mode for endpoint in endpoints or []]
+    return named
+
+
 def _read(config_file: Path) -> zenoh.Config:
     try:
         return zenoh.Config.from_file(str(config_file))

@@ -15,6 +15,7 @@ import typer
 
 from controller.door.registry import shipped as shipped_laws
 from hertzloop.commands.terminal import err, fail
+from hertzloop.extras import need
 from hertzloop.scenes.scene import Scene, SceneError, load
 
 SceneArgument = Annotated[str, typer.Argument(help="A shipped scene's name, or a .toml file.")]
@@ -30,10 +31,10 @@ HorizonOption = Annotated[
     typer.Option(min=1, help="Most steps between two exchanges; as the law allows if left out."),
 ]
 TimeoutOption = Annotated[
-    float, typer.Option(min=0.1, help="Longest wait for a message of another process, s.")
+    float, typer.Option(min=0.1, max=1e6, help="Longest wait for a message of another process, s.")
 ]
 WaitOption = Annotated[
-    float, typer.Option(min=0.1, help="Longest wait for the other processes to appear, s.")
+    float, typer.Option(min=0.1, max=1e6, help="Longest wait for the other processes to appear, s.")
 ]
 NameOption = Annotated[str, typer.Option(help="Name of the run on the bus.")]
 ListenOption = Annotated[list[str] | None, typer.Option(help="Endpoint to listen on.")]
@@ -131,9 +132,13 @@ def check_reachable(path: Path) -> None:
 
 
 def check_picture(path: Path) -> None:
-    """End the command for a picture whose name does not say how to draw it."""
+    """End the command for a picture whose name does not say how to draw it.
+
+    Raises ModuleNotFoundError where there is nothing to draw it with.
+    """
     if path.suffix not in _PICTURES:
         fail(f"{path} does not end in one of {', '.join(_PICTURES)}, which say how to draw it", 2)
+    need("matplotlib")
 
 
 def check_output(

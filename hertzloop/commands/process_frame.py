@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 
 # Of the kinds that zenoh comes with here.
 _ENDPOINT = re.compile(
-    r"unixsock-stream/\S+|(?:tcp|tls|quic|udp|ws)/[^\s?#]+:(?P<port>[0-9]{1,9})(?:[?#]\S+)?"
+    r"unixsock-stream/\S+|(?:tcp|tls|quic|udp|ws)/[^\s?#]+:[0-9]{1,9}(?:[?#]\S+)?"
 )
+_PORT = re.compile(r"(?:tcp|tls|quic|udp|ws)/[^\s?#]+:(?P<port>[0-9]+)(?:[?#]|$)")
 
 
 @contextmanager
@@ -77,17 +78,18 @@ def bus_address(
     Ends the command if an endpoint or `config` is none.
     """
     from bus.port import BusError
-    from bus.zenoh_config import names_endpoints
+    from bus.zenoh_config import endpoints_named, names_endpoints
     from hertzloop.loop.processes import BASE_PORT, BusAddress, default_endpoints
 
     check_endpoints("--listen", listen)
     check_endpoints("--connect", connect)
     own, others = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
     try:
-        if config and names_endpoints(config, "listen"):
-            own = []
-        if config and names_endpoints(config, "connect"):
-            others = []
+        if config:
+            own = [] if names_endpoints(config, "listen") else own
+            others = [] if names_endpoints(config, "connect") else others
+            for endpoint in endpoints_named(config):
+                _check_port(f"--zenoh-config: {config}: '{endpoint}'", endpoint)
     except BusError as error:
         fail(f"--zenoh-config: {error}", 2)
     return BusAddress(name, listen or own, connect or others, config, timeout, wait)
@@ -103,10 +105,16 @@ def check_endpoints(option: str, endpoints: list[str] | None) -> None:
         if not found:
             example = f"tcp/127.0.0.1:{BASE_PORT}"
             fail(f"{option} '{endpoint}' is no endpoint; write e.g. {example}", 2)
-        if int(found["port"] or 0) > LARGEST_PORT:
-            fail(f"{option} '{endpoint}' has no port up to {LARGEST_PORT}", 2)
+        _check_port(f"{option} '{endpoint}'", endpoint)
         if too_long(endpoint):
             fail(f"the path of '{endpoint}' is too long for a socket; Linux takes 107 bytes", 2)
+
+
+def _check_port(named: str, endpoint: str) -> None:
+    """End the command if an endpoint's port, if it has one, cannot be."""
+    found = _PORT.search(endpoint)
+    if found and int(found["port"]) > LARGEST_PORT:
+        fail(f"{named} has no port up to {LARGEST_PORT}", 2)
 
 
 def where(address: "BusAddress") -> str:

@@ -37,6 +37,7 @@ def watch(
     import rerun as rr
     import zenoh
 
+    from bus.port import PeerLost
     from bus.wire import MessageError
     from hertzloop.loop.processes import BASE_PORT
     from hertzloop.loop.watching import blocks
@@ -51,7 +52,7 @@ def watch(
         fail("there is no screen to watch on; --save F.rrd writes a file for the Rerun viewer", 2)
     where = connect or [f"tcp/127.0.0.1:{port}" for port in range(BASE_PORT, BASE_PORT + 3)]
     raise_when_ended()
-    stream, shown, interrupted = rr.RecordingStream("hertzloop live"), 0, False
+    stream, shown, why, code = rr.RecordingStream("hertzloop live"), 0, "", 0
     try:
         with _shown_in(stream, save):
             stream.send_blueprint(live.blueprint())
@@ -61,14 +62,16 @@ def watch(
                     with contextlib.suppress(MessageError):  # a stranger's
                         shown += live.send(stream, payload)
             except KeyboardInterrupt:  # what was seen until now is kept
-                interrupted = True
+                why, code = "interrupted", INTERRUPTED
+            except PeerLost as error:
+                why, code = str(error), 1
     except (zenoh.ZError, viewer.ViewerError, OSError) as error:
         fail(f"cannot watch: {error}", 1)
     out.print(f"watched: {shown:,} samples", soft_wrap=True)
-    if interrupted:
+    if why:
         kept = f"; what was seen until now is in {save}" if save else ""
-        err.print(f"interrupted{kept}", soft_wrap=True)
-        raise typer.Exit(INTERRUPTED)
+        err.print(f"{why}{kept}", soft_wrap=True)
+        raise typer.Exit(code)
 
 
 @contextlib.contextmanager

@@ -64,6 +64,7 @@ class ControllerNode:
         self.checker = Checker(role=CONTROLLER)
         self.done = False
         self.fault = ""  # with which the plant ended the run
+        self.scene: Scene | None = None  # as the plant has announced it
         self._fast_lane = fast_lane
         self._lane: LaneAnswers | None = None
         self._joined: LaneAnswer = LaneAnswer.UNSAID
@@ -74,11 +75,6 @@ class ControllerNode:
         self._samples = 0  # of which the answers are published
         # Loads the kernels before anybody waits for an answer.
         LaneAnswers(control.idle(), lane.closed(), look_ahead).serve(0)
-
-    @property
-    def set_up(self) -> bool:
-        """Whether the plant has announced the run."""
-        return self._controller is not None
 
     @property
     def samples(self) -> int:
@@ -142,6 +138,7 @@ class ControllerNode:
                 f"the plant announced {block.header.steps} steps of {block.header.step_ns} ns, its "
                 f"scene has {scene.steps} of {scene.run.step_ns} ns"
             )
+        self.scene = scene
         self._every_steps, self._step_ns = scene.sensors.every_steps, scene.run.step_ns
         self._events = ControllerEvents(scene)
         self._offered, self._joined = lane.join(block.header, self._fast_lane)

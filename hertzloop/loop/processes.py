@@ -12,18 +12,22 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bus.port import BusError, EndedByOther, PeerLost
 from bus.sockets import mesh_endpoints, on_loopback, remove_folder_of
 from bus.streams import CONTROLLER, PLANT, RECORDER, StreamFault
 from bus.zenoh_port import ZenohPort
+from hertzloop.loop import watchdog
 from hertzloop.loop.realtime import Profile, Wanted
 from hertzloop.loop.repeating import Repeat
 from hertzloop.loop.signals import INTERRUPTED, ending_signals
 from hertzloop.scenes.scene import Scene
 from recordings.recorder import Recorder
 from recordings.writer import RecordingError
+
+if TYPE_CHECKING:
+    from hertzloop.loop.controller_node import ControllerNode
 
 BASE_PORT = 7450
 _GRACE_S = 2.0  # for the others to hear of a fault, and for the scene to come after one
@@ -167,8 +171,7 @@ def run_controller(
         on_ready()
         try:
             with profile.loop(lambda: node.samples):
-                while not node.done:
-                    node.work(address.timeout_s if node.set_up else address.wait_s)
+                _answer_all(node, address)
         except (StreamFault, BusError, KeyboardInterrupt) as error:
             sentence = str(error) or "the controller was interrupted"
             with suppress(BusError):  # the first fault is the one to tell
@@ -179,6 +182,20 @@ def run_controller(
         if node.fault:
             raise EndedByOther(f"the plant ended the run: {node.fault}")
     return {"realtime": profile.line()}
+
+
+def _answer_all(node: "ControllerNode", address: BusAddress) -> None:
+    """Do the controller's part, to the end of the run. A law that never returns ends the process,
+    after the plant has given it up."""
+    while node.scene is None and not node.done:
+        node.work(address.wait_s)
+    if node.scene is None:
+        return
+    done, patience_s = [0], address.timeout_s + watchdog.PATIENCE_S
+    with watchdog.watching(node.scene, lambda: done[0], what="exchanges", patience_s=patience_s):
+        while not node.done:
+            node.work(address.timeout_s)
+            done[0] += 1
 
 
 @contextmanager

@@ -17,7 +17,7 @@ _LOOKS = 4  # in that time
 
 @dataclass(eq=False)
 class _Run:
-    """One that is watched, with what was last seen of it, and since when."""
+    """One that is watched, with what was last seen of it, when, and how long it was the same."""
 
     law: str
     progress: Callable[[], int]
@@ -25,14 +25,18 @@ class _Run:
     what: str
     patience_s: float
     seen: int = 0
-    since_s: float = field(default_factory=time.monotonic)
+    looked_s: float = field(default_factory=time.monotonic)
+    same_s: float = 0.0
 
     def stuck(self) -> bool:
-        """Whether it has come no further for too long; kernels may compile before its start."""
-        now = self.progress()
+        """Whether it has come no further for too long; kernels may compile before its start. A look
+        counts for no more than its share: a process that was stopped (Ctrl-Z) is not stuck."""
+        now, looked_s = self.progress(), time.monotonic()
+        self.same_s += min(looked_s - self.looked_s, self.patience_s / _LOOKS)
+        self.looked_s = looked_s
         if now != self.seen or now == 0:
-            self.seen, self.since_s = now, time.monotonic()
-        return time.monotonic() - self.since_s > self.patience_s
+            self.seen, self.same_s = now, 0.0
+        return self.same_s >= self.patience_s
 
     def end(self) -> None:
         """End the process."""
@@ -56,10 +60,12 @@ def watching(
     progress: Callable[[], int],
     on_stuck: Callable[[str], None] = lambda sentence: None,
     what: str = "samples",
+    patience_s: float | None = None,
 ) -> AbstractContextManager[None]:
     """Watch a run of a scene; those of shipped laws need no watching."""
-    name = scene.controller.law
-    return nullcontext() if name in shipped() else watched(scene.law.name, progress, on_stuck, what)
+    if scene.controller.law in shipped():
+        return nullcontext()
+    return watched(scene.law.name, progress, on_stuck, what, patience_s)
 
 
 @contextmanager

@@ -13,7 +13,11 @@ from contextlib import contextmanager, suppress
 
 import zenoh
 
-_ENDS = "end/plant"
+from bus.port import PeerLost
+from bus.streams import PLANT
+
+_ENDS = f"end/{PLANT}"
+_RETURNS_S = 2.0  # for a link that was closed to be there again: zenoh tries ten times a second
 
 
 def session(connect: Sequence[str]) -> zenoh.Session:
@@ -38,8 +42,21 @@ def session(connect: Sequence[str]) -> zenoh.Session:
 
 def blocks(name: str, connect: Sequence[str], beside: bool = False) -> Iterator[bytes]:
     """Blocks of truth of the run `name` as they come, until the plant ends; `beside` the run that
-    started this process, also when that is gone: standard input ends then. Raises zenoh.ZError."""
-    inbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+    started this process, also when that is gone: standard input ends then.
+
+    Raises zenoh.ZError, and PeerLost when the plant has left without its end, or that was missed.
+    """
+    inbox: queue.SimpleQueue[bytes | PeerLost | None] = queue.SimpleQueue()
+    away: list[threading.Timer] = []  # of a plant that was there
+
+    def on_life(sample: zenoh.Sample) -> None:
+        while away:
+            away.pop().cancel()
+        if sample.kind != zenoh.SampleKind.PUT:
+            lost = PeerLost(f"the {PLANT} left the run; its end was not heard", PLANT)
+            away.append(threading.Timer(_RETURNS_S, inbox.put, [lost]))
+            away[0].daemon = True
+            away[0].start()
 
     def follow_parent() -> None:
         sys.stdin.read()
@@ -49,11 +66,15 @@ def blocks(name: str, connect: Sequence[str], beside: bool = False) -> Iterator[
         threading.Thread(target=follow_parent, daemon=True).start()
     with session(connect) as joined:
         root = f"hertzloop/{name}"
+        living = zenoh.handlers.Callback(on_life, indirect=False)
         kept = [
             joined.declare_subscriber(f"{root}/truth", lambda s: inbox.put(s.payload.to_bytes())),
             joined.declare_subscriber(f"{root}/{_ENDS}", lambda _: inbox.put(None)),
+            joined.liveliness().declare_subscriber(f"{root}/alive/{PLANT}/*", living, history=True),
         ]
         while (payload := inbox.get()) is not None:
+            if isinstance(payload, PeerLost):
+                raise payload
             yield payload
         kept.clear()
 

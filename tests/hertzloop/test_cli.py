@@ -201,6 +201,12 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         (["controller", "--connect", "tcp/127.0.0.1"], "--connect 'tcp/127.0.0.1' is no endpoint"),
         (["controller", "--zenoh-config", "text.mcap"], "--zenoh-config: text.mcap is no zenoh"),
         (["plant", "--zenoh-config", "text.mcap", *BOTH_ENDS], "text.mcap is no zenoh"),
+        (
+            ["record", "--zenoh-config", "ports.json5"],
+            "ports.json5: 'tcp/[::1]:99999#iface=lo' has no",
+        ),
+        (["run", "--timeout", "1e300"], "Invalid value for '--timeout'"),
+        (["plant", "--wait", "nan"], "Invalid value for '--wait'"),
         (["plant", "--listen", "tcp/1.2.3.4:99999"], "'tcp/1.2.3.4:99999' has no port up to 65535"),
         (["record", "--connect", "wire/x:1"], "--connect 'wire/x:1' is no endpoint; write e.g."),
         (["watch", "--connect", "nonsense"], "--connect 'nonsense' is no endpoint; write e.g."),
@@ -214,6 +220,7 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
 def test_the_users_mistakes(here: Path, words: list[str], sentence: str) -> None:
     (here / "text.mcap").write_text("this is no recording")
     (here / "empty.mcap").touch()
+    (here / "ports.json5").write_text('{listen: {endpoints: {peer: ["tcp/[::1]:99999#iface=lo"]}}}')
     before = set(here.iterdir())
     result = call(*words)
     assert set(here.iterdir()) == before

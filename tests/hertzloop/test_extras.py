@@ -26,6 +26,8 @@ def without(packages: str, *words: str, cwd: Path) -> subprocess.CompletedProces
     [
         ("pymoo", "tune", ("tune", "aluminium-3mm")),
         ("matplotlib", "charts", ("chart", "stability", "-o", "charts")),
+        ("matplotlib", "charts", ("bench", "exchange", "-o", "exchange.png")),
+        ("matplotlib", "charts", ("law-on", "none.mcap", "--law", "off")),
         ("distributed", "dask", ("sweep", "--over", "sensors.bits=8", "--dask", "tcp://h:8786")),
     ],
 )

@@ -18,6 +18,7 @@ from recordings.replay import live, viewer
 from tests.hertzloop.processes import (
     LONG,
     WELL_UNDER_WAY,
+    child_of,
     finish,
     grown_to,
     hertzloop,
@@ -68,16 +69,23 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: boo
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_what_an_interrupted_watcher_saw_is_kept(tmp_path: Path, number: signal.Signals) -> None:
-    ports, rrd, mcap = free_ports(3), tmp_path / "a.rrd", tmp_path / "a.mcap"
-    watcher = watching(ports, rrd, stdin=subprocess.DEVNULL)
-    run = start("run", *LONG, "--out", str(mcap), "--name", "mine", "--port", str(ports[0]))
-    wait_for(grown_to(mcap, 5 * WELL_UNDER_WAY))  # the watcher links within tenths of a second
+    run, watcher, rrd = watched_run(tmp_path)
     watcher.send_signal(number)
     code, error, _ = finish(watcher)
     assert (code, error) == (130, f"interrupted; what was seen until now is in {rrd}")
     assert "/live/velocity/v_p" in shown_in(rrd)
     run.send_signal(signal.SIGINT)
     assert finish(run)[0] == 130
+
+
+def test_a_watcher_ends_when_the_plant_does_without_a_word(tmp_path: Path) -> None:
+    run, watcher, rrd = watched_run(tmp_path)
+    child_of(run, "plant").kill()
+    code, error, _ = finish(watcher)
+    lost = "the plant left the run; its end was not heard"
+    assert (code, error) == (1, f"{lost}; what was seen until now is in {rrd}")
+    assert "/live/velocity/v_p" in shown_in(rrd)
+    assert finish(run)[0] == 1
 
 
 def test_only_the_watcher_of_a_run_ends_with_who_started_it(tmp_path: Path) -> None:
@@ -92,6 +100,15 @@ def test_only_the_watcher_of_a_run_ends_with_who_started_it(tmp_path: Path) -> N
     assert alone.poll() is None
     alone.send_signal(signal.SIGINT)
     assert finish(alone)[0] == 130
+
+
+def watched_run(tmp_path: Path) -> tuple[subprocess.Popen, subprocess.Popen, Path]:
+    """A long run that is well under way, a watcher of it, and that watcher's file."""
+    ports, rrd, mcap = free_ports(3), tmp_path / "a.rrd", tmp_path / "a.mcap"
+    watcher = watching(ports, rrd, stdin=subprocess.DEVNULL)
+    run = start("run", *LONG, "--out", str(mcap), "--name", "mine", "--port", str(ports[0]))
+    wait_for(grown_to(mcap, 5 * WELL_UNDER_WAY))  # the watcher links within tenths of a second
+    return run, watcher, rrd
 
 
 def watching(ports: list[int], rrd: Path, *more: str, stdin: int) -> subprocess.Popen:

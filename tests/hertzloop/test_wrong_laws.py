@@ -19,7 +19,7 @@ from hertzloop.scenes.scene import SceneError, load, parse, to_toml
 from recordings.reader import read
 from tests.hertzloop.lanes import QueuePort
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
-from tests.hertzloop.processes import finish, hertzloop, start
+from tests.hertzloop.processes import HERTZLOOP, finish, hertzloop, start
 from tests.ports import free_ports
 
 LONGER = ["--set", "run.duration_s=0.004"]  # than the trial of a law, in samples
@@ -226,21 +226,26 @@ def test_a_sweep_notes_the_case_in_which_a_law_fails(here: Path) -> None:
     assert "1 of 2 cases" in said
 
 
+# A hertzloop that gives a law less time.
+IMPATIENT = [
+    sys.executable,
+    "-c",
+    "import hertzloop.loop.watchdog as w; w.PATIENCE_S = 2.0\n"
+    "from hertzloop.__main__ import main; main()",
+]
+
+
 @pytest.mark.parametrize("command", ["inprocess", "compiled", "sweep"])
 def test_a_loop_without_end_in_the_run(here: Path, command: str) -> None:
     """Nothing can interrupt it: its process ends, with a sentence."""
     write_law(here, "while i == 3000: s.largest_n += 0.0")
-    program = (
-        "import hertzloop.loop.watchdog as w; w.PATIENCE_S = 2.0\n"
-        "from hertzloop.__main__ import main; main()"
-    )
     if command == "sweep":
         words = ["sweep", "--workers", "1", "--over", "controller.share=0.2", "--span", "run"]
     else:
         words = ["run", "--transport", command, "--out", "a.mcap"]
     settings = [*LONGER, "--set", "controller.law=mine.py"]
     done = subprocess.run(
-        [sys.executable, "-c", program, *words, *settings],
+        [*IMPATIENT, *words, *settings],
         cwd=here,
         text=True,
         capture_output=True,
@@ -265,6 +270,33 @@ def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
     assert read(here / "a.mcap").truth.samples > 2000
 
 
+def test_a_loop_without_end_in_a_terminal_of_its_own(here: Path) -> None:
+    """Nobody ends the controller there, and it hears no Ctrl-C: it ends itself, after the plant."""
+    write_law(here, "while i == 3000: s.largest_n += 0.0")
+    recorder, controller, plant = bus_words()
+    settings = [*LONGER, "--set", "controller.law=mine.py"]
+    words = [
+        [*HERTZLOOP, "record", "--out", "a.mcap", *recorder],
+        [*IMPATIENT, "controller", *controller],
+        [*HERTZLOOP, "plant", "aluminium-3mm", *settings, *plant],
+    ]
+    piped = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "cwd": here}
+    ended = [finish(process) for process in [subprocess.Popen(one, **piped) for one in words]]
+    assert [code for code, _, _ in ended] == [1, 1, 1], ended
+    assert "error: the law mine.py has not answered for 7 s" in ended[1][1]
+    assert "exchanges into the run; does a loop of it never end?" in ended[1][1]
+    assert "plant waited 5 s" in ended[2][1]
+
+
+def bus_words() -> list[list[str]]:
+    """Where recorder, controller and plant meet, in words of their commands."""
+    ports = [f"tcp/127.0.0.1:{port}" for port in free_ports(3)]
+    return [
+        ["--listen", own] + [w for other in ports if other != own for w in ("--connect", other)]
+        for own in ports
+    ]
+
+
 def test_another_file_on_the_controllers_side(here: Path) -> None:
     """Each side loads its own; nothing of the other one is executed."""
     there = here / "there"
@@ -274,12 +306,7 @@ def test_another_file_on_the_controllers_side(here: Path) -> None:
     (there / "mine.py").write_text(
         (there / "mine.py").read_text() + f"\nopen('{there}/executed', 'w')\n"
     )
-    ports = [f"tcp/127.0.0.1:{port}" for port in free_ports(3)]
-    bus = [
-        ["--listen", ports[0], "--connect", ports[1], "--connect", ports[2]],
-        ["--listen", ports[1], "--connect", ports[0], "--connect", ports[2]],
-        ["--listen", ports[2], "--connect", ports[0], "--connect", ports[1]],
-    ]
+    bus = bus_words()
     recorder = start("record", "--out", "a.mcap", *bus[0], cwd=here)
     controller = start("controller", "--law", str(there / "mine.py"), *bus[1], cwd=there)
     settings = ["--set", SHORT, "--set", "controller.law=mine.py"]
