@@ -14,6 +14,7 @@ INTERRUPTED = 130  # exit code
 _LLVM = os.path.join("", "llvmlite", "binding", "")
 _SOON_S = 0.01
 _on_their_way: set[int] = set()  # signals that will be sent again
+_held: list[set[int]] = []  # a set for each reason to hold interrupts back, of what came meanwhile
 _lost = threading.Event()  # a KeyboardInterrupt was
 _unraisable_before = sys.unraisablehook
 
@@ -58,6 +59,9 @@ def interrupt(number: int, frame: FrameType | None) -> None:
     comes while LLVM works is heard just there. What was to be made of LLVM's stays half made, and
     complains when it is thrown away.
     """
+    if _held:
+        _held[-1].add(number)
+        return
     inner = frame
     while inner is not None:
         if inner.f_code is _unraisable.__code__ or _LLVM in inner.f_code.co_filename:
@@ -119,12 +123,26 @@ def ending_signals(react: Callable[[int], None]) -> Iterator[None]:
 
 @contextmanager
 def interrupts_held_back() -> Iterator[None]:
-    """Hold Ctrl-C back; a process started meanwhile hears it when it can say so, or never."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    """Hold Ctrl-C back; a process started meanwhile hears it when it can say so, or never.
+
+    The system gives it to another thread then, if there is one that lets it through, and Python
+    calls its handler in the main thread all the same: `interrupt` keeps it until the end.
+    """
+    main = threading.current_thread() is threading.main_thread()
+    came: set[int] = set()
+    if main:
+        _held.append(came)
     try:
-        yield
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        if main:
+            _held.pop()
+            for number in came:
+                signal.raise_signal(number)
 
 
 def end_with_the_launcher() -> None:

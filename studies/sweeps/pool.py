@@ -15,7 +15,9 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import parent_process
+from multiprocessing.connection import wait as ready
 from multiprocessing.context import SpawnContext, SpawnProcess
+from multiprocessing.queues import SimpleQueue
 from typing import Any
 
 from controller.door.registry import shipped
@@ -25,6 +27,7 @@ from hertzloop.scenes.scene import Scene, to_toml
 from studies.sweeps.evaluate import Numbered, Pool, Rows, run_cases, run_chunk, scene_of
 
 _LOOK_S = 0.1  # of work here, before what is left is estimated
+_ASK_S = 0.1  # between two looks for an interrupt, and for a worker that has ended
 _WORTH_S = 1.5  # of work left for this process alone: about what the start of another takes
 
 
@@ -115,21 +118,35 @@ class _Others:
         runs what the others have not been given.
 
         What is given is never cancelled: where a worker dies, Python 3.11 fails over a future that
-        was, and those who wait for the others wait for ever.
+        was, and those who wait for the others wait for ever. Interrupts are held back wherever a
+        future is asked: one that is heard in there may leave its lock taken, for which the pool's
+        thread waits for ever.
         """
         given = set[Future[Rows]]()
         while left or given:
             with _starting(), interrupts_held_back(), _without_main():
                 while left and len(given) < self._ahead:
                     given.add(self._pool.submit(run_chunk, toml, span, left.popleft()))
+            wait_s = _ASK_S
             if own and left:
                 yield list(run_cases(own, span, left.pop()))
-            else:
-                wait(given, return_when=FIRST_COMPLETED)
-            done = {future for future in given if future.done()}
+                wait_s = 0.0
+            with interrupts_held_back():
+                wait(given, wait_s, return_when=FIRST_COMPLETED)
+                done = {future for future in given if future.done()}
+                if not done and self._lost():
+                    raise BrokenProcessPool
             given -= done
             for future in done:
-                yield future.result()
+                with interrupts_held_back():
+                    rows = future.result()
+                yield rows
+
+    def _lost(self) -> bool:
+        """Whether a worker has ended. Python's pool does not notice where that was within an
+        answer: it waits for the rest, which another could still write."""
+        started = [process for process in self._started.processes if process.pid is not None]
+        return bool(ready([process.sentinel for process in started], 0.0))
 
     def dismiss(self) -> None:
         """End the workers, whatever they are at: what they give is not asked for any more."""
@@ -140,15 +157,25 @@ class _Others:
             for process in self._started.processes:
                 if process.pid is not None:  # of one that could not be started
                     process.kill()
+            # Without writers, whoever waits for the rest of an answer hears that there is none.
+            self._started.answers._writer.close()  # type: ignore[attr-defined]
             self._pool.shutdown(wait=True)
 
 
 class _Started(SpawnContext):
-    """Processes that are spawned, not forked, since the caller may have threads; they are kept."""
+    """Processes that are spawned, not forked, since the caller may have threads; they are kept, as
+    is the way of their answers."""
+
+    answers: SimpleQueue[Any]
 
     def __init__(self) -> None:
         super().__init__()
         self.processes: list[SpawnProcess] = []
+
+    def SimpleQueue(self) -> SimpleQueue[Any]:
+        """The one that a pool has."""
+        self.answers = super().SimpleQueue()
+        return self.answers
 
     def Process(self, *args: Any, **named: Any) -> SpawnProcess:  # type: ignore[override]
         """One of them."""

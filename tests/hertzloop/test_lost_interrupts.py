@@ -53,6 +53,25 @@ except KeyboardInterrupt:
     assert ended(HEARD + script) == (0, "heard True\n", "")
 
 
+def test_it_is_held_back_where_another_thread_takes_it() -> None:
+    script = """
+import os, threading
+from hertzloop.loop.signals import interrupts_held_back
+threading.Thread(target=time.sleep, args=(5,), daemon=True).start()
+steps = []
+try:
+    with interrupts_held_back():
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.2)
+        steps.append("held")
+    steps.append("forgotten")
+except KeyboardInterrupt:
+    steps.append("heard")
+print(*steps)
+"""
+    assert ended(HEARD + script) == (0, "held heard\n", "")
+
+
 def test_many_that_cannot_be_raised_are_sent_as_one() -> None:
     """A second one would come out while the first is explained, and leave no words."""
     script = """

@@ -1,8 +1,14 @@
 """The processes of a sweep: when there are any, what each of them runs, and that none is left."""
 
 import errno
+import os
+import signal
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import wait
 from multiprocessing import active_children
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
@@ -10,11 +16,13 @@ from typing import Any
 
 import pytest
 
+from hertzloop.loop.signals import interrupt
 from hertzloop.scenes.scene import SceneError, load, to_toml
 from studies.sweeps import pool as crew
 from studies.sweeps.evaluate import Numbered, chunked, scene_of
 from studies.sweeps.pool import SweepFailed, local_pool
 
+ROOT = Path(__file__).resolve().parents[2]
 TOML = to_toml(load("aluminium-3mm", ["run.accuracy=0.1"]))
 
 
@@ -120,6 +128,51 @@ def test_a_worker_that_cannot_be_started_is_told(
         list(pool(TOML, "impact", cases(64)))
     assert set(threading.enumerate()) == threads
     assert set(active_children()) == children
+
+
+@pytest.mark.usefixtures("warm_kernels")
+def test_an_interrupt_leaves_no_lock_of_the_pool_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is heard when nothing is asked of the workers."""
+    at_once(monkeypatch)
+    before, asked = signal.signal(signal.SIGINT, interrupt), []
+
+    def interrupted(given: Any, *more: Any, **named: Any) -> Any:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.1)  # heard here, if not held back
+        asked.append(len(given))
+        return wait(given, *more, **named)
+
+    monkeypatch.setattr(crew, "wait", interrupted)
+    try:
+        with pytest.raises(KeyboardInterrupt), local_pool(2) as pool:
+            list(pool(TOML, "impact", cases(64)))
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert len(asked) == 1
+
+
+HALVED = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from studies.sweeps import pool
+from tests.studies.halved import half_an_answer
+pool.run_chunk, pool._all_shipped = half_an_answer, lambda *_: False  # so that workers run all
+with pool.local_pool(2) as results:
+    list(results(sys.argv[2], sys.argv[1], [[(0, {})], [(1, {})]]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("how", "ends"),
+    [("dies", "SweepFailed: a worker process died"), ("hangs", "KeyboardInterrupt")],
+)
+def test_a_worker_that_ends_within_an_answer_holds_nobody_up(how: str, ends: str) -> None:
+    """Python's pool waits for the rest of it, for as long as anybody could still write there."""
+    said = subprocess.run(
+        [sys.executable, "-c", HALVED, how, TOML],
+        cwd=ROOT, capture_output=True, text=True, timeout=120,
+    ).stderr  # fmt: skip
+    assert said.splitlines()[-1].endswith(ends), said
 
 
 @pytest.mark.parametrize("by_case", [False, True])
