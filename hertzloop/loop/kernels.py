@@ -32,7 +32,7 @@ GRANT_COUNTS = 6
 # or what is wrong in the lane.
 REACHED, MUST_WAIT, SILENT, GAP, WRONG_COUNT, BEYOND_END, NO_NUMBER, BROKEN_PROMISE = range(8)
 _AT_ONCE = 64  # samples that are answered together, if so many are there
-_LOOK_EVERY = 32  # exchanges between two looks at the clock
+_LOOK_EVERY = 8  # exchanges between two looks at the clock
 
 
 class Window(NamedTuple):

@@ -78,13 +78,13 @@ RULES = {
     "no-sequence": "repeat on stream 'force': sequence 0 came, 1 was expected",
     "gap": "gap on stream 'force': sequence 6 came, 4 was expected",
     "hole": "stream 'force' sequence 4 starts at step",
-    "no-samples-seen": "waited 2 s for the answer to sample 0",
+    "no-samples-seen": "waited 5 s for the answer to sample 0",
     "too-many-seen": "stream 'force' sequence 2 has samples_seen = 4, 3 were sent",
     "short": "stream 'force' sequence 2 ends before step 3; after 3 samples",
     "beyond-the-end": "stream 'force' sequence 0 reaches step 1002, the run has 160",
     "nan": "stream 'force' sequence 5 holds force_n = nan at step 6",
     "nan-level": "stream 'force' sequence 5 holds promise_level = nan",
-    "late": "waited 2 s for the answer to sample 3 (step 3) from the controller: nothing came",
+    "late": "waited 5 s for the answer to sample 3 (step 3) from the controller: nothing came",
     "dies": "controller left the run; plant was waiting for the answer to sample 3",
     "fault": "ended with the fault 'out of force'",
     "wrong-count": "stream 'force' lost its tail: 160 messages with 3 samples were announced",
@@ -93,7 +93,7 @@ RULES = {
     "other-scene": "another scene: 'kappa = 2.0' where the plant announced 'kappa = 0.8'",
     "other-stiffness": "worked with a contact stiffness of 1 N/m^1.5",
     "no-role": "stream 'end/controller' sequence 0 has no field role",
-    "no-end": "waited 2 s for the controller's end: nothing came",
+    "no-end": "waited 5 s for the controller's end: nothing came",
     "rubbish": "malformed message on stream 'force' where sequence 2 was expected",
     "stranger": "is none that a controller of run 'hertzloop' takes",
     "exit-code": "the controller's process ended with exit code 4 after a run without fault",
@@ -103,8 +103,8 @@ RULES = {
 
 @pytest.mark.parametrize("rule", RULES)
 def test_a_broken_rule_is_named(rule: str) -> None:
-    silent = "waited 2 s" in RULES[rule] or rule == "runs-on"
-    words = ("--script", "touch", *(("--timeout", "2") if silent else ()))
+    silent = "waited 5 s" in RULES[rule] or rule == "runs-on"
+    words = ("--script", "touch", *(("--timeout", "5") if silent else ()))
     code, said = conformance(f"{BROKEN} {rule} {PLACES}", *words)
     assert code == 1, said
     assert said.startswith("script 'touch': ")

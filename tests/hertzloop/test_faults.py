@@ -57,7 +57,7 @@ def test_killed_process(recording: Path, command: str, role: str) -> None:
 
 
 def test_hung_controller_is_named(recording: Path) -> None:
-    run = start("run", *LONG, "--out", str(recording), "--timeout", "2")
+    run = start("run", *LONG, "--out", str(recording), "--timeout", "5")
     child = child_of(run, "controller")
     wait_for(grown_to(recording, WELL_UNDER_WAY))
     child.send_signal(signal.SIGSTOP)
@@ -65,7 +65,7 @@ def test_hung_controller_is_named(recording: Path) -> None:
 
 
 def test_hung_recorder_is_named(recording: Path) -> None:
-    run = start("run", *LONG, "--out", str(recording), "--timeout", "2")
+    run = start("run", *LONG, "--out", str(recording), "--timeout", "5")
     child = child_of(run, "record")
     wait_for(grown_to(recording, WELL_UNDER_WAY))
     child.send_signal(signal.SIGSTOP)

@@ -48,7 +48,7 @@ def run(example: dict[str, str], recording: Path, *words: str) -> Iterator[list[
     """Plant, recorder, and the example; none of them is left."""
     a, b, c = (f"tcp/127.0.0.1:{port}" for port in free_ports(3))
     bus = ["--name", f"in-c-{os.getpid()}"]
-    ours = [*bus, "--wait", "240", "--timeout", "3"]
+    ours = [*bus, "--wait", "240", "--timeout", "30"]
     settings = [word for key in (*SETTINGS, *words) for word in ("--set", key)]
     started = [
         start("plant", *ours, "--listen", a, *settings),

@@ -13,7 +13,7 @@ from recordings.reader import read
 from tests.hertzloop.processes import finish, start
 from tests.ports import free_ports
 
-NAME, TIMEOUT_S = "late-start", 0.5
+NAME, TIMEOUT_S = "late-start", 2.0
 
 
 def _port(role: str, own: int, *others: int) -> ZenohPort:

@@ -194,7 +194,7 @@ class TestLauncher:
         assert code == 1
         role = "recorder" if command == "record" else command
         assert err.endswith(f"error: {role} was killed by SIGKILL"), err
-        assert seconds < 25
+        assert seconds < 60  # of the 180 that all have to appear
         assert not leftovers(recording)
 
     def test_an_interrupt_of_a_process_that_only_starts_is_told(self, recording: Path) -> None:

@@ -2,6 +2,7 @@
 repeats in lock-step to the bit."""
 
 import io
+import re
 import signal
 import threading
 import time
@@ -69,16 +70,16 @@ def repeated(scene: Scene, repeat: Repeat, lane: bool = True) -> Pair:
 
 @pytest.mark.parametrize("lane", [True, False])
 def test_with_time_to_spare_it_is_the_run_in_lock_step(lane: bool, tmp_path: Path) -> None:
-    """A step every 5 ms, and 21 steps from a sample to its force."""
+    """A step every 20 ms, and 21 steps from a sample to its force."""
     scene = feedback("controller.latency_us=20", "run.duration_s=0.00006")
-    pair = paced(scene, 0.0002, lane).run()
+    pair = paced(scene, 0.00005, lane).run()
     assert pair.fault == pair.controller_fault == ""
     assert pair.stats is not None
-    assert pair.stats.wall_s >= 0.29  # the last of 60 steps begins then
+    assert pair.stats.wall_s >= 1.17  # the last of 60 steps begins then
     assert pair.stats.lane == ("JOINED" if lane else "")
     told = pacing.of(recorded(pair, tmp_path / "paced.mcap"))
     assert told is not None
-    assert told["slack_us"] == pytest.approx(105_000.0)
+    assert told["slack_us"] == pytest.approx(420_000.0)
     assert told["answers_in_time"] == 1.0
     found = pair.samples()
     assert found.pop("truth.held_steps")
@@ -170,21 +171,20 @@ def test_a_row_of_late_forces_is_counted_and_numbered(tmp_path: Path) -> None:
     assert found["response_us"]["max"] > 90_000
     late = [e.message for e in first.events if e.message.startswith("late force")]
     assert len(late) <= 3
-    assert late[-1].startswith("late force")
-    assert f"to {found['late_forces']}:" in late[-1]
+    assert re.match(rf"late forces? ([0-9]+ to )?{found['late_forces']}:", late[-1])
 
 
 def test_a_silent_controller_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    pair = paced(feedback("run.duration_s=0.02"), 0.01, timeout_s=0.5)
+    pair = paced(feedback("run.duration_s=0.02"), 0.01, timeout_s=2.0)
     work = ControllerNode.work
 
     def stop(node: ControllerNode, timeout_s: float) -> None:
         if node.samples > 100:
-            time.sleep(1.5)
+            wait_for(lambda: pair.fault)
         work(node, timeout_s)
 
     monkeypatch.setattr(ControllerNode, "work", stop)
-    assert "plant waited 0.5 s for the force for step" in pair.run().fault
+    assert "plant waited 2 s for the force for step" in pair.run().fault
 
 
 class TestProcesses:
@@ -197,7 +197,7 @@ class TestProcesses:
         recording = folder / "paced.mcap"
         settings = [word for key in FEEDBACK for word in ("--set", key)]
         run = start(
-            "run", *settings, "--set", "run.duration_s=0.01", "--pace", "0.01",
+            "run", *settings, "--set", "run.duration_s=0.03", "--pace", "0.01",
             "--out", str(recording), "--realtime", "off",
         )  # fmt: skip
         controller = child_of(run, "controller")
@@ -233,7 +233,7 @@ class TestProcesses:
         drawn = run_here("chart", "response", str(folder / "paced.mcap"), "-o", str(folder))
         assert (folder / "response.png").stat().st_size > 10_000
         rows = (folder / "response.csv").read_text().splitlines()
-        assert sum(int(row.split(",")[1]) for row in rows[1:]) == 9_999
+        assert sum(int(row.split(",")[1]) for row in rows[1:]) == 29_999
         inspected = run_here("inspect", str(folder / "paced.mcap"))
         for sentence in drawn.splitlines()[:3]:
             assert sentence in inspected
