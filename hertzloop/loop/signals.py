@@ -53,7 +53,8 @@ def _unraisable(unraisable: Any) -> None:
 
 def interrupt(number: int, frame: FrameType | None) -> None:
     """Raise KeyboardInterrupt; at once, or soon where it would be lost: where Python's side of LLVM
-    is at work, and where a lost one is about to be sent again.
+    is at work, where a lost one is about to be sent again, and while a class names its attributes:
+    what comes out of that is a RuntimeError (before Python 3.12).
 
     What LLVM has called drops an exception, so that Numba misses what was compiled; a signal that
     comes while LLVM works is heard just there. What was to be made of LLVM's stays half made, and
@@ -64,7 +65,12 @@ def interrupt(number: int, frame: FrameType | None) -> None:
         return
     inner = frame
     while inner is not None:
-        if inner.f_code is _unraisable.__code__ or _LLVM in inner.f_code.co_filename:
+        code = inner.f_code
+        if (
+            code is _unraisable.__code__
+            or code.co_name == "__set_name__"
+            or _LLVM in code.co_filename
+        ):
             _send_soon(number)
             return
         inner = inner.f_back

@@ -53,6 +53,23 @@ except KeyboardInterrupt:
     assert ended(HEARD + script) == (0, "heard True\n", "")
 
 
+def test_it_is_heard_after_a_class_has_named_its_attributes() -> None:
+    """As while modules are imported; Python 3.11 makes a RuntimeError of what comes out of that."""
+    script = """
+class Attribute:
+    def __set_name__(self, owner, name):
+        signal.raise_signal(signal.SIGINT)
+        print(name)
+try:
+    class Whole:
+        first = Attribute()
+    time.sleep(30)
+except KeyboardInterrupt:
+    print("heard")
+"""
+    assert ended(HEARD + script) == (0, "first\nheard\n", "")
+
+
 def test_it_is_held_back_where_another_thread_takes_it() -> None:
     script = """
 import os, threading
