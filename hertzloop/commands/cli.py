@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, nullcontext
+from functools import cache
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -132,6 +133,7 @@ def run(
     from bus.port import BusError
     from bus.sockets import on_loopback, own_endpoints
     from bus.streams import StreamFault
+    from hertzloop.loop import fork_server
     from hertzloop.loop.launcher import RunFailed
     from hertzloop.loop.watching import watched
     from hertzloop.one_run import RunOptions, Transport, run_scene, what_is_kept
@@ -157,6 +159,8 @@ def run(
         repeat=repeat,
     )
     started_s = time.time()
+    if transport == "zenoh":
+        fork_server.prepare()  # before anything starts a thread
     try:
         with (
             held,
@@ -197,6 +201,7 @@ app.command()(tune_command.tune)
 app.command()(conformance_command.conformance)
 
 
+@cache
 def built() -> Callable[[], None]:
     """The commands, made of their functions; this takes a while."""
     return cast(Callable[[], None], typer.main.get_command(app))

@@ -6,8 +6,6 @@ import os
 import queue
 import secrets
 import signal
-import subprocess
-import sys
 import tempfile
 import threading
 import time
@@ -20,7 +18,8 @@ from typing import Any
 from bus.sockets import mesh_endpoints, own_endpoints
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from controller.door.registry import shipped
-from hertzloop.loop.signals import INTERRUPTED, ending_signals, interrupts_held_back
+from hertzloop.loop import fork_server
+from hertzloop.loop.signals import INTERRUPTED, ending_signals
 from hertzloop.scenes.scene import Scene, to_toml
 
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled
@@ -38,7 +37,7 @@ class Child:
     """One process of a run and what it reported."""
 
     role: str
-    process: subprocess.Popen[str]
+    process: fork_server.Role
     stderr: Path
     ready: bool = False
     fault: str = ""
@@ -50,6 +49,7 @@ class Child:
     def own_reason(self) -> str:
         """Why it failed, if for a reason of its own; "" if another role was the reason."""
         code = self.process.returncode
+        assert code is not None  # it has ended
         if code < 0:
             return f"{self.role} was killed by {signal.Signals(-code).name}"
         if self.fault:
@@ -107,22 +107,14 @@ class Launcher:
     def _start(self, role: str, words: list[str], folder: Path) -> None:
         words = [str(folder / word) if word == _SCENE else word for word in words]
         stderr = folder / f"{role}.stderr"
-        with stderr.open("w") as sink, interrupts_held_back():
-            process = subprocess.Popen(
-                # -P: a folder of the user's that is called like one of ours must not be imported
-                [sys.executable, "-P", "-m", "hertzloop", *words],
-                stdin=subprocess.PIPE,  # never written to: it ends with the launcher, however
-                stdout=subprocess.PIPE,
-                stderr=sink,
-                text=True,
-                start_new_session=True,  # Ctrl-C comes to the launcher, which ends them in order
-            )
+        # A role has its own session: Ctrl-C comes to the launcher, which ends the roles in order.
+        # Nothing is written to its standard input, which ends with the launcher, however that ends.
+        process = fork_server.start(words, stderr)
         child = Child(role, process, stderr)
         self.children.append(child)
         threading.Thread(target=self._listen, args=(child,), daemon=True).start()
 
     def _listen(self, child: Child) -> None:
-        assert child.process.stdout is not None
         for line in child.process.stdout:
             try:
                 self._reports.put((child, json.loads(line)))
@@ -206,7 +198,6 @@ class Launcher:
                     break
                 time.sleep(0.01)
         for child in self.children:
-            assert child.process.stdin is not None
             child.process.stdin.close()
 
 
@@ -217,7 +208,7 @@ def _cause(failed: list[Child], running: set[str], law: str = "") -> str:
     is not to blame; nor is one that still runs, unless another missed it. `law`: one from
     elsewhere, which may hang.
     """
-    for child in sorted(failed, key=lambda c: c.process.returncode >= 0):
+    for child in sorted(failed, key=lambda c: (c.process.returncode or 0) >= 0):
         if reason := child.own_reason():
             return reason
     missed = {role for child in failed for role in child.lost}

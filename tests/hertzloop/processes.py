@@ -53,7 +53,7 @@ def child_of(
     """The child process of a `hertzloop run` that runs `command` ("plant", "record", ...)."""
 
     def look() -> psutil.Process | None:
-        for child in psutil.Process(process.pid).children():
+        for child in psutil.Process(process.pid).children(recursive=True):
             try:
                 if command in child.cmdline():
                     return child

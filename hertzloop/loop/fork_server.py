@@ -1,0 +1,254 @@
+"""Start the roles of a run as forks of one process that has imported everything.
+
+A fresh interpreter needs about a second of processor time to import Numba, zenoh and the tables of
+a scene. The fork server needs it once. It has a single thread and no zenoh session, so it is safe
+to fork. Every role becomes an ordinary process with its own session, working directory, environment
+and standard streams. The fork server of `multiprocessing` does not fit: it runs the user's
+`__main__` again in every child, and the child has the standard streams of the server.
+"""
+
+import gc
+import json
+import os
+import select
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import NoReturn, TextIO
+
+from setproctitle import setproctitle
+
+_LONGEST_REQUEST = 1 << 20  # bytes: command line and environment
+_STREAMS = 3  # descriptors of standard input, output and error, sent with a request
+# Variables that are read while modules are imported: a server with other values is of no use.
+_READ_AT_IMPORT = ("HOME", "NUMBA_", "OMP_", "OPENBLAS_", "PYTHON", "TMPDIR", "XDG_")
+
+
+class Role:
+    """A process that the server has forked, with the part of `subprocess.Popen` that a launcher
+    needs."""
+
+    def __init__(self, pid: int, stdin: int, stdout: int, status: int) -> None:
+        self.pid = pid
+        self.stdin: TextIO = os.fdopen(stdin, "w")
+        self.stdout: TextIO = os.fdopen(stdout)
+        self.returncode: int | None = None
+        self._status = status
+        self._reading = threading.Lock()
+
+    def poll(self) -> int | None:
+        """Return the exit code, negative for a signal; None while the process runs."""
+        if self._reading.acquire(blocking=False):  # else a thread waits, and will set the code
+            try:
+                if self.returncode is None and select.select([self._status], [], [], 0.0)[0]:
+                    self._read()
+            finally:
+                self._reading.release()
+        return self.returncode
+
+    def wait(self) -> int:
+        """Wait for the end of the process and return its exit code.
+
+        The code is 1 if the server was killed: nobody can tell how the role ended.
+        """
+        with self._reading:
+            if self.returncode is None:
+                self._read()
+        assert self.returncode is not None
+        return self.returncode
+
+    def _read(self) -> None:
+        self.returncode = int(os.read(self._status, 16) or b"1")
+        os.close(self._status)
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal to the process unless it has ended."""
+        if self.poll() is None:
+            with suppress(ProcessLookupError):
+                os.kill(self.pid, number)
+
+
+class ForkServer:
+    """A process that forks roles on request, until this object's process ends."""
+
+    def __init__(self) -> None:
+        self._requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        for end in (self._requests, theirs):
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _LONGEST_REQUEST)
+        self.process: subprocess.Popen[bytes] | None = None
+        if len(os.listdir("/proc/self/task")) == 1:
+            self._fork(theirs)
+        else:  # a fork would copy locks that another thread holds
+            self.process = subprocess.Popen(
+                # -P: a folder of the user's that is called like one of ours must not be imported
+                [sys.executable, "-P", "-m", __name__, str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        theirs.close()
+
+    def _fork(self, theirs: socket.socket) -> None:
+        _load()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        if os.fork() == 0:
+            try:
+                self._requests.close()
+                os.setsid()
+                _serve(theirs)
+            finally:
+                os._exit(1)
+
+    def start(self, words: Sequence[str], stderr: Path) -> Role:
+        """Start `hertzloop WORDS` here and now: in this working directory, with this environment.
+
+        Args:
+            words: the command line after the program's name.
+            stderr: file that takes standard error.
+
+        Raises:
+            OSError: the server has ended, or the system refuses another process.
+        """
+        request = {"words": list(words), "cwd": os.getcwd(), "environment": dict(os.environ)}
+        stdin, stdout, status = os.pipe(), os.pipe(), os.pipe()
+        with stderr.open("w") as sink:
+            theirs = [stdin[0], stdout[1], sink.fileno(), status[1]]
+            try:
+                socket.send_fds(self._requests, [json.dumps(request).encode()], theirs)
+                answer = self._requests.recv(64)
+                if not answer:
+                    raise BrokenPipeError("the fork server has ended")
+                pid = int(answer)
+                if pid < 0:
+                    raise OSError(-pid, os.strerror(-pid))
+            except OSError:
+                for end in (stdin[1], stdout[0], status[0]):
+                    os.close(end)
+                raise
+            finally:
+                for end in (stdin[0], stdout[1], status[1]):
+                    os.close(end)
+        return Role(pid, stdin[1], stdout[0], status[0])
+
+
+_servers: dict[tuple[object, ...], ForkServer] = {}
+
+
+def prepare() -> ForkServer:
+    """Return this process's fork server; start one if there is none for this environment."""
+    read = sorted(item for item in os.environ.items() if item[0].startswith(_READ_AT_IMPORT))
+    key = (os.getpid(), *read)
+    if key not in _servers:
+        _servers.clear()  # its socket is closed with it, which ends it
+        _servers[key] = ForkServer()
+    return _servers[key]
+
+
+def start(words: Sequence[str], stderr: Path) -> Role:
+    """Start a role; see `ForkServer.start`. A server that was killed is replaced once."""
+    try:
+        return prepare().start(words, stderr)
+    except (BrokenPipeError, ConnectionResetError):
+        _servers.clear()
+        return prepare().start(words, stderr)
+
+
+@cache
+def _load() -> None:
+    """Import what the roles need."""
+    import hertzloop.loop.controller_node
+    import hertzloop.loop.plant_node
+    import hertzloop.loop.processes  # noqa: F401
+    from hertzloop.commands import cli
+
+    cli.built()
+
+
+def _serve(requests: socket.socket) -> NoReturn:
+    """Fork a role for every request, and report how it ended; until the launcher has gone."""
+    # The launcher hears Ctrl-C and ends the roles. A role hears one of its own once it can say so.
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    setproctitle("hertzloop fork server")
+    gc.freeze()  # the pages of what is loaded stay shared
+    waiting = selectors.DefaultSelector()
+    waiting.register(requests, selectors.EVENT_READ)
+    while True:
+        for ready, _ in waiting.select():
+            if ready.fileobj is not requests:
+                pid, status = ready.data
+                waiting.unregister(ready.fileobj)
+                os.close(ready.fd)
+                code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+                with suppress(OSError):
+                    os.write(status, str(code).encode())
+                os.close(status)
+                continue
+            message, given, _, _ = socket.recv_fds(requests, _LONGEST_REQUEST, _STREAMS + 1)
+            if not message:
+                os._exit(0)
+            *streams, status = given
+            try:
+                pid = os.fork()
+            except OSError as error:
+                requests.send(str(-(error.errno or 1)).encode())
+                os.close(status)
+            else:
+                if pid == 0:
+                    requests.close()
+                    waiting.close()
+                    os.close(status)
+                    _become(json.loads(message), streams)
+                requests.send(str(pid).encode())
+                waiting.register(os.pidfd_open(pid), selectors.EVENT_READ, (pid, status))
+            for stream in streams:
+                os.close(stream)
+
+
+def _become(request: dict[str, object], streams: list[int]) -> NoReturn:
+    """Run a command in this fork as a fresh process would, and end it."""
+    code = 1
+    try:
+        os.setsid()
+        for number, stream in enumerate(streams):
+            os.dup2(stream, number)
+            os.close(stream)
+        words, environment = request["words"], request["environment"]
+        assert isinstance(words, list)
+        assert isinstance(environment, dict)
+        os.environ.clear()
+        os.environ.update(environment)
+        os.chdir(str(request["cwd"]))
+        sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")
+        sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace")
+        sys.argv = ["hertzloop", *words]
+        setproctitle(" ".join(sys.argv))
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        from hertzloop.__main__ import main
+
+        main()
+        code = 0
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int) else 1
+    except BaseException:
+        sys.excepthook(*sys.exc_info())
+    finally:
+        with suppress(OSError, ValueError):
+            sys.stdout.flush()
+        with suppress(OSError, ValueError):
+            sys.stderr.flush()
+        os._exit(code)
+
+
+if __name__ == "__main__":
+    _load()
+    _serve(socket.socket(fileno=int(sys.argv[1])))
