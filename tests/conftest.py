@@ -4,6 +4,7 @@
 # once: with more, the last bits of a sum depend on its length.
 import hertzloop  # noqa: F401, I001
 import fcntl
+import importlib.util
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,11 +17,46 @@ settings.register_profile("no clock", deadline=None)
 settings.load_profile("no clock")
 
 
+# Packages of the extra `all-tests`, one for each of its lines that tests import.
+_ALL_TESTS = (
+    "cosmic_ray", "cryptography", "distributed", "fmpy", "grpc_tools", "gymnasium", "h5py",
+    "hatchling", "mkdocs", "nbclient", "pymoo", "pythonfmu", "skfem", "sksundae",
+)  # fmt: skip
+
+
+def _names_files(config: pytest.Config) -> bool:
+    """Whether the command line names files or tests: then all of these run, in this process."""
+    return config.args_source != pytest.Config.ArgsSource.TESTPATHS
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option that chooses the tier."""
+    parser.addoption("--all", action="store_true", help="run every test, not the default tier only")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Refuse `--all` where a package is missing: its tests would be skipped."""
+    if config.getoption("--all"):
+        missing = [name for name in _ALL_TESTS if not importlib.util.find_spec(name)]
+        if missing:
+            raise pytest.UsageError(
+                f"--all needs {', '.join(missing)}. Run: pip install -e '.[all-tests]'"
+            )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep the default tier, unless `--all` or the names of files ask for more."""
+    if config.getoption("--all") or _names_files(config):
+        return
+    later = [item for item in items if item.get_closest_marker("full")]
+    config.hook.pytest_deselected(items=later)
+    items[:] = [item for item in items if not item.get_closest_marker("full")]
+
+
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """One process of tests more than there are cores, since many tests wait; for some files, whose
     names were given, none but this."""
-    whole = config.args_source == pytest.Config.ArgsSource.TESTPATHS
-    return len(os.sched_getaffinity(0)) + 1 if whole else 0
+    return 0 if _names_files(config) else len(os.sched_getaffinity(0)) + 1
 
 
 @contextmanager
