@@ -18,7 +18,7 @@ from hertzloop.commands.pictures import MORE
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.results.impact_rows import first_impact
-from hertzloop.scenes.scene import load
+from hertzloop.scenes.scene import DEFAULT, load
 from recordings.reader import read
 from recordings.replay.as_rerun import Shown
 
@@ -59,7 +59,7 @@ _PUBLISHED = tuple(
 _PLANTS = tuple((name, (_SHORT_20MM, "controller.law=off")) for name in (
     "aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm"
 ))  # fmt: skip
-_DEFAULT: Case = ("aluminium-3mm", ())
+_DEFAULT: Case = (DEFAULT, ())
 [_PACED] = MORE["paced"]
 _TUNED = ("controller.law=shifted_threshold", "controller.kappa=0.99", "controller.v_thr_m_s=-0.99")
 _TUNE = (
@@ -69,15 +69,14 @@ _TUNE = (
 
 PICTURES = {
     "replay.png": Drawn(
-        "hertzloop pictures --only aluminium-3mm -o DIR", "replay-aluminium-3mm.png",
-        replayed=_DEFAULT,
+        f"hertzloop pictures --only {DEFAULT} -o DIR", f"replay-{DEFAULT}.png", replayed=_DEFAULT
     ),
     "replay-paced.png": Drawn(
         "hertzloop pictures --only paced -o DIR", "replay-paced.png",
         replayed=(_PACED.scene, _PACED.changed),
     ),
     "report.png": Drawn(
-        "hertzloop pictures --only report -o DIR", "report.png", replayed=_DEFAULT
+        "hertzloop pictures --only report -o DIR", "report.png", replayed=("aluminium-3mm", ())
     ),
     "tune.png": Drawn(
         _TUNE, "tune-aluminium-20mm.png", (*_KAPPAS, ("aluminium-20mm", (_SHORT_20MM, *_TUNED)))

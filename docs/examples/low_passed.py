@@ -1,6 +1,6 @@
 """The contact force through a low-pass, kept within what the actuator can do.
 
-    hertzloop run --set controller.law=low_passed.py --set controller.full_scale_n=20
+    hertzloop run aluminium-3mm --set controller.law=low_passed.py --set controller.full_scale_n=20
 
 A filter that may swing beyond the actuator's limit has to come back before the force falls; this
 one stops at the limit (anti-windup).

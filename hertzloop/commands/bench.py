@@ -135,7 +135,7 @@ def _exported(rounds: int, json_file: Path | None) -> None:
         fail(str(error), 2)
     except CompileFault as error:
         fail(str(error), 1)
-    table = Table(title="the default scene's plant in a C program", title_justify="left")
+    table = Table(title="the plant of aluminium-3mm in a C program", title_justify="left")
     for heading in ("for", "us/step", "of the loop's speed", "same bytes", "first impact",
                     "whole run", "code, kB", "arrays, kB"):  # fmt: skip
         table.add_column(heading)

@@ -129,7 +129,7 @@ def _documented(folder: Path, only: list[str] | None, note: bool) -> None:
 
 
 def _photograph_report(picture: Path) -> None:
-    """The top of the page of the default scene, by Chromium."""
+    """The top of the page of the scene `aluminium-3mm`, by Chromium."""
     from recordings.reader import read
     from studies.report.page import page_of
 

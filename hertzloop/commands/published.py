@@ -18,7 +18,7 @@ from hertzloop.commands.options import (
     write_json,
 )
 from hertzloop.commands.terminal import fail, out, progress
-from hertzloop.scenes.scene import DEFAULT, SceneError
+from hertzloop.scenes.scene import SceneError
 
 # What no program can find in the study, and why.
 LEFT_OUT = (
@@ -130,7 +130,7 @@ def a1(
 
 
 def equations(
-    scene: SceneArgument = DEFAULT, settings: SetOption = None, json_file: JsonOption = None
+    scene: SceneArgument = "aluminium-3mm", settings: SetOption = None, json_file: JsonOption = None
 ) -> None:
     """Equations 3.1, 3.3, 3.8b and the limits of 3.13 for a scene's first impact, no control."""
     from studies.published import equations as study

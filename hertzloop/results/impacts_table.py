@@ -1,6 +1,7 @@
 """The table of a run's impacts, each number with the digits that it has."""
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 from rich.table import Table
@@ -15,7 +16,7 @@ _COLUMNS = (
     ("impact (m/s)", "impact_speed_m_s", 1.0, ".4f"),
     ("rebound (m/s)", "rebound_speed_m_s", 1.0, ".4f"),
     ("peak force (N)", "peak_force_n", 1.0, ".4g"),
-    ("into the plate (uJ)", "plate_energy_j", 1e6, ".4g"),
+    ("into the plate ({unit})", "plate_energy_j", 0.0, ".4g"),  # factor: see `energy_unit`
     ("plate, at most (m/s)", "plate_speed_max_m_s", 1.0, ".4g"),
 )
 
@@ -30,15 +31,18 @@ def impacts_table(
     on those before it has the digits that are left, and none are shown once there are none.
     `recorded`: nothing is known of that, as the run is not made again."""
     table = Table(title=title, title_justify="left")
+    to_unit, unit = energy_unit(impact["plate_energy_j"] for impact in impacts[:_SHOWN])
     for heading, *_ in _COLUMNS:
-        table.add_column(heading, justify="right")
+        table.add_column(heading.format(unit=unit), justify="right")
     notes, rows = [], impacts[:_SHOWN]
     for i, impact in enumerate(rows):
         errors: dict[str, float] = {}
         if known is not None and not known[i]["amplification"] <= CHAOTIC:
             errors = known[i]["errors"]
         cells = [
-            known_digits(impact[key] * factor, form, errors.get(key, 0.0) * factor)
+            known_digits(
+                impact[key] * (factor or to_unit), form, errors.get(key, 0.0) * (factor or to_unit)
+            )
             for _, key, factor, form in _COLUMNS
         ]
         if all(cell == "?" for cell in cells):
@@ -58,6 +62,12 @@ def impacts_table(
         notes.append("digits as recorded: 'hertzloop run' tells how many later impacts have")
     table.caption = "; ".join(notes) or None
     return table
+
+
+def energy_unit(energies_j: Iterable[float]) -> tuple[float, str]:
+    """Return the factor from J and the unit in which four digits of energies need no exponent."""
+    large = max((abs(energy) for energy in energies_j), default=0.0) >= 1e-2
+    return (1e3, "mJ") if large else (1e6, "uJ")
 
 
 def known_digits(value: float, form: str, error: float) -> str:

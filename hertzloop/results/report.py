@@ -9,7 +9,7 @@ from rich.text import Text
 
 from hertzloop.commands.terminal import styled
 from hertzloop.results import pacing
-from hertzloop.results.impacts_table import impacts_table
+from hertzloop.results.impacts_table import energy_unit, impacts_table
 from hertzloop.results.law import law_line
 from hertzloop.results.left_out import show_left_out
 from hertzloop.results.plate_words import tail_words, theory_words, what_limits
@@ -54,6 +54,8 @@ def noise_rows(columns: list[dict[str, float]], compare: bool) -> list[list[str]
     rows = []
     for label, key, factor, unit in _NOISE_ROWS:
         values = [figures[key] for figures in columns]
+        if unit == "uJ":
+            factor, unit = energy_unit(values)
         cells = [
             "not defined" if math.isnan(value) else f"{value * factor:.4g} {unit}"
             for value in values

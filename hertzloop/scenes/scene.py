@@ -140,7 +140,7 @@ def shipped() -> list[str]:
     return sorted(names, key=lambda name: (name != DEFAULT, name))
 
 
-DEFAULT = "aluminium-3mm"
+DEFAULT = "aluminium-20mm"
 _OF_LAWS = (".py", ".so", ".dylib", ".fmu")
 
 

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 
 from hertzloop.loop.compiled import IN_LOOP
-from hertzloop.scenes.scene import DEFAULT, load
+from hertzloop.scenes.scene import load
 from studies.sweeps.design import Kind, make_design
 from studies.sweeps.evaluate import run_cases
 
@@ -31,8 +31,8 @@ class CaseCost:
 
 
 def measure(rounds: int) -> list[CaseCost]:
-    """Costs of the default scene's latency map and of other plants, of cases drawn anew a round."""
-    scene, found = load(DEFAULT), []
+    """Costs of the latency map of `aluminium-3mm` and of other plants, of new cases each round."""
+    scene, found = load("aluminium-3mm"), []
     for sweep, (kind, over) in _SWEEPS.items():
         count, whole, loop = _CASES[kind], [], []
         cases = make_design(scene, over, kind, (rounds + 1) * count, seed=1).cases()

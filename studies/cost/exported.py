@@ -17,7 +17,7 @@ from hertzloop.elsewhere.image import image
 from hertzloop.elsewhere.library import write_folder
 from hertzloop.loop.compiled import Simulated, simulate
 from hertzloop.results.impact_rows import F_C
-from hertzloop.scenes.scene import DEFAULT, load
+from hertzloop.scenes.scene import load
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class Exported:
 
 
 def measure(cpus: tuple[str, ...], rounds: int) -> list[Exported]:
-    """Of the default scene. Raises NoCompiler and CompileFault as `write_folder`."""
-    scene = load(DEFAULT)
+    """Of the scene `aluminium-3mm`. Raises NoCompiler and CompileFault as `write_folder`."""
+    scene = load("aluminium-3mm")
     made, found = image(scene), []
     loop = simulate(scene)
     for cpu in cpus:

@@ -18,7 +18,7 @@ from typing import Any
 
 from controller.door.sources import SHIPPED
 from hertzloop.results.cases import figures_of_case
-from hertzloop.scenes.scene import DEFAULT, Scene, load
+from hertzloop.scenes.scene import Scene, load
 from studies.sweeps.design import Axis
 from studies.sweeps.evaluate import Pool, evaluate
 from studies.sweeps.pool import local_pool
@@ -65,7 +65,7 @@ def _built(folder: Path) -> Path:
 
 
 def _scene(law: str) -> Scene:
-    return load(DEFAULT, [*_SCENE, f"controller.law={law}", *_KEYS])
+    return load("aluminium-3mm", [*_SCENE, f"controller.law={law}", *_KEYS])
 
 
 def same_bytes(laws: dict[str, str]) -> bool:
@@ -117,7 +117,7 @@ def rates(laws: dict[str, str], rounds: int) -> list[dict[str, Any]]:
 def _to_first_step_s(law: str, whole: bool = False) -> float:
     """Seconds of a process; `whole`: with what the law knows ahead, as sweeps ask."""
     started = time.perf_counter()
-    script = _FIRST_STEP.format(scene=DEFAULT, law=law, quiet_steps=0 if whole else -1)
+    script = _FIRST_STEP.format(scene="aluminium-3mm", law=law, quiet_steps=0 if whole else -1)
     subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
     return time.perf_counter() - started
 

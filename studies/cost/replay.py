@@ -9,7 +9,7 @@ from typing import Literal
 
 from hertzloop.commands import replaying
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.scenes.scene import DEFAULT, load
+from hertzloop.scenes.scene import load
 from recordings.reader import read
 from recordings.replay import as_rerun
 from recordings.replay.screenshot import frame_times_ms
@@ -41,8 +41,8 @@ class ReplayCost:
 
 
 def measure(rounds: int, duration_s: float = 0.6) -> ReplayCost:
-    """Costs of the default scene of such a length."""
-    scene = load(DEFAULT, [f"run.duration_s={duration_s}"])
+    """Costs of the scene `aluminium-3mm` of this length."""
+    scene = load("aluminium-3mm", [f"run.duration_s={duration_s}"])
     with TemporaryDirectory(prefix="hertzloop-") as folder:
         file, rrd = Path(folder) / "run.mcap", Path(folder) / "run.rrd"
         record_in_process(scene, file, compiled=True)

@@ -23,7 +23,7 @@ SIGNALS = {
 }  # fmt: skip
 TIMEOUT_S = 4.0  # patience of the processes with one another
 PAUSES_S = {"pause": (0.05, 1.0), "long pause": (TIMEOUT_S + 2.0, TIMEOUT_S + 4.0)}
-RUN = ["--set", "run.duration_s=19", "--timeout", str(TIMEOUT_S)]
+RUN = ["aluminium-3mm", "--set", "run.duration_s=19", "--timeout", str(TIMEOUT_S)]
 EVERY_SAMPLE = ["--set", "controller.law=velocity_feedback", "--set", "controller.kappa=0.1"]
 LANE = {"lane": EVERY_SAMPLE, "no lane": ["--no-fast-lane"]}
 HANGS_S = 120.0

@@ -11,7 +11,7 @@ from hertzloop.elsewhere.driven import VALUES
 from hertzloop.elsewhere.image import image
 from hertzloop.elsewhere.library import write_folder
 from hertzloop.elsewhere.objects import HOST
-from hertzloop.scenes.scene import DEFAULT, Scene, load
+from hertzloop.scenes.scene import Scene, load
 
 SHORT = ("run.duration_s=0.002", "run.plate_model=modal")
 # All that a sensor can have, a random touch phase, and a seed that only they use.
@@ -23,8 +23,8 @@ needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler
 
 
 def scene_of(settings: tuple[str, ...]) -> Scene:
-    """The default scene with settings."""
-    return load(DEFAULT, settings)
+    """The scene `aluminium-3mm` with settings."""
+    return load("aluminium-3mm", settings)
 
 
 def exported(folder: Path, scene: Scene) -> Path:

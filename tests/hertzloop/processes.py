@@ -12,7 +12,7 @@ import psutil
 
 HERTZLOOP = [sys.executable, "-m", "hertzloop"]
 # Long enough to be hit by a fault while it runs, far longer than a test waits.
-LONG = ["--set", "run.duration_s=15"]
+LONG = ["aluminium-3mm", "--set", "run.duration_s=15"]
 WELL_UNDER_WAY = 2_000_000  # bytes
 EVENTUALLY_S = 120.0  # for what has to happen: generous, other processes may keep the cores busy
 

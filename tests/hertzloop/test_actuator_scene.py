@@ -116,7 +116,18 @@ def test_run_and_inspect_print_the_demand(tmp_path: Path, monkeypatch: pytest.Mo
     settings = ["run.duration_s=0.0013", "actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3"]
     arguments = [text for setting in settings for text in ("--set", setting)]
     run = CliRunner().invoke(
-        app, ["run", "--transport", "compiled", "--out", "a.mcap", "--json", "a.json", *arguments]
+        app,
+        [
+            "run",
+            "aluminium-3mm",
+            "--transport",
+            "compiled",
+            "--out",
+            "a.mcap",
+            "--json",
+            "a.json",
+            *arguments,
+        ],
     )
     assert run.exit_code == 0, run.output
     assert "its bandwidth adds 2.23" in run.output

@@ -131,7 +131,7 @@ def test_a_wrong_file_ends_the_command_with_a_sentence(tmp_path: Path) -> None:
 def test_a_sweep_over_edges_materials_and_files_of_modes(tmp_path: Path) -> None:
     quick = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.003", "--workers", "1"]
     by_edges = ["--over", "plate.edges=ssss,cccc,ffff", "--over", "plate.material=titanium,glass"]
-    swept = command(tmp_path, "sweep", *by_edges, *quick, "-o", "edges.csv")
+    swept = command(tmp_path, "sweep", "aluminium-3mm", *by_edges, *quick, "-o", "edges.csv")
     assert swept.returncode == 0, swept.stderr
     rows = read_results(tmp_path / "edges.csv")[0]
     assert [(row["plate.edges"], row["plate.material"]) for row in rows][:2] == [
@@ -139,16 +139,23 @@ def test_a_sweep_over_edges_materials_and_files_of_modes(tmp_path: Path) -> None
     ]  # fmt: skip
     assert len({row["digest"] for row in rows}) == 6
     by_number = ["--over", "plate.material.young_pa=60e9:80e9:10e9"]
-    swept = command(tmp_path, "sweep", *by_number, *quick, "-o", "young.parquet")
+    swept = command(tmp_path, "sweep", "aluminium-3mm", *by_number, *quick, "-o", "young.parquet")
     assert swept.returncode == 0, swept.stderr
     contacts = [row["contact_us"] for row in read_results(tmp_path / "young.parquet")[0]]
     assert contacts == sorted(contacts, reverse=True)
     for edges in ("ssss", "cccc"):
         settings = ["--set", f"plate.edges={edges}", *quick[:2]]
-        wrote = command(tmp_path, "modes", *settings, "-o", f"{edges}.csv")
+        wrote = command(tmp_path, "modes", "aluminium-3mm", *settings, "-o", f"{edges}.csv")
         assert wrote.returncode == 0, wrote.stderr
     swept = command(
-        tmp_path, "sweep", "--over", "plate.modes=ssss.csv,cccc.csv", *quick, "-o", "m.csv"
+        tmp_path,
+        "sweep",
+        "aluminium-3mm",
+        "--over",
+        "plate.modes=ssss.csv,cccc.csv",
+        *quick,
+        "-o",
+        "m.csv",
     )
     assert swept.returncode == 0, swept.stderr
     by_file = read_results(tmp_path / "m.csv")[0]

@@ -28,7 +28,9 @@ def it_can_be_full() -> None:
 
 def test_a_run_needs_no_shared_memory(tmp_path: Path) -> None:
     short = ["--set", "run.duration_s=0.0016", "--set", "run.accuracy=0.1"]
-    code, said = in_full(*HERTZLOOP, "run", *short, "--out", str(tmp_path / "a.mcap"))
+    code, said = in_full(
+        *HERTZLOOP, "run", "aluminium-3mm", *short, "--out", str(tmp_path / "a.mcap")
+    )
     assert code == 0, said
 
 
@@ -41,7 +43,7 @@ def test_workers_that_cannot_be_started(tmp_path: Path) -> None:
         "--out",
         str(tmp_path / "a.csv"),
     ]
-    code, said = in_full(*HERTZLOOP, "sweep", *words)
+    code, said = in_full(*HERTZLOOP, "sweep", "aluminium-3mm", *words)
     assert code == 1
     assert "workers cannot be started: No space left on device (they need some room in" in said
     assert "Traceback" not in said

@@ -14,7 +14,7 @@ __all__ = ["here"]  # the fixture
 @pytest.mark.parametrize("name", ["mine.mcap", "mine.py", "mine.toml", "tuned.json"])
 def test_it_leaves_the_files_of_others_alone(name: str, here: Path) -> None:
     (here / name).write_text('{\n  "settings": 1\n}\n')
-    result = call("run", *SHORT, "--json", name)
+    result = call("run", "aluminium-3mm", *SHORT, "--json", name)
     assert result.exit_code == 2
     assert f"--json {name} exists and was not written by --json" in said(result)
     assert (here / name).read_text() == '{\n  "settings": 1\n}\n'
@@ -24,8 +24,8 @@ def test_it_leaves_the_files_of_others_alone(name: str, here: Path) -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        ["run", *SHORT, "--out", "a.mcap", "--json", "./a.mcap"],
-        ["run", *SHORT, "--json", "aluminium-3mm.mcap"],
+        ["run", "aluminium-3mm", *SHORT, "--out", "a.mcap", "--json", "./a.mcap"],
+        ["run", "aluminium-3mm", *SHORT, "--json", "aluminium-3mm.mcap"],
         ["sweep", "--over", "sensors.bits=4,5", "-o", "a.csv", "--json", "link/a.csv"],
         ["sweep", "--over", "sensors.bits=4,5", "-o", "a.csv", "--json", "a.csv.json"],
         ["sweep", "--over", "sensors.bits=4,5", "-o", "a.csv", "--json", "a.csv.partial"],
@@ -43,7 +43,7 @@ def test_it_is_no_other_output_of_the_command(words: list[str], here: Path) -> N
 def test_an_earlier_one_and_an_empty_one_are_replaced(here: Path) -> None:
     (here / "a.json").touch()
     for duration in ("0.0011", "0.0012"):
-        call("run", "--transport", "compiled", "--overwrite", "--json", "a.json",
+        call("run", "aluminium-3mm", "--transport", "compiled", "--overwrite", "--json", "a.json",
              "--set", f"run.duration_s={duration}")  # fmt: skip
         data = json.loads((here / "a.json").read_text())
         assert data["steps"] == round(1e6 * float(duration))
@@ -56,7 +56,7 @@ def test_a_file_that_came_meanwhile_is_left_alone(
     """As the results of a search, whose folder and names --json may hit."""
     monkeypatch.setattr("hertzloop.commands.cli.check_json", lambda *_: None)
     (here / "a.json").write_text("{}")
-    result = call("run", *SHORT, "--json", "a.json")
+    result = call("run", "aluminium-3mm", *SHORT, "--json", "a.json")
     assert result.exit_code == 1
     assert "it is left as it is" in said(result)
     assert (here / "a.json").read_text() == "{}"

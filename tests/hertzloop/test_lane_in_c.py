@@ -51,7 +51,7 @@ def run(example: dict[str, str], recording: Path, *words: str) -> Iterator[list[
     ours = [*bus, "--wait", "240", "--timeout", "30"]
     settings = [word for key in (*SETTINGS, *words) for word in ("--set", key)]
     started = [
-        start("plant", *ours, "--listen", a, *settings),
+        start("plant", "aluminium-3mm", *ours, "--listen", a, *settings),
         start("record", *ours, "--out", str(recording), "--listen", c, "--connect", a,
               "--connect", b),
         subprocess.Popen(

@@ -31,7 +31,15 @@ def test_a_law_that_ends_the_program_in_the_run(here: Path, transport: str) -> N
     """It runs as Python; compiled it could not."""
     path = write_law(here, "if i == 3000: import sys; sys.exit(0)")
     path.write_text(path.read_text().replace("p.share *", "float(str(p.share)) *"))
-    words = ["run", "--transport", transport, *LONGER, "--set", "controller.law=mine.py"]
+    words = [
+        "run",
+        "aluminium-3mm",
+        "--transport",
+        transport,
+        *LONGER,
+        "--set",
+        "controller.law=mine.py",
+    ]
     done = hertzloop(*words, "--out", "a.mcap", cwd=here)
     assert done.returncode == 1
     said = " ".join(done.stderr.split())

@@ -27,7 +27,7 @@ from tests.hertzloop.processes import (
 )
 from tests.ports import free_ports
 
-RUN = ["--set", "run.duration_s=0.1", "--set", "run.accuracy=0.1"]
+RUN = ["aluminium-3mm", "--set", "run.duration_s=0.1", "--set", "run.accuracy=0.1"]
 NO_SCREEN = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
 
 
@@ -59,7 +59,7 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: boo
         assert done.returncode == 0, done.stderr
     finally:
         watcher.send_signal(signal.SIGCONT)
-    record_in_process(load("aluminium-3mm", keys[1::2]), tmp_path / "b.mcap", compiled=True)
+    record_in_process(load("aluminium-3mm", keys[2::2]), tmp_path / "b.mcap", compiled=True)
     assert first_difference(read(tmp_path / "a.mcap"), read(tmp_path / "b.mcap")) is None
     code, error, _ = finish(watcher)
     assert code == 0, error

@@ -258,7 +258,7 @@ def test_a_stranger_that_does_not_keep_up_changes_nothing(tmp_path: Path, sleep_
     base = free_ports(3, in_a_row=True)[0]
     words = ["--set", "run.duration_s=1", "--port", str(base), "--timeout", "30"]
     alone, beside = tmp_path / "alone.mcap", tmp_path / "beside.mcap"
-    assert hertzloop("run", *words, "--out", str(alone)).returncode == 0
+    assert hertzloop("run", "aluminium-3mm", *words, "--out", str(alone)).returncode == 0
     urls = json.dumps([f"tcp/127.0.0.1:{base + i}" for i in range(3)])
     with subprocess.Popen(
         [sys.executable, "-c", STRANGER, urls, sleep_s], stdout=subprocess.PIPE, text=True
@@ -266,7 +266,7 @@ def test_a_stranger_that_does_not_keep_up_changes_nothing(tmp_path: Path, sleep_
         try:
             assert stranger.stdout is not None
             assert stranger.stdout.readline() == "listening\n"
-            done = hertzloop("run", *words, "--out", str(beside))
+            done = hertzloop("run", "aluminium-3mm", *words, "--out", str(beside))
             assert done.returncode == 0, done.stderr
             assert select.select([stranger.stdout], [], [], 5.0)[0], "the stranger heard nothing"
             assert stranger.stdout.readline() == "heard\n"

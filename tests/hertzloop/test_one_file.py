@@ -25,7 +25,9 @@ def test_a_second_run_does_not_take_the_file_of_the_first(tmp_path: Path) -> Non
     try:
         wait_for(grown_to(out, 500_000), 120.0)
         size = out.stat().st_size
-        second = hertzloop("run", "--set", SHORT[0], "--out", str(out), "--overwrite")
+        second = hertzloop(
+            "run", "aluminium-3mm", "--set", SHORT[0], "--out", str(out), "--overwrite"
+        )
         assert second.returncode == 1, second.stdout
         assert f"another run is writing {out}" in " ".join(second.stderr.split())
         assert out.stat().st_size >= size
@@ -37,7 +39,15 @@ def test_a_second_run_does_not_take_the_file_of_the_first(tmp_path: Path) -> Non
 
 def test_of_two_runs_started_together_one_reports(tmp_path: Path) -> None:
     out = tmp_path / "one.mcap"
-    words = ("run", "--set", "run.duration_s=0.5", "--out", str(out), "--overwrite")
+    words = (
+        "run",
+        "aluminium-3mm",
+        "--set",
+        "run.duration_s=0.5",
+        "--out",
+        str(out),
+        "--overwrite",
+    )
     codes = sorted(finish(run, 200.0)[0] for run in [start(*words), start(*words)])
     # The second is refused, unless the first was over before it began.
     assert codes in ([0, 1], [0, 0])

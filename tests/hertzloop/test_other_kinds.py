@@ -60,7 +60,7 @@ def test_it_is_named(words: str, sentence: str, here: Path) -> None:
 
 @pytest.mark.parametrize("name", ["a.mcap", "./a.mcap", "linked.mcap"])
 def test_what_is_read_is_not_replaced(name: str, here: Path) -> None:
-    call("run", *SHORT, "--out", "a.mcap")
+    call("run", "aluminium-3mm", *SHORT, "--out", "a.mcap")
     (here / "linked.mcap").hardlink_to(here / "a.mcap")
     before = (here / "a.mcap").read_bytes()
     for words in (
@@ -86,7 +86,7 @@ def test_what_is_read_is_not_replaced(name: str, here: Path) -> None:
 )
 def test_what_a_scene_is_made_of_is_not_replaced(words: list[str], here: Path) -> None:
     (here / "mine.py").write_text(LAW)
-    call("modes", "-o", "m.csv")
+    call("modes", "aluminium-3mm", "-o", "m.csv")
     shipped = shipped_text("aluminium-3mm").replace('law = "slope_threshold"', 'law = "mine.py"')
     assert "mine.py" in shipped
     (here / "mine.toml").write_text(shipped)

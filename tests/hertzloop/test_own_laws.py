@@ -105,7 +105,16 @@ def test_by_class_package_and_entry_point(here: Path, monkeypatch: pytest.Monkey
     path = f"{ROOT}{os.pathsep}{here}"
     references = ("acme_laws/halves.py:Half", "acme_laws.halves:Half", "half", "force_feedback")
     for number, law in enumerate(references):
-        words = ["run", "--transport", "compiled", "--set", SHORT, "--out", f"{number}.mcap"]
+        words = [
+            "run",
+            "aluminium-3mm",
+            "--transport",
+            "compiled",
+            "--set",
+            SHORT,
+            "--out",
+            f"{number}.mcap",
+        ]
         settings = ["--set", f"controller.law={law}"]
         settings += ["--set", "controller.kappa=0.5"] if law == "force_feedback" else []
         done = hertzloop(*words, *settings, cwd=here, env={**os.environ, "PYTHONPATH": path})
@@ -118,7 +127,9 @@ def test_sweep_check_and_tune(here: Path) -> None:
     shutil.copy(EXAMPLES / "low_passed.py", here / "mine.py")
     fixed = ["--set", "controller.law=mine.py", "--set", SHORT]
     over = ["--over", "controller.kappa=0.2,0.6", "--over", "controller.corner_hz=5e3,50e3"]
-    done = hertzloop("sweep", *fixed, *over, "-o", "r.csv", "--workers", "2", cwd=here)
+    done = hertzloop(
+        "sweep", "aluminium-3mm", *fixed, *over, "-o", "r.csv", "--workers", "2", cwd=here
+    )
     assert done.returncode == 0, done.stderr
     header = json.loads((here / "r.csv.json").read_text())
     (about,) = header["laws"].values()
@@ -126,7 +137,16 @@ def test_sweep_check_and_tune(here: Path) -> None:
     done = hertzloop("check", "r.csv", "--cases", "2", cwd=here)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "2 of 2 cases: the same bytes over zenoh" in done.stdout
-    tuned = ["tune", "--law", "mine.py", "--set", SHORT, "--minimise", "plate_energy_db"]
+    tuned = [
+        "tune",
+        "aluminium-3mm",
+        "--law",
+        "mine.py",
+        "--set",
+        SHORT,
+        "--minimise",
+        "plate_energy_db",
+    ]
     small = ["--generations", "2", "--population", "4", "--json", "t.json"]
     done = hertzloop(*tuned, *small, cwd=here)
     assert done.returncode == 0, done.stderr
@@ -166,7 +186,9 @@ def test_a_case_looks_for_its_law_once_and_starts_no_thread(
 def test_laws_as_an_axis_of_a_sweep(here: Path) -> None:
     write_law(here)
     laws = "controller.law=slope_threshold,mine.py"
-    done = hertzloop("sweep", "--set", SHORT, "--over", laws, "-o", "r.csv", cwd=here)
+    done = hertzloop(
+        "sweep", "aluminium-3mm", "--set", SHORT, "--over", laws, "-o", "r.csv", cwd=here
+    )
     assert done.returncode == 0, done.stderr
     done = hertzloop("check", "r.csv", "--cases", "2", "--transport", "inprocess", cwd=here)
     assert done.returncode == 0, done.stdout + done.stderr
@@ -181,7 +203,16 @@ def test_what_numba_does_not_know_runs_as_python_and_says_so(here: Path) -> None
     path.write_text(text)
     recordings = []
     for law in ("mine.py", "slow.py"):
-        words = ["run", "--transport", "compiled", "--set", SHORT, "--out", f"{law}.mcap"]
+        words = [
+            "run",
+            "aluminium-3mm",
+            "--transport",
+            "compiled",
+            "--set",
+            SHORT,
+            "--out",
+            f"{law}.mcap",
+        ]
         done = hertzloop(*words, "--set", f"controller.law={law}", cwd=here)
         assert done.returncode == 0, done.stderr
         cost = re.search(r"runs as Python, ([0-9.]+) us", " ".join(done.stderr.split()))

@@ -197,7 +197,7 @@ class TestProcesses:
         recording = folder / "paced.mcap"
         settings = [word for key in FEEDBACK for word in ("--set", key)]
         run = start(
-            "run", *settings, "--set", "run.duration_s=0.03", "--pace", "0.01",
+            "run", "aluminium-3mm", *settings, "--set", "run.duration_s=0.03", "--pace", "0.01",
             "--out", str(recording), "--realtime", "off",
         )  # fmt: skip
         controller = child_of(run, "controller")

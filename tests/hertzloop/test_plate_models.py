@@ -169,7 +169,16 @@ def test_a_run_says_what_it_took(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         arguments = [x for s in [*SHORT, *settings] for x in ("--set", s)]
         done = CliRunner().invoke(
             app,
-            ["run", *arguments, "--transport", "compiled", "--json", "a.json", "--overwrite"],
+            [
+                "run",
+                "aluminium-3mm",
+                *arguments,
+                "--transport",
+                "compiled",
+                "--json",
+                "a.json",
+                "--overwrite",
+            ],
         )
         assert done.exit_code == 0, done.output
         assert words in " ".join(done.output.replace("│", " ").split())

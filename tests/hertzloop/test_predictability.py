@@ -54,8 +54,9 @@ def test_late_forces_are_no_chaos() -> None:
 
 
 def test_what_is_without_control_has_its_digits_where_the_loop_explodes(tmp_path: Path) -> None:
-    words = ["run", "--set", "controller.law=velocity_feedback", "--set", "controller.kappa=0.3",
-             "--set", "controller.latency_us=6", "--set", "run.duration_s=0.15",
+    words = ["run", "aluminium-3mm", "--set", "controller.law=velocity_feedback",
+             "--set", "controller.kappa=0.3", "--set", "controller.latency_us=6",
+             "--set", "run.duration_s=0.15",
              "--transport", "compiled", "--out", str(tmp_path / "a.mcap")]  # fmt: skip
     words += ["--json", str(tmp_path / "a.json")]
     done = CliRunner().invoke(app, words)

@@ -17,8 +17,8 @@ from hertzloop.results.left_out import table_of
 from hertzloop.scenes.scene import load
 
 UNITS = {
-    "us": 1e-6, "ms": 1e-3, "s": 1.0, "um": 1e-6, "mm": 1e-3, "uJ": 1e-6, "m/s": 1.0, "Pa": 1.0,
-    "GPa": 1e9, "kHz": 1e3, "N": 1.0, "N/us": 1e6, "W": 1.0, "steps/s": 1.0,
+    "us": 1e-6, "ms": 1e-3, "s": 1.0, "um": 1e-6, "mm": 1e-3, "uJ": 1e-6, "mJ": 1e-3, "m/s": 1.0,
+    "Pa": 1.0, "GPa": 1e9, "kHz": 1e3, "N": 1.0, "N/us": 1e6, "W": 1.0, "steps/s": 1.0,
 }  # fmt: skip
 NOISE = {
     "contact time": "contact_time_s",
@@ -108,6 +108,16 @@ def test_impacts(report: dict[str, Any]) -> None:
         words, unit = re.fullmatch(r"(.+) \((.+)\)", heading).groups()  # type: ignore[union-attr]
         for cell, impact in zip(cells, report["impacts"], strict=True):
             assert float(cell) * UNITS[unit] == pytest.approx(impact[IMPACT[words]], rel=6e-4)
+
+
+def test_energies_of_a_heavy_sphere_need_no_exponent(report: dict[str, Any]) -> None:
+    """A narrow terminal cuts an exponent off: "3.164e+..."."""
+    impact = report["impacts"][0] | {"plate_energy_j": 0.031639}
+    header, row = lines(impacts_table("Impacts", [impact]))
+    assert dict(zip(header, row, strict=True))["into the plate (mJ)"] == "31.64"
+    heavy = report["noise"][0] | {"transmitted_j": 0.031639}
+    rows = {row[0]: row[1] for row in tables.noise_rows([heavy], compare=False)}
+    assert rows["transmitted energy, in time"] == "31.64 mJ"
 
 
 def test_the_run(report: dict[str, Any]) -> None:

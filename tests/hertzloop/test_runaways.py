@@ -45,7 +45,7 @@ def test_sweeps_count_runaways_as_unstable(tmp_path: Path) -> None:
     words = [word for key in RUN for word in ("--set", key)]
     done = CliRunner().invoke(
         app,
-        ["sweep", *words, "--span", "run", "--workers", "1", "--set",
+        ["sweep", "aluminium-3mm", *words, "--span", "run", "--workers", "1", "--set",
          "controller.law=velocity_feedback", "--over", "controller.kappa=-2,0.1,3",
          "-o", str(tmp_path / "r.csv"), "--json", str(report)],
     )  # fmt: skip
@@ -63,7 +63,7 @@ def test_a_search_counts_runaways_as_bad_and_not_as_failed(
     words = [word for key in RUN for word in ("--set", key)]
     done = CliRunner().invoke(
         app,
-        ["tune", *words, "--span", "run", "--law", "velocity_feedback", "--vary",
+        ["tune", "aluminium-3mm", *words, "--span", "run", "--law", "velocity_feedback", "--vary",
          "controller.kappa=0.1,3", "--minimise", "plate_energy_db", "--generations", "2",
          "--population", "4", "--json", str(report)],
     )  # fmt: skip

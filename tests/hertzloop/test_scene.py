@@ -15,7 +15,7 @@ def test_the_scenes_that_come_with_it() -> None:
     names = {"aluminium-3mm", "aluminium-20mm", "oak-20mm", "sylomer-20mm", "offcentre-6mm"}
     names |= {"thesis-aluminium", "thesis-oak", "thesis-sylomer"}
     assert set(shipped()) == names
-    assert shipped()[0] == DEFAULT == "aluminium-3mm"
+    assert shipped()[0] == DEFAULT == "aluminium-20mm"
     for name in names:
         scene = load(name)
         assert scene.name == name
@@ -24,7 +24,7 @@ def test_the_scenes_that_come_with_it() -> None:
     for name in ("aluminium-3mm", "aluminium-20mm"):
         assert load(name).contact.damping == "none"
     default = load(DEFAULT)
-    assert (default.sphere.radius_m, default.sphere.drop_height_m) == (0.003, 0.05)
+    assert (default.sphere.radius_m, default.sphere.drop_height_m) == (0.02, 0.05)
     assert (default.controller.kappa, default.controller.v_thr_m_s) == (0.8, -0.25)
     assert default.run.step_ns == 1000
     apart = load("offcentre-6mm").plate
@@ -126,9 +126,9 @@ def test_refused_with_a_sentence(setting: str, words: tuple[str, ...]) -> None:
     ("scene", "settings", "words"),
     [
         ("offcentre-6mm", [], "plate.actuator_point_m = [0.155, 0.09]"),
-        (DEFAULT, ["run.scheme=discrete_gradient"], "run.scheme = 'modal' only"),
+        ("aluminium-3mm", ["run.scheme=discrete_gradient"], "run.scheme = 'modal' only"),
         ("thesis-oak", ["contact.damping=none"], "run.scheme = 'modal' only"),
-        (DEFAULT, ["contact.damping=relaxation"], "relaxation"),
+        ("aluminium-3mm", ["contact.damping=relaxation"], "relaxation"),
     ],
 )
 def test_what_an_infinite_plate_does_not_know(scene: str, settings: list[str], words: str) -> None:
@@ -142,8 +142,8 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
         return parts.plate_model(load(name, settings))
 
     until = "run.duration_s=0.00114"  # 140 us after the first touch
-    assert model(DEFAULT, until) == "infinite"
-    scene = load(DEFAULT, [until])
+    assert model("aluminium-3mm", until) == "infinite"
+    scene = load("aluminium-3mm", [until])
     assert parts.plant_spec(scene).infinite_plate
     assert parts.model_error(scene) <= scene.run.accuracy
     assert scene.step_s < parts.infinite_plate_lasts_s(scene) - 140e-6 < 100e-6
@@ -153,8 +153,8 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
         "plate.contact_point_m=[0.1, 0.25]", "plate.actuator_point_m=[0.2, 0.25]",
         "controller.kappa=1.5", "controller.drop_out_probability=0.1",
     ):  # fmt: skip
-        assert model(DEFAULT, until, changed) == "modal", changed
-    assert model(DEFAULT, "run.duration_s=0.0012", "run.plate_model=infinite") == "infinite"
+        assert model("aluminium-3mm", until, changed) == "modal", changed
+    assert model("aluminium-3mm", "run.duration_s=0.0012", "run.plate_model=infinite") == "infinite"
     # Where the contact lasts until reflections are back it is never taken.
     assert parts.infinite_plate_lasts_s(load("aluminium-20mm")) == 0.0
     # Whole runs keep the modes.
@@ -164,7 +164,7 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
 def test_too_many_modes_are_refused_before_memory_is_gone() -> None:
     with pytest.raises(SceneError, match="thicker plate"):
         parts.plant_spec(
-            load(DEFAULT, ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]",
+            load("aluminium-3mm", ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]",
                            "plate.thickness_m=1e-4"])
         )  # fmt: skip
 

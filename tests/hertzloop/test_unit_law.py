@@ -109,7 +109,16 @@ def test_it_runs_as_the_same_law_in_python(
 @pytest.mark.parametrize("transport", [Transport.COMPILED, Transport.ZENOH])
 def test_nothing_of_it_stays_behind(unit: Path, transport: Transport, tmp_path: Path) -> None:
     """Neither of the process that ran it nor of those that it started."""
-    words = ["run", "--transport", transport, "--out", str(tmp_path / "a.mcap"), "--set", SHORT]
+    words = [
+        "run",
+        "aluminium-3mm",
+        "--transport",
+        transport,
+        "--out",
+        str(tmp_path / "a.mcap"),
+        "--set",
+        SHORT,
+    ]
     (tmp_path / "t").mkdir()
     done = subprocess.run(
         [sys.executable, "-m", "hertzloop", *words, "--set", f"controller.law={unit}"],
@@ -138,7 +147,7 @@ def test_its_parameters_are_scene_keys(unit: Path) -> None:
 def test_a_unit_that_fails_ends_the_run(fault: str, sentence: str, tmp_path: Path) -> None:
     law = built(tmp_path, fault)
     words = ["--out", str(tmp_path / "a.mcap"), "--set", SHORT, "--set", f"controller.law={law}"]
-    done = CliRunner().invoke(app, ["run", "--transport", "compiled", *words])
+    done = CliRunner().invoke(app, ["run", "aluminium-3mm", "--transport", "compiled", *words])
     assert done.exit_code == 2
     assert f"the law SpringLaw.fmu, {sentence}" in " ".join(done.output.split())
 

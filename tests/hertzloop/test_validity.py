@@ -104,9 +104,9 @@ def test_run_inspect_validity_and_sweep_tell_the_same(
     short = ["--set", "run.duration_s=0.0013"]
     told = {}
     for command in (
-        ["run", "--transport", "compiled", "--out", "a.mcap", *short],
+        ["run", "aluminium-3mm", "--transport", "compiled", "--out", "a.mcap", *short],
         ["inspect", "a.mcap"],
-        ["validity", *short],
+        ["validity", "aluminium-3mm", *short],
     ):
         done = CliRunner().invoke(app, [*command, "--json", "a.json"])
         assert done.exit_code == 0, done.output
@@ -118,7 +118,9 @@ def test_run_inspect_validity_and_sweep_tell_the_same(
     assert told["run"]["warnings"] == told["validity"]["warnings"]
     assert told["run"]["warnings"][0].startswith("yield: the plate yields")
     over = ["--over", "plate.thickness_m=0.003,0.03", "--out", "s.csv"]
-    sweep = CliRunner().invoke(app, ["sweep", *short, *over, "--workers", "1", "--json", "s.json"])
+    sweep = CliRunner().invoke(
+        app, ["sweep", "aluminium-3mm", *short, *over, "--workers", "1", "--json", "s.json"]
+    )
     assert sweep.exit_code == 0, sweep.output
     assert "OUT OF RANGE: of 2 cases yield in 2, plate theory (energy) in 1" in sweep.output
     beyond = json.loads((tmp_path / "s.json").read_text())["out_of_range"]

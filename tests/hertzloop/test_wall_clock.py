@@ -21,7 +21,7 @@ def test_a_clock_that_is_set_changes_nothing(tmp_path: Path) -> None:
     seen = tmp_path / "seen"
     (tmp_path / "sitecustomize.py").write_text(LEAPING.format(seen=str(seen)))
     path = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
-    words = ("run", "--set", "run.duration_s=0.003", "--out")
+    words = ("run", "aluminium-3mm", "--set", "run.duration_s=0.003", "--out")
     steady, leaping = tmp_path / "steady.mcap", tmp_path / "leaping.mcap"
     assert hertzloop(*words, str(steady)).returncode == 0
     done = hertzloop(*words, str(leaping), env={**os.environ, "PYTHONPATH": path})

@@ -34,7 +34,9 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def refused(here: Path, law: str, *words: str) -> str:
     """The sentence with which a run is refused before it begins."""
-    done = hertzloop("run", "--set", SHORT, "--set", f"controller.law={law}", cwd=here)
+    done = hertzloop(
+        "run", "aluminium-3mm", "--set", SHORT, "--set", f"controller.law={law}", cwd=here
+    )
     said = " ".join(done.stderr.split())
     assert done.returncode == 2, said
     assert "Traceback" not in done.stderr
@@ -203,7 +205,15 @@ def test_wrong_in_the_run(here: Path, transport: str, python: bool) -> None:
     path = write_law(here, f"{extra}assert i != 3000, 'it is late'")
     if python:
         path.write_text(path.read_text().replace("p.share *", "float(str(p.share)) *"))
-    words = ["run", "--transport", transport, *LONGER, "--set", "controller.law=mine.py"]
+    words = [
+        "run",
+        "aluminium-3mm",
+        "--transport",
+        transport,
+        *LONGER,
+        "--set",
+        "controller.law=mine.py",
+    ]
     done = hertzloop(*words, "--out", "a.mcap", cwd=here)
     said = " ".join(done.stderr.split())
     assert done.returncode == 1, said
@@ -218,7 +228,16 @@ def test_wrong_in_the_run(here: Path, transport: str, python: bool) -> None:
 
 def test_a_sweep_notes_the_case_in_which_a_law_fails(here: Path) -> None:
     write_law(here, "if p.share > 0.7: raise ValueError('too much')")
-    words = ["sweep", "--set", SHORT, "--set", "controller.law=mine.py", "-o", "r.csv"]
+    words = [
+        "sweep",
+        "aluminium-3mm",
+        "--set",
+        SHORT,
+        "--set",
+        "controller.law=mine.py",
+        "-o",
+        "r.csv",
+    ]
     done = hertzloop(*words, "--over", "controller.share=0.2,0.9", cwd=here)
     said = " ".join(done.stderr.split())
     assert done.returncode == 1, said
@@ -240,9 +259,18 @@ def test_a_loop_without_end_in_the_run(here: Path, command: str) -> None:
     """Nothing can interrupt it: its process ends, with a sentence."""
     write_law(here, "while i == 3000: s.largest_n += 0.0")
     if command == "sweep":
-        words = ["sweep", "--workers", "1", "--over", "controller.share=0.2", "--span", "run"]
+        words = [
+            "sweep",
+            "aluminium-3mm",
+            "--workers",
+            "1",
+            "--over",
+            "controller.share=0.2",
+            "--span",
+            "run",
+        ]
     else:
-        words = ["run", "--transport", command, "--out", "a.mcap"]
+        words = ["run", "aluminium-3mm", "--transport", command, "--out", "a.mcap"]
     settings = [*LONGER, "--set", "controller.law=mine.py"]
     done = subprocess.run(
         [*IMPATIENT, *words, *settings],
@@ -260,7 +288,7 @@ def test_a_loop_without_end_in_the_run(here: Path, command: str) -> None:
 def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
     """The others wait for as long as they were told to, and say for whom."""
     write_law(here, "while i == 3000: s.largest_n += 0.0")
-    words = ["run", *LONGER, "--set", "controller.law=mine.py", "--out", "a.mcap"]
+    words = ["run", "aluminium-3mm", *LONGER, "--set", "controller.law=mine.py", "--out", "a.mcap"]
     done = hertzloop(*words, cwd=here)
     said = " ".join(done.stderr.split())
     assert done.returncode == 1

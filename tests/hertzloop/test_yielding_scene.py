@@ -84,7 +84,18 @@ def test_run_inspect_and_python_tell_the_dent(
                  "--set", "contact.limiting_pressure_pa=1.05e9", "--set",
                  "actuator.bandwidth_hz=3e5"]  # fmt: skip
     run = CliRunner().invoke(
-        app, ["run", "--transport", "compiled", "--out", "a.mcap", "--json", "a.json", *arguments]
+        app,
+        [
+            "run",
+            "aluminium-3mm",
+            "--transport",
+            "compiled",
+            "--out",
+            "a.mcap",
+            "--json",
+            "a.json",
+            *arguments,
+        ],
     )
     assert run.exit_code == 0, run.output
     assert "a dent of" in run.output

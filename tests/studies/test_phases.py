@@ -46,7 +46,13 @@ def test_phases_are_spread_evenly_about_the_middle() -> None:
 
 def test_a_sweep_over_phases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    words = ["sweep", *(word for s in EARLY for word in ("--set", s)), "--workers", "1"]
+    words = [
+        "sweep",
+        "aluminium-3mm",
+        *(word for s in EARLY for word in ("--set", s)),
+        "--workers",
+        "1",
+    ]
     words += ["--over", "controller.latency_us=0,3", "--phases", "5"]
     done = CliRunner().invoke(app, [*words, "-o", "a.csv", "--json", "a.json"])
     assert done.exit_code == 0, done.output

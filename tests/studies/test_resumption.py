@@ -18,7 +18,7 @@ from studies.sweeps.kept import Kept, kept
 from studies.sweeps.pool import local_pool
 from tests.studies.sweeping import COARSE, command, wait_until
 
-TUNE = ["tune", "--law", "predicted", "--set", "run.accuracy=0.05", "--set",
+TUNE = ["tune", "aluminium-3mm", "--law", "predicted", "--set", "run.accuracy=0.05", "--set",
         "run.duration_s=0.0016", "--generations", "20", "--population", "40"]  # fmt: skip
 
 

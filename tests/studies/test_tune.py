@@ -130,7 +130,8 @@ def test_mistakes_end_with_a_sentence(words: list[str], says: str) -> None:
 
 
 def test_the_command_writes_front_and_picture(tmp_path: Path) -> None:
-    words = ["tune", "--law", "force_feedback", "--generations", "2", "--population", "6",
+    words = ["tune", "aluminium-3mm", "--law", "force_feedback",
+             "--generations", "2", "--population", "6",
              "--set", "run.accuracy=0.1", "--set", "run.duration_s=0.0013",
              "-o", str(tmp_path), "--json", str(tmp_path / "t.json")]  # fmt: skip
     result = CliRunner().invoke(app, words)

@@ -55,7 +55,7 @@ def test_a_scene_file_gives_results_the_name_of_the_scene(tmp_path: Path) -> Non
 def test_settings_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:
     """A run of 0.9 ms ends before the sphere has fallen; the search goes on without it."""
     report = tmp_path / "r.json"
-    words = ["tune", *QUICK, "--json", str(report)]
+    words = ["tune", "aluminium-3mm", *QUICK, "--json", str(report)]
     found = CliRunner().invoke(app, words)
     told = json.loads(report.read_text())
     assert (found.exit_code, told["cases"], told["failed"]) == (0, 5, 0)  # 4, and the published
@@ -93,7 +93,9 @@ def test_a_law_that_the_scene_has_not_is_tuned_in_whole_steps(
     Path("mine.py").write_text(OWN_LAW)
     # The coarser of the scenes decides: what it can have, the other can.
     steps = ["--over", "run.step_ns=500,1000"]
-    found = CliRunner().invoke(app, ["tune", "--law", law, *QUICK, *steps, "--json", "r.json"])
+    found = CliRunner().invoke(
+        app, ["tune", "aluminium-3mm", "--law", law, *QUICK, *steps, "--json", "r.json"]
+    )
     assert found.exit_code == 0, found.output
     told = json.loads(Path("r.json").read_text())
     assert (told["cases"], told["failed"]) == (10, 0)
@@ -104,6 +106,8 @@ def test_a_law_that_the_scene_has_not_is_tuned_in_whole_steps(
 
 def test_all_laws_can_be_tuned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    found = CliRunner().invoke(app, ["tune", "--law", "all", *QUICK, "--json", "r.json"])
+    found = CliRunner().invoke(
+        app, ["tune", "aluminium-3mm", "--law", "all", *QUICK, "--json", "r.json"]
+    )
     assert found.exit_code == 0, found.output
     assert json.loads(Path("r.json").read_text())["failed"] == 0
