@@ -75,7 +75,18 @@ def test_of_a_rebound_within_the_models_error_nothing_is_a_share(tmp_path: Path)
     out, told = tmp_path / "a.mcap", tmp_path / "a.json"
     words = [part for setting in settings for part in ("--set", setting)]
     done = CliRunner().invoke(
-        app, ["run", *words, "--transport", "compiled", "--out", str(out), "--json", str(told)]
+        app,
+        [
+            "run",
+            "aluminium-3mm",
+            *words,
+            "--transport",
+            "compiled",
+            "--out",
+            str(out),
+            "--json",
+            str(told),
+        ],
     )
     said = " ".join(done.output.split())
     report = json.loads(told.read_text())
