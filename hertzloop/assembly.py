@@ -10,7 +10,13 @@ import numpy as np
 from controller.door.law import LawError
 from controller.law import About, Reach
 from hertzloop.plant_tables import actuator_of, contact_of
-from hertzloop.plate_choice import check_reach, check_step, limit_hz_of
+from hertzloop.plate_choice import (
+    check_lowest,
+    check_modes,
+    check_reach,
+    check_step,
+    limit_hz_of,
+)
 from hertzloop.quantities import SENSED, Expected
 from hertzloop.scenes.scene import Scene, SceneError
 from hertzloop.scenes.shared import by_tables
@@ -36,8 +42,6 @@ from plant.structures.solid_plate import SolidPlate
 from plant.structures.structure import Structure
 from sensors.acquisition import Sensor, SensorSpec
 
-_MAX_MODES = 500_000
-_LEAST_SHARE = 0.99  # of the frequency limit, for the lowest mode
 PHASE_STREAM = 4  # random stream; sensor and controller have others
 # A law that looks ahead, as `predicted`, watches from twice the flight in its horizon on.
 _HORIZONS, _LEAST_FLIGHT_S = 2.5, 20e-6
@@ -59,13 +63,26 @@ _OF_PLANT = (*_OF_BODIES, "run.step_ns", "run.lead_in_s")
 
 @by_tables(*_OF_PLANT)
 def _infinite_spec(scene: Scene) -> PlantSpec:
-    spec = _modal_spec(scene)
+    spec = _described(scene)
+    if isinstance(spec.plate, Plate):
+        check_lowest(scene, spec.plate, spec.frequency_limit_hz)
     return replace(spec, residual_flexibility=False, damped_tail=False, infinite_plate=True)
 
 
 @by_tables(*_OF_PLANT)
 def _modal_spec(scene: Scene) -> PlantSpec:
-    """The plant with the modes of what is struck."""
+    """The plant with the modes of the structure."""
+    spec = _described(scene)
+    if isinstance(spec.plate, ModalStructure):
+        check_reach(spec.plate, spec.sphere, spec.contact, spec.frequency_limit_hz)
+    else:
+        check_modes(scene, spec.plate, spec.frequency_limit_hz)
+    return spec
+
+
+@by_tables(*_OF_PLANT)
+def _described(scene: Scene) -> PlantSpec:
+    """Describe the plant; whether its modes can be computed is not checked."""
     sphere, plate = _bodies(scene)
     table = scene.plate
     contact = contact_of(scene, sphere, plate)
@@ -73,9 +90,6 @@ def _modal_spec(scene: Scene) -> PlantSpec:
     limit, damped = limit_hz_of(scene, sphere, plate, contact)
     if isinstance(plate, ModalStructure):
         limit = min(plate.highest_hz, 0.5 / scene.step_s)
-        check_reach(plate, sphere, contact, limit)
-    else:
-        _check_modes(scene, plate, limit)
     return PlantSpec(
         sphere=sphere,
         plate=plate,
@@ -90,28 +104,6 @@ def _modal_spec(scene: Scene) -> PlantSpec:
         actuator=actuator_of(scene),
         radiating_faces=table.radiating_faces,
     )
-
-
-def _check_modes(scene: Scene, plate: Structure, limit_hz: float) -> None:
-    """Raise SceneError for a plate with no modes up to a frequency, or too many."""
-    table = scene.plate
-    asked = (
-        f"plate.size_m = {list(table.size_m or ())} with plate.thickness_m = {table.thickness_m:g}"
-    )
-    if isinstance(plate, Plate) and not plate.fundamental_hz < _LEAST_SHARE * limit_hz:
-        raise SceneError(
-            f"{asked} has its lowest mode at {plate.fundamental_hz:.3g} Hz, beyond the "
-            f"{limit_hz:.3g} Hz that the run carries; take a larger or thinner plate, or a smaller "
-            f"run.step_ns (now {scene.run.step_ns})"
-        )
-    modes = plate.modes_below(limit_hz)
-    if modes > _MAX_MODES:
-        published = scene.run.scheme == "thesis2008"
-        less = "another scheme" if published else f"more run.accuracy than {scene.run.accuracy:g}"
-        raise SceneError(
-            f"{asked} has about {modes:.2g} modes up to {limit_hz:.3g} Hz, the most is "
-            f"{_MAX_MODES}; take a smaller or thicker plate, or {less}"
-        )
 
 
 @by_tables(*_OF_BODIES)
@@ -324,7 +316,7 @@ def full_scale(scene: Scene) -> tuple[float, float] | None:
         return table.full_scale
     if table.full_scale == "none" or table.bits == "ideal":
         return None
-    spec = _modal_spec(scene)  # an infinite plate has the same bodies
+    spec = _described(scene)
     m, v = spec.sphere.mass_kg, spec.sphere.impact_speed_m_s
     rigid, flight_s = rigid_penetration_m(m, spec.contact.stiffness, v), 0.0
     if table.full_scale == "auto":

@@ -6,6 +6,7 @@ from hertzloop.plant_tables import contact_of
 from hertzloop.scenes.problems import not_in_three_dimensions
 from hertzloop.scenes.scene import Scene, SceneError
 from plant.contact.hertz import Contact, Sphere, rigid_contact_time_s, rigid_penetration_m
+from plant.plant import MOST_MODES
 from plant.schemes.door import SCHEMES
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.model_order import expected_error, frequency_limit_hz
@@ -22,6 +23,7 @@ _LOWEST_TAIL = 0.5  # of the last mode's frequency, for that from which on a dam
 # with what is left of the modes left out is no longer monotone. A law may press four times deeper.
 _WIDEST = 0.25 * math.pi
 _MOST_BELOW = 0.5  # of the contact's own flexibility
+_LEAST_SHARE = 0.99  # of the frequency limit, for the lowest mode
 _FEWEST_PERIODS = 1.5  # of the limit in a contact
 
 
@@ -189,3 +191,34 @@ def check_reach(
         f"{structure} reach up to {limit_hz:.3g} Hz, too low for an impact of {lasts_us:.3g} us; "
         f"give modes up to {5e5 / lasts_us:.2g} Hz at least (are they in Hz?)"
     )
+
+
+def _sizes(scene: Scene) -> str:
+    table = scene.plate
+    return (
+        f"plate.size_m = {list(table.size_m or ())} with plate.thickness_m = {table.thickness_m:g}"
+    )
+
+
+def check_lowest(scene: Scene, plate: Plate, limit_hz: float) -> None:
+    """Raise SceneError for a plate with no modes up to a frequency."""
+    if not plate.fundamental_hz < _LEAST_SHARE * limit_hz:
+        raise SceneError(
+            f"{_sizes(scene)} has its lowest mode at {plate.fundamental_hz:.3g} Hz, beyond the "
+            f"{limit_hz:.3g} Hz that the run carries; take a larger or thinner plate, or a smaller "
+            f"run.step_ns (now {scene.run.step_ns})"
+        )
+
+
+def check_modes(scene: Scene, plate: Structure, limit_hz: float) -> None:
+    """Raise SceneError for a plate with no modes up to a frequency, or too many."""
+    if isinstance(plate, Plate):
+        check_lowest(scene, plate, limit_hz)
+    modes = plate.modes_below(limit_hz)
+    if modes > MOST_MODES:
+        published = scene.run.scheme == "thesis2008"
+        less = "another scheme" if published else f"more run.accuracy than {scene.run.accuracy:g}"
+        raise SceneError(
+            f"{_sizes(scene)} has about {modes:.2g} modes up to {limit_hz:.3g} Hz, the most is "
+            f"{MOST_MODES}; take a smaller or thicker plate, or {less}"
+        )

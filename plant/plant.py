@@ -79,6 +79,9 @@ class PlantSpec:
         return self.plate.local_plate
 
 
+MOST_MODES = 500_000
+# What stands for the modes where there are none, or too many to compute.
+NO_MODES = Oscillators(np.zeros(0), np.zeros(0), np.zeros(0), 0, 0.0, 1.0)
 _MOST_ETA = 1.9  # a mode is critically damped at 2
 RIGID_RAD_S = 1e-9  # after 20 s the displacement is wrong by 7e-17
 
@@ -86,11 +89,13 @@ RIGID_RAD_S = 1e-9  # after 20 s the displacement is wrong by 7e-17
 @lru_cache(maxsize=8)
 def modes_of(spec: PlantSpec) -> Oscillators:
     """Oscillators of a description: of its structure with the actuator's mass on it, in air. Kept:
-    the plant has them, and the figures of its runs.
+    the plant has them, and the figures of its runs. `NO_MODES` for an infinite plate with too many.
 
     Raises ValueError for a mass on modes with loss factors of their own, or on a rigid body's,
     and where air would damp a mode critically, or what is struck is no plate that it is known for.
     """
+    if spec.infinite_plate and spec.plate.modes_below(spec.frequency_limit_hz) > MOST_MODES:
+        return NO_MODES
     modes = _in_vacuum(spec)
     if not spec.radiating_faces:
         return modes

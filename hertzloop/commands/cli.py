@@ -118,8 +118,13 @@ def run(
     inputs = [repeat] if repeat else files_of(resolved, scene, *(settings or []))
     check_output(recording, overwrite, read=inputs)
     check_json(json_file, recording)
-    if verify and resolved.run.scheme == "thesis2008":
-        fail("--verify needs a scheme that converges; run.scheme = 'thesis2008' does not", 2)
+    if verify:
+        from hertzloop.results.verify import check_verifiable
+
+        try:
+            check_verifiable(resolved)
+        except SceneError as error:
+            fail(str(error), 2)
     if live and transport != "zenoh":
         fail(f"--live listens on the bus; --transport {transport} has none", 2)
     for option in ("pace",) * bool(pace) + ("repeat",) * bool(repeat):

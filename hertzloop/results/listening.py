@@ -23,6 +23,7 @@ from plant.figures.sound import (
     radiated_j,
     rung_j,
 )
+from plant.plant import MOST_MODES
 from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.plate import Plate
@@ -66,6 +67,8 @@ def radiator_of(scene: Scene) -> Radiator:
     limit_hz = _limit_hz(scene)
     omega_max = 2.0 * math.pi * limit_hz
     structure = spec.plate
+    if structure.modes_below(limit_hz) > MOST_MODES:
+        raise _too_many(structure.modes_below(limit_hz), limit_hz)
     modes = structure.modes(omega_max, spec.contact_point_m, spec.actuator_point_m)
     if isinstance(structure, ModalStructure):
         x, y, shapes = _of_file(structure, omega_max)
@@ -77,10 +80,7 @@ def radiator_of(scene: Scene) -> Radiator:
     cell = np.outer(_widths(x), _widths(y)).ravel()
     moved = np.maximum(abs(modes.at_contact), abs(modes.at_actuator)) > modes.silent_below
     if np.count_nonzero(moved) > _MOST_MODES:
-        raise SceneError(
-            f"{np.count_nonzero(moved)} modes below {limit_hz:.3g} Hz sound, the most is "
-            f"{_MOST_MODES}; take a smaller or stiffer plate"
-        )
+        raise _too_many(float(np.count_nonzero(moved)), limit_hz)
     xx, yy = np.meshgrid(x, y, indexing="ij")
     return Radiator(
         omega=modes.omega[moved],
@@ -91,6 +91,13 @@ def radiator_of(scene: Scene) -> Radiator:
         shapes=shapes.reshape(len(modes.omega), -1)[moved],
         places_m=np.stack([xx.ravel(), yy.ravel()], axis=1),
         area_m2=cell,
+    )
+
+
+def _too_many(modes: float, limit_hz: float) -> SceneError:
+    return SceneError(
+        f"about {modes:.4g} modes below {limit_hz:.3g} Hz sound, the most is {_MOST_MODES}; take a "
+        "smaller or stiffer plate"
     )
 
 

@@ -45,7 +45,9 @@ def noise_table(columns: list[tuple[str, dict[str, float]]], compare: bool = Tru
     for row in noise_rows([figures for _, figures in columns], compare):
         table.add_row(*row)
     if any(math.isnan(figures["radiated_j"]) for _, figures in columns):
-        table.caption = "radiation efficiencies are not defined but for a simply supported plate"
+        table.caption = (
+            "radiation is known for simply supported plates with modes that can be summed"
+        )
     return table
 
 

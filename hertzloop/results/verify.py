@@ -10,7 +10,7 @@ from hertzloop import assembly as parts
 from hertzloop.loop.finer import finer_loop
 from hertzloop.results.impact_rows import F_A, F_C, XI, consistent_impacts, impacts_of_rows
 from hertzloop.scenes.scene import Scene, SceneError
-from plant.plant import Plant, PlantSpec
+from plant.plant import MOST_MODES, Plant, PlantSpec
 from plant.schemes import state_kernels as pk
 from plant.schemes.door import SCHEMES
 from plant.structures.modal_structure import ModalStructure
@@ -43,12 +43,27 @@ def verify(scene: Scene, rows: np.ndarray) -> Verification | None:
 
     None without an impact that ends within the run. Raises SceneError for the published scheme.
     """
+    check_verifiable(scene)
+    return against(scene, rows, finer_spec(scene))
+
+
+def check_verifiable(scene: Scene) -> None:
+    """Raise SceneError where the finer plant cannot be computed."""
     if scene.run.scheme == "thesis2008":
         raise SceneError(
             "run.scheme = 'thesis2008' does not converge, so there is nothing to verify; take "
             "'modal' or 'discrete_gradient'"
         )
-    return against(scene, rows, finer_spec(scene))
+    fine = finer_spec(scene)
+    modes = fine.plate.modes_below(fine.frequency_limit_hz)
+    if modes > MOST_MODES:
+        raise SceneError(
+            f"--verify needs about {modes:.2g} modes of the plate up to "
+            f"{fine.frequency_limit_hz:.3g} Hz, the most is {MOST_MODES}; leave out --verify, or "
+            f"choose a smaller or thicker plate than plate.size_m = "
+            f"{list(scene.plate.size_m or ())} with plate.thickness_m = "
+            f"{scene.plate.thickness_m or math.nan:g}"
+        )
 
 
 def finer_spec(scene: Scene) -> PlantSpec:

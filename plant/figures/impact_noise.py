@@ -38,15 +38,15 @@ def impact_noise(
     `shares_j`: what every oscillator takes (see `noise.modal_shares_j`) of the forces at contact
     and actuator from the contact's start to the next one's, `work_j` their work on the plate,
     `plate_speed_max_m_s`: the largest at the struck point over the same steps. Radiated energies
-    are nan for what is no simply supported plate: their efficiencies are not defined for anything
-    else. `faces`: that radiate.
+    are nan for any other structure than a simply supported plate, whose efficiencies are known.
+    Without modes (`plant.NO_MODES`) all sums over modes are nan. `faces`: that radiate.
     """
     if isinstance(plate, SolidPlate):  # waves as short as sound are long in it
         plate = plate.plate
     return ImpactNoise(
         **noise.closed_forms(sphere.radius_m, contact_time_s, impact_speed_m_s, rebound_speed_m_s),
         transmitted_j=work_j,
-        transmitted_spectrum_j=float(np.sum(shares_j)),
+        transmitted_spectrum_j=float(np.sum(shares_j)) if modes.modes else math.nan,
         plate_speed_max_m_s=plate_speed_max_m_s,
         **_radiated_j(plate, modes, shares_j, faces),
     )
@@ -56,7 +56,7 @@ def _radiated_j(
     plate: Structure, modes: Oscillators, shares_j: np.ndarray, faces: int
 ) -> dict[str, float]:
     """The study's sums of sigma E, and what the modes radiate of their energies E, by fields."""
-    if not isinstance(plate, Plate):
+    if not isinstance(plate, Plate) or not modes.modes:
         return dict.fromkeys(_RADIATED, math.nan)
     audible, weights = _weights(plate, modes, faces)
     sums = np.sum(shares_j[audible] * weights, axis=1)

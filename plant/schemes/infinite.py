@@ -7,10 +7,10 @@ import numpy as np
 
 from plant.contact import solve_kernels as solve
 from plant.contact.hertz import GRAVITY_M_S2
-from plant.plant import Plant, PlantSpec
+from plant.plant import NO_MODES, Plant, PlantSpec
 from plant.schemes import infinite_kernels as k
 from plant.schemes import state_kernels as pk
-from plant.structures.plate import Oscillators, Plate
+from plant.structures.plate import Plate
 
 
 def impedance_n_s_m(plate: Plate) -> float:
@@ -68,7 +68,7 @@ class InfinitePlant(Plant):
 
     def __init__(self, spec: PlantSpec) -> None:
         self.spec = spec
-        self.modes = Oscillators(np.zeros(0), np.zeros(0), np.zeros(0), 0, 0.0, 1.0)
+        self.modes = NO_MODES
         self.model = build_model(spec)
         self.state = self._initial_state()
 

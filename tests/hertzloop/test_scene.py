@@ -8,6 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hertzloop import assembly as parts
+from hertzloop.loop.compiled import simulate
+from hertzloop.results.cases import figures_of_case
+from hertzloop.results.figures import figures_of
+from hertzloop.results.listening import radiator_of
+from hertzloop.results.verify import check_verifiable
 from hertzloop.scenes.scene import DEFAULT, Scene, SceneError, load, parse, shipped, to_toml
 
 
@@ -167,6 +172,30 @@ def test_too_many_modes_are_refused_before_memory_is_gone() -> None:
             load("aluminium-3mm", ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]",
                            "plate.thickness_m=1e-4"])
         )  # fmt: skip
+
+
+def test_an_infinite_plate_may_be_of_any_size() -> None:
+    """It has no modes; what would sum them is not known, and no other figure differs."""
+    huge = ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]"]
+    short = ["run.duration_s=0.00114", "run.plate_model=infinite"]
+    scene = load("aluminium-3mm", [*huge, *short])
+    assert parts.plant_spec(scene).infinite_plate
+    found = figures_of(scene, simulate(scene).rows)
+    usual = load("aluminium-3mm", short)
+    expected = figures_of(usual, simulate(usual).rows)
+    assert found["impacts"] == expected["impacts"]
+    sums = {name for name, value in found["noise"][0].items() if math.isnan(value)}
+    assert sums == {"transmitted_spectrum_j", "radiated_j", "radiated_maidanik_j", "sound_j",
+                    "sound_maidanik_j"}  # fmt: skip
+    assert not any(math.isnan(value) for value in expected["noise"][0].values())
+    case = figures_of_case(scene, "run")
+    assert case.plate_energy_j == expected["impacts"][0]["plate_energy_j"]
+    # Without plate_model it is found to do, and what needs the modes says so.
+    assert parts.plant_spec(load("aluminium-3mm", [*huge, short[0]])).infinite_plate
+    with pytest.raises(SceneError, match=r"--verify needs about 2.1e\+07 modes"):
+        check_verifiable(scene)
+    with pytest.raises(SceneError, match=r"about 2.523e\+07 modes below 2e\+04 Hz sound"):
+        radiator_of(load("aluminium-3mm", [*huge, *short, "plate.thickness_m=1e-4"]))
 
 
 @pytest.mark.parametrize(
