@@ -11,9 +11,8 @@ from hertzloop import control
 from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.loop.launcher import Launcher
-from hertzloop.results import figures, law_accuracy
+from hertzloop.results import figures
 from hertzloop.results.impact_rows import through_first_contact
-from hertzloop.results.predictability import DISTURBANCE, as_dicts, known_impacts
 from hertzloop.results.verify import as_json, verify
 from hertzloop.scenes.scene import Scene
 from recordings.compare import first_difference
@@ -124,41 +123,12 @@ def run_scene(
         lane=stats["lane"],
         realtime=stats.get("realtime", ""),
     )
-    late = options.pace is not None or options.repeat is not None  # then not the law alone decides
-    report["predictability"] = _predictability(scene, without, report, late)
-    report["law_accuracy"] = None if late else _judge_law(scene, report)
     if options.repeat:
         report["repeats"] = str(options.repeat)
         report["differs"] = first_difference(read(options.repeat), recorded)
     if options.verify:
         report["verification"] = as_json(verified)
     return report
-
-
-def _predictability(
-    scene: Scene, without: Scene, report: dict[str, Any], late: bool
-) -> dict[str, Any]:
-    """How well the impacts of a run, and of that without control, can be known; `late`: its forces
-    were, so that it is judged by the same in lock-step. Nothing is said of an unstable loop."""
-    error, known = report["expected_error"], None
-    if not report["stability"]["unstable"]:
-        known = known_impacts(scene, report["impacts"], error, in_lock_step=not late)
-    other = known
-    if without != scene:
-        other = known_impacts(without, report["uncontrolled"]["impacts"], error)
-    found: dict[str, Any] = {"disturbance": DISTURBANCE, "model_error": error}
-    return found | {"controlled": as_dicts(known), "uncontrolled": as_dicts(other)}
-
-
-def _judge_law(scene: Scene, report: dict[str, Any]) -> dict[str, Any] | None:
-    """Whether the accuracy asked for is kept under the law; a sentence of the verdict if not."""
-    if not report["impacts"] or report["stability"]["unstable"]:
-        return None
-    first = report["impacts"][0]
-    found = law_accuracy.judged(scene, first["start_s"] + 2.0 * first["duration_s"])
-    if found and not found.kept:
-        report["verdict"].append(found.sentence)
-    return law_accuracy.as_json(found)
 
 
 def what_is_kept(recording: Path, since_s: float) -> str:

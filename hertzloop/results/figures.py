@@ -12,6 +12,7 @@ from hertzloop import assembly as parts
 from hertzloop.plant_tables import limit_of
 from hertzloop.quantities import TRUTH
 from hertzloop.results import left_out, pacing
+from hertzloop.results.conclusions import conclusions
 from hertzloop.results.demand import DemandMeter
 from hertzloop.results.extremes import ExtremesMeter
 from hertzloop.results.impact_rows import Block, impacts_of_blocks
@@ -19,7 +20,7 @@ from hertzloop.results.law import law_of
 from hertzloop.results.model_cost import chosen_model
 from hertzloop.results.plate_words import tail_of, theory_of
 from hertzloop.results.stability import StabilityMeter
-from hertzloop.results.verdict import PushMeter, saturation_of, verdict
+from hertzloop.results.verdict import PushMeter
 from hertzloop.scenes.scene import Scene
 from hertzloop.struck import structure
 from plant.structures.edged_plate import EdgedPlate
@@ -27,6 +28,8 @@ from plant.structures.modal_structure import ModalStructure
 from recordings.columns import Arrays
 from recordings.reader import Recording
 
+_OF_ROWS = ("impacts", "noise", "last_contact_ended", "stability", "demand", "push", "validity",
+            "warnings")  # fmt: skip
 NEEDED_FIELDS = set(TRUTH) - {"xi_a_m", "f_c1_n", "f_a1_n", "deepest_m"}
 
 
@@ -140,6 +143,32 @@ def struck(scene: Scene) -> dict[str, Any]:
     return found | {"name": "a simply supported plate", "closed_form": True}
 
 
+def of_recording(
+    scene: Scene, recording: Recording, uncontrolled: dict[str, Any] | None, why_not: str = ""
+) -> dict[str, Any]:
+    """All figures of a recorded run, and what they come to (see `conclusions`).
+
+    Args:
+        scene: The scene of the run.
+        recording: The run.
+        uncontrolled: Figures of the same run without control, None if it is that itself.
+        why_not: Why its closed loop cannot be simulated again, where that is so.
+    """
+    books = recording.books
+    report = {
+        **law_of(recording),
+        "injected_j": books.injected_j if books else 0.0,
+        "yield": yield_of(books) if books else None,
+        "expected_error": books.expected_error if books else None,
+        "requested_accuracy": scene.run.accuracy,
+        **figures_of(scene, blocks_of(recording)),
+        "pacing": pacing.of(recording),
+    }
+    if uncontrolled is not None:
+        report["uncontrolled"] = uncontrolled
+    return report | conclusions(scene, recording, report, why_not)
+
+
 def run_report(
     scene: Scene,
     recording: Recording,
@@ -156,13 +185,13 @@ def run_report(
     books = recording.books
     if books is None:
         raise ValueError("the recording has no books: the run did not end")
-    found = figures_of(scene, blocks_of(recording))
-    report = {
+    found = of_recording(scene, recording, uncontrolled)
+    own = {name: found[name] for name in _OF_ROWS}
+    return {
         "scene": scene.name,
         "seed": scene.run.seed,
         "transport": transport,
         "scheme": scene.run.scheme,
-        **law_of(recording),
         "steps": scene.steps,
         "wall_s": wall_s,
         "real_time_factor": scene.run.duration_s / wall_s if wall_s else math.inf,
@@ -170,22 +199,16 @@ def run_report(
         "lane": lane,
         "realtime": realtime,
         "residuals": {"momentum": books.momentum_residual, "energy": books.energy_residual},
-        "injected_j": books.injected_j,
-        "yield": yield_of(books),
         "tail": tail_of(scene, books),
         "theory": theory_of(scene),
         "limiting_pressure": limit_of(scene),
         "radiation": radiation_of(scene, books),
         "frequencies": books.frequencies,
         "frequency_limit_hz": books.frequency_limit_hz,
-        "expected_error": books.expected_error,
-        "requested_accuracy": scene.run.accuracy,
         "model": chosen_model(scene),
         "struck": struck(scene),
         "newton_iterations_max": books.newton_iterations_max,
-        **found,
-        "uncontrolled": uncontrolled or found,
         "recording": str(recording.path),
-        "pacing": pacing.of(recording),
+        "uncontrolled": own,
+        **found,
     }
-    return report | {"verdict": verdict(report, saturation_of(recording.events))}

@@ -1,12 +1,12 @@
 """The table of a run's impacts, each number with the digits that it has."""
 
-import math
 from collections.abc import Iterable
 from typing import Any
 
 from rich.table import Table
 
-from hertzloop.results.predictability import CHAOTIC
+from hertzloop.results.digits import LEGEND, UNKNOWN, about, known_digits
+from hertzloop.results.predictability import errors_of, is_chaotic
 
 _SHOWN = 12  # impacts in a table; --json has them all
 # Heading, key, factor and usual format.
@@ -21,45 +21,25 @@ _COLUMNS = (
 )
 
 
+def headings(impacts: list[dict[str, float]]) -> list[str]:
+    """Return the headings of the columns, with the unit that suits the energies."""
+    _, unit = energy_unit(impact["plate_energy_j"] for impact in impacts[:_SHOWN])
+    return [heading.format(unit=unit) for heading, *_ in _COLUMNS]
+
+
 def impacts_table(
     title: str,
     impacts: list[dict[str, float]],
     known: list[dict[str, Any]] | None = None,
-    recorded: bool = False,
+    why_not: str = "",
 ) -> Table:
-    """Impacts, one a row; `known` as `predictability.Known`: an impact that depends chaotically
-    on those before it has the digits that are left, and none are shown once there are none.
-    `recorded`: nothing is known of that, as the run is not made again."""
+    """Impacts, one a row; see `impact_rows`."""
     table = Table(title=title, title_justify="left")
-    to_unit, unit = energy_unit(impact["plate_energy_j"] for impact in impacts[:_SHOWN])
-    for heading, *_ in _COLUMNS:
-        table.add_column(heading.format(unit=unit), justify="right")
-    notes, rows = [], impacts[:_SHOWN]
-    for i, impact in enumerate(rows):
-        errors: dict[str, float] = {}
-        if known is not None and not known[i]["amplification"] <= CHAOTIC:
-            errors = known[i]["errors"]
-        cells = [
-            known_digits(
-                impact[key] * (factor or to_unit), form, errors.get(key, 0.0) * (factor or to_unit)
-            )
-            for _, key, factor, form in _COLUMNS
-        ]
-        if all(cell == "?" for cell in cells):
-            notes.append(f"{len(impacts) - i} more follow, of which nothing can be known")
-            break
-        table.add_row(*cells)
-    else:
-        if len(impacts) > _SHOWN:
-            notes.append(f"and {len(impacts) - _SHOWN} more; --json has them all")
-    if known is not None and any(not k["amplification"] <= CHAOTIC for k in known[: len(rows)]):
-        grown = known[min(1, len(known) - 1)]["amplification"]
-        notes.append(
-            "digits as far as the model's error leaves any: "
-            f"the second impact magnifies it {grown:.2g} times"
-        )
-    if recorded and len(impacts) > 1:
-        notes.append("digits as recorded: 'hertzloop run' tells how many later impacts have")
+    for heading in headings(impacts):
+        table.add_column(heading, justify="right")
+    rows, notes = impact_rows(impacts, known, why_not)
+    for row in rows:
+        table.add_row(*row)
     table.caption = "; ".join(notes) or None
     return table
 
@@ -70,14 +50,47 @@ def energy_unit(energies_j: Iterable[float]) -> tuple[float, str]:
     return (1e3, "mJ") if large else (1e6, "uJ")
 
 
-def known_digits(value: float, form: str, error: float) -> str:
-    """A number as formatted, or with as many digits as an error leaves; ? without any."""
-    usual = f"{value:{form}}"
-    if error == 0.0:
-        return usual
-    if not error < abs(value):
-        return "?"
-    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(error))
-    # `#` keeps the zeros that are known.
-    known = f"{value:#.{max(digits, 1)}g}".replace(".e", "e").removesuffix(".")
-    return min(known, usual, key=lambda text: sum(c.isdigit() for c in text.partition("e")[0]))
+def impact_rows(
+    impacts: list[dict[str, float]], known: list[dict[str, Any]] | None = None, why_not: str = ""
+) -> tuple[list[list[str]], list[str]]:
+    """Rows of the table below `headings`, and notes on them.
+
+    Args:
+        impacts: Fields as in `Impact`.
+        known: Fields as in `Known`, one for each impact: one that depends chaotically on those
+            before it has its predictable digits, and none are listed once there are none.
+        why_not: Why nothing is known of the digits, where that is so.
+    """
+    rows: list[list[str]] = []
+    notes: list[str] = []
+    to_unit, _ = energy_unit(impact["plate_energy_j"] for impact in impacts[:_SHOWN])
+    for i, impact in enumerate(impacts[:_SHOWN]):
+        errors = errors_of(known, i)
+        cells = [
+            known_digits(
+                impact[key] * (factor or to_unit), form, errors.get(key, 0.0) * (factor or to_unit)
+            )
+            for _, key, factor, form in _COLUMNS
+        ]
+        if all(cell == UNKNOWN for cell in cells):
+            notes.append(f"impacts from number {i + 1} on are not predictable")
+            break
+        rows.append(cells)
+    else:
+        if len(impacts) > _SHOWN:
+            notes.append(f"and {len(impacts) - _SHOWN} more; --json has them all")
+    if known is not None and any(map(is_chaotic, known[: len(rows)])):
+        grown = known[min(1, len(known) - 1)]["amplification"]
+        notes.insert(
+            0,
+            "only predictable digits are shown: the second impact magnifies the model's error "
+            f"{about(grown)} times",
+        )
+        if any(UNKNOWN in row for row in rows):
+            notes.append(LEGEND)
+    if why_not and len(impacts) > 1:
+        notes.append(
+            "digits as recorded: how many are predictable after the first impact is not known, "
+            f"since {why_not}"
+        )
+    return rows, notes

@@ -8,9 +8,11 @@ from rich.table import Table
 
 from hertzloop.commands.terminal import styled
 from hertzloop.results import figures, pacing, report
+from hertzloop.results.conclusions import predictability, why_not_again
 from hertzloop.results.impacts_table import impacts_table
 from hertzloop.results.law import law_line, law_of
 from hertzloop.results.left_out import show_left_out
+from hertzloop.results.predictability import errors_of
 from hertzloop.results.verdict import saturation_of, verdict
 from hertzloop.scenes.scene import SceneError, parse
 from recordings.reader import Recording
@@ -52,7 +54,7 @@ def summary(recording: Recording) -> dict[str, Any]:
         }
         data["yield"] = figures.yield_of(recording.books)
     data["pacing"] = pacing.of(recording)
-    found, problem = _figures(recording)
+    found, problem = _figures(recording, data)
     data |= found
     data["verdict"] = verdict(data, saturation_of(recording.events)) if not problem else []
     if problem:
@@ -69,13 +71,13 @@ def _number(recording: Recording, key: str) -> int:
         return 0
 
 
-def _figures(recording: Recording) -> tuple[dict[str, Any], str]:
+def _figures(recording: Recording, data: dict[str, Any]) -> tuple[dict[str, Any], str]:
     """Impacts, noise, stability and demand, and why there are none. What a file says of itself may
     be anything: numbers that no figures follow from are one more thing wrong with it, not with us.
     """
     nothing: dict[str, Any] = {"impacts": [], "noise": [], "stability": None, "demand": None,
                                "validity": [], "warnings": [], "push": None,
-                               "last_contact_ended": True}  # fmt: skip
+                               "last_contact_ended": True, "predictability": None}  # fmt: skip
     truth = recording.truth
     try:
         scene = parse(recording.scene_toml, recorded=True)
@@ -86,7 +88,11 @@ def _figures(recording: Recording) -> tuple[dict[str, Any], str]:
         if truth.samples and lacking:
             return nothing, f"stream 'truth' has no {', '.join(sorted(lacking))}"
         with np.errstate(all="ignore"):
-            return figures.figures_of(scene, figures.blocks_of(recording)), ""
+            found = figures.figures_of(scene, figures.blocks_of(recording))
+            books, late = recording.books, data["pacing"] is not None
+            error = {"expected_error": books.expected_error if books else None}
+            known = predictability(scene, found | error, late, why_not_again(recording))
+            return found | {"predictability": known}, ""
     except (SceneError, RecursionError) as error:
         return nothing, f"the scene inside cannot be read: {error}{recording.other_version}"
     except (ArithmeticError, ValueError) as error:
@@ -108,9 +114,12 @@ def show(console: Console, recording: Recording, data: dict[str, Any]) -> None:
     if data["other_messages"]:
         console.print(f"Passed over: {data['other_messages']:,} messages of other topics.")
     console.print(styled("Law really run: ", law_line(data)), soft_wrap=True)
-    console.print(impacts_table("Impacts", data["impacts"], recorded=True))
+    known = data["predictability"] or {"controlled": None, "why_not": ""}
+    own = known["controlled"]
+    console.print(impacts_table("Impacts", data["impacts"], own, known["why_not"]))
     if data["noise"]:
-        console.print(report.noise_table([("", data["noise"][0])]))
+        errors = [errors_of(own, 0, "noise_errors")]
+        console.print(report.noise_table([("", data["noise"][0])], errors=errors))
     if data["demand"]:
         console.print(f"Demand on the actuator: {report.demand_words(data['demand'])}.")
     if data.get("yield"):

@@ -5,6 +5,7 @@ from typing import Any
 from controller.door.registry import shipped
 from hertzloop.scenes.scene import SceneError, parse
 from recordings.reader import Recording
+from recordings.writer import RecordingError
 
 _LONGEST = 200  # characters that are shown of what a controller says
 
@@ -28,6 +29,29 @@ def _law_of_scene(recording: Recording) -> str | None:
         return parse(recording.scene_toml, recorded=True).controller.law
     except (SceneError, RecursionError):
         return None
+
+
+def text_of_law(recording: Recording) -> str:
+    """Text of the law that ran. Raises RecordingError where the recording does not hold it."""
+    ran = law_of(recording)
+    if not recording.law_source:
+        raise RecordingError(
+            f"the recording holds no text of its law, {law_line(ran)}: a compiled law has none"
+        )
+    if ran["law"] and not ran_as_announced(ran):
+        raise RecordingError(
+            f"the recording holds no text of the law that ran, {_shown(ran['law'], None)}: its "
+            "controller is another program. The law of the scene did not run: "
+            f"{_shown(ran['scene_law'], None)}"
+        )
+    return recording.law_source
+
+
+def ran_as_announced(data: dict[str, Any]) -> bool:
+    """Whether the controller said that it ran the scene's law, file for file."""
+    return bool(data["law"]) and (data["law"], data["law_digest"]) == (
+        data["scene_law"], data["scene_law_digest"]
+    )  # fmt: skip
 
 
 def law_line(data: dict[str, Any]) -> str:

@@ -5,6 +5,7 @@ magnify what came before them a hundredfold each. What a disturbance of 1e-9 gro
 much the model's own error grows, and what two processors that round differently may differ by.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,45 +30,77 @@ _FOLLOWS = ("plate_speed_max_m_s",)  # with waves that samples hardly carry: say
 @dataclass(frozen=True)
 class Known:
     """Of one impact: how often the disturbance is found in the quantity that moved most, relative
-    to it, and by how much each quantity may be wrong at the model's error, in its unit; infinite
-    where the disturbed run has no such impact."""
+    to it, and by how much each quantity, and each of its noise figures, may be wrong at the model's
+    error, in its unit; infinite where the disturbed run has no such impact."""
 
     amplification: float
     errors: dict[str, float]
+    noise_errors: dict[str, float]
 
 
 def known_impacts(
-    scene: Scene, impacts: list[dict[str, float]], model_error: float, in_lock_step: bool = True
+    scene: Scene,
+    impacts: list[dict[str, float]],
+    model_error: float,
+    in_lock_step: bool = True,
+    noise: list[dict[str, float]] | None = None,
 ) -> list[Known] | None:
-    """What can be known of the impacts of a run; None where nothing can depend on one before, and
-    of the published scheme. `model_error`: relative, of the run. A run that was not `in_lock_step`
-    has other impacts than the disturbed one for that reason alone: each is known as well as the
-    same one in lock-step."""
+    """What can be known of the impacts of a run, and of their `noise` figures; None where nothing
+    can depend on an impact before, and of the published scheme. `model_error`: relative, of the
+    run. A run that was not `in_lock_step` has other impacts than the disturbed one for that reason
+    alone: each is known as well as the same one in lock-step."""
     if len(impacts) < 2 or scene.run.scheme == "thesis2008":
         return None
     others = _impacts(scene, DISTURBANCE)
     run = [] if in_lock_step else _impacts(scene)[: len(impacts)]
+    recorded = list(zip(impacts, noise or [{}] * len(impacts), strict=True))
     found = []
-    for i, impact in enumerate([*run, *impacts[len(run) :]]):
-        moved = {
-            name: abs(others[i][name] - impact[name]) if i < len(others) else np.inf
-            for name in (*_QUANTITIES, *_FOLLOWS)
-        }
+    for i, (impact, sound) in enumerate([*run, *recorded[len(run) :]]):
+        other_impact, other_sound = others[i] if i < len(others) else ({}, {})
+        moved = _moved(impact, other_impact, (*_QUANTITIES, *_FOLLOWS))
         share = [moved[name] / abs(impact[name]) if impact[name] else 0.0 for name in _QUANTITIES]
-        errors = {name: value * model_error / DISTURBANCE for name, value in moved.items()}
-        found.append(Known(float(np.max(share)) / DISTURBANCE, errors))
+        errors, noise_errors = (
+            {name: value * model_error / DISTURBANCE for name, value in each.items()}
+            for each in (moved, _moved(sound, other_sound, sound))
+        )
+        found.append(Known(float(np.max(share)) / DISTURBANCE, errors, noise_errors))
     return found
 
 
-def _impacts(scene: Scene, disturbance: float = 0.0) -> list[dict[str, float]]:
+def _moved(
+    figures: dict[str, float], others: dict[str, float], names: Iterable[str]
+) -> dict[str, float]:
+    """By how much figures differ; infinite where the others have none."""
+    return {name: abs(others.get(name, np.inf) - figures[name]) for name in names}
+
+
+def _impacts(
+    scene: Scene, disturbance: float = 0.0
+) -> list[tuple[dict[str, float], dict[str, float]]]:
+    """Impacts of a run with their noise figures, fields as in `Impact` and `ImpactNoise`."""
     with np.errstate(over="ignore", invalid="ignore"):
         found = impacts_of_blocks(scene, closed_loop_rows(scene, disturbance))
-        return [vars(one.impact) for one in found]
+        return [(vars(one.impact), vars(one.noise)) for one in found]
 
 
 def as_dicts(known: list[Known] | None) -> list[dict[str, Any]] | None:
     """For --json."""
     return None if known is None else [vars(each) for each in known]
+
+
+def is_chaotic(known: dict[str, Any]) -> bool:
+    """Whether an impact, fields as in `Known`, depends on what was before it by far too much."""
+    return not known["amplification"] <= CHAOTIC
+
+
+def errors_of(
+    known: list[dict[str, Any]] | None, impact: int, of: str = "errors"
+) -> dict[str, float]:
+    """Errors of the figures of an impact that is chaotic, or of its noise (`noise_errors`); empty
+    where all digits count."""
+    if known is None or impact >= len(known) or not is_chaotic(known[impact]):
+        return {}
+    return dict(known[impact][of])
 
 
 def horizon_step(scene: Scene, tolerance: float) -> int | None:

@@ -1,6 +1,7 @@
 """Tables on the terminal."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
@@ -9,10 +10,12 @@ from rich.text import Text
 
 from hertzloop.commands.terminal import styled
 from hertzloop.results import pacing
+from hertzloop.results.digits import LEGEND, UNKNOWN, change_db, known_digits
 from hertzloop.results.impacts_table import energy_unit, impacts_table
 from hertzloop.results.law import law_line
 from hertzloop.results.left_out import show_left_out
 from hertzloop.results.plate_words import tail_words, theory_words, what_limits
+from hertzloop.results.predictability import errors_of
 
 _NOISE_ROWS = (
     ("contact time", "contact_time_s", 1e6, "us"),
@@ -32,9 +35,14 @@ _NOISE_ROWS = (
 _AMPLITUDES = ("peak_pressure_pa", "plate_speed_max_m_s")
 
 
-def noise_table(columns: list[tuple[str, dict[str, float]]], compare: bool = True) -> Table:
+def noise_table(
+    columns: list[tuple[str, dict[str, float]]],
+    compare: bool = True,
+    errors: Sequence[dict[str, float]] = (),
+) -> Table:
     """Noise figures of the first impact, one column a case; the change from the second to the
-    first in dB where there are two and they `compare`, in per cent for speed, height and time."""
+    first in dB where there are two and they `compare`, in per cent for speed, height and time.
+    `errors`: of each column's figures, none where all digits count."""
     compare = compare and len(columns) == 2
     table = Table(title="Noise and vibration of the first impact", title_justify="left")
     table.add_column("figure")
@@ -42,44 +50,59 @@ def noise_table(columns: list[tuple[str, dict[str, float]]], compare: bool = Tru
         table.add_column(heading, justify="right")
     if compare:
         table.add_column("change", justify="right")
-    for row in noise_rows([figures for _, figures in columns], compare):
+    rows = noise_rows([figures for _, figures in columns], compare, errors)
+    for row in rows:
         table.add_row(*row)
+    notes = []
     if any(math.isnan(figures["radiated_j"]) for _, figures in columns):
-        table.caption = (
-            "radiation is known for simply supported plates with modes that can be summed"
-        )
+        notes.append("radiation is known for simply supported plates with modes that can be summed")
+    if any(UNKNOWN in row for row in rows):
+        notes.append(LEGEND)
+    table.caption = "; ".join(notes) or None
     return table
 
 
-def noise_rows(columns: list[dict[str, float]], compare: bool) -> list[list[str]]:
+def noise_rows(
+    columns: list[dict[str, float]], compare: bool, errors: Sequence[dict[str, float]] = ()
+) -> list[list[str]]:
     """The rows of that table: label, a cell for every column, and the change if they `compare`."""
     rows = []
     for label, key, factor, unit in _NOISE_ROWS:
         values = [figures[key] for figures in columns]
         if unit == "uJ":
             factor, unit = energy_unit(values)
+        wrong = [found.get(key, 0.0) for found in errors] or [0.0] * len(values)
         cells = [
-            "not defined" if math.isnan(value) else f"{value * factor:.4g} {unit}"
-            for value in values
-        ]
+            "not defined" if math.isnan(value) else _with_unit(
+                known_digits(value * factor, ".4g", error * factor), unit
+            )
+            for value, error in zip(values, wrong, strict=True)
+        ]  # fmt: skip
         if compare:
-            cells.append(_change(key, *values))
+            cells.append(_change(key, *values, *wrong))
         rows.append([label, *cells])
     return rows
 
 
-def _change(key: str, value: float, reference: float) -> str:
+def _with_unit(number: str, unit: str) -> str:
+    return number if number == UNKNOWN else f"{number} {unit}"
+
+
+def _change(
+    key: str, value: float, reference: float, error: float = 0.0, reference_error: float = 0.0
+) -> str:
     """Ratio in dB for energies and amplitudes, in per cent otherwise."""
     if reference == 0.0 or math.isnan(value):
         return ""
     if key in ("contact_time_s", "next_impact_speed_m_s", "rebound_height_m"):
         if value > 1e3 * reference:  # what is divided by lies within the model's error
             return "of next to nothing"
-        return f"{100.0 * value / reference:.1f} %"
-    if value / reference <= 0.0:
-        return ""
+        percent = 100.0 * value / reference
+        wrong = 100.0 * (error + reference_error * abs(value / reference)) / abs(reference)
+        return _with_unit(known_digits(percent, ".1f", wrong), "%")
     factor = 20.0 if key in _AMPLITUDES else 10.0
-    return f"{factor * math.log10(value / reference):+.2f} dB"
+    change, wrong = change_db(value, reference, factor, error, reference_error)
+    return "" if math.isnan(change) else _with_unit(known_digits(change, "+.2f", wrong), "dB")
 
 
 def run_table(report: dict[str, Any]) -> Table:
@@ -285,19 +308,19 @@ def print_run(console: Console, report: dict[str, Any]) -> None:
     """The closing table of a run."""
     controlled, unstable = report["scene_law"] != "off", report["stability"]["unstable"]
     noise, free = report["noise"], report["uncontrolled"]
-    known = report.get("predictability", {"controlled": None, "uncontrolled": None})
+    known = report["predictability"]
+    own, other = known["controlled"], known["uncontrolled"]
+    errors = [errors_of(each, 0, "noise_errors") for each in (own, other)]
     if controlled:
-        console.print(impacts_table("Impacts with control", report["impacts"], known["controlled"]))
-        console.print(
-            impacts_table("The same without control", free["impacts"], known["uncontrolled"])
-        )
+        console.print(impacts_table("Impacts with control", report["impacts"], own))
+        console.print(impacts_table("The same without control", free["impacts"], other))
         if noise and free["noise"]:
             cases = [("with control", noise[0]), ("without", free["noise"][0])]
-            console.print(noise_table(cases, compare=not unstable))
+            console.print(noise_table(cases, not unstable, errors))
     else:
-        console.print(impacts_table("Impacts, no control", report["impacts"], known["controlled"]))
+        console.print(impacts_table("Impacts, no control", report["impacts"], own))
         if noise:
-            console.print(noise_table([("no control", noise[0])]))
+            console.print(noise_table([("no control", noise[0])], errors=errors[:1]))
     console.print(run_table(report))
     show_left_out(console, report["validity"])
     if "verification" in report:

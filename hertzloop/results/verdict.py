@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.results.digits import UNKNOWN, change_db, known_digits
 from hertzloop.results.impact_rows import F_A, F_C, Block
+from hertzloop.results.predictability import errors_of
 from hertzloop.scenes.scene import Scene
 
 _HARDLY_DB = 0.1
@@ -107,24 +109,23 @@ def pumping(stability: dict[str, Any]) -> str:
     )
 
 
-def _db(value: float, reference: float, factor: float = 10.0) -> float:
-    ratio = value / reference if reference else math.nan
-    return factor * math.log10(ratio) if ratio > 0.0 else math.nan
-
-
 def _compared(report: dict[str, Any], free: dict[str, Any]) -> list[str]:
     """Whether control helped, in what, and why not."""
     if report["push"] is None:
         return ["Control did nothing: the law never pushed."]
-    with_, without = report["impacts"], free["impacts"]
-    energy = _db(*(sum(i["plate_energy_j"] for i in impacts) for impacts in (with_, without)))
-    once = len(with_) == len(without) == 1
+    once = len(report["impacts"]) == len(free["impacts"]) == 1
     better, worse = _others(report, free, "" if once else " (first impact)")
-    over = "" if once else " over all contacts"
+    energy, error, over = _plate_energy(report, free)
+    change = known_digits(energy, "+.1f", error)
+    if error > _HARDLY_DB and change == UNKNOWN:
+        return [
+            "Whether control helps is not predictable: the model's error, which the first impact "
+            "magnifies, is larger than the change of the plate energy."
+        ]
     if energy < -_HARDLY_DB:
-        words = f"Control helps: plate energy {energy:+.1f} dB{over}"
+        words = f"Control helps: plate energy {change} dB{over}"
     elif energy > _HARDLY_DB:
-        words = f"Control does harm: plate energy {energy:+.1f} dB{over}"
+        words = f"Control does harm: plate energy {change} dB{over}"
     else:
         words = f"Control hardly changes the plate energy{over}"
     words += "".join(f", {word}" for word in better)
@@ -132,8 +133,31 @@ def _compared(report: dict[str, Any], free: dict[str, Any]) -> list[str]:
         words += f"; {'but' if better or energy < 0.0 else 'and'} {', '.join(worse)}"
     said = [f"{words}."]
     if not energy < -_HARDLY_DB:
-        said += _why(report, without[0]["duration_s"])
+        said += _why(report, free["impacts"][0]["duration_s"])
     return said
+
+
+def _plate_energy(report: dict[str, Any], free: dict[str, Any]) -> tuple[float, float, str]:
+    """Change of the plate energy (dB), its error, and over what: all contacts, or the first one
+    where later ones are not predictable to the digit that is printed."""
+    known = report.get("predictability", {})
+    sums, errors = [], []
+    for found, name in ((report, "controlled"), (free, "uncontrolled")):
+        impacts = found["impacts"]
+        sums.append([impact["plate_energy_j"] for impact in impacts])
+        errors.append(
+            [errors_of(known.get(name), i).get("plate_energy_j", 0.0) for i in range(len(impacts))]
+        )
+    energy, error = change_db(sum(sums[0]), sum(sums[1]), 10.0, sum(errors[0]), sum(errors[1]))
+    if len(sums[0]) == len(sums[1]) == 1:
+        return energy, error, ""
+    if known.get("why_not"):
+        over = " (first impact; whether later ones are predictable is not known)"
+    elif error <= _HARDLY_DB:
+        return energy, error, " over all contacts"
+    else:
+        over = " (first impact; later ones are not predictable)"
+    return *change_db(sums[0][0], sums[1][0], 10.0, errors[0][0], errors[1][0]), over
 
 
 def _others(report: dict[str, Any], free: dict[str, Any], of: str) -> tuple[list[str], list[str]]:
@@ -143,13 +167,25 @@ def _others(report: dict[str, Any], free: dict[str, Any], of: str) -> tuple[list
     if not report["noise"] or not free["noise"]:
         return better, worse
     with_, without = report["noise"][0], free["noise"][0]
+    known = report.get("predictability", {})
+    wrong, other = (
+        errors_of(known.get(name), 0, "noise_errors") for name in ("controlled", "uncontrolled")
+    )
     for key, name, factor in _FIGURES:
-        change = _db(with_[key], without[key], factor)
-        if abs(change) > _HARDLY_DB:
-            (better if change < 0.0 else worse).append(f"{name} {change:+.1f} dB{of}")
-    height, before = with_["rebound_height_m"], without["rebound_height_m"]
+        change, error = change_db(
+            with_[key], without[key], factor, wrong.get(key, 0.0), other.get(key, 0.0)
+        )
+        said = known_digits(change, "+.1f", error)
+        if abs(change) > _HARDLY_DB and said != UNKNOWN:
+            (better if change < 0.0 else worse).append(f"{name} {said} dB{of}")
+    key = "rebound_height_m"
+    height, before = with_[key], without[key]
     if before > 0.0 and abs(height / before - 1.0) > 0.02:
-        share = f"the sphere rebounds {100.0 * height / before:.0f} % as high"
+        error = (wrong.get(key, 0.0) + other.get(key, 0.0) * height / before) / before
+        share = known_digits(100.0 * height / before, ".0f", 100.0 * error)
+        if share == UNKNOWN:
+            return better, worse
+        share = f"the sphere rebounds {share} % as high"
         if height > 1e3 * before:  # which lies within the model's error
             share = "the sphere rebounds, where it hardly did"
         (better if height < before else worse).append(share)

@@ -10,9 +10,17 @@ from typer.testing import CliRunner
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import closed_loop_rows, simulate
 from hertzloop.loop.inprocess import record_in_process
+from hertzloop.results.digits import known_digits
 from hertzloop.results.figures import figures_of
-from hertzloop.results.impacts_table import known_digits
-from hertzloop.results.predictability import CHAOTIC, horizon_step, known_impacts
+from hertzloop.results.impacts_table import headings, impact_rows
+from hertzloop.results.predictability import (
+    CHAOTIC,
+    as_dicts,
+    errors_of,
+    horizon_step,
+    known_impacts,
+)
+from hertzloop.results.report import noise_rows
 from hertzloop.scenes.scene import load
 from recordings.compare import first_difference
 from recordings.reader import read
@@ -43,10 +51,11 @@ def test_every_bounce_of_a_light_ball_magnifies_what_was_before() -> None:
 def test_late_forces_are_no_chaos() -> None:
     """A paced run differs from its lock-step by far more than by what its bounces magnify."""
     scene = load("aluminium-3mm", ["run.duration_s=0.15"])
-    impacts = figures_of(scene, simulate(scene).rows)["impacts"]
+    figures = figures_of(scene, simulate(scene).rows)
+    impacts, noise = figures["impacts"], figures["noise"]
     paced = [{name: 1.01 * value for name, value in impact.items()} for impact in impacts]
     assert known_impacts(scene, paced, 1e-3, in_lock_step=False) == known_impacts(
-        scene, impacts, 1e-3
+        scene, impacts, 1e-3, noise=noise
     )
     more = known_impacts(scene, [*paced, paced[-1]], 1e-3, in_lock_step=False)
     assert more is not None
@@ -77,6 +86,25 @@ def test_the_error_of_the_second_impact_is_what_more_modes_change() -> None:
         assert abs(one[1][key] - other[1][key]) < 2.0 * error, key
 
 
+def test_no_table_shows_digits_that_another_does_not() -> None:
+    """A coarse converter decides at a sample: the first impact itself is hardly predictable."""
+    settings = ["run.duration_s=0.12", "run.accuracy=0.02", "controller.kappa=0.4",
+                "controller.latency_us=5", "sensors.bits=12"]  # fmt: skip
+    scene = load("aluminium-3mm", settings)
+    found = figures_of(scene, simulate(scene).rows)
+    known = as_dicts(known_impacts(scene, found["impacts"], 0.02, noise=found["noise"]))
+    assert known is not None
+    assert known[0]["amplification"] > CHAOTIC
+    impact, noise = found["impacts"][0], found["noise"][0]
+    assert impact["plate_energy_j"] == pytest.approx(noise["transmitted_j"])
+    row = dict(
+        zip(headings(found["impacts"]), impact_rows(found["impacts"], known)[0][0], strict=True)
+    )
+    cells = dict(noise_rows([noise], False, [errors_of(known, 0, "noise_errors")]))
+    assert cells["transmitted energy, in time"].removesuffix(" uJ") == row["into the plate (uJ)"]
+    assert row["into the plate (uJ)"].startswith(("about", "unknown"))
+
+
 def test_a_heavy_ball_is_predictable() -> None:
     scene = load("aluminium-20mm", ["controller.law=off", "run.duration_s=0.012"])
     known = known_impacts(scene, figures_of(scene, simulate(scene).rows)["impacts"], 1e-3)
@@ -90,8 +118,9 @@ def test_a_heavy_ball_is_predictable() -> None:
     ("value", "error", "shown"),
     [
         (0.69876, 0.0, "0.6988"), (0.69876, 1e-7, "0.6988"), (0.69876, 3e-3, "0.70"),
-        (0.69876, 3e-4, "0.699"), (0.69876, 0.7, "?"), (0.69876, np.inf, "?"),
-        (248.79, 30.0, "2e+02"), (0.69876, np.nan, "?"),
+        (0.69876, 3e-4, "0.699"), (0.69876, 0.7, "unknown"), (0.69876, np.inf, "unknown"),
+        (248.79, 30.0, "about 200"), (0.69876, np.nan, "unknown"), (248.79, 3.0, "about 250"),
+        (248.79, 0.3, "249"), (-32.9, 3.0, "about -30"), (2.5e9, 3e8, "about 2e+09"),
     ],
 )  # fmt: skip
 def test_digits(value: float, error: float, shown: str) -> None:
