@@ -60,13 +60,25 @@ def repeat_or_fail(recording: "Recording", scene: "Scene") -> "Repeat":
 FileArgument = Annotated[Path, typer.Argument(help="A recording.", metavar="F.mcap")]
 
 
-def inspect(file: FileArgument, json_file: JsonOption = None) -> None:
+def inspect(
+    file: FileArgument,
+    json_file: JsonOption = None,
+    law_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--law", help="Write the text of the law that ran to this file.", metavar="OUT.py"
+        ),
+    ] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
     """Streams, counts, gaps, scene and figures of a recording; exit 1 if something is missing."""
     from hertzloop.results import inspection
     from recordings.writer import RecordingError
 
-    check_json(json_file)
+    check_json(json_file, law_file)
     recording = read_or_fail(file)
+    if law_file is not None:
+        _write_law(recording, law_file, overwrite)
     try:
         data = inspection.summary(recording)
     except RecordingError as error:
@@ -75,6 +87,22 @@ def inspect(file: FileArgument, json_file: JsonOption = None) -> None:
     write_json(json_file, data)
     if data["problems"]:
         raise typer.Exit(1)
+
+
+def _write_law(recording: "Recording", file: Path, overwrite: bool) -> None:
+    """Write the text of the law that ran; ends the command if there is none, or it cannot be
+    written."""
+    from hertzloop.results.law import text_of_law
+    from recordings.writer import RecordingError
+
+    check_output(file, overwrite, "--law", [recording.path])
+    try:
+        file.write_text(text_of_law(recording), encoding="utf-8", newline="")
+    except RecordingError as error:
+        fail(f"--law {file}: {error}", 2)
+    except OSError as error:
+        fail(f"cannot write {file}: {error.strerror}", 1)
+    err.print(f"written: {file}", soft_wrap=True)
 
 
 def compare(

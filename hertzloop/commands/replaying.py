@@ -60,9 +60,12 @@ def replay(
 
 
 def prepare(
-    recording: Recording, other: Recording | None = None, alone: bool = False
+    recording: Recording,
+    other: Recording | None = None,
+    alone: bool = False,
+    drawn: str = "Faint",
 ) -> rerun_replay.Shown:
-    """All that a replay shows. Raises RecordingError."""
+    """All that a replay shows; `drawn`: how curves of the other run look. Raises RecordingError."""
     # Deflections follow from all forces before them: where some are missing, the replay ends.
     recording = _whole(recording)
     rerun_replay.check_replayable(recording)
@@ -77,7 +80,7 @@ def prepare(
     elif not alone and scene.controller.law != "off":
         try:
             twin = *without_control(recording, scene, contacts), scene.step_s
-            lines = ["Faint: the same without control."]
+            lines = [f"{drawn}: the same without control."]
         except SceneError as error:
             lines = [f"The run without control cannot be simulated: {error}"]
     told = _told(recording, scene, contacts, twin, lines)

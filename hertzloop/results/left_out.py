@@ -45,19 +45,18 @@ def of_scene(scene: Scene) -> dict[str, Any]:
     return {"stable": True, **as_json(scene, extremes.result(impacts))}
 
 
+def sentences_of(found: Iterable[dict[str, Any]]) -> list[tuple[str, str]]:
+    """Heads and sentences on what is out of range, then on what is left out."""
+    heads = {"out of range": "OUT OF RANGE:", "left out": "Left out:"}
+    said = [(heads[f["state"]], f"{f['sentence']}.") for f in found if f["state"] in heads]
+    return sorted(said, key=lambda words: list(heads.values()).index(words[0]))
+
+
 def show_left_out(console: Console, found: Iterable[dict[str, Any]]) -> None:
-    """Sentences on what is out of range, and on what is left out."""
-    found = list(found)
-    for finding in found:
-        if finding["state"] == "out of range":
-            console.print(
-                styled(("OUT OF RANGE:", "bold red"), f" {finding['sentence']}."), soft_wrap=True
-            )
-    for finding in found:
-        if finding["state"] == "left out":
-            console.print(
-                styled(("Left out:", "yellow"), f" {finding['sentence']}."), soft_wrap=True
-            )
+    """Print these sentences."""
+    for head, sentence in sentences_of(found):
+        style = "yellow" if head == "Left out:" else "bold red"
+        console.print(styled((head, style), f" {sentence}"), soft_wrap=True)
 
 
 def table_of(found: Iterable[dict[str, Any]]) -> Table:

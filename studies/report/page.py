@@ -9,20 +9,26 @@ from typing import Any
 
 import numpy as np
 
+from controller.door.registry import shipped as shipped_laws
 from hertzloop.commands.listen import heard_of
 from hertzloop.commands.replaying import prepare, scene_of
 from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.results import figures, report, what_ran
+from hertzloop.results.conclusions import why_not_again
+from hertzloop.results.impacts_table import HEADINGS, impact_rows
+from hertzloop.results.law import law_line, law_of, ran_as_announced, text_of_law
+from hertzloop.results.left_out import sentences_of
+from hertzloop.results.predictability import errors_of
 from hertzloop.scenes.scene import Scene, SceneError
 from recordings.reader import Recording
 from recordings.replay.as_rerun import Shown
 from recordings.replay.data import Deflection
 from recordings.replay.scene3d import with_unit
+from recordings.writer import RecordingError
 from studies.report import charts
 from studies.report.templates import template
 
 _FRAMES = 240
-_LISTED = 12  # contacts
 _LEVELS = 127  # of a deflection, each way
 
 
@@ -35,25 +41,24 @@ class _Sound:
 
 def page_of(recording: Recording) -> str:
     """The page. Raises RecordingError if the recording cannot be read or replayed."""
-    scene, shown = scene_of(recording), prepare(recording)
-    stable = figures.figures_of(scene, figures.blocks_of(recording))
-    compared = shown.told.twin is not None
-    columns = [("with control" if compared else "this run", stable)]
-    if compared:
-        free = scene.without_control()
-        columns.append(("without", figures.figures_of(free, uncontrolled_rows(free))))
-    compare = compared and not stable["stability"]["unstable"]
+    scene, shown = scene_of(recording), prepare(recording, drawn="Dashed")
+    free = None
+    if shown.told.twin is not None:
+        without = scene.without_control()
+        free = figures.figures_of(without, uncontrolled_rows(without))
+    found = figures.of_recording(scene, recording, free, why_not_again(recording))
+    unstable = found["stability"]["unstable"]
     sounds, silent = _sounds(recording, scene)
+    law, law_text, lawless = _law(recording)
+    again, commands = _again(recording, scene, bool(law_text))
     return template("page.html.j2").render(
         title=shown.told.heading,
         lines=[line.replace("**", "") for line in shown.told.lines],
         problems=recording.problems,
-        unstable=stable["stability"]["unstable"],
-        headings=["figure of the first impact", *(name for name, _ in columns),
-                  *(["change"] if compare else [])],
-        noise=_noise([found for _, found in columns], compare),
-        impacts=[_impact(found) for found in stable["impacts"][:_LISTED]],
-        more_impacts=max(0, len(stable["impacts"]) - _LISTED),
+        unstable=unstable,
+        verdict=found["verdict"],
+        neglected=sentences_of(found["validity"]),
+        tables=_tables(found, free, not unstable),
         around=charts.around_first_contact(shown) if shown.contacts else "",
         whole=charts.whole_run(shown),
         spectra=charts.spectra(shown) if shown.told.spectra else "",
@@ -61,24 +66,53 @@ def page_of(recording: Recording) -> str:
         sounds=sounds,
         silent=silent,
         scene=recording.scene_toml,
-        commands=_commands(recording, scene),
+        law=law,
+        law_text=law_text,
+        lawless=lawless,
+        again=again,
+        commands=commands,
         versions=_versions(recording),
     )  # fmt: skip
 
 
-def _noise(columns: list[dict[str, Any]], compare: bool) -> list[list[str]]:
-    """Rows of figures, none where a run has no impact."""
-    if not all(found["noise"] for found in columns):
+@dataclass(frozen=True)
+class _Table:
+    headings: list[str]
+    rows: list[list[str]]
+    notes: list[str]
+
+
+def _tables(found: dict[str, Any], free: dict[str, Any] | None, compare: bool) -> list[_Table]:
+    """Noise figures of the first impact and all impacts as `run` prints them, those without
+    control, too; none where a run has no impact."""
+    runs = [found] if free is None else [found, free]
+    if not all(run["noise"] for run in runs):
         return []
-    return report.noise_rows([found["noise"][0] for found in columns], compare)
+    known = found["predictability"]
+    digits = [known["controlled"], known["uncontrolled"]][: len(runs)]
+    names = ["this run"] if free is None else ["with control", "without"]
+    compare = compare and free is not None
+    rows = report.noise_rows(
+        [run["noise"][0] for run in runs], compare,
+        [errors_of(each, 0, "noise_errors") for each in digits],
+    )  # fmt: skip
+    headings = ["figure of the first impact", *names, *(["change"] if compare else [])]
+    tables = [_Table(headings, rows, [])]
+    for name, run, each in zip(names, runs, digits, strict=True):
+        why_not = known["why_not"] if run is found else ""
+        rows, notes = impact_rows(run["impacts"], each, why_not)
+        numbered = [[str(i), *row] for i, row in enumerate(rows, 1)]
+        tables.append(_Table([f"impacts, {name}", *HEADINGS], numbered, notes))
+    return tables
 
 
-def _impact(found: dict[str, float]) -> list[str]:
-    return [
-        f"{1e3 * found['start_s']:.4f}", f"{1e6 * found['duration_s']:.2f}",
-        f"{found['impact_speed_m_s']:.4f}", f"{found['rebound_speed_m_s']:.4f}",
-        f"{found['peak_force_n']:.4g}", f"{1e6 * found['plate_energy_j']:.4g}",
-    ]  # fmt: skip
+def _law(recording: Recording) -> tuple[str, str, str]:
+    """The law that ran in words, and its text, or why there is none."""
+    ran = law_line(law_of(recording))
+    try:
+        return ran, text_of_law(recording), ""
+    except RecordingError as error:
+        return ran, "", str(error)
 
 
 def _animation(shown: Shown) -> dict[str, Any]:
@@ -127,15 +161,33 @@ def _sounds(recording: Recording, scene: Scene) -> tuple[list[_Sound], str]:
         ], ""
 
 
-def _commands(recording: Recording, scene: Scene) -> list[str]:
-    """How to come to the same samples."""
-    name, changed = what_ran.closest_shipped(scene)
+def _again(recording: Recording, scene: Scene, has_text: bool) -> tuple[str, list[str]]:
+    """How to come to the same samples, in words and as commands."""
+    file, ran = recording.path.name, law_of(recording)
+    (name, changed), saved = what_ran.closest_shipped(scene), "# the scene below, saved"
+    again = f"{scene.name}.mcap"
+    if not ran_as_announced(ran):
+        own = ran["law"] or "not named by the controller"
+        return (
+            f"The forces came from a controller outside hertzloop; its law: {own}. Start that "
+            "controller and these two processes, each in a terminal of its own, in any order.",
+            [f"hertzloop record --out {again}", f"hertzloop plant {scene.name}.toml    {saved}",
+             f"hertzloop compare {again} {file}    # afterwards"],
+        )  # fmt: skip
+    if "held_steps" in recording.truth.arrays:
+        return (
+            "Some forces came too late in this run. They act again as late as they did.",
+            [f"hertzloop run --repeat {file} --out {again}", f"hertzloop compare {again} {file}"],
+        )
+    same = "The same scene, seed and processor give the same bytes."
     if name == scene.name and not changed:
-        return [f"hertzloop run {name} --seed {scene.run.seed}"]
-    return [
-        f"hertzloop run {scene.name}.toml    # the scene below, saved under this name",
-        f"hertzloop compare {scene.name}.mcap {recording.path.name}",
-    ]
+        return same, [f"hertzloop run {name} --seed {scene.run.seed}"]
+    run, first = f"hertzloop run {scene.name}.toml", []
+    if ran["law"] not in shipped_laws() and has_text:
+        law = str(ran["law"]).partition(":")
+        first = [f"hertzloop inspect {file} --law {law[0]}"]
+        run += f" --set controller.law={''.join(law)}"
+    return same, [*first, f"{run}    {saved}", f"hertzloop compare {again} {file}"]
 
 
 def _versions(recording: Recording) -> list[tuple[str, str]]:

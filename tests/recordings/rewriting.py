@@ -72,7 +72,7 @@ def write(path: Path, original: Path, sent: Iterable[Sent]) -> Path:
     """A recording like `original`, with these messages."""
     source = read(original)
     writer = RecordingWriter(path)
-    writer.scene(source.scene_toml, source.metadata)
+    writer.scene(source.scene_toml, source.metadata, source.law_source)
     for item in sent:
         payload = wire.encode(item.header, **item.arrays)
         writer.write(item.stream, payload, item.number, item.time_ns)

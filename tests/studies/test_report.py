@@ -1,5 +1,7 @@
 """The page of a run: whole by itself, and without an error in a browser."""
 
+import html
+import json
 import re
 import shutil
 import subprocess
@@ -11,6 +13,9 @@ from typer.testing import CliRunner, Result
 from hertzloop.commands.cli import app
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.scenes.scene import load
+from recordings.reader import read
+from tests.hertzloop.own_laws import write_law
+from tests.recordings.rewriting import messages, write
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "chrome"))), None)
 SHORT = ["run.duration_s=0.003", "run.accuracy=0.05", "plate.size_m=[0.2, 0.16]",
@@ -86,3 +91,97 @@ def test_a_page_is_not_replaced_unasked(page: Path) -> None:
     result = call("report", page.with_suffix(".mcap"), "-o", page.parent)
     assert result.exit_code == 2
     assert "exists" in result.output
+
+
+TWICE = ["run.duration_s=0.15", "run.accuracy=0.02"]  # two impacts, the second one chaotic
+
+
+@pytest.fixture(scope="module")
+def bounces(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that bounces, made as by a user, and what it said."""
+    path = tmp_path_factory.mktemp("bounces") / "a.mcap"
+    settings = [word for setting in TWICE for word in ("--set", setting)]
+    words = ("--transport", "compiled", "--out", path, "--json", path.with_suffix(".json"))
+    result = call("run", "aluminium-3mm", *settings, *words)
+    assert result.exit_code == 0, result.output
+    return path
+
+
+def text_of(recording: Path) -> str:
+    """What the page of a recording says."""
+    folder = recording.parent / f"page-{recording.stem}"
+    result = call("report", recording, "-o", folder)
+    assert result.exit_code == 0, result.output
+    return html.unescape((folder / f"{recording.stem}.html").read_text())
+
+
+def test_the_page_says_what_the_run_said(bounces: Path) -> None:
+    told = json.loads(bounces.with_suffix(".json").read_text())
+    text = text_of(bounces)
+    assert told["verdict"]
+    assert "(first impact; later ones are not predictable)" in told["verdict"][0]
+    neglected = [
+        f["sentence"] for f in told["validity"] if f["state"] in ("left out", "out of range")
+    ]
+    assert neglected
+    for sentence in (*told["verdict"], *neglected):
+        assert sentence in text
+    assert "Dashed: the same without control." in text
+    assert "Faint" not in text
+    second = told["impacts"][1]
+    assert f"{second['rebound_speed_m_s']:.4f}" not in text  # of which one digit is predictable
+    assert (
+        "only predictable digits are shown: the second impact magnifies the model's error" in text
+    )
+    inspected = call("inspect", bounces)
+    assert f"{second['rebound_speed_m_s']:.4f}" not in inspected.output
+    for table in (text, inspected.output):
+        assert re.search(r"about \d+0\b", table)
+        assert not re.search(r"\b\de\+\d\d", table)
+    assert "The law slope_threshold" in text
+    assert read(bounces).law_source in text
+
+
+def test_what_another_program_controlled_is_not_said_to_repeat(
+    bounces: Path, tmp_path: Path
+) -> None:
+    def foreign() -> list:
+        sent = messages(bounces)
+        for item in sent:
+            if item.stream == "end/controller":
+                item.header.set_up.law, item.header.set_up.law_digest = "mine 1.0", ""
+        return sent
+
+    path = write(tmp_path / "other.mcap", bounces, foreign())
+    text = text_of(path)
+    assert "hertzloop run" not in text
+    for words in ("controller outside hertzloop", "hertzloop plant aluminium-3mm.toml",
+                  "hertzloop record", "digits as recorded", "No text of the law"):  # fmt: skip
+        assert words in text
+    assert read(path).law_source not in text
+    refused = call("inspect", path, "--law", tmp_path / "law.py")
+    assert refused.exit_code == 2
+    assert "holds no text of the law that ran, mine 1.0" in refused.output
+    assert not (tmp_path / "law.py").exists()
+    assert "digits as recorded" in call("inspect", path).output
+
+
+def test_a_law_comes_out_of_its_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The commands of the page give the same samples, the law's file being lost."""
+    monkeypatch.chdir(tmp_path)
+    law = write_law(tmp_path)
+    settings = [f"controller.law={law}", "run.duration_s=0.0016", "run.accuracy=0.05"]
+    record_in_process(load("aluminium-3mm", settings), tmp_path / "a.mcap", compiled=True)
+    source = law.read_bytes()
+    law.unlink()
+    text = text_of(tmp_path / "a.mcap")
+    assert law.name in text
+    assert source.decode() in text
+    first, second, third = re.findall(r"^(?:<pre>)?hertzloop (.+?)(?:    #.*)?$", text, re.M)
+    Path("aluminium-3mm.toml").write_text(read(Path("a.mcap")).scene_toml)
+    assert call(*first.split()).exit_code == 0
+    assert law.read_bytes() == source
+    assert call(*first.split()).exit_code == 2  # it is there now
+    for command in (f"{second} --transport compiled", third):
+        result = call(*command.split())
+        assert result.exit_code == 0, result.output
