@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.table import Table
 
 from hertzloop.commands.options import (
     JsonOption,
@@ -15,7 +14,7 @@ from hertzloop.commands.options import (
     check_picture,
     write_json,
 )
-from hertzloop.commands.terminal import fail, out
+from hertzloop.commands.terminal import Table, fail, out
 
 What = Literal["costs", "exchange", "laws", "exported", "cases", "replay"]
 
@@ -105,7 +104,7 @@ def _laws(rounds: int, json_file: Path | None) -> None:
         same = study.same_bytes(laws)
         rates = study.rates(laws, rounds)
     starts = study.starts(rounds)
-    table = Table(title=f"{study.LAW} in cases of one core", title_justify="left")
+    table = Table(title=f"{study.LAW} in cases of one core")
     for heading in ("task", "law", "cases/s", "of shipped"):
         table.add_column(heading)
     for row in rates:
@@ -135,7 +134,7 @@ def _exported(rounds: int, json_file: Path | None) -> None:
         fail(str(error), 2)
     except CompileFault as error:
         fail(str(error), 1)
-    table = Table(title="the plant of aluminium-3mm in a C program", title_justify="left")
+    table = Table(title="the plant of aluminium-3mm in a C program")
     for heading in ("for", "us/step", "of the loop's speed", "same bytes", "first impact",
                     "whole run", "code, kB", "arrays, kB"):  # fmt: skip
         table.add_column(heading)
@@ -155,7 +154,7 @@ def _cases(rounds: int, json_file: Path | None) -> None:
 
     ensure_compiled(announce_compilation)
     rows = cases.measure(rounds)
-    table = Table(title="cases of a sweep, of one core", title_justify="left")
+    table = Table(title="cases of a sweep, of one core")
     for heading in ("sweep", "cases/s", "ms a case", "in the loop, ms", "share"):
         table.add_column(heading, justify="left" if heading == "sweep" else "right")
     for row in rows:
@@ -173,7 +172,7 @@ def _replay(rounds: int, json_file: Path | None) -> None:
 
     ensure_compiled(announce_compilation)
     found = replay.measure(rounds)
-    table = Table(title=f"replay of {found.steps:,} steps", title_justify="left")
+    table = Table(title=f"replay of {found.steps:,} steps")
     for heading in ("case", "median", "least"):
         table.add_column(heading, justify="left" if heading == "case" else "right")
     for row in found.cases:
@@ -187,7 +186,7 @@ def _replay(rounds: int, json_file: Path | None) -> None:
 
 def _cost_table(title: str, costs: list[dict[str, Any]]) -> Table:
     """Measured costs of a group; the first case is the yardstick."""
-    table = Table(title=title, title_justify="left")
+    table = Table(title=title)
     table.add_column("case")
     for heading in ("median", "least", "ratio"):
         table.add_column(heading, justify="right")
@@ -199,8 +198,8 @@ def _cost_table(title: str, costs: list[dict[str, Any]]) -> Table:
 
 def roofline_table(title: str, shares: list[dict[str, Any]]) -> Table:
     """What the parts of a step reach of the processor's peaks; rows of `studies.cost.roofline`."""
-    table = Table(title=title, title_justify="left")
-    table.add_column("case", no_wrap=True)
+    table = Table(title=title)
+    table.add_column("case")
     for heading in ("modes", "floor us", "pass us", "share", "step us", "share", "loops"):
         table.add_column(heading, justify="right")
     for share in shares:

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
-from rich.table import Table
 
 from hertzloop.commands.options import JsonOption, check_json, make_folder, write_json
 from hertzloop.commands.recordings import FileArgument, read_or_fail
-from hertzloop.commands.terminal import err, fail, out
+from hertzloop.commands.terminal import Table, err, fail, out
 
 if TYPE_CHECKING:
     from hertzloop.results.impact_rows import Block
@@ -120,7 +119,7 @@ def _level(exposure_pa2_s: float) -> float:
 
 def _show(data: dict[str, Any]) -> None:
     runs = data["runs"]
-    table = Table(title="Sound at the listener's point", title_justify="left")
+    table = Table(title="Sound at the listener's point")
     compared = len(runs) == 2 and data["full_scale_pa"] > 0.0
     for heading in ("", *(name.replace("-", " ") for name in runs), *["change"] * compared):
         table.add_column(heading, justify="right")

@@ -4,11 +4,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Column, Table
 
 from hertzloop import __version__
 from hertzloop.commands.hosts import write_keys
-from hertzloop.commands.terminal import fail, out, styled
+from hertzloop.commands.terminal import Table, fail, out, styled
 from hertzloop.scenes.scene import DEFAULT, load, shipped, shipped_text
 from hertzloop.scenes.sentences import shown
 
@@ -66,10 +65,12 @@ def keys(
     chosen = [key for key in found if part in key.name]
     if part and not chosen:
         fail(f"no key contains '{part}'; `hertzloop keys` lists all", 2)
-    table = Table(Column("key", no_wrap=True), "takes", "default", "means")
+    table = Table("key", "takes", "means")
     for key in chosen:
         unit = f" ({key.unit})" if key.unit else ""
-        table.add_row(key.name, all_keys.value_of(key) + unit, key.default, key.meaning)
+        default = key.default if key.default in ("", "needed") else f"default {key.default}"
+        takes = all_keys.value_of(key) + unit + (default and f"; {default}")
+        table.add_row(key.name, takes, key.meaning)
     out.print(table)
 
 

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
 from hertzloop.commands.options import (
     JsonOption,
@@ -17,7 +16,7 @@ from hertzloop.commands.options import (
     scene_from,
     write_json,
 )
-from hertzloop.commands.terminal import fail, out, progress
+from hertzloop.commands.terminal import Table, fail, out, progress
 from hertzloop.scenes.scene import SceneError
 
 # What no program can find in the study, and why.
@@ -43,9 +42,9 @@ def _ready(*schemes: str) -> None:
 
 def _columns(title: str, headings: list[str], text: int) -> Table:
     """A table whose first `text` columns are words."""
-    table = Table(title=title, title_justify="left")
+    table = Table(title=title)
     for i, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if i < text else "right", no_wrap=i >= text)
+        table.add_column(heading, justify="left" if i < text else "right")
     return table
 
 

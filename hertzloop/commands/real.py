@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
 from hertzloop.commands.options import JsonOption, check_json, write_json
 from hertzloop.commands.study_frame import results_in
-from hertzloop.commands.terminal import fail, out, progress
+from hertzloop.commands.terminal import Table, fail, out, progress
 
 _WANTED_DB = (0.1, 3.0)  # less than the first is no help
 
@@ -75,9 +74,7 @@ def _table(scene: str, found: list[Any]) -> Table:
     """Ideal and real plant side by side, a line a law and plant."""
     from studies import words
 
-    table = Table(
-        title=f"{scene}: plate energy (dB), mean (range) over phases", title_justify="left"
-    )
+    table = Table(title=f"{scene}: plate energy (dB), mean (range) over phases")
     for heading in ("law", "plant"):
         table.add_column(heading)
     for latency_us in found[0].energies:

@@ -1,12 +1,13 @@
 """Commands that run a study; each loads what it needs when it is called."""
 
 import math
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.table import Table
 
+from controller.door.registry import shipped as shipped_laws
 from hertzloop.commands.options import (
     JsonOption,
     SceneArgument,
@@ -22,9 +23,12 @@ from hertzloop.commands.plate_models import plate_models
 from hertzloop.commands.real import real
 from hertzloop.commands.response import response
 from hertzloop.commands.study_frame import numbers, results_in, resumable
-from hertzloop.commands.terminal import err, fail, out, progress
+from hertzloop.commands.terminal import Table, err, fail, out, progress
 from hertzloop.commands.validity import validity_map
-from hertzloop.scenes.scene import DEFAULT, SceneError, load
+from hertzloop.scenes.scene import DEFAULT, SceneError, vary
+
+if TYPE_CHECKING:
+    from studies.latency.study import Critical
 
 SchemeName = Literal["thesis2008", "modal"]
 
@@ -76,7 +80,7 @@ def tables(
 
 
 def _agreement_table(scheme: str, agreements: list[dict[str, Any]], units: dict[str, str]) -> Table:
-    table = Table(title=f"{scheme} against the published rows", title_justify="left")
+    table = Table(title=f"{scheme} against the published rows")
     for heading in ("figure", "rows", "median off by", "worst", "in row"):
         table.add_column(heading, justify="left" if heading == "figure" else "right")
     for a in agreements:
@@ -236,6 +240,16 @@ def stability(
 
 def latency(
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for charts and numbers.")],
+    scene: Annotated[
+        str | None,
+        typer.Argument(
+            help="A shipped scene's name, or a .toml file; the six scenes of the documentation if "
+            "left out.",
+            metavar="[SCENE]",
+            show_default=False,
+        ),
+    ] = None,
+    settings: SetOption = None,
     quick: Annotated[bool, typer.Option("--quick", help="One scene's maps, coarser.")] = False,
     laws: Annotated[
         list[str] | None,
@@ -248,12 +262,19 @@ def latency(
     from studies.latency import study as study
 
     check_json(json_file)
+    scenes: Sequence[study.Named] | None = None
+    if scene is not None or settings:
+        source = scene or DEFAULT
+        resolved = scene_from(source, settings, None)
+        scenes = (study.Named(resolved.name, source, tuple(settings or ()), "impact"),)
+        if resolved.controller.law not in (*study.LAWS, "off", *(laws or [])):
+            laws = [resolved.controller.law, *(laws or [])]
     try:
         for law in laws or []:
-            check_law(load(DEFAULT, [f"controller.law={law}"]))
+            check_law(vary((scenes or study.SCENES)[0].scene(), {"controller.law": law}))
     except SceneError as error:
         fail(str(error), 2)
-    header = study.header_of(quick, tuple(laws or ()))
+    header = study.header_of(quick, tuple(laws or ()), scenes)
     with (
         results_in(folder, "modal"),
         resumable(folder, "latency", header) as finished,
@@ -261,10 +282,10 @@ def latency(
     ):
         found = study.run(
             folder, quick, lambda done, of: advance(round(100 * done / of)), tuple(laws or ()),
-            finished.of,
+            finished.of, scenes,
         )  # fmt: skip
-    for scene in dict.fromkeys(c.scene for c in found):
-        out.print(_survival_table(scene, [c for c in found if c.scene == scene]))
+    for name in dict.fromkeys(c.scene for c in found):
+        out.print(_survival_table(name, [c for c in found if c.scene == name]))
     best = list(study.best_laws(found))
     for name, law, survives, buys in best:
         out.print(f"{name}: {law} survives {survives:.0f} us, {buys:.0f} us more than two points")
@@ -276,37 +297,42 @@ def latency(
     write_json(json_file, data)
 
 
-def _range(least: float, most: float, digits: str) -> str:
-    """Least to most, in words where they are no numbers."""
+def _over_phases(words: str, ends: Iterable[float], digits: str, *names: str) -> str:
+    """A number in words with its range over touch phases, where that is another one; `names`: of
+    nan and of infinity."""
+    least, most = (
+        names[0] if math.isnan(x) else names[1] if math.isinf(x) else f"{x:{digits}}" for x in ends
+    )
+    ranged = least if least == most else f"{least} to {most}"
+    return words if ranged == words else f"{words} ({ranged})"
 
-    def one(x: float) -> str:
-        return "never" if math.isnan(x) else "all" if math.isinf(x) else f"{x:{digits}}"
 
-    return one(least) if one(least) == one(most) else f"{one(least)} to {one(most)}"
+def _survival_table(scene: str, found: "list[Critical]") -> Table:
+    """What each law survives in a scene."""
+    from studies import words
 
-
-def _survival_table(scene: str, found: list[Any]) -> Table:
-    """What each law survives in a scene; see `studies.latency.study.Critical`."""
-    table = Table(title=f"{scene}: what each law survives", title_justify="left")
-    headings = ("law", "kappa", "dB", "over phases", "rebound", "latency (us)", "over phases",
-                "bits", "to 0.5 dB")  # fmt: skip
-    for heading in headings:
-        law = heading == "law"
-        table.add_column(heading, justify="left" if law else "right", no_wrap=law)
-
-    def shown(x: float) -> str:
-        return "none" if math.isnan(x) else f"{x:.0f}"
-
+    table = Table(title=f"{scene}: what each law survives")
+    for heading in ("law", "plate energy (dB)", "rebound", "latency (us)", "bits",
+                    "bits to 0.5 dB"):  # fmt: skip
+        table.add_column(heading, justify="left" if heading == "law" else "right")
     for c in found:
-        more = "> " if c.critical_latency_us == math.inf else ""
-        latency_us = shown(min(c.critical_latency_us, c.most_latency_us))
+        us, rebound = c.critical_latency_us, c.ideal_rebound_percent
+        energy = "unstable" if c.ideal_db == math.inf else f"{c.ideal_db:.2f}"
+        survives = "never" if math.isnan(us) else f"{us:.0f}"
+        if us == math.inf:
+            survives = f"> {c.most_latency_us:.0f}"
+        law = words.law(c.law) if c.law in shipped_laws() else Path(c.law).name
         table.add_row(
-            c.law, f"{c.kappa:g}", "unstable" if c.ideal_db == math.inf else f"{c.ideal_db:.2f}",
-            _range(c.least_db, c.most_db, ".2f"),
-            "" if math.isnan(c.ideal_rebound_percent) else f"{c.ideal_rebound_percent:.0f} %",
-            more + latency_us, _range(c.least_latency_us, c.most_survived_us, ".0f"),
-            shown(c.critical_bits), shown(c.settled_bits),
+            law + ("" if math.isnan(c.kappa) else f", kappa {c.kappa:g}"),
+            _over_phases(energy, (c.least_db, c.most_db), ".2f", "unstable", "unstable"),
+            "" if math.isnan(rebound) else f"{rebound:.0f} %",
+            _over_phases(
+                survives, (c.least_latency_us, c.most_survived_us), ".0f", "never",
+                f"> {c.most_latency_us:.0f}",
+            ),
+            *("none" if math.isnan(x) else f"{x:.0f}" for x in (c.critical_bits, c.settled_bits)),
         )  # fmt: skip
+    table.caption = "in brackets: least to most over touch phases"
     return table
 
 

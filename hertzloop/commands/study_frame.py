@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
-from rich.table import Table
 
 from hertzloop.commands.options import announce_compilation, make_folder
-from hertzloop.commands.terminal import err, fail
+from hertzloop.commands.terminal import Table, err, fail
 from hertzloop.loop.signals import INTERRUPTED
 
 if TYPE_CHECKING:
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
 
 def numbers(title: str, headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
     """A table of numbers, ready as text."""
-    table = Table(title=title, title_justify="left")
+    table = Table(title=title)
     for heading in headings:
         table.add_column(heading, justify="right")
     for row in rows:

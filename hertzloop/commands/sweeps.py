@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
-from rich.table import Table
 
 from hertzloop.commands.options import (
     LARGEST_PORT,
@@ -26,7 +25,7 @@ from hertzloop.commands.options import (
     scene_from,
     write_json,
 )
-from hertzloop.commands.terminal import err, fail, out, progress, styled
+from hertzloop.commands.terminal import Table, err, fail, out, progress, styled
 from hertzloop.extras import need
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, SceneError, vary
 
@@ -195,7 +194,7 @@ def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     """Where each figure is least and largest."""
     from studies.sweeps.summary import extremes
 
-    table = Table(title="Against no control", title_justify="left")
+    table = Table(title="Against no control")
     for heading in ("figure", "least", "at", "largest", "at"):
         table.add_column(heading, justify="left" if heading in ("figure", "at") else "right")
     for figure, *words in extremes(rows, keys):
@@ -207,7 +206,7 @@ def _spreads(groups: list[dict[str, Any]], keys: list[str]) -> Table:
     """Mean and range over the touch phase, a setting of the other keys a row."""
     from studies.sweeps.summary import SHOWN, short
 
-    table = Table(title="Over touch phases: mean (least to most)", title_justify="left")
+    table = Table(title="Over touch phases: mean (least to most)")
     for heading in (*(key.split(".")[-1] for key in keys), *SHOWN[:2]):
         table.add_column(heading, justify="right")
     for group in groups[:_MOST_ROWS]:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.table import Table
 
 from hertzloop.commands.options import (
     JsonOption,
@@ -25,7 +24,7 @@ from hertzloop.commands.options import (
     write_json,
 )
 from hertzloop.commands.study_frame import resumable
-from hertzloop.commands.terminal import fail, out, progress
+from hertzloop.commands.terminal import Table, fail, out, progress
 from hertzloop.extras import need
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, SceneError, to_toml, vary
 
@@ -262,7 +261,7 @@ def _words(values: dict[str, Any]) -> str:
 
 def _table(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> Table:
     settings = "setting" if len(best) == 1 else "settings"
-    table = Table(title=f"{len(best)} {settings} that no other beats", title_justify="left")
+    table = Table(title=f"{len(best)} {settings} that no other beats")
     for heading in objectives:
         table.add_column(heading, justify="right")
     table.add_column(f"{objectives[0]} over touch phases", justify="right")

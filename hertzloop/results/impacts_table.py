@@ -3,8 +3,7 @@
 from collections.abc import Iterable
 from typing import Any
 
-from rich.table import Table
-
+from hertzloop.commands.terminal import Table
 from hertzloop.results.digits import LEGEND, UNKNOWN, about, known_digits
 from hertzloop.results.predictability import errors_of, is_chaotic
 
@@ -34,7 +33,7 @@ def impacts_table(
     why_not: str = "",
 ) -> Table:
     """Impacts, one a row; see `impact_rows`."""
-    table = Table(title=title, title_justify="left")
+    table = Table(title=title)
     for heading in headings(impacts):
         table.add_column(heading, justify="right")
     rows, notes = impact_rows(impacts, known, why_not)

@@ -4,9 +4,8 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
-from hertzloop.commands.terminal import styled
+from hertzloop.commands.terminal import Table, styled
 from hertzloop.results import figures, pacing, report
 from hertzloop.results.conclusions import predictability, why_not_again
 from hertzloop.results.impacts_table import impacts_table

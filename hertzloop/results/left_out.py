@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from hertzloop import assembly as parts
-from hertzloop.commands.terminal import styled
+from hertzloop.commands.terminal import Table, styled
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import lasting
 from hertzloop.results.extremes import Extremes, ExtremesMeter
@@ -61,7 +60,7 @@ def show_left_out(console: Console, found: Iterable[dict[str, Any]]) -> None:
 
 def table_of(found: Iterable[dict[str, Any]]) -> Table:
     """All indicators with their thresholds."""
-    table = Table(title="What the run leaves out", title_justify="left")
+    table = Table(title="What the run leaves out")
     for heading in ("effect", "formula", "value", "threshold", ""):
         table.add_column(heading, justify="right" if heading in ("value", "threshold") else "left")
     for finding in found:

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
-from hertzloop.commands.terminal import styled
+from hertzloop.commands.terminal import Table, styled
 from hertzloop.results import pacing
 from hertzloop.results.digits import LEGEND, UNKNOWN, change_db, known_digits
 from hertzloop.results.impacts_table import energy_unit, impacts_table
@@ -44,7 +43,7 @@ def noise_table(
     first in dB where there are two and they `compare`, in per cent for speed, height and time.
     `errors`: of each column's figures, none where all digits count."""
     compare = compare and len(columns) == 2
-    table = Table(title="Noise and vibration of the first impact", title_justify="left")
+    table = Table(title="Noise and vibration of the first impact")
     table.add_column("figure")
     for heading, _ in columns:
         table.add_column(heading, justify="right")

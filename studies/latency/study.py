@@ -5,7 +5,7 @@ are read off by scanning and bisection, to one step of latency.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -33,6 +33,7 @@ LAWS = (
 )  # fmt: skip
 _BITS = tuple(range(3, 19))
 _WITHIN_DB = 0.5
+KAPPA = "controller.kappa"
 _CHANCE_COLUMNS = (
     "controller.law", "run.seed", "controller.jitter_us", "controller.drop_out_probability",
     "plate_energy_db", "rebound_percent",
@@ -49,6 +50,11 @@ class Named:
     source: str
     settings: tuple[str, ...]
     span: Span
+
+    @property
+    def stem(self) -> str:
+        """What files are called after it."""
+        return Path(self.source).stem
 
     def scene(self) -> Scene:
         """The scene, with an ideal line."""
@@ -120,11 +126,12 @@ def _contact_us(scene: Scene) -> float:
     return figures_of_case(scene.without_control()).contact_us
 
 
-def law_values(law: str) -> dict[str, Any]:
-    """Feedback of velocity is tried at half the gain: at 0.8 of the plate's impedance it is
-    unstable without latency."""
+def law_values(law: str, settings: Sequence[str] = ()) -> dict[str, Any]:
+    """Feedback of velocity is tried at half the gain, unless `settings` name one: at 0.8 of the
+    plate's impedance it is unstable without latency."""
     values: dict[str, Any] = {"controller.law": law}
-    return values | {"controller.kappa": 0.4} if law.endswith("feedback") else values
+    given = any(setting.partition("=")[0].strip() == KAPPA for setting in settings)
+    return values | {KAPPA: 0.4} if law.endswith("feedback") and not given else values
 
 
 def _first_failure(better: list[bool]) -> int:
@@ -167,7 +174,7 @@ def survived_us(energies: Energies, latencies: list[int]) -> tuple[list[float], 
 
 def critical(pool: Pool, named: Named, law: str, points: int) -> Critical:
     """Critical latency and bits of one law in one scene."""
-    scene, base = named.scene(), law_values(law)
+    scene, base = named.scene(), law_values(law, named.settings)
     latencies = latencies_of(scene, points)
 
     def energies(cases: list[dict[str, Any]]) -> list[float]:
@@ -236,11 +243,17 @@ def best_laws(found: list[Critical]) -> Iterator[tuple[str, str, float, float]]:
 
 def map_axes(scene: Scene, count: int) -> dict[str, list[Any]]:
     """What is mapped against the latency: key and values."""
-    return {
+    axes = {
         "sensors.bits": list(_BITS),
         "sensors.every_steps": [1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20],
-        "controller.kappa": [round(x, 3) for x in np.linspace(0.0, 2.0, count)],
+        KAPPA: [round(x, 3) for x in np.linspace(0.0, 2.0, count)],
         "controller.v_thr_m_s": [round(x, 3) for x in np.linspace(-0.95, 0.0, count)],
+    }
+    own = vars(scene.controller.keys)  # a law need not have all of these
+    return {
+        key: values
+        for key, values in axes.items()
+        if key.startswith("sensors.") or key.partition(".")[2] in own
     }
 
 
@@ -265,7 +278,7 @@ def chance(pool: Pool, named: Named, laws: tuple[str, ...]) -> Rows:
     cases: list[dict[str, Any]] = []
     for law in laws:
         for seed in _SEEDS:
-            both = law_values(law) | {"run.seed": seed}
+            both = law_values(law, named.settings) | {"run.seed": seed}
             cases += [
                 both | {"controller.jitter_us": round(share * most)}
                 for share in np.linspace(0.0, 0.6, 13)
@@ -277,10 +290,14 @@ def chance(pool: Pool, named: Named, laws: tuple[str, ...]) -> Rows:
     return evaluate(pool, scene, named.span, cases)
 
 
-def header_of(quick: bool, more_laws: tuple[str, ...]) -> dict[str, Any]:
+def header_of(
+    quick: bool, more_laws: tuple[str, ...], scenes: Sequence[Named] | None = None
+) -> dict[str, Any]:
     """What decides the cases of the study, and what comes of them."""
-    scenes = [named.scene() for named in SCENES]
-    return work_of(scenes, more_laws, Design(())) | {"quick": quick}
+    scenes = scenes or SCENES
+    found = [named.scene() for named in scenes]
+    settings = [named.settings for named in scenes]
+    return work_of(found, more_laws, Design(())) | {"quick": quick, "settings": settings}
 
 
 def run(
@@ -289,25 +306,28 @@ def run(
     on_progress: Callable[[int, int], None] = lambda done, of: None,
     more_laws: tuple[str, ...] = (),
     through: Callable[[Pool], Pool] = lambda pool: pool,
+    scenes: Sequence[Named] | None = None,
 ) -> list[Critical]:
     """Measure all, write pictures and CSV files; the table of critical values, also of
-    `more_laws`. `through`: what stands between the study and the processes that run its cases."""
+    `more_laws`. `through`: what stands between the study and the processes that run its cases;
+    `scenes`: those of the documentation if left out."""
+    scenes = scenes or SCENES
     tabled = (*LAWS, *more_laws)
     count = 15 if quick else 30
-    mapped = SCENES[:1] if quick else (SCENES[0], SCENES[2])
-    steps, done = len(mapped) + 1 + len(SCENES) * len(tabled), 0
+    mapped = scenes[:1] if quick else scenes[:3:2]
+    steps, done = len(mapped) + 1 + len(scenes) * len(tabled), 0
     found = []
     with local_pool() as cores:
         pool = through(cores)
         for named in mapped:
             rows = maps(pool, named, count)
             for key, some in rows.items():
-                name = f"latency-{named.source}-{key.split('.')[1]}.csv"
+                name = f"latency-{named.stem}-{key.split('.')[1]}.csv"
                 write_rows(folder / name, list(some[0]), (list(row.values()) for row in some))
-            draw_maps(folder / f"latency-{named.source}.png", named.name, rows, FIGURES)
+            draw_maps(folder / f"latency-{named.stem}.png", named.name, rows, FIGURES)
             done += 1
             on_progress(done, steps)
-        early = SCENES[1]
+        early = scenes[min(1, len(scenes) - 1)]
         laws = ("slope_threshold", "predicted", "force_feedback")
         rows_of_chance = chance(pool, early, laws)
         write_rows(
@@ -318,7 +338,7 @@ def run(
         draw_chance(folder / "latency-chance.png", early.name, rows_of_chance, laws)
         done += 1
         on_progress(done, steps)
-        for named in SCENES:
+        for named in scenes:
             for law in tabled:
                 found.append(critical(pool, named, law, 20 if quick else 40))
                 done += 1

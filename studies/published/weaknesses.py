@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
 
 from hertzloop import assembly as parts
+from hertzloop.commands.terminal import Table
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import F_C, first_impact
 from hertzloop.scenes.scene import load
@@ -258,7 +258,7 @@ def adhesion() -> list[Adhesion]:
 
 
 def _table(title: str, rows: list[Any]) -> Table:
-    table = Table(title=title, title_justify="left")
+    table = Table(title=title)
     for field in fields(rows[0]):
         table.add_column(field.name.replace("_", " "), justify="right")
     for row in rows:

@@ -4,18 +4,22 @@ import io
 import math
 import operator
 import re
+from pathlib import Path
 from typing import Any
 
 import pytest
 from rich.console import Console
-from rich.table import Table
+from typer.testing import CliRunner
 
+from hertzloop.commands.cli import app
+from hertzloop.commands.terminal import Table
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.results import report as tables
 from hertzloop.results.impacts_table import impacts_table
 from hertzloop.results.left_out import table_of
 from hertzloop.scenes.scene import load
 
+ROOT = Path(__file__).parents[2]
 UNITS = {
     "us": 1e-6, "ms": 1e-3, "s": 1.0, "um": 1e-6, "mm": 1e-3, "uJ": 1e-6, "mJ": 1e-3, "m/s": 1.0,
     "Pa": 1.0, "GPa": 1e9, "kHz": 1e3, "N": 1.0, "N/us": 1e6, "W": 1.0, "steps/s": 1.0,
@@ -142,3 +146,45 @@ def test_the_run(report: dict[str, Any]) -> None:
     assert "one face" in rows["radiation"]
     of_study = report | {"scheme": "thesis2008"}
     assert "flaws included" in dict(lines(tables.run_table(of_study)))["scheme"]
+
+
+def test_no_cell_of_a_table_is_cut(report: dict[str, Any], tmp_path: Path) -> None:
+    """At 80 columns, as in a pipe, words stay whole, too; on less, long ones are broken."""
+    recording, results = report["recording"], str(tmp_path / "a.csv")
+    cheap = ["--set", "run.duration_s=0.0015", "--set", "run.accuracy=0.1"]
+    commands = [
+        ["inspect", recording], ["keys"], ["keys", "--law", "predicted"],
+        ["validity", "aluminium-3mm", *cheap], ["listen", recording, "-o", str(tmp_path)],
+        ["sweep", "aluminium-3mm", *cheap, "--over", "controller.latency_us=0:2:2",
+         "--phases", "2", "--out", results],
+        ["run", "aluminium-3mm", *cheap, "--transport", "compiled", "--out",
+         str(tmp_path / "a.mcap")],
+        ["tune", "aluminium-3mm", *cheap, "--generations", "1", "--population", "4",
+         "--out", str(tmp_path / "tuned")],
+    ]  # fmt: skip
+    for words in commands:
+        done = CliRunner().invoke(app, words, env={"COLUMNS": "80"})
+        assert done.exit_code == 0, done.output
+        assert "│" in done.output, words
+        assert "…" not in done.output, words
+        ruled = [line for line in done.output.splitlines() if line[:1] in "│┃┏└"]
+        assert max(map(len, ruled)) <= 80, words
+    for width in (80, 50, 30):
+        for table in (
+            impacts_table("Impacts", report["impacts"]), tables.run_table(report),
+            table_of(report["validity"]),
+        ):  # fmt: skip
+            printed = io.StringIO()
+            Console(file=printed, width=width).print(table)
+            cut = [line for line in printed.getvalue().splitlines() if "…" in line]
+            assert not cut, width
+
+
+def test_every_table_is_one_that_cuts_nothing() -> None:
+    own = [
+        path
+        for folder in ("hertzloop", "studies")
+        for path in (ROOT / folder).rglob("*.py")
+        if "rich.table" in path.read_text(encoding="utf-8")
+    ]
+    assert own == [ROOT / "hertzloop" / "commands" / "terminal.py"]

@@ -1,11 +1,15 @@
 """The latency study: maps, critical values read off, pictures."""
 
+import json
 import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from hertzloop.commands.cli import app
+from hertzloop.scenes.scene import load
 from studies.latency import study as study
 from studies.sweeps.evaluate import Pool
 from studies.sweeps.pool import local_pool
@@ -74,3 +78,36 @@ def test_bands_over_seeds_have_a_picture(pool: Pool, tmp_path: Path) -> None:
     assert len({row["run.seed"] for row in rows}) == 20
     study.draw_chance(tmp_path / "c.png", "cheap", rows, ("slope_threshold",))
     assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_scene_and_gains_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of that scene alone, at 80 columns without a cell that is cut."""
+    monkeypatch.setattr(study, "LAWS", ("slope_threshold", "acceleration_feedback"))
+    monkeypatch.setattr(study, "_SEEDS", (1, 2))
+    monkeypatch.setattr(study, "local_pool", lambda: local_pool(1))
+    settings = ["run.accuracy=0.1", "run.duration_s=0.0013", "plate.thickness_m=0.004",
+                "controller.kappa=0.3"]  # fmt: skip
+    words = [word for setting in settings for word in ("--set", setting)]
+    command = ["chart", "latency", "offcentre-6mm", *words, "--quick", "-o", str(tmp_path)]
+    command += ["--json", str(tmp_path / "a.json")]
+    done = CliRunner().invoke(app, command, env={"COLUMNS": "80"})
+    assert done.exit_code == 0, done.output
+    assert "offcentre-6mm: what each law survives" in done.output
+    assert "…" not in done.output
+    ruled = [line for line in done.output.splitlines() if line[:1] in "│┃┏└"]
+    assert max(map(len, ruled)) <= 80
+    found = json.loads((tmp_path / "a.json").read_text())["critical"]
+    assert [(row["scene"], row["law"], row["kappa"]) for row in found] == [
+        ("offcentre-6mm", "slope_threshold", 0.3), ("offcentre-6mm", "acceleration_feedback", 0.3)
+    ]  # fmt: skip
+    for row in found:  # whole numbers, as in the file
+        assert f"{row['ideal_db']:.2f}" in done.output.replace("\n", " ")
+    assert len(list(tmp_path.glob("latency-offcentre-6mm-*.csv"))) == 4
+    refused = CliRunner().invoke(app, [*command[:3], "--set", "plate.thickness=1", *command[-4:]])
+    assert refused.exit_code == 2
+    assert "plate.thickness" in refused.output
+
+
+def test_a_law_without_kappa_has_maps_of_what_it_has() -> None:
+    scene = load("aluminium-3mm", ["controller.law=off"])
+    assert list(study.map_axes(scene, 4)) == ["sensors.bits", "sensors.every_steps"]
