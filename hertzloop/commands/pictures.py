@@ -141,7 +141,7 @@ def _photograph_report(picture: Path) -> None:
         Run("aluminium-3mm").record(file)
         page.write_text(page_of(read(file)), encoding="utf-8")
         command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
-        command += [f"--user-data-dir={temporary}/profile", "--window-size=1100,1900"]
+        command += [f"--user-data-dir={temporary}/profile", "--window-size=1100,2500"]
         command += ["--virtual-time-budget=1500", f"--screenshot={picture}", page.as_uri()]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode or not picture.exists():

@@ -29,6 +29,7 @@ _MOST_MODES = 4000  # of a plate with other edges than simply supported ones
 _PIECE = 64  # steps under force that are advanced at once
 _MOST_PUSHED = 400_000  # steps under force for all modes; of a sphere at rest, the lowest do
 _FEW = 24  # along an axis
+_FLAT_RADII = 12.0  # of the sphere, from the contact to the edge of what has no shapes
 _FIRST_FRAMES = 360  # around the first contact
 _LATER_FRAMES = 150  # around all later contacts
 _COARSE_FRAMES = 150  # over the whole run
@@ -126,7 +127,7 @@ def _modes_of_file(
     """Grid and modes of a file; without a grid in it a small one that stays flat."""
     table = structure.table
     if table.grid is None:
-        flat = np.array([-1.0, 0.0, 1.0])
+        flat = _FLAT_RADII * spec.sphere.radius_m * np.array([-1.0, 0.0, 1.0])
         grid = spec.contact_point_m[0] + flat, spec.contact_point_m[1] + flat
         shapes = np.zeros((len(table.omega_rad_s), 3, 3))
     else:
@@ -309,8 +310,9 @@ def deflection(
     if frames is None:
         found = contacts_of(recording.truth.pieces()) if contacts is None else contacts
         frames = frame_steps(recording.truth.samples, [(one.first, one.end) for one in found])
-    contact, structure = spec.contact_point_m, spec.plate
+    contact, structure, known = spec.contact_point_m, spec.plate, True
     if isinstance(structure, ModalStructure):
+        known = structure.table.grid is not None
         x, y, modes = _modes_of_file(spec, structure)
     else:
         x, y = axes(scene.plate.size_m or (1.0, 1.0), contact, NODES)
@@ -326,4 +328,4 @@ def deflection(
     else:
         w = np.tensordot(states, modes.shapes[0], 1)
     times_ns = recording.truth.step_at(frames[: len(states)]) * recording.truth.step_ns
-    return Deflection(times_ns, x, y, w, contact)
+    return Deflection(times_ns, x, y, w, contact, known)

@@ -7,7 +7,8 @@ from hertzloop.scenes.keys import unit_of
 from hertzloop.scenes.scene import Scene, load, shipped
 from recordings.reader import Recording
 
-_NOT_NAMED = ("name", "shows")
+_NOT_NAMED = ("name", "shows", "plate.modes.content")  # the content has its digest beside it
+_LONGEST = 40  # characters of a value
 
 
 def keys_of(scene: Scene) -> dict[str, Any]:
@@ -119,4 +120,5 @@ def compared(a: Scene, b: Scene) -> list[str]:
 def _value(value: Any) -> str:
     if value is None:
         return "not there"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."

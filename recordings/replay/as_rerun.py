@@ -174,11 +174,18 @@ def _layout(shown: Shown) -> Layout:
         ],
         selection_ns=shown.when.selection_ns,
         zoom_ns=shown.when.zoom_ns,
-        plate_m=(float(shown.deflection.x_m[-1]), float(shown.deflection.y_m[-1])),
-        surface_title=f"Plate, heights drawn {shown.drawn.in_words}",
+        low_m=shown.deflection.low_m,
+        plate_m=shown.deflection.size_m,
+        surface_title=_surface_title(shown),
         has_spectrum=bool(shown.told.spectra),
         has_contacts=bool(shown.contacts),
     )
+
+
+def _surface_title(shown: Shown) -> str:
+    if not shown.deflection.known:
+        return "Structure, drawn flat: its shapes are not known"
+    return "Plate at rest" if shown.drawn.flat else f"Plate, heights drawn {shown.drawn.in_words}"
 
 
 def _colour(shown: Shown, plot: Plot, curve: Curve) -> tuple[int, int, int]:
@@ -194,7 +201,8 @@ def _send_curve(stream: rr.RecordingStream, shown: Shown, plot: Plot, curve: Cur
         ("overview", False, enough),
         ("zoom", curve.held, slice(None)),
     ):
-        path = f"{entity}/{plot.key}/{curve.name}"
+        # Later names are drawn over earlier ones: what is there to compare with lies behind.
+        path = f"{entity}/{plot.key}/{'0_' if curve.faint else ''}{curve.name}"
         line = rr.SeriesLines(
             names=curve.label or curve.name,
             colors=_colour(shown, plot, curve),
@@ -272,7 +280,11 @@ def _about(shown: Shown, still: bool) -> str:
         lines += [f"{len(shown.contacts)} contacts; the first {_MOST_LISTED} are listed.", ""]
     if len(shown.contacts) > 1:  # they may be chaotic; what is known of them no recording has
         lines += ["Digits as recorded: `hertzloop run` tells how many later contacts have.", ""]
+    if not shown.deflection.known:
+        lines += ["The file of modes has no shapes (x_m, y_m, shape_grid).", ""]
     lines += [f"Heights are drawn {shown.drawn.in_words}"]
+    if shown.drawn.flat:
+        lines[-1] = "The plate is at rest" if shown.deflection.known else "It is drawn flat"
     if shown.sphere_radius_m:
         larger = shown.drawn.sphere_radius_m / shown.sphere_radius_m
         lines[-1] += f", the sphere {larger:.2g} times its size and less high the higher it flies"

@@ -33,6 +33,7 @@ class Layout:
     plots: Sequence[PlotLook]
     selection_ns: tuple[int, int]
     zoom_ns: tuple[int, int]
+    low_m: tuple[float, float]  # corner of the plate
     plate_m: tuple[float, float]
     surface_title: str
     has_spectrum: bool
@@ -80,8 +81,9 @@ def dashboard(layout: Layout, still: bool = False) -> rrb.Blueprint:
 
 
 def _surface(layout: Layout) -> rrb.Spatial3DView:
-    x, y = layout.plate_m
+    (x0, y0), (x, y) = layout.low_m, layout.plate_m
     side = max(x, y)
+    middle = x0 + 0.55 * x, y0 + 0.5 * y
     return rrb.Spatial3DView(
         origin="scene",
         name=layout.surface_title,
@@ -89,8 +91,8 @@ def _surface(layout: Layout) -> rrb.Spatial3DView:
         line_grid=False,
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
-            position=(0.55 * x + 0.3 * side, 0.5 * y - 1.05 * side, 0.62 * side),
-            look_target=(0.55 * x, 0.5 * y, 0.0),
+            position=(middle[0] + 0.3 * side, middle[1] - 1.05 * side, 0.62 * side),
+            look_target=(*middle, 0.0),
             eye_up=(0.0, 0.0, 1.0),
         ),
     )

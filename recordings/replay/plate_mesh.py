@@ -33,6 +33,11 @@ class Scale:
     sphere_highest_m: float = math.inf
 
     @property
+    def flat(self) -> bool:
+        """Whether there is no deflection to be drawn."""
+        return self.full_colour_m <= _FLAT_M
+
+    @property
     def in_words(self) -> str:
         """Such as "2,000 times"."""
         return f"{self.heights:,.0f} times" if self.heights >= 1 else f"{self.heights:g} times"
@@ -50,7 +55,7 @@ def scale(deflection: Deflection, span_ns: Span, radius_m: float) -> Scale:
     first, ever = largest[within].max(initial=0.0), largest.max(initial=0.0)
     runs_away = first >= _FLAT_M and ever > _RUNAWAY * first
     reference = first if runs_away else max(first, _LATER_SHARE * ever)
-    side = float(min(deflection.x_m[-1], deflection.y_m[-1]))
+    side = min(deflection.size_m)
     radius = max(radius_m, _SPHERE_SHARE * side)
     limits = (_MOST_SHARE * side, _HIGHEST_SHARE * side)
     if reference < _FLAT_M:

@@ -24,8 +24,8 @@ def times(time_ns: np.ndarray) -> rr.TimeColumn:
 def send_plate(stream: rr.RecordingStream, deflection: Deflection, drawn: plate_mesh.Scale) -> None:
     """The deflecting plate with its rim at rest, and what its colours mean."""
     frames, nodes = len(deflection.times_ns), deflection.w_m[0].size
-    x, y = deflection.x_m[-1], deflection.y_m[-1]
-    edge = [(0, 0, 0), (x, 0, 0), (x, y, 0), (0, y, 0), (0, 0, 0)]
+    (x0, y0), (x1, y1) = deflection.low_m, (deflection.x_m[-1], deflection.y_m[-1])
+    edge = [(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0), (x0, y0, 0)]
     stream.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     stream.log("scene/edge", rr.LineStrips3D([edge], colors=(120, 130, 145)), static=True)
     indices = rr.Mesh3D.from_fields(triangle_indices=plate_mesh.triangles(deflection))
@@ -38,16 +38,17 @@ def send_plate(stream: rr.RecordingStream, deflection: Deflection, drawn: plate_
     stream.send_columns(
         "scene/plate", [times(deflection.times_ns)], columns.partition([nodes] * frames)
     )
-    _send_colour_scale(stream, deflection, drawn)
+    if not drawn.flat:
+        _send_colour_scale(stream, deflection, drawn)
 
 
 def _send_colour_scale(
     stream: rr.RecordingStream, deflection: Deflection, drawn: plate_mesh.Scale
 ) -> None:
     """A bar beside the plate, from the deflection that is all blue to the one that is all red."""
-    x, y = float(deflection.x_m[-1]), float(deflection.y_m[-1])
-    at = x + 0.09 * min(x, y)
-    ends = np.linspace(0.1 * y, 0.9 * y, _BAR_PIECES + 1)
+    y0, (x, y) = deflection.low_m[1], deflection.size_m
+    at = float(deflection.x_m[-1]) + 0.09 * min(x, y)
+    ends = y0 + np.linspace(0.1 * y, 0.9 * y, _BAR_PIECES + 1)
     pieces = [[(at, a, 0.0), (at, b, 0.0)] for a, b in pairwise(ends)]
     colours = plate_mesh.colour_of(np.linspace(-1.0, 1.0, _BAR_PIECES))
     bar = rr.LineStrips3D(pieces, colors=colours, radii=0.012 * min(x, y))
@@ -56,7 +57,7 @@ def _send_colour_scale(
     words = [f"-{value} and below", "0 m", f"+{value} and above"]
     # A word is centred at its place: the farther ones need more room beside the bar.
     beside = ((0.1, 0.13), (0.5, 0.1), (0.9, 0.22))
-    places = [(at + off * min(x, y), share * y, 0.0) for share, off in beside]
+    places = [(at + off * min(x, y), y0 + share * y, 0.0) for share, off in beside]
     stream.log(
         "scene/colours/values",
         rr.Points3D(places, labels=words, colors=_WORDS, radii=1e-4, show_labels=True),
@@ -100,7 +101,7 @@ def send_actuator(
 ) -> None:
     """A ring where the actuator pushes, and its force (frames,) as an arrow at the ring's side; an
     arrow of full length is `full_force_n`."""
-    side = float(min(deflection.x_m[-1], deflection.y_m[-1]))
+    side, y0 = min(deflection.size_m), deflection.low_m[1]
     x, y = point_m
     reach = 1.5 * drawn.sphere_radius_m
     above = 0.012 * side
@@ -114,10 +115,10 @@ def send_actuator(
     if full_force_n > 0.0:
         word = f"actuator, full arrow {with_unit(full_force_n, 'N')}"
     # The name is before the plate, where it hides nothing.
-    place = (x, -0.09 * side, 0.0)
+    place = (x, y0 - 0.09 * side, 0.0)
     name = rr.Points3D([place], labels=[word], colors=_ACTUATOR, radii=1e-4, show_labels=True)
     stream.log("scene/actuator/name", name, static=True)
-    leader = [(x, y - reach, above), (x, 0.0, above), place]
+    leader = [(x, y - reach, above), (x, y0, above), place]
     lines = rr.LineStrips3D([leader], colors=_ACTUATOR, radii=0.0015 * side)
     stream.log("scene/actuator/leader", lines, static=True)
     if not full_force_n > 0.0:

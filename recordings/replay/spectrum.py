@@ -83,9 +83,9 @@ def send(
     _send_words(stream, "spectrum/axes", places, labels, [_TEXT] * len(labels))
     for i, (found, colour) in enumerate(zip(spectra, colours, strict=True)):
         line = np.stack([x(found.frequency_hz), y(found.level_db)], axis=1)
-        stream.log(
-            f"spectrum/line_{i}", rr.LineStrips2D([line], colors=colour, radii=0.18), static=True
-        )
+        # The first one, of the run itself, lies over the others.
+        strips = rr.LineStrips2D([line], colors=colour, radii=0.18, draw_order=30.0 - i)
+        stream.log(f"spectrum/line_{i}", strips, static=True)
     where = [(_WIDTH + 9.0, 4.0 + 5.5 * i) for i in range(len(spectra))]
     _send_words(stream, "spectrum/legend", where, [s.label for s in spectra], colours)
 

@@ -62,6 +62,7 @@ def page_of(recording: Recording) -> str:
         around=charts.around_first_contact(shown) if shown.contacts else "",
         whole=charts.whole_run(shown),
         spectra=charts.spectra(shown) if shown.told.spectra else "",
+        flat="" if shown.deflection.known else "The file of modes has no shapes: drawn flat.",
         animation=json.dumps(_animation(shown)),
         sounds=sounds,
         silent=silent,
@@ -128,19 +129,24 @@ def _animation(shown: Shown) -> dict[str, Any]:
     # Rows of a picture go down, y goes up.
     frames = np.ascontiguousarray(levels.astype(np.int8).transpose(0, 2, 1)[:, ::-1])
     gap_m, force_n = (shown.at_frames[name][inside] for name in ("xi_m", "f_a_n"))
-    size = float(plate.x_m[-1]), float(plate.y_m[-1])
+    corner, size = plate.low_m, plate.size_m
+
+    def place(point: tuple[float, float]) -> list[float]:
+        return [(point[0] - corner[0]) / size[0], 1.0 - (point[1] - corner[1]) / size[1]]
+
     actuator = shown.told.actuator_m
     return {
         "frames": base64.b64encode(frames.tobytes()).decode(),
         "count": len(inside), "nx": len(plate.x_m), "ny": len(plate.y_m),
-        "x": (plate.x_m / size[0]).tolist(), "y": (1.0 - plate.y_m[::-1] / size[1]).tolist(),
+        "x": ((plate.x_m - corner[0]) / size[0]).tolist(),
+        "y": (1.0 - (plate.y_m[::-1] - corner[1]) / size[1]).tolist(),
         "aspect": size[1] / size[0], "size": [f"{1e3 * side:g} mm" for side in size],
         "times": [f"{1e-6 * t:.4f} ms" for t in plate.times_ns[inside].tolist()],
         "touching": (gap_m < 0.0).tolist(),
         "force": [with_unit(float(f), "N") for f in np.nan_to_num(force_n)],
-        "contact": [plate.contact_point_m[0] / size[0], 1.0 - plate.contact_point_m[1] / size[1]],
-        "actuator": [actuator[0] / size[0], 1.0 - actuator[1] / size[1]] if actuator else None,
-        "full": with_unit(full, "m"),
+        "contact": place(plate.contact_point_m),
+        "actuator": place(actuator) if actuator else None,
+        "full": "" if shown.drawn.flat else with_unit(full, "m"),
     }  # fmt: skip
 
 
@@ -165,7 +171,7 @@ def _again(recording: Recording, scene: Scene, has_text: bool) -> tuple[str, lis
     """How to come to the same samples, in words and as commands."""
     file, ran = recording.path.name, law_of(recording)
     (name, changed), saved = what_ran.closest_shipped(scene), "# the scene below, saved"
-    again = f"{scene.name}.mcap"
+    again = f"{recording.path.stem}-again.mcap"
     if not ran_as_announced(ran):
         own = ran["law"] or "not named by the controller"
         return (
@@ -187,7 +193,7 @@ def _again(recording: Recording, scene: Scene, has_text: bool) -> tuple[str, lis
         law = str(ran["law"]).partition(":")
         first = [f"hertzloop inspect {file} --law {law[0]}"]
         run += f" --set controller.law={''.join(law)}"
-    return same, [*first, f"{run}    {saved}", f"hertzloop compare {again} {file}"]
+    return same, [*first, f"{run} --out {again}    {saved}", f"hertzloop compare {again} {file}"]
 
 
 def _versions(recording: Recording) -> list[tuple[str, str]]:

@@ -72,6 +72,7 @@ ENTITIES = {
     *(f"/{part}/{curve}" for part in ("overview", "zoom")
       for curve in ("gap/xi", "gap/measured", "force/F_c", "force/F_a", "velocity/v_p")),
 }  # fmt: skip
+SCALE = {"/scene/colours", "/scene/colours/values"}  # of what deflects
 # What the command adds: the actuator, energies, spectra.
 TOLD = {
     "/scene/actuator", "/scene/actuator/name", "/scene/actuator/leader", "/scene/actuator/force",
@@ -81,8 +82,10 @@ TOLD = {
 }  # fmt: skip
 TWIN = {
     "/spectrum/line_1",
-    *(f"/{part}/{curve}_twin" for part in ("overview", "zoom")
-      for curve in ("gap/xi", "force/F_c", "velocity/v_p", "energy/plate")),
+    # By names that come first, since the viewer draws later ones over them.
+    *(f"/{part}/{plot}/0_{curve}_twin" for part in ("overview", "zoom")
+      for plot, curve in (("gap", "xi"), ("force", "F_c"), ("velocity", "v_p"),
+                          ("energy", "plate"))),
 }  # fmt: skip
 
 
@@ -211,7 +214,7 @@ def test_what_is_missing_is_left_out(file: Path, tmp_path: Path, missing: str) -
         "daq": {"/overview/gap/measured", "/zoom/gap/measured"}, "events": {"/events"},
         "contact": {"/contacts"},
     }.get(missing, set())  # fmt: skip
-    assert set(entities(tmp_path / "a.rrd")) == ENTITIES - gone
+    assert set(entities(tmp_path / "a.rrd")) == ENTITIES - SCALE - gone
 
 
 # The command
@@ -307,3 +310,71 @@ def test_a_replay_ends_where_samples_are_missing(
     result = call("replay", damaged, "--save", rrd)
     assert result.exit_code == 0, result.output
     rerun("rrd", "verify", rrd)
+
+
+# A structure from a file of modes
+
+
+def modes_csv(folder: Path) -> Path:
+    """Some modes, without their shapes."""
+    path = folder / "modes.csv"
+    path.write_text(
+        "# residual_flexibility_m_n = 1e-8\n"
+        "frequency_hz,loss_factor,modal_mass_kg,shape_contact\n"
+        + "".join(f"{200.0 * n**2},1e-3,0.5,{(-1) ** n}\n" for n in range(1, 13))
+    )
+    return path
+
+
+BEAM = """
+name = "beam"
+shows = "modes without shapes"
+[sphere]
+material = "steel"
+radius_m = 0.01
+drop_height_m = 0.02
+[plate]
+material = "steel"
+modes = "{modes}"
+[controller]
+kappa = 0.5
+[run]
+duration_s = 0.002
+"""
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    folder = tmp_path_factory.mktemp("beam")
+    (folder / "beam.toml").write_text(BEAM.format(modes=modes_csv(folder).name))
+    record_in_process(load(str(folder / "beam.toml")), folder / "beam.mcap", compiled=True)
+    return read(folder / "beam.mcap")
+
+
+def test_what_a_file_of_modes_does_not_say_is_not_drawn(beam: Recording, tmp_path: Path) -> None:
+    shown = replaying.prepare(beam)
+    told = replay._about(shown, still=True)
+    assert "plate.modes.file = modes.csv" in told
+    assert "content" not in told
+    assert max(map(len, told.split())) < 50  # no base64
+    assert "has no shapes" in told
+    assert "Heights are drawn" not in told
+    assert not shown.deflection.known
+    assert shown.drawn.flat
+    layout = replay._layout(shown)
+    assert layout.surface_title == "Structure, drawn flat: its shapes are not known"
+    # All of it is in sight: as large as the sphere asks for, the contact in its middle.
+    assert max(layout.plate_m) < 30.0 * 0.01
+    np.testing.assert_allclose(
+        np.add(layout.low_m, np.array(layout.plate_m) / 2.0), shown.deflection.contact_point_m
+    )
+    replay.save(shown, tmp_path / "beam.rrd")
+    assert set(entities(tmp_path / "beam.rrd")) == (ENTITIES | TOLD | TWIN) - SCALE
+
+
+def test_a_plate_at_rest_has_no_scale(tmp_path: Path) -> None:
+    path = tmp_path / "rest.mcap"
+    record_in_process(load("aluminium-3mm", ["run.duration_s=0.0005"]), path, compiled=True)
+    shown = replaying.prepare(read(path))
+    assert replay._layout(shown).surface_title == "Plate at rest"
+    assert "Heights are drawn" not in replay._about(shown, still=True)

@@ -93,3 +93,29 @@ def test_a_full_arrow_goes_by_the_first_contact(force_n: list[float], full_n: fl
         plots=[SimpleNamespace(curves=[curve])], when=SimpleNamespace(selection_ns=(1, 3))
     )
     assert as_rerun._full_arrow_n(shown) == full_n
+
+
+def test_a_plate_may_lie_anywhere() -> None:
+    """As in a file of modes with coordinates of its own: rim, scale and name of the actuator lie
+    around it, and not around the origin."""
+    w = 1e-6 * np.ones((4, 6, 4))
+    x, y = np.linspace(0.0, 0.5, 6), np.linspace(0.0, 0.3, 4)
+    found = []
+    for shift in (0.0, -0.25):
+        plate = Deflection(np.arange(4), x + shift, y + shift, w, (0.2 + shift, 0.1 + shift))
+        drawn = plate_mesh.scale(plate, (0, 3), 0.003)
+        stream: Any = Drawn()
+        scene3d.send_plate(stream, plate, drawn)
+        scene3d.send_actuator(stream, np.ones(4), plate, plate.contact_point_m, drawn, 2.0)
+        parts = stream.components
+        found.append(
+            [
+                np.array(parts["scene/edge"]["strips"][0])[:, :2] - shift,
+                np.array(parts["scene/colours"]["strips"])[..., :2] - shift,
+                np.array(parts["scene/colours/values"]["positions"])[:, :2] - shift,
+                np.array(parts["scene/actuator/name"]["positions"])[:, :2] - shift,
+                np.array(parts["scene/actuator/leader"]["strips"])[..., :2] - shift,
+            ]
+        )
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-6)
