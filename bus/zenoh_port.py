@@ -17,6 +17,7 @@ from pathlib import Path
 import zenoh
 
 from bus import LEAVING
+from bus.compiling import Compiling
 from bus.guests import Guests, names_let_in
 from bus.port import BusError, PeerLost
 from bus.streams import ROLES, STREAMS, SUBSCRIPTIONS, Envelope, has_header_sequence
@@ -103,6 +104,8 @@ class ZenohPort:
             history=True,
         )
         self._tokens: list[zenoh.LivelinessToken] = []
+        self._compiling = Compiling(self._session, self._root, role, self._instance)
+        self.compiling = self._compiling.tell
 
     def _handler(self, stream: str) -> "zenoh.handlers.Callback[zenoh.Sample]":
         put, numbered = self._inbox.put, not has_header_sequence(stream)
@@ -180,10 +183,12 @@ class ZenohPort:
                 raise KeyboardInterrupt
             if self._guests:
                 self._guests.missing(missing)
+            deadline = self._compiling.extended(deadline, timeout_s, lambda one, _: one in missing)
             if time.monotonic() > deadline:
                 left = [role for role in missing if role in self._left_s]
                 again = f" ({' and '.join(left)} came, but left again)" if left else ""
                 again += self._guests.words() if self._guests else ""
+                again += self._compiling.words()
                 raise PeerLost(
                     f"{self.role} waited {timeout_s:g} s for {' and '.join(missing)} on bus "
                     f"'{self.name}': not there{again}",
@@ -204,18 +209,19 @@ class ZenohPort:
         """From now on `role` may leave: it has announced its end."""
         self._watched.pop(role, None)
 
-    def wait_until_gone(self, role: str, timeout_s: float | None = None) -> bool:
-        """Wait until a role has left, so that it has surely heard everything.
-
-        Without a limit this ends too: zenoh notices who dies, and who hangs. Raises
-        KeyboardInterrupt when interrupted while there is no limit.
-        """
-        deadline = None if timeout_s is None else time.monotonic() + timeout_s
-        while self._alive[role] and (deadline is None or time.monotonic() < deadline):
-            if deadline is None and self._interrupted:
+    def wait_until_gone(self, role: str, timeout_s: float) -> bool:
+        """Wait until a role has left, so that it has surely heard everything; whether it has. Of a
+        role of the run, the process that takes part counts, whoever else says to be that role.
+        Raises KeyboardInterrupt when interrupted."""
+        deadline = time.monotonic() + timeout_s
+        one = self._watched.get(role)
+        while there := bool(self._alive[role]) if one is None else one in self._alive[role]:
+            if self._interrupted:
                 raise KeyboardInterrupt
+            if time.monotonic() > deadline:
+                break
             time.sleep(0.002)
-        return not self._alive[role]
+        return not there
 
     def wait_until_heard(self, timeout_s: float, besides: Collection[str] = ()) -> None:
         """Wait until the last words of this role have reached all: each of the others has left, or
@@ -229,11 +235,13 @@ class ZenohPort:
         while listening() and time.monotonic() < deadline:
             time.sleep(0.002)
 
-    def wait_for_voucher(self, role: str) -> None:
+    def wait_for_voucher(self, role: str, timeout_s: float) -> None:
         """Wait until a role has left. Raises PeerLost unless it vouched for its part before."""
-        self.wait_until_gone(role)
+        how = "left the run before its part was complete"
+        if not self.wait_until_gone(role, timeout_s):
+            how = f"did not complete its part within {timeout_s:.0f} s"
         if role not in self._vouched:
-            raise PeerLost(f"{role} left the run before its part was complete", role)
+            raise PeerLost(f"{role} {how}", role)
 
     def publish(self, envelope: Envelope) -> None:
         """Send; blocks under congestion. Raises PeerLost if a role of the run has gone, or does
@@ -272,10 +280,12 @@ class ZenohPort:
                 self._first = None
             except queue.Empty:
                 self._miss(awaited)
+                deadline = self._compiling.extended(deadline, timeout_s, self._takes_part)
                 if time.monotonic() < deadline:
                     continue
                 raise PeerLost(
-                    f"{self.role} waited {timeout_s:g} s for {awaited}: nothing came",
+                    f"{self.role} waited {timeout_s:g} s for {awaited}: nothing came"
+                    f"{self._compiling.words()}",
                     *self._awaited(awaited),
                 ) from None
             if isinstance(item, Envelope):
@@ -294,6 +304,9 @@ class ZenohPort:
     def _miss(self, awaited: str) -> None:
         for role in self._gone():
             raise PeerLost(f"{role} left the run; {self.role} was waiting for {awaited}", role)
+
+    def _takes_part(self, role: str, instance: str) -> bool:
+        return self._watched.get(role) == instance
 
     def _awaited(self, awaited: str) -> list[str]:
         return [role for role in self._watched if role in awaited.split()]

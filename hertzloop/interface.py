@@ -133,7 +133,7 @@ def run(
 
 def _check_pace(scene: Scene, options: "RunOptions") -> None:
     """Raise SceneError for a run that cannot be by the wall clock."""
-    from hertzloop.commands.warmup import ensure_compiled, kernels_of
+    from hertzloop.commands.warmup import ensure_compiled
     from hertzloop.loop.paced import check_pace
     from hertzloop.one_run import Transport
 
@@ -150,7 +150,7 @@ def _check_pace(scene: Scene, options: "RunOptions") -> None:
         )
     check_pace(scene, options.pace, options.timeout_s)
     # A process that compiles answers nobody.
-    ensure_compiled(lambda: None, kernels_of(scene), paced=True)
+    ensure_compiled(lambda: None, scene, paced=True)
 
 
 def read(recording: str | Path) -> Run:

@@ -8,10 +8,10 @@ import typer
 
 from hertzloop.commands.options import (
     JsonOption,
-    announce_compilation,
     check_folder,
     check_json,
     check_picture,
+    compile_first,
     write_json,
 )
 from hertzloop.commands.terminal import Table, fail, out
@@ -63,11 +63,10 @@ def bench(
 
 def _costs(json_file: Path | None) -> None:
     from bus.port import BusError
-    from hertzloop.commands.warmup import ensure_compiled
     from hertzloop.loop.launcher import RunFailed
     from studies.cost import groups, roofline
 
-    ensure_compiled(announce_compilation)
+    compile_first()
     try:
         data = groups.measure()
         shares = [asdict(share) for share in roofline.shares()]
@@ -122,12 +121,11 @@ def _laws(rounds: int, json_file: Path | None) -> None:
 
 
 def _exported(rounds: int, json_file: Path | None) -> None:
-    from hertzloop.commands.warmup import ensure_compiled
     from hertzloop.elsewhere.library import NoCompiler
     from hertzloop.elsewhere.objects import CompileFault
     from studies.cost import exported
 
-    ensure_compiled(announce_compilation)
+    compile_first()
     try:
         rows = exported.measure(("host", "x86-64-v3", "x86-64"), rounds)
     except NoCompiler as error:
@@ -149,10 +147,9 @@ def _exported(rounds: int, json_file: Path | None) -> None:
 
 
 def _cases(rounds: int, json_file: Path | None) -> None:
-    from hertzloop.commands.warmup import ensure_compiled
     from studies.cost import cases
 
-    ensure_compiled(announce_compilation)
+    compile_first()
     rows = cases.measure(rounds)
     table = Table(title="cases of a sweep, of one core")
     for heading in ("sweep", "cases/s", "ms a case", "in the loop, ms", "share"):
@@ -167,10 +164,9 @@ def _cases(rounds: int, json_file: Path | None) -> None:
 
 
 def _replay(rounds: int, json_file: Path | None) -> None:
-    from hertzloop.commands.warmup import ensure_compiled
     from studies.cost import replay
 
-    ensure_compiled(announce_compilation)
+    compile_first()
     found = replay.measure(rounds)
     table = Table(title=f"replay of {found.steps:,} steps")
     for heading in ("case", "median", "least"):

@@ -45,10 +45,10 @@ from hertzloop.commands.options import (
     SetOption,
     TimeoutOption,
     TransportName,
-    announce_compilation,
     check_json,
     check_output,
     check_pace,
+    compile_first,
     files_of,
     scene_from,
     write_json,
@@ -107,8 +107,6 @@ def run(
     ] = False,
 ) -> None:
     """Run a scene, record it, and print what happened with and without control."""
-    from hertzloop.commands.warmup import ensure_compiled, kernels_of
-
     raise_when_ended()
     if repeat is not None and (scene != DEFAULT or settings or seed is not None):
         fail("--repeat takes scene and seed from the recording; leave out SCENE, --set, --seed", 2)
@@ -133,7 +131,7 @@ def run(
     check_pace(resolved, pace, timeout, horizon=horizon, verify=verify, repeat=repeat)
     if repeated is not None:
         repeat_or_fail(repeated, resolved)  # before three processes are started for nothing
-    ensure_compiled(announce_compilation, kernels_of(resolved), paced=pace is not None)
+    compile_first(resolved, paced=pace is not None)
 
     from bus.port import BusError
     from bus.sockets import on_loopback, own_endpoints

@@ -12,7 +12,7 @@ from hertzloop.commands.options import (
     SetOption,
     TimeoutOption,
     WaitOption,
-    announce_compilation,
+    compile_first,
 )
 from hertzloop.commands.terminal import err, fail, out
 from hertzloop.scenes.scene import SceneError
@@ -100,7 +100,6 @@ def _chosen(
     everything: bool,
 ) -> list["Script"]:
     """The scripts to play; ends the command where there are none such."""
-    from hertzloop.commands.warmup import ensure_compiled
     from hertzloop.loop.conformance_scripts import recorded, scripts
     from recordings.reader import read
     from recordings.writer import RecordingError
@@ -109,7 +108,7 @@ def _chosen(
         if expect:
             return [recorded(read(expect))]
         if law:
-            ensure_compiled(announce_compilation)
+            compile_first()
         known = {script.name: script for script in scripts(law, settings)}
     except (SceneError, RecordingError, ValueError) as error:
         fail(str(error), 2)

@@ -7,6 +7,7 @@ import os
 import tempfile
 from collections import Counter
 from collections.abc import Iterable
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -85,6 +86,10 @@ def scene_from(
     try:
         scene = load(source, settings or (), seed)
         from hertzloop import assembly as parts
+        from hertzloop.commands.warmup import anything_compiled
+
+        if not anything_compiled():
+            announce_compilation()
 
         parts.plant_spec(scene)
         if not tried:
@@ -255,6 +260,17 @@ def _strict(data: Any) -> Any:
     return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
+def compile_first(*scenes: Scene, paced: bool = False) -> None:
+    """Compile what scenes run, see `ensure_compiled`; ends the command if one cannot be built."""
+    from hertzloop.commands.warmup import ensure_compiled
+
+    try:
+        ensure_compiled(announce_compilation, *scenes, paced=paced)
+    except SceneError as error:
+        fail(str(error), 2)
+
+
+@cache
 def announce_compilation() -> None:
-    """Say why the next half minute is silent."""
+    """Say why the next half minute is silent; once, whatever is compiled after it."""
     err.print("Compiling the kernels: once after every change of version, about half a minute.")

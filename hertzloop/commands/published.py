@@ -10,8 +10,8 @@ from hertzloop.commands.options import (
     JsonOption,
     SceneArgument,
     SetOption,
-    announce_compilation,
     check_json,
+    compile_first,
     make_folder,
     scene_from,
     write_json,
@@ -34,10 +34,10 @@ OutOption = Annotated[
 
 
 def _ready(*schemes: str) -> None:
-    from hertzloop.commands.warmup import ensure_compiled
+    from hertzloop.commands.warmup import of_scheme
 
     for scheme in schemes:
-        ensure_compiled(announce_compilation, scheme)
+        compile_first(of_scheme(scheme))
 
 
 def _columns(title: str, headings: list[str], text: int) -> Table:

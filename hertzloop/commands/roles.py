@@ -21,7 +21,6 @@ from hertzloop.commands.options import (
     SetOption,
     TimeoutOption,
     WaitOption,
-    announce_compilation,
     check_output,
     check_pace,
     scene_from,
@@ -59,13 +58,11 @@ def plant(
 ) -> None:
     """The plant process alone: waits for controller and recorder, then runs the scene."""
     from bus.streams import PLANT
-    from hertzloop.commands.warmup import ensure_compiled, kernels_of
     from hertzloop.loop import processes
 
     resolved = scene_from(scene, settings, seed, tried=machine)
     check_pace(resolved, pace, timeout, horizon=horizon, repeat=repeat)
     repeated = repeat_or_fail(read_or_fail(repeat), resolved) if repeat else None
-    ensure_compiled(announce_compilation, kernels_of(resolved), paced=pace is not None)
     with framed(PLANT, machine) as tell:
         address = bus_address(PLANT, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
@@ -104,10 +101,8 @@ def controller(
 ) -> None:
     """The controller process alone: takes the scene from the plant, answers its samples."""
     from bus.streams import CONTROLLER
-    from hertzloop.commands.warmup import ensure_compiled
     from hertzloop.loop import processes
 
-    ensure_compiled(announce_compilation)
     with framed(CONTROLLER, machine) as tell:
         address = bus_address(CONTROLLER, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:

@@ -12,10 +12,10 @@ from hertzloop.commands.options import (
     JsonOption,
     SceneArgument,
     SetOption,
-    announce_compilation,
     check_folder,
     check_json,
     check_law,
+    compile_first,
     scene_from,
     write_json,
 )
@@ -45,7 +45,7 @@ def tables(
     json_file: JsonOption = None,
 ) -> None:
     """Compute every row of a published table again, beside what was published."""
-    from hertzloop.commands.warmup import ensure_compiled
+    from hertzloop.commands.warmup import of_scheme
     from studies.published import tables as study
 
     check_folder(out_file)
@@ -54,7 +54,7 @@ def tables(
         fail(f"{out_file} is the table to read; write to another file", 2)
     try:
         header, rows = study.read_rows(rows_file)
-        ensure_compiled(announce_compilation, scheme)
+        compile_first(of_scheme(scheme))
         with progress(rows_file.name, len(rows)) as advance:
             new_header, new_rows, endless = study.compute_table(
                 header, rows, scheme, advance, study.WITH_MAIDANIK if maidanik else study.FIGURES
@@ -185,11 +185,11 @@ def model_order(
 ) -> None:
     """Whether the automatic choice of modes meets its accuracy on random scenes, and its cost; the
     same of whole scenes with losses in the contact, without and with a law."""
-    from hertzloop.commands.warmup import SPRING_TAIL
     from studies.model_order import closed_loop
     from studies.model_order import study as study
 
-    with results_in(folder, "modal", SPRING_TAIL):
+    with results_in(folder, "modal"):
+        compile_first(load(DEFAULT, ["plate.tail=spring"]))
         found = study.run(folder, scenes, seed)
         whole = closed_loop.run(folder, scenes, seed)
     headings = ("asked", "scenes", "beyond the step", "met", "worst error/asked",

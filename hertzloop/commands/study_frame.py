@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from hertzloop.commands.options import announce_compilation, make_folder
+from hertzloop.commands.options import compile_first, make_folder
 from hertzloop.commands.terminal import Table, err, fail
 from hertzloop.loop.signals import INTERRUPTED
 
@@ -28,11 +28,11 @@ def numbers(title: str, headings: Iterable[str], rows: Iterable[Iterable[str]]) 
 @contextmanager
 def results_in(folder: Path, *schemes: str) -> Iterator[None]:
     """A study that writes into `folder`, which is made, with the kernels of `schemes` ready."""
-    from hertzloop.commands.warmup import ensure_compiled
+    from hertzloop.commands.warmup import of_scheme
 
     make_folder(folder)
     for scheme in schemes:
-        ensure_compiled(announce_compilation, scheme)
+        compile_first(of_scheme(scheme))
     try:
         yield
     except OSError as error:

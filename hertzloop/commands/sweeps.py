@@ -15,11 +15,11 @@ from hertzloop.commands.options import (
     SeedOption,
     SetOption,
     TransportName,
-    announce_compilation,
     check_json,
     check_law,
     check_output,
     check_writable,
+    compile_first,
     end_if_not_run,
     files_of,
     scene_from,
@@ -67,7 +67,6 @@ def sweep(
     json_file: JsonOption = None,
 ) -> None:
     """Simulate a scene over ranges of its keys; a killed sweep goes on with the same command."""
-    from hertzloop.commands.warmup import ensure_compiled
     from studies.sweeps import sweep as study
     from studies.sweeps.design import DesignError, make_design
     from studies.sweeps.journal import JournalError
@@ -107,7 +106,7 @@ def sweep(
                 check_law(vary(resolved, {"controller.law": law}))
     except (DesignError, SceneError) as error:
         fail(str(error), 2)
-    ensure_compiled(announce_compilation)
+    compile_first(resolved)
     total = len(planned.cases())
     try:
         with progress(f"{total} cases", total) as advance:
@@ -224,7 +223,6 @@ def check(
     json_file: JsonOption = None,
 ) -> None:
     """Run cases of a sweep again as processes over zenoh; exit 0 if all bytes are the same."""
-    from hertzloop.commands.warmup import ensure_compiled
     from studies.sweeps.evaluate import not_run
     from studies.sweeps.replay_cases import Checked, replay_cases
     from studies.sweeps.summary import counted
@@ -242,7 +240,7 @@ def check(
     cases = min(cases, most)
     if header["versions"] != code_version():
         err.print(f"{results} was made with {header['versions']}; bits may differ", soft_wrap=True)
-    ensure_compiled(announce_compilation)
+    compile_first()
     found: list[Checked] = []
     try:
         with progress(f"{cases} cases", cases) as advance:

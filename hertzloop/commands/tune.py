@@ -14,10 +14,10 @@ from hertzloop.commands.options import (
     JsonOption,
     SeedOption,
     SetOption,
-    announce_compilation,
     check_json,
     check_law,
     check_writable,
+    compile_first,
     end_if_not_run,
     make_folder,
     scene_from,
@@ -88,7 +88,6 @@ def tune(
     """Find the law and parameters that do best under a scene's latency, bits and force limit; a
     killed search goes on with the same command."""
     need("matplotlib", "pymoo")
-    from hertzloop.commands.warmup import ensure_compiled
     from studies.latency.study import LAWS
     from studies.sweeps.design import DesignError, check_keys, parse_axis
     from studies.sweeps.evaluate import Tally
@@ -129,7 +128,7 @@ def tune(
         make_folder(folder)
     else:
         check_writable(Path())  # for what is unfinished
-    ensure_compiled(announce_compilation)
+    compile_first(*bases)
     tally = Tally()
     names = [base.name for base in bases]
     search: dict[str, Any] = {

@@ -10,8 +10,8 @@ from hertzloop.commands.options import (
     SceneArgument,
     SeedOption,
     SetOption,
-    announce_compilation,
     check_json,
+    compile_first,
     make_folder,
     scene_from,
     write_json,
@@ -27,11 +27,10 @@ def validity(
     json_file: JsonOption = None,
 ) -> None:
     """What a scene leaves out, every indicator with its size, threshold and formula."""
-    from hertzloop.commands.warmup import ensure_compiled, kernels_of
 
     resolved = scene_from(scene, settings, seed)
     check_json(json_file)
-    ensure_compiled(announce_compilation, kernels_of(resolved))
+    compile_first(resolved)
 
     from hertzloop.results import left_out
 

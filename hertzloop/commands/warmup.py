@@ -1,115 +1,96 @@
-"""Compile all kernels once; later processes load them from the cache."""
+"""Compile all that a scene runs before it runs; later processes load it from the cache."""
 
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from controller.door.registry import shipped
 from jit.cache import cache_folder
 
 if TYPE_CHECKING:
     from hertzloop.scenes.scene import Scene
 
-OWN_LOSSES = "modal-own-losses"
-RADIATING = "modal-radiating"
-SPRING_TAIL = "modal-spring-tail"
-_SCENES = {"thesis2008": "thesis-aluminium"}  # of a scheme that the default scene does not fit
-_NEEDED = {
-    "constant": ["controller.duration_us=1"],
-    "profile": ["controller.profile_n=[1.0]"],
-    "precomputed": ["controller.precomputed=F_mobility"],
-}
-_MODELS = {"modal": ("modal", "infinite")}  # run.plate_model, where there is a choice
-_SHORT = "run.duration_s=0.0015"
-_TWO_LOSSES = """# residual_flexibility_m_n = 1e-8
-frequency_hz,loss_factor,modal_mass_kg,shape_contact
-30000,0.01,1,1
-90000,0.02,1,1
-"""
+_OF_SCHEME = {"thesis2008": "thesis-aluminium"}  # a scheme that the default scene does not fit
+_PAST_TOUCH_S = 1e-3  # long enough for the figures of an impact, where that is short
+_MOST_STEPS = 20_000  # of that moment, some tenths of a second
 
 
-def kernels_of(scene: "Scene") -> str:
-    """Which kernels a scene runs: those of its scheme, or where every mode has a loss factor of its
-    own, loses energy to air, or the modes left out are a spring, those for that."""
-    from hertzloop import assembly as parts
-    from hertzloop.struck import structure
-    from plant.structures.modal_structure import ModalStructure
-
-    if scene.plate.radiating_faces:
-        return RADIATING
-    what = structure(scene)
-    if isinstance(what, ModalStructure) and np.ptp(what.table.loss_factor) > 0.0:
-        return OWN_LOSSES
-    spec = parts.plant_spec(scene)
-    modal = scene.run.scheme == "modal" and not spec.infinite_plate
-    return SPRING_TAIL if modal and not spec.damped_tail else scene.run.scheme
+def anything_compiled() -> bool:
+    """Whether an earlier call has filled the cache with the kernels of some scene."""
+    return any(cache_folder().glob(".compiled-*"))
 
 
-def _marker(kernels: str) -> Path:
-    return cache_folder() / f".compiled-{kernels}"
-
-
-def is_compiled(kernels: str = "modal") -> bool:
-    """Whether an earlier call has filled the cache with these kernels; see `kernels_of`."""
-    return _marker(kernels).exists()
-
-
-def ensure_compiled(
-    announce: Callable[[], None], kernels: str = "modal", paced: bool = False
-) -> None:
-    """Run every kernel for a moment if the cache is empty, those of paced mode if they are asked
-    for; calls `announce` before."""
-    wanted = [(kernels, _compile)] + [(f"{kernels}-paced", _compile_paced)] * paced
-    missing = [(marker, compiled) for marker, compiled in wanted if not is_compiled(marker)]
-    if missing:
-        announce()
-    for marker, compiled in missing:
-        # A run through each port compiles every kernel that any of them calls.
-        for model in _MODELS.get(kernels, ("modal",)):
-            with TemporaryDirectory() as folder:
-                compiled(_scene_with(kernels, model, Path(folder)), Path(folder))
-        _marker(marker).touch()
-
-
-def _scene_with(kernels: str, model: str, folder: Path) -> "Scene":
-    """A scene of a moment that runs these kernels."""
+def of_scheme(scheme: str) -> "Scene":
+    """A scene that runs the kernels of a scheme."""
     from hertzloop.scenes.scene import DEFAULT, load
 
-    if kernels == OWN_LOSSES:
-        modes = folder / "modes.csv"
-        modes.write_text(_TWO_LOSSES, encoding="utf-8")
-        settings = [f"plate.modes='{modes}'"]
-    elif kernels == RADIATING:
-        settings = ["plate.radiation=one_face"]
-    elif kernels == SPRING_TAIL:
-        settings = ["plate.loss_factor=0.01", "plate.tail=spring"]
-    else:
-        settings = ["plate.loss_factor=0.01", f"run.scheme={kernels}", f"run.plate_model={model}"]
-    return load(_SCENES.get(kernels, DEFAULT), [_SHORT, *settings])
+    return load(_OF_SCHEME.get(scheme, DEFAULT), [f"run.scheme={scheme}"])
 
 
-def _compile(scene: "Scene", folder: Path) -> None:
-    from hertzloop import control
-    from hertzloop.loop.compiled import simulate
+def _default() -> list["Scene"]:
+    from hertzloop.scenes.scene import DEFAULT, load
+
+    return [load(DEFAULT, [f"run.plate_model={model}"]) for model in ("modal", "infinite")]
+
+
+def _marker(scene: "Scene", paced: bool) -> Path:
+    """A file that is there once all is compiled for a scene: it is named after the types that
+    kernels are compiled for. Those of a controller are the same for every law and line."""
+    from hertzloop import assembly as parts
+    from jit.compiling import types_digest
+
+    plant, sensor = parts.plant(scene), parts.sensor(scene)
+    types = types_digest(plant.model, plant.state, sensor.model, sensor.state)
+    return cache_folder() / f".compiled-{types}{'-paced' * paced}"
+
+
+def is_compiled(scene: "Scene", paced: bool = False) -> bool:
+    """Whether all kernels that the scene runs are in the cache."""
+    return _marker(scene, paced).exists()
+
+
+def ensure_compiled(announce: Callable[[], None], *scenes: "Scene", paced: bool = False) -> None:
+    """Run each of the scenes for a moment without its law, unless that was done for its kernels
+    before; calls `announce` first. Without `scenes` the default one, with each model of its plate;
+    with `paced` the kernels of paced mode, too. Raises SceneError."""
+    for scene in scenes or _default():
+        for marker, run in ((_marker(scene, False), _run), (_marker(scene, True), _run_paced)):
+            if marker.exists() or (run is _run_paced and not paced):
+                continue
+            announce()
+            with TemporaryDirectory(prefix="hertzloop-") as folder:
+                run(_moment_of(scene), Path(folder))
+            marker.touch()
+
+
+def _moment_of(scene: "Scene") -> "Scene":
+    """A scene that runs the same kernels, until just after the first touch."""
+    from hertzloop import assembly as parts
+    from hertzloop.results.cases import lasting, on_plate
+    from hertzloop.scenes.scene import parse, to_toml
+
+    # How long a run lasts may decide about the model of its plate.
+    scene = on_plate(scene.without_control(), parts.plate_model(scene))
+    scene = parse(to_toml(scene))  # without what other laws have to be told
+    steps = round((parts.first_touch_s(scene) + _PAST_TOUCH_S) / scene.step_s)
+    return lasting(scene, max(1, min(steps, scene.steps, _MOST_STEPS)))
+
+
+def _run(scene: "Scene", folder: Path) -> None:
+    """A run through each port compiles every kernel that any of them calls."""
+    from hertzloop.loop.compiled import simulate, uncontrolled_rows
     from hertzloop.loop.inprocess import record_in_process
     from hertzloop.results.figures import figures_of
     from hertzloop.results.model_cost import chosen_model
-    from hertzloop.scenes.scene import DEFAULT, load
 
     record_in_process(scene, folder / "a.mcap", compiled=False)
     record_in_process(scene, folder / "b.mcap", compiled=True)
     chosen_model(scene)
+    figures_of(scene, uncontrolled_rows(scene))
     figures_of(scene, simulate(scene).rows)
-    # Every shipped law, each a moment's work.
-    for law in shipped():
-        own = _NEEDED.get(law, [])
-        control.law(load(DEFAULT, [_SHORT, *own, f"controller.law={law}"]), 1e10)
 
 
-def _compile_paced(scene: "Scene", folder: Path) -> None:
+def _run_paced(scene: "Scene", folder: Path) -> None:
     from bus.inprocess import InProcessBus, InProcessPort
     from bus.streams import PLANT
     from hertzloop.loop.paced import PacedPlantNode

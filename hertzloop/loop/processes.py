@@ -23,6 +23,7 @@ from hertzloop.loop.realtime import Profile, Wanted
 from hertzloop.loop.repeating import Repeat
 from hertzloop.loop.signals import INTERRUPTED, ending_signals
 from hertzloop.scenes.scene import Scene
+from jit.compiling import noticed
 from recordings.recorder import Recorder
 from recordings.writer import RecordingError
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 BASE_PORT = 7450
 _GRACE_S = 2.0  # for the others to hear of a fault, and for the scene to come after one
+_VOUCHER_S = 60.0  # for the recorder to close its file, at least
 _PATIENCE_S = 4.0  # for an interrupted role to end in order
 # Of the recorder, in that of plant and controller: one of these waits for the other alone and can
 # name it, but the last block that it recorded may be older than its wait.
@@ -75,7 +77,7 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
     A signal makes the next wait raise KeyboardInterrupt; a second one, or a role that does
     not get to its next wait because another hangs, ends the process at once.
     """
-    launcher = os.getppid()
+    launcher, opened_s = os.getppid(), time.monotonic()
     port = address.open(role)
 
     def tidy_up() -> None:
@@ -96,7 +98,7 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
         port.interrupt()
         patience.start()
 
-    with ending_signals(react):
+    with ending_signals(react), noticed(port.compiling):
         try:
             yield port
         except BaseException as error:
@@ -108,7 +110,8 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
             raise
         else:
             if role != RECORDER:
-                port.wait_for_voucher(RECORDER)
+                # A recorder that fell behind may need as long again as the run took.
+                port.wait_for_voucher(RECORDER, max(_VOUCHER_S, time.monotonic() - opened_s))
         finally:
             port.close()
             patience.cancel()

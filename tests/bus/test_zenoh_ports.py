@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import psutil
@@ -86,10 +87,10 @@ class TestPresence:
     ) -> None:
         zenoh[RECORDER].vouch()
         zenoh[RECORDER].close()
-        zenoh[PLANT].wait_for_voucher(RECORDER)
+        zenoh[PLANT].wait_for_voucher(RECORDER, PATIENCE_S)
         zenoh[CONTROLLER].close()
         with pytest.raises(PeerLost, match="controller left the run before its part was complete"):
-            zenoh[PLANT].wait_for_voucher(CONTROLLER)
+            zenoh[PLANT].wait_for_voucher(CONTROLLER, PATIENCE_S)
 
     def test_who_has_vouched_may_leave_before_the_last_words_of_another_arrive(
         self, zenoh: dict[str, ZenohPort]
@@ -280,3 +281,87 @@ class TestEndpoints:
             file.write_text(content)
         with pytest.raises(BusError, match=r"bus\.json5 is no zenoh configuration"):
             ZenohPort(PLANT, "filed", [], config_file=file)
+
+
+class TestCompiling:
+    """A role that compiles says so, and is waited for."""
+
+    def test_a_wait_lasts_until_after_a_compilation(self, zenoh: dict[str, ZenohPort]) -> None:
+        plant, controller = zenoh[PLANT], zenoh[CONTROLLER]
+        controller.compiling(True)
+        wait_for(lambda: plant._compiling._seen)
+        with ThreadPoolExecutor(1) as other:
+            waiting = other.submit(plant.receive, ABSENCE_S, "forces from the controller")
+            time.sleep(3 * ABSENCE_S)
+            assert not waiting.done()
+            controller.compiling(False)
+            with pytest.raises(PeerLost, match=r"plant waited 0\.2 s for forces .* nothing came$"):
+                waiting.result(PATIENCE_S)
+
+    def test_so_does_the_wait_for_a_role_that_is_not_there_yet(self) -> None:
+        a, b = (url(port) for port in free_ports(2))
+        plant, late = ZenohPort(PLANT, "late", [a]), ZenohPort(CONTROLLER, "late", [b], [a])
+        try:
+            late.compiling(True)
+            wait_for(lambda: plant._compiling._seen)
+            with ThreadPoolExecutor(1) as other:
+                waiting = other.submit(plant.wait_for, [CONTROLLER], ABSENCE_S)
+                time.sleep(3 * ABSENCE_S)
+                late.announce()
+                late.compiling(False)
+                waiting.result(PATIENCE_S)
+        finally:
+            late.close()
+            plant.close()
+
+    def test_one_that_never_ends_is_named(
+        self, zenoh: dict[str, ZenohPort], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr("bus.compiling.LONGEST_S", ABSENCE_S)
+        zenoh[CONTROLLER].compiling(True)
+        said = r"nothing came; the controller has been compiling one kernel for more than 0\.2 s"
+        with pytest.raises(PeerLost, match=said):
+            zenoh[PLANT].receive(2 * ABSENCE_S, "forces from the controller")
+
+    def test_one_that_dies_meanwhile_is_missed(self, zenoh: dict[str, ZenohPort]) -> None:
+        zenoh[CONTROLLER].compiling(True)
+        zenoh[CONTROLLER].close()
+        with pytest.raises(PeerLost, match="controller left the run"):
+            zenoh[PLANT].receive(PATIENCE_S, "forces from the controller")
+
+    def test_a_stranger_that_says_so_holds_nobody_up(self, zenoh: dict[str, ZenohPort]) -> None:
+        forged = (
+            zenoh[RECORDER]
+            ._session.liveliness()
+            .declare_token("hertzloop/contract/compiling/controller/forged")
+        )
+        wait_for(lambda: zenoh[PLANT]._compiling._seen)
+        with pytest.raises(PeerLost, match="nothing came"):
+            zenoh[PLANT].receive(ABSENCE_S, "forces from the controller")
+        forged.undeclare()
+
+
+def test_a_forged_token_does_not_keep_a_finished_run(zenoh: dict[str, ZenohPort]) -> None:
+    """Somebody else on the bus says to be the recorder, and stays."""
+    plant = zenoh[PLANT]
+    token = (
+        zenoh[CONTROLLER]
+        ._session.liveliness()
+        .declare_token("hertzloop/contract/alive/recorder/forged")
+    )
+    wait_for(lambda: len(plant._alive[RECORDER]) == 2)
+    zenoh[RECORDER].vouch()
+    zenoh[RECORDER].close()
+    with ThreadPoolExecutor(1) as other:
+        waiting = other.submit(plant.wait_for_voucher, RECORDER, 2 * PATIENCE_S)
+        try:
+            waiting.result(PATIENCE_S)
+        finally:
+            token.undeclare()
+
+
+def test_the_wait_for_a_recorder_that_does_not_finish_is_bounded(
+    zenoh: dict[str, ZenohPort],
+) -> None:
+    with pytest.raises(PeerLost, match="recorder did not complete its part within 0 s"):
+        zenoh[PLANT].wait_for_voucher(RECORDER, ABSENCE_S)

@@ -4,7 +4,6 @@ import math
 
 import pytest
 
-from hertzloop.commands.warmup import RADIATING, SPRING_TAIL, kernels_of
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.figures import figures_of
 from hertzloop.scenes.scene import SceneError, load
@@ -64,11 +63,3 @@ def test_what_radiation_does_not_fit(scene: str, settings: list[str], named: str
     with pytest.raises(SceneError, match=r"plate\.radiation = 'one_face'") as caught:
         load(scene, ["plate.radiation=one_face", *settings])
     assert named in str(caught.value)
-
-
-def test_its_kernels_are_compiled_before_a_run() -> None:
-    """Where every mode has a loss factor of its own, and books a sink more; or has a spring."""
-    assert kernels_of(load("aluminium-3mm", ["plate.radiation=two_faces"])) == RADIATING
-    assert kernels_of(load("aluminium-3mm", ["plate.radiation=none"])) == "modal"
-    assert kernels_of(load("aluminium-3mm", ["plate.tail=spring"])) == SPRING_TAIL
-    assert kernels_of(load("aluminium-3mm", ["run.plate_model=infinite"])) == "modal"

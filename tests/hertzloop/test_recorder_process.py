@@ -43,7 +43,7 @@ def recorded(path: Path, plant: list[Envelope], controller: list[Envelope]) -> F
         for port, said in zip(ports, (plant, controller), strict=True):
             for envelope in said:
                 port.publish(envelope)
-        ports[0].wait_for_voucher(RECORDER)
+        ports[0].wait_for_voucher(RECORDER, PATIENCE_S)
     return ended
 
 

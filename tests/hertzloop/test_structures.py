@@ -9,7 +9,7 @@ import hertzloop
 from hertzloop import assembly as parts
 from hertzloop import control
 from hertzloop.commands.modes import modes_of_scene
-from hertzloop.commands.warmup import ensure_compiled, kernels_of
+from hertzloop.commands.warmup import ensure_compiled
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.results.cases import figures_of_case
@@ -117,7 +117,7 @@ def test_all_transports_agree_on_modes_with_losses_of_their_own(tmp_path: Path) 
     file.write_bytes(write_modes(".csv", table))
     scene = load("aluminium-3mm", [*SHORT, f"plate.modes={file}"])
     assert parse(to_toml(scene)) == scene
-    ensure_compiled(lambda: None, kernels_of(scene))
+    ensure_compiled(lambda: None, scene)
     file.unlink()  # nobody needs it any more
     recordings = []
     for transport in Transport:

@@ -1,0 +1,133 @@
+"""What has to be compiled follows from the types of a scene's parts; who compiles is waited for."""
+
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba.core import event
+
+from bus.streams import CONTROLLER, PLANT, RECORDER
+from bus.zenoh_port import ZenohPort
+from controller.controller import Controller
+from hertzloop import control
+from hertzloop.commands import warmup
+from hertzloop.loop.plant_node import PlantNode
+from hertzloop.loop.processes import BusAddress, run_controller, run_recorder
+from hertzloop.scenes.scene import Scene, load
+from recordings.reader import read
+from tests.bus.meshes import PATIENCE_S, url
+from tests.hertzloop.short_runs import scene
+from tests.ports import free_ports
+
+COARSE = ["run.duration_s=0.0025", "run.accuracy=0.1"]
+# Kernels are compiled for each of these kinds of plant.
+KINDS = {
+    "ideal": [],
+    "actuator": ["plate.edges=cccc", "actuator.bandwidth_hz=5e4", "actuator.mass_kg=0.002"],
+    "spring": ["plate.tail=spring"],
+    "air": ["plate.radiation=one_face"],
+    "yields": ["contact.plasticity=thornton"],
+    "infinite": ["run.plate_model=infinite"],
+    "scheme": ["run.scheme=discrete_gradient"],
+}
+
+
+@pytest.fixture
+def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Scene]:
+    """The scenes that were run to compile their kernels, from an empty folder on."""
+    found: list[Scene] = []
+    monkeypatch.setattr(warmup, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(warmup, "_run", lambda scene, folder: found.append(scene))
+    return found
+
+
+def test_each_kind_of_plant_is_compiled_once(ran: list[Scene]) -> None:
+    announced: list[str] = []
+    assert not warmup.anything_compiled()
+    for kind, settings in KINDS.items():
+        warmup.ensure_compiled(
+            lambda kind=kind: announced.append(kind),  # type: ignore[misc]
+            load("aluminium-3mm", [*COARSE, *settings]),
+        )
+    assert announced == list(KINDS)
+    assert warmup.anything_compiled()
+    for more in (["sensors.bits=10"], ["controller.law=off"], ["plate.thickness_m=0.004"]):
+        warmup.ensure_compiled(announced.clear, load("aluminium-3mm", [*COARSE, *more]))
+    assert announced == list(KINDS)
+    assert [one.controller.law for one in ran] == ["off"] * len(KINDS)
+    assert all(one.run.duration_s < 0.0025 for one in ran)
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+from hertzloop import assembly as parts, control
+from hertzloop.commands.warmup import ensure_compiled
+from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.scenes.scene import load
+from jit.compiling import noticed
+
+# An infinite plate of which the full model is too large to be timed: little to compile.
+scene = load("aluminium-3mm", ["run.plate_model=infinite", "plate.size_m=[3.0, 3.0]",
+    "plate.contact_point_m=[1.5, 1.5]", "run.duration_s=0.0012", "run.accuracy=0.1"])
+ensure_compiled(lambda: None, scene)
+control.controller(scene, parts.plant(scene).model.stiffness)  # its law
+told = []
+with noticed(told.append):
+    for transport in (Transport.COMPILED, Transport.INPROCESS):
+        run_scene(scene, Path(sys.argv[1]) / f"{transport}.mcap", RunOptions(transport))
+print(told)
+"""
+
+
+def test_a_run_of_a_compiled_scene_compiles_nothing(tmp_path: Path) -> None:
+    """From an empty cache."""
+    (tmp_path / "cache").mkdir()
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, str(tmp_path)],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")},
+        capture_output=True,
+        text=True,
+    )
+    assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_a_controller_that_compiles_its_law_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes three times as long as the others wait for anything else."""
+    timeout_s, urls, path = 2.0, [url(port) for port in free_ports(3)], tmp_path / "run.mcap"
+    build = control.controller
+
+    def compiled_long(*arguments: Any) -> Controller:
+        with event.trigger_event("numba:compile"):
+            time.sleep(3 * timeout_s)
+        return build(*arguments)
+
+    monkeypatch.setattr(control, "controller", compiled_long)
+
+    def address(place: int) -> BusAddress:
+        return BusAddress(
+            "slow", urls[place : place + 1], urls[:place], None, timeout_s, PATIENCE_S
+        )
+
+    plant = ZenohPort(PLANT, "slow", urls[:1])
+    with ThreadPoolExecutor(2) as others:
+        controller = others.submit(run_controller, address(1))
+        recorder = others.submit(run_recorder, path, address(2))
+        try:
+            node = PlantNode(scene(), plant, timeout_s=timeout_s)
+            plant.announce()
+            plant.wait_for([CONTROLLER, RECORDER], PATIENCE_S)
+            node.run()
+            plant.wait_for_voucher(RECORDER, PATIENCE_S)
+        finally:
+            plant.close()
+        controller.result(PATIENCE_S)
+        recorder.result(PATIENCE_S)
+    assert not read(path).problems
