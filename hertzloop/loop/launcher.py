@@ -9,12 +9,13 @@ import signal
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from bus.compiling import LONGEST_S
 from bus.sockets import mesh_endpoints, own_endpoints
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from controller.door.registry import shipped
@@ -24,7 +25,8 @@ from hertzloop.scenes.scene import Scene, to_toml
 
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled
 _GRACE_S = 6.0  # for the others to notice a fault, close their files and leave the bus
-_PATIENCE_S = 5.0  # for a process to react to a signal
+_PATIENCE_S = 5.0  # for a process to react to a signal, or to exit once it has done its part
+_LEAVE_S = 15.0  # for the others to do their part, once one has: all was recorded before
 _SCENE = "scene.toml"
 
 
@@ -96,6 +98,8 @@ class Launcher:
         self._commands[PLANT] += ["--repeat", str(repeat)] if repeat else []
         self._common = ["--timeout", str(timeout_s), "--wait", str(wait_s)]
         self._common += ["--realtime", realtime]
+        # A role that waits, compiles or runs gives up or reports before.
+        self._silence_s = wait_s + timeout_s + LONGEST_S
 
     def _bus(self, role: str, name: str, endpoints: Sequence[str]) -> list[str]:
         """Options by which a process meets the others."""
@@ -153,12 +157,16 @@ class Launcher:
         """
         running = {child.role: child for child in self.children}
         failed: list[Child] = []  # in the order of their ends
-        deadline = math.inf
+        deadline, heard_s = math.inf, time.monotonic()
         while running and time.monotonic() < deadline:
             try:
                 item = self._reports.get(timeout=0.2)
             except queue.Empty:
+                if time.monotonic() - heard_s > self._silence_s:
+                    silent = f"the launcher has heard nothing for {self._silence_s:g} s"
+                    raise RunFailed(_not_reacting(running, silent)) from None
                 continue
+            heard_s = time.monotonic()
             if item is None:
                 raise KeyboardInterrupt
             child, report = item
@@ -166,10 +174,12 @@ class Launcher:
                 on_progress(report["step"])
             for name in ("ready", "fault", "others", "lost", "at_s", "done"):
                 setattr(child, name, report.get(name, getattr(child, name)))
-            if "exited" in report:
+            if child.done:  # whatever becomes of the process now
+                running.pop(child.role, None)
+                deadline = min(deadline, time.monotonic() + _LEAVE_S)
+            elif "exited" in report:
                 del running[child.role]
-                if child.process.returncode != 0:
-                    failed.append(child)
+                failed.append(child)
             if failed:
                 # Who still waits for the others to appear would wait for nothing.
                 known = any(c.own_reason() for c in failed)
@@ -179,14 +189,22 @@ class Launcher:
             own = self._scene.controller.law not in shipped()
             law = self._scene.law.name if own else ""
             raise RunFailed(_cause(failed, set(running), law))
+        if running:
+            ended = f"the others had ended their part of the run {_LEAVE_S:g} s before"
+            raise RunFailed(_not_reacting(running, ended))
         return next(c.done for c in self.children if c.role == PLANT)
 
     def _end_all(self) -> None:
-        """End the plant first: it tells the others, who then close in order.
+        """Let processes exit that have done their part; end the others, the plant first: it tells
+        them, and they close in order.
 
         A second signal cuts the waiting short.
         """
-        stages = ((signal.SIGTERM, (PLANT,)), (signal.SIGTERM, ROLES), (signal.SIGKILL, ROLES))
+        stages: list[tuple[int, tuple[str, ...]]] = [
+            (signal.SIGTERM, (PLANT,)), (signal.SIGTERM, ROLES), (signal.SIGKILL, ROLES)
+        ]  # fmt: skip
+        if all(child.done for child in self.children):
+            stages.insert(0, (0, ROLES))
         for end, roles in stages:
             chosen = [c for c in self.children if c.role in roles and c.process.poll() is None]
             for child in chosen:
@@ -214,11 +232,16 @@ def _cause(failed: list[Child], running: set[str], law: str = "") -> str:
     missed = {role for child in failed for role in child.lost}
     lost = _most_precise(failed).fault
     if hung := sorted(running & missed):
-        verb = "does" if len(hung) == 1 else "do"
         hangs = f", perhaps in a loop of the law {law} that never ends" * bool(law)
         why = hangs if CONTROLLER in hung else ""
-        return f"{' and '.join(hung)} {verb} not react any more{why}; {lost}"
+        return _not_reacting(hung, lost, why)
     return lost
+
+
+def _not_reacting(roles: Iterable[str], how: str, why: str = "") -> str:
+    named = sorted(roles)
+    verb = "does" if len(named) == 1 else "do"
+    return f"{' and '.join(named)} {verb} not react any more{why}; {how}"
 
 
 def _most_precise(failed: list[Child]) -> Child:

@@ -1,0 +1,99 @@
+"""The launcher waits for nobody without end, whatever a process of the run does."""
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
+from hertzloop.loop import launcher as launchers
+from hertzloop.loop.launcher import Child, Launcher, RunFailed
+from tests.hertzloop.processes import EVENTUALLY_S
+from tests.hertzloop.short_runs import scene
+
+DONE, STAYS = {"done": {"wall_s": 0.0}}, {"ready": True}
+
+
+@pytest.fixture(autouse=True)
+def bounded() -> Iterator[None]:
+    """A launcher that waits for ever fails the test instead of keeping it."""
+    timer = threading.Timer(EVENTUALLY_S, signal.pthread_kill, [threading.main_thread().ident, 2])
+    timer.start()
+    yield
+    timer.cancel()
+
+
+def waiting_for(folder: Path, reports: dict[str, dict[str, Any]]) -> Launcher:
+    """A launcher with processes that report one thing each; those that are not done stay."""
+    launcher = Launcher(scene(), folder / "run.mcap", timeout_s=0.1, wait_s=0.1)
+    for role, report in reports.items():
+        stay = "" if report is DONE else "; time.sleep(600)"
+        code = f"import time; print('{json.dumps(report)}', flush=True){stay}"
+        process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        child = Child(role, process, folder / role)
+        launcher.children.append(child)
+        threading.Thread(target=launcher._listen, args=(child,), daemon=True).start()
+    return launcher
+
+
+def outcome(launcher: Launcher) -> dict[str, Any]:
+    try:
+        return launcher.wait()
+    finally:
+        launcher._end_all()
+        assert all(child.process.poll() is not None for child in launcher.children)
+
+
+def test_one_that_does_not_end_when_the_others_have_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(launchers, "_LEAVE_S", 0.5)
+    launcher = waiting_for(tmp_path, {PLANT: STAYS, CONTROLLER: DONE, RECORDER: DONE})
+    with pytest.raises(RunFailed, match=r"^plant does not react any more; the others had ended"):
+        outcome(launcher)
+
+
+def test_who_says_nothing_at_all_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(launchers, "LONGEST_S", 0.5)
+    launcher = waiting_for(tmp_path, dict.fromkeys(ROLES, STAYS))
+    said = (
+        "^controller and plant and recorder do not react any more; the launcher has heard nothing"
+    )
+    with pytest.raises(RunFailed, match=said):
+        outcome(launcher)
+
+
+class StopsWhoIsDone:
+    """Reports of a launcher; a role is stopped when it has said that it is done."""
+
+    def __init__(self, launcher: Launcher, role: str) -> None:
+        self._reports, self._role = launcher._reports, role
+        self.get = self._reports.get
+        self.stopped = False
+
+    def put(self, item: Any) -> None:
+        if item and item[0].role == self._role and "done" in item[1]:
+            item[0].process.send_signal(signal.SIGSTOP)
+            self.stopped = True
+        self._reports.put(item)
+
+
+def test_a_role_that_is_stopped_when_it_is_done_keeps_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(launchers, "_PATIENCE_S", 0.5)
+    launcher = Launcher(scene(), tmp_path / "run.mcap", timeout_s=60.0)
+    reports = StopsWhoIsDone(launcher, RECORDER)
+    launcher._reports = reports  # type: ignore[assignment]
+    with launcher:
+        assert launcher.wait()["run_id"]
+    assert reports.stopped
