@@ -184,7 +184,7 @@ def _not_over(law: str) -> str:
 
 @cache
 def shipped_keys() -> dict[str, FieldInfo]:
-    """Scene keys of all shipped laws, so that a scene may keep those of laws not in use."""
+    """Scene keys of all shipped laws."""
     return {
         name: info
         for law in shipped()

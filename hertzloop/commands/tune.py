@@ -5,6 +5,7 @@ import re
 import shlex
 from contextlib import suppress
 from dataclasses import asdict
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -116,11 +117,12 @@ def tune(
         tried = [vary(base, case) for base in bases for case in around]
         speed = study.fastest_m_s(tried)
         for law in chosen:
-            for scene in tried:
-                check_law(vary(scene, {"controller.law": law}))
+            for base, case in product(bases, around):  # the law may not have a key of the case
+                of_law = {**case, "controller.law": law}
+                check_law(vary(base, of_law))
                 for axis in given:
                     for value in axis.values or (axis.low, axis.high):
-                        vary(scene, {"controller.law": law, axis.key: value})
+                        vary(base, {**of_law, axis.key: value})
             study.axes_of(law, given, speed)
     except (DesignError, SceneError) as error:
         fail(str(error), 2)

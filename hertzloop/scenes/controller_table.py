@@ -1,24 +1,16 @@
 """The table [controller] of a scene: the line's keys, and those of the law that it names."""
 
 from collections.abc import Mapping
-from functools import cache
 from types import SimpleNamespace
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    ConfigDict,
-    Field,
-    TypeAdapter,
-    ValidationError,
-    ValidationInfo,
-    model_validator,
-)
+from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
 
 from controller.door.law import Law, LawError
 from controller.door.registry import find, shipped, shipped_keys
 from hertzloop.scenes.materials import Table
-from hertzloop.scenes.sentences import refused, unknown_key
+from hertzloop.scenes.sentences import refused, shown, unknown_key
 
 # Laws of checked tables by reference and digest: a case asks for its law a dozen times.
 _CHECKED: dict[tuple[str, str], Law] = {}
@@ -35,8 +27,8 @@ class ControllerTable(Table):
     """The law, the line to the actuator, and the law's own keys.
 
     `law`: a shipped name, "mine.py", "mine.py:Name", "package.module:Name", an entry point's name,
-    "mine.so" or "mine.fmu". Keys of shipped laws not in use may stay, so that one setting switches
-    the law.
+    "mine.so" or "mine.fmu". A key that the law does not have is refused, unless it has the default
+    of the shipped laws that have it.
     `law_digest`: of a law that is not shipped; one with another digest is refused.
     """
 
@@ -76,15 +68,12 @@ class ControllerTable(Table):
 
     def switched_off(self) -> "ControllerTable":
         """The same line without control."""
-        if self.law in shipped():
-            return self.model_copy(update={"law": "off"})
-        data = self.model_dump()
-        switch_law(data, "off")
-        return ControllerTable(**data)
+        line = {name: getattr(self, name) for name in ControllerTable.model_fields}
+        return ControllerTable.model_construct(**{**line, "law": "off", "law_digest": None})
 
     @model_validator(mode="after")
     def _keys_of_laws(self, info: ValidationInfo) -> "ControllerTable":
-        """Check the law's keys, fill in its defaults, drop what other laws have by default."""
+        """Check the law's keys, fill in its defaults, drop keys of other laws at their default."""
         given = self.__pydantic_extra__
         assert given is not None
         try:
@@ -94,18 +83,20 @@ class ControllerTable(Table):
                 return self
             raise ValueError(str(error)) from error
         own, others = law.keys.model_fields, shipped_keys()
-        for name in given:
-            if name not in own and name not in others:
-                known = dict.fromkeys([*ControllerTable.model_fields, *own, *others])
-                raise ValueError(unknown_key(("controller", name), list(known)))
+        for name, value in given.items():
+            if name in own or is_recorded(info):
+                continue
+            if name not in others:
+                known = [*ControllerTable.model_fields, *own]
+                raise ValueError(unknown_key(("controller", name), known))
+            if value != others[name].default:
+                raise ValueError(_of_another_law(name, value, law))
         try:
             mine = law.keys.model_validate({k: v for k, v in given.items() if k in own})
-            kept = {k: _checked(k, others[k], v) for k, v in given.items() if k not in own}
         except ValidationError as error:
             raise ValueError(_sentence(error, own)) from error
-        kept = {k: v for k, v in kept.items() if v != others[k].default}
         given.clear()
-        given.update(vars(mine) | kept)
+        given.update(vars(mine))
         if law.name not in shipped():
             self.__dict__["law_digest"] = law.digest
             _remember(self.law, law)
@@ -125,46 +116,42 @@ def law_key(table: ControllerTable, name: str) -> FieldInfo | None:
     return None
 
 
-@cache
-def _adapter(name: str) -> TypeAdapter[Any]:
-    info = shipped_keys()[name]
-    kind: Any = Annotated[info.annotation, info]
-    return TypeAdapter(kind, config=ConfigDict(allow_inf_nan=False))
+def _of_another_law(name: str, value: Any, law: Law) -> str:
+    """Sentence on a key of a shipped law that the chosen law does not have."""
+    keys = ", ".join(law.keys.model_fields) or "none"
+    having = ", ".join(n for n in shipped() if name in find(n).keys.model_fields)
+    return (
+        f"controller.{name} = {shown(value)}: has no effect on controller.law = '{law.name}', "
+        f"whose keys are: {keys}. Leave the key out, or choose a law that has it: {having}"
+    )
 
 
-def _checked(name: str, info: FieldInfo, value: Any) -> Any:
-    """A value of a shipped law's key. Raises ValidationError that names it."""
-    try:
-        return _adapter(name).validate_python(value)
-    except ValidationError as error:
-        raise ValueError(_sentence(error, {name: info}, name)) from error
-
-
-def _sentence(
-    error: ValidationError, fields: Mapping[str, FieldInfo], name: str | None = None
-) -> str:
-    """On the first problem with the key `name`, or with one of several keys."""
+def _sentence(error: ValidationError, fields: Mapping[str, FieldInfo]) -> str:
+    """On the first problem with one of several keys."""
     problem = error.errors()[0]
     if problem["type"] == "value_error":
         return str(problem["ctx"]["error"])
-    key = name or str(problem["loc"][0])
-    same = [p for p in error.errors() if name or p["loc"][:1] == problem["loc"][:1]]
+    key = str(problem["loc"][0])
+    same = [p for p in error.errors() if p["loc"][:1] == problem["loc"][:1]]
     return refused(("controller", key), problem["input"], same, fields[key])
 
 
-def switch_law(data: dict[str, Any], name: str) -> None:
-    """Put another law into a table, and drop what belongs to the old one alone: its digest, keys
-    that it has by default, and keys that neither the new law nor a shipped one has. Raises
-    LawError."""
+def switch_law(data: dict[str, Any], name: str, written: bool = False) -> None:
+    """Put another law into a table, and drop what belongs to the old one alone: its digest, and
+    keys that the new law does not have. Keys that the old law has by default are dropped as well,
+    unless they are `written` in a file. Raises LawError."""
     fields = find(name).keys.model_fields
     digest = data.pop("law_digest", None)
+    old = {}
     try:
-        old = find(str(data.get("law")), digest).keys.model_fields
-    except LawError:  # of a recording, say, that has outlived it
-        old = {}
-    line = ControllerTable.model_fields
-    for key in [key for key in data if key not in line]:
-        is_known = key in fields or key in shipped_keys()
-        if not is_known or (key in old and data[key] == old[key].default):
+        old = find(
+            str(data.get("law", ControllerTable.model_fields["law"].default)), digest
+        ).keys.model_fields
+        of_old = set(old)
+    except LawError:  # a recording may outlive its law
+        of_old = set(data)
+    for key in of_old & data.keys() - ControllerTable.model_fields.keys():
+        is_default = key in old and data[key] == old[key].default
+        if key not in fields or (is_default and not written):
             del data[key]
     data["law"] = name

@@ -4,6 +4,7 @@ import math
 from typing import TYPE_CHECKING
 
 from hertzloop.quantities import SENSED
+from hertzloop.scenes.read_by import unread
 from hertzloop.scenes.sentences import shortened
 from hertzloop.scenes.shared import by_tables
 from plant.contact.hertz import GRAVITY_M_S2
@@ -74,7 +75,7 @@ def problems(scene: "Scene") -> list[str]:
 def _beside_control(scene: "Scene") -> tuple[list[str], list[str]]:
     """Of the plate alone, and of the run with all that is neither sensor nor controller."""
     of_plate = _structure_problems(scene) + _point_problems(scene.plate)
-    return of_plate, _phase_problems(scene) + _scheme_problems(scene)
+    return of_plate, _phase_problems(scene) + _scheme_problems(scene) + unread(scene)
 
 
 def _phase_problems(scene: "Scene") -> list[str]:
@@ -259,11 +260,6 @@ def _scheme_problems(scene: "Scene") -> list[str]:
                 "plate.material.hardness_pa (Pa), or contact.limiting_pressure_pa, between 1.6 "
                 "times the one and the other"
             )
-    elif contact.limiting_pressure_pa is not None:
-        found.append(
-            f"contact.limiting_pressure_pa = {contact.limiting_pressure_pa:g} says nothing to "
-            "contact.plasticity = 'none'; take 'thornton', or leave the key out"
-        )
     for key in ("bandwidth_hz", "mass_kg", "force_limit_n"):
         value = getattr(scene.actuator, key)
         if value is not None:

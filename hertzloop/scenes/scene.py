@@ -4,6 +4,7 @@ import copy
 import difflib
 import tomllib
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
@@ -26,6 +27,7 @@ from hertzloop.scenes.files import open_material, take_in
 from hertzloop.scenes.labels import relabel
 from hertzloop.scenes.materials import MaterialTable, Table, check_materials, material_called
 from hertzloop.scenes.problems import problems
+from hertzloop.scenes.read_by import drop_unread
 from hertzloop.scenes.sentences import LONGEST, sentence, shortened, shown, table_of
 from hertzloop.scenes.tables import (
     ActuatorTable,
@@ -209,8 +211,10 @@ def parse(
         ) from error
     _take_in(data, folder or Path())
     before = copy.deepcopy(data)
-    for setting in settings:
-        _apply(data, setting)
+    pairs = [_setting(text) for text in settings]
+    _switch(data, dict(pairs), folder)
+    for key, value in pairs:
+        _put(data, key, value)
     _take_in(data, Path())
     relabel(before, data)
     if seed is not None:
@@ -236,6 +240,7 @@ def vary(scene: Scene, values: Mapping[str, Any]) -> Scene:
         if not problems(found):
             return found
     data = _opened(scene, {key.split(".")[0] for key in values})
+    drop_unread(data, values)
     if "controller.law" in values:
         name = resolve(str(values["controller.law"]))
         try:
@@ -281,14 +286,25 @@ def _checked(data: dict[str, Any], folder: Path | None = None, recorded: bool = 
         raise SceneError(sentence(error, Scene)) from error
 
 
-def _apply(data: dict[str, Any], setting: str) -> None:
-    """Apply one key=value; the value is TOML, a bare word counts as text."""
+def _switch(data: dict[str, Any], settings: Mapping[str, Any], folder: Path | None) -> None:
+    """Drop keys of a file that have no effect any more once settings choose otherwise."""
+    drop_unread(data, settings)
+    law, table = settings.get("controller.law"), data.get("controller")
+    if isinstance(law, str) and isinstance(table, dict):
+        if isinstance(table.get("law"), str):
+            table["law"] = resolve(table["law"], folder)
+        with suppress(LawError):  # the check of the table says so
+            switch_law(table, resolve(law), written=True)
+
+
+def _setting(setting: str) -> tuple[str, Any]:
+    """Key and value of one key=value; the value is TOML, a bare word counts as text."""
     key, equals, value = setting.partition("=")
     if not equals or not all(key.strip().split(".")):
         raise SceneError(
             f"{shown(setting)} is no setting; write table.key=value, e.g. sensors.bits=12"
         )
-    _put(data, key.strip(), toml_value(value))
+    return key.strip(), toml_value(value)
 
 
 def toml_value(text: str) -> Any:

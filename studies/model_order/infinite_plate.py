@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from controller.door.registry import find
 from hertzloop import assembly as parts
 from hertzloop.loop.compiled import rows_under, simulate
 from hertzloop.results.cases import lasting, on_plate
@@ -46,6 +47,10 @@ class Outcome:
     energy_error: float
 
 
+_KEYS_OF_LAWS = ("kappa", "v_thr_m_s", "force_n", "duration_us")
+_DAMPERS = {"contact.viscous_n_s_m": "viscous", "contact.restitution": "hunt_crossley"}
+
+
 def random_scene(random: np.random.Generator) -> Scene:
     """A small sphere on a plate of any of three materials, at any point, most under control."""
     material = str(random.choice(["aluminium", "steel", "oak"]))
@@ -70,7 +75,16 @@ def random_scene(random: np.random.Generator) -> Scene:
         "run.lead_in_s": 2e-6,
         "run.duration_s": 1.0,
     }
-    return vary(load("aluminium-3mm"), values)
+    return vary(load("aluminium-3mm"), _with_effect(values))
+
+
+def _with_effect(values: dict[str, Any]) -> dict[str, Any]:
+    """The values without the keys that the drawn law or damper does not have; a scene refuses
+    them."""
+    of_law = find(values["controller.law"]).keys.model_fields
+    without = {f"controller.{key}" for key in _KEYS_OF_LAWS if key not in of_law}
+    without |= {key for key, damper in _DAMPERS.items() if values["contact.damping"] != damper}
+    return {key: value for key, value in values.items() if key not in without}
 
 
 def outcome(number: int, scene: Scene, request: float) -> Outcome:

@@ -14,6 +14,7 @@ from hertzloop.scenes.sentences import shortened, shown
 
 Kind = Literal["grid", "lhs", "sobol"]
 _MOST_CASES = 10_000_000
+_LAW = "controller.law"
 
 
 class DesignError(ValueError):
@@ -189,12 +190,16 @@ def design_of(scene: Scene, over: list[Axis], kind: Kind, count: int, seed: int)
 
 
 def _check_ends(scene: Scene, design: Design) -> None:
-    """Refuse a key or an end of a range that no scene can have, before hours of work."""
+    """Refuse a key or an end of a range that no scene can have, before hours of work; with each of
+    the laws of the design, as a key may belong to some of them only."""
     first = {axis.key: axis.at(0.0) for axis in design.axes}
-    for axis in design.axes:
-        for value in (axis.values[0], axis.values[-1]) if axis.values else (axis.low, axis.high):
-            try:
-                vary(scene, {**first, axis.key: value})
-            except SceneError as error:
-                said = f"--over {shortened(axis.key)}, value {shown(value)}"
-                raise SceneError(f"{said}: {error}") from error
+    laws = next((axis.values for axis in design.axes if axis.key == _LAW), ())
+    for law in [{_LAW: law} for law in laws] or [{}]:
+        for axis in design.axes:
+            ends = (axis.values[0], axis.values[-1]) if axis.values else (axis.low, axis.high)
+            for value in ends if axis.key != _LAW else law.values():
+                try:
+                    vary(scene, {**first, **law, axis.key: value})
+                except SceneError as error:
+                    said = f"--over {shortened(axis.key)}, value {shown(value)}"
+                    raise SceneError(f"{said}: {error}") from error

@@ -13,7 +13,17 @@ from hertzloop.results.cases import figures_of_case
 from hertzloop.results.figures import figures_of
 from hertzloop.results.listening import radiator_of
 from hertzloop.results.verify import check_verifiable
-from hertzloop.scenes.scene import DEFAULT, Scene, SceneError, load, parse, shipped, to_toml
+from hertzloop.scenes.scene import (
+    DEFAULT,
+    Scene,
+    SceneError,
+    load,
+    parse,
+    shipped,
+    to_toml,
+    toml_value,
+    vary,
+)
 
 
 def test_the_scenes_that_come_with_it() -> None:
@@ -41,9 +51,10 @@ def test_the_scenes_that_come_with_it() -> None:
 def test_what_is_recorded_is_the_same_scene(name: str) -> None:
     settings = [
         "sensors.noise_rms=1.25e-7", "controller.bits=12", "run.seed=77",
-        "controller.full_scale_n=100", "controller.profile_n=[1.5, -2.0]",
+        "controller.full_scale_n=100", "controller.law=profile", "controller.profile_n=[1.5, -2.0]",
     ]  # fmt: skip
     scene = load(name, settings)
+    assert scene.controller.profile_n == (1.5, -2.0)
     assert parse(to_toml(scene)) == scene
 
 
@@ -66,14 +77,15 @@ def test_the_keys_that_others_rely_on() -> None:
     scene = load(DEFAULT, [
         "sphere.radius_m=0.004", "sphere.drop_height_m=0.1", 'plate.material="oak"',
         "plate.size_m=[0.3, 0.4]", "plate.thickness_m=0.01", "plate.contact_point_m=[0.1, 0.2]",
-        "sensors.bits=12", 'controller.law="off"', "controller.kappa=-0.5",
+        "sensors.bits=12", 'controller.law="fade_out"', "controller.kappa=-0.5",
         "controller.v_thr_m_s=-0.6", "controller.latency_us=10", "run.duration_s=0.01",
         "run.step_ns=500", "run.accuracy=1e-2", "run.seed=9",
     ])  # fmt: skip
     assert (scene.sphere.radius_m, scene.sphere.drop_height_m) == (0.004, 0.1)
     assert (scene.plate.material, scene.plate.size_m) == ("oak", (0.3, 0.4))
     assert (scene.plate.thickness_m, scene.plate.contact_point_m) == (0.01, (0.1, 0.2))
-    assert (scene.sensors.bits, scene.controller.law, scene.controller.kappa) == (12, "off", -0.5)
+    assert (scene.sensors.bits, scene.controller.law) == (12, "fade_out")
+    assert scene.controller.kappa == -0.5
     assert (scene.controller.v_thr_m_s, scene.controller.latency_us) == (-0.6, 10.0)
     assert (scene.steps, scene.run.accuracy, scene.run.seed) == (20_000, 0.01, 9)
     assert load(DEFAULT, ["run.seed=9"], seed=4).run.seed == 4
@@ -125,6 +137,87 @@ def test_refused_with_a_sentence(setting: str, words: tuple[str, ...]) -> None:
     for word in words:
         assert word in str(caught.value), str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        (
+            ["controller.law=off", "controller.kappa=3"],
+            "controller.kappa = 3: has no effect on controller.law = 'off', whose keys are: none. "
+            "Leave the key out, or choose a law that has it: acceleration_feedback",
+        ),
+        (
+            ["controller.lead_us=3", "controller.law=predicted"],
+            "controller.lead_us = 3: has no effect on controller.law = 'predicted', whose keys "
+            "are: kappa, v_thr_m_s, window_samples. Leave the key out, or choose a law that has it: ",
+        ),
+        (
+            ["contact.restitution=0.5"],
+            "contact.restitution = 0.5: has no effect with contact.damping = 'none'. Leave the key "
+            "out, or set contact.damping = 'hunt_crossley'",
+        ),
+        (
+            ["contact.damping=hunt_crossley", "contact.viscous_n_s_m=2"],
+            "contact.viscous_n_s_m = 2.0: has no effect with contact.damping = 'hunt_crossley'",
+        ),
+        (
+            ["contact.relaxation_solve=published"],
+            "contact.relaxation_solve = 'published': has no effect with contact.damping = 'none'",
+        ),
+        (
+            ["contact.limiting_pressure_pa=1e9"],
+            "contact.limiting_pressure_pa = 1000000000.0: has no effect with contact.plasticity = "
+            "'none'. Leave the key out, or set contact.plasticity = 'thornton'",
+        ),
+        (
+            ["actuator.damping=0.3", "actuator.mass_kg=0.01"],
+            "actuator.damping = 0.3: has no effect without actuator.bandwidth_hz. Leave the key "
+            "out, or set actuator.bandwidth_hz",
+        ),
+    ],
+)
+def test_a_key_without_effect_is_refused(settings: list[str], sentence: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        load(DEFAULT, settings)
+    assert str(caught.value).startswith(sentence), str(caught.value)
+    values = dict(setting.split("=") for setting in settings)
+    with pytest.raises(SceneError, match=r"has no effect|controller\.law"):
+        vary(load(DEFAULT), {key: toml_value(value) for key, value in values.items()})
+
+
+def test_a_key_of_another_law_may_have_its_default() -> None:
+    off = load(DEFAULT, ["controller.law=off"])
+    assert load(DEFAULT, ["controller.law=off", "controller.kappa=0.8"]) == off
+    assert load(DEFAULT, ["actuator.damping=0.7", "contact.restitution=1"]) == load(DEFAULT)
+
+
+def test_a_setting_drops_keys_of_the_file_that_lose_their_effect(tmp_path: Path) -> None:
+    """One setting switches the law or the damper of a file; what it says itself is refused."""
+    for scene in (
+        load("offcentre-6mm", ["controller.law=off"]),
+        vary(load("offcentre-6mm"), {"controller.law": "off"}),
+        load("offcentre-6mm").without_control(),
+    ):
+        assert not hasattr(scene.controller, "kappa")
+        assert parse(to_toml(scene)) == scene
+    assert load("offcentre-6mm", ["controller.law=force_feedback"]).controller.kappa == 0.4
+    for scene in (
+        load("oak-20mm", ["contact.damping=none"]),
+        vary(load("oak-20mm"), {"contact.damping": "none"}),
+    ):
+        assert scene.contact.restitution == 1.0
+        assert parse(to_toml(scene)) == scene
+    file = tmp_path / "mine.toml"
+    text = to_toml(load("offcentre-6mm"))
+    file.write_text(text.replace('law = "slope_threshold"', 'law = "off"'))
+    with pytest.raises(SceneError, match=r"controller\.kappa = 0\.4: has no effect"):
+        load(str(file))
+
+
+def test_a_recording_may_have_keys_without_effect() -> None:
+    text = to_toml(load("offcentre-6mm")).replace('law = "slope_threshold"', 'law = "off"')
+    assert parse(text, recorded=True) == load("offcentre-6mm", ["controller.law=off"])
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,7 @@ def test_verify_a_contact_that_yields() -> None:
         (["contact.plasticity=thornton", "sphere.material=bearing_steel",
           "plate.material={young_pa=7e10, density_kg_m3=2700, poisson=0.3}"],
          "when the plate's material yields; give"),
-        (["contact.limiting_pressure_pa=1e9"], "take 'thornton'"),
+        (["contact.limiting_pressure_pa=1e9"], "set contact.plasticity = 'thornton'"),
         (["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9",
           "run.scheme=discrete_gradient"], "run.scheme = 'modal' only"),
         (["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9",

@@ -27,6 +27,14 @@ KAPPA = ["--vary", "controller.kappa=0:1"]
         (KAPPA + KAPPA, "--vary controller.kappa is given twice"),
         (["--over", "sensors.bits=8", "--over", "sensors.bits=9"], "sensors.bits is given twice"),
         ([*KAPPA, "--over", "controller.kappa=0.8"], "given to --vary and to --over"),
+        (
+            ["--law", "fade_out", "--law", "predicted", "--over", "controller.lead_us=0,1"],
+            "controller.lead_us = 1: has no effect on controller.law = 'predicted'",
+        ),
+        (
+            ["--law", "predicted", "--vary", "controller.lead_us=0:5"],
+            "controller.lead_us = 5.0: has no effect on controller.law = 'predicted'",
+        ),
         (["--population", "1001"], "Invalid value for '--population'"),
         (["--generations", "10001"], "Invalid value for '--generations'"),
         (["--out", __file__], "is no folder"),

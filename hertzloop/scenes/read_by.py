@@ -1,0 +1,54 @@
+"""Keys of a scene that have an effect only where another key asks for them."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from hertzloop.scenes.sentences import shown
+
+if TYPE_CHECKING:
+    from hertzloop.scenes.scene import Scene
+
+_ANY = object()  # any value but None
+# By table and key: the key of the same table that decides, and its value. The keys of laws are
+# treated the same way, by the law that has them.
+_READ_BY: dict[tuple[str, str], tuple[str, Any]] = {
+    ("contact", "viscous_n_s_m"): ("damping", "viscous"),
+    ("contact", "restitution"): ("damping", "hunt_crossley"),
+    ("contact", "relaxation_stiffness"): ("damping", "relaxation"),
+    ("contact", "relaxation_s"): ("damping", "relaxation"),
+    ("contact", "relaxation_solve"): ("damping", "relaxation"),
+    ("contact", "limiting_pressure_pa"): ("plasticity", "thornton"),
+    ("actuator", "damping"): ("bandwidth_hz", _ANY),
+}
+
+
+def _reads(decided: Any, needed: Any) -> bool:
+    return decided is not None if needed is _ANY else bool(decided == needed)
+
+
+def unread(scene: "Scene") -> list[str]:
+    """Sentences on keys that are not at their default, but have no effect."""
+    found = []
+    for (name, key), (by, needed) in _READ_BY.items():
+        table = getattr(scene, name)
+        value, decided = getattr(table, key), getattr(table, by)
+        if value == type(table).model_fields[key].default or _reads(decided, needed):
+            continue
+        has, give = f"with {name}.{by} = {shown(decided)}", f"{name}.{by} = {shown(needed)}"
+        if needed is _ANY:
+            has, give = f"without {name}.{by}", f"{name}.{by}"
+        found.append(
+            f"{name}.{key} = {shown(value)}: has no effect {has}. Leave the key out, or set {give}"
+        )
+    return found
+
+
+def drop_unread(data: dict[str, Any], changed: Mapping[str, Any]) -> None:
+    """Drop keys of a scene's tables that lose their effect because of the keys `changed`, unless
+    they are among these."""
+    for (name, key), (by, needed) in _READ_BY.items():
+        table, decides = data.get(name), f"{name}.{by}"
+        if not isinstance(table, dict) or f"{name}.{key}" in changed:
+            continue
+        if decides in changed and not _reads(changed[decides], needed):
+            table.pop(key, None)
