@@ -5,14 +5,21 @@ import math
 import numbers
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from threading import Lock
 from typing import Any
 
 import numpy as np
 
-from controller.door.callbacks import plain, python_functions, state_view
+from controller.door.callbacks import (
+    Known,
+    UnknownSample,
+    plain,
+    python_functions,
+    state_view,
+    uncompiled,
+)
 from controller.door.compiled import FUNCTIONS, UNCOMPILED, Entries
 from controller.door.records import Packed, pack, state_of
 from controller.law_kernels import LAW_COUNTS, LawModel, LawState, quiet_level
@@ -55,6 +62,11 @@ class BoundLaw:
         """One sentence on what the law did wrong at sample `index`."""
         return f"the law {self.name} gave no finite number as the command of sample {index}"
 
+    def reads_unknown(self, samples: np.ndarray) -> str:
+        """One sentence on a sample that the law reads but is not given, as far as its text can
+        tell; empty if there is none."""
+        return ""
+
 
 class BoundPython(BoundLaw):
     """The same of a law written in Python; `constants` are what it sees as `p`.
@@ -87,20 +99,36 @@ class BoundPython(BoundLaw):
 
     def explain(self, samples: np.ndarray, index: int) -> str:
         """One sentence on what the law did wrong, from running it once more in Python."""
-        state = state_view(self.new_state(), self._state.dtype)
-        command = plain(self._home.command)
-        for i in range(len(samples)):
+        for i, force in self._in_python(samples):
             where = f"the law {self.name}, at sample {i}"
-            try:
-                with np.errstate(all="ignore"):  # what comes of it is said below
-                    force = command(self._constants, state, samples[: i + 1], i)
-            except (Exception, SystemExit) as error:
-                return f"{where}, failed: {_said(error)}"
+            if isinstance(force, BaseException):
+                return f"{where}, failed: {_said(force)}"
             if not isinstance(force, numbers.Real):
                 return f"{where}, returned {force!r}, which is no number"
             if not math.isfinite(force):
                 return f"{where}, commanded {float(force)} N"
         return super().explain(samples, index)
+
+    def reads_unknown(self, samples: np.ndarray) -> str:
+        """One sentence on a sample that the law reads but is not given, from running it in Python;
+        empty if there is none."""
+        for i, force in self._in_python(samples):
+            if isinstance(force, UnknownSample):
+                return f"the law {self.name}, at sample {i}, failed: {_said(force)}"
+        return ""
+
+    def _in_python(self, samples: np.ndarray) -> Iterator[tuple[int, Any]]:
+        """Every sample with the command, or with what the law raised, which is the last."""
+        state = state_view(self.new_state(), self._state.dtype)
+        command = uncompiled(self._home.command)
+        for i in range(len(samples)):
+            try:
+                with np.errstate(all="ignore"):  # what comes of it is said elsewhere
+                    force = command(self._constants, state, samples[: i + 1].view(Known), i)
+            except (Exception, SystemExit) as error:
+                yield i, error
+                return
+            yield i, force
 
     def cost_us(self, samples: np.ndarray) -> float:
         """What a sample costs, us; measured with samples that it is known to take."""
@@ -132,6 +160,7 @@ def _with_arrays(constants: Any, fields: Mapping[str, Any]) -> Any:
 
 def _said(error: BaseException) -> str:
     """An exception, with its line."""
-    frames = traceback.extract_tb(error.__traceback__)
+    trace = traceback.extract_tb(error.__traceback__)
+    frames = [frame for frame in trace if frame.filename != Known.__getitem__.__code__.co_filename]
     at = f" (line {frames[-1].lineno}: {frames[-1].line})" if len(frames) > 1 else ""
     return f"{type(error).__name__}: {error}{at}"

@@ -5,6 +5,7 @@ import math
 import numbers
 import sys
 from collections.abc import Iterable
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,40 @@ _RESULTS: dict[str, Any] = {"double": ctypes.c_double, "int64": ctypes.c_int64}
 def plain(function: Any) -> Any:
     """The Python function behind a compiled one."""
     return getattr(function, "py_func", function)
+
+
+def uncompiled(function: Any, made: dict[Any, Any] | None = None) -> Any:
+    """The Python function behind a compiled one, which calls such functions only."""
+    made = {} if made is None else made
+    if function not in made:
+        code = plain(function)
+        names = dict(code.__globals__)
+        made[function] = FunctionType(
+            code.__code__, names, code.__name__, code.__defaults__, code.__closure__
+        )
+        for name in code.__code__.co_names:
+            if hasattr(names.get(name), "py_func"):
+                names[name] = uncompiled(names[name], made)
+    return made[function]
+
+
+class UnknownSample(IndexError):
+    """A law reads a sample that it is not given."""
+
+
+class Known(np.ndarray):
+    """The samples that a law is given: to read another one is an error, before the first as well,
+    where Python would count from the end."""
+
+    def __getitem__(self, index: Any) -> Any:
+        """Samples. Raises UnknownSample."""
+        if isinstance(index, int | np.integer) and not 0 <= index < len(self):
+            when = "is not known yet" if index > 0 else "does not exist"
+            raise UnknownSample(
+                f"samples[{index}] {when}; at sample {len(self) - 1} a law may read samples[0] to "
+                f"samples[{len(self) - 1}]"
+            )
+        return self.view(np.ndarray)[index]
 
 
 def state_view(words: np.ndarray, dtype: np.dtype) -> Any:

@@ -1,5 +1,6 @@
 """A law that is not shipped, tried for a moment before a run: in a child, since it may hang."""
 
+import math
 import os
 import select
 import signal
@@ -23,6 +24,7 @@ from plant.contact.hertz import rigid_penetration_m
 
 _SAMPLES = 2000
 _PATIENCE_S = 10.0
+_IN_PYTHON_S = 2.0
 _PREPARED_S = 60.0  # what a law prepares may take kernels that have to be compiled first
 
 
@@ -77,6 +79,37 @@ def _samples(scene: Scene, about: About) -> np.ndarray:
     )
 
 
+def _trial(bound: BoundLaw, samples: np.ndarray, step_s: float) -> str:
+    """What a law does wrong, by itself or because it reads samples that it is not given."""
+    by_zero = _forces(bound, samples, step_s, 0.0)
+    if isinstance(by_zero, str):
+        return by_zero
+    with suppress(Overdue), given_up_in_time(_IN_PYTHON_S):  # many times slower than compiled
+        said = bound.reads_unknown(samples)
+        if said:
+            return said
+    if by_zero != _forces(bound, samples, step_s, math.nan) and by_zero == _forces(
+        bound, samples, step_s, 0.0
+    ):
+        return (
+            f"the law {bound.name} reads samples that it is not given: its commands change with "
+            "what stands before samples[0] or after samples[i]. Read samples[0] to samples[i] only"
+        )
+    return ""
+
+
+def _forces(bound: BoundLaw, samples: np.ndarray, step_s: float, beyond: float) -> bytes | str:
+    """The forces of a law, where it finds the number `beyond` before and after the samples that it
+    is given; or one sentence on how it failed."""
+    controller = Controller(bound, LineSpec(), step_s, _SAMPLES + 1, 1, 0)
+    history = np.full(3 * (_SAMPLES + 1), beyond)[_SAMPLES + 1 : 2 * (_SAMPLES + 1)]
+    controller.law_state = controller.law_state._replace(history=history)
+    try:
+        return controller.process(samples).forces.tobytes()
+    except LawFault as error:
+        return str(error)
+
+
 def _in_child(bound: BoundLaw, samples: np.ndarray, scene: Scene, folder: str) -> str:
     """What a law does wrong with these samples, in a sentence; empty if nothing. `folder`: for
     its temporary files."""
@@ -86,9 +119,7 @@ def _in_child(bound: BoundLaw, samples: np.ndarray, scene: Scene, folder: str) -
     if child == 0:
         said, tempfile.tempdir = "", folder
         try:
-            Controller(bound, LineSpec(), scene.step_s, _SAMPLES + 1, 1, 0).process(samples)
-        except LawFault as error:
-            said = str(error)
+            said = _trial(bound, samples, scene.step_s)
         except BaseException as error:
             said = f"the law {bound.name} failed: {error!r}"
         finally:

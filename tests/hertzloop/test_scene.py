@@ -150,7 +150,7 @@ def test_refused_with_a_sentence(setting: str, words: tuple[str, ...]) -> None:
         (
             ["controller.lead_us=3", "controller.law=predicted"],
             "controller.lead_us = 3: has no effect on controller.law = 'predicted', whose keys "
-            "are: kappa, v_thr_m_s, window_samples. Leave the key out, or choose a law that has it: ",
+            "are: kappa, v_thr_m_s, window_samples. Leave the key out, or choose a law that has ",
         ),
         (
             ["contact.restitution=0.5"],

@@ -144,6 +144,43 @@ def test_wrong_at_once(here: Path, case: str) -> None:
     refused(here, "mine.py", *words)
 
 
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (
+            "return samples[i + 1]",
+            r"at sample 0, failed: UnknownSample: samples\[1\] is not known yet; at sample 0 a law "
+            r"may read samples\[0\] to samples\[0\] \(line \d+: return samples\[i \+ 1\]\)",
+        ),
+        ("return samples[i - 1]", r"at sample 0, failed: UnknownSample: samples\[-1\] does not"),
+        # What is read never gets into the force.
+        ("if samples[i] < samples[i + 3]: s.largest_n += 1.0", r"samples\[3\] is not known yet"),
+        ("if i == 40: return ahead(samples, i)", r"at sample 40, .*samples\[42\] is not known"),
+        ("if i == 2: return ahead(samples, -5)", r"at sample 2, .*samples\[-3\] does not exist"),
+    ],
+)
+def test_reads_a_sample_that_it_is_not_given(here: Path, line: str, words: str) -> None:
+    path = write_law(here, line)
+    text = "\nfrom controller.law import kernel\n\n@kernel\ndef ahead(samples, i):\n"
+    path.write_text(path.read_text() + text + "    return samples[i + 2]\n")
+    scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
+    with pytest.raises(SceneError, match=words):
+        try_law(scene)
+
+
+@pytest.mark.parametrize("at", ["i + 1", "i - 1", "i + (i == 700)"])
+def test_a_library_that_reads_a_sample_that_it_is_not_given(here: Path, at: str) -> None:
+    text = (EXAMPLES / "low_passed.c").read_text()
+    assert "samples[i]" in text
+    (here / "mine.c").write_text(text.replace("samples[i]", f"samples[{at}]"))
+    library = build(here, here / "mine.c")
+    scene = load("aluminium-3mm", [SHORT, f"controller.law={library}"])
+    with pytest.raises(
+        SceneError, match=r"reads samples that it is not given: .*samples\[i\] only"
+    ):
+        try_law(scene)
+
+
 def test_a_loop_without_end(here: Path) -> None:
     write_law(here, "while i == 30: s.largest_n += 0.0")
     refused(here, "mine.py", "did not answer", "does a loop of it never end?")
