@@ -1,7 +1,7 @@
 """The command `modes`: what a scene strikes as a file of modes, to look at, change and rerun."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
@@ -18,16 +18,23 @@ from hertzloop.commands.terminal import fail, out
 from hertzloop.scenes.scene import DEFAULT, Scene, SceneError
 from plant.structures.mode_file import SUFFIXES, ModeTable, write_modes
 
+if TYPE_CHECKING:
+    from plant.plant import PlantSpec
+
 _NODES = 441  # of the grid, about
 _GRID_MODES = 1200  # at most that many modes go onto a grid
 
 
 def modes_of_scene(scene: Scene, grid: bool = False) -> ModeTable:
-    """The modes that a scene's plant has, up to its limit, silent ones included; with `grid`, the
-    shapes on a grid too. The same run with them gives the same bytes. Raises SceneError."""
+    """Return the modes that a scene's plant computes with, up to its limit: those of equal
+    frequency merged, without those that no force moves. With `grid`: their shapes on a grid, too.
+
+    The same run with them gives the same bytes. Raises SceneError.
+    """
     from hertzloop import assembly as parts
     from plant.plant import air_eta
     from plant.schemes.collocation import residual_m_n
+    from plant.structures.plate import oscillators
 
     spec = parts.plant_spec(scene)
     if spec.infinite_plate:
@@ -35,27 +42,32 @@ def modes_of_scene(scene: Scene, grid: bool = False) -> ModeTable:
             "the scene takes an infinite plate, which has no modes; set run.plate_model = 'modal'"
         )
     limit = 2.0 * np.pi * spec.frequency_limit_hz
-    modes = spec.plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
+    points = spec.contact_point_m, spec.actuator_point_m
+    try:
+        modes = oscillators(spec.plate, *points, limit)
+    except ValueError as error:
+        raise SceneError(str(error)) from error
     count = len(modes.omega)
     return ModeTable(
         modes.omega,
         modes.eta + air_eta(spec, modes.omega),
         np.full(count, modes.scale_per_kg),
-        modes.at_contact,
-        modes.at_actuator,
+        modes.contact,
+        modes.actuator,
         residual_m_n(spec),
-        _on_grid(scene, limit, count) if grid else None,
+        _on_grid(spec, limit, count) if grid else None,
     )
 
 
-def _on_grid(scene: Scene, limit: float, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _on_grid(
+    spec: "PlantSpec", limit: float, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     from hertzloop.results.deflection import axes
-    from hertzloop.struck import structure
     from plant.structures.edged_plate import EdgedPlate
-    from plant.structures.plate import Plate
+    from plant.structures.plate import Plate, oscillator_shapes
     from plant.structures.solid_plate import SolidPlate
 
-    what = structure(scene)
+    what, points = spec.plate, (spec.contact_point_m, spec.actuator_point_m)
     if not isinstance(what, Plate | EdgedPlate | SolidPlate):
         raise SceneError("the modes come from a file; take its own grid")
     if count > _GRID_MODES:
@@ -63,8 +75,8 @@ def _on_grid(scene: Scene, limit: float, count: int) -> tuple[np.ndarray, np.nda
             f"{count} modes are too many for shapes on a grid, the most is {_GRID_MODES}; take a "
             "larger run.accuracy"
         )
-    x, y = axes(what.size_m, scene.plate.points_m[0], _NODES)
-    return x, y, what.on_grid(limit, x, y)
+    x, y = axes(what.size_m, points[0], _NODES)
+    return x, y, oscillator_shapes(what, *points, limit, what.on_grid(limit, x, y))
 
 
 def modes(
@@ -96,8 +108,9 @@ def modes(
     except OSError as error:
         fail(f"cannot write {target}: {error.strerror}", 1)
     out.print(
-        f"{len(table.omega_rad_s)} modes up to {table.omega_rad_s[-1] / (2 * np.pi):.4g} Hz, and a "
-        f"residual flexibility of {table.residual_flexibility_m_n:.4g} m/N; written: {target}",
+        f"{len(table.omega_rad_s)} modes up to {table.omega_rad_s[-1] / (2 * np.pi):.4g} Hz (modes "
+        "of equal frequency merged, modes that no force moves left out), and a residual "
+        f"flexibility of {table.residual_flexibility_m_n:.4g} m/N; written: {target}",
         soft_wrap=True,
     )
 

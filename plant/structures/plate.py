@@ -176,20 +176,48 @@ class Oscillators:
     scale_per_kg: float
 
 
-def oscillators(
-    structure: Structure,
-    contact_m: tuple[float, float],
-    actuator_m: tuple[float, float],
-    omega_max: float,
-) -> Oscillators:
+@dataclass(frozen=True, eq=False)
+class _Groups:
+    """Modes of equal frequency and loss, by what forces at both points move of them.
+
+    `starts`: the first mode of every group, (groups,). `first` and `second`: the shares of every
+    mode in the vectors that the groups move along, (modes,): the first vector belongs to the
+    contact, the second one to what the actuator moves apart from it. `table`: frequency (rad/s)
+    and shapes at contact and actuator of every oscillator, (3, oscillators). `moved` and
+    `elsewhere`: the groups that have the one and the other vector; `order` sorts these together.
+    """
+
+    starts: np.ndarray
+    first: np.ndarray
+    second: np.ndarray
+    table: np.ndarray
+    moved: np.ndarray
+    elsewhere: np.ndarray
+    order: np.ndarray
+
+    @property
+    def place(self) -> np.ndarray:
+        """The first mode of every oscillator's group, (oscillators,)."""
+        return self.starts[np.concatenate([self.moved, self.elsewhere])[self.order]]
+
+    def shapes(self, of_modes: np.ndarray) -> np.ndarray:
+        """Shapes of the oscillators from those of the modes, (modes, ...)."""
+        wide = (-1, *(1,) * (of_modes.ndim - 1))
+        parts = [
+            np.add.reduceat(share.reshape(wide) * of_modes, self.starts)[some]
+            for share, some in ((self.first, self.moved), (self.second, self.elsewhere))
+        ]
+        return np.asarray(np.concatenate(parts)[self.order])
+
+
+def _grouped(modes: Modes, same_point: bool) -> _Groups:
     """Merge modes of equal frequency and loss, and drop those that neither point moves.
 
     A group of equal frequency sees two forces only, along the vectors of its shapes at
     the two points; an orthonormal basis of their span (one vector, or two when the
-    points differ) behaves exactly as the whole group. Raises ValueError when no mode
-    is left below `omega_max`.
+    points differ) behaves exactly as the whole group. What is merged already stays as it is, to
+    the last bit.
     """
-    modes = structure.modes(omega_max, contact_m, actuator_m)
     omega, at_contact, at_actuator = modes.omega, modes.at_contact, modes.at_actuator
     new = np.diff(omega, prepend=-1.0) > _SAME_FREQUENCY * omega
     if isinstance(modes.eta, np.ndarray):
@@ -197,27 +225,62 @@ def oscillators(
     starts = np.flatnonzero(new)
     counts = np.diff(starts, append=len(omega))
     along = np.sqrt(np.add.reduceat(at_contact * at_contact, starts))
-    shared = np.add.reduceat(at_actuator * at_contact, starts)
     moved = along > modes.silent_below
+    sign = np.where(at_contact[starts] < 0.0, -1.0, 1.0)
+    shared = np.add.reduceat(at_actuator * at_contact, starts)
     shared = np.divide(shared, along, out=np.zeros_like(along), where=moved)
+    alone = moved & (np.add.reduceat(at_contact != 0.0, starts) == 1) & (at_contact[starts] != 0.0)
+    shared = np.where(alone, sign * at_actuator[starts], shared)
     share = np.divide(shared, along, out=np.zeros_like(along), where=moved)
     rest = at_actuator - np.repeat(share, counts) * at_contact
+    rest[starts[alone]] = 0.0
     across = np.sqrt(np.add.reduceat(rest * rest, starts))
+    if same_point:
+        shared, across = along, np.zeros_like(across)
     elsewhere = across > modes.silent_below
-    if not np.any(moved | elsewhere):
+    one = np.stack([omega[starts], along, shared])[:, moved]
+    other = np.stack([omega[starts], np.zeros_like(across), across])[:, elsewhere]
+    places = np.flatnonzero(moved), np.flatnonzero(elsewhere)
+    order = np.argsort(np.concatenate(places), kind="stable")
+    first, second = (
+        vector / np.repeat(np.where(there, length, np.inf), counts)
+        for vector, there, length in ((at_contact, moved, along), (rest, elsewhere, across))
+    )
+    table = np.concatenate([one, other], axis=1)[:, order]
+    return _Groups(starts, first, second, table, *places, order)
+
+
+def oscillators(
+    structure: Structure,
+    contact_m: tuple[float, float],
+    actuator_m: tuple[float, float],
+    omega_max: float,
+) -> Oscillators:
+    """Reduce the modes below `omega_max` to what forces at two points move; see `_grouped`.
+
+    Raises ValueError when no mode is left.
+    """
+    modes = structure.modes(omega_max, contact_m, actuator_m)
+    groups = _grouped(modes, structure.same_point(contact_m, actuator_m))
+    if not groups.table.shape[1]:
         raise ValueError(
             f"no mode below {omega_max / (2 * np.pi):g} Hz moves the contact point; "
             "take a smaller step or another contact point"
         )
-    first = np.stack([omega[starts], along, shared])[:, moved]
-    second = np.stack([omega[starts], np.zeros_like(across), across])[:, elsewhere]
-    place = np.concatenate([np.flatnonzero(moved), np.flatnonzero(elsewhere)])
-    order = np.argsort(place, kind="stable")
-    table = np.concatenate([first, second], axis=1)[:, order]
-    eta = modes.eta
-    if isinstance(eta, np.ndarray):
-        eta = eta[starts][place[order]]
-    return Oscillators(table[0], table[1], table[2], len(omega), eta, modes.scale_per_kg)
+    eta = modes.eta[groups.place] if isinstance(modes.eta, np.ndarray) else modes.eta
+    return Oscillators(*groups.table, len(modes.omega), eta, modes.scale_per_kg)
+
+
+def oscillator_shapes(
+    structure: Structure,
+    contact_m: tuple[float, float],
+    actuator_m: tuple[float, float],
+    omega_max: float,
+    of_modes: np.ndarray,
+) -> np.ndarray:
+    """Shapes of the `oscillators`, (oscillators, ...), from those of all modes, (modes, ...)."""
+    modes = structure.modes(omega_max, contact_m, actuator_m)
+    return _grouped(modes, structure.same_point(contact_m, actuator_m)).shapes(of_modes)
 
 
 def frequencies(

@@ -5,8 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
-
 from hertzloop import assembly as parts
 from hertzloop.commands.modes import modes_of_scene
 from hertzloop.scenes.scene import load
@@ -19,12 +17,9 @@ _FEW = 100
 
 
 def _lowest(table: ModeTable, count: int) -> ModeTable:
-    """As many of a table's lowest modes as have `count` frequencies at the struck point."""
-    heard = np.flatnonzero(np.abs(table.shape_contact) > 1e-9)
-    _, first = np.unique(np.round(table.omega_rad_s[heard], 6), return_index=True)
-    kept = heard[: first[count]]
+    """The `count` lowest modes of a table."""
     names = ("omega_rad_s", "loss_factor", "per_modal_mass_1_kg", "shape_contact", "shape_actuator")
-    return replace(table, **{name: getattr(table, name)[kept] for name in names})
+    return replace(table, **{name: getattr(table, name)[:count] for name in names})
 
 
 def mode_file_costs(rounds: int = ROUNDS) -> list[Cost]:

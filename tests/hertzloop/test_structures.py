@@ -17,7 +17,9 @@ from hertzloop.results.deflection import deflection
 from hertzloop.results.figures import rows_of
 from hertzloop.results.impact_rows import first_impact, modal_displacement
 from hertzloop.scenes.scene import Scene, SceneError, load, parse, shipped, to_toml
+from plant.plant import modes_of
 from plant.structures.mode_file import SUFFIXES, write_modes
+from plant.structures.plate import oscillator_shapes
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 
@@ -47,6 +49,47 @@ def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(
     one, other = recorded(tmp_path, scene, "one.mcap"), recorded(tmp_path, by_file, "other.mcap")
     assert first_difference(one, other) is None
     assert rows_of(one)[4].max() > 0.0
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        [],
+        ["plate.actuator_point_m=[0.3, 0.2]"],
+        ["plate.edges=ffff", "plate.actuator_point_m=[0.3, 0.2]"],
+        ["plate.theory=3d", "plate.actuator_point_m=[0.3, 0.2]"],
+        ["plate.radiation=one_face"],
+    ],
+    ids=lambda settings: " ".join(settings) or "plain",
+)
+def test_a_file_holds_what_the_plant_computes_with(tmp_path: Path, settings: list[str]) -> None:
+    """No row that no force moves, none twice, and the same oscillators, to the last bit, with
+    shapes that are those at both points there."""
+    scene = load("aluminium-3mm", [*SHORT, "run.accuracy=0.1", *settings])
+    spec = parts.plant_spec(scene)
+    table = modes_of_scene(scene, grid=True)
+    assert np.all((table.shape_contact != 0.0) | (table.shape_actuator != 0.0))
+    names, same = ("omega", "contact", "actuator"), spec.same_point
+    again = np.diff(table.omega_rad_s) == 0.0
+    assert not np.any(again[1:] & again[:-1])
+    assert not np.any(again) or not same
+    file = tmp_path / "modes.npz"
+    file.write_bytes(write_modes(".npz", table))
+    read_back = parts.plant_spec(load("aluminium-3mm", [*SHORT, f"plate.modes={file}"]))
+    assert read_back.same_point == same
+    plant, by_file = modes_of(spec), modes_of(read_back)
+    assert all(np.array_equal(getattr(plant, n), getattr(by_file, n)) for n in names)
+    assert np.array_equal(np.broadcast_to(plant.eta, len(plant.omega)),
+                          np.broadcast_to(by_file.eta, len(by_file.omega)))  # fmt: skip
+    assert table.grid is not None
+    x, y, shapes = table.grid
+    i, j = (int(np.argmin(abs(a - p))) for a, p in zip((x, y), spec.contact_point_m, strict=True))
+    assert shapes[:, i, j] == pytest.approx(table.shape_contact, abs=1e-9)
+    limit = 2.0 * np.pi * spec.frequency_limit_hz
+    points = spec.contact_point_m, spec.actuator_point_m
+    at_actuator = spec.plate.modes(limit, *points).at_actuator
+    moved = oscillator_shapes(spec.plate, *points, limit, at_actuator)
+    assert moved == pytest.approx(table.shape_actuator, abs=1e-9)
 
 
 @pytest.mark.parametrize(
