@@ -25,7 +25,7 @@ from hertzloop.commands.response import response
 from hertzloop.commands.study_frame import numbers, results_in, resumable
 from hertzloop.commands.terminal import Table, err, fail, out, progress
 from hertzloop.commands.validity import validity_map
-from hertzloop.scenes.scene import DEFAULT, SceneError, vary
+from hertzloop.scenes.scene import DEFAULT, SceneError, load, vary
 
 if TYPE_CHECKING:
     from studies.latency.study import Critical

@@ -15,7 +15,7 @@ from hertzloop.commands.replaying import prepare, scene_of
 from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.results import figures, report, what_ran
 from hertzloop.results.conclusions import why_not_again
-from hertzloop.results.impacts_table import HEADINGS, impact_rows
+from hertzloop.results.impacts_table import headings, impact_rows
 from hertzloop.results.law import law_line, law_of, ran_as_announced, text_of_law
 from hertzloop.results.left_out import sentences_of
 from hertzloop.results.predictability import errors_of
@@ -97,13 +97,13 @@ def _tables(found: dict[str, Any], free: dict[str, Any] | None, compare: bool) -
         [run["noise"][0] for run in runs], compare,
         [errors_of(each, 0, "noise_errors") for each in digits],
     )  # fmt: skip
-    headings = ["figure of the first impact", *names, *(["change"] if compare else [])]
-    tables = [_Table(headings, rows, [])]
+    columns = ["figure of the first impact", *names, *(["change"] if compare else [])]
+    tables = [_Table(columns, rows, [])]
     for name, run, each in zip(names, runs, digits, strict=True):
         why_not = known["why_not"] if run is found else ""
         rows, notes = impact_rows(run["impacts"], each, why_not)
         numbered = [[str(i), *row] for i, row in enumerate(rows, 1)]
-        tables.append(_Table([f"impacts, {name}", *HEADINGS], numbered, notes))
+        tables.append(_Table([f"impacts, {name}", *headings(run["impacts"])], numbered, notes))
     return tables
 
 
