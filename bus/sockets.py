@@ -1,15 +1,13 @@
 """Endpoints where the processes of a run meet; on one host, such as no other user can reach."""
 
-import fcntl
 import os
 import re
-import shutil
 import tempfile
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
+from bus.own_folder import own_folder
 from bus.reserved import reserved_ports
 from bus.streams import ROLES
 
@@ -17,7 +15,6 @@ _KIND = "unixsock-stream/"
 _PREFIX = "hertzloop-bus-"
 _LONGEST = 107  # bytes of a path that Linux binds a socket to
 _PLAIN = re.compile(r"[A-Za-z0-9/_.+-]+")  # other characters may mean something to zenoh
-_YOUNG_S = 60.0  # in which whoever made a folder has surely locked it
 
 
 def on_loopback(ports: Sequence[int]) -> list[str]:
@@ -56,35 +53,8 @@ def _short_folder(stack: ExitStack) -> str | None:
         named = f"{parent}/{_PREFIX}{'x' * 8}/00.lock"  # zenoh locks a file beside the socket
         if _PLAIN.fullmatch(named) and not too_long(_KIND + named):
             with suppress(OSError):
-                return _folder(stack, parent)
+                return stack.enter_context(own_folder(_PREFIX, parent))
     return None
-
-
-def _folder(stack: ExitStack, parent: str) -> str:
-    """A folder with mode 700 that is removed at the end, and locked until then, so that others
-    know it from what a killed process has left. Raises OSError."""
-    _sweep(parent)
-    folder = tempfile.mkdtemp(prefix=_PREFIX, dir=parent)
-    stack.callback(shutil.rmtree, folder, ignore_errors=True)
-    handle = os.open(folder, os.O_RDONLY)
-    stack.callback(os.close, handle)
-    fcntl.flock(handle, fcntl.LOCK_SH)
-    return folder
-
-
-def _sweep(parent: str) -> None:
-    """Remove what this user's processes left here that had no time to do so."""
-    for folder in Path(parent).glob(f"{_PREFIX}*"):
-        with suppress(OSError):
-            stat = folder.lstat()
-            if stat.st_uid != os.getuid() or time.time() - stat.st_mtime < _YOUNG_S:
-                continue
-            handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-            try:
-                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(folder)
-            finally:
-                os.close(handle)
 
 
 def remove_folder_of(endpoints: Sequence[str]) -> None:

@@ -6,11 +6,11 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from bus.own_folder import own_folder
 from hertzloop.quantities import TRUTH
 from hertzloop.results.labelled import (
     FORCE_LABEL,
@@ -124,7 +124,7 @@ def run(
     if recording is not None:
         record(scene, Path(recording), options, on_progress)
         return read(recording)
-    with TemporaryDirectory(prefix="hertzloop-") as folder:
+    with own_folder() as folder:
         path = Path(folder) / "run.mcap"
         record(scene, path, options, on_progress)
         found = read(path)

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from bus.own_folder import own_folder
 from jit.cache import cache_folder
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def ensure_compiled(announce: Callable[[], None], *scenes: "Scene", paced: bool 
             if marker.exists() or (run is _run_paced and not paced):
                 continue
             announce()
-            with TemporaryDirectory(prefix="hertzloop-") as folder:
+            with own_folder() as folder:
                 run(_moment_of(scene), Path(folder))
             marker.touch()
 

@@ -2,13 +2,13 @@
 
 import shlex
 import subprocess
-import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from bus.own_folder import own_folder
 from bus.port import BusError, PeerLost
 from bus.streams import CONTROLLER, PLANT, RECORDER
 from bus.zenoh_port import ZenohPort
@@ -94,7 +94,7 @@ def _started(words: list[str]) -> Iterator[_Process | None]:
     if not words:
         yield None
         return
-    with tempfile.TemporaryDirectory(prefix="hertzloop-") as folder:
+    with own_folder() as folder:
         process = _Process(words, Path(folder))
         try:
             yield process

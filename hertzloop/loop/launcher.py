@@ -6,7 +6,6 @@ import os
 import queue
 import secrets
 import signal
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bus.compiling import LONGEST_S
+from bus.own_folder import own_folder
 from bus.sockets import mesh_endpoints, own_endpoints
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from controller.door.registry import shipped
@@ -130,7 +130,7 @@ class Launcher:
     def __enter__(self) -> "Launcher":
         with ExitStack() as stack:
             stack.enter_context(ending_signals(self._on_signal))
-            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="hertzloop-"))
+            folder = stack.enter_context(own_folder())
             (Path(folder) / _SCENE).write_text(to_toml(self._scene), encoding="utf-8")
             endpoints = self._endpoints or stack.enter_context(own_endpoints())
             name = self._name or f"run-{os.getpid()}-{secrets.token_hex(4)}"

@@ -9,6 +9,7 @@ from contextlib import suppress
 
 import numpy as np
 
+from bus.own_folder import own_folder
 from controller.controller import Controller, LineSpec
 from controller.door.bound import BoundLaw, BoundPython, LawFault
 from controller.door.compiled import compiled_abreast
@@ -47,7 +48,7 @@ def try_law(scene: Scene) -> str:
         bound = control.law(scene, stiffness, True)
     samples = _samples(scene, about)
     # The child may be killed: what it unpacks goes with this folder.
-    with tempfile.TemporaryDirectory(prefix="hertzloop-") as folder:
+    with own_folder() as folder:
         said = _in_child(bound, samples, scene, folder)
     if said:
         raise SceneError(said)

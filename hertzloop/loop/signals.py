@@ -1,4 +1,4 @@
-"""Signals that end a process: Ctrl-C, termination, a closed terminal."""
+"""Signals that end a process: Ctrl-C, Ctrl-\\, termination, a closed terminal."""
 
 import os
 import signal
@@ -20,9 +20,10 @@ _unraisable_before = sys.unraisablehook
 
 
 def _ending() -> list[signal.Signals]:
-    """All of them; without SIGHUP where it is ignored, as under nohup."""
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    return numbers + [signal.SIGHUP] * (signal.getsignal(signal.SIGHUP) != signal.SIG_IGN)
+    """All of them; without SIGHUP or SIGQUIT where it is ignored, as under nohup or in a script."""
+    more = [signal.SIGHUP, signal.SIGQUIT]
+    heeded = [number for number in more if signal.getsignal(number) != signal.SIG_IGN]
+    return [signal.SIGINT, signal.SIGTERM, *heeded]
 
 
 def _send_soon(number: int) -> None:

@@ -18,6 +18,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from bus.own_folder import own_folder
 from tests.hertzloop.processes import (
     EVENTUALLY_S,
     LONG,
@@ -148,7 +149,7 @@ class TestLauncher:
         monkeypatch.setattr(tempfile, "tempdir", None)
         return folder
 
-    @pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+    @pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGINT])
     def test_signals_end_it_in_order(
         self, recording: Path, temporary: Path, sent: signal.Signals
     ) -> None:
@@ -177,7 +178,9 @@ class TestLauncher:
         assert "Traceback" not in err
         assert not leftovers(recording)
 
-    def test_a_killed_launcher_leaves_no_process(self, recording: Path) -> None:
+    def test_a_killed_launcher_leaves_no_process_and_its_folder_to_the_next_run(
+        self, recording: Path, temporary: Path
+    ) -> None:
         run = start("run", *LONG, "--out", str(recording))
         children = [child_of(run, command) for command in ("plant", "controller", "record")]
         wait_for(grown_to(recording, WELL_UNDER_WAY))
@@ -185,6 +188,11 @@ class TestLauncher:
         run.communicate()
         _, alive = psutil.wait_procs(children, timeout=60)
         assert not alive
+        for folder in temporary.iterdir():
+            os.utime(folder, (0, 0))
+        with own_folder():
+            pass
+        assert not list(temporary.iterdir())
 
     @pytest.mark.parametrize("command", ["plant", "controller", "record"])
     def test_a_death_before_the_start_is_told_at_once(self, recording: Path, command: str) -> None:
