@@ -6,7 +6,7 @@ import signal
 import sys
 from types import FrameType
 
-from hertzloop.loop.signals import INTERRUPTED, hear_lost_interrupts, interrupt
+from hertzloop.loop.signals import INTERRUPTED, hear_lost_interrupts, raise_when_ended
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
@@ -38,8 +38,9 @@ def main() -> None:
     from hertzloop.commands import cli
 
     commands = cli.built()
-    ignored = before == signal.SIG_IGN
-    signal.signal(signal.SIGINT, before if ignored else interrupt)
+    raise_when_ended()
+    if before == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, before)
     lost = hear_lost_interrupts()
     try:
         cli.main(commands)
@@ -50,7 +51,7 @@ def main() -> None:
     except SystemExit as end:
         if end.code == INTERRUPTED:
             # Another one, while Python ends, would come out as an exception.
-            signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
+            raise_when_ended(lambda *_: os._exit(INTERRUPTED))
             _code.append(INTERRUPTED)
         raise
 

@@ -78,10 +78,10 @@ def interrupt(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def raise_when_ended() -> None:
-    """From now on every ending signal raises KeyboardInterrupt, as Ctrl-C does."""
+def raise_when_ended(react: Callable[[int, FrameType | None], None] = interrupt) -> None:
+    """From now on every ending signal raises KeyboardInterrupt, as Ctrl-C does, or calls `react`."""
     for number in _ending():
-        signal.signal(number, interrupt)
+        signal.signal(number, react)
 
 
 def hear_lost_interrupts() -> threading.Event:

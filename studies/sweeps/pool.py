@@ -6,6 +6,7 @@ are about to begin; the rest stays within its own reach.
 """
 
 import os
+import signal
 import sys
 import threading
 import time
@@ -14,7 +15,7 @@ from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import parent_process
+from multiprocessing import parent_process, resource_tracker
 from multiprocessing.connection import wait as ready
 from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.queues import SimpleQueue
@@ -108,6 +109,7 @@ class _Others:
         # Not where interrupts are held back: multiprocessing lets them through again when it
         # starts what tracks its semaphores.
         with _starting():
+            _start_tracker()
             self._pool = ProcessPoolExecutor(count, self._started, _end_with_parent)
         self._ahead = 2 * count + 1  # one for each at work and one for each that is done with it
 
@@ -181,6 +183,16 @@ class _Started(SpawnContext):
         """One of them."""
         self.processes.append(SpawnProcess(*args, **named))
         return self.processes[-1]
+
+
+def _start_tracker() -> None:
+    """Start the process that removes the workers' semaphores if this one is killed, deaf to the
+    signals of a terminal, which go to it as well and would end it first."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP, signal.SIGQUIT})
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _two_first(chunks: list[Numbered]) -> list[Numbered]:

@@ -17,6 +17,7 @@ from hertzloop.scenes.scene import load
 from studies.sweeps import sweep as study
 from studies.sweeps.design import make_design
 from studies.sweeps.journal import Journal, JournalError
+from tests.hertzloop.processes import wait_for
 from tests.studies.sweeping import COARSE, command, wait_until
 
 
@@ -156,20 +157,42 @@ def _runs(pid: int) -> bool:
         return False
 
 
-@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM])
-def test_workers_end_with_a_sweep_that_is_killed(tmp_path: Path, sent: signal.Signals) -> None:
+def _semaphores(pid: int) -> set[Path]:
+    """Those of multiprocessing that a process has, which have names; mapped before they had."""
+    maps = Path(f"/proc/{pid}/maps").read_text().splitlines()
+    mapped = {int(line.split()[4]) for line in maps if "/dev/shm/" in line}
+    named = Path("/dev/shm").glob("sem.mp-*")
+    return {path for path in named if path.exists() and path.stat().st_ino in mapped}
+
+
+def _heeds_all() -> None:
+    """Who runs the tests may ignore a closed terminal."""
+    for number in (signal.SIGHUP, signal.SIGQUIT):
+        signal.signal(number, signal.SIG_DFL)
+
+
+@pytest.mark.usefixtures("warm_kernels")
+@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+def test_nothing_is_left_of_a_sweep_that_is_ended(tmp_path: Path, sent: signal.Signals) -> None:
+    """No worker, and no semaphore; a terminal that is closed tells all of them."""
     out = tmp_path / "r.csv"
-    process = subprocess.Popen(command(*HUGE, "-o", str(out), "--workers", "2"))
-    _wait_for(study.journal_of(out), 100, process)
-    # One, and what tracks multiprocessing's semaphores; they start after the sweep has begun.
-    wait_until(lambda: len(_children(process.pid)) >= 2, process)
-    workers = _children(process.pid)
-    process.send_signal(sent)
-    process.wait()
-    deadline = time.monotonic() + 30
-    while any(_runs(pid) for pid in workers) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not any(_runs(pid) for pid in workers)
+    process = subprocess.Popen(command(*HUGE, "-o", str(out), "--workers", "2"),
+                               stderr=subprocess.PIPE, start_new_session=True,
+                               preexec_fn=_heeds_all)  # fmt: skip
+    wait_until(lambda: len(_workers(process.pid)) == 1, process)
+    started, semaphores = _children(process.pid), _semaphores(process.pid)
+    assert semaphores
+    if sent in (signal.SIGHUP, signal.SIGQUIT):
+        os.killpg(process.pid, sent)
+    else:
+        process.send_signal(sent)
+    _, said = process.communicate(timeout=60)  # until who removes the semaphores has ended, too
+    if sent != signal.SIGKILL:
+        assert process.returncode == 130
+        assert said.decode().splitlines()[-1].startswith("interrupted; finished cases are kept")
+        assert b"resource_tracker" not in said
+    assert not any(path.exists() for path in semaphores)
+    wait_for(lambda: not any(_runs(pid) for pid in started))
 
 
 @pytest.mark.usefixtures("warm_kernels")
