@@ -79,7 +79,7 @@ def interrupt(number: int, frame: FrameType | None) -> None:
 
 
 def raise_when_ended(react: Callable[[int, FrameType | None], None] = interrupt) -> None:
-    """From now on every ending signal raises KeyboardInterrupt, as Ctrl-C does, or calls `react`."""
+    """From now on an ending signal raises KeyboardInterrupt, as Ctrl-C does, or calls `react`."""
     for number in _ending():
         signal.signal(number, react)
 
