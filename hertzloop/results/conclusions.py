@@ -9,7 +9,7 @@ from hertzloop.results.verdict import saturation_of, verdict
 from hertzloop.scenes.scene import Scene, SceneError, parse
 from recordings.reader import Recording
 
-_MOST_WORK = 4e9  # steps times frequencies of a run that is repeated only to judge a recording
+_MOST_WORK = 2e9  # steps times frequencies of a run that is repeated only to judge a recording
 
 
 def conclusions(

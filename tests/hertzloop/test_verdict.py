@@ -106,6 +106,35 @@ def test_the_words_follow_the_figures() -> None:
     assert "left the sensor's range 2 times, first at 1 ms" in said[1]
 
 
+def test_what_is_not_predictable_is_not_added_up() -> None:
+    first, second = ({"plate_energy_j": e, "duration_s": 3e-5} for e in (1e-4, 1e-5))
+    free = {"impacts": [first, second], "noise": []}
+    report: dict[str, Any] = {
+        "scene_law": "mine", "last_contact_ended": True, "push": {"after_touch_s": 0.0, "apart": 0},
+        "stability": {"unstable": False, "pumps": False}, "injected_j": 0.0, "yield": None,
+        "impacts": [first | {"plate_energy_j": 5e-5}, second | {"plate_energy_j": 9e-5}],
+        "noise": [], "uncontrolled": free,
+    }  # fmt: skip
+
+    def known(*errors_j: float) -> list[dict[str, Any]]:
+        return [
+            {"amplification": 1.0 if e == 0.0 else 1e3, "errors": {"plate_energy_j": e},
+             "noise_errors": {}}
+            for e in errors_j
+        ]  # fmt: skip
+
+    def said(controlled: Any, why_not: str = "") -> str:
+        known_of = {"controlled": controlled, "uncontrolled": known(0.0, 0.0), "why_not": why_not}
+        return verdict(report | {"predictability": known_of}, None)[0]
+
+    assert said(known(0.0, 0.0)) == "Control does harm: plate energy +1.0 dB over all contacts."
+    later = "Control helps: plate energy -3.0 dB (first impact; later ones are not predictable)."
+    assert said(known(0.0, 4e-5)) == later
+    assert "whether later ones are predictable is not known" in said(None, "it is foreign")
+    assert "plate energy -3 dB (first" in said(known(1e-5, 4e-5))
+    assert said(known(9e-5, 4e-5)).startswith("Whether control helps is not predictable")
+
+
 LEFT, BACK = "left the converter's range", "is back in the converter's range"
 
 
