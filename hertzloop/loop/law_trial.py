@@ -46,7 +46,7 @@ def try_law(scene: Scene) -> str:
         ) from None
     with compiled_abreast():
         bound = control.law(scene, stiffness, True)
-    samples = _samples(scene, about)
+    samples = impact_samples(scene, about)
     # The child may be killed: what it unpacks goes with this folder.
     with own_folder() as folder:
         said = _in_child(bound, samples, scene, folder)
@@ -61,7 +61,7 @@ def try_law(scene: Scene) -> str:
     return ""
 
 
-def _samples(scene: Scene, about: About) -> np.ndarray:
+def impact_samples(scene: Scene, about: About) -> np.ndarray:
     """What the law would sense of an impact on a rigid plate."""
     contact = max(int(about.rigid_contact_s / about.sample_s), 4)
     before = min(_SAMPLES // 4, 200)

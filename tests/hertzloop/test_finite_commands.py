@@ -1,0 +1,139 @@
+"""Every force of a shipped law is a finite number, at every key that a scene accepts."""
+
+import math
+from dataclasses import replace
+from functools import cache
+from typing import Any, Literal, get_args, get_origin
+
+import numpy as np
+import pytest
+from annotated_types import Ge, Le
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from pydantic.fields import FieldInfo
+from scipy.integrate import solve_ivp
+
+from controller.controller import Controller, LineSpec
+from controller.door.registry import find, shipped
+from controller.law import WHOLE_STEPS, About
+from controller.laws._local_model import acceleration, look_ahead
+from hertzloop import assembly as parts
+from hertzloop import control
+from hertzloop.loop.law_trial import impact_samples
+from hertzloop.scenes.scene import Scene, load, vary
+
+SCENES = ("aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm")
+
+
+def values_of(field: FieldInfo) -> st.SearchStrategy[Any]:
+    """Values within a key's bounds, the bounds and the default more often."""
+    if get_origin(field.annotation) is Literal:
+        return st.sampled_from(get_args(field.annotation))
+    if get_origin(field.annotation) is tuple:
+        forces = st.sampled_from([-1e6, -3.0, 0.0, 5.0, 1e6])
+        return st.lists(forces, min_size=1, max_size=6)
+    bounds = [info for info in field.metadata if isinstance(info, Ge | Le)]
+    low, high = sorted(float(getattr(info, "ge", getattr(info, "le", 0))) for info in bounds)  # type: ignore[arg-type]
+    ends = st.sampled_from([low, high, field.default])
+    whole = field.annotation is int or WHOLE_STEPS in field.metadata
+    if whole:
+        return ends.map(int) | st.integers(int(low), 50) | st.integers(int(low), int(high))
+    return ends | st.floats(max(low, -2.0), min(high, 2.0)) | st.floats(low, high)
+
+
+@cache
+def known(scene: Scene) -> tuple[float, About]:
+    """The contact's stiffness, and what a law may know."""
+    stiffness = parts.plant_spec(scene).contact.stiffness
+    pulse = np.sin(np.linspace(0.0, np.pi, 40))
+    about = replace(control.about(scene, stiffness), uncontrolled_force_n=lambda: pulse)
+    return stiffness, about
+
+
+def samples_of(scene: Scene, scale: float, noise: float, seed: int) -> np.ndarray:
+    """An impact on a rigid plate, made smaller or larger, with noise in shares of the largest."""
+    ideal = impact_samples(scene, known(scene)[1])
+    random = np.random.default_rng(seed).standard_normal(len(ideal))
+    return scale * (ideal + noise * np.abs(ideal).max() * random)
+
+
+def commands(scene: Scene, samples: np.ndarray) -> np.ndarray:
+    """What the scene's law commands after each sample. Raises LawFault."""
+    law = scene.law
+    bound = law.bind(scene.controller.keys, known(scene)[1])
+    made = Controller(bound, LineSpec(), scene.step_s, len(samples) + 1, 1, 1)
+    return made.process(samples).forces
+
+
+@pytest.mark.parametrize("law", shipped())
+def test_every_force_is_a_finite_number(law: str) -> None:
+    keys = {f"controller.{k}": values_of(f) for k, f in find(law).keys.model_fields.items()}
+    if law == "constant":
+        keys["controller.duration_us"] = st.integers(1, 10**6)  # it refuses 0
+
+    @settings(
+        max_examples=40, deadline=None, derandomize=True,
+        suppress_health_check=[HealthCheck.too_slow],
+    )  # fmt: skip
+    @given(
+        name=st.sampled_from(SCENES),
+        values=st.fixed_dictionaries(keys),
+        latency_us=st.sampled_from([0, 1, 30, 1000, 10**6]) | st.integers(0, 10**6),
+        every=st.sampled_from([1, 2, 7, 100]),
+        scale=st.sampled_from([1.0, -1.0, 0.0, 1e-3, 100.0, 1e6]),
+        noise=st.sampled_from([0.0, 1e-3, 1.0]),
+        seed=st.integers(0, 9),
+    )
+    def check(
+        name: str, values: dict[str, Any], latency_us: int, every: int, scale: float, noise: float,
+        seed: int,
+    ) -> None:  # fmt: skip
+        line = {"controller.latency_us": latency_us, "sensors.every_steps": every}
+        scene = vary(load(name), {"controller.law": law, **values, **line})
+        found = commands(scene, samples_of(scene, scale, noise, seed))
+        assert np.isfinite(found).all()
+
+    check()
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_law_that_predicts_does_not_push_where_the_contact_is_long_over(name: str) -> None:
+    """In its model the sphere has left after a second, or sticks without a force."""
+    scene = load(name, ["controller.law=predicted", "controller.latency_us=1000000"])
+    assert np.abs(commands(scene, samples_of(scene, 1.0, 0.0, 0))).max() < 1e-100
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(("every", "ahead"), [(1, 300), (1, 10_000), (100, 3)])
+def test_the_model_of_the_law_that_predicts_is_solved_at_any_step(
+    name: str, every: int, ahead: int
+) -> None:
+    scene = load(name, ["controller.law=predicted", f"sensors.every_steps={every}",
+                        "controller.window_samples=2"])  # fmt: skip
+    p = scene.law.constants(scene.controller.keys, known(scene)[1])
+    speed = -known(scene)[1].impact_speed_m_s
+    xi = speed * -2e-6  # the contact begins 2 us later
+    samples = np.array([xi - 0.5 * speed * p.sample_s, xi + 0.5 * speed * p.sample_s])
+    solved = solve_ivp(
+        lambda t, y: [y[1], acceleration(p, y[0], y[1])], (0.0, (ahead + 0.5) * p.sample_s),
+        [xi, speed], method="LSODA", rtol=1e-9, atol=1e-16,
+    )  # fmt: skip
+    found, slope, touches, _ = look_ahead(p, samples, 1, float(ahead))
+    assert math.isclose(touches, 2e-6 / p.sample_s - 0.5, rel_tol=1e-6)
+    deepest = -solved.y[0].min()
+    if solved.y[0, -1] > 0.0:  # it has left: no force
+        assert found > 0.0
+        assert math.isclose(slope, solved.y[1, -1], rel_tol=0.05)
+    else:
+        assert math.isclose(found, solved.y[0, -1], abs_tol=0.02 * deepest)
+
+
+@pytest.mark.parametrize("law", shipped())
+def test_no_law_reads_a_sample_that_it_is_not_given(law: str) -> None:
+    own = {"constant": ["controller.duration_us=9"], "profile": ["controller.profile_n=[1.0]"]}
+    scene = load(
+        "aluminium-3mm",
+        [*own.get(law, []), f"controller.law={law}", "controller.latency_us=10"],
+    )
+    bound = scene.law.bind(scene.controller.keys, known(scene)[1])
+    assert bound.reads_unknown(samples_of(scene, 1.0, 0.0, 0)[:300]) == ""
