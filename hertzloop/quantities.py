@@ -12,14 +12,15 @@ import numpy as np
 from plant.schemes import state_kernels as pk
 
 # Columns of truth by the names of the message's fields: unit, meaning. Their order is that of
-# the rows which the loop writes.
+# the rows which the loop writes. Positions and velocity are values at the start of the step, forces
+# are means over it.
 TRUTH = {
     "xi_m": ("m", "gap: sphere's lowest point minus plate surface"),
     "xi_s_m": ("m", "sphere's lowest point"),
     "xi_p_m": ("m", "plate at the contact point"),
-    "v_p_m_s": ("m/s", "plate velocity at the contact point"),
+    "v_p_m_s": ("m/s", "plate velocity at the contact point at the start of the step"),
     "f_c_n": ("N", "contact force, mean of the step, up on the sphere"),
-    "f_a_n": ("N", "actuator force, up on the plate"),
+    "f_a_n": ("N", "actuator force, mean of the step, up on the plate"),
     "xi_a_m": ("m", "plate at the actuator"),
     "f_c1_n": ("N", "slope of the contact force over the step: f_c + f_c1 (2 t/h - 1)"),
     "f_a1_n": ("N", "slope of the actuator force over the step: f_a + f_a1 (2 t/h - 1)"),
@@ -71,18 +72,18 @@ def _either_way(most: float) -> tuple[float, float]:
 
 # By the name that scenes and laws use.
 SENSED = {
-    "xi": Sensed("m", "sampled gap", pk.XI, _gap_range, lambda t: t.gap_m),
+    "xi": Sensed("m", "sampled gap at the end of the step", pk.XI, _gap_range, lambda t: t.gap_m),
     "v_p": Sensed(
-        "m/s", "sampled plate velocity", pk.V_P,
+        "m/s", "sampled plate velocity at the end of the step", pk.V_P,
         lambda e: _either_way(e.velocity_m_s()), lambda t: t.velocity_m_s,
     ),
     "acceleration": Sensed(
-        "m/s^2", "sampled plate acceleration", pk.A_P,
+        "m/s^2", "sampled plate acceleration, mean of the step", pk.A_P,
         lambda e: _either_way(e.velocity_m_s() * (np.pi / e.contact_s)),
         lambda t: np.gradient(t.velocity_m_s, t.sample_s), over_step=True,
     ),
     "contact_force": Sensed(
-        "N", "sampled contact force", pk.F_C,
+        "N", "sampled contact force, mean of the step", pk.F_C,
         lambda e: (0.0, _ABOVE * e.force_n), lambda t: t.force_n, over_step=True,
     ),
 }  # fmt: skip

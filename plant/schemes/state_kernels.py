@@ -3,6 +3,8 @@
 from jit import kernel
 
 # Indices into a state's body (m, m/s, N).
+# V_P: plate velocity at the end of the last step, before the forces of the next one act; A_P: mean
+# acceleration over the last step, the change of V_P by its length.
 # V_P_OF_STEP: plate velocity at the start of the last step, as a scheme knows it once that
 # step's forces are known.
 # F_C1: slope of the contact force over the last step, F_C + F_C1 (2 t/h - 1); F_A1: of F_A.

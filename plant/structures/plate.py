@@ -268,8 +268,8 @@ def oscillators(
             "take a smaller step or another contact point"
         )
     eta = modes.eta[groups.place] if isinstance(modes.eta, np.ndarray) else modes.eta
-    omega, contact, actuator = groups.table
-    return Oscillators(omega, contact, actuator, len(modes.omega), eta, modes.scale_per_kg)
+    omega, at_contact, at_actuator = groups.table
+    return Oscillators(omega, at_contact, at_actuator, len(modes.omega), eta, modes.scale_per_kg)
 
 
 def oscillator_shapes(

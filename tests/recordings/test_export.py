@@ -71,7 +71,7 @@ def from_parquet(path: Path) -> Columns:
 
 def from_csv(path: Path) -> Columns:
     lines = path.read_text().splitlines()
-    assert "# v_p_m_s (m/s): plate velocity at the contact point" in lines
+    assert "# v_p_m_s (m/s): plate velocity at the contact point at the start of the step" in lines
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     names = [name for name in rows[0] if name not in ("step", "time_ns")]
     kinds: dict[str, type] = {"daq_code": np.int32, "daq_saturated": np.uint8}

@@ -1,6 +1,7 @@
 """Filter, sampling, noise and quantities of a channel, on made-up signals and on a plant."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from bus.lane import closed
 from hertzloop import assembly as parts
 from hertzloop.loop import kernels as hk
+from hertzloop.loop.compiled import rows_under
 from hertzloop.quantities import SENSED
 from hertzloop.scenes.scene import Scene, load
 from sensors import kernels as k
@@ -132,6 +134,41 @@ def test_each_quantity_is_read_from_its_own_place() -> None:
     # Of the last step: the contact force over it, and the mean acceleration.
     assert np.array_equal(read["contact_force"][1], np.append(0.0, f_c[:-1]))
     assert np.array_equal(read["acceleration"][1], np.append(0.0, np.diff(v_p) / scene().step_s))
+
+
+@pytest.mark.parametrize("scheme", ["modal", "discrete_gradient"])
+def test_velocity_is_a_value_at_the_end_of_the_step_and_acceleration_a_mean(
+    scheme: str, tmp_path: Path
+) -> None:
+    """One undamped mode of 1 kg under a force held from the start: v = F/w sin(w t) in closed form.
+    The mean velocity of the first step is half of that at its end."""
+    hertz, force_n, step_s = 20e3, 3.0, 5e-6
+    file = tmp_path / "one.csv"
+    file.write_text(
+        "# residual_flexibility_m_n = 0\nfrequency_hz,loss_factor,modal_mass_kg,shape_contact\n"
+        f"{hertz},0,1,1\n"
+    )
+    # A sphere so large that its contact would be long enough for this mode.
+    settings = ["sphere.radius_m=0.02", "run.step_ns=5000", f"run.scheme={scheme}"]
+    plant = parts.plant(scene(f"plate.modes='{file}'", *settings))
+    omega = 2.0 * math.pi * hertz
+    t = step_s * np.arange(13)
+    at_ends, moved = force_n / omega * np.sin(omega * t), 1.0 - np.cos(omega * t)
+    means = np.diff(force_n / omega**2 * moved) / step_s
+    assert means[0] == pytest.approx(0.5 * at_ends[1], rel=0.1)
+    read, truth = {"v_p": [], "acceleration": []}, []
+    for _ in t[1:]:
+        truth.append(rows_under(plant, np.array([force_n]))[3, 0])
+        for name, values in read.items():
+            values.append(float(plant.state.body[SENSED[name].of_state]))
+    assert read["v_p"] == pytest.approx(at_ends[1:], rel=1e-9, abs=1e-15)
+    assert truth == pytest.approx(at_ends[:-1], rel=1e-9, abs=1e-15)
+    assert read["acceleration"] == pytest.approx(np.diff(at_ends) / step_s, rel=1e-9, abs=1e-9)
+    assert {name for name, one in SENSED.items() if one.over_step} == {
+        "acceleration", "contact_force",
+    }  # fmt: skip
+    for name, one in SENSED.items():
+        assert ("mean of the step" in one.meaning) == one.over_step, name
 
 
 def test_filter_sees_every_step_also_between_samples() -> None:

@@ -42,7 +42,7 @@ typedef struct {
     double gap_m;               /* between sphere and plate, now */
     double sphere_height_m;
     double plate_deflection_m;  /* at the struck point */
-    double plate_velocity_m_s;
+    double plate_velocity_m_s;  /* there, now: no mean over the last step */
     double contact_force_n;     /* mean over the last step, on the sphere */
     double actuator_force_n;    /* mean over the last step, on the plate */
 } hertzloop_values;
