@@ -53,7 +53,7 @@ def variables(image: Image) -> list[Variable]:
         Variable("gap", "m", "gap between sphere and plate, negative in contact"),
         Variable("sphere_height", "m", "height of the sphere above the plate at rest"),
         Variable("plate_deflection", "m", "deflection of the struck point, up positive"),
-        Variable("plate_velocity", "m/s", "of the struck point at the end of the step, up positive"),
+        Variable("plate_velocity", "m/s", "of the struck point, end of the step, up positive"),
         Variable("contact_force", "N", "mean over the last step, up on the sphere"),
         Variable("actuator_force", "N", "mean over the last step, up on the plate"),
         Variable("kinetic_energy", "J", "of the sphere"),
