@@ -127,9 +127,3 @@ def is_quiet(line_state):
     """Whether no force acts, and none is on its way."""
     quiet = line_state.values[HELD] == 0.0 and line_state.values[OUTPUT] == 0.0
     return quiet and line_state.counts[LAST_PUSHING] < line_state.counts[EMITTED]
-
-
-@kernel
-def promises_zero(law, law_state, line_state):
-    """Whether the force stays zero for as long as samples stay above the law's level."""
-    return is_quiet(line_state) and laws.quiet_level(law, law_state) < math.inf

@@ -66,8 +66,10 @@ class Run:
     pacing: dict[str, Any] | None = None
 
     def without_control(self) -> "Run":
-        """The same run with the law off, simulated on the spot."""
-        return simulate(self.scene.without_control())
+        """The same run with the law off, on the same model of the plate, simulated on the spot."""
+        from hertzloop.results.cases import uncontrolled
+
+        return simulate(uncontrolled(self.scene))
 
 
 def scene_names() -> list[str]:

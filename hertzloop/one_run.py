@@ -12,6 +12,7 @@ from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.loop.launcher import Launcher
 from hertzloop.results import figures
+from hertzloop.results.cases import uncontrolled
 from hertzloop.results.impact_rows import through_first_contact
 from hertzloop.results.verify import as_json, verify
 from hertzloop.scenes.scene import Scene
@@ -105,7 +106,7 @@ def run_scene(
         )
     if recorded.problems:
         raise RecordingError(f"{recording}: {recorded.problems[0]}")
-    without = scene.without_control()
+    without = uncontrolled(scene)
     free = None
     if without != scene:
         free = figures.figures_of(without, uncontrolled_rows(without))

@@ -49,7 +49,7 @@ def sweep(
     cases: Annotated[int, typer.Option(help="Number of spread points.")] = 256,
     span: Annotated[
         Literal["impact", "run"],
-        typer.Option(help="Figures of the first impact, or of all contacts of the run."),
+        typer.Option(help="Figures of the first impact, or of the whole run."),
     ] = "impact",
     seed: SeedOption = None,
     settings: SetOption = None,

@@ -68,7 +68,7 @@ def tune(
     ] = None,
     span: Annotated[
         Literal["impact", "run"],
-        typer.Option(help="Figures of the first impact, or of all contacts of the run."),
+        typer.Option(help="Figures of the first impact, or of the whole run."),
     ] = "impact",
     generations: Annotated[
         int, typer.Option(min=1, max=10_000, help="Generations of the search.")

@@ -14,6 +14,7 @@ from controller import law_kernels as laws
 from controller.door.bound import LawFault
 from hertzloop import assembly as parts
 from hertzloop import control
+from hertzloop.first_impact import NEVER, ending_of
 from hertzloop.loop import kernels as k
 from hertzloop.loop.controller_node import set_up_by
 from hertzloop.loop.events import ControllerEvents
@@ -51,8 +52,8 @@ IN_LOOP = Clock()
 class Simulated:
     """A simulated run in memory: rows as in TruthBlock, shape (10, steps), samples as they would
     be sent (values, or codes of a converter) and their values, commanded forces (N), the law's
-    mode and latched delay (samples) after each, books, and whether the run was cut because its
-    first impact was over."""
+    mode and latched delay (samples) after each, books, and whether the run ended because nothing
+    that was to come could belong to its first impact."""
 
     rows: np.ndarray
     samples: np.ndarray
@@ -64,14 +65,14 @@ class Simulated:
     over: bool
 
 
-def simulate(scene: Scene, quiet_steps: int = -1, own_plant: Plant | None = None) -> Simulated:
+def simulate(scene: Scene, impact_only: bool = False, own_plant: Plant | None = None) -> Simulated:
     """Run a scene without bus or recording, on its plant, or on `own_plant`, at its start.
 
-    With `quiet_steps` only until its first contact has been over for so long and no force is left
-    to come. Raises LawStopped when the law fails.
+    With `impact_only` the run ends once nothing that is to come can belong to its first impact.
+    Raises LawStopped when the law fails.
     """
     plant, sensor = own_plant or parts.plant(scene), parts.sensor(scene)
-    controller = control.controller(scene, plant.model.stiffness, ahead=quiet_steps >= 0)
+    controller = control.controller(scene, plant.model.stiffness, ahead=impact_only)
     samples = len(controller.law_state.history)
     window = empty_window(scene.steps, samples)
     modes, delays = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
@@ -80,7 +81,7 @@ def simulate(scene: Scene, quiet_steps: int = -1, own_plant: Plant | None = None
         over = k.closed_loop(
             plant.model, plant.state, sensor.model, sensor.state, controller.law,
             controller.law_state, controller.line, controller.line_state, controller.forces,
-            window, modes, delays, scene.steps, quiet_steps,
+            window, modes, delays, scene.steps, ending_of(scene) if impact_only else NEVER,
         )  # fmt: skip
         IN_LOOP.seconds += time.thread_time() - started
     try:
@@ -128,7 +129,7 @@ def closed_loop_rows(scene: Scene, disturbance: float = 0.0) -> Iterator[tuple[i
         k.closed_loop(
             plant.model, plant.state, sensor.model, sensor.state, controller.law,
             controller.law_state, controller.line, controller.line_state, controller.forces,
-            window, modes, delays, first + length, -1,
+            window, modes, delays, first + length, NEVER,
         )  # fmt: skip
         try:
             controller.check()
@@ -163,7 +164,7 @@ def run_compiled(
         k.closed_loop(
             streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
             controller.law, controller.law_state, controller.line, controller.line_state,
-            controller.forces, streams.window, modes, delays, end, -1,
+            controller.forces, streams.window, modes, delays, end, NEVER,
         )  # fmt: skip
 
     def loop() -> float:

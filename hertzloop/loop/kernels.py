@@ -16,6 +16,7 @@ from bus.atomics import now_ns
 from controller import kernels as ck
 from controller import law_kernels as laws
 from jit import kernel
+from plant.figures import answer_kernels as an
 from plant.schemes import door as scheme
 from plant.schemes import state_kernels as pk
 from sensors import kernels as sk
@@ -301,41 +302,45 @@ def serve(
 
 
 @kernel(inline=True, borrowed=True)
-def _last_push(forces, step, end):
-    """Last step after `step` and before `end` with a force; `step` without."""
-    for j in range(min(end, forces.size) - 1, step, -1):
+def _pushes(forces, step, end):
+    """Whether there is a force after `step` and before `end`."""
+    for j in range(step + 1, min(end, forces.size)):
         if forces[j] != 0.0:
-            return j
-    return step
+            return True
+    return False
 
 
 @kernel(borrowed=True, released=True)
 def closed_loop(
     plant, plant_state, sensor, sensor_state, law, law_state, line, line_state,
-    forces, window, modes, delays, end, quiet_steps,
+    forces, window, modes, delays, end, impact,
 ):  # fmt: skip
-    """Plant, sensor and controller together up to step `end`, or, if `quiet_steps` is not
-    negative, until after a contact nothing has touched or pushed for so long and no force is left
-    to come; returns whether that was so."""
-    touched = False
-    last = 0
+    """Plant, sensor and controller together up to step `end`, or until nothing that is to come can
+    belong to the first `impact`, if that is followed; returns whether that was so.
+
+    A promise of the law lets the loop end earlier. What belongs to the impact is the same.
+    """
+    value = 0.0
     while plant_state.counts[pk.STEP] < end:
         if observe(plant_state, sensor, sensor_state, window):
             at = window.counts[SAMPLES_END] - 1 - window.counts[SAMPLES_FIRST]
-            ck.control_sample(law, law_state, line, line_state, window.values[at], forces)
+            value = window.values[at]
+            ck.control_sample(law, law_state, line, line_state, value, forces)
             modes[at] = law_state.record[laws.MODE]
             delays[at] = law_state.record[laws.DELAY]
         step = plant_state.counts[pk.STEP]
+        gap = plant_state.body[pk.XI]
         step_and_record(plant, plant_state, forces[step], window)
-        if plant_state.body[pk.F_C] != 0.0:
-            touched = True
-            last = step
-        elif touched and plant_state.body[pk.F_A] != 0.0:
-            last = step
-        elif touched and 0 <= quiet_steps <= step - last:
-            if ck.promises_zero(law, law_state, line_state):
-                # The promise counts from the emitted forces on, which latency puts ahead.
-                last = _last_push(forces, step, line_state.counts[ck.EMITTED])
-                if last == step:
-                    return True
+        if impact.quiet_steps < 0:
+            continue
+        an.follow(impact, plant_state.body[pk.F_C], plant_state.body[pk.F_A], gap)
+        if impact.counts[an.OVER] == 1:
+            return True
+        if an.is_silent(impact) and ck.is_quiet(line_state):
+            back = impact.counts[an.BACK] == 1
+            if not back and not an.keeps(impact, laws.quiet_level(law, law_state), value):
+                continue
+            # The line says what comes from the emitted forces on, which latency puts ahead.
+            if not _pushes(forces, step, line_state.counts[ck.EMITTED]):
+                return True
     return False

@@ -3,8 +3,7 @@
 import hashlib
 import math
 from collections.abc import Generator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, TypeVar
 
@@ -12,16 +11,17 @@ import numpy as np
 
 from controller.law import ACTING
 from hertzloop import assembly as parts
+from hertzloop.first_impact import quiet_steps
 from hertzloop.loop.compiled import LawStopped, Simulated, simulate
 from hertzloop.results.extremes import ExtremesMeter
 from hertzloop.results.facts import Facts
-from hertzloop.results.impact_rows import (
-    F_A,
-    F_A1,
-    F_C,
-    F_C1,
-    V_P,
-    consistent_impacts,
+from hertzloop.results.impact_rows import impacts_of_rows
+from hertzloop.results.spans import (
+    SpanFigures,
+    WholeRunMeter,
+    audible_modes,
+    changes_db,
+    of_impact,
 )
 from hertzloop.results.stability import Stability, StabilityMeter
 from hertzloop.results.validity import State, names_by_state
@@ -34,26 +34,13 @@ from hertzloop.scenes.scene import (
     SensorsTable,
 )
 from hertzloop.scenes.shared import by_tables
-from plant.figures.impact_noise import impact_noise
 from plant.figures.impacts import Impact
-from plant.figures.noise import (
-    RADIATED_UP_TO_HZ,
-    ImpactNoise,
-    audible,
-    audible_alone,
-    modal_shares_j,
-)
-from plant.figures.rows_kernels import all_finite, first_of, largest
-from plant.plant import PlantSpec, modes_of
-from plant.structures.plate import Oscillators
+from plant.figures.rows_kernels import all_finite, first_of
 
 Span = Literal["impact", "run"]
 Result = TypeVar("Result")
-_QUIET_S = 1e-4  # a first impact is over when nothing has touched or pushed for so long
 # After the lead-in; four times as many until the impact is over. A run that is over ends before.
 _FIRST_STEPS = 2048
-# Of 20 kHz: no oscillator stands for modes further apart than that.
-_BEYOND_AUDIBLE = 1.01
 _FEW_BYTES = 1 << 18  # of rows of truth, of which several cases fit a cache
 UNSTABLE = "the closed loop is unstable"  # how the reason of such a case begins
 
@@ -67,14 +54,14 @@ class UnstableLoop(SceneError):
 
 @dataclass(frozen=True)
 class CaseFigures:
-    """Figures of a case. `*_db`: against the same scene without control, over its first impact,
-    or over the whole run where the case takes that (feedback never ends); of energies 10 lg, of
-    the plate's largest speed and the pressure bound 20 lg.
+    """Figures of a case, as in `SpanFigures`. `*_db`: against the same span of the same scene
+    without control, on the same model of the plate; of energies 10 lg, of the plate's largest
+    speed and the pressure bound 20 lg.
 
-    `rebound_*`: when the sphere leaves at the end of the span, `contact_us`: of the first contact,
-    `plate_energy_j`: work of all forces on the plate, `injected_j`: the actuator's share, `pumps`:
-    whether that was more than the impact's energy at a time, `delay_us`: latched by the law, nan
-    without. `plate_model`: "modal" or "infinite", what the scene's run.plate_model came to.
+    `injected_j`: the actuator's share of the plate energy, `pumps`: whether that was more than the
+    impact's energy at a time, `delay_us`: latched by the law, nan without. `plate_model`: "modal"
+    or "infinite", what the scene's run.plate_model came to: with this value `hertzloop run` gives
+    the same figures.
     `leaves_out`, `out_of_range`: names of indicators above their threshold, and by far (see
     hertzloop.results.validity). `digest`: of all samples and rows of truth of the `steps` steps.
     """
@@ -123,6 +110,12 @@ def _run_with(run: RunTable, key: str, value: str | float) -> RunTable:
     return run.model_copy(update={key: value})
 
 
+def uncontrolled(scene: Scene) -> Scene:
+    """The scene without control, on the same model of the plate; itself if it has no law."""
+    without = scene.without_control()
+    return scene if without == scene else on_plate(without, parts.plate_model(scene))
+
+
 def on_plate(scene: Scene, plate_model: str) -> Scene:
     """The scene with run.plate_model set."""
     return scene.model_copy(update={"run": _run_with(scene.run, "plate_model", plate_model)})
@@ -137,30 +130,29 @@ def _follow(scene: Scene, span: Span) -> tuple[Scene, Simulated]:
     if span == "run":
         scene = on_plate(scene, parts.plate_model(scene))
         return scene, simulate(scene)
-    quiet = max(round(_QUIET_S / scene.step_s), 1)
     if scene.run.plate_model == "auto":
         lasts_s, touch_s = parts.infinite_plate_lasts_s(scene), parts.first_touch_s(scene)
         steps = int((touch_s + lasts_s) / scene.step_s)
         # An impact that lasts a step at least is not over earlier.
-        may_be_over = steps - int(touch_s / scene.step_s) >= quiet
+        may_be_over = steps - int(touch_s / scene.step_s) >= quiet_steps(scene)
         if lasts_s > 0.0 and (may_be_over or steps >= scene.steps):
             infinite = on_plate(scene, "infinite")
-            found = simulate(lasting(infinite, min(steps, scene.steps)), quiet)
+            found = simulate(lasting(infinite, min(steps, scene.steps)), impact_only=True)
             if found.over or steps >= scene.steps:
                 return infinite, found
         scene = on_plate(scene, "modal")
-    return scene, _until_over(scene, quiet)
+    return scene, _until_over(scene)
 
 
-def _until_over(scene: Scene, quiet: int) -> Simulated:
+def _until_over(scene: Scene) -> Simulated:
     """Simulate until the first impact is over, the run's end at the latest."""
     steps = round(scene.run.lead_in_s / scene.step_s) + _FIRST_STEPS
     while steps < scene.steps:
-        found = simulate(lasting(scene, steps), quiet)
+        found = simulate(lasting(scene, steps), impact_only=True)
         if found.over:
             return found
         steps *= 4
-    return simulate(scene, quiet)
+    return simulate(scene, impact_only=True)
 
 
 def latched_us(scene: Scene, run: Simulated) -> float:
@@ -174,8 +166,8 @@ def latched_us(scene: Scene, run: Simulated) -> float:
 def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
     """Simulate a scene and compare it with the same without control.
 
-    `span`: "impact" until the first impact is over, the run's end at the latest; "run" to the
-    end. Raises SceneError for the published scheme, for a run without contact, and for a law that
+    `span`: "impact" for the first impact (see `plant.figures.answer_kernels`), "run" for all.
+    Raises SceneError for the published scheme, for a run without contact, and for a law that
     fails; UnstableLoop, also where the law fails since the loop has run away.
     """
     return together([case_in_parts(scene, span)])[0]
@@ -199,7 +191,6 @@ def case_in_parts(scene: Scene, span: Span) -> Generator[None, None, CaseFigures
     """`figures_of_case`, which pauses between its parts unless its rows are many."""
     if scene.run.scheme == "thesis2008":
         raise SceneError(NO_CASE_OF_THESIS)
-    plain = _plain(scene)
     try:
         scene, run = _follow(scene, span)
     except LawStopped as error:
@@ -213,33 +204,34 @@ def case_in_parts(scene: Scene, span: Span) -> Generator[None, None, CaseFigures
     found = _bounded(scene, run.rows)
     if not (all_finite(run.rows) and math.isfinite(books.energy_residual)):
         raise SceneError("the run has numbers that are not finite; its figures would say nothing")
-    spec = parts.plant_spec(scene)
-    noise, impacts = _noise(scene, spec, run.rows)
+    figures, impacts, end = _figures(scene, span, run.rows)
     if few:
         yield
-    left_out = _left_out(scene, spec, run.rows, impacts)
-    free = _uncontrolled(plain, span if run.over else "run")
+    left_out = _left_out(scene, run.rows[:, :end], impacts)
+    free = _uncontrolled(_plain(scene), span)
     if few:
         yield
+    change = changes_db(figures, free)
+    least_m_s = scene.run.accuracy * parts.plant_spec(scene).sphere.impact_speed_m_s
     return CaseFigures(
-        plate_energy_db=_db(noise.transmitted_j, free.transmitted_j),
+        plate_energy_db=change["plate_energy_j"],
         # Of a rebound within the model's error nothing is a share that could be known.
-        rebound_percent=100.0 * noise.rebound_height_m / free.rebound_height_m
-        if free.next_impact_speed_m_s > scene.run.accuracy * spec.sphere.impact_speed_m_s
+        rebound_percent=100.0 * figures.rebound_height_m / free.rebound_height_m
+        if free.rebound_speed_m_s > least_m_s
         else math.nan,
-        radiated_db=_db(noise.radiated_j, free.radiated_j),
-        plate_speed_db=2.0 * _db(noise.plate_speed_max_m_s, free.plate_speed_max_m_s),
-        pressure_db=2.0 * _db(noise.peak_pressure_pa, free.peak_pressure_pa),
-        longhorn_db=_db(noise.longhorn_j, free.longhorn_j),
-        holmes_db=_db(noise.holmes_j, free.holmes_j),
-        plate_energy_j=noise.transmitted_j,
+        radiated_db=change["radiated_j"],
+        plate_speed_db=change["plate_speed_max_m_s"],
+        pressure_db=change["peak_pressure_pa"],
+        longhorn_db=change["longhorn_j"],
+        holmes_db=change["holmes_j"],
+        plate_energy_j=figures.plate_energy_j,
         injected_j=books.injected_j,
         pumps=found.pumps,
         impact_energy_j=books.energy_start_j,
-        rebound_m_s=noise.next_impact_speed_m_s,
-        contact_us=1e6 * noise.contact_time_s,
-        contacts=len(impacts),
-        peak_force_n=max(impact.peak_force_n for impact in impacts),
+        rebound_m_s=figures.rebound_speed_m_s,
+        contact_us=1e6 * figures.contact_time_s,
+        contacts=figures.contacts,
+        peak_force_n=figures.peak_force_n,
         delay_us=latched_us(scene, run),
         energy_residual=books.energy_residual,
         plate_model=scene.run.plate_model,
@@ -265,12 +257,6 @@ def _bounded(scene: Scene, rows: np.ndarray) -> Stability:
     return found
 
 
-def _db(value: float, reference: float) -> float:
-    """10 lg of a ratio; nan where it has no logarithm."""
-    ratio = value / reference if reference else math.nan
-    return 10.0 * math.log10(ratio) if ratio > 0.0 else math.nan
-
-
 @by_tables("sphere", "plate", "contact", "actuator", "materials", "run")
 def _plain(scene: Scene) -> Scene:
     """The scene without control and converters, in one form for all that differ in these only."""
@@ -278,7 +264,7 @@ def _plain(scene: Scene) -> Scene:
     plain = {
         "sensors": _PLAIN_SENSORS,
         "controller": _NO_CONTROL,
-        "run": off.run.model_copy(update={"seed": 0, "touch_phase": 0.5}),
+        "run": off.run.model_copy(update={"seed": 0, "touch_phase": parts.touch_phase(scene)}),
         "name": "plain",
         "shows": "",
     }
@@ -286,53 +272,34 @@ def _plain(scene: Scene) -> Scene:
 
 
 @lru_cache(maxsize=64)
-def _uncontrolled(scene: Scene, span: Span) -> ImpactNoise:
+def _uncontrolled(scene: Scene, span: Span) -> SpanFigures:
     scene, run = _follow(scene, span)
-    return _noise(scene, parts.plant_spec(scene), run.rows)[0]
+    return _figures(scene, span, run.rows)[0]
 
 
-def _left_out(
-    scene: Scene, spec: PlantSpec, rows: np.ndarray, impacts: list[Impact]
-) -> dict[State, str]:
-    scene = lasting(scene, rows.shape[1])
+def _left_out(scene: Scene, rows: np.ndarray, impacts: list[Impact]) -> dict[State, str]:
+    spec, scene = parts.plant_spec(scene), lasting(scene, rows.shape[1])
     meter = ExtremesMeter(spec)
     meter.feed(rows)
     return names_by_state(Facts(scene, spec, meter.result(impacts)))
 
 
-@lru_cache(maxsize=8)
-def _audible_modes(spec: PlantSpec) -> Oscillators:
-    """Oscillators up to 20 kHz. An infinite plate has no use for others, which are not looked for
-    where two are that low."""
-    beyond_hz = _BEYOND_AUDIBLE * RADIATED_UP_TO_HZ
-    if spec.infinite_plate and spec.frequency_limit_hz > beyond_hz:
-        with suppress(ValueError):  # none is so low
-            low = modes_of(replace(spec, frequency_limit_hz=beyond_hz))
-            if len(audible(low)) > 1:
-                return audible_alone(low)
-    return audible_alone(modes_of(spec))
-
-
-def _noise(scene: Scene, spec: PlantSpec, rows: np.ndarray) -> tuple[ImpactNoise, list[Impact]]:
-    """Noise figures of all contacts of a run taken together, and these. Of the forces' spectrum
+def _figures(scene: Scene, span: Span, rows: np.ndarray) -> tuple[SpanFigures, list[Impact], int]:
+    """Figures of a span, the impacts in it, and the step at which it ends. Of the forces' spectrum
     what is audible counts alone: no figure of a case asks for more."""
-    found = consistent_impacts(scene, rows, spec)
+    spec = parts.plant_spec(scene)
+    most = 1 if span == "impact" else None
+    found = impacts_of_rows(scene, rows, most, audible_modes(spec))
     if not found:
         raise SceneError(
             f"run.duration_s = {scene.run.duration_s:g} ends before the first contact; take more, "
             f"or less than run.lead_in_s = {scene.run.lead_in_s:g}"
         )
-    modes = _audible_modes(spec)
-    noise = impact_noise(
-        spec.sphere,
-        spec.plate,
-        modes,
-        modal_shares_j(modes, -rows[F_C], rows[F_A], scene.step_s, -rows[F_C1], rows[F_A1]),
-        work_j=sum(impact.plate_energy_j for impact in found),
-        plate_speed_max_m_s=largest(rows[V_P]),
-        contact_time_s=found[0].duration_s,
-        impact_speed_m_s=found[0].impact_speed_m_s,
-        rebound_speed_m_s=found[-1].rebound_speed_m_s,
-        faces=spec.radiating_faces or 1,
-    )
-    return noise, found
+    impacts = [one.impact for one in found]
+    if span == "impact":
+        return of_impact(found[0]), impacts, found[0].over
+    meter = WholeRunMeter(spec)
+    meter.feed(rows)
+    whole = meter.result(impacts)
+    assert whole is not None
+    return whole, impacts, rows.shape[1]

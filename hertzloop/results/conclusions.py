@@ -3,6 +3,7 @@
 from typing import Any
 
 from hertzloop.results import law_accuracy
+from hertzloop.results.cases import uncontrolled
 from hertzloop.results.law import law_line, law_of, ran_as_announced
 from hertzloop.results.predictability import DISTURBANCE, as_dicts, known_impacts
 from hertzloop.results.verdict import saturation_of, verdict
@@ -39,7 +40,7 @@ def predictability(
 ) -> dict[str, Any]:
     """How well the impacts of a run, and of that without control, can be known; `late`: its forces
     were, so that it is judged by the same in lock-step. Nothing is said of an unstable loop."""
-    error, without = report["expected_error"], scene.without_control()
+    error, without = report["expected_error"], uncontrolled(scene)
 
     def known(of: Scene, figures: dict[str, Any], in_lock_step: bool = True) -> Any:
         found = known_impacts(of, figures["impacts"], error, in_lock_step, figures["noise"])

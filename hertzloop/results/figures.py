@@ -19,10 +19,12 @@ from hertzloop.results.impact_rows import Block, impacts_of_blocks
 from hertzloop.results.law import law_of
 from hertzloop.results.model_cost import chosen_model
 from hertzloop.results.plate_words import tail_of, theory_of
+from hertzloop.results.spans import WholeRunMeter, of_impact
 from hertzloop.results.stability import StabilityMeter
 from hertzloop.results.verdict import PushMeter
 from hertzloop.scenes.scene import Scene
 from hertzloop.struck import structure
+from plant.figures.impacts import Impact
 from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
 from recordings.columns import Arrays
@@ -86,23 +88,34 @@ def figures_of(scene: Scene, rows: np.ndarray | Iterable[Block]) -> dict[str, An
     --json from rows of truth, at once or in blocks.
 
     Two lists of the same length: `impacts` with keys as in `Impact`, `noise` as in
-    `ImpactNoise`, and whether the `last_contact_ended`; `stability` as in `Stability`, `demand` on
-    the actuator as in `Demand` or None, `push` as in `PushMeter`; `validity` and `warnings` as in
-    `left_out.as_json`, empty of an unstable loop.
+    `ImpactNoise`, and whether the `last_contact_ended`; `first_impact` and `whole_run` as in
+    `SpanFigures`, None without a contact or of the published scheme; `stability` as in
+    `Stability`, `demand` on the actuator as in `Demand` or None, `push` as in `PushMeter`;
+    `validity` and `warnings` as in `left_out.as_json`, empty of an unstable loop.
     """
-    figures: dict[str, Any] = {"impacts": [], "noise": [], "last_contact_ended": True}
+    figures: dict[str, Any] = {
+        "impacts": [], "noise": [], "first_impact": None, "whole_run": None,
+        "last_contact_ended": True,
+    }  # fmt: skip
     blocks = [(0, rows)] if isinstance(rows, np.ndarray) else rows
     spec = parts.plant_spec(scene)
     stable, asked = StabilityMeter(scene), DemandMeter(spec)
-    extremes, push, impacts = ExtremesMeter(spec), PushMeter(scene), []
+    extremes, push = ExtremesMeter(spec), PushMeter(scene)
+    impacts: list[Impact] = []
+    whole = None if scene.run.scheme == "thesis2008" else WholeRunMeter(spec)
     for meter in (stable, asked, extremes, push):
         blocks = meter.through(blocks)
+    blocks = whole.through(blocks) if whole else blocks
     with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
         for found in impacts_of_blocks(scene, blocks):
+            if whole and not impacts:
+                figures["first_impact"] = asdict(of_impact(found))
             impacts.append(found.impact)
             figures["impacts"].append(asdict(found.impact))
             figures["noise"].append(asdict(found.noise))
             figures["last_contact_ended"] = found.ended
+        total = whole.result(impacts) if whole else None
+        figures["whole_run"] = asdict(total) if total else None
     demand, stability = asked.result(), stable.result()
     figures["stability"] = asdict(stability)
     figures["demand"] = None if demand is None else asdict(demand)

@@ -7,6 +7,7 @@ from itertools import islice
 import numpy as np
 
 from hertzloop import assembly as parts
+from hertzloop.first_impact import answer_of
 from hertzloop.loop.kernels import TRUTH_COLUMNS
 from hertzloop.results.impact_windows import (
     F_A,
@@ -33,6 +34,7 @@ from plant.figures.impact_noise import published_noise
 from plant.figures.impacts import Impact
 from plant.plant import PlantSpec, modes_of
 from plant.schemes.thesis2008 import relative_speed_m_s, sampled
+from plant.structures.plate import Oscillators
 
 __all__ = [
     "F_A", "F_A1", "F_C", "F_C1", "V_P", "XI", "XI_A", "XI_P", "XI_S", "Block", "RowsOfImpact",
@@ -49,25 +51,30 @@ def first_impact(scene: Scene, rows: np.ndarray) -> RowsOfImpact | None:
     return found[0] if found else None
 
 
-def impacts_of_rows(scene: Scene, rows: np.ndarray, most: int | None = None) -> list[RowsOfImpact]:
+def impacts_of_rows(
+    scene: Scene, rows: np.ndarray, most: int | None = None, modes: Oscillators | None = None
+) -> list[RowsOfImpact]:
     """Impacts of a run, at most `most`, from its rows of truth, shape (10, steps).
 
     A contact that the run's end cuts off has the figures of its part.
     """
-    return list(islice(impacts_of_blocks(scene, [(0, rows)]), most))
+    return list(islice(impacts_of_blocks(scene, [(0, rows)], modes), most))
 
 
-def impacts_of_blocks(scene: Scene, blocks: Iterable[Block]) -> Iterator[RowsOfImpact]:
+def impacts_of_blocks(
+    scene: Scene, blocks: Iterable[Block], modes: Oscillators | None = None
+) -> Iterator[RowsOfImpact]:
     """The same from rows that come in blocks, in the order of their steps; each impact as soon as
-    the next one starts. Where steps are missing, a run ends and another begins."""
+    the next one starts. Where steps are missing, a run ends and another begins. `modes`: those
+    among which the energy is divided, if not all of the plate."""
     if scene.run.scheme == "thesis2008":
         return _published(scene, blocks)
     spec = parts.plant_spec(scene)
 
     def opened(start: int, before: np.ndarray | None) -> Window:
-        return ConsistentWindow(spec, modes_of(spec), start, before)
+        return ConsistentWindow(spec, modes or modes_of(spec), answer_of(scene), start, before)
 
-    return cut(blocks, lambda rows: rows[F_C] != 0.0, opened)
+    return cut(blocks, lambda rows: rows[F_C], opened)
 
 
 def through_first_contact(blocks: Iterable[Block]) -> np.ndarray:
@@ -87,8 +94,8 @@ def through_first_contact(blocks: Iterable[Block]) -> np.ndarray:
 def consistent_impacts(
     scene: Scene, rows: np.ndarray, spec: PlantSpec | None = None
 ) -> list[Impact]:
-    """Contact figures of every impact from the rows of truth alone; `spec` if the plant was
-    another one than the scene's."""
+    """Contact figures of every impact from the rows of truth alone, each to the start of the next
+    one or the end of the rows; `spec` if the plant was another one than the scene's."""
     spec = spec or parts.plant_spec(scene)
     return impacts_in(spec, rows, modal_displacement(spec, rows), starting_speed(spec, rows))
 
@@ -98,7 +105,7 @@ def _published(scene: Scene, blocks: Iterable[Block]) -> Iterator[RowsOfImpact]:
     # The published scheme starts a contact at xi = 0, where its force is still zero.
     return cut(
         blocks,
-        lambda rows: rows[XI] <= 0.0,
+        lambda rows: (rows[XI] <= 0.0).astype(float),
         lambda start, _: _PublishedWindow(scene, speeds, start),
     )
 
@@ -150,4 +157,4 @@ class _PublishedWindow:
         speed = noise.next_impact_speed_m_s  # of a loop that explodes its square may be infinite
         self.speeds.append(math.sqrt(speed * speed + fall))
         end = self.start + touched
-        return RowsOfImpact(self.start, end, elastic[:touched], self._ended, impact, noise)
+        return RowsOfImpact(self.start, end, end, elastic[:touched], self._ended, impact, noise)

@@ -1,8 +1,8 @@
 """Rows of truth cut at the starts of impacts as they come, however long a run lasts.
 
-The figures of an impact reach to the start of the next one; they are summed over pieces of at
-most `PIECE` steps, counted from the impact's start, so that how a run comes in blocks does not
-count.
+The figures of an impact reach as far as `plant.figures.answer_kernels` says; they are summed over
+pieces of at most `PIECE` steps, counted from the impact's start, so that neither how a run comes in
+blocks nor what follows the impact counts.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -12,9 +12,10 @@ from typing import Protocol
 import numpy as np
 
 from plant.contact.plastic import dents_m, elastic_n
+from plant.figures import answer_kernels as an
 from plant.figures import rows_kernels as k
 from plant.figures.impact_noise import impact_noise
-from plant.figures.impacts import Impact, impacts, step_work_j
+from plant.figures.impacts import Impact, contacts, impacts, step_work_j
 from plant.figures.noise import ImpactNoise, modal_drive, shares_of_drive_j
 from plant.figures.peaks import peak_force_n, peak_speed_m_s
 from plant.plant import PlantSpec
@@ -26,18 +27,21 @@ from plant.structures.plate import Oscillators
 _ROWS = range(10)
 XI, XI_S, XI_P, V_P, F_C, F_A, XI_A, F_C1, F_A1, DEEPEST = _ROWS
 PIECE = 1 << 19  # steps; 32 MB of rows
+_BEHIND = 2  # rows after an impact, in which the rebound is seen
 
 Block = tuple[int, np.ndarray]  # first step, rows of truth from there on, shape (10, steps)
 
 
 @dataclass(frozen=True)
 class RowsOfImpact:
-    """One impact: first step in contact, first step after it, contact force in between (N, its
-    elastic part in the published scheme), whether it ended within the run, and its figures; those
-    of the published scheme are the study's: contact time by samples, plate energy as summed."""
+    """One impact: first step in contact, first step after it, first step after the impact, contact
+    force until `end` (N, its elastic part in the published scheme), whether the contact ended
+    within the run, and figures; those of the published scheme are the study's: contact time by
+    samples, plate energy as summed."""
 
     start: int
     end: int
+    over: int
     contact_n: np.ndarray
     ended: bool
     impact: Impact
@@ -45,7 +49,8 @@ class RowsOfImpact:
 
 
 class Window(Protocol):
-    """Takes the rows from the start of one impact to that of the next."""
+    """Takes the rows from the start of one impact to that of the next; its figures are of as many
+    of them as belong to the impact."""
 
     def feed(self, rows: np.ndarray) -> None:
         """The rows that follow, shape (10, steps)."""
@@ -62,8 +67,9 @@ def cut(
 ) -> Iterator[RowsOfImpact]:
     """Impacts of a run from its rows in blocks; where steps are missing, it begins anew.
 
-    `touching` tells from rows (10, steps) where there is contact; `opened` makes the window of an
-    impact from its first step and the row before, shape (10, 1), None at the beginning.
+    `touching` makes of rows (10, steps) values that are zero where there is no contact; `opened`
+    makes the window of an impact from its first step and the row before, shape (10, 1), None at
+    the beginning.
     """
     window: Window | None = None
     before: np.ndarray | None = None
@@ -74,10 +80,10 @@ def cut(
         if first != expected:
             yield from _closed(window, None)
             window = before = None
-        contact = touching(rows).astype(np.int8)
-        was = np.int8(0) if before is None else touching(before).astype(np.int8)[0]
-        at = 0
-        for start in np.flatnonzero(np.diff(contact, prepend=was) == 1).tolist():
+        at, starts = 0, contacts(touching(rows))[0]
+        if starts[:1] == [0] and before is not None and touching(before)[0]:
+            del starts[0]
+        for start in starts:
             if window:
                 window.feed(rows[:, at:start])
                 yield from _closed(window, rows[:, start : start + 1])
@@ -138,7 +144,7 @@ def impacts_in(
     )  # fmt: skip
 
 
-def _work_j(spec: PlantSpec, rows: np.ndarray, displaced: np.ndarray, v_start: np.ndarray) -> float:
+def work_j(spec: PlantSpec, rows: np.ndarray, displaced: np.ndarray, v_start: np.ndarray) -> float:
     """Work of both forces on the plate over rows (10, steps), J."""
     same = spec.same_point
     impedance = impedance_n_s_m(spec.local_plate) if spec.infinite_plate else None
@@ -150,12 +156,17 @@ def _work_j(spec: PlantSpec, rows: np.ndarray, displaced: np.ndarray, v_start: n
 
 
 class ConsistentWindow:
-    """Figures of one impact of a consistent scheme, from its start to that of the next."""
+    """Figures of one impact of a consistent scheme, from its start until it is over."""
 
     def __init__(
-        self, spec: PlantSpec, modes: Oscillators, start: int, before: np.ndarray | None
+        self,
+        spec: PlantSpec,
+        modes: Oscillators,
+        lasts: an.Answer,
+        start: int,
+        before: np.ndarray | None,
     ) -> None:
-        self.spec, self.modes, self.start = spec, modes, start
+        self.spec, self.modes, self.start, self._lasts = spec, modes, start, lasts
         self._before = np.zeros((len(_ROWS), 0)) if before is None else before
         self._parts: list[np.ndarray] = []
         self._held = self._done = 0
@@ -164,7 +175,8 @@ class ConsistentWindow:
         self._contact: tuple[list[np.ndarray], ...] = ([], [], [])
         self._ended = False
         self._drive: np.ndarray | float = 0.0
-        self._speed_max = 0.0
+        # The largest speed of the plate until now, and since the last step that belongs here.
+        self._speed_max = self._silent_max = 0.0
 
     def feed(self, rows: np.ndarray) -> None:
         """The rows that follow, shape (10, steps)."""
@@ -186,11 +198,12 @@ class ConsistentWindow:
         if impact is None:
             return None
         contact_n, slope_n, speed = (np.concatenate(parts) for parts in self._contact)
-        impact = replace(
-            impact,
-            peak_force_n=peak_force_n(contact_n, slope_n),
-            plate_speed_max_m_s=peak_speed_m_s(speed),
-        )
+        if len(self._contact[0]) > 1:
+            impact = replace(
+                impact,
+                peak_force_n=peak_force_n(contact_n, slope_n),
+                plate_speed_max_m_s=peak_speed_m_s(speed),
+            )
         noise = impact_noise(
             self.spec.sphere, self.spec.plate, self.modes,
             shares_of_drive_j(self.modes, np.asarray(self._drive)),
@@ -198,13 +211,25 @@ class ConsistentWindow:
             impact.impact_speed_m_s, impact.rebound_speed_m_s,
             faces=self.spec.radiating_faces or 1,
         )  # fmt: skip
-        end = self.start + len(contact_n)
-        return RowsOfImpact(self.start, end, contact_n, self._ended, impact, noise)
+        end, over = self.start + len(contact_n), self.start + int(self._lasts.counts[an.END])
+        return RowsOfImpact(self.start, end, over, contact_n, self._ended, impact, noise)
 
     def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
         """Add a piece, shape (10, steps), and the row behind it, if there is one."""
+        an.follow_rows(self._lasts, piece[F_C], piece[F_A], piece[XI])
+        count = max(int(self._lasts.counts[an.END]) - self._done, 0)
+        if count:
+            self._add(piece, following, count)
+        if not self._lasts.counts[an.OVER]:
+            self._silent_max = max(self._silent_max, k.largest(piece[V_P, count:]))
+        self._before = piece[:, -1:].copy()
+        self._done += piece.shape[1]
+
+    def _add(self, piece: np.ndarray, following: np.ndarray, count: int) -> None:
+        """Add the first steps of a piece, as many as belong to the impact."""
         lead = self._before.shape[1]
         rows = np.concatenate([self._before, piece, following], axis=1)
+        rows = rows[:, : lead + count + _BEHIND]
         displaced, v_start = modal_displacement(self.spec, rows), starting_speed(self.spec, rows)
         if self._done == 0:
             found = impacts_in(self.spec, rows, displaced, v_start, self.start - lead)
@@ -212,26 +237,19 @@ class ConsistentWindow:
         else:
             self._continue(rows[:, lead:], displaced[lead:], v_start[lead:])
         if not self._ended:
-            apart = np.flatnonzero(piece[F_C] == 0.0)
-            self._ended = bool(len(apart))
-            end = int(apart[0]) if len(apart) else piece.shape[1]
+            ends = contacts(piece[F_C])[1] if piece[F_C, 0] != 0.0 else [0]
+            end = ends[0] if ends else piece.shape[1]
+            self._ended = end < piece.shape[1]
             for parts, row, until in zip(
                 self._contact, (F_C, F_C1, V_P), (end, end, end + 1), strict=True
             ):
                 parts.append(piece[row, :until].copy())
+        own = piece[:, :count]
         self._drive = self._drive + modal_drive(
-            self.modes,
-            -piece[F_C],
-            piece[F_A],
-            self.spec.step_s,
-            -piece[F_C1],
-            self._done,
-            piece[F_A1],
+            self.modes, -own[F_C], own[F_A], self.spec.step_s, -own[F_C1], self._done, own[F_A1]
         )
-        speed = np.max(np.abs(piece[V_P]), initial=0.0)
-        self._speed_max = max(self._speed_max, float(speed))
-        self._before = piece[:, -1:].copy()
-        self._done += piece.shape[1]
+        self._speed_max = max(self._speed_max, self._silent_max, k.largest(own[V_P]))
+        self._silent_max = 0.0
 
     def _continue(self, rows: np.ndarray, displaced: np.ndarray, v_start: np.ndarray) -> None:
         """Carry the impact on over further rows."""
@@ -239,7 +257,7 @@ class ConsistentWindow:
         if impact is None:
             return
         if self._ended or rows[F_C, 0] == 0.0:
-            energy = impact.plate_energy_j + _work_j(self.spec, rows, displaced, v_start)
+            energy = impact.plate_energy_j + work_j(self.spec, rows, displaced, v_start)
             self._impact = replace(impact, plate_energy_j=energy)
             return
         more = impacts_in(self.spec, rows, displaced, v_start)[0]

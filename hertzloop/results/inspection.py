@@ -74,7 +74,8 @@ def _figures(recording: Recording, data: dict[str, Any]) -> tuple[dict[str, Any]
     """Impacts, noise, stability and demand, and why there are none. What a file says of itself may
     be anything: numbers that no figures follow from are one more thing wrong with it, not with us.
     """
-    nothing: dict[str, Any] = {"impacts": [], "noise": [], "stability": None, "demand": None,
+    nothing: dict[str, Any] = {"impacts": [], "noise": [], "first_impact": None,
+                               "whole_run": None, "stability": None, "demand": None,
                                "validity": [], "warnings": [], "push": None,
                                "last_contact_ended": True, "predictability": None}  # fmt: skip
     truth = recording.truth

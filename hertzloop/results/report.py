@@ -25,7 +25,7 @@ _NOISE_ROWS = (
     ("peak pressure bound at 1 m", "peak_pressure_pa", 1.0, "Pa"),
     ("transmitted energy, in time", "transmitted_j", 1e6, "uJ"),
     ("transmitted energy, by spectrum", "transmitted_spectrum_j", 1e6, "uJ"),
-    ("largest plate speed to next contact", "plate_speed_max_m_s", 1.0, "m/s"),
+    ("largest plate speed", "plate_speed_max_m_s", 1.0, "m/s"),
     ("sigma E to 20 kHz, eq. 3.12 (study)", "radiated_j", 1e6, "uJ"),
     ("sigma E to 20 kHz, eq. 3.13", "radiated_maidanik_j", 1e6, "uJ"),
     ("radiated to 20 kHz, eq. 3.12", "sound_j", 1e6, "uJ"),

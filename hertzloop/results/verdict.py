@@ -141,14 +141,16 @@ def _plate_energy(report: dict[str, Any], free: dict[str, Any]) -> tuple[float, 
     """Change of the plate energy (dB), its error, and over what: all contacts, or the first one
     where later ones are not predictable to the digit that is printed."""
     known = report.get("predictability", {})
-    sums, errors = [], []
+    sums, errors, whole = [], [], []
     for found, name in ((report, "controlled"), (free, "uncontrolled")):
         impacts = found["impacts"]
         sums.append([impact["plate_energy_j"] for impact in impacts])
+        run = found.get("whole_run")  # None of the published scheme
+        whole.append(run["plate_energy_j"] if run else sum(sums[-1]))
         errors.append(
             [errors_of(known.get(name), i).get("plate_energy_j", 0.0) for i in range(len(impacts))]
         )
-    energy, error = change_db(sum(sums[0]), sum(sums[1]), 10.0, sum(errors[0]), sum(errors[1]))
+    energy, error = change_db(whole[0], whole[1], 10.0, sum(errors[0]), sum(errors[1]))
     if len(sums[0]) == len(sums[1]) == 1:
         return energy, error, ""
     if known.get("why_not"):

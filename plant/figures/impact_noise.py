@@ -36,10 +36,10 @@ def impact_noise(
     """Figures of an impact of the consistent scheme.
 
     `shares_j`: what every oscillator takes (see `noise.modal_shares_j`) of the forces at contact
-    and actuator from the contact's start to the next one's, `work_j` their work on the plate,
-    `plate_speed_max_m_s`: the largest at the struck point over the same steps. Radiated energies
-    are nan for any other structure than a simply supported plate, whose efficiencies are known.
-    Without modes (`plant.NO_MODES`) all sums over modes are nan. `faces`: that radiate.
+    and actuator from the contact's start until the impact is over, `work_j` their work on the
+    plate, `plate_speed_max_m_s`: the largest at the contact point over the same steps. Radiated
+    energies are nan for any other structure than a simply supported plate, whose efficiencies are
+    known. Without modes (`plant.NO_MODES`) all sums over modes are nan. `faces`: that radiate.
     """
     if isinstance(plate, SolidPlate):  # waves as short as sound are long in it
         plate = plate.plate

@@ -18,7 +18,8 @@ class Impact:
     """One contact. Times in s since the start of the run, found between two steps by linear
     interpolation of the gap; speeds of the sphere, the impact speed positive downwards, the
     rebound speed positive upwards; `plate_energy_j`: work of contact and actuator force on
-    the plate from this contact's start to the next one's (or the end of the run). Peak force and
+    the plate from this contact's start until the impact is over (`answer_kernels`; in `impacts`
+    below until the next contact or the end of the rows). Peak force and
     largest plate speed at the struck point are those within steps, of this contact alone (published
     scheme: at its samples, as published).
     """
@@ -43,7 +44,7 @@ def sphere_speed_m_s(
     return way_m / step_s - 0.5 * held * step_s
 
 
-def _contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:
+def contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:
     """First steps of the contacts, and of what follows them; none after one that is cut off."""
     edges = np.empty(_FEW_EDGES, np.int64)
     count = k.edges_of(f_c, edges)
@@ -119,7 +120,7 @@ def impacts(
     """
     if len(xi) < 3:
         return []
-    starts, ends = _contacts(f_c)
+    starts, ends = contacts(f_c)
     if not starts:
         return []
     slope = np.zeros(len(xi)) if f_c1 is None else f_c1

@@ -33,7 +33,7 @@ _CASES = [{"controller.latency_us": float(us), "controller.kappa": 0.05 * k}
 _AXES = (Axis("controller.kappa", (), 0.0, 1.0), Axis("controller.v_thr_m_s", (), -0.9, 0.0))
 _FIRST_STEP = (
     "from hertzloop.loop.compiled import simulate; from hertzloop.scenes.scene import load; "
-    "simulate(load('{scene}', ['run.duration_s=2e-6', 'controller.law={law}']), {quiet_steps})"
+    "simulate(load('{scene}', ['run.duration_s=2e-6', 'controller.law={law}']), {whole})"
 )
 
 
@@ -117,7 +117,7 @@ def rates(laws: dict[str, str], rounds: int) -> list[dict[str, Any]]:
 def _to_first_step_s(law: str, whole: bool = False) -> float:
     """Seconds of a process; `whole`: with what the law knows ahead, as sweeps ask."""
     started = time.perf_counter()
-    script = _FIRST_STEP.format(scene="aluminium-3mm", law=law, quiet_steps=0 if whole else -1)
+    script = _FIRST_STEP.format(scene="aluminium-3mm", law=law, whole=whole)
     subprocess.run([sys.executable, "-c", script], check=True, capture_output=True)
     return time.perf_counter() - started
 

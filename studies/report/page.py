@@ -14,6 +14,7 @@ from hertzloop.commands.listen import heard_of
 from hertzloop.commands.replaying import prepare, scene_of
 from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.results import figures, report, what_ran
+from hertzloop.results.cases import uncontrolled
 from hertzloop.results.conclusions import why_not_again
 from hertzloop.results.impacts_table import headings, impact_rows
 from hertzloop.results.law import law_line, law_of, ran_as_announced, text_of_law
@@ -44,7 +45,7 @@ def page_of(recording: Recording) -> str:
     scene, shown = scene_of(recording), prepare(recording, drawn="Dashed")
     free = None
     if shown.told.twin is not None:
-        without = scene.without_control()
+        without = uncontrolled(scene)
         free = figures.figures_of(without, uncontrolled_rows(without))
     found = figures.of_recording(scene, recording, free, why_not_again(recording))
     unstable = found["stability"]["unstable"]

@@ -33,7 +33,7 @@ NOISE = {
     "peak pressure bound at 1 m": "peak_pressure_pa",
     "transmitted energy, in time": "transmitted_j",
     "transmitted energy, by spectrum": "transmitted_spectrum_j",
-    "largest plate speed to next contact": "plate_speed_max_m_s",
+    "largest plate speed": "plate_speed_max_m_s",
     "sigma E to 20 kHz, eq. 3.12 (study)": "radiated_j",
     "sigma E to 20 kHz, eq. 3.13": "radiated_maidanik_j",
     "radiated to 20 kHz, eq. 3.12": "sound_j",

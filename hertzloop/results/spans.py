@@ -1,0 +1,187 @@
+"""Figures of a span of a run, its first impact or the whole of it, and what control changes."""
+
+import math
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+
+import numpy as np
+
+from hertzloop.results.impact_windows import (
+    F_A,
+    F_A1,
+    F_C,
+    F_C1,
+    PIECE,
+    V_P,
+    Block,
+    RowsOfImpact,
+    modal_displacement,
+    starting_speed,
+    work_j,
+)
+from plant.figures import rows_kernels as k
+from plant.figures.impact_noise import impact_noise
+from plant.figures.impacts import Impact
+from plant.figures.noise import (
+    RADIATED_UP_TO_HZ,
+    ImpactNoise,
+    audible,
+    audible_alone,
+    modal_drive,
+    shares_of_drive_j,
+)
+from plant.plant import PlantSpec, modes_of
+from plant.structures.plate import Oscillators
+
+# Of 20 kHz: no oscillator stands for modes further apart than that.
+_BEYOND_AUDIBLE = 1.01
+_APART = 1 << 10  # steps without force between two parts of a force's spectrum
+
+
+@dataclass(frozen=True)
+class SpanFigures:
+    """Figures of the first impact, or of all impacts of a run, SI units.
+
+    The first impact lasts as `plant.figures.answer_kernels` says, the run from its first touch to
+    its end. `contact_time_s`, `impact_speed_m_s`: of the first contact; `rebound_*`: after the last
+    contact of the span. `plate_energy_j`: work of contact and actuator force on the plate;
+    `plate_speed_max_m_s`: at the contact point. `radiated_j`: sum of sigma E up to 20 kHz, the
+    figure of the study; `sound_j`: what the plate radiates up to 20 kHz. Both are nan for what is
+    not a simply supported plate.
+    """
+
+    contacts: int
+    contact_time_s: float
+    impact_speed_m_s: float
+    rebound_speed_m_s: float
+    rebound_height_m: float
+    peak_force_n: float
+    plate_energy_j: float
+    plate_speed_max_m_s: float
+    radiated_j: float
+    sound_j: float
+    longhorn_j: float
+    holmes_j: float
+    peak_pressure_pa: float
+
+
+_ENERGIES = ("plate_energy_j", "radiated_j", "sound_j", "longhorn_j", "holmes_j")
+_AMPLITUDES = ("peak_force_n", "plate_speed_max_m_s", "peak_pressure_pa")
+_SHARED = {f.name for f in fields(ImpactNoise)} & {f.name for f in fields(SpanFigures)}
+
+
+def of_impact(found: RowsOfImpact) -> SpanFigures:
+    """Figures of one impact."""
+    return _figures(1, found.impact.peak_force_n, found.noise)
+
+
+def _figures(contacts: int, peak_force_n: float, noise: ImpactNoise) -> SpanFigures:
+    return SpanFigures(
+        contacts=contacts,
+        rebound_speed_m_s=noise.next_impact_speed_m_s,
+        peak_force_n=peak_force_n,
+        plate_energy_j=noise.transmitted_j,
+        **{name: getattr(noise, name) for name in _SHARED},
+    )
+
+
+def decibels(value: float, reference: float, factor: float = 10.0) -> float:
+    """`factor` times lg of a ratio; nan where it has no logarithm."""
+    ratio = value / reference if reference else math.nan
+    return factor * math.log10(ratio) if ratio > 0.0 else math.nan
+
+
+def changes_db(value: SpanFigures, reference: SpanFigures) -> dict[str, float]:
+    """By how many dB energies (10 lg) and amplitudes (20 lg) differ, by the figures' names."""
+    factors = dict.fromkeys(_ENERGIES, 10.0) | dict.fromkeys(_AMPLITUDES, 20.0)
+    return {
+        name: decibels(getattr(value, name), getattr(reference, name), factor)
+        for name, factor in factors.items()
+    }
+
+
+@lru_cache(maxsize=8)
+def audible_modes(spec: PlantSpec) -> Oscillators:
+    """Oscillators up to 20 kHz. An infinite plate has no use for others, which are not looked for
+    where two are that low."""
+    beyond_hz = _BEYOND_AUDIBLE * RADIATED_UP_TO_HZ
+    if spec.infinite_plate and spec.frequency_limit_hz > beyond_hz:
+        with suppress(ValueError):  # none is so low
+            low = modes_of(replace(spec, frequency_limit_hz=beyond_hz))
+            if len(audible(low)) > 1:
+                return audible_alone(low)
+    return audible_alone(modes_of(spec))
+
+
+class WholeRunMeter:
+    """Follows a run of a consistent scheme from its first touch on, over rows of truth that come
+    in blocks. It sums over pieces that are counted from there."""
+
+    def __init__(self, spec: PlantSpec) -> None:
+        self._spec, self._modes = spec, audible_modes(spec)
+        self._parts: list[np.ndarray] = []
+        self._before = np.zeros((10, 0))
+        self._held = self._done = 0
+        self._touched = False
+        self._work_j = self._speed_max = 0.0
+        self._drive: np.ndarray | float = 0.0
+
+    def through(self, blocks: Iterable[Block]) -> Iterator[Block]:
+        """The same blocks, followed as they pass."""
+        for first, rows in blocks:
+            self.feed(rows)
+            yield first, rows
+
+    def feed(self, rows: np.ndarray) -> None:
+        """Take the next rows, shape (10, steps)."""
+        if not self._touched:
+            touching = np.flatnonzero(rows[F_C])
+            self._touched = bool(len(touching))
+            start = int(touching[0]) if self._touched else rows.shape[1]
+            if start:
+                self._before = rows[:, start - 1 : start].copy()
+            rows = rows[:, start:]
+        if not rows.shape[1]:
+            return
+        self._parts.append(rows)
+        self._held += rows.shape[1]
+        while self._held > PIECE:
+            rows = np.concatenate(self._parts, axis=1)
+            self._take(rows[:, :PIECE], rows[:, PIECE : PIECE + 1])
+            self._parts, self._held = [rows[:, PIECE:]], rows.shape[1] - PIECE
+
+    def result(self, impacts: list[Impact]) -> SpanFigures | None:
+        """Figures of the run, whose impacts are known; None without any."""
+        if self._parts:
+            self._take(np.concatenate(self._parts, axis=1), np.zeros((10, 0)))
+            self._parts = []
+        if not impacts:
+            return None
+        noise = impact_noise(
+            self._spec.sphere, self._spec.plate, self._modes,
+            shares_of_drive_j(self._modes, np.asarray(self._drive)),
+            self._work_j, self._speed_max, impacts[0].duration_s,
+            impacts[0].impact_speed_m_s, impacts[-1].rebound_speed_m_s,
+            faces=self._spec.radiating_faces or 1,
+        )  # fmt: skip
+        return _figures(len(impacts), max(i.peak_force_n for i in impacts), noise)
+
+    def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
+        spec, lead = self._spec, self._before.shape[1]
+        rows = np.concatenate([self._before, piece, following], axis=1)
+        displaced, v_start = modal_displacement(spec, rows), starting_speed(spec, rows)
+        self._work_j += work_j(spec, rows[:, lead:], displaced[lead:], v_start[lead:])
+        self._speed_max = max(self._speed_max, k.largest(piece[V_P]))
+        pushed = np.flatnonzero((piece[F_C] != 0.0) | (piece[F_A] != 0.0))
+        for some in np.split(pushed, np.flatnonzero(np.diff(pushed) > _APART) + 1):
+            if not len(some):
+                continue
+            own = piece[:, some[0] : some[-1] + 1]
+            self._drive = self._drive + modal_drive(
+                self._modes, -own[F_C], own[F_A], spec.step_s, -own[F_C1],
+                self._done + int(some[0]), own[F_A1],
+            )  # fmt: skip
+        self._before = piece[:, -1:].copy()
+        self._done += piece.shape[1]
