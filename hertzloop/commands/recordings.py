@@ -117,15 +117,32 @@ def compare(
             "different processors, 1e-9 say.",
         ),
     ] = 0.0,
+    figures: Annotated[
+        bool,
+        typer.Option(
+            "--figures",
+            help="Print the figures of both runs and their change instead; exit 0 if both have "
+            "figures.",
+        ),
+    ] = False,
+    json_file: JsonOption = None,
 ) -> None:
     """Exit 0 if every compared stream of two recordings has the same bytes, else 1."""
     from recordings.compare import first_difference
     from recordings.writer import RecordingError
 
+    if json_file and not figures:
+        fail(f"--json {json_file} needs --figures: without it there are no figures to write", 2)
+    if tolerance and figures:
+        fail("give --tolerance or --figures, not both: figures are shown as they are", 2)
+    check_json(json_file, a, b)
     left, right = read_or_fail(a), read_or_fail(b)
     for recording in (left, right):
         for problem in recording.problems:
             err.print(f"{recording.path}: {problem}", soft_wrap=True)
+    if figures:
+        _compare_figures(left, right, json_file)
+        return
     until = _horizon(left, tolerance) if tolerance else None
     try:
         difference = first_difference(left, right, tolerance, until)
@@ -145,6 +162,28 @@ def compare(
         f"the same{within}: {left.truth.samples:,} steps of truth, {left.daq.samples:,} samples, "
         f"{left.force.samples:,} forces, {len(left.events)} events"
     )
+
+
+def _compare_figures(left: "Recording", right: "Recording", json_file: Path | None) -> None:
+    """Print the figures of two recordings side by side."""
+    from hertzloop.results import comparison, inspection
+
+    both = []
+    for recording in (left, right):
+        data = inspection.summary(recording)
+        if data["first_impact"] is None:
+            why = [*data["problems"], "there is no contact in it"][0]
+            fail(f"{recording.path} has no figures: {why}", 1)
+        both.append(data)
+    found = comparison.compared(*(comparison.figures_in(data) for data in both))
+    for letter, data in zip("AB", both, strict=True):
+        out.print(
+            f"{letter}: {data['file']}, scene {data['scene']}, law {data['scene_law']}",
+            soft_wrap=True, markup=False,
+        )  # fmt: skip
+    out.print(comparison.table(found))
+    named = {name: data["file"] for name, data in zip("ab", both, strict=True)}
+    write_json(json_file, {**named, "figures": comparison.as_json(found)})
 
 
 def _horizon(recording: "Recording", tolerance: float) -> int | None:

@@ -24,6 +24,7 @@ from hertzloop.results.stability import StabilityMeter
 from hertzloop.results.verdict import PushMeter
 from hertzloop.scenes.scene import Scene
 from hertzloop.struck import structure
+from plant.books import Books as BooksOfRun
 from plant.figures.impacts import Impact
 from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
@@ -72,15 +73,20 @@ def _rows(recording: Recording, pieces: Iterable[tuple[int, Arrays]]) -> Iterato
     if not set(truth.arrays) >= NEEDED_FIELDS:
         return
     for at, arrays in pieces:
-        constant = np.zeros(len(arrays["xi_m"]))
-        missing = dict.fromkeys(("f_c1_n", "f_a1_n", "deepest_m"), constant)
-        known = missing | {"xi_a_m": arrays["xi_p_m"]} | arrays
-        rows = np.stack([known[name] for name in TRUTH])
+        rows = stacked(arrays)
         finite = np.isfinite(rows).all(axis=0)
         if not finite.all():
             yield int(truth.step_at(at)), rows[:, : int(np.argmin(finite))]
             return
         yield int(truth.step_at(at)), rows
+
+
+def stacked(columns: Arrays) -> np.ndarray:
+    """Rows of truth, shape (10, steps), from columns by their names."""
+    constant = np.zeros(len(columns["xi_m"]))
+    missing = dict.fromkeys(("f_c1_n", "f_a1_n", "deepest_m"), constant)
+    known = missing | {"xi_a_m": columns["xi_p_m"]} | columns
+    return np.stack([known[name] for name in TRUTH])
 
 
 def figures_of(scene: Scene, rows: np.ndarray | Iterable[Block]) -> dict[str, Any]:
@@ -89,8 +95,8 @@ def figures_of(scene: Scene, rows: np.ndarray | Iterable[Block]) -> dict[str, An
 
     Two lists of the same length: `impacts` with keys as in `Impact`, `noise` as in
     `ImpactNoise`, and whether the `last_contact_ended`; `first_impact` and `whole_run` as in
-    `SpanFigures`, None without a contact or of the published scheme; `stability` as in
-    `Stability`, `demand` on the actuator as in `Demand` or None, `push` as in `PushMeter`;
+    `SpanFigures`, None without a contact, the latter also of the published scheme; `stability` as
+    in `Stability`, `demand` on the actuator as in `Demand` or None, `push` as in `PushMeter`;
     `validity` and `warnings` as in `left_out.as_json`, empty of an unstable loop.
     """
     figures: dict[str, Any] = {
@@ -108,7 +114,7 @@ def figures_of(scene: Scene, rows: np.ndarray | Iterable[Block]) -> dict[str, An
     blocks = whole.through(blocks) if whole else blocks
     with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
         for found in impacts_of_blocks(scene, blocks):
-            if whole and not impacts:
+            if not impacts:
                 figures["first_impact"] = asdict(of_impact(found))
             impacts.append(found.impact)
             figures["impacts"].append(asdict(found.impact))
@@ -125,7 +131,16 @@ def figures_of(scene: Scene, rows: np.ndarray | Iterable[Block]) -> dict[str, An
     return figures | left_out.as_json(scene, extremes.result(impacts))
 
 
-def yield_of(books: Books) -> dict[str, float] | None:
+def reported(
+    scene: Scene, columns: Arrays, books: Books | BooksOfRun, law: dict[str, Any]
+) -> dict[str, Any]:
+    """What a verdict needs of a run whose columns of truth are in memory: its figures, and what its
+    books and its law say."""
+    more = {"injected_j": books.injected_j, "yield": yield_of(books)}
+    return {**figures_of(scene, stacked(columns)), **law, **more}
+
+
+def yield_of(books: Books | BooksOfRun) -> dict[str, float] | None:
     """Dent and energy of a contact that yielded; None of one that did not."""
     if books.dent_m == 0.0:
         return None

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from hertzloop.quantities import SENSED, TRUTH
+from plant.structures.mode_file import ModeTable
 
 FORCE_LABEL = ("N", "force commanded of the actuator, up on the plate")
 HELD = {"held_steps": ("", "by how many steps the command was too old, in a paced run")}
@@ -57,6 +58,24 @@ def cases_of(rows: list[dict[str, Any]], keys: list[str], header: Mapping[str, A
     data = {name: ("case", [_number(row[name]) for row in rows]) for name in names}
     coords = {key: ("case", [row[key] for row in rows]) for key in keys}
     return xr.Dataset(data, coords, attrs=dict(header))
+
+
+def modes_of(table: ModeTable) -> xr.Dataset:
+    """Modes as a Dataset over `mode`, with the columns of a file of modes."""
+    columns = {
+        "frequency_hz": (table.omega_rad_s / (2.0 * np.pi), "Hz", "frequency"),
+        "loss_factor": (table.loss_factor, "1", "loss factor"),
+        "modal_mass_kg": (1.0 / table.per_modal_mass_1_kg, "kg", "modal mass"),
+        "shape_contact": (table.shape_contact, "1", "shape at the contact point"),
+        "shape_actuator": (table.shape_actuator, "1", "shape at the actuator"),
+    }
+    return xr.Dataset(
+        {
+            name: ("mode", values, {"units": units, "long_name": meaning})
+            for name, (values, units, meaning) in columns.items()
+        },
+        attrs={"residual_flexibility_m_n": table.residual_flexibility_m_n},
+    )
 
 
 def _number(value: Any) -> Any:

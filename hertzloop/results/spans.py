@@ -67,8 +67,18 @@ class SpanFigures:
     peak_pressure_pa: float
 
 
+@dataclass(frozen=True)
+class RunFigures:
+    """Figures of a run; None without a contact, and for the whole run of the published scheme."""
+
+    first_impact: SpanFigures | None
+    whole_run: SpanFigures | None
+
+
 _ENERGIES = ("plate_energy_j", "radiated_j", "sound_j", "longhorn_j", "holmes_j")
 _AMPLITUDES = ("peak_force_n", "plate_speed_max_m_s", "peak_pressure_pa")
+# Factor of the logarithm of a ratio: of energies, and of amplitudes.
+DECIBELS = dict.fromkeys(_ENERGIES, 10.0) | dict.fromkeys(_AMPLITUDES, 20.0)
 _SHARED = {f.name for f in fields(ImpactNoise)} & {f.name for f in fields(SpanFigures)}
 
 
@@ -95,10 +105,9 @@ def decibels(value: float, reference: float, factor: float = 10.0) -> float:
 
 def changes_db(value: SpanFigures, reference: SpanFigures) -> dict[str, float]:
     """By how many dB energies (10 lg) and amplitudes (20 lg) differ, by the figures' names."""
-    factors = dict.fromkeys(_ENERGIES, 10.0) | dict.fromkeys(_AMPLITUDES, 20.0)
     return {
         name: decibels(getattr(value, name), getattr(reference, name), factor)
-        for name, factor in factors.items()
+        for name, factor in DECIBELS.items()
     }
 
 

@@ -1,6 +1,7 @@
 """The command line as a user meets it: files, exit codes, sentences."""
 
 import json
+import math
 import sys
 from pathlib import Path
 
@@ -141,6 +142,30 @@ def test_scene_from_a_file(here: Path) -> None:
     same = call("compare", "aluminium-3mm.mcap", "b.mcap")
     assert same.exit_code == 0
     assert "the same: 1,500 steps of truth, 1,500 samples, 1,500 forces" in said(same)
+
+
+def test_compare_shows_figures_of_two_laws(here: Path) -> None:
+    run = ("run", "--set", "run.duration_s=0.0016", "--set", "run.accuracy=0.05", "--transport",
+           "compiled", "--overwrite")  # fmt: skip
+    for name, law in (("a", "slope_threshold"), ("b", "force_feedback")):
+        law_of = ("--set", f"controller.law={law}", "--set", "controller.kappa=0.4")
+        done = call(*run, *law_of, "--out", f"{name}.mcap", "--json", f"{name}.json")
+        assert done.exit_code == 0, done.output
+    done = call("compare", "a.mcap", "b.mcap", "--figures", "--json", "c.json")
+    assert done.exit_code == 0, done.output
+    assert "force_feedback" in done.output
+    assert "plate energy" in done.output
+    a, b, c = (json.loads((here / f"{name}.json").read_text()) for name in "abc")
+    rows = {(row["span"], row["figure"]): row for row in c["figures"]}
+    for (span, figure), row in rows.items():
+        assert (row["a"], row["b"]) == (a[span][figure], b[span][figure])
+    energy = rows["first_impact", "plate_energy_j"]
+    assert energy["b_to_a"] == 10.0 * math.log10(energy["b"] / energy["a"])
+    assert energy["unit"] == "dB"
+    speed = rows["whole_run", "rebound_speed_m_s"]
+    assert speed["b_to_a"] == 100.0 * (speed["b"] / speed["a"] - 1.0)
+    for wrong in (["--json", "d.json"], ["--figures", "--tolerance", "1e-9"]):
+        assert call("compare", "a.mcap", "b.mcap", *wrong).exit_code == 2
 
 
 def test_compare_tells_the_first_difference(here: Path) -> None:
