@@ -13,17 +13,31 @@ __version__ = "0.1.0"
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # The Python interface, loaded when it is used: a process of a run needs only its part.
-_INTERFACE = (
-    "Impact", "ImpactNoise", "Run", "Scene", "SceneError", "load", "read", "run", "scene_names",
-    "simulate", "sweep", "tune", "vary",
-)  # fmt: skip
+__all__ = [
+    "BusError", "Comparison", "DesignError", "Difference", "Impact", "ImpactNoise",
+    "RecordingError", "Run", "RunFailed", "RunFigures", "Scene", "SceneError", "SpanFigures",
+    "StreamFault", "SweepFailed", "__version__", "compare", "load", "modes", "read", "run",
+    "scene_names", "simulate", "sweep", "tune", "vary",
+]  # fmt: skip
 if TYPE_CHECKING:
+    from hertzloop.interface import BusError as BusError
+    from hertzloop.interface import Comparison as Comparison
+    from hertzloop.interface import DesignError as DesignError
+    from hertzloop.interface import Difference as Difference
     from hertzloop.interface import Impact as Impact
     from hertzloop.interface import ImpactNoise as ImpactNoise
+    from hertzloop.interface import RecordingError as RecordingError
     from hertzloop.interface import Run as Run
+    from hertzloop.interface import RunFailed as RunFailed
+    from hertzloop.interface import RunFigures as RunFigures
     from hertzloop.interface import Scene as Scene
     from hertzloop.interface import SceneError as SceneError
+    from hertzloop.interface import SpanFigures as SpanFigures
+    from hertzloop.interface import StreamFault as StreamFault
+    from hertzloop.interface import SweepFailed as SweepFailed
+    from hertzloop.interface import compare as compare
     from hertzloop.interface import load as load
+    from hertzloop.interface import modes as modes
     from hertzloop.interface import read as read
     from hertzloop.interface import run as run
     from hertzloop.interface import scene_names as scene_names
@@ -34,7 +48,7 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> Any:
-    if name in _INTERFACE:
+    if name in __all__:
         try:
             interface = import_module("hertzloop.interface")
         except ModuleNotFoundError as error:
@@ -45,4 +59,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_INTERFACE])
+    return list(__all__)

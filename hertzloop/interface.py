@@ -4,7 +4,9 @@
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -28,17 +30,49 @@ from plant.figures.noise import ImpactNoise
 if TYPE_CHECKING:
     import xarray as xr
 
+    from bus.messages_pb2 import Books as BooksMessage
+    from bus.port import BusError
+    from bus.streams import StreamFault
+    from hertzloop.loop.launcher import RunFailed
     from hertzloop.one_run import RunOptions
+    from hertzloop.results.comparison import Comparison, Difference
+    from hertzloop.results.spans import RunFigures, SpanFigures
+    from plant.books import Books
     from recordings.reader import Event, Recording
+    from recordings.writer import RecordingError
+    from studies.sweeps.design import DesignError
+    from studies.sweeps.pool import SweepFailed
     from studies.tuning.record import Found
 
 __all__ = [
-    "Impact", "ImpactNoise", "Run", "Scene", "SceneError", "load", "read", "run", "scene_names",
+    "BusError", "Comparison", "DesignError", "Difference", "Impact", "ImpactNoise",
+    "RecordingError", "Run", "RunFailed", "RunFigures", "Scene", "SceneError", "SpanFigures",
+    "StreamFault", "SweepFailed", "compare", "load", "modes", "read", "run", "scene_names",
     "simulate", "sweep", "tune", "vary",
 ]  # fmt: skip
 
+# Names that are loaded when they are used: a script that only simulates needs none of them.
+_LATER = {
+    "BusError": "bus.port",
+    "Comparison": "hertzloop.results.comparison",
+    "DesignError": "studies.sweeps.design",
+    "Difference": "hertzloop.results.comparison",
+    "RecordingError": "recordings.writer",
+    "RunFailed": "hertzloop.loop.launcher",
+    "RunFigures": "hertzloop.results.spans",
+    "SpanFigures": "hertzloop.results.spans",
+    "StreamFault": "bus.streams",
+    "SweepFailed": "studies.sweeps.pool",
+}
+
 TransportName = Literal["zenoh", "inprocess", "compiled"]
 Range = str | Sequence[Any]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LATER:
+        return getattr(import_module(_LATER[name]), name)
+    raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
 
 
 @dataclass(frozen=True)
@@ -64,6 +98,26 @@ class Run:
     events: "list[Event]"
     path: Path | None = None
     pacing: dict[str, Any] | None = None
+    _report: Callable[[], dict[str, Any]] = field(default=dict, repr=False, compare=False)
+
+    @cached_property
+    def _reported(self) -> dict[str, Any]:
+        return self._report()
+
+    @property
+    def figures(self) -> "RunFigures":
+        """Figures of the first impact and of the whole run, as `run` and `inspect` print them."""
+        from hertzloop.results.comparison import figures_in
+
+        return figures_in(self._reported)
+
+    @cached_property
+    def verdict(self) -> list[str]:
+        """What the run comes to, in the sentences of `hertzloop run`. This simulates the same run
+        without control."""
+        from hertzloop.one_run import verdict_of
+
+        return verdict_of(self.scene, self._reported)
 
     def without_control(self) -> "Run":
         """The same run with the law off, on the same model of the plate, simulated on the spot."""
@@ -96,8 +150,7 @@ def simulate(scene: Scene) -> Run:
     found = compiled.simulate(scene)
     columns = truth_columns(found.rows, scene, plant_spec(scene).same_point)
     return _run(
-        scene, found.rows, columns, found.values, None,
-        (found.books.energy_residual, found.books.momentum_residual),
+        scene, found.rows, columns, found.values, None, found.books,
     )  # fmt: skip
 
 
@@ -129,8 +182,7 @@ def run(
     with own_folder() as folder:
         path = Path(folder) / "run.mcap"
         record(scene, path, options, on_progress)
-        found = read(path)
-        return Run(**{**vars(found), "path": None})
+        return replace(read(path), path=None)
 
 
 def _check_pace(scene: Scene, options: "RunOptions") -> None:
@@ -172,8 +224,7 @@ def read(recording: str | Path) -> Run:
         raise RecordingError(words) from error
     names = [name for name in (*TRUTH, *HELD) if name in found.truth.arrays]
     kept = {name: found.truth.arrays[name] for name in names}
-    books = (found.books.energy_residual, found.books.momentum_residual)
-    return _run(scene, rows_of(found), kept, found.daq_values, found, books)
+    return _run(scene, rows_of(found), kept, found.daq_values, found, found.books)
 
 
 def _run(
@@ -182,16 +233,29 @@ def _run(
     columns: Mapping[str, np.ndarray],
     values: np.ndarray,
     recording: "Recording | None",
-    residuals: tuple[float, float],
+    books: "Books | BooksMessage",
 ) -> Run:
     from hertzloop.results import pacing
+    from hertzloop.results.conclusions import why_not_again
+    from hertzloop.results.figures import reported
     from hertzloop.results.impact_rows import impacts_of_rows
+    from hertzloop.results.law import law_of
+    from hertzloop.results.verdict import saturation_of
 
     step_s = scene.step_s
     sampled_s = np.arange(len(values)) * scene.sensors.every_steps * step_s
     label = sensed_label(scene.sensors.quantity)
     found = impacts_of_rows(scene, rows)
     truth = truth_of(columns, step_s)
+    known: dict[str, Any] = {
+        "scene_law": scene.controller.law, "saturation": None, "pacing": None, "why_not": ""
+    }  # fmt: skip
+    if recording is not None:
+        known = law_of(recording) | {
+            "saturation": saturation_of(recording.events),
+            "pacing": pacing.of(recording),
+            "why_not": why_not_again(recording),
+        }
     force = None
     if recording is not None:
         commanded = recording.force.arrays.get("force_n", np.empty(0))
@@ -203,12 +267,29 @@ def _run(
         force=force,
         impacts=[one.impact for one in found],
         noise=[one.noise for one in found],
-        energy_residual=residuals[0],
-        momentum_residual=residuals[1],
+        energy_residual=books.energy_residual,
+        momentum_residual=books.momentum_residual,
         events=recording.events if recording is not None else [],
         path=recording.path if recording is not None else None,
-        pacing=pacing.of(recording) if recording is not None else None,
+        pacing=known["pacing"],
+        _report=partial(reported, scene, dict(columns), books, known),
     )
+
+
+def compare(a: "Run | RunFigures", b: "Run | RunFigures") -> "Comparison":
+    """Compare the figures of two runs; `print` shows the table of `hertzloop compare --figures`."""
+    from hertzloop.results.comparison import compared
+
+    return compared(*(one.figures if isinstance(one, Run) else one for one in (a, b)))
+
+
+def modes(scene: Scene) -> "xr.Dataset":
+    """The modes that a scene's plant computes with, a Dataset over `mode` with the columns of the
+    file that `hertzloop modes` writes. Raises SceneError."""
+    from hertzloop.commands.modes import modes_of_scene
+    from hertzloop.results.labelled import modes_of
+
+    return modes_of(modes_of_scene(scene))
 
 
 def sweep(

@@ -13,6 +13,7 @@ from hertzloop.loop.inprocess import record_in_process
 from hertzloop.loop.launcher import Launcher
 from hertzloop.results import figures
 from hertzloop.results.cases import uncontrolled
+from hertzloop.results.conclusions import conclusions
 from hertzloop.results.impact_rows import through_first_contact
 from hertzloop.results.verify import as_json, verify
 from hertzloop.scenes.scene import Scene
@@ -130,6 +131,15 @@ def run_scene(
     if options.verify:
         report["verification"] = as_json(verified)
     return report
+
+
+def verdict_of(scene: Scene, report: dict[str, Any]) -> list[str]:
+    """The verdict on a run by its `figures.reported`. This simulates the run without control."""
+    without = uncontrolled(scene)
+    if without != scene:
+        free = figures.figures_of(without, uncontrolled_rows(without))
+        report = report | {"uncontrolled": free}
+    return list(conclusions(scene, report, report["saturation"], report["why_not"])["verdict"])
 
 
 def what_is_kept(recording: Path, since_s: float) -> str:

@@ -6,7 +6,7 @@ from hertzloop.results import law_accuracy
 from hertzloop.results.cases import uncontrolled
 from hertzloop.results.law import law_line, law_of, ran_as_announced
 from hertzloop.results.predictability import DISTURBANCE, as_dicts, known_impacts
-from hertzloop.results.verdict import saturation_of, verdict
+from hertzloop.results.verdict import verdict
 from hertzloop.scenes.scene import Scene, SceneError, parse
 from recordings.reader import Recording
 
@@ -14,20 +14,23 @@ _MOST_WORK = 2e9  # steps times frequencies of a run that is repeated only to ju
 
 
 def conclusions(
-    scene: Scene, recording: Recording, report: dict[str, Any], why_not: str = ""
+    scene: Scene,
+    report: dict[str, Any],
+    saturation: dict[str, Any] | None,
+    why_not: str = "",
 ) -> dict[str, Any]:
     """`predictability`, `law_accuracy` and `verdict` of a run.
 
     Args:
         scene: The scene of the run, whose closed loop is simulated again.
-        recording: The run.
         report: Its figures, as in `figures.of_recording`.
+        saturation: As in `verdict.saturation_of`.
         why_not: Why the closed loop cannot be simulated again, where that is so.
     """
     late = report["pacing"] is not None  # then not the law alone decides
     known = predictability(scene, report, late, why_not)
     judged = None if late or why_not else _judge_law(scene, report)
-    said = verdict(report | {"predictability": known}, saturation_of(recording.events))
+    said = verdict(report | {"predictability": known}, saturation)
     if judged and not judged.kept:
         said.append(judged.sentence)
     return {

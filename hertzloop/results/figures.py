@@ -21,7 +21,7 @@ from hertzloop.results.model_cost import chosen_model
 from hertzloop.results.plate_words import tail_of, theory_of
 from hertzloop.results.spans import WholeRunMeter, of_impact
 from hertzloop.results.stability import StabilityMeter
-from hertzloop.results.verdict import PushMeter
+from hertzloop.results.verdict import PushMeter, saturation_of
 from hertzloop.scenes.scene import Scene
 from hertzloop.struck import structure
 from plant.books import Books as BooksOfRun
@@ -132,12 +132,15 @@ def figures_of(scene: Scene, rows: np.ndarray | Iterable[Block]) -> dict[str, An
 
 
 def reported(
-    scene: Scene, columns: Arrays, books: Books | BooksOfRun, law: dict[str, Any]
+    scene: Scene, columns: Arrays, books: Books | BooksOfRun, known: dict[str, Any]
 ) -> dict[str, Any]:
-    """What a verdict needs of a run whose columns of truth are in memory: its figures, and what its
-    books and its law say."""
-    more = {"injected_j": books.injected_j, "yield": yield_of(books)}
-    return {**figures_of(scene, stacked(columns)), **law, **more}
+    """What a verdict needs of a run whose columns of truth are in memory: its figures, what its
+    energy balance says, and what else is `known` of it (law, saturation, pacing)."""
+    more = {
+        "injected_j": books.injected_j, "yield": yield_of(books),
+        "expected_error": parts.model_error(scene),
+    }  # fmt: skip
+    return {**figures_of(scene, stacked(columns)), **known, **more}
 
 
 def yield_of(books: Books | BooksOfRun) -> dict[str, float] | None:
@@ -194,7 +197,7 @@ def of_recording(
     }
     if uncontrolled is not None:
         report["uncontrolled"] = uncontrolled
-    return report | conclusions(scene, recording, report, why_not)
+    return report | conclusions(scene, report, saturation_of(recording.events), why_not)
 
 
 def run_report(

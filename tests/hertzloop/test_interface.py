@@ -1,7 +1,9 @@
 """The Python interface: the same numbers as the command line's parts, labelled; the notebook."""
 
+import re
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import nbformat
@@ -10,8 +12,11 @@ import pytest
 from nbclient import NotebookClient
 
 import hertzloop
+from hertzloop import interface
 from hertzloop.loop.compiled import simulate
+from hertzloop.one_run import RunOptions, Transport, run_scene
 
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 SHORT = {"run.duration_s": 0.0015, "controller.v_thr_m_s": -0.6}
 
@@ -73,6 +78,54 @@ def test_quantised_samples_come_as_values_in_units(tmp_path: Path) -> None:
     assert recorded.samples.identical(memory.samples)
     assert memory.samples.attrs["units"] == "m"
     assert memory.samples["time_s"].values[1] == pytest.approx(5e-6)
+
+
+def test_a_run_has_figures_and_a_verdict_those_of_the_command(
+    scene: hertzloop.Scene, tmp_path: Path
+) -> None:
+    told = run_scene(scene, tmp_path / "a.mcap", RunOptions(Transport.COMPILED))
+    memory, recorded = hertzloop.simulate(scene), hertzloop.read(tmp_path / "a.mcap")
+    for one in (memory, recorded):
+        assert one.verdict == told["verdict"]
+        assert asdict(one.figures) == {k: told[k] for k in ("first_impact", "whole_run")}
+    free = memory.without_control()
+    assert free.verdict == []
+    found = hertzloop.compare(free, memory)
+    rows = {(row.span, row.figure): row for row in found.rows}
+    energy = rows["first_impact", "plate_energy_j"]
+    assert (energy.a, energy.b) == tuple(x.impacts[0].plate_energy_j for x in (free, memory))
+    assert energy.b_to_a == pytest.approx(-1.49, abs=0.01)
+    assert "-1.49 dB" in str(found)
+    assert hertzloop.compare(free.figures, memory.figures) == found
+
+
+def test_modes_come_as_a_table_with_units(scene: hertzloop.Scene) -> None:
+    found = hertzloop.modes(scene)
+    assert found.frequency_hz.attrs["units"] == "Hz"
+    assert found.frequency_hz.values[0] == pytest.approx(59.76, abs=0.01)
+    assert found.attrs["residual_flexibility_m_n"] > 0.0
+    infinite = hertzloop.vary(scene, {"run.plate_model": "infinite"})
+    with pytest.raises(hertzloop.SceneError, match="no modes"):
+        hertzloop.modes(infinite)
+
+
+def test_the_package_shows_its_public_names_and_loads_them_late() -> None:
+    """Every documented exception is there; `import hertzloop` alone loads nothing heavy."""
+    code = (
+        "import sys, hertzloop\n"
+        "heavy = {'numpy', 'numba', 'xarray', 'pydantic'} & set(sys.modules)\n"
+        "print(dir(hertzloop) == sorted(hertzloop.__all__), heavy)\n"
+        "print([n for n in hertzloop.__all__ if not hasattr(hertzloop, n)])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=100)
+    assert done.stdout == "True set()\n[]\n", done.stdout + done.stderr
+    assert set(interface.__all__) | {"__version__"} == set(hertzloop.__all__)
+    documented = set(re.findall(r"`(\w+(?:Error|Failed|Fault))`", PAGE.read_text())) - {
+        "ValueError"
+    }
+    assert documented <= set(hertzloop.__all__)
+    assert len(documented) == 7
+    assert all(issubclass(getattr(hertzloop, name), Exception) for name in documented)
 
 
 def test_a_sweep_over_a_list_is_the_cases_of_single_runs(scene: hertzloop.Scene) -> None:
