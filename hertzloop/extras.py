@@ -9,6 +9,8 @@ EXTRAS = {
     "pymoo": "tune",
     "gymnasium": "gym",
     "cryptography": "hosts",
+    "fmpy": "fmu",
+    "h5py": "h5",
     "distributed": "dask",
 }
 

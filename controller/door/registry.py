@@ -17,8 +17,10 @@ from pydantic.fields import FieldInfo
 from controller.door import patience
 from controller.door.law import Law, LawError, check_home, said_of
 from controller.door.patience import Overdue, given_up_in_time
-from controller.door.sources import SHIPPED, digest_of
+from controller.door.sources import SHIPPED, compilation, digest_of
 
+_ENDINGS = (".py", ".so", ".dylib", ".fmu", ".c")
+_SOURCE = (".c", ".cc", ".cpp", ".cxx")
 ENTRY_POINTS = "hertzloop.laws"
 _FILE = re.compile(r"(?P<file>.+\.(?:py|so|dylib|fmu))(?::(?P<name>\w+))?", re.DOTALL)
 _MODULE = re.compile(r"(?P<module>\w+(?:\.\w+)+|\w+(?=:))(?::(?P<name>\w+))?")
@@ -42,11 +44,19 @@ def _entry_points() -> dict[str, str]:
 
 
 def resolve(reference: str, folder: Path | None = None) -> str:
-    """A reference with the whole path of its file: in `folder`, else in the working folder."""
+    """A reference with the whole path of its file: in `folder`, else in the working folder. Raises
+    LawError for a file's name without its ending."""
     match = _FILE.fullmatch(reference)
-    if not match:
-        return reference
     tried = [*([folder] if folder else []), Path.cwd()]
+    if not match:
+        files = [f"{reference}{ending}" for ending in _ENDINGS]
+        there = [file for file in files if any(os.path.isfile(at / file) for at in tried)]
+        if there and re.fullmatch(r"\w+", reference) and reference not in known():
+            raise LawError(
+                f"controller.law = '{reference}': is no law, but {there[0]} exists. Give the whole "
+                f"name of the file, controller.law = '{there[0]}'"
+            )
+        return reference
     found = next((f / match["file"] for f in tried if os.path.isfile(f / match["file"])), None)
     path = (found or tried[-1] / match["file"]).resolve()
     return f"{path}:{match['name']}" if match["name"] else str(path)
@@ -60,6 +70,12 @@ def find(reference: str, digest: str | None = None) -> Law:
     file = _FILE.fullmatch(reference)
     if file:
         return _from_file(reference, Path(file["file"]), file["name"], digest)
+    if Path(reference).suffix in _SOURCE:
+        library = Path(reference).with_suffix(".so")
+        raise LawError(
+            f"controller.law = '{reference}': is source text, which has to be compiled first. Run "
+            f"`{compilation(Path(reference))}`, then give controller.law = '{library}'"
+        )
     installed = _entry_points().get(reference)
     module = _MODULE.fullmatch(installed or reference)
     if module:

@@ -2,9 +2,17 @@
 
 import ast
 import hashlib
+import shlex
 from pathlib import Path
 
 SHIPPED = Path(__file__).resolve().parent.parent / "laws"  # the laws that come with hertzloop
+
+
+def compilation(path: Path) -> str:
+    """The command that makes a library beside a law's source text in C."""
+    compiler = "cc" if path.suffix == ".c" else "c++"
+    source, library = shlex.quote(str(path)), shlex.quote(str(path.with_suffix(".so")))
+    return f"{compiler} -O2 -fPIC -shared -ffp-contract=off {source} -o {library} -lm"
 
 
 def digest_of(path: Path) -> str:

@@ -46,9 +46,9 @@ from hertzloop.commands.options import (
     TimeoutOption,
     TransportName,
     check_json,
-    check_output,
     check_pace,
     compile_first,
+    check_recording,
     files_of,
     scene_from,
     write_json,
@@ -62,6 +62,7 @@ app = typer.Typer(
     cls=Commands,
     help="Try an active force law against an impact at 1 MHz, over a real message bus.",
     no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     add_completion=False,
 )
@@ -114,7 +115,7 @@ def run(
     resolved = scene_to_run(repeated) if repeated else scene_from(scene, settings, seed)
     recording = out_file or Path(f"{resolved.name}{'-again' if repeat else ''}.mcap")
     inputs = [repeat] if repeat else files_of(resolved, scene, *(settings or []))
-    check_output(recording, overwrite, read=inputs)
+    check_recording(recording, overwrite, read=inputs)
     check_json(json_file, recording)
     if verify:
         from hertzloop.results.verify import check_verifiable

@@ -8,6 +8,7 @@ import typer
 from hertzloop.commands.options import OverwriteOption, check_output
 from hertzloop.commands.recordings import FileArgument, read_or_fail
 from hertzloop.commands.terminal import err, fail, out
+from hertzloop.extras import need
 
 
 def export(
@@ -37,6 +38,8 @@ def export(
 
     if out_file.suffix not in FORMATS:
         fail(f"{out_file} does not end in one of {', '.join(FORMATS)}, which say what to write", 2)
+    if out_file.suffix == ".h5":
+        need("h5py")
     if to_ms is not None and to_ms < from_ms:
         fail(f"--to {to_ms:g} is before --from {from_ms:g}", 2)
     check_output(out_file, overwrite, read=[file])

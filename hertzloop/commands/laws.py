@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from controller.door.sources import compilation
 from hertzloop.commands.options import (
     JsonOption,
     OverwriteOption,
@@ -77,10 +78,7 @@ def _next(kind: str, file: Path) -> str:
     if file.suffix == ".py":
         return f"hertzloop run --set controller.law={file}"
     library = file.with_suffix(".so")
-    return (
-        f"cc -O2 -fPIC -shared -ffp-contract=off {file} -o {library} -lm && "
-        f"hertzloop run --set controller.law={library}"
-    )
+    return f"{compilation(file)} && hertzloop run --set controller.law={library}"
 
 
 def law_on(

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from controller.door.registry import shipped as shipped_laws
-from hertzloop.commands.terminal import err, fail
+from hertzloop.commands.terminal import err, fail, out
 from hertzloop.extras import need
 from hertzloop.scenes.scene import Scene, SceneError, load
 
@@ -67,15 +67,20 @@ PaceOption = Annotated[
 MachineOption = Annotated[bool, typer.Option("--machine", hidden=True)]
 JsonOption = Annotated[
     Path | None,
-    typer.Option("--json", help="Write all figures to this file; an earlier one is replaced."),
+    typer.Option(
+        "--json",
+        help="Write all figures to this file, - is standard output; an earlier one is replaced.",
+    ),
 ]
 
+_STDOUT = Path("-")
 _JSON_BEGINS = '{\n  "hertzloop": '  # and its version: what --json wrote
 
 TransportName = Literal["zenoh", "inprocess", "compiled"]
 
 LARGEST_PORT = 65535
 _PICTURES = (".png", ".pdf", ".svg", ".jpg")
+_OF_FILES = (*_PICTURES, ".csv", ".html", ".json", ".mcap", ".parquet", ".toml", ".txt")
 
 
 def scene_from(
@@ -162,6 +167,15 @@ def check_output(
     check_folder(path)
 
 
+def check_recording(
+    path: Path, overwrite: bool, option: str = "--out", read: Iterable[Path] = ()
+) -> None:
+    """End the command unless `path` is the name of a recording that can be written."""
+    check_output(path, overwrite, option, read)
+    if path.suffix != ".mcap":
+        fail(f"{option} = {path}: must end in .mcap, as a recording is written", 2)
+
+
 def files_of(scene: Scene, *named: str) -> list[Path]:
     """What may be files that a scene was made of: its law's, and what is `named`, as the scene or
     in a setting."""
@@ -187,7 +201,11 @@ def check_folder(path: Path | None) -> None:
 
 def check_json(path: Path | None, *outputs: Path | None) -> None:
     """End the command unless what --json asks for, if it does, can be written: to a file that is
-    new, empty or an earlier one of these, and none of the command's other `outputs`."""
+    new, empty or an earlier one of these, and none of the command's other `outputs`. Where it goes
+    to standard output, nothing else does: words for people then go to standard error."""
+    if path == _STDOUT:
+        out.stderr = True
+        return
     check_folder(path)
     if path is None:
         return
@@ -218,7 +236,10 @@ def check_writable(folder: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder for results; end the command unless files can be written into it."""
+    """Make a folder for results; end the command unless files can be written into it, and for the
+    name of a file."""
+    if folder.suffix in _OF_FILES and not folder.is_dir():
+        fail(f"{folder}: must be a folder, not a file. Give a name without {folder.suffix}", 2)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -243,6 +264,9 @@ def write_json(path: Path | None, data: dict[str, Any]) -> None:
     if path is None:
         return
     marked = {"hertzloop": version("hertzloop"), **_strict(data)}
+    if path == _STDOUT:
+        print(json.dumps(marked, indent=2))
+        return
     try:
         if not _of_json(path):
             fail(f"--json {path} has been written by others meanwhile; it is left as it is", 1)

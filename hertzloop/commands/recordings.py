@@ -11,6 +11,7 @@ from hertzloop.commands.options import (
     OverwriteOption,
     check_json,
     check_output,
+    check_recording,
     write_json,
 )
 from hertzloop.commands.terminal import err, fail, out
@@ -271,7 +272,7 @@ def recover(
     from recordings.writer import RecordingError
 
     whole = out_file or file.with_name(f"{file.stem}-recovered.mcap")
-    check_output(whole, overwrite, read=[file])
+    check_recording(whole, overwrite, read=[file])
     try:
         messages, others = recover_file(file, whole, overwrite)
     except RecordingError as error:

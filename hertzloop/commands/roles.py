@@ -21,8 +21,8 @@ from hertzloop.commands.options import (
     SetOption,
     TimeoutOption,
     WaitOption,
-    check_output,
     check_pace,
+    check_recording,
     scene_from,
 )
 from hertzloop.commands.process_frame import bus_address, framed, progress_reporter, where
@@ -131,7 +131,7 @@ def record(
     from bus.streams import RECORDER
     from hertzloop.loop import processes
 
-    check_output(out_file, overwrite)
+    check_recording(out_file, overwrite)
     with framed(RECORDER, machine) as tell:
         address = bus_address(RECORDER, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:

@@ -83,6 +83,7 @@ class Commands(TyperGroup):
 
     def invoke(self, *args: Any) -> Any:
         """Run the command that was asked for."""
+        out.stderr = False  # see check_json
         try:
             return super().invoke(*args)
         except KeyboardInterrupt:

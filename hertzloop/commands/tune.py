@@ -27,7 +27,15 @@ from hertzloop.commands.options import (
 from hertzloop.commands.study_frame import resumable
 from hertzloop.commands.terminal import Table, fail, out, progress
 from hertzloop.extras import need
-from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, SceneError, to_toml, vary
+from hertzloop.scenes.scene import (
+    DEFAULT,
+    NO_CASE_OF_THESIS,
+    Scene,
+    SceneError,
+    to_toml,
+    toml_text,
+    vary,
+)
 
 if TYPE_CHECKING:
     from studies.tuning.record import Found, Tuned
@@ -160,6 +168,11 @@ def tune(
             out.print(_table(best, reference, objectives))
             for line in verdict:
                 out.print(line, soft_wrap=True)
+            chosen_one = _winner(best, reference, objectives) or best[0]
+            repeats = _repeating(chosen_one, scenes or [DEFAULT], settings, seed)
+            out.print(f"the best setting again ({_words(chosen_one.values)}):")
+            for line in repeats:
+                out.print(f"  {line}", soft_wrap=True)
             lists = [("minimise", minimise), ("law", laws), ("vary", ranges), ("over", over),
                      ("at-most", at_most), ("set", settings)]  # fmt: skip
             words = _command(scenes or [DEFAULT], lists, {"span": span, **search})
@@ -168,7 +181,8 @@ def tune(
                 verdict, len(tally.not_run), words, code_version(),
             )  # fmt: skip
             if folder is not None:
-                _write(folder, names, tuned)
+                best_scenes = [vary(base, chosen_one.values) for base in bases]
+                _write(folder, names, tuned, best_scenes)
     not_run = [row["status"] for row in tally.not_run]
     if not best:
         end_if_not_run(not_run, tally.cases)
@@ -202,9 +216,19 @@ def _command(
     return shlex.join(line)
 
 
-def _write(folder: Path, names: list[str], tuned: "Tuned") -> None:
-    """Settings as CSV, all that was found as JSON, and the chart; ends the command where they
-    cannot be written."""
+def _repeating(
+    found: "Found", scenes: list[str], settings: list[str] | None, seed: int | None
+) -> list[str]:
+    """The commands that run the scenes with a setting."""
+    keys = [f"{key}={toml_text(value)}" for key, value in found.values.items()]
+    more = [word for key in [*(settings or []), *keys] for word in ("--set", key)]
+    more += [] if seed is None else ["--seed", str(seed)]
+    return [shlex.join(["hertzloop", "run", scene, *more]) for scene in scenes]
+
+
+def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Scene]) -> None:
+    """Settings as CSV, all that was found as JSON, the chart, and every scene with the best
+    setting; ends the command where they cannot be written."""
     from studies.tabular import write_rows
     from studies.tuning.pictures import draw_front
     from studies.tuning.record import write_tuned
@@ -222,9 +246,15 @@ def _write(folder: Path, names: list[str], tuned: "Tuned") -> None:
         write_rows(folder / f"{name}.csv", headings, rows)
         write_tuned(folder / f"{name}.json", tuned)
         draw_front(folder / f"{name}.png", ", ".join(names), best, tuned.published, objectives)
+        for scene in best_scenes:
+            (folder / f"tuned-{scene.name}.toml").write_text(to_toml(scene), encoding="utf-8")
     except OSError as error:
         fail(f"cannot write into {folder}: {error.strerror}", 1)
-    out.print(f"written: {folder}/{name}.csv, .json and .png", soft_wrap=True)
+    out.print(
+        f"written: {folder}/{name}.csv, .json and .png; with the best setting: "
+        + ", ".join(f"{folder}/tuned-{scene.name}.toml" for scene in best_scenes),
+        soft_wrap=True,
+    )
 
 
 def _cases_of(over: list[str]) -> list[dict[str, Any]]:
@@ -275,13 +305,18 @@ def _table(best: "list[Found]", reference: "Found", objectives: tuple[str, ...])
     return table
 
 
-def _verdict(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> list[str]:
-    """How the settings found compare with the published one."""
+def _winner(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> "Found | None":
+    """The setting that beats the published one; None if there is none."""
     from studies.tuning.tune import better_than
 
+    return better_than(reference, best, objectives[0], objectives[1 if objectives[1:] else 0])
+
+
+def _verdict(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> list[str]:
+    """How the settings found compare with the published one."""
     first, rest = objectives[0], objectives[1:]
     keep = rest[0] if rest else first
-    winner = better_than(reference, best, first, keep)
+    winner = _winner(best, reference, objectives)
     if winner is None:
         return [f"none beats the published setting in {first} without raising {keep}"]
     gained = reference.figures[first] - winner.figures[first]

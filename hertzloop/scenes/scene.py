@@ -157,6 +157,12 @@ def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> 
         raise SceneError(
             f"{shortened(source)} is a law, and no scene; --set controller.law={shortened(source)}"
         )
+    if path.suffix == ".mcap":
+        raise SceneError(
+            f"{shortened(source)}: is a recording, not a scene. `hertzloop inspect "
+            f"{shortened(source)}` shows it, `hertzloop run --repeat {shortened(source)}` runs its "
+            "scene again"
+        )
     text = _text(source)  # first: there may be no looking for it
     folder = path.parent if path.is_file() else None
     return parse(text, settings, seed, folder=folder, name=shortened(source))
@@ -242,8 +248,8 @@ def vary(scene: Scene, values: Mapping[str, Any]) -> Scene:
     data = _opened(scene, {key.split(".")[0] for key in values})
     drop_unread(data, values)
     if "controller.law" in values:
-        name = resolve(str(values["controller.law"]))
         try:
+            name = resolve(str(values["controller.law"]))
             switch_law(data["controller"], name)
         except LawError as error:
             raise SceneError(str(error)) from error
@@ -278,10 +284,12 @@ def _take_in(data: dict[str, Any], folder: Path) -> None:
 
 def _checked(data: dict[str, Any], folder: Path | None = None, recorded: bool = False) -> Scene:
     control = data.get("controller")
-    if isinstance(control, dict) and isinstance(control.get("law"), str):
-        data = {**data, "controller": {**control, "law": resolve(control["law"], folder)}}
     try:
+        if isinstance(control, dict) and isinstance(control.get("law"), str):
+            data = {**data, "controller": {**control, "law": resolve(control["law"], folder)}}
         return Scene.model_validate(data, context={"recorded": recorded})
+    except LawError as error:
+        raise SceneError(str(error)) from error
     except ValidationError as error:
         raise SceneError(sentence(error, Scene)) from error
 
@@ -291,9 +299,9 @@ def _switch(data: dict[str, Any], settings: Mapping[str, Any], folder: Path | No
     drop_unread(data, settings)
     law, table = settings.get("controller.law"), data.get("controller")
     if isinstance(law, str) and isinstance(table, dict):
-        if isinstance(table.get("law"), str):
-            table["law"] = resolve(table["law"], folder)
         with suppress(LawError):  # the check of the table says so
+            if isinstance(table.get("law"), str):
+                table["law"] = resolve(table["law"], folder)
             switch_law(table, resolve(law), written=True)
 
 
@@ -313,6 +321,11 @@ def toml_value(text: str) -> Any:
         return _from_toml(f"value = {text}")["value"]
     except ValueError:
         return text.strip()
+
+
+def toml_text(value: Any) -> str:
+    """A value as written in TOML: what `toml_value` reads."""
+    return tomli_w.dumps({"value": value}).removeprefix("value = ").strip()
 
 
 def _put(data: dict[str, Any], key: str, value: Any) -> None:

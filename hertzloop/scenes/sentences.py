@@ -40,12 +40,30 @@ def unknown_key(path: tuple[str, ...], known: list[str]) -> str:
 
 def refused(keys: tuple[str, ...], value: Any, problems: Iterable[Any], field: Any) -> str:
     """Sentence on a value that will not do, of pydantic's `problems` with it and the `field`."""
-    problems = list(problems)
-    wanted = " or ".join(dict.fromkeys(p["msg"][0].lower() + p["msg"][1:] for p in problems))
-    wanted = wanted.replace("a valid tuple", "a list in brackets, such as [0.1, 0.2]")
-    bounds = bounds_of(field) if any("than" in p["type"] for p in problems) else ""
-    also = f" (from {bounds})" if bounds else ""
-    return f"{'.'.join(keys)} = {shown(value)} will not do: {wanted}{also}"
+    wanted = " or ".join(dict.fromkeys(_wanted(problem) for problem in problems))
+    bounds = bounds_of(field)
+    remedy = f". Give a value from {bounds}" if bounds else ""
+    return f"{'.'.join(keys)} = {shown(value)}: must be {wanted}{remedy}"
+
+
+_WANTED = {
+    "int": "a whole number", "float": "a number", "finite_number": "a finite number",
+    "bool": "true or false", "string": "text", "model": "a table", "dict": "a table",
+    "tuple": "a list in brackets, such as [0.1, 0.2]",
+    "greater_than_equal": "at least {ge:g}", "less_than_equal": "at most {le:g}",
+    "greater_than": "more than {gt:g}", "less_than": "less than {lt:g}",
+    "literal_error": "{expected}",
+}  # fmt: skip
+
+
+def _wanted(problem: Any) -> str:
+    """What pydantic asks for, in words that follow "must be"."""
+    kind = problem["type"]
+    words = _WANTED.get(kind) or _WANTED.get(kind.partition("_")[0])
+    if words is None or "pattern" in kind or "too" in kind:
+        said: str = problem["msg"]
+        return said.replace("Input should ", "").removeprefix("be ").removeprefix("have ")
+    return words.format(**problem.get("ctx", {}))
 
 
 def sentence(error: ValidationError, model: type[BaseModel]) -> str:

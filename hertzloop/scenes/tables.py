@@ -1,11 +1,13 @@
 """The tables of a scene and their keys: kinds, bounds and defaults."""
 
+import re
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, field_validator
 
 from hertzloop.quantities import SENSED
 from hertzloop.scenes.materials import MaterialKey, ModesTable, Table
+from hertzloop.scenes.sentences import shown
 from plant.schemes.door import SCHEMES
 
 Point = tuple[float, float]
@@ -58,7 +60,7 @@ class PlateTable(Table):
     """where the actuator pushes; the struck point if left out"""
     loss_factor: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
     """of every mode; the material's if left out"""
-    edges: Annotated[str, Field(pattern="^[cfs]{4}$")] | None = None
+    edges: str | None = None
     """a letter a side, at x = 0, x = l_x, y = 0, y = l_y: c clamped, s simply supported, f free;
     all s if left out"""
     radiation: Literal["none", "one_face", "two_faces"] | None = None
@@ -73,6 +75,17 @@ class PlateTable(Table):
     theory: Literal["kirchhoff", "3d", "auto"] = "kirchhoff"
     """a thin plate or a solid; "auto": thin where that is expected to meet run.accuracy, or the
     other is not known"""
+
+    @field_validator("edges")
+    @classmethod
+    def _four_edges(cls, value: str | None) -> str | None:
+        if value is not None and not re.fullmatch("[cfs]{4}", value):
+            raise ValueError(
+                f"plate.edges = {shown(value)}: must be four letters, for the edges at x = 0, x = "
+                "l_x, y = 0 and y = l_y. Give c (clamped), s (simply supported) or f (free) for "
+                "each, as in 'cccc'"
+            )
+        return value
 
     @property
     def radiating_faces(self) -> int:

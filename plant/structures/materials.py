@@ -75,7 +75,7 @@ def material_of(where: str, table: Mapping[str, object]) -> Material:
         if not low <= value <= high:
             known = isinstance(value, float) or abs(value) < 10**20  # others have no :g
             given = f"{value:g}" if known else "a number of that size"
-            raise ValueError(f"{where}.{key} = {given} will not do: it must be {words}")
+            raise ValueError(f"{where}.{key} = {given}: must be {words}")
     found = Material(**{_NAMES[key]: float(table[key]) for key in table})  # type: ignore[arg-type]
     speed = math.sqrt(found.youngs_modulus_pa / found.density_kg_m3)
     if not _SLOWEST <= speed <= _FASTEST:

@@ -28,6 +28,9 @@ def without(packages: str, *words: str, cwd: Path) -> subprocess.CompletedProces
         ("matplotlib", "charts", ("chart", "stability", "-o", "charts")),
         ("matplotlib", "charts", ("bench", "exchange", "-o", "exchange.png")),
         ("matplotlib", "charts", ("law-on", "none.mcap", "--law", "off")),
+        ("h5py", "h5", ("export", "none.mcap", "-o", "a.h5")),
+        ("cryptography", "hosts", ("keys", "d", "--hosts", "plant=a,controller=b,recorder=c")),
+        ("jinja2", "charts", ("report", "none.mcap", "-o", "page")),
         ("distributed", "dask", ("sweep", "--over", "sensors.bits=8", "--dask", "tcp://h:8786")),
     ],
 )

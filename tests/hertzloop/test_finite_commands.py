@@ -22,6 +22,7 @@ from hertzloop import control
 from hertzloop.loop.law_trial import impact_samples
 from hertzloop.scenes.scene import Scene, load, vary
 
+LONGER = {"run.duration_s": 2.0}  # than any latency
 SCENES = ("aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm")
 
 
@@ -88,7 +89,7 @@ def test_every_force_is_a_finite_number(law: str) -> None:
         name: str, values: dict[str, Any], latency_us: int, every: int, scale: float, noise: float,
         seed: int,
     ) -> None:  # fmt: skip
-        line = {"controller.latency_us": latency_us, "sensors.every_steps": every}
+        line = {"controller.latency_us": latency_us, "sensors.every_steps": every, **LONGER}
         scene = vary(load(name), {"controller.law": law, **values, **line})
         found = commands(scene, samples_of(scene, scale, noise, seed))
         assert np.isfinite(found).all()
@@ -99,7 +100,8 @@ def test_every_force_is_a_finite_number(law: str) -> None:
 @pytest.mark.parametrize("name", SCENES)
 def test_the_law_that_predicts_does_not_push_where_the_contact_is_long_over(name: str) -> None:
     """In its model the sphere has left after a second, or sticks without a force."""
-    scene = load(name, ["controller.law=predicted", "controller.latency_us=1000000"])
+    longest = {"controller.law": "predicted", "controller.latency_us": 1e6}
+    scene = vary(load(name), longest | LONGER)
     assert np.abs(commands(scene, samples_of(scene, 1.0, 0.0, 0))).max() < 1e-100
 
 

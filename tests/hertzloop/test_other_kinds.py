@@ -41,7 +41,7 @@ LAW = "def command(p, s, samples, i):\n    return 0.0\n"
         ),
         (
             "sweep --over plate.size_m=0.1,0.2",
-            "input should be a list in brackets, such as [0.1, 0.2]",
+            "must be a list in brackets, such as [0.1, 0.2]",
         ),
         ("sweep mine.py --over sensors.bits=4,5", "mine.py is a law, and no scene"),
     ],

@@ -234,7 +234,7 @@ def test_keys_of_a_law_of_ones_own(here: Path) -> None:
     assert vary(scene, {"controller.law": "slope_threshold"}) == load("aluminium-3mm")
     for setting, words in {
         "controller.shar=1": "controller.shar is no scene key; did you mean share?",
-        "controller.share=2": "controller.share = 2 will not do",
+        "controller.share=2": "controller.share = 2: must be",
         "controller.share=nan": "controller.share",
         "controller.fade_us=20": "fade_us = 20: has no effect on .*, whose keys are: share",
         "sensors.quantity=xi": "works on 'contact_force'",

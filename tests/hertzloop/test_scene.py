@@ -95,7 +95,7 @@ def test_the_keys_that_others_rely_on() -> None:
 @pytest.mark.parametrize(
     ("setting", "words"),
     [
-        ("sphere.radius_m=-1", ("sphere.radius_m = -1", "greater than or equal")),
+        ("sphere.radius_m=-1", ("sphere.radius_m = -1", "must be at least 1e-05")),
         ("sphere.radius_m=nan", ("sphere.radius_m = nan", "finite")),
         ("sphere.radius_m=3 mm", ("sphere.radius_m = '3 mm'", "number")),
         ("sphere.drop_height_m=0", ("sphere.drop_height_m = 0",)),

@@ -52,8 +52,9 @@ def test_a_loop_that_explodes_is_called_unstable(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", shipped())
 def test_no_shipped_scene_and_no_law_is_called_unstable(name: str) -> None:
     for law in shipped_laws():
-        keys = [f"controller.law={law}", "sensors.quantity=auto", "controller.duration_us=20",
-                "controller.force_n=1e4", "controller.profile_n=[1e4, -1e4]"]  # fmt: skip
+        own = {"constant": ["controller.duration_us=20", "controller.force_n=1e4"],
+               "profile": ["controller.profile_n=[1e4, -1e4]"]}  # fmt: skip
+        keys = [f"controller.law={law}", "sensors.quantity=auto", *own.get(law, [])]
         if law in ("velocity_feedback", "acceleration_feedback"):
             keys += ["controller.kappa=0.05"]  # more than a few tenths do become unstable
         scene = load(name, keys)

@@ -131,8 +131,8 @@ def test_verify_a_contact_that_yields() -> None:
           "run.scheme=discrete_gradient"], "run.scheme = 'modal' only"),
         (["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9",
           "run.plate_model=infinite"], "plate_model 'auto'"),
-        (["contact.plasticity=hill"], "contact.plasticity = 'hill' will not do"),
-        (["contact.limiting_pressure_pa=0"], "contact.limiting_pressure_pa = 0 will not do"),
+        (["contact.plasticity=hill"], "contact.plasticity = 'hill': must be"),
+        (["contact.limiting_pressure_pa=0"], "contact.limiting_pressure_pa = 0: must be"),
     ],
 )  # fmt: skip
 def test_what_is_refused(settings: list[str], words: str) -> None:

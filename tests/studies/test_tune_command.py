@@ -57,7 +57,8 @@ def test_a_scene_file_gives_results_the_name_of_the_scene(tmp_path: Path) -> Non
     found = CliRunner().invoke(app, ["tune", path, *QUICK, "--out", str(tmp_path / "new")])
     assert found.exit_code == 0
     written = {f.name for f in (tmp_path / "new").iterdir()}
-    assert written == {f"tune-aluminium-3mm.{kind}" for kind in ("csv", "json", "png")}
+    files = {f"tune-aluminium-3mm.{kind}" for kind in ("csv", "json", "png")}
+    assert written == files | {"tuned-aluminium-3mm.toml"}
 
 
 def test_settings_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:

@@ -1,0 +1,138 @@
+"""What a user types by mistake is answered with what is wrong and what to do, and exit code 2."""
+
+import json
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+import typer
+
+from hertzloop.commands.cli import app
+from hertzloop.scenes.scene import SceneError, load, vary
+from tests.hertzloop.own_laws import write_law
+from tests.hertzloop.test_cli import SHORT, call, here, said
+
+__all__ = ["here"]  # the fixture
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (
+            "run --set controller.law=pdc.c",
+            "controller.law = 'pdc.c': is source text, which has to be compiled first. Run `cc -O2 "
+            "-fPIC -shared -ffp-contract=off pdc.c -o pdc.so -lm`, then give controller.law = "
+            "'pdc.so'",
+        ),
+        (
+            "run --set controller.law=mine",
+            "controller.law = 'mine': is no law, but mine.py exists. Give the whole name of the "
+            "file, controller.law = 'mine.py'",
+        ),
+        ("sweep --over controller.law=off,mine", "is no law, but mine.py exists"),
+        ("tune --law mine", "is no law, but mine.py exists"),
+        (
+            "run a.mcap",
+            "a.mcap: is a recording, not a scene. `hertzloop inspect a.mcap` shows it, `hertzloop "
+            "run --repeat a.mcap` runs its scene again",
+        ),
+        ("validity a.mcap", "a.mcap: is a recording, not a scene."),
+        (
+            "run --set plate.edges=ccc",
+            "plate.edges = 'ccc': must be four letters, for the edges at x = 0, x = l_x, y = 0 and "
+            "y = l_y. Give c (clamped), s (simply supported) or f (free) for each, as in 'cccc'",
+        ),
+        (
+            "run --set sensors.bits=12.5",
+            "sensors.bits = 12.5: must be a whole number or 'ideal'. Give a value from 1 to 24",
+        ),
+        (
+            "run --set controller.bits=many",
+            "controller.bits = 'many': must be a whole number or 'ideal'. Give a value from 2 to",
+        ),
+        ("run --set run.accuracy=nan", "run.accuracy = nan: must be a finite number. Give a value"),
+        (
+            "run --set contact.damping=oil",
+            "contact.damping = 'oil': must be 'none', 'viscous', 'hunt_crossley' or 'relaxation'",
+        ),
+        ("run --set plate.material=3", "plate.material = 3: must be text or a table"),
+        ("run --out a.txt", "--out = a.txt: must end in .mcap, as a recording is written"),
+        ("record --out a", "--out = a: must end in .mcap, as a recording is written"),
+        ("recover a.mcap --out a.bin", "--out = a.bin: must end in .mcap"),
+        ("tune -o tuned.csv", "tuned.csv: must be a folder, not a file. Give a name without .csv"),
+        ("chart latency -o a.png", "a.png: must be a folder, not a file"),
+        (
+            "run --set controller.latency_us=1500 --set run.duration_s=0.0015",
+            "controller.latency_us = 1500: is as long as the run, so that no force ever acts. Give "
+            "less latency, or more run.duration_s (now 0.0015)",
+        ),
+    ],
+)
+def test_it_is_answered(words: str, sentence: str, here: Path) -> None:
+    write_law(here)
+    (here / "pdc.c").write_text("")
+    before = sorted(here.iterdir())
+    result = call(*words.split())
+    assert result.exit_code == 2
+    assert sentence in said(result)
+    assert sorted(here.iterdir()) == before
+
+
+def test_a_file_of_a_law_beside_its_scene_is_named(here: Path) -> None:
+    folder = here / "scenes"
+    folder.mkdir()
+    write_law(folder)
+    call("new", "scene", "scenes/a.toml")
+    text = (folder / "a.toml").read_text().replace('"slope_threshold"', '"mine"')
+    (folder / "a.toml").write_text(text)
+    with pytest.raises(SceneError, match=r"law = 'mine': is no law, but mine\.py exists"):
+        load("scenes/a.toml")
+
+
+def test_latency_up_to_the_end_is_accepted_and_off_needs_no_force() -> None:
+    scene = load("aluminium-3mm", ["run.duration_s=0.0015"])
+    assert vary(scene, {"controller.latency_us": 1498}).controller.latency_us == 1498.0
+    assert vary(scene, {"controller.latency_us": 1e6, "controller.law": "off"}).steps == 1500
+
+
+def test_h_is_help_for_every_command() -> None:
+    found, groups = 0, [([], typer.main.get_command(app))]
+    while groups:
+        path, command = groups.pop()
+        full, short = call(*path, "--help"), call(*path, "-h")
+        assert (short.exit_code, short.output) == (0, full.output), path
+        found += 1
+        if isinstance(command, click.Group) or hasattr(command, "commands"):
+            groups += [([*path, name], inner) for name, inner in command.commands.items()]
+    assert found > 30
+
+
+def test_json_on_standard_output_is_alone_there(here: Path) -> None:
+    tune = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--generations", "1",
+            "--population", "4", "--minimise", "plate_energy_db"]  # fmt: skip
+    for words, key in (
+        (["run", *SHORT], "impacts"),
+        (["inspect", "aluminium-3mm.mcap"], "problems"),
+        (["law-on", "aluminium-3mm.mcap", "--law", "off", "-o", "a.png"], "first_difference"),
+        (["sweep", *SHORT[2:], "--over", "controller.kappa=0.4,0.8", "-o", "a.csv"], "cases_per_s"),
+        (["check", "a.csv", "--cases", "1", "--transport", "compiled"], "differing"),
+        (["validity", *SHORT[2:]], "scene"),
+        (["tune", *tune, "-o", "tuned"], "front"),
+    ):
+        result = call(*words, "--json", "-")
+        assert result.exit_code == 0, result.stderr
+        assert key in json.loads(result.stdout)
+        assert result.stderr
+    assert not (here / "-").exists()
+    assert "Impacts" in call("inspect", "aluminium-3mm.mcap").stdout  # the next command as ever
+
+    # The search before: it names the command and has written the scene of its best setting.
+    printed = call("tune", *tune, "-o", "tuned").stdout.splitlines()
+    [line] = [line.strip() for line in printed if line.startswith("  hertzloop run ")]
+    words = shlex.split(line)[2:]
+    settings = [words[i + 1] for i, word in enumerate(words) if word == "--set"]
+    again = load(words[0], settings)
+    assert load("tuned/tuned-aluminium-3mm.toml") == again
+    front = json.loads((here / "tuned" / "tune-aluminium-3mm.json").read_text())["tuned"]["front"]
+    assert again.controller.kappa in [one["values"]["controller.kappa"] for one in front]
