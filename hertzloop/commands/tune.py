@@ -169,7 +169,11 @@ def tune(
             for line in verdict:
                 out.print(line, soft_wrap=True)
             chosen_one = _winner(best, reference, objectives) or best[0]
-            repeats = _repeating(chosen_one, scenes or [DEFAULT], settings, seed)
+            best_scenes = [vary(base, chosen_one.values) for base in bases]
+            repeats = [
+                _repeating(chosen_one, scene, name, settings, seed)
+                for scene, name in zip(best_scenes, scenes or [DEFAULT], strict=True)
+            ]
             out.print(f"the best setting again ({_words(chosen_one.values)}):")
             for line in repeats:
                 out.print(f"  {line}", soft_wrap=True)
@@ -181,7 +185,6 @@ def tune(
                 verdict, len(tally.not_run), words, code_version(),
             )  # fmt: skip
             if folder is not None:
-                best_scenes = [vary(base, chosen_one.values) for base in bases]
                 _write(folder, names, tuned, best_scenes)
     not_run = [row["status"] for row in tally.not_run]
     if not best:
@@ -217,13 +220,21 @@ def _command(
 
 
 def _repeating(
-    found: "Found", scenes: list[str], settings: list[str] | None, seed: int | None
-) -> list[str]:
-    """The commands that run the scenes with a setting."""
+    found: "Found", scene: Scene, name: str, settings: list[str] | None, seed: int | None
+) -> str:
+    """The command that runs a scene, called `name`, with a setting, which makes it `scene`."""
+    known = {f"controller.{key}" for key, _ in scene.controller}
+    given = [text.strip() for text in settings or []]
+    # A key of the scene's own law may be unknown to the law that was found.
+    kept = [text for text in given if _key(text) in known or not text.startswith("controller.")]
     keys = [f"{key}={toml_text(value)}" for key, value in found.values.items()]
-    more = [word for key in [*(settings or []), *keys] for word in ("--set", key)]
-    more += [] if seed is None else ["--seed", str(seed)]
-    return [shlex.join(["hertzloop", "run", scene, *more]) for scene in scenes]
+    line = ["hertzloop", "run", name]
+    line += [word for text in [*kept, *keys] for word in ("--set", text)]
+    return shlex.join(line if seed is None else [*line, "--seed", str(seed)])
+
+
+def _key(setting: str) -> str:
+    return setting.partition("=")[0].strip()
 
 
 def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Scene]) -> None:
