@@ -11,6 +11,7 @@ from controller.door.law import LawError
 from controller.law import About, Reach
 from hertzloop.plant_tables import actuator_of, contact_of
 from hertzloop.plate_choice import (
+    check_build,
     check_lowest,
     check_modes,
     check_reach,
@@ -77,6 +78,7 @@ def _modal_spec(scene: Scene) -> PlantSpec:
         check_reach(spec.plate, spec.sphere, spec.contact, spec.frequency_limit_hz)
     else:
         check_modes(scene, spec.plate, spec.frequency_limit_hz)
+    check_build(spec)
     return spec
 
 

@@ -6,11 +6,12 @@ from hertzloop.plant_tables import contact_of
 from hertzloop.scenes.problems import not_in_three_dimensions
 from hertzloop.scenes.scene import Scene, SceneError
 from plant.contact.hertz import Contact, Sphere, rigid_contact_time_s, rigid_penetration_m
-from plant.plant import MOST_MODES
+from plant.plant import MOST_MODES, PlantSpec
 from plant.schemes.door import SCHEMES
+from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.model_order import expected_error, frequency_limit_hz
-from plant.structures.plate import Plate
+from plant.structures.plate import Plate, frequencies
 from plant.structures.plate_theory import KirchhoffError, expected_kirchhoff_error
 from plant.structures.solid_order import solid_limit_hz
 from plant.structures.solid_plate import SolidPlate
@@ -24,6 +25,9 @@ _LOWEST_TAIL = 0.5  # of the last mode's frequency, for that from which on a dam
 _WIDEST = 0.25 * math.pi
 _MOST_BELOW = 0.5  # of the contact's own flexibility
 _LEAST_SHARE = 0.99  # of the frequency limit, for the lowest mode
+# Processor time of a mode, of one of a plate with edges, and of a pair of modes under a mass, s.
+_MODE_S, _EDGED_MODE_S, _MASS_S = 1e-5, 7e-5, 5e-8
+_TOLD_S, _MOST_S = 2.0, 60.0  # of processor time for the modes: said, and refused
 _FEWEST_PERIODS = 1.5  # of the limit in a contact
 
 
@@ -222,3 +226,37 @@ def check_modes(scene: Scene, plate: Structure, limit_hz: float) -> None:
             f"{_sizes(scene)} has about {modes:.2g} modes up to {limit_hz:.3g} Hz, the most is "
             f"{MOST_MODES}; take a smaller or thicker plate, or {less}"
         )
+
+
+def build_s(spec: PlantSpec) -> float:
+    """Return about how much processor time the plant's modes take, s."""
+    if spec.infinite_plate:
+        return 0.0
+    modes = spec.plate.modes_below(spec.frequency_limit_hz)
+    found = modes * (_EDGED_MODE_S if isinstance(spec.plate, EdgedPlate) else _MODE_S)
+    if spec.actuator.mass_kg > 0.0 and _MASS_S * modes**2 > _TOLD_S:
+        limit = 2.0 * math.pi * spec.frequency_limit_hz
+        felt = frequencies(spec.plate, spec.contact_point_m, spec.actuator_point_m, limit)
+        found += _MASS_S * felt**2
+    return found
+
+
+def check_build(spec: PlantSpec) -> None:
+    """Raise SceneError for a plant whose modes would take too long."""
+    takes_s = build_s(spec)
+    if takes_s > _MOST_S:
+        modes = spec.plate.modes_below(spec.frequency_limit_hz)
+        raise SceneError(
+            f"actuator.mass_kg = {spec.actuator.mass_kg:g}: on about {modes:.2g} modes it takes "
+            f"about {takes_s:,.0f} s to compute, the most is {_MOST_S:g} s. Leave out the mass, or "
+            "choose a smaller or thicker plate, or a larger run.accuracy."
+        )
+
+
+def build_words(spec: PlantSpec) -> str:
+    """Return a sentence for a plant whose modes take a while; empty for any other."""
+    takes_s = build_s(spec)
+    if takes_s < _TOLD_S:
+        return ""
+    modes = spec.plate.modes_below(spec.frequency_limit_hz)
+    return f"Computing about {modes:.2g} modes, which takes about {takes_s:.0f} s of processor time."

@@ -92,11 +92,12 @@ def scene_from(
         scene = load(source, settings or (), seed)
         from hertzloop import assembly as parts
         from hertzloop.commands.warmup import anything_compiled
+        from hertzloop.plate_choice import build_words
 
         if not anything_compiled():
             announce_compilation()
-
-        parts.plant_spec(scene)
+        if said := build_words(parts.plant_spec(scene)):
+            err.print(said, soft_wrap=True, markup=False)
         if not tried:
             check_law(scene)
         return scene

@@ -112,18 +112,23 @@ def _offsets(
     away_0 = poles - poles[near, None]
     others = np.where(np.arange(len(poles)) == near[:, None], 0.0, weights)
     away_0[np.arange(len(near)), near] = np.inf
-    way = 0.5 * (low + high)
+    own = weights[near]
+    found, way = np.empty(len(near)), 0.5 * (low + high)
+    open_ = np.arange(len(near))  # few roots need many rounds: the others are not repeated
     for _ in range(_MOST_HALVINGS):
         away = away_0 - way[:, None]
         rest = np.sum(others / away, axis=1) + constant
         slope = np.sum(others / away**2, axis=1)
-        value = weights[near] - way * rest  # -way times the whole sum
+        value = own - way * rest  # -way times the whole sum
         rises = value / way < 0.0  # the whole sum is above zero
         high, low = np.where(rises, way, high), np.where(rises, low, way)
         trial = way + value / (rest + way * slope)
         new = np.where((trial >= low) & (trial <= high), trial, 0.5 * (low + high))
-        settled = np.abs(new - way) <= 1e-15 * np.abs(way)
-        way = new
-        if np.all(settled):
+        found[open_] = new
+        goes_on = ~(np.abs(new - way) <= 1e-15 * np.abs(way))
+        if not np.any(goes_on):
             break
-    return way
+        open_, way, low, high = (a[goes_on] for a in (open_, new, low, high))
+        if not np.all(goes_on):
+            away_0, others, own = (a[goes_on] for a in (away_0, others, own))
+    return found

@@ -123,8 +123,8 @@ def _zener(number: float) -> tuple[float, float]:
     apart.terminal = True  # type: ignore[attr-defined]
     end = _LONGEST * (1.0 + number)
     found = scipy.integrate.solve_ivp(
-        rates, (0.0, end), [0.0, 1.0], events=apart, rtol=1e-8, atol=1e-10
-    )
+        rates, (0.0, end), [0.0, 1.0], method="LSODA", events=apart, rtol=1e-8, atol=1e-10
+    )  # an explicit method would take lambda^2 steps
     return float(found.t[-1]), float(np.max(found.y[0]) ** 1.5)
 
 

@@ -21,6 +21,8 @@ from plant.structures.materials import Material
 from plant.structures.plate import Plate
 from plant.structures.structure import Modes, Point
 
+_COUNTED = 2000  # wave numbers at which branches are counted
+
 
 @lru_cache(maxsize=64)
 def _left_out(poisson_ratio: float, omega_c: float) -> tuple[float, float]:
@@ -59,7 +61,7 @@ class SolidPlate:
     @property
     def highest_hz(self) -> float:
         """Up to where the branches are known, Hz."""
-        return HIGHEST * self.unit_rad_s / (2.0 * math.pi)
+        return (1.0 - 1e-12) * HIGHEST * self.unit_rad_s / (2.0 * math.pi)  # whatever the rounding
 
     def wave_number_1_m(self, omega: float) -> float:
         """Largest wave number of any branch at a frequency, 1/m."""
@@ -76,9 +78,14 @@ class SolidPlate:
         return contact_m == actuator_m
 
     def modes_below(self, frequency_hz: float) -> float:
-        """About how many modes there are up to a frequency, those of A0, by the modal density."""
-        area, k = self.size_m[0] * self.size_m[1], self.wave_number_1_m(2 * math.pi * frequency_hz)
-        return area * k * k / (4.0 * math.pi)
+        """About how many modes there are up to a frequency, those of all branches, by the area of
+        the wave numbers that each has there."""
+        limit = 2.0 * math.pi * frequency_hz / self.unit_rad_s
+        squared = np.linspace(0.0, self._branches.bending_x(min(limit, HIGHEST)) ** 2, _COUNTED)
+        squared = 0.5 * (squared[1:] + squared[:-1])
+        below = self._branches.omegas(np.sqrt(squared)) <= limit
+        area = self.size_m[0] * self.size_m[1] / self.plate.thickness_m**2
+        return float(area * squared[-1] * np.mean(np.sum(below, axis=0)) / (4.0 * math.pi))
 
     def modes(self, omega_max: float, contact_m: Point, actuator_m: Point) -> Modes:
         """All modes up to `omega_max` rad/s, by rising frequency. Raises ValueError beyond what the

@@ -4,6 +4,7 @@ import math
 from typing import Any, get_args
 
 import pytest
+import scipy
 import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -13,6 +14,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.figures import figures_of
 from hertzloop.scenes.scene import Scene, SceneError, load, parse, shipped, toml_value
 from hertzloop.scenes.sentences import _limits
+from plant.plant import MOST_MODES
 
 TABLES = {name: field.annotation for name, field in Scene.model_fields.items()}
 KEYS = [
@@ -141,3 +143,53 @@ def test_parts_of_extreme_scenes_can_be_built_and_run(name: str, data: st.DataOb
         figures_of(found, run.rows)
         return
     assert 0 < len(said) <= LONGEST_SENTENCE, said
+
+
+SOLID = ("plate.theory=3d", "run.accuracy=1e-9", "run.step_ns=100", "sphere.radius_m=0.002")
+_EVALUATIONS = 20_000  # an explicit method takes millions
+MASS = "actuator.mass_kg=0.01"
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        (["plate.theory=auto", "sphere.radius_m=0.35"], ""),
+        # Branches beyond bending have four fifths of the modes.
+        ([*SOLID, "plate.size_m=[2.6, 2.0]", "plate.thickness_m=0.02"], "about 2.4e+06 modes"),
+        ([*SOLID, "plate.size_m=[0.4, 0.5]", "plate.thickness_m=0.06"], ""),
+        (
+            ["plate.size_m=[7.6, 20.0]", "plate.thickness_m=0.017", MASS],
+            "actuator.mass_kg = 0.01: on about 3.5e+05 modes",
+        ),
+        (["plate.size_m=[0.2, 0.22]", "plate.contact_point_m=[0.08, 0.07]", MASS], ""),
+    ],
+    ids=["auto", "solid", "solid at its highest", "mass", "mass on few"],
+)
+def test_what_takes_long_to_build_is_refused_or_quick(
+    keys: list[str], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By what is counted: modes, and evaluations of Zener's impact."""
+    integrate = scipy.integrate.solve_ivp
+
+    def counting(rates: Any, *args: Any, **named: Any) -> Any:
+        left = iter(range(_EVALUATIONS))
+
+        def counted(t: float, state: Any) -> Any:
+            assert next(left, None) is not None, "too many evaluations"
+            return rates(t, state)
+
+        return integrate(counted, *args, **named)
+
+    monkeypatch.setattr(scipy.integrate, "solve_ivp", counting)
+    scene = load("aluminium-3mm", ["run.plate_model=modal", *keys])
+    try:
+        modes = parts.plant(scene).modes
+    except SceneError as error:
+        said = str(error)
+    else:
+        said = ""
+        expected = parts.plant_spec(scene).plate.modes_below(modes.omega[-1] / (2.0 * math.pi))
+        assert len(modes.omega) <= MOST_MODES
+        assert modes.modes == pytest.approx(expected, rel=0.3)
+    assert said.find(words) >= 0
+    assert bool(said) == bool(words)
