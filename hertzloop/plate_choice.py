@@ -259,4 +259,4 @@ def build_words(spec: PlantSpec) -> str:
     if takes_s < _TOLD_S:
         return ""
     modes = spec.plate.modes_below(spec.frequency_limit_hz)
-    return f"Computing about {modes:.2g} modes, which takes about {takes_s:.0f} s of processor time."
+    return f"Computing about {modes:.2g} modes takes about {takes_s:.0f} s of processor time."
