@@ -286,16 +286,7 @@ def test_mistakes_in_a_sweep_end_it(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("folder.csv").mkdir()
-    usual = [
-        "sweep",
-        "aluminium-3mm",
-        "--workers",
-        "1",
-        "--over",
-        "controller.kappa=0,1",
-        "-o",
-        "r.csv",
-    ]
+    usual = ["sweep", "--workers", "1", "--over", "controller.kappa=0,1", "-o", "r.csv"]
     found = CliRunner().invoke(app, [*usual, *words])
     assert found.exit_code == code
     assert says in found.stderr
