@@ -23,6 +23,7 @@ PAGES = sorted(
 RUN = {"README.md": {}, "docs/first-run.md": {"hertzloop compare": 1}}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("page", PAGES, ids=str)
 def test_the_python_of_a_page_runs(page: Path, tmp_path: Path) -> None:
     blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), re.DOTALL)
@@ -74,6 +75,7 @@ def test_every_command_has_its_line() -> None:
                 assert re.search(rf"`(hertzloop )?{before}{name}\b", told), f"{before}{name}"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("page", RUN)
 def test_the_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
     for words in commands(ROOT / page):

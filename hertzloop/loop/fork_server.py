@@ -7,6 +7,7 @@ and standard streams. The fork server of `multiprocessing` does not fit: it runs
 `__main__` again in every child, and the child has the standard streams of the server.
 """
 
+import atexit
 import gc
 import json
 import os
@@ -17,6 +18,7 @@ import socket
 import subprocess
 import sys
 import threading
+import weakref
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
@@ -217,6 +219,10 @@ def _serve(requests: socket.socket) -> NoReturn:
 def _become(request: dict[str, object], streams: list[int]) -> NoReturn:
     """Run a command in this fork as a fresh process would, and end it."""
     code = 1
+    # What the launcher asked for at its exit is not this process's to do.
+    atexit._clear()
+    weakref.finalize._registry.clear()  # type: ignore[attr-defined]
+    weakref.finalize._registered_with_atexit = False  # type: ignore[attr-defined]
     try:
         os.setsid()
         for number, stream in enumerate(streams):
@@ -242,6 +248,7 @@ def _become(request: dict[str, object], streams: list[int]) -> NoReturn:
     except BaseException:
         sys.excepthook(*sys.exc_info())
     finally:
+        atexit._run_exitfuncs()
         with suppress(OSError, ValueError):
             sys.stdout.flush()
         with suppress(OSError, ValueError):

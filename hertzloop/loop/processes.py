@@ -21,7 +21,7 @@ from bus.zenoh_port import ZenohPort
 from hertzloop.loop import watchdog
 from hertzloop.loop.realtime import Profile, Wanted
 from hertzloop.loop.repeating import Repeat
-from hertzloop.loop.signals import INTERRUPTED, ending_signals
+from hertzloop.loop.signals import INTERRUPTED, ending_signals, launcher_gone
 from hertzloop.scenes.scene import Scene
 from jit.compiling import noticed
 from recordings.recorder import Recorder
@@ -77,11 +77,11 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
     A signal makes the next wait raise KeyboardInterrupt; a second one, or a role that does
     not get to its next wait because another hangs, ends the process at once.
     """
-    launcher, opened_s = os.getppid(), time.monotonic()
+    opened_s = time.monotonic()
     port = address.open(role)
 
     def tidy_up() -> None:
-        if os.getppid() != launcher:  # it was killed, and cannot
+        if launcher_gone.is_set():  # it was killed, and cannot
             remove_folder_of(address.listen)
 
     def leave() -> None:

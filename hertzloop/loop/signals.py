@@ -152,12 +152,16 @@ def interrupts_held_back() -> Iterator[None]:
                 signal.raise_signal(number)
 
 
+launcher_gone = threading.Event()
+
+
 def end_with_the_launcher() -> None:
     """End this process as a signal would when its standard input ends: its launcher is gone."""
 
     def wait() -> None:
         while os.read(0, 1):
             pass
+        launcher_gone.set()
         os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=wait, daemon=True).start()

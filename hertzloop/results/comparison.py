@@ -5,9 +5,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
+from hertzloop.commands.terminal import Table
 from hertzloop.results.spans import DECIBELS, RunFigures, SpanFigures, decibels
 
 _SPANS = {"first_impact": "first impact", "whole_run": "whole run"}
@@ -91,7 +91,7 @@ def as_json(found: Comparison) -> list[dict[str, Any]]:
 
 def table(found: Comparison) -> Table:
     """The figures of both runs with their units, and the change from A to B."""
-    shown = Table(title="Figures of A and B, and the change from A to B", title_justify="left")
+    shown = Table(title="Figures of A and B, and the change from A to B")
     shown.add_column("figure")
     for heading in ("A", "B", "change"):
         shown.add_column(heading, justify="right")

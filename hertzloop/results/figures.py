@@ -31,8 +31,8 @@ from plant.structures.modal_structure import ModalStructure
 from recordings.columns import Arrays
 from recordings.reader import Recording
 
-_OF_ROWS = ("impacts", "noise", "last_contact_ended", "stability", "demand", "push", "validity",
-            "warnings")  # fmt: skip
+_OF_ROWS = ("impacts", "noise", "first_impact", "whole_run", "last_contact_ended", "stability",
+            "demand", "push", "validity", "warnings")  # fmt: skip
 NEEDED_FIELDS = set(TRUTH) - {"xi_a_m", "f_c1_n", "f_a1_n", "deepest_m"}
 
 

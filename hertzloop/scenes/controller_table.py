@@ -84,12 +84,12 @@ class ControllerTable(Table):
             raise ValueError(str(error)) from error
         own, others = law.keys.model_fields, shipped_keys()
         for name, value in given.items():
-            if name in own or is_recorded(info):
+            if name in own:
                 continue
             if name not in others:
                 known = [*ControllerTable.model_fields, *own]
                 raise ValueError(unknown_key(("controller", name), known))
-            if value != others[name].default:
+            if value != others[name].default and not is_recorded(info):
                 raise ValueError(_of_another_law(name, value, law))
         try:
             mine = law.keys.model_validate({k: v for k, v in given.items() if k in own})

@@ -39,7 +39,8 @@ def problems(scene: "Scene") -> list[str]:
                 f"controller.{key} = {value:g} is no whole number of steps; take a multiple of "
                 f"{run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})"
             )
-    if control.law != "off" and scene.in_steps(control.latency_us) + 1 >= scene.steps:
+    late = control.latency_us > 0.0 and scene.in_steps(control.latency_us) + 1 >= scene.steps
+    if control.law != "off" and late:
         found.append(
             f"controller.latency_us = {control.latency_us:g}: is as long as the run, so that no "
             f"force ever acts. Give less latency, or more run.duration_s (now {run.duration_s:g})"

@@ -28,6 +28,7 @@ from tests.faults.runs import MOST_LOST_MS, table
 from tests.recordings.damages import Tally
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
 @pytest.mark.parametrize(
     "fault",

@@ -55,7 +55,8 @@ def child_of(
     def look() -> psutil.Process | None:
         for child in psutil.Process(process.pid).children(recursive=True):
             try:
-                if command in child.cmdline():
+                # A title may stand in one string, with zero bytes after it.
+                if command in " ".join(child.cmdline()).split():
                     return child
             except psutil.Error:
                 continue

@@ -86,6 +86,7 @@ def test_work_on_the_plate_by_rows_is_what_the_books_say(name: str, mass: list[s
     assert work == pytest.approx(taken, rel=2e-4)
 
 
+@pytest.mark.full
 def test_the_recording_holds_the_force_and_the_command(tmp_path: Path) -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0013", "actuator.force_limit_n=12"])
     record_in_process(scene, tmp_path / "a.mcap", compiled=True)

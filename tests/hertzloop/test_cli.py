@@ -67,6 +67,7 @@ def test_first_run_of_a_new_user(here: Path) -> None:
     assert "--overwrite" in again.stderr
 
 
+@pytest.mark.full
 def test_the_table_says_what_was_chosen_and_what_the_full_model_would_have_cost(
     here: Path,
 ) -> None:
@@ -312,6 +313,7 @@ def test_a_folder_is_not_written_as_a_file(here: Path) -> None:
     assert "folder.json is a folder" in said(result)
 
 
+@pytest.mark.full
 def test_rerun_is_imported_only_where_it_is_used(here: Path) -> None:
     script = (
         "import sys; from typer.testing import CliRunner; from hertzloop.commands.cli import app;"

@@ -57,6 +57,7 @@ def conformance(command: str, *words: str) -> tuple[int, str]:
     return done.returncode, " ".join((done.stdout + done.stderr).split())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("law", ["slope_threshold", "velocity_feedback"])
 def test_our_own_controller_conforms(law: str) -> None:
     code, said = conformance(OURS, "--law", law)
@@ -101,6 +102,7 @@ RULES = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("rule", RULES)
 def test_a_broken_rule_is_named(rule: str) -> None:
     silent = "waited 5 s" in RULES[rule] or rule == "runs-on"
@@ -112,6 +114,7 @@ def test_a_broken_rule_is_named(rule: str) -> None:
     assert "conforms" not in said
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("rule", "words", "sentence"),
     [
@@ -140,6 +143,7 @@ def test_a_controller_that_cannot_be_started_or_does_not_stay() -> None:
     assert "never came (its process ended with exit code 1: ZeroDivisionError" in said
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
@@ -155,6 +159,7 @@ def test_mistakes(words: str, sentence: str) -> None:
     assert sentence in " ".join(done.stderr.split())
 
 
+@pytest.mark.full
 def test_one_that_runs_already(tmp_path: Path) -> None:
     """It plays one script, and has to be there for it."""
     base = free_ports(3, in_a_row=True)[0]
@@ -175,6 +180,7 @@ class TestARecording:
 
     GOLDEN = ROOT / "recordings" / "golden" / "first-impact-2us-late.mcap"
 
+    @pytest.mark.full
     def test_of_the_same_law(self) -> None:
         code, said = conformance(EXAMPLE + "", "--expect", str(self.GOLDEN))
         assert code == 0, said
@@ -220,6 +226,7 @@ def test_samples_of_a_script_are_said_as_a_plant_says_them() -> None:
     assert kinds == {"code", "value"}
 
 
+@pytest.mark.full
 def test_the_example_gives_the_shipped_laws_bytes(tmp_path: Path) -> None:
     """Plant and recorder are ours, the controller is not."""
     scene = ["aluminium-3mm", "--set", "run.duration_s=0.0025", "--set", "run.accuracy=0.1"]

@@ -35,6 +35,7 @@ def copied(folder: Path, *names: str) -> None:
         subprocess.run([sys.executable, script], cwd=folder, check=True, timeout=280)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("scene", "files", "struck"),
     [
@@ -90,6 +91,7 @@ def test_the_beam_of_the_example_is_as_soft_as_a_beam(tmp_path: Path) -> None:
     assert not spec.same_point
 
 
+@pytest.mark.full
 def test_modes_of_a_scene_run_again(tmp_path: Path) -> None:
     short = ["--set", "run.duration_s=0.003", "--transport", "compiled"]
     edges = ["--set", "plate.edges=cfsc", "--set", "run.accuracy=0.1"]
@@ -128,6 +130,7 @@ def test_a_wrong_file_ends_the_command_with_a_sentence(tmp_path: Path) -> None:
         assert not (tmp_path / "wrong.mcap").exists()
 
 
+@pytest.mark.full
 def test_a_sweep_over_edges_materials_and_files_of_modes(tmp_path: Path) -> None:
     quick = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.003", "--workers", "1"]
     by_edges = ["--over", "plate.edges=ssss,cccc,ffff", "--over", "plate.material=titanium,glass"]

@@ -15,6 +15,7 @@ from hertzloop.loop.controller_node import ControllerNode, set_up_by
 from hertzloop.scenes.scene import parse
 from tests.hertzloop.exchange import exchange
 from tests.hertzloop.short_runs import SCENES, scene
+from tests.tiers import default
 
 pytestmark = pytest.mark.usefixtures("short_blocks")
 
@@ -37,7 +38,7 @@ def expected(name: str) -> dict[str, str]:
     return exchange(scene(name), 0, horizon=1).heard.samples()
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", default(SCENES, ["law", "converters", "watching"]))
 def test_the_same_bytes_under_any_delays(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plant_streams, "ROOM_STEPS", 500)
     ways = set()

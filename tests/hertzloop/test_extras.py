@@ -21,6 +21,7 @@ def without(packages: str, *words: str, cwd: Path) -> subprocess.CompletedProces
     )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("package", "extra", "words"),
     [
@@ -59,6 +60,7 @@ def test_the_python_interface_names_it_too(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("package", ["pymoo", "matplotlib", "xarray", "distributed"])
 def test_a_scene_is_read_without_it(package: str, tmp_path: Path) -> None:
     done = without(package, "modes", "aluminium-3mm", "-o", "modes.csv", cwd=tmp_path)

@@ -118,6 +118,7 @@ def master(path: Path) -> Iterator[Master]:
     master.unit.freeInstance()
 
 
+@pytest.mark.full
 def test_it_is_valid_and_describes_its_variables(path: Path) -> None:
     from fmpy.validation import validate_fmu
 

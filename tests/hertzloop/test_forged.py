@@ -110,6 +110,7 @@ def ended(process: Any, code: int, *words: str) -> None:
         assert word in err
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_foreign_controllers_force_that_is_no_number(tmp_path: Path, value: float) -> None:
     bus = Bus("foreign")
@@ -152,6 +153,7 @@ def test_a_fault_that_the_recorder_hears_first(tmp_path: Path) -> None:
             ended(recorder, 1, "holds force_n = inf")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("number", [None, 1, 2**70])
 def test_a_second_hello_to_the_controller_alone(tmp_path: Path, number: int | None) -> None:
     """With the run's id and other parameters, between the plant's hello and the first contact."""
@@ -197,6 +199,7 @@ def waits(pid: int) -> bool:
     return process.cpu_times().user > 0.3 and process.cpu_percent(1.0) < 10.0
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("role", [PLANT, CONTROLLER, RECORDER])
 def test_a_role_that_is_there_twice(tmp_path: Path, role: str) -> None:
     """Each reaches the two others; who sees both says so, and no run begins."""

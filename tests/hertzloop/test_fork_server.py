@@ -61,6 +61,7 @@ def test_a_role_ends_when_its_standard_input_does(errors: Path) -> None:
     assert role.wait() != 0
 
 
+@pytest.mark.full
 def test_a_killed_server_is_replaced(errors: Path) -> None:
     fork_server.start(["--version"], errors).wait()
     [server] = servers()

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("cryptography")
+
 from bus.access import common_name, secured
 from bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.certificates import Authority, in_base64
@@ -80,6 +82,7 @@ def same_as_here(recording: Path, folder: Path) -> None:
     assert first_difference(there, read(folder / "here.mcap")) is None
 
 
+@pytest.mark.full
 def test_three_hosts_by_the_commands_of_the_documentation(
     hosts: Network, keys: Path, tmp_path: Path
 ) -> None:
@@ -90,6 +93,7 @@ def test_three_hosts_by_the_commands_of_the_documentation(
     same_as_here(recording, tmp_path)
 
 
+@pytest.mark.full
 def test_delay_and_loss_change_no_sample(hosts: Network, keys: Path, tmp_path: Path) -> None:
     hosts.delay_s, hosts.loss = 0.020, 0.01
     recording = tmp_path / "run.mcap"

@@ -6,10 +6,8 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-import nbformat
 import numpy as np
 import pytest
-from nbclient import NotebookClient
 
 import hertzloop
 from hertzloop import interface
@@ -168,6 +166,7 @@ def test_mistakes_end_in_one_sentence(scene: hertzloop.Scene, call, sentence: st
         call(scene)
 
 
+@pytest.mark.full
 def test_a_script_without_a_guarded_main_may_sweep_on_all_cores(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
     script.write_text(
@@ -180,7 +179,11 @@ def test_a_script_without_a_guarded_main_may_sweep_on_all_cores(tmp_path: Path) 
     assert (done.stdout, done.returncode) == ("40 0\n", 0), done.stderr
 
 
+@pytest.mark.full
 def test_the_notebook_runs(tmp_path: Path) -> None:
+    import nbformat
+    from nbclient import NotebookClient
+
     notebook = nbformat.read(EXAMPLES / "impact.ipynb", as_version=4)
     NotebookClient(notebook, timeout=250, resources={"metadata": {"path": tmp_path}}).execute()
     printed = [

@@ -255,6 +255,7 @@ def test_silence_is_named_in_time(silent: str, monkeypatch: pytest.MonkeyPatch) 
         assert "controller waited 2 s for samples from the plant" in pair.controller_fault
 
 
+@pytest.mark.full
 def test_a_slow_run_is_heard_of_all_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where a block of steps takes longer than anybody waits. Counted in answers, none of which
     takes less than its delay: a busy machine adds time to them, but no answer."""

@@ -11,6 +11,7 @@ from tests.hertzloop.test_wrong_laws import LONGER, here
 __all__ = ["here"]  # the fixture
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("body", "words"),
     [

@@ -42,6 +42,7 @@ def test_a_few_samples_keep_the_extremes_of_a_block() -> None:
     assert live.extremes_of(np.array([2.0])).tolist() == [0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("hangs", [False, True])
 def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: bool) -> None:
     ports, rrd = free_ports(3), tmp_path / "a.rrd"
@@ -67,6 +68,7 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path: Path, hangs: boo
         assert "/live/velocity/v_p" in shown_in(rrd)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_what_an_interrupted_watcher_saw_is_kept(tmp_path: Path, number: signal.Signals) -> None:
     run, watcher, rrd = watched_run(tmp_path)
@@ -78,6 +80,7 @@ def test_what_an_interrupted_watcher_saw_is_kept(tmp_path: Path, number: signal.
     assert finish(run)[0] == 130
 
 
+@pytest.mark.full
 def test_a_watcher_ends_when_the_plant_does_without_a_word(tmp_path: Path) -> None:
     run, watcher, rrd = watched_run(tmp_path)
     child_of(run, "plant").kill()
@@ -88,6 +91,7 @@ def test_a_watcher_ends_when_the_plant_does_without_a_word(tmp_path: Path) -> No
     assert finish(run)[0] == 1
 
 
+@pytest.mark.full
 def test_only_the_watcher_of_a_run_ends_with_who_started_it(tmp_path: Path) -> None:
     ports = free_ports(3)
     beside = watching(ports, tmp_path / "a.rrd", "--machine", stdin=subprocess.PIPE)
@@ -129,6 +133,7 @@ def shown_in(rrd: Path) -> str:
     ).stdout  # fmt: skip
 
 
+@pytest.mark.full
 def test_a_viewer_that_cannot_be_there_changes_nothing(tmp_path: Path) -> None:
     done = hertzloop("run", *RUN, "--live", "--out", str(tmp_path / "a.mcap"), env=NO_SCREEN)
     assert done.returncode == 0, done.stderr

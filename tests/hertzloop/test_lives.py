@@ -32,6 +32,7 @@ from tests.hertzloop.processes import (
     wait_for,
 )
 from tests.ports import free_ports
+from tests.tiers import default
 
 PATIENCE_S = 20.0
 
@@ -63,6 +64,7 @@ def terminals(
             process.communicate()
 
 
+@pytest.mark.full
 def test_a_frozen_recorder_is_named_by_the_plant(recording: Path) -> None:
     with terminals(recording, *LONG, timeout_s=5.0) as roles:
         wait_for(grown_to(recording, WELL_UNDER_WAY))
@@ -77,6 +79,7 @@ def test_a_frozen_recorder_is_named_by_the_plant(recording: Path) -> None:
         assert "Traceback" not in err
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
 def test_a_plant_that_waits_for_a_frozen_recorder_hears_signals(
     recording: Path, sent: signal.Signals
@@ -94,6 +97,7 @@ def test_a_plant_that_waits_for_a_frozen_recorder_hears_signals(
         assert "Traceback" not in err
 
 
+@pytest.mark.full
 def test_all_exit_codes_tell_of_a_failed_run(recording: Path) -> None:
     with terminals(recording, *LONG) as roles:
         wait_for(grown_to(recording, WELL_UNDER_WAY))
@@ -112,6 +116,7 @@ def test_all_exit_codes_tell_of_a_good_run(recording: Path) -> None:
             assert code == 0, (role, err)
 
 
+@pytest.mark.full
 def test_a_recording_that_is_not_completed_fails_the_others(recording: Path) -> None:
     """The recorder dies when much was sent to it, and before it has closed its file. As a rule that
     is heard at once, at the latest when the patience with a message to it is over: see
@@ -149,7 +154,10 @@ class TestLauncher:
         monkeypatch.setattr(tempfile, "tempdir", None)
         return folder
 
-    @pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGINT])
+    @pytest.mark.parametrize(
+        "sent",
+        default([signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGINT], [signal.SIGINT]),
+    )
     def test_signals_end_it_in_order(
         self, recording: Path, temporary: Path, sent: signal.Signals
     ) -> None:
@@ -194,6 +202,7 @@ class TestLauncher:
             pass
         assert not list(temporary.iterdir())
 
+    @pytest.mark.full
     @pytest.mark.parametrize("command", ["plant", "controller", "record"])
     def test_a_death_before_the_start_is_told_at_once(self, recording: Path, command: str) -> None:
         run = start("run", *LONG, "--out", str(recording))
@@ -205,6 +214,7 @@ class TestLauncher:
         assert seconds < 60  # of the 180 that all have to appear
         assert not leftovers(recording)
 
+    @pytest.mark.full
     def test_an_interrupt_of_a_process_that_only_starts_is_told(self, recording: Path) -> None:
         """It comes before the interpreter is there, and waits until somebody can say so."""
 
@@ -259,6 +269,7 @@ time.sleep(600)
 """
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("sleep_s", ["0", "0.5"])
 def test_a_stranger_that_does_not_keep_up_changes_nothing(tmp_path: Path, sleep_s: str) -> None:
     """It hears something, then stops (0), or takes half a second for every message. Its

@@ -26,6 +26,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 
 
+@pytest.mark.full
 def test_figures_of_a_long_run_take_no_more_memory() -> None:
     def kilobytes(duration_s: float) -> int:
         words = [sys.executable, "-c", FIGURES, str(duration_s)]

@@ -113,7 +113,7 @@ def test_json_on_standard_output_is_alone_there(here: Path) -> None:
             "--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--generations", "1",
             "--population", "4", "--minimise", "plate_energy_db"]  # fmt: skip
     for words, key in (
-        (["run", *SHORT], "impacts"),
+        (["run", "aluminium-3mm", *SHORT], "impacts"),
         (["inspect", "aluminium-3mm.mcap"], "problems"),
         (["law-on", "aluminium-3mm.mcap", "--law", "off", "-o", "a.png"], "first_difference"),
         (["sweep", *SHORT[2:], "--over", "controller.kappa=0.4,0.8", "-o", "a.csv"], "cases_per_s"),

@@ -13,6 +13,7 @@ from tests.recordings.rewriting import Sent, record, rewrite
 COMPILED = ["--transport", "compiled", "--set", "run.accuracy=0.05"]
 
 
+@pytest.mark.full
 def test_a_run_without_control_has_one_table(tmp_path: Path) -> None:
     words = [*COMPILED, "--set", "run.duration_s=0.0015", "--out", str(tmp_path / "a.mcap")]
     report = tmp_path / "a.json"
@@ -35,6 +36,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record(tmp_path_factory.mktemp("whole") / "a.mcap", compiled=True)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("field", ["energy_residual", "injected_j"])
 def test_books_that_are_not_finite_are_told_of(
@@ -66,6 +68,7 @@ def test_an_error_that_nobody_knows_is_no_damage(whole: Path, tmp_path: Path) ->
     assert "Complete" in done.stdout
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("transport", ["compiled", "zenoh"])
 def test_a_run_whose_energy_no_number_holds(tmp_path: Path, transport: str) -> None:
     """Every row is a number; the energy, a sum of their squares, is none."""

@@ -93,6 +93,7 @@ class Half:
 """
 
 
+@pytest.mark.full
 def test_by_class_package_and_entry_point(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     package = here / "acme_laws"
     package.mkdir()
@@ -123,6 +124,7 @@ def test_by_class_package_and_entry_point(here: Path, monkeypatch: pytest.Monkey
         assert first_difference(read(here / f"{number}.mcap"), read(here / "3.mcap")) is None
 
 
+@pytest.mark.full
 def test_sweep_check_and_tune(here: Path) -> None:
     shutil.copy(EXAMPLES / "low_passed.py", here / "mine.py")
     fixed = ["--set", "controller.law=mine.py", "--set", SHORT]
@@ -183,6 +185,7 @@ def test_a_case_looks_for_its_law_once_and_starts_no_thread(
     assert "both sides need the same file" in row["status"]
 
 
+@pytest.mark.full
 def test_laws_as_an_axis_of_a_sweep(here: Path) -> None:
     write_law(here)
     laws = "controller.law=slope_threshold,mine.py"
@@ -194,6 +197,7 @@ def test_laws_as_an_axis_of_a_sweep(here: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.full
 def test_what_numba_does_not_know_runs_as_python_and_says_so(here: Path) -> None:
     write_law(here)
     path = write_law(here, name="slow.py")
@@ -308,6 +312,7 @@ def test_new_law_and_scene_run_as_they_are(here: Path) -> None:
         assert first_difference(record(scene, here / "c.mcap"), recording) is None
 
 
+@pytest.mark.full
 def test_law_on_a_recording(here: Path) -> None:
     write_law(here)
     shutil.copy(ROOT / "controller" / "laws" / "slope_threshold.py", here / "same.py")

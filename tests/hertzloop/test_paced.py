@@ -68,6 +68,7 @@ def repeated(scene: Scene, repeat: Repeat, lane: bool = True) -> Pair:
     return pair.run()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("lane", [True, False])
 def test_with_time_to_spare_it_is_the_run_in_lock_step(lane: bool, tmp_path: Path) -> None:
     """A step every 20 ms, and 21 steps from a sample to its force."""
@@ -209,6 +210,7 @@ class TestProcesses:
         assert code == 0, said
         return folder
 
+    @pytest.mark.full
     def test_late_forces(self, folder: Path) -> None:
         found = pacing.of(read(folder / "paced.mcap"))
         assert found is not None

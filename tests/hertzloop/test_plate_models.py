@@ -105,6 +105,7 @@ def test_auto_is_kirchhoff_where_that_is_good_enough() -> None:
         )
 
 
+@pytest.mark.full
 def test_the_law_in_three_dimensions() -> None:
     for settings, wanted, digits in ((SOLID, -1.46, 0.03), ([*SOLID, *YIELDS], 0.83, 0.03)):
         scene = load("aluminium-3mm", [*settings, "controller.v_thr_m_s=-0.6"])

@@ -71,6 +71,7 @@ def quantities(words: str) -> list[float]:
     return [float(number.replace(",", "")) * UNITS[unit] for number, unit in found]
 
 
+@pytest.mark.full
 def test_what_the_run_leaves_out(report: dict[str, Any]) -> None:
     _, *rows = lines(table_of(report["validity"]))
     sides = set()

@@ -38,6 +38,7 @@ def test_no_damping_by_air_is_the_same_run() -> None:
     assert off.rows.tobytes() == none.rows.tobytes()
 
 
+@pytest.mark.full
 def test_air_damps_the_plate() -> None:
     """Of the plate's energy most goes into air, more of it by two faces than by one."""
     taken = []

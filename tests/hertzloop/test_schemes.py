@@ -21,6 +21,7 @@ def test_every_scheme_runs(scheme: str, tmp_path: Path) -> None:
     assert (tmp_path / "a.mcap").is_file()
 
 
+@pytest.mark.full
 def test_a_large_plate_of_the_published_scheme_fits_into_memory(tmp_path: Path) -> None:
     """150 000 modes that all move: it took 9.4 GB."""
     import resource
@@ -38,6 +39,7 @@ def test_a_large_plate_of_the_published_scheme_fits_into_memory(tmp_path: Path) 
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("transport", ["compiled", "inprocess", "zenoh"])
 @pytest.mark.parametrize(
     ("scene", "settings", "words"),

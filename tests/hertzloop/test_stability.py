@@ -28,6 +28,7 @@ def stability_of(scene: Scene, rows: np.ndarray, size: int = 1 << 30) -> Stabili
     return meter.result()
 
 
+@pytest.mark.full
 def test_a_loop_that_explodes_is_called_unstable(tmp_path: Path) -> None:
     ran, inspected = tmp_path / "run.json", tmp_path / "inspect.json"
     file = str(tmp_path / "a.mcap")

@@ -92,6 +92,7 @@ def test_a_file_holds_what_the_plant_computes_with(tmp_path: Path, settings: lis
     assert moved == pytest.approx(table.shape_actuator, abs=1e-9)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "settings",
     [
@@ -116,6 +117,7 @@ def test_edges_keep_the_books_and_move_as_drawn(tmp_path: Path, settings: list[s
     assert abs(plate.w_m[:, i, j] - moved).max() < 1e-9 * abs(moved).max()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("edges", ["cccc", "ffff", "csff"])
 def test_before_reflections_return_edges_do_not_matter(edges: str) -> None:
     """The first contact of a thin plate's centre: as on an infinite plate, whatever the edges."""
@@ -148,6 +150,7 @@ def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path: Path) -> None:
     assert mass * speed == pytest.approx(-rows[4].sum() * h, rel=0.01)
 
 
+@pytest.mark.full
 def test_all_transports_agree_on_modes_with_losses_of_their_own(tmp_path: Path) -> None:
     plain = load("aluminium-3mm", [*SHORT, "run.accuracy=0.05"])
     table = modes_of_scene(plain)

@@ -106,6 +106,7 @@ def test_it_runs_as_the_same_law_in_python(
     assert first_difference(found, twin) is None
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("transport", [Transport.COMPILED, Transport.ZENOH])
 def test_nothing_of_it_stays_behind(unit: Path, transport: Transport, tmp_path: Path) -> None:
     """Neither of the process that ran it nor of those that it started."""

@@ -10,6 +10,7 @@ from tests.hertzloop.processes import hertzloop
 GOLDEN = Path(__file__).parents[2] / "recordings" / "golden"
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["a[/y].mcap", "[red]b.mcap", "[bold]c[/bold].mcap"])
 def test_markup_in_a_file_name_means_nothing(name: str, tmp_path: Path) -> None:
     golden = next(GOLDEN.glob("*.mcap"))

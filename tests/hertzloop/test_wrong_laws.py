@@ -93,6 +93,7 @@ BEFORE = {
 }  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", BEFORE)
 def test_wrong_by_its_text(here: Path, case: str) -> None:
     text, words = BEFORE[case]
@@ -105,6 +106,7 @@ def test_a_class_that_the_file_has_not(here: Path) -> None:
     refused(here, "mine.py:Other", "has no Other")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("law", "words"),
     [
@@ -181,6 +183,7 @@ def test_a_library_that_reads_a_sample_that_it_is_not_given(here: Path, at: str)
         try_law(scene)
 
 
+@pytest.mark.full
 def test_a_loop_without_end(here: Path) -> None:
     write_law(here, "while i == 30: s.largest_n += 0.0")
     refused(here, "mine.py", "did not answer", "does a loop of it never end?")
@@ -234,6 +237,7 @@ def test_a_module_is_loaded_with_the_same_care(here: Path, monkeypatch: pytest.M
         find("wrong_law:Law")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("transport", ["compiled", "inprocess", "zenoh"])
 @pytest.mark.parametrize("python", [False, True])
 def test_wrong_in_the_run(here: Path, transport: str, python: bool) -> None:
@@ -291,6 +295,7 @@ IMPATIENT = [
 ]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("command", ["inprocess", "compiled", "sweep"])
 def test_a_loop_without_end_in_the_run(here: Path, command: str) -> None:
     """Nothing can interrupt it: its process ends, with a sentence."""
@@ -322,6 +327,7 @@ def test_a_loop_without_end_in_the_run(here: Path, command: str) -> None:
         assert any("never end" in problem for problem in read(here / "a.mcap").problems)
 
 
+@pytest.mark.full
 def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
     """The others wait for as long as they were told to, and say for whom."""
     write_law(here, "while i == 3000: s.largest_n += 0.0")
@@ -335,6 +341,7 @@ def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
     assert read(here / "a.mcap").truth.samples > 2000
 
 
+@pytest.mark.full
 def test_a_loop_without_end_in_a_terminal_of_its_own(here: Path) -> None:
     """Nobody ends the controller there, and it hears no Ctrl-C: it ends itself, after the plant."""
     write_law(here, "while i == 3000: s.largest_n += 0.0")
@@ -362,6 +369,7 @@ def bus_words() -> list[list[str]]:
     ]
 
 
+@pytest.mark.full
 def test_another_file_on_the_controllers_side(here: Path) -> None:
     """Each side loads its own; nothing of the other one is executed."""
     there = here / "there"

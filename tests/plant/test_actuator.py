@@ -78,6 +78,7 @@ def gaps(what: object, push: np.ndarray) -> tuple[CollocationPlant, np.ndarray]:
     return plant, found
 
 
+@pytest.mark.full
 def test_a_large_bandwidth_is_the_ideal_actuator() -> None:
     """What is left is the delay of 2 zeta/w: a hundredth of it with 100 times the bandwidth."""
     assert build_model(IDEAL, H) is None
@@ -153,6 +154,7 @@ FORCES = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("step_us", [0.1, 1.0, 20.0])
 @pytest.mark.parametrize("force", FORCES)
 @pytest.mark.parametrize("mass_kg", [0.0, 3e-3])

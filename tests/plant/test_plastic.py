@@ -93,6 +93,7 @@ def test_gap_converges_as_the_fourth_power_of_the_step(pressure_pa: float, dampi
     assert places[-1][-1] > -plant.state.body[pk.DENT]  # a whole contact
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("step_us", [0.1, 1.0, 5.0, 20.0, 100.0])
 def test_books_close_at_any_step_with_everything(step_us: float) -> None:
     random = np.random.default_rng(4)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from plant.figures import rows_kernels as rows
 from plant.figures import spectrum_kernels as spectrum
-from plant.figures.impacts import _contacts
+from plant.figures.impacts import contacts
 from plant.figures.noise import force_spectrum
 from plant.figures.peaks import peak_force_n, peak_speed_m_s
 
@@ -18,14 +18,14 @@ STEP_S = 1e-6
 
 @given(st.lists(st.booleans(), max_size=300))
 def test_contacts_are_what_is_not_zero(touching: list[bool]) -> None:
-    starts, ends = _contacts(np.array(touching, float))
+    starts, ends = contacts(np.array(touching, float))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], touching]).astype(int)))
     assert starts == edges[::2].tolist()
     assert ends == edges[1::2].tolist()
 
 
 def test_more_contacts_than_there_is_room_for_at_first() -> None:
-    starts, ends = _contacts(np.tile([0.0, 1.0, 1.0], 200))
+    starts, ends = contacts(np.tile([0.0, 1.0, 1.0], 200))
     assert starts == list(range(1, 600, 3))
     assert ends == list(range(3, 600, 3))  # the last one is cut off
 

@@ -84,6 +84,7 @@ def test_what_it_loses_is_what_the_spectrum_of_the_force_says() -> None:
     assert abs(books.energy_residual) < 1e-10
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("step_s", [1e-7, 1e-6, 5e-6, 2e-5])
 @pytest.mark.parametrize("name", CONTACTS)
 @pytest.mark.parametrize("beside", [False, True])

@@ -41,6 +41,7 @@ def try_read(path: Path) -> Recording | None:
     return None
 
 
+@pytest.mark.full
 def test_cut_off_anywhere(whole: Path, tmp_path: Path) -> None:
     content, original = whole.read_bytes(), read(whole)
     path = tmp_path / "cut.mcap"
@@ -83,6 +84,7 @@ def test_a_cut_loses_only_what_was_behind_it(whole: Path, tmp_path: Path) -> Non
         assert "the recorder did not finish the file" in kept.problems
 
 
+@pytest.mark.full
 def test_flipped_bits_anywhere(whole: Path, tmp_path: Path) -> None:
     """Each is reported, in the index behind the data, too."""
     content = whole.read_bytes()

@@ -100,6 +100,7 @@ def recovered(path: Path, kept: Recording) -> None:
     assert after.problems or not kept.problems
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", range(len(DAMAGES)), ids=[d.__name__ for d in DAMAGES])
 def test_damage(whole: Path, tmp_path: Path, kind: int) -> None:
     content, original, path = whole.read_bytes(), read(whole), tmp_path / "damaged.mcap"
@@ -123,6 +124,7 @@ def test_damage(whole: Path, tmp_path: Path, kind: int) -> None:
     assert readable > ROUNDS // 2
 
 
+@pytest.mark.full
 def test_lies_with_right_checksums(whole: Path, sent: list[Sent], tmp_path: Path) -> None:
     original, path = read(whole), tmp_path / "lying.mcap"
     readable = 0
@@ -135,6 +137,7 @@ def test_lies_with_right_checksums(whole: Path, sent: list[Sent], tmp_path: Path
     assert readable > LIES // 2
 
 
+@pytest.mark.full
 def test_one_flipped_byte_costs_one_chunk(whole: Path, tmp_path: Path) -> None:
     """Wherever it is, in the length of a record, too: nothing beyond that is believed."""
     content, original, path = whole.read_bytes(), read(whole), tmp_path / "flipped.mcap"

@@ -275,6 +275,7 @@ def test_a_viewer_that_never_answers_is_given_up_and_killed(
         os.kill(int((tmp_path / "id").read_text()), 0)
 
 
+@pytest.mark.full
 def test_a_picture_without_a_screen(file: Path, tmp_path: Path) -> None:
     png = tmp_path / "run.png"
     result = call("replay", file, "--screenshot", png)

@@ -97,12 +97,14 @@ def many(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.full
 def test_the_events_of_a_long_run_are_read(many: Path) -> None:
     kept = read(many)
     assert len(kept.events) == 150_000
     assert not any("left out" in problem for problem in kept.problems)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("limit", "most", "sentence"),
     [
@@ -137,6 +139,7 @@ def packed_chunk(size: int) -> bytes:
     return struct.pack("<BQ", Opcode.CHUNK, len(content)) + content
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("size", "count", "words"),
     [(1 << 30, 8, "would unpack to 1073741824"), (RECORD_BYTES, 40, "more than a run holds")],

@@ -11,6 +11,7 @@ from studies.cost.strangers import run_beside
 from studies.cost.structures import mode_file_costs
 
 
+@pytest.mark.full
 def test_step_and_exchange_costs() -> None:
     steps = baseline.step_costs(rounds=2)
     assert [cost.case.split(",")[1] for cost in steps[1:3]] == [" flight", " contact"]
@@ -21,6 +22,7 @@ def test_step_and_exchange_costs() -> None:
     assert steps[0].ratio == exchanges[0].ratio == 1.0
 
 
+@pytest.mark.full
 def test_ways_on_one_host() -> None:
     found = links.link_costs(rounds=1), links.opening_costs(rounds=1)
     for costs in found:
@@ -38,12 +40,14 @@ def test_plates_by_their_modes() -> None:
     assert all(cost.least_us > 0 for cost in costs)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("pause_s", [None, 0.0, 0.5])
 def test_a_run_beside_a_stranger(pause_s: float | None) -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0016", "run.accuracy=0.1"])
     assert run_beside(scene, pause_s)() > 0
 
 
+@pytest.mark.full
 def test_a_replay_and_its_frames() -> None:
     found = replay.measure(rounds=1, duration_s=0.0016)
     assert found.steps == 1600
@@ -55,6 +59,7 @@ def test_a_replay_and_its_frames() -> None:
         assert 0 < row.least <= row.median
 
 
+@pytest.mark.full
 def test_exchanges_of_all_ways_that_are_installed(tmp_path: Path) -> None:
     found = exchange.measure(rounds=1)
     ways = {row.way for row in found.rows}

@@ -80,6 +80,7 @@ def test_bands_over_seeds_have_a_picture(pool: Pool, tmp_path: Path) -> None:
     assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.full
 def test_a_scene_and_gains_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of that scene alone, at 80 columns without a cell that is cut."""
     monkeypatch.setattr(study, "LAWS", ("slope_threshold", "acceleration_feedback"))

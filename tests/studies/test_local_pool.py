@@ -68,6 +68,7 @@ def test_nothing_of_a_pool_is_left(
     assert set(active_children()) == children
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
 @pytest.mark.parametrize(("workers", "cores"), [(3, 1), (None, 3)])
 def test_every_case_is_run_once_by_whichever_process(
@@ -162,6 +163,7 @@ with pool.local_pool(2) as results:
 """
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("how", "ends"),
     [("dies", "SweepFailed: a worker process died"), ("hangs", "KeyboardInterrupt")],

@@ -77,6 +77,7 @@ def test_a_browser_draws_it_without_an_error(page: Path, tmp_path: Path) -> None
     assert any("drow is not defined" in line for line in in_browser(broken)[1])
 
 
+@pytest.mark.full
 def test_a_run_that_explodes_says_so_and_one_without_contact_too(tmp_path: Path) -> None:
     text = page_of(tmp_path, "aluminium-20mm", UNSTABLE).read_text()
     assert '<p class="warning">Unstable from 7.547 ms on' in text
@@ -115,6 +116,7 @@ def text_of(recording: Path) -> str:
     return html.unescape((folder / f"{recording.stem}.html").read_text())
 
 
+@pytest.mark.full
 def test_the_page_says_what_the_run_said(bounces: Path) -> None:
     told = json.loads(bounces.with_suffix(".json").read_text())
     text = text_of(bounces)
@@ -166,6 +168,7 @@ def test_what_another_program_controlled_is_not_said_to_repeat(
     assert "digits as recorded" in call("inspect", path).output
 
 
+@pytest.mark.full
 def test_a_law_comes_out_of_its_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The commands of the page give the same samples, the law's file being lost."""
     monkeypatch.chdir(tmp_path)

@@ -38,6 +38,7 @@ def smooth() -> tuple[np.ndarray, tuple]:
     return y, (omega2, drive, 1e3, 1.0)
 
 
+@pytest.mark.full
 def test_dop853_has_order_8() -> None:
     def run(h: float) -> np.ndarray:
         y, arguments = smooth()
@@ -120,6 +121,7 @@ def collocation_errors(
     return np.array([np.abs(run()[0] - exact).max() for run in runs]) / -exact.min()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("stages", "steps", "order"),
     [

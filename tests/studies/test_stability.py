@@ -73,6 +73,7 @@ def test_a_stiff_contact_and_not_the_modes_sets_the_limit() -> None:
         assert limits.resting_motion(scheme, what, 10.0) < 10.0
 
 
+@pytest.mark.full
 def test_only_the_energy_keeping_schemes_keep_the_energy_of_a_contact() -> None:
     for one in maps.contact_drift():
         if one.scheme in BALANCED:
@@ -81,6 +82,7 @@ def test_only_the_energy_keeping_schemes_keep_the_energy_of_a_contact() -> None:
             assert abs(one.change) > 1e-5, one
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["stiffness", "mass", "shaken", "loss"])
 def test_energy_residual_at_steps_far_too_large(name: str) -> None:
     found = maps.loss_map() if name == "loss" else getattr(maps, f"{name}_map")()[1]

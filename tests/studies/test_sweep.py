@@ -215,6 +215,7 @@ def test_a_table_with_another_header_is_no_result(tmp_path: Path, header: str) -
         study.read_results(tmp_path / "a.csv")
 
 
+@pytest.mark.full
 def test_cases_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:
     """Three of five runs end before the sphere has fallen."""
     out, report = tmp_path / "r.csv", tmp_path / "r.json"

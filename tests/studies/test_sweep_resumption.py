@@ -124,6 +124,7 @@ BIG = ["sweep", "aluminium-3mm", "--set", "run.accuracy=0.05", "--over",
 HUGE = [*BIG, "--over", "controller.kappa=0.1:0.9:0.05"]
 
 
+@pytest.mark.full
 def test_a_killed_sweep_goes_on_without_losing_or_repeating_a_case(tmp_path: Path) -> None:
     out = tmp_path / "r.parquet"
     words = command(*BIG, "-o", str(out))
@@ -171,6 +172,7 @@ def _heeds_all() -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
 def test_nothing_is_left_of_a_sweep_that_is_ended(tmp_path: Path, sent: signal.Signals) -> None:
@@ -212,6 +214,7 @@ def _workers(pid: int) -> list[int]:
     return [p for p in _children(pid) if b"spawn_main" in Path(f"/proc/{p}/cmdline").read_bytes()]
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
 @pytest.mark.parametrize("after_s", [0.0, 0.02, 0.1, 0.5])
 def test_ctrl_c_twice_ends_a_sweep_too(after_s: float, tmp_path: Path) -> None:
@@ -232,6 +235,7 @@ def test_ctrl_c_twice_ends_a_sweep_too(after_s: float, tmp_path: Path) -> None:
             os.killpg(process.pid, signal.SIGKILL)
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
 @pytest.mark.parametrize("count", [2, 3])
 def test_a_worker_that_dies_ends_a_sweep_with_a_sentence(count: int, tmp_path: Path) -> None:
@@ -286,6 +290,7 @@ def cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]
             process.wait()
 
 
+@pytest.mark.full
 def test_a_dask_cluster_that_loses_a_worker_completes(tmp_path: Path) -> None:
     out, report = tmp_path / "r.csv", tmp_path / "r.json"
     with cluster(2) as (address, workers):
@@ -301,6 +306,7 @@ def test_a_dask_cluster_that_loses_a_worker_completes(tmp_path: Path) -> None:
     assert json.loads(report.read_text())["ran"] == 2400
 
 
+@pytest.mark.full
 def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path: Path) -> None:
     out = tmp_path / "r.csv"
     with cluster(1) as (address, _):
@@ -315,6 +321,7 @@ def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path: Path) -
     assert len(_lines(study.journal_of(out))) >= 100
 
 
+@pytest.mark.full
 def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
     found = subprocess.run(
         command("sweep", "--over", "sensors.bits=4,5", "-o", str(tmp_path / "r.csv"),

@@ -13,7 +13,6 @@ from plant.structures.materials import Material
 from plant.structures.model_order import frequency_limit_hz
 from plant.structures.plate import Plate, oscillators
 from tests.plant.rigs import spec
-from tests.plant.structures.argyris import plate_squared
 
 NU = 0.3
 METAL = Material(7.2e10, 2700.0, NU)
@@ -103,6 +102,7 @@ def by_levy(edges: str, size_m: tuple[float, float], count: int) -> np.ndarray:
     return np.sort(found)[:count]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("size_m", [SQUARE, OBLONG])
 @pytest.mark.parametrize("edges", ["sscc", "sscf", "ssff", "sssf", "sssc"])
 def test_twenty_frequencies_between_two_supported_edges(
@@ -111,9 +111,12 @@ def test_twenty_frequencies_between_two_supported_edges(
     np.testing.assert_allclose(lowest(edges, size_m), by_levy(edges, size_m, 20), rtol=1e-5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("size_m", [SQUARE, OBLONG])
 @pytest.mark.parametrize("edges", ["cccc", "cfff", "ffff", "ccff", "cfsc", "ccfs"])
 def test_twenty_frequencies_by_finite_elements(edges: str, size_m: tuple[float, float]) -> None:
+    from tests.plant.structures.argyris import plate_squared
+
     reference = plate_squared(edges, size_m, NU, 20)
     found = lowest(edges, size_m)
     rigid = 3 if edges == "ffff" else 0
@@ -144,6 +147,7 @@ def test_supported_edges_by_ritz_are_the_closed_form() -> None:
     np.testing.assert_allclose(products, exact.at_contact * exact.at_actuator, atol=1e-2)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("edges", ["cccc", "cfff", "ffff", "scff", "cfsc"])
 def test_modes_beyond_ritz_go_on_without_a_gap(edges: str) -> None:
     """No mode twice and none lost where the two ways meet: with more asked, more modes come from
