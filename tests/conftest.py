@@ -6,6 +6,8 @@ import hertzloop  # noqa: F401, I001
 import fcntl
 import importlib.util
 import os
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -44,8 +46,37 @@ def pytest_configure(config: pytest.Config) -> None:
             )
 
 
+_COMPILE = """
+import sys
+from hertzloop.commands.warmup import ensure_compiled
+from hertzloop.scenes.scene import DEFAULT, load
+ensure_compiled(lambda: None, load(DEFAULT, [f"run.plate_model={sys.argv[1]}"]))
+"""
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile the kernels of the default scene on two cores before any process of tests starts:
+    each of these would compile them for itself."""
+    config = session.config
+    if hasattr(config, "workerinput") or _names_files(config) or config.option.collectonly:
+        return
+    compiling = [
+        subprocess.Popen([sys.executable, "-c", _COMPILE, model]) for model in ("modal", "infinite")
+    ]
+    for process in compiling:
+        process.wait()
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep the default tier, unless `--all` or the names of files ask for more."""
+    """Keep the default tier, unless `--all` or the names of files ask for more. The slowest files
+    come first, so that none of them runs alone at the end."""
+    slow = ["test_checks.py", "hertzloop", "studies"]
+    order = {name: place for place, name in enumerate(slow)}
+    items.sort(
+        key=lambda item: min(
+            order.get(name, len(slow)) for name in (item.path.name, item.path.parent.name)
+        )
+    )
     if config.getoption("--all") or _names_files(config):
         return
     later = [item for item in items if item.get_closest_marker("full")]

@@ -91,6 +91,7 @@ def test_the_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
         assert done.returncode == RUN[page].get(" ".join(words[:2]), 0), (words, done.stderr)
 
 
+@pytest.mark.full
 def test_the_site_builds_strictly(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-d", tmp_path],

@@ -126,6 +126,7 @@ def test_keys_and_numbers_on_a_real_bus() -> None:
         port.close()
 
 
+@pytest.mark.full
 def test_the_package_holds_the_messages(tmp_path: Path) -> None:
     """A built wheel, and an import of what is installed."""
     assert (files("bus") / "messages.proto").read_text() == (
@@ -141,6 +142,7 @@ def test_the_package_holds_the_messages(tmp_path: Path) -> None:
     assert packed == (ROOT / "bus" / "messages.proto").read_bytes()
 
 
+@pytest.mark.full
 def test_the_page_tells_how_to_compile_them(tmp_path: Path) -> None:
     """Its commands run as they stand, where protoc is there."""
     block = re.search(r"```\n(python -c .*?)```", PAGE, re.S)

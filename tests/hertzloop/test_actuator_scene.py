@@ -19,6 +19,9 @@ from hertzloop.results.verify import verify
 from hertzloop.scenes.scene import SceneError, load
 from recordings.reader import read
 
+# These need a kind of plant of their own, whose kernels take half a minute to compile.
+pytestmark = pytest.mark.full
+
 EARLY = ["run.duration_s=0.0013", "controller.v_thr_m_s=-0.6"]
 
 

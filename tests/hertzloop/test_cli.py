@@ -251,10 +251,24 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         (["record", "--connect", "wire/x:1"], "--connect 'wire/x:1' is no endpoint; write e.g."),
         (["watch", "--connect", "nonsense"], "--connect 'nonsense' is no endpoint; write e.g."),
         (["watch", "--connect", "tcp/[::1]:99999"], "has no port up to 65535"),
-        ([*SWEEP, "nonsense"], "--dask 'nonsense' is no address of a scheduler; write e.g. tcp://"),
-        ([*SWEEP, ""], "--dask '' is no address of a scheduler"),
-        ([*SWEEP, "wire://127.0.0.1:80"], "--dask 'wire://127.0.0.1:80' is no address"),
-        ([*SWEEP, "tcp://[::1]:99999"], "--dask 'tcp://[::1]:99999' has no port from 1 to 65535"),
+        pytest.param(
+            [*SWEEP, "nonsense"],
+            "--dask 'nonsense' is no address of a scheduler; write e.g. tcp://",
+            marks=pytest.mark.full,
+        ),
+        pytest.param(
+            [*SWEEP, ""], "--dask '' is no address of a scheduler", marks=pytest.mark.full
+        ),
+        pytest.param(
+            [*SWEEP, "wire://127.0.0.1:80"],
+            "--dask 'wire://127.0.0.1:80' is no address",
+            marks=pytest.mark.full,
+        ),
+        pytest.param(
+            [*SWEEP, "tcp://[::1]:99999"],
+            "--dask 'tcp://[::1]:99999' has no port from 1 to 65535",
+            marks=pytest.mark.full,
+        ),
     ],
 )
 def test_the_users_mistakes(here: Path, words: list[str], sentence: str) -> None:

@@ -41,6 +41,7 @@ def plant(short: Path) -> Iterator[InC]:
     plant.c.hertzloop_plant_free(plant.plant)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["short", "noisy"])
 def test_a_program_in_c_gets_the_bytes_of_the_loop(
     name: str, request: pytest.FixtureRequest

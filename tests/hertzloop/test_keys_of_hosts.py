@@ -16,6 +16,7 @@ from tests.hertzloop.processes import hertzloop
 HOSTS = "plant=10.0.0.1,controller=lab.example:7500,recorder=[fd00::3]:7600"
 
 
+@pytest.mark.full
 def test_what_is_written(tmp_path: Path) -> None:
     folder = tmp_path / "keys"
     done = hertzloop("keys", str(folder), "--hosts", HOSTS)
@@ -40,6 +41,7 @@ def test_what_is_written(tmp_path: Path) -> None:
     assert len(keys) == 3
 
 
+@pytest.mark.full
 def test_keys_are_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("kept")
     done = hertzloop("keys", str(tmp_path), "--hosts", HOSTS)

@@ -109,7 +109,7 @@ def test_h_is_help_for_every_command() -> None:
 
 
 def test_json_on_standard_output_is_alone_there(here: Path) -> None:
-    tune = ["--law", "predicted", "--set", "controller.lead_us=1",
+    tune = ["aluminium-3mm", "--law", "predicted", "--set", "controller.lead_us=1",
             "--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--generations", "1",
             "--population", "4", "--minimise", "plate_energy_db"]  # fmt: skip
     for words, key in (

@@ -188,6 +188,7 @@ def test_a_silent_controller_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "plant waited 2 s for the force for step" in pair.run().fault
 
 
+@pytest.mark.full
 class TestProcesses:
     """Over zenoh, as a user runs it, with a controller that was stopped for 0.1 s."""
 

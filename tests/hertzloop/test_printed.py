@@ -88,6 +88,7 @@ def test_what_the_run_leaves_out(report: dict[str, Any]) -> None:
     assert sides == {"<", ">"}
 
 
+@pytest.mark.full
 def test_noise(report: dict[str, Any]) -> None:
     own, free = report["noise"][0], report["uncontrolled"]["noise"][0]
     header, *rows = lines(tables.noise_table([("with", own), ("without", free)]))

@@ -8,6 +8,9 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.figures import figures_of
 from hertzloop.scenes.scene import SceneError, load
 
+# These need a kind of plant of their own, whose kernels take half a minute to compile.
+pytestmark = pytest.mark.full
+
 SHORT = "run.duration_s=0.0016"
 
 

@@ -52,6 +52,7 @@ def test_the_20_mm_scene_by_hand() -> None:
     assert rows["edge refocusing"]["value"] == pytest.approx(59e-3 / 4.18e-3, rel=0.01)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("settings", "name", "state"),
     [
@@ -77,6 +78,7 @@ def test_a_scene_decides_what_it_leaves_out(settings: list[str], name: str, stat
     assert found("aluminium-3mm", *SHORT, *settings)[name]["state"] == state
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("settings", "name", "state"),
     [

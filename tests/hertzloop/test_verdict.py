@@ -25,6 +25,7 @@ def run(folder: Path, *settings: str, scene: str = "aluminium-3mm") -> tuple[lis
     return said, done.output
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("settings", "sentences"),
     [

@@ -24,6 +24,9 @@ from plant.contact.strength import strength
 from plant.structures.materials import MATERIALS
 from recordings.reader import read
 
+# These need a kind of plant of their own, whose kernels take half a minute to compile.
+pytestmark = pytest.mark.full
+
 
 def yielding(pressure_pa: float, *settings: str) -> Scene:
     law = ["contact.plasticity=thornton", f"contact.limiting_pressure_pa={pressure_pa}"]

@@ -73,6 +73,7 @@ def edit(path: Path, pattern: str, new: str) -> None:
     path.write_text(text)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("script", "file", "pattern", "new"),
     [

@@ -17,6 +17,9 @@ from plant.schemes.door import step
 from plant.structures.materials import MATERIALS
 from tests.plant.rigs import IMMOVABLE, spec
 
+# These need a kind of plant of their own, whose kernels take half a minute to compile.
+pytestmark = pytest.mark.full
+
 RADIUS = 0.003
 STIFFNESS = hertz_stiffness(RADIUS, MATERIALS["steel"], MATERIALS["aluminium"])
 MODULUS = 0.75 * STIFFNESS / math.sqrt(RADIUS)

@@ -18,6 +18,9 @@ from plant.structures.materials import MATERIALS, Material
 from plant.structures.plate import Plate
 from tests.plant.rigs import spec
 
+# These need a kind of plant of their own, whose kernels take half a minute to compile.
+pytestmark = pytest.mark.full
+
 LARGE = Plate(MATERIALS["aluminium"], (1.5, 1.2), 0.003)
 SMALL = Plate(MATERIALS["aluminium"], (0.5, 0.5), 0.003)
 

@@ -31,6 +31,7 @@ def found() -> Iterator[list[study.Effect]]:
     patch.undo()
 
 
+@pytest.mark.full
 def test_a_dent_takes_the_help_of_the_law_that_does_not_know_it(found: list[study.Effect]) -> None:
     by = {(e.law, e.plant): e for e in found}
     ideal, real = (by["slope_threshold", plant] for plant in study.PLANTS)

@@ -41,6 +41,7 @@ def _told(path: Path) -> dict[str, Any]:
     return dict(json.loads(path.read_text()))
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
 def test_a_killed_search_finds_what_it_would_have_and_runs_every_case_once(tmp_path: Path) -> None:
     whole, cut = tmp_path / "whole", tmp_path / "cut"

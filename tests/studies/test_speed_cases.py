@@ -50,6 +50,7 @@ def test_dop853_has_order_8() -> None:
     assert found[1] == pytest.approx(8.0, abs=0.4)
 
 
+@pytest.mark.full
 def test_dop853_dense_output_has_order_7() -> None:
     def run(h: float) -> np.ndarray:
         y, arguments = smooth()
@@ -140,6 +141,7 @@ def test_graded_collocation_has_its_order_over_a_contact(
     assert errors[-1] < 1e-5
 
 
+@pytest.mark.full
 def test_equal_steps_lose_the_order_at_touch_and_end(small: cases.Problem) -> None:
     steps = (4e-6, 2e-6, 1e-6, 5e-7, 2.5e-7, 1.25e-7)
     errors = collocation_errors(small, 3, steps, 1, 0.0)

@@ -95,6 +95,7 @@ def test_energy_residual_at_steps_far_too_large(name: str) -> None:
         assert one.evaluations < 120, one
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["stiffness", "mass"])
 @pytest.mark.parametrize("scheme", limits.LIMITS)
 def test_impacts_blow_up_near_the_predicted_limit(name: str, scheme: str) -> None:
@@ -132,11 +133,13 @@ def test_a_shaken_plate_moves_as_the_textbook_integrator_moves_it() -> None:
     assert coarse / fine == pytest.approx(4.0, rel=0.1)  # of second order
 
 
+@pytest.mark.full
 def test_a_shaken_plate_is_struck_more_than_once() -> None:
     mine = [one for one in maps.shaken_map()[1] if one.scheme == "modal" and one.where >= 1.0]
     assert max(one.contacts for one in mine if one.step < 1.0) >= 3
 
 
+@pytest.mark.full
 def test_the_published_scheme_loses_the_momentum_of_a_contact_at_any_step() -> None:
     found = list(maps.thesis_contact())
     for step, _, _, momentum in found:

@@ -129,6 +129,7 @@ def test_limit_of_modes_settles() -> None:
     assert coarse.rebound_speed_m_s == pytest.approx(best.rebound_speed_m_s, abs=2e-4)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("step_s", [1e-7, 1e-6, 5e-6, 2e-5])
 @pytest.mark.parametrize("pressure_pa", [None, 0.7e9])
 def test_books_close(step_s: float, pressure_pa: float | None) -> None:
