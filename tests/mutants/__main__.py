@@ -111,6 +111,7 @@ def main() -> int:
         help="processor time of tests for a mutant: of its folder's, and of others",
     )
     parser.add_argument("--near", action="store_true", help="no tests but of the folder's own")
+    parser.add_argument("--default-tier", action="store_true", help="no tests but of this tier")
     parser.add_argument("--tests", nargs="+", default=[], metavar="FILE", help="these, no others")
     parser.add_argument("--results", type=Path, help="a file that is read, and written")
     parser.add_argument("--survivors", action="store_true", help="of the results, and no others")
@@ -118,7 +119,10 @@ def main() -> int:
     rows = read(given.results)
     print(f"seed {given.seed}", flush=True)
     try:
-        with copy_of(ROOT, given.seconds, given.near) as copy, suppress(KeyboardInterrupt):
+        with (
+            copy_of(ROOT, given.seconds, given.near, given.default_tier) as copy,
+            suppress(KeyboardInterrupt),
+        ):
             for folder in given.folders:
                 if given.survivors:
                     chosen = survivors(rows, folder)

@@ -37,11 +37,14 @@ class Copy:
     It has the same place each time, since compiled kernels are kept by place and time of change.
     """
 
-    def __init__(self, root: Path, folder: Path, most_s: float, near: bool = False) -> None:
+    def __init__(
+        self, root: Path, folder: Path, most_s: float, near: bool = False, default: bool = False
+    ) -> None:
         self.root, self.tree, self.most_s = root, folder / "tree", most_s
         self._stages = (True,) if near else (True, False)
+        self._tier = ["-m", "not full and not soak"] if default else []
         self._scratch, self._log = folder / "t", folder / "output.txt"
-        self._times = folder / "seconds.json"
+        self._times = folder / f"seconds{'-default' * default}.json"
         shutil.rmtree(self.tree, ignore_errors=True)
         shutil.copytree(root, self.tree, ignore=shutil.ignore_patterns(*_NOT_COPIED))
         compileall.compile_dir(self.tree, quiet=2)  # once: no mutant's bytecode is written
@@ -102,7 +105,8 @@ class Copy:
         """Run test files in the copy: what came of it, and the processor time it took, s; its
         own, without that of its children, is `most_s` at most."""
         words = [
-            "-x", "-q", "-n", "0", "-p", "no:cacheprovider", f"--basetemp={self._scratch}", *files
+            "-x", "-q", "-n", "0", "-p", "no:cacheprovider", f"--basetemp={self._scratch}",
+            *self._tier, *files,
         ]  # fmt: skip
         self._log.write_text("")
         assert self._server.stdin
@@ -119,15 +123,19 @@ class Copy:
                     end(child, signal.SIGKILL)
         code, took = self._server.stdout.readline().split()
         _end_all(self.tree)
-        outcome = ("survived" if code == "0" else "killed") if in_time else "timed out"
+        unnoticed = code in ("0", "5")  # 5: no test of the tier in these files
+        outcome = ("survived" if unnoticed else "killed") if in_time else "timed out"
         return outcome, float(took)
 
 
 @contextmanager
 def copy_of(
-    root: Path, most_s: float, near: bool = False, folder: Path | None = None
+    root: Path, most_s: float, near: bool = False, default: bool = False, folder: Path | None = None
 ) -> Iterator[Copy]:
-    """A copy of the sources, in a folder among the temporary ones that stays. Raises Busy."""
+    """A copy of the sources, in a folder among the temporary ones that stays. Raises Busy.
+
+    `near`: only tests of the folder's own; `default`: only those of the default tier.
+    """
     if folder is None:
         name = hashlib.sha256(bytes(root)).hexdigest()[:8]
         folder = Path(tempfile.gettempdir()).resolve() / f"hertzloop-mutants-{os.getuid()}-{name}"
@@ -137,7 +145,7 @@ def copy_of(
             flock(lock, LOCK_EX | LOCK_NB)
         except BlockingIOError:
             raise Busy(f"{folder} is in use by another run of this command") from None
-        copy = Copy(root, folder, most_s, near)
+        copy = Copy(root, folder, most_s, near, default)
         try:
             yield copy
         finally:
