@@ -16,6 +16,9 @@ from hertzloop.scenes.scene import Scene, load
 from plant.contact.hertz import Limit
 from plant.contact.plastic import dent_m, force_n, yielding
 
+# These need a kind of plant of their own, whose kernels take half a minute to compile.
+pytestmark = pytest.mark.full
+
 STIFFNESS, LIMIT = 4.5e9, Limit(1.05e9, 0.003)
 
 

@@ -18,6 +18,7 @@ from tests.hertzloop.processes import LONG, finish, grown_to, hertzloop, start, 
 SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]
 
 
+@pytest.mark.full
 def test_a_second_run_does_not_take_the_file_of_the_first(tmp_path: Path) -> None:
     """Both may overwrite; the first one goes on and keeps its recording."""
     out = tmp_path / "one.mcap"

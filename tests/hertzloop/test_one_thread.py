@@ -26,6 +26,7 @@ print(max(found["num_threads"] for found in threadpool_info()))
 """
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
 @pytest.mark.parametrize("asked", ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"])
 def test_a_plate_is_the_same_where_numpy_came_first(asked: str) -> None:

@@ -108,6 +108,7 @@ def test_noise(report: dict[str, Any]) -> None:
     assert len(lines(tables.noise_table([("with", own), ("without", free)], False))[0]) == 3
 
 
+@pytest.mark.full
 def test_impacts(report: dict[str, Any]) -> None:
     header, *rows = lines(impacts_table("Impacts", report["impacts"]))
     for heading, *cells in zip(header, *rows, strict=True):
@@ -116,6 +117,7 @@ def test_impacts(report: dict[str, Any]) -> None:
             assert float(cell) * UNITS[unit] == pytest.approx(impact[IMPACT[words]], rel=6e-4)
 
 
+@pytest.mark.full
 def test_energies_of_a_heavy_sphere_need_no_exponent(report: dict[str, Any]) -> None:
     """A narrow terminal cuts an exponent off: "3.164e+..."."""
     impact = report["impacts"][0] | {"plate_energy_j": 0.031639}
@@ -126,6 +128,7 @@ def test_energies_of_a_heavy_sphere_need_no_exponent(report: dict[str, Any]) -> 
     assert rows["transmitted energy, in time"] == "31.64 mJ"
 
 
+@pytest.mark.full
 def test_the_run(report: dict[str, Any]) -> None:
     rows = {label: words for label, words in lines(tables.run_table(report))}
     assert "scheme" not in rows
@@ -150,6 +153,7 @@ def test_the_run(report: dict[str, Any]) -> None:
     assert "flaws included" in dict(lines(tables.run_table(of_study)))["scheme"]
 
 
+@pytest.mark.full
 def test_no_cell_of_a_table_is_cut(report: dict[str, Any], tmp_path: Path) -> None:
     """At 80 columns, as in a pipe, words stay whole, too; on less, long ones are broken."""
     recording, results = report["recording"], str(tmp_path / "a.csv")

@@ -116,6 +116,7 @@ def extremes(table: str, key: str) -> st.SearchStrategy[Any]:
     return one
 
 
+@pytest.mark.full
 @settings(max_examples=150, suppress_health_check=list(HealthCheck))
 @given(st.sampled_from(shipped()), st.data())
 def test_parts_of_extreme_scenes_can_be_built_and_run(name: str, data: st.DataObject) -> None:

@@ -178,6 +178,7 @@ def run(script: str, folder: Path, **environment: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.full
 def test_a_scheme_is_a_file_and_a_row_of_one_table(tmp_path: Path) -> None:
     """Scene, transports and `--verify` follow."""
     # Kernels of its own: other processes could not read those of its types.

@@ -85,6 +85,7 @@ print(told)
 """
 
 
+@pytest.mark.full
 def test_a_run_of_a_compiled_scene_compiles_nothing(tmp_path: Path) -> None:
     """From an empty cache."""
     (tmp_path / "cache").mkdir()

@@ -23,6 +23,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return found
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("command", ["inspect", "compare", "recover", "replay"])
 def test_twenty_million_steps(files: list[Path], tmp_path: Path, command: str) -> None:
     used = []

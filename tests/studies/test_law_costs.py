@@ -19,6 +19,7 @@ def test_a_shipped_law_as_a_file_and_in_c_has_the_same_bytes() -> None:
         assert not laws.same_bytes({**given, "another": "off"})
 
 
+@pytest.mark.full
 def test_the_command_prints_what_own_laws_cost(tmp_path: Path) -> None:
     done = hertzloop("bench", "laws", "--rounds", "1", "--json", str(tmp_path / "a.json"))
     assert done.returncode == 0, done.stderr

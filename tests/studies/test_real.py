@@ -15,6 +15,9 @@ from studies.real import study
 from studies.sweeps.phases import phases
 from studies.sweeps.pool import local_pool
 
+# These need a kind of plant of their own, whose kernels take half a minute to compile.
+pytestmark = pytest.mark.full
+
 COARSE = Named(
     "coarse", "aluminium-3mm",
     ("run.accuracy=0.1", "run.duration_s=0.0013", "controller.v_thr_m_s=-0.6"), "impact",

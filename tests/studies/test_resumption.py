@@ -117,6 +117,7 @@ def _counted(pool: Pool, ran: list[str], most: int) -> Pool:
     return results
 
 
+@pytest.mark.full
 def test_a_chart_cut_short_goes_on_and_runs_every_case_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -67,6 +67,7 @@ def test_reference_is_dop853s(small: cases.Problem) -> None:
     np.testing.assert_allclose(found, solved, rtol=0, atol=1e-5 * np.abs(solved).max())
 
 
+@pytest.mark.full
 def test_points_are_written_and_modal_leads(tmp_path: Path) -> None:
     points = study.measure("aluminium-3mm", 6e-5, rounds=1, limit_s=0.2)
     modal = [p for p in points if p.scheme == "modal"]
