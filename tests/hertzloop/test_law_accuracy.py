@@ -26,6 +26,7 @@ def near(v_thr_m_s: float, *settings: str) -> Scene:
     return load("aluminium-3mm", [*NEAR, f"controller.v_thr_m_s={v_thr_m_s}", *settings])
 
 
+@pytest.mark.full
 def test_a_threshold_within_the_error_is_said() -> None:
     found = judged(near(-0.442), UNTIL_S)
     assert found is not None

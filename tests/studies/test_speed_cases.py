@@ -61,6 +61,7 @@ def test_dop853_dense_output_has_order_7() -> None:
     assert np.all(orders(run, (4e-3, 2e-3, 1e-3)) > 6.5)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-8])
 def test_dop853_is_scipys_step_for_step(small: cases.Problem, tolerance: float) -> None:
     t = cases.SAMPLE_S * np.arange(1, small.samples + 1)
