@@ -2,6 +2,8 @@
 
 import math
 
+from hertzloop.results.spans import decibels
+
 UNKNOWN = "unknown"  # in the place of a number without a predictable digit
 LEGEND = f"{UNKNOWN}: not predictable"
 _PLAIN = 7  # digits before the decimal point that are written without an exponent
@@ -48,8 +50,8 @@ def change_db(
     reference_error: float = 0.0,
 ) -> tuple[float, float]:
     """A ratio in dB, nan where there is none, and its error by those of both numbers."""
-    ratio = value / reference if reference else math.nan
-    if not ratio > 0.0:
+    change = decibels(value, reference, factor)
+    if math.isnan(change):
         return math.nan, math.nan
     wrong = error / abs(value) + reference_error / abs(reference)
-    return factor * math.log10(ratio), factor / math.log(10.0) * wrong
+    return change, factor / math.log(10.0) * wrong
