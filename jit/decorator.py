@@ -52,7 +52,7 @@ def kernel(
 
     if config.DISABLE_JIT:
         return function
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = {"no_cfunc_wrapper": True}
     if inline:
         options["forceinline"] = True
     if borrowed:
@@ -62,7 +62,7 @@ def kernel(
     if spliced:
         options["inline"] = "always"
     if bare:
-        options["no_cpython_wrapper"] = options["no_cfunc_wrapper"] = True
+        options["no_cpython_wrapper"] = True
     if fused or reordered:
         freedoms = {"contract": fused, "reassoc": reordered}
         options["fastmath"] = {name for name, given in freedoms.items() if given}
