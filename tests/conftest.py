@@ -34,15 +34,16 @@ def _names_files(config: pytest.Config) -> bool:
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option that chooses the tier."""
     parser.addoption("--all", action="store_true", help="run every test, not the default tier only")
+    parser.addoption("--rest", action="store_true", help="run what the default tier leaves out")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Refuse `--all` where a package is missing: its tests would be skipped."""
-    if config.getoption("--all"):
+    """Refuse `--all` and `--rest` where a package is missing: its tests would be skipped."""
+    if config.getoption("--all") or config.getoption("--rest"):
         missing = [name for name in _ALL_TESTS if not importlib.util.find_spec(name)]
         if missing:
             raise pytest.UsageError(
-                f"--all needs {', '.join(missing)}. Run: pip install -e '.[all-tests]'"
+                f"this tier needs {', '.join(missing)}. Run: pip install -e '.[all-tests]'"
             )
 
 
@@ -68,8 +69,8 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep the default tier, unless `--all` or the names of files ask for more. The slowest files
-    come first, so that none of them runs alone at the end."""
+    """Keep the tests of the tier that was asked for, or all tests of files that are named. The
+    slowest files come first, so that none of them runs alone at the end."""
     slow = ["test_checks.py", "hertzloop", "studies"]
     order = {name: place for place, name in enumerate(slow)}
     items.sort(
@@ -79,9 +80,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     )
     if config.getoption("--all") or _names_files(config):
         return
-    later = [item for item in items if item.get_closest_marker("full")]
-    config.hook.pytest_deselected(items=later)
-    items[:] = [item for item in items if not item.get_closest_marker("full")]
+    rest = config.getoption("--rest")
+    chosen = [item for item in items if bool(item.get_closest_marker("full")) == rest]
+    config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
+    items[:] = chosen
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:

@@ -13,7 +13,7 @@ pytest.importorskip("gymnasium")
 
 from hertzloop.elsewhere.environment import Impacts
 
-pytestmark = needs_cc
+pytestmark = [needs_cc, pytest.mark.full]
 # A gain by a power of two, so that scaling a sample and a force costs no bit.
 LAW = """
 def command(p, s, samples, i):

@@ -24,7 +24,7 @@ from tests.hertzloop.elsewhere import NOISY, SHORT, needs_cc, scene_of
 
 fmpy = pytest.importorskip("fmpy")
 
-pytestmark = needs_cc
+pytestmark = [needs_cc, pytest.mark.full]
 STEP_S = 1e-6
 
 

@@ -19,7 +19,7 @@ from recordings.reader import read
 from tests.hertzloop.networks import Network, network
 from tests.hertzloop.processes import EVENTUALLY_S, finish, grown_to, hertzloop, wait_for
 
-pytestmark = pytest.mark.timeout(600)
+pytestmark = [pytest.mark.timeout(600), pytest.mark.full]
 
 ROLES = (PLANT, CONTROLLER, RECORDER)
 INTRUDERS = ("other authority", "other name", "replayed")

@@ -19,6 +19,8 @@ from recordings.reader import Recording, read
 pytest.importorskip("fmpy")
 pytest.importorskip("pythonfmu")
 
+pytestmark = pytest.mark.full
+
 SHORT = "run.duration_s=0.0013"
 # {fault}: comes before a step is over.
 UNIT = """

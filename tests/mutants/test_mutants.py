@@ -12,6 +12,8 @@ from tests.mutants.choosing import ranks
 from tests.mutants.listing import Mutation, draw, mutated, mutations, sources
 from tests.mutants.trying import Busy, copy_of
 
+pytestmark = pytest.mark.full
+
 CODE = '''"""Sums."""
 from typing import overload
 kernel = staticmethod
