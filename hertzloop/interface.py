@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from bus.own_folder import own_folder
-from hertzloop.quantities import TRUTH
 from hertzloop.results.labelled import (
     FORCE_LABEL,
     HELD,
@@ -23,9 +22,12 @@ from hertzloop.results.labelled import (
     truth_of,
 )
 from hertzloop.scenes import scene as scenes
-from hertzloop.scenes.scene import Scene, SceneError, shipped, vary
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import Scene, shipped, vary
+from hertzloop.setup import Setup, resolve
 from plant.figures.impacts import Impact
 from plant.figures.noise import ImpactNoise
+from plant.time_series import TRUTH
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -117,13 +119,11 @@ class Run:
         without control."""
         from hertzloop.one_run import verdict_of
 
-        return verdict_of(self.scene, self._reported)
+        return verdict_of(resolve(self.scene), self._reported)
 
     def without_control(self) -> "Run":
         """The same run with the law off, on the same model of the plate, simulated on the spot."""
-        from hertzloop.results.cases import uncontrolled
-
-        return simulate(uncontrolled(self.scene))
+        return simulate(resolve(self.scene).uncontrolled().scene)
 
 
 def scene_names() -> list[str]:
@@ -143,15 +143,13 @@ def simulate(scene: Scene) -> Run:
 
     The samples are the same bytes as over the bus. Raises SceneError.
     """
-    from hertzloop.assembly import plant_spec
     from hertzloop.loop import compiled
     from hertzloop.loop.plant_streams import truth_columns
 
-    found = compiled.simulate(scene)
-    columns = truth_columns(found.rows, scene, plant_spec(scene).same_point)
-    return _run(
-        scene, found.rows, columns, found.values, None, found.books,
-    )  # fmt: skip
+    setup = resolve(scene)
+    found = compiled.simulate(setup)
+    columns = truth_columns(found.rows, setup, setup.plant.same_point)
+    return _run(setup, found.rows, columns, found.values, None, found.books)
 
 
 def run(
@@ -175,17 +173,17 @@ def run(
 
     options = RunOptions(Transport(transport), overwrite=overwrite, horizon=horizon, pace=pace)
     if pace is not None:
-        _check_pace(scene, options)
+        _check_pace(resolve(scene), options)
     if recording is not None:
-        record(scene, Path(recording), options, on_progress)
+        record(resolve(scene), Path(recording), options, on_progress)
         return read(recording)
     with own_folder() as folder:
         path = Path(folder) / "run.mcap"
-        record(scene, path, options, on_progress)
+        record(resolve(scene), path, options, on_progress)
         return replace(read(path), path=None)
 
 
-def _check_pace(scene: Scene, options: "RunOptions") -> None:
+def _check_pace(setup: Setup, options: "RunOptions") -> None:
     """Raise SceneError for a run that cannot be by the wall clock."""
     from hertzloop.commands.warmup import ensure_compiled
     from hertzloop.loop.paced import check_pace
@@ -202,9 +200,9 @@ def _check_pace(scene: Scene, options: "RunOptions") -> None:
             f"horizon = {options.horizon} needs the lock-step; with a pace the plant waits for no "
             "force"
         )
-    check_pace(scene, options.pace, options.timeout_s)
+    check_pace(setup, options.pace, options.timeout_s)
     # A process that compiles answers nobody.
-    ensure_compiled(lambda: None, scene, paced=True)
+    ensure_compiled(lambda: None, setup, paced=True)
 
 
 def read(recording: str | Path) -> Run:
@@ -219,16 +217,16 @@ def read(recording: str | Path) -> Run:
         raise RecordingError(f"{recording}: {[*found.problems, 'the run has no books'][0]}")
     try:
         scene = scenes.parse(found.scene_toml)
-    except scenes.SceneError as error:
+    except SceneError as error:
         words = f"{recording}: its scene cannot be simulated here: {error}{found.other_version}"
         raise RecordingError(words) from error
     names = [name for name in (*TRUTH, *HELD) if name in found.truth.arrays]
     kept = {name: found.truth.arrays[name] for name in names}
-    return _run(scene, rows_of(found), kept, found.daq_values, found, found.books)
+    return _run(resolve(scene), rows_of(found), kept, found.daq_values, found, found.books)
 
 
 def _run(
-    scene: Scene,
+    setup: Setup,
     rows: np.ndarray,
     columns: Mapping[str, np.ndarray],
     values: np.ndarray,
@@ -242,13 +240,13 @@ def _run(
     from hertzloop.results.law import law_of
     from hertzloop.results.verdict import saturation_of
 
-    step_s = scene.step_s
-    sampled_s = np.arange(len(values)) * scene.sensors.every_steps * step_s
-    label = sensed_label(scene.sensors.quantity)
-    found = impacts_of_rows(scene, rows)
+    step_s = setup.step_s
+    sampled_s = np.arange(len(values)) * setup.every_steps * step_s
+    label = sensed_label(setup.quantity)
+    found = impacts_of_rows(setup, rows)
     truth = truth_of(columns, step_s)
     known: dict[str, Any] = {
-        "scene_law": scene.controller.law, "saturation": None, "pacing": None, "why_not": ""
+        "scene_law": setup.law_reference, "saturation": None, "pacing": None, "why_not": ""
     }  # fmt: skip
     if recording is not None:
         known = law_of(recording) | {
@@ -261,7 +259,7 @@ def _run(
         commanded = recording.force.arrays.get("force_n", np.empty(0))
         force = labelled(commanded, FORCE_LABEL, "step", np.arange(len(commanded)) * step_s)
     return Run(
-        scene=scene,
+        scene=setup.scene,
         truth=truth,
         samples=labelled(values, label, "sample", sampled_s),
         force=force,
@@ -272,7 +270,7 @@ def _run(
         events=recording.events if recording is not None else [],
         path=recording.path if recording is not None else None,
         pacing=known["pacing"],
-        _report=partial(reported, scene, dict(columns), books, known),
+        _report=partial(reported, setup, dict(columns), books, known),
     )
 
 
@@ -289,7 +287,7 @@ def modes(scene: Scene) -> "xr.Dataset":
     from hertzloop.commands.modes import modes_of_scene
     from hertzloop.results.labelled import modes_of
 
-    return modes_of(modes_of_scene(scene))
+    return modes_of(modes_of_scene(resolve(scene)))
 
 
 def sweep(
@@ -312,9 +310,10 @@ def sweep(
     from studies.sweeps.pool import local_pool
 
     axes = [as_axis(key, values) for key, values in over.items()]
-    planned = design_of(scene, axes, design, cases, scene.run.seed)
+    setup = resolve(scene)
+    planned = design_of(setup, axes, design, cases, setup.seed)
     with local_pool(workers) as pool:
-        rows = evaluate(pool, scene, span, planned.cases())
+        rows = evaluate(pool, setup, span, planned.cases())
     return cases_of(rows, list(over), {"scene": scene.name, "span": span})
 
 
@@ -341,10 +340,10 @@ def tune(
     from studies.sweeps.pool import local_pool
     from studies.tuning import tune as study
 
-    bases = [scene] if isinstance(scene, Scene) else list(scene)
+    bases = [resolve(one) for one in ([scene] if isinstance(scene, Scene) else scene)]
     given = tuple(as_axis(key, values) for key, values in (over or {}).items())
     with local_pool(workers) as pool:
         return study.best_of(
-            pool, bases, span, laws or [bases[0].controller.law], given, tuple(minimise),
+            pool, bases, span, laws or [bases[0].law_reference], given, tuple(minimise),
             at_most=dict(at_most or {}), generations=generations, population=population, seed=seed,
         )  # fmt: skip

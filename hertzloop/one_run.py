@@ -6,17 +6,13 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from hertzloop import assembly as parts
-from hertzloop import control
-from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.loop.launcher import Launcher
 from hertzloop.results import figures
-from hertzloop.results.cases import uncontrolled
 from hertzloop.results.conclusions import conclusions
 from hertzloop.results.impact_rows import through_first_contact
 from hertzloop.results.verify import as_json, verify
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 from recordings.compare import first_difference
 from recordings.reader import holds_a_run, read
 from recordings.writer import RecordingError
@@ -47,14 +43,14 @@ class RunOptions:
     repeat: Path | None = None  # a recording whose forces act, late ones as late as there
 
 
-def _check_parts(scene: Scene) -> None:
+def _check_parts(setup: Setup) -> None:
     """Build all parts of a scene once. Raises SceneError."""
-    parts.sensor(scene)
-    control.controller(scene, parts.plant(scene).model.stiffness)
+    setup.start_sensor()
+    setup.start_controller()
 
 
 def record(
-    scene: Scene,
+    setup: Setup,
     recording: Path,
     options: RunOptions,
     on_progress: Callable[[int], None] = lambda step: None,
@@ -64,10 +60,10 @@ def record(
     Raises RunFailed, BusError, StreamFault or RecordingError with one sentence; SceneError for
     parts that cannot be built, before there is a file.
     """
-    _check_parts(scene)
+    _check_parts(setup)
     if options.transport is Transport.ZENOH:
         with Launcher(
-            scene,
+            setup,
             recording,
             overwrite=options.overwrite,
             horizon=options.horizon,
@@ -81,7 +77,7 @@ def record(
         ) as processes:
             return processes.wait(on_progress)
     loop = record_in_process(
-        scene,
+        setup,
         recording,
         compiled=options.transport is Transport.COMPILED,
         horizon=options.horizon,
@@ -92,13 +88,13 @@ def record(
 
 
 def run_scene(
-    scene: Scene,
+    setup: Setup,
     recording: Path,
     options: RunOptions,
     on_progress: Callable[[int], None] = lambda step: None,
 ) -> dict[str, Any]:
     """Run and record a scene; the report that `run --json` writes. Raises as `record`."""
-    stats = record(scene, recording, options, on_progress)
+    stats = record(setup, recording, options, on_progress)
     recorded = read(recording)
     if recorded.metadata.get("run_id") != stats["run_id"]:
         raise RecordingError(
@@ -107,16 +103,16 @@ def run_scene(
         )
     if recorded.problems:
         raise RecordingError(f"{recording}: {recorded.problems[0]}")
-    without = uncontrolled(scene)
+    without = setup.uncontrolled()
     free = None
-    if without != scene:
-        free = figures.figures_of(without, uncontrolled_rows(without))
+    if without != setup:
+        free = figures.figures_of(without, without.free_series())
     verified = None
     if options.verify:
         rows = through_first_contact(figures.blocks_of(recorded))
-        verified = verify(scene, rows)
+        verified = verify(setup, rows)
     report = figures.run_report(
-        scene,
+        setup,
         recorded,
         free,
         transport=options.transport.value,
@@ -133,13 +129,13 @@ def run_scene(
     return report
 
 
-def verdict_of(scene: Scene, report: dict[str, Any]) -> list[str]:
+def verdict_of(setup: Setup, report: dict[str, Any]) -> list[str]:
     """The verdict on a run by its `figures.reported`. This simulates the run without control."""
-    without = uncontrolled(scene)
-    if without != scene:
-        free = figures.figures_of(without, uncontrolled_rows(without))
+    without = setup.uncontrolled()
+    if without != setup:
+        free = figures.figures_of(without, without.free_series())
         report = report | {"uncontrolled": free}
-    return list(conclusions(scene, report, report["saturation"], report["why_not"])["verdict"])
+    return list(conclusions(setup, report, report["saturation"], report["why_not"])["verdict"])
 
 
 def what_is_kept(recording: Path, since_s: float) -> str:

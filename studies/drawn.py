@@ -18,7 +18,8 @@ from hertzloop.commands.pictures import MORE
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.results.impact_rows import first_impact
-from hertzloop.scenes.scene import DEFAULT, load
+from hertzloop.scenes.text import DEFAULT
+from hertzloop.setup import load
 from recordings.reader import read
 from recordings.replay.as_rerun import Shown
 

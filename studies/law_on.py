@@ -5,9 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop import assembly as parts
-from hertzloop import control
-from hertzloop.scenes.scene import Scene, parse, vary
+from hertzloop.setup import Setup, parse
 from recordings.reader import Recording
 from studies.pictures import look, save, sheet
 
@@ -24,24 +22,23 @@ class Comparison:
     step_s: float
 
 
-def scene_with(recording: Recording, law: str, settings: dict[str, object]) -> Scene:
+def scene_with(recording: Recording, law: str, settings: dict[str, object]) -> Setup:
     """The recorded scene with another law, and other keys. Raises SceneError."""
-    scene = parse(recording.scene_toml, recorded=True)
-    fixed = {"sensors.quantity": scene.sensors.quantity}
-    return vary(scene, {"controller.law": law, **fixed, **settings})
+    setup = parse(recording.scene_toml, recorded=True)
+    fixed = {"sensors.quantity": setup.quantity}
+    return setup.vary({"controller.law": law, **fixed, **settings})
 
 
-def law_on(recording: Recording, scene: Scene) -> Comparison:
+def law_on(recording: Recording, setup: Setup) -> Comparison:
     """Feed the recorded samples to the scene's law and line. Raises SceneError, LawFault."""
-    stiffness = parts.plant_spec(scene).contact.stiffness
-    controller = control.controller(scene, stiffness)
+    controller = setup.start_controller()
     other = controller.process(recording.daq_values).forces
     recorded = recording.force.arrays.get("force_n", np.empty(0))
     count = min(len(other), len(recorded))
     other, recorded = other[:count].copy(), recorded[:count]
     differing = np.flatnonzero(other.view(np.int64) != recorded.view(np.int64))
     first = int(differing[0]) if len(differing) else None
-    return Comparison(recorded, other, first, scene.step_s)
+    return Comparison(recorded, other, first, setup.step_s)
 
 
 def draw(found: Comparison, names: tuple[str, str], path: Path) -> Path:

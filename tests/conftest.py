@@ -50,7 +50,8 @@ def pytest_configure(config: pytest.Config) -> None:
 _COMPILE = """
 import sys
 from hertzloop.commands.warmup import ensure_compiled
-from hertzloop.scenes.scene import DEFAULT, load
+from hertzloop.scenes.scene import DEFAULT
+from hertzloop.setup import load
 ensure_compiled(lambda: None, load(DEFAULT, [f"run.plate_model={sys.argv[1]}"]))
 """
 

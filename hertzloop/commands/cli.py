@@ -56,7 +56,8 @@ from hertzloop.commands.options import (
 from hertzloop.commands.recordings import read_or_fail, repeat_or_fail, scene_to_run
 from hertzloop.commands.terminal import Commands, err, fail, out, progress
 from hertzloop.loop.signals import raise_when_ended
-from hertzloop.scenes.scene import DEFAULT, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import DEFAULT
 
 app = typer.Typer(
     cls=Commands,

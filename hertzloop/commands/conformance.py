@@ -15,7 +15,7 @@ from hertzloop.commands.options import (
     compile_first,
 )
 from hertzloop.commands.terminal import err, fail, out
-from hertzloop.scenes.scene import SceneError
+from hertzloop.scenes.errors import SceneError
 
 if TYPE_CHECKING:
     from hertzloop.loop.conformance import Checks

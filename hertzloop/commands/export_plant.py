@@ -20,7 +20,7 @@ from hertzloop.commands.options import (
     scene_from,
 )
 from hertzloop.commands.terminal import err, fail, out
-from hertzloop.scenes.scene import SceneError
+from hertzloop.scenes.errors import SceneError
 
 CpuOption = Annotated[
     Literal["host", "x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4"],
@@ -61,8 +61,6 @@ def export_plant(
         check_output(out_path, overwrite, read=files_of(resolved, scene, *(settings or [])))
     elif os.path.isdir(out_path) and any(out_path.iterdir()) and not overwrite:
         fail(f"the folder {out_path} is not empty; choose another, or allow it with --overwrite", 2)
-
-    from hertzloop.assembly import plate_model
     from hertzloop.elsewhere import library
     from hertzloop.elsewhere.fmu import write_fmu
     from hertzloop.elsewhere.image import image
@@ -90,7 +88,7 @@ def export_plant(
         fail(str(error), 2)
     except CompileFault as error:
         fail(str(error), 1)
-    if resolved.run.plate_model == "auto" and plate_model(resolved) == "infinite":
+    if resolved.plate_model_asked == "auto" and resolved.plate_model == "infinite":
         err.print(
             "the plate is infinite, as in this scene's runs, for the force of its own law; for any "
             "force take --set run.plate_model=modal",

@@ -18,7 +18,8 @@ from hertzloop.commands.options import (
 )
 from hertzloop.commands.study_frame import results_in, resumable
 from hertzloop.commands.terminal import Table, fail, out, progress
-from hertzloop.scenes.scene import DEFAULT, SceneError, vary
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import DEFAULT
 
 if TYPE_CHECKING:
     from studies.latency.study import Critical
@@ -53,11 +54,11 @@ def latency(
         source = scene or DEFAULT
         resolved = scene_from(source, settings, None)
         scenes = (study.Named(resolved.name, source, tuple(settings or ()), "impact"),)
-        if resolved.controller.law not in (*study.LAWS, "off", *(laws or [])):
-            laws = [resolved.controller.law, *(laws or [])]
+        if resolved.law_reference not in (*study.LAWS, "off", *(laws or [])):
+            laws = [resolved.law_reference, *(laws or [])]
     try:
         for law in laws or []:
-            check_law(vary((scenes or study.SCENES)[0].scene(), {"controller.law": law}))
+            check_law(((scenes or study.SCENES)[0].scene()).vary({"controller.law": law}))
     except SceneError as error:
         fail(str(error), 2)
     header = study.header_of(quick, tuple(laws or ()), scenes)

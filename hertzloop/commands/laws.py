@@ -18,7 +18,8 @@ from hertzloop.commands.options import (
     write_json,
 )
 from hertzloop.commands.terminal import err, fail, out
-from hertzloop.scenes.scene import DEFAULT, SceneError, shipped_text, toml_value
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import DEFAULT, shipped_text, toml_value
 
 if TYPE_CHECKING:
     from studies.law_on import Comparison
@@ -104,8 +105,8 @@ def law_on(
     try:
         recording = read(file)
         keys = dict(_setting(text) for text in settings or [])
-        scene = study.scene_with(recording, law, keys)
-        found = study.law_on(recording, scene)
+        setup = study.scene_with(recording, law, keys)
+        found = study.law_on(recording, setup)
     except (RecordingError, SceneError) as error:
         fail(str(error), 2)
     except LawFault as error:
@@ -113,8 +114,8 @@ def law_on(
     for problem in recording.problems:
         err.print(f"{file}: {problem}", soft_wrap=True, markup=False)
     ran = recording.law_ran[0] or recording.metadata.get("law") or "as recorded"
-    study.draw(found, (f"recorded: {ran}", scene.law.name), target)
-    out.print(_difference(found, scene.law.name), soft_wrap=True, markup=False)
+    study.draw(found, (f"recorded: {ran}", setup.law.name), target)
+    out.print(_difference(found, setup.law.name), soft_wrap=True, markup=False)
     out.print(f"written: {target}", soft_wrap=True)
     write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})
 

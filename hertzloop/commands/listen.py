@@ -16,7 +16,7 @@ from hertzloop.commands.terminal import Table, err, fail, out
 if TYPE_CHECKING:
     from hertzloop.results.impact_rows import Block
     from hertzloop.results.listening import Heard
-    from hertzloop.scenes.scene import Scene
+    from hertzloop.setup import Setup
     from recordings.reader import Recording
 
 
@@ -51,7 +51,7 @@ def listen(
     """Sound pressure of a run at a listener's point, with and without control, as WAV files on the
     same scale: the plate's modes in a rigid baffle, up to 20 kHz."""
     from hertzloop.commands.replaying import scene_of
-    from hertzloop.scenes.scene import SceneError
+    from hertzloop.scenes.errors import SceneError
     from recordings.writer import RecordingError
 
     if not at[2] > 0.0:
@@ -73,7 +73,7 @@ def listen(
 
 def heard_of(
     recording: "Recording",
-    scene: "Scene",
+    setup: "Setup",
     folder: Path,
     at: tuple[float, float, float],
     slow: float,
@@ -81,24 +81,23 @@ def heard_of(
     energy: bool = False,
 ) -> dict[str, Any]:
     """Write the sounds; what was heard. Raises RecordingError, SceneError, OSError."""
-    from hertzloop.loop.compiled import uncontrolled_rows
     from hertzloop.results import listening
     from hertzloop.results.figures import pieces_of
 
-    grid = listening.grid_of(scene, tail_s, slow)
-    size = scene.plate.size_m or (0.0, 0.0)
+    grid = listening.grid_of(setup, tail_s, slow)
+    size = setup.size_m or (0.0, 0.0)
     place = np.array([0.5 * size[0] + at[0], 0.5 * size[1] + at[1], at[2]])
     recorded = pieces_of(recording)
     runs: dict[str, Iterable[Block]] = {"without-control": recorded}
-    if scene.controller.law != "off":
-        free = uncontrolled_rows(scene.without_control())
+    if setup.has_law:
+        free = setup.without_control().free_series()
         runs = {"with-control": recorded, "without-control": free}
     heard: dict[Path, Heard] = {}
     data: dict[str, Any] = {"at_m": list(at), "slow": slow, "tail_s": tail_s, "runs": {}}
     for name, blocks in runs.items():
         path = folder / f"{recording.path.stem}-{name}.wav"
-        drive = listening.drive_of(scene, blocks)
-        heard[path] = listening.listen(scene, drive, place, grid)
+        drive = listening.drive_of(setup, blocks)
+        heard[path] = listening.listen(setup, drive, place, grid)
         data["runs"][name] = {
             "file": str(path),
             "peak_pa": heard[path].peak_pa,
@@ -106,7 +105,7 @@ def heard_of(
             "level_db": _level(heard[path].exposure_pa2_s),
         }
         if energy:
-            found = listening.radiated(scene, drive, grid)
+            found = listening.radiated(setup, drive, grid)
             data["runs"][name] |= asdict(found) if found else {}
     data["full_scale_pa"] = listening.write_wavs(heard)
     return data

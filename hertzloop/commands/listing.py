@@ -8,8 +8,9 @@ import typer
 from hertzloop import __version__
 from hertzloop.commands.hosts import write_keys
 from hertzloop.commands.terminal import Table, fail, out, styled
-from hertzloop.scenes.scene import DEFAULT, load, shipped, shipped_text
+from hertzloop.scenes.scene import DEFAULT, shipped, shipped_text
 from hertzloop.scenes.sentences import shown
+from hertzloop.setup import load
 
 
 def scenes(
@@ -25,7 +26,7 @@ def scenes(
         return
     for one in shipped():
         note = " (default)" if one == DEFAULT else ""
-        out.print(styled((one, "bold"), f"{note}\n    {load(one).shows}"), soft_wrap=True)
+        out.print(styled((one, "bold"), f"{note}\n    {load(one).description}"), soft_wrap=True)
 
 
 def keys(

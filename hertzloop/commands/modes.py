@@ -15,7 +15,9 @@ from hertzloop.commands.options import (
     scene_from,
 )
 from hertzloop.commands.terminal import fail, out
-from hertzloop.scenes.scene import DEFAULT, Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import DEFAULT
+from hertzloop.setup import Setup
 from plant.structures.mode_file import SUFFIXES, ModeTable, write_modes
 
 if TYPE_CHECKING:
@@ -25,18 +27,17 @@ _NODES = 441  # of the grid, about
 _GRID_MODES = 1200  # at most that many modes go onto a grid
 
 
-def modes_of_scene(scene: Scene, grid: bool = False) -> ModeTable:
+def modes_of_scene(setup: Setup, grid: bool = False) -> ModeTable:
     """Return the modes that a scene's plant computes with, up to its limit: those of equal
     frequency merged, without those that no force moves. With `grid`: their shapes on a grid, too.
 
     The same run with them gives the same bytes. Raises SceneError.
     """
-    from hertzloop import assembly as parts
     from plant.plant import air_eta
     from plant.schemes.collocation import residual_m_n
     from plant.structures.plate import oscillators
 
-    spec = parts.plant_spec(scene)
+    spec = setup.plant
     if spec.infinite_plate:
         raise SceneError(
             "the scene takes an infinite plate, which has no modes; set run.plate_model = 'modal'"

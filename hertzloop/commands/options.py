@@ -17,7 +17,8 @@ import typer
 from controller.door.registry import shipped as shipped_laws
 from hertzloop.commands.terminal import err, fail, out
 from hertzloop.extras import need
-from hertzloop.scenes.scene import Scene, SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
 
 SceneArgument = Annotated[str, typer.Argument(help="A shipped scene's name, or a .toml file.")]
 SetOption = Annotated[
@@ -85,27 +86,26 @@ _OF_FILES = (*_PICTURES, ".csv", ".html", ".json", ".mcap", ".parquet", ".toml",
 
 def scene_from(
     source: str, settings: list[str] | None, seed: int | None, tried: bool = False
-) -> Scene:
+) -> Setup:
     """The scene a command works on; ends the command if it cannot be simulated. Its law is `tried`
     where whoever started the command has done so."""
     try:
-        scene = load(source, settings or (), seed)
-        from hertzloop import assembly as parts
+        setup = load(source, settings or (), seed)
         from hertzloop.commands.warmup import anything_compiled
-        from hertzloop.plate_choice import build_words
+        from hertzloop.setup.plate import build_words
 
         if not anything_compiled():
             announce_compilation()
-        if said := build_words(parts.plant_spec(scene)):
+        if said := build_words(setup.plant):
             err.print(said, soft_wrap=True, markup=False)
         if not tried:
-            check_law(scene)
-        return scene
+            check_law(setup)
+        return setup
     except SceneError as error:
         fail(str(error), 2)
 
 
-def check_pace(scene: Scene, pace: float | None, timeout: float, **others: object) -> None:
+def check_pace(setup: Setup, pace: float | None, timeout: float, **others: object) -> None:
     """End the command for a pace that cannot be, or beside options (`others`) that need the
     lock-step."""
     if pace is None:
@@ -116,18 +116,18 @@ def check_pace(scene: Scene, pace: float | None, timeout: float, **others: objec
     from hertzloop.loop.paced import check_pace as check
 
     try:
-        check(scene, pace, timeout)
+        check(setup, pace, timeout)
     except SceneError as error:
         fail(str(error), 2)
 
 
-def check_law(scene: Scene) -> None:
+def check_law(setup: Setup) -> None:
     """Try a law that is not shipped for a moment, and say so if it is slow. Raises SceneError."""
-    if scene.controller.law in shipped_laws():
+    if setup.law_reference in shipped_laws():
         return
     from hertzloop.loop.law_trial import try_law
 
-    note = try_law(scene)
+    note = try_law(setup)
     if note:
         err.print(note, soft_wrap=True, markup=False)
 
@@ -177,10 +177,10 @@ def check_recording(
         fail(f"{option} = {path}: must end in .mcap, as a recording is written", 2)
 
 
-def files_of(scene: Scene, *named: str) -> list[Path]:
+def files_of(setup: Setup, *named: str) -> list[Path]:
     """What may be files that a scene was made of: its law's, and what is `named`, as the scene or
     in a setting."""
-    law = scene.controller.law
+    law = setup.law_reference
     texts = [law, law.rpartition(":")[0], *named, *(text.partition("=")[2] for text in named)]
     return [Path(text.strip("\"' ")) for text in texts if text]
 
@@ -285,7 +285,7 @@ def _strict(data: Any) -> Any:
     return None if isinstance(data, float) and not math.isfinite(data) else data
 
 
-def compile_first(*scenes: Scene, paced: bool = False) -> None:
+def compile_first(*scenes: Setup, paced: bool = False) -> None:
     """Compile what scenes run, see `ensure_compiled`; ends the command if one cannot be built."""
     from hertzloop.commands.warmup import ensure_compiled
 

@@ -26,7 +26,7 @@ class Run:
     def record(self, file: Path) -> None:
         """Record it: in one compiled call, a paced one as processes."""
         from hertzloop.loop.inprocess import record_in_process
-        from hertzloop.scenes.scene import load
+        from hertzloop.setup import load
 
         if self.pace is None:
             record_in_process(load(self.scene, self.changed), file, compiled=True)

@@ -17,7 +17,7 @@ from hertzloop.commands.options import (
     write_json,
 )
 from hertzloop.commands.terminal import Table, fail, out, progress
-from hertzloop.scenes.scene import SceneError
+from hertzloop.scenes.errors import SceneError
 
 # What no program can find in the study, and why.
 LEFT_OUT = (
@@ -136,7 +136,7 @@ def equations(
 
     resolved = scene_from(scene, settings, None)
     check_json(json_file)
-    _ready(resolved.run.scheme)
+    _ready(resolved.scheme)
     try:
         found = study.lines(resolved)
     except (SceneError, ValueError) as error:

@@ -18,7 +18,7 @@ from hertzloop.commands.terminal import err, fail, out
 
 if TYPE_CHECKING:
     from hertzloop.loop.repeating import Repeat
-    from hertzloop.scenes.scene import Scene
+    from hertzloop.setup import Setup
     from recordings.reader import Recording
 
 
@@ -33,9 +33,10 @@ def read_or_fail(path: Path, keep: bool = False) -> "Recording":
         fail(str(error), 2)
 
 
-def scene_to_run(recording: "Recording") -> "Scene":
+def scene_to_run(recording: "Recording") -> "Setup":
     """The scene of a recording; ends the command if it cannot be simulated here."""
-    from hertzloop.scenes.scene import SceneError, parse
+    from hertzloop.scenes.errors import SceneError
+    from hertzloop.setup import parse
 
     try:
         return parse(recording.scene_toml)
@@ -44,14 +45,13 @@ def scene_to_run(recording: "Recording") -> "Scene":
         fail(words + recording.other_version, 2)
 
 
-def repeat_or_fail(recording: "Recording", scene: "Scene") -> "Repeat":
+def repeat_or_fail(recording: "Recording", setup: "Setup") -> "Repeat":
     """What is to be repeated of a recording of this scene; ends the command if that cannot be."""
     from hertzloop.loop.repeating import repeat_of
-    from hertzloop.scenes.scene import to_toml
     from recordings.writer import RecordingError
 
     try:
-        if to_toml(scene) != recording.scene_toml:
+        if setup.toml != recording.scene_toml:
             fail(f"{recording.path} is a recording of another scene{recording.other_version}", 2)
         return repeat_of(recording)
     except RecordingError as error:
@@ -191,7 +191,8 @@ def _horizon(recording: "Recording", tolerance: float) -> int | None:
     """Step up to which the recorded run can be the same on another processor, None for the end, or
     where its scene cannot be simulated here."""
     from hertzloop.results.predictability import horizon_step
-    from hertzloop.scenes.scene import SceneError, parse
+    from hertzloop.scenes.errors import SceneError
+    from hertzloop.setup import parse
 
     try:
         return horizon_step(parse(recording.scene_toml), tolerance)

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from bus.streams import LAST_NS
-from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.results import pacing, what_ran
 from hertzloop.results.deflection import deflection
 from hertzloop.results.figures import pieces_of
 from hertzloop.results.overlay import Overlay, overlay
 from hertzloop.results.stability import StabilityMeter
-from hertzloop.scenes.scene import Scene, SceneError, parse
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, parse
 from recordings.reader import Recording
 from recordings.replay import as_rerun as rerun_replay
 from recordings.replay import viewer
@@ -69,21 +69,21 @@ def prepare(
     # Deflections follow from all forces before them: where some are missing, the replay ends.
     recording = _whole(recording)
     rerun_replay.check_replayable(recording)
-    scene = scene_of(recording)
+    setup = scene_of(recording)
     contacts = contacts_of(recording.truth.pieces())
-    plate = deflection(scene, recording, contacts=contacts)
+    plate = deflection(setup, recording, contacts=contacts)
     twin: tuple[Twin, Overlay, float] | None = None
     lines: list[str] = []
     if other is not None:
-        theirs, found, lines = _beside(recording, scene, contacts, other)
+        theirs, found, lines = _beside(recording, setup, contacts, other)
         twin = theirs, found, other.truth.step_ns * 1e-9
-    elif not alone and scene.controller.law != "off":
+    elif not alone and setup.has_law:
         try:
-            twin = *without_control(recording, scene, contacts), scene.step_s
+            twin = *without_control(recording, setup, contacts), setup.step_s
             lines = [f"{drawn}: the same without control."]
         except SceneError as error:
             lines = [f"The run without control cannot be simulated: {error}"]
-    told = _told(recording, scene, contacts, twin, lines)
+    told = _told(recording, setup, contacts, twin, lines)
     return rerun_replay.prepare(recording, plate, told, contacts)
 
 
@@ -93,7 +93,7 @@ def _whole(recording: Recording) -> Recording:
     return dataclasses.replace(recording, truth=truth, daq=recording.daq.in_memory())
 
 
-def scene_of(recording: Recording) -> Scene:
+def scene_of(recording: Recording) -> Setup:
     """The recorded scene. Raises RecordingError."""
     try:
         return parse(recording.scene_toml, recorded=True)
@@ -103,17 +103,17 @@ def scene_of(recording: Recording) -> Scene:
 
 
 def without_control(
-    recording: Recording, scene: Scene, contacts: list[Contact]
+    recording: Recording, setup: Setup, contacts: list[Contact]
 ) -> tuple[Twin, Overlay]:
     """The run without control, simulated here and now. Raises SceneError."""
-    free = scene.without_control()
-    found = overlay(free, uncontrolled_rows(free), _OF_TWIN, free.steps)
+    free = setup.without_control()
+    found = overlay(free, free.free_series(), _OF_TWIN, free.steps)
     twin, _ = _twin(recording, contacts, free, found, "", "no control")
     return twin, found
 
 
 def _beside(
-    recording: Recording, scene: Scene, contacts: list[Contact], other: Recording
+    recording: Recording, setup: Setup, contacts: list[Contact], other: Recording
 ) -> tuple[Twin, Overlay, list[str]]:
     other = _whole(other)
     rerun_replay.check_replayable(other)
@@ -122,7 +122,7 @@ def _beside(
     twin, shift_ns = _twin(recording, contacts, theirs, found, "A", "B")
     lines = [
         f"A: {recording.path.name}. B, faint: {other.path.name}",
-        *what_ran.compared(scene, theirs),
+        *what_ran.compared(setup, theirs),
     ]
     if shift_ns:
         lines.append(f"B is moved by {shift_ns * 1e-6:+.3f} ms: first contacts begin together.")
@@ -132,7 +132,7 @@ def _beside(
 def _twin(
     recording: Recording,
     contacts: list[Contact],
-    scene: Scene,
+    setup: Setup,
     found: Overlay,
     own: str,
     name: str,
@@ -142,36 +142,36 @@ def _twin(
     truth, shift_ns = recording.truth, 0
     if contacts and found.touched is not None:
         begins_ns = int(truth.step_at(contacts[0].first)) * truth.step_ns
-        shift_ns = begins_ns - found.touched * scene.run.step_ns
+        shift_ns = begins_ns - found.touched * setup.step_ns
     curves: dict[str, list[Curve]] = {}
     for plot, signal, _, factor, held in SIGNALS:
         line = found.lines[signal]
         if signal == "F_a" and not line.values.any():
             continue
-        times = line.at * scene.run.step_ns + shift_ns
+        times = line.at * setup.step_ns + shift_ns
         curve = curve_of(f"{signal}_twin", line, times, factor, held, f"{signal} {name}", True)
         curves.setdefault(plot, []).append(curve)
     line = found.lines["plate"]
-    times = line.at * scene.run.step_ns + shift_ns
+    times = line.at * setup.step_ns + shift_ns
     curves["energy"] = [curve_of("plate_twin", line, times, label=f"plate {name}", faint=True)]
     return Twin(curves, own, name), shift_ns
 
 
 def _told(
     recording: Recording,
-    scene: Scene,
+    setup: Setup,
     contacts: list[Contact],
     twin: tuple[Twin, Overlay, float] | None,
     lines: list[str],
 ) -> Told:
     """`twin` with its curves and the length of its steps, s."""
-    meter, truth = StabilityMeter(scene), recording.truth
+    meter, truth = StabilityMeter(setup), recording.truth
     blocks = meter.through(pieces_of(recording))
     near = full_rate_spans([(contact.first, contact.end) for contact in contacts], truth.samples)
     begin = int(truth.step_at(0))
     spans = [(begin + a, begin + b) for a, b in near]
-    own = overlay(scene, blocks, _ENERGIES, truth.samples, spans)
-    described = what_ran.description(scene, recording)
+    own = overlay(setup, blocks, _ENERGIES, truth.samples, spans)
+    described = what_ran.description(setup, recording)
     told = [*described[:2], *lines, *described[2:]]
     if paced := pacing.of(recording):
         told += pacing.sentences(paced)[:2]
@@ -180,24 +180,24 @@ def _told(
         until_ns = round(since_s * 1e9)
         told.insert(0, f"**Unstable** from {1e3 * since_s:.3f} ms on")
     name = twin[0].own if twin and twin[0].own else "run"
-    spectra = [spectrum(name, own.speed_m_s, scene.step_s)]
+    spectra = [spectrum(name, own.speed_m_s, setup.step_s)]
     if twin is not None:
         spectra.append(spectrum(twin[0].name, twin[1].speed_m_s, twin[2]))
     return Told(
         heading=recording.metadata.get("scene", recording.path.stem),
         lines=told,
-        more_plots=[_energies(scene, own, twin[0] if twin else None, until_ns < LAST_NS)],
+        more_plots=[_energies(setup, own, twin[0] if twin else None, until_ns < LAST_NS)],
         spectra=[one for one in spectra if one is not None],
         twin=twin[0] if twin else None,
-        actuator_m=None if scene.controller.law == "off" else scene.plate.points_m[1],
+        actuator_m=None if not setup.has_law else setup.bodies.actuator_point_m,
         until_ns=until_ns,
     )
 
 
-def _energies(scene: Scene, own: Overlay, twin: Twin | None, explodes: bool) -> Plot:
+def _energies(setup: Setup, own: Overlay, twin: Twin | None, explodes: bool) -> Plot:
     """The ledger as a plot in a unit with readable numbers."""
     # Where the published scheme ends a contact, its sphere jumps.
-    whole = scene.run.scheme != "thesis2008"
+    whole = setup.scheme != "thesis2008"
     size_j = own.start_j if whole else float(np.max(own.lines["plate"].values, initial=0.0))
     factor, unit = next((f for f in _PREFIXES if size_j >= f[0]), _PREFIXES[-1])
     curves = [
@@ -208,7 +208,7 @@ def _energies(scene: Scene, own: Overlay, twin: Twin | None, explodes: bool) -> 
         line = own.lines[name]
         known = whole or name in ("plate", "fed")
         if known and (name != "fed" or line.values.any()):
-            times = line.at * scene.run.step_ns
+            times = line.at * setup.step_ns
             curves.append(curve_of(name, line, times, 1.0 / factor, label=label))
     most = 3.0 * own.start_j / factor if explodes else None
     return Plot("energy", f"Energies ({unit})", tuple(curves), most)

@@ -35,7 +35,7 @@ def report(
 
 
 def _of_run(file: Path, folder: Path, overwrite: bool) -> None:
-    from hertzloop.scenes.scene import SceneError
+    from hertzloop.scenes.errors import SceneError
     from recordings.writer import RecordingError
 
     recording = read_or_fail(file, keep=True)
@@ -51,7 +51,7 @@ def _of_run(file: Path, folder: Path, overwrite: bool) -> None:
 
 
 def _of_results(source: Path, folder: Path, overwrite: bool) -> None:
-    from hertzloop.scenes.scene import SceneError
+    from hertzloop.scenes.errors import SceneError
     from studies.report.results import page_of_results, results_in
 
     try:

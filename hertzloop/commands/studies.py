@@ -22,7 +22,8 @@ from hertzloop.commands.response import response
 from hertzloop.commands.study_frame import numbers, results_in
 from hertzloop.commands.terminal import Table, err, fail, out, progress
 from hertzloop.commands.validity import validity_map
-from hertzloop.scenes.scene import DEFAULT, load
+from hertzloop.scenes.scene import DEFAULT
+from hertzloop.setup import load
 
 SchemeName = Literal["thesis2008", "modal"]
 
@@ -99,13 +100,12 @@ def calibrate(
     json_file: JsonOption = None,
 ) -> None:
     """Damping parameters of the published scheme for a coefficient of restitution."""
-    from hertzloop import assembly as parts
     from plant.figures import calibration
 
     resolved = scene_from(scene, settings, None)
     check_json(json_file)
-    target = restitution or resolved.material("plate").restitution
-    spec = parts.plant_spec(resolved)
+    target = restitution or resolved.structure.material.restitution
+    spec = resolved.plant
     data = {"restitution": target, "relaxation_s": relaxation_s}
     try:
         data["viscous_n_s_m"] = calibration.calibrate_viscous(spec, target)

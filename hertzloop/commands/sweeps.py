@@ -27,7 +27,8 @@ from hertzloop.commands.options import (
 )
 from hertzloop.commands.terminal import Table, err, fail, out, progress, styled
 from hertzloop.extras import need
-from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, SceneError, vary
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
 
 
 def sweep(
@@ -83,7 +84,7 @@ def sweep(
     check_writable(target.parent)  # for what is unfinished, even where a file may be replaced
     beside = (target.with_name(target.name + end) for end in (".json", ".partial"))
     check_json(json_file, target, *beside)
-    if resolved.run.scheme == "thesis2008":
+    if resolved.scheme == "thesis2008":
         fail(NO_CASE_OF_THESIS, 2)
     if dask is not None:
         _check_scheduler(dask)
@@ -100,10 +101,10 @@ def sweep(
                     f"rest, --over {PHASE}=0:1"
                 )
             over.append(f"{PHASE}={','.join(map(str, spread_evenly(phases)))}")
-        planned = make_design(resolved, over, design, cases, resolved.run.seed)
+        planned = make_design(resolved, over, design, cases, resolved.seed)
         for axis in planned.axes:
             for law in axis.values if axis.key == "controller.law" else ():
-                check_law(vary(resolved, {"controller.law": law}))
+                check_law(resolved.vary({"controller.law": law}))
     except (DesignError, SceneError) as error:
         fail(str(error), 2)
     compile_first(resolved)

@@ -27,15 +27,9 @@ from hertzloop.commands.options import (
 from hertzloop.commands.study_frame import resumable
 from hertzloop.commands.terminal import Table, fail, out, progress
 from hertzloop.extras import need
-from hertzloop.scenes.scene import (
-    DEFAULT,
-    NO_CASE_OF_THESIS,
-    Scene,
-    SceneError,
-    to_toml,
-    toml_text,
-    vary,
-)
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text
+from hertzloop.setup import Setup
 
 if TYPE_CHECKING:
     from studies.tuning.record import Found, Tuned
@@ -107,14 +101,14 @@ def tune(
 
     check_json(json_file)
     bases = [scene_from(name, settings, seed) for name in scenes or [DEFAULT]]
-    if any(base.run.scheme == "thesis2008" for base in bases):
+    if any(base.scheme == "thesis2008" for base in bases):
         fail(NO_CASE_OF_THESIS, 2)
     objectives = tuple(minimise or ("plate_energy_db", "rebound_percent"))
     limits = _limits(at_most or [])
     for figure in (*objectives, *limits):
         if figure not in study.OBJECTIVES:
             fail(f"'{figure}' is no figure to tune for; known: {', '.join(study.OBJECTIVES)}", 2)
-    chosen = list(LAWS) if laws == ["all"] else laws or [bases[0].controller.law]
+    chosen = list(LAWS) if laws == ["all"] else laws or [bases[0].law_reference]
     try:
         given = tuple(parse_axis(text) for text in ranges or [])
         check_keys(given, "--vary")
@@ -122,15 +116,15 @@ def tune(
         for axis in given:
             if axis.key in around[0]:
                 fail(f"{axis.key} is given to --vary and to --over; take one of them", 2)
-        tried = [vary(base, case) for base in bases for case in around]
+        tried = [base.vary(case) for base in bases for case in around]
         speed = study.fastest_m_s(tried)
         for law in chosen:
             for base, case in product(bases, around):  # the law may not have a key of the case
                 of_law = {**case, "controller.law": law}
-                check_law(vary(base, of_law))
+                check_law(base.vary(of_law))
                 for axis in given:
                     for value in axis.values or (axis.low, axis.high):
-                        vary(base, {**of_law, axis.key: value})
+                        base.vary({**of_law, axis.key: value})
             study.axes_of(law, given, speed)
     except (DesignError, SceneError) as error:
         fail(str(error), 2)
@@ -169,10 +163,10 @@ def tune(
             for line in verdict:
                 out.print(line, soft_wrap=True)
             chosen_one = _winner(best, reference, objectives) or best[0]
-            best_scenes = [vary(base, chosen_one.values) for base in bases]
+            best_scenes = [base.vary(chosen_one.values) for base in bases]
             repeats = [
-                _repeating(chosen_one, scene, name, settings, seed)
-                for scene, name in zip(best_scenes, scenes or [DEFAULT], strict=True)
+                _repeating(chosen_one, setup, name, settings, seed)
+                for setup, name in zip(best_scenes, scenes or [DEFAULT], strict=True)
             ]
             out.print(f"the best setting again ({_words(chosen_one.values)}):")
             for line in repeats:
@@ -181,7 +175,7 @@ def tune(
                      ("at-most", at_most), ("set", settings)]  # fmt: skip
             words = _command(scenes or [DEFAULT], lists, {"span": span, **search})
             tuned = Tuned(
-                [to_toml(base) for base in bases], objectives, span, limits, best, reference,
+                [base.toml for base in bases], objectives, span, limits, best, reference,
                 verdict, len(tally.not_run), words, code_version(),
             )  # fmt: skip
             if folder is not None:
@@ -220,10 +214,10 @@ def _command(
 
 
 def _repeating(
-    found: "Found", scene: Scene, name: str, settings: list[str] | None, seed: int | None
+    found: "Found", setup: Setup, name: str, settings: list[str] | None, seed: int | None
 ) -> str:
     """The command that runs a scene, called `name`, with a setting, which makes it `scene`."""
-    known = {f"controller.{key}" for key, _ in scene.controller}
+    known = {f"controller.{key}" for key, _ in setup.scene.controller}
     given = [text.strip() for text in settings or []]
     # A key of the scene's own law may be unknown to the law that was found.
     kept = [text for text in given if _key(text) in known or not text.startswith("controller.")]
@@ -237,7 +231,7 @@ def _key(setting: str) -> str:
     return setting.partition("=")[0].strip()
 
 
-def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Scene]) -> None:
+def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Setup]) -> None:
     """Settings as CSV, all that was found as JSON, the chart, and every scene with the best
     setting; ends the command where they cannot be written."""
     from studies.tabular import write_rows
@@ -257,13 +251,13 @@ def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Sce
         write_rows(folder / f"{name}.csv", headings, rows)
         write_tuned(folder / f"{name}.json", tuned)
         draw_front(folder / f"{name}.png", ", ".join(names), best, tuned.published, objectives)
-        for scene in best_scenes:
-            (folder / f"tuned-{scene.name}.toml").write_text(to_toml(scene), encoding="utf-8")
+        for setup in best_scenes:
+            (folder / f"tuned-{setup.name}.toml").write_text(setup.toml, encoding="utf-8")
     except OSError as error:
         fail(f"cannot write into {folder}: {error.strerror}", 1)
     out.print(
         f"written: {folder}/{name}.csv, .json and .png; with the best setting: "
-        + ", ".join(f"{folder}/tuned-{scene.name}.toml" for scene in best_scenes),
+        + ", ".join(f"{folder}/tuned-{setup.name}.toml" for setup in best_scenes),
         soft_wrap=True,
     )
 

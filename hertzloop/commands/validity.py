@@ -17,7 +17,8 @@ from hertzloop.commands.options import (
     write_json,
 )
 from hertzloop.commands.terminal import fail, out
-from hertzloop.scenes.scene import DEFAULT, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import DEFAULT
 
 
 def validity(

@@ -8,7 +8,7 @@ from bus.own_folder import own_folder
 from jit.cache import cache_folder
 
 if TYPE_CHECKING:
-    from hertzloop.scenes.scene import Scene
+    from hertzloop.setup import Setup
 
 _OF_SCHEME = {"thesis2008": "thesis-aluminium"}  # a scheme that the default scene does not fit
 _PAST_TOUCH_S = 1e-3  # long enough for the figures of an impact, where that is short
@@ -20,79 +20,78 @@ def anything_compiled() -> bool:
     return any(cache_folder().glob(".compiled-*"))
 
 
-def of_scheme(scheme: str) -> "Scene":
+def of_scheme(scheme: str) -> "Setup":
     """A scene that runs the kernels of a scheme."""
-    from hertzloop.scenes.scene import DEFAULT, load
+    from hertzloop.scenes.scene import DEFAULT
+    from hertzloop.setup import load
 
     return load(_OF_SCHEME.get(scheme, DEFAULT), [f"run.scheme={scheme}"])
 
 
-def _default() -> list["Scene"]:
-    from hertzloop.scenes.scene import DEFAULT, load
+def _default() -> list["Setup"]:
+    from hertzloop.scenes.scene import DEFAULT
+    from hertzloop.setup import load
 
     return [load(DEFAULT, [f"run.plate_model={model}"]) for model in ("modal", "infinite")]
 
 
-def _marker(scene: "Scene", paced: bool) -> Path:
+def _marker(setup: "Setup", paced: bool) -> Path:
     """A file that is there once all is compiled for a scene: it is named after the types that
     kernels are compiled for. Those of a controller are the same for every law and line."""
-    from hertzloop import assembly as parts
     from jit.compiling import types_digest
 
-    plant, sensor = parts.plant(scene), parts.sensor(scene)
+    plant, sensor = setup.start_plant(), setup.start_sensor()
     types = types_digest(plant.model, plant.state, sensor.model, sensor.state)
     return cache_folder() / f".compiled-{types}{'-paced' * paced}"
 
 
-def is_compiled(scene: "Scene", paced: bool = False) -> bool:
+def is_compiled(setup: "Setup", paced: bool = False) -> bool:
     """Whether all kernels that the scene runs are in the cache."""
-    return _marker(scene, paced).exists()
+    return _marker(setup, paced).exists()
 
 
-def ensure_compiled(announce: Callable[[], None], *scenes: "Scene", paced: bool = False) -> None:
+def ensure_compiled(announce: Callable[[], None], *scenes: "Setup", paced: bool = False) -> None:
     """Run each of the scenes for a moment without its law, unless that was done for its kernels
     before; calls `announce` first. Without `scenes` the default one, with each model of its plate;
     with `paced` the kernels of paced mode, too. Raises SceneError."""
-    for scene in scenes or _default():
-        for marker, run in ((_marker(scene, False), _run), (_marker(scene, True), _run_paced)):
+    for setup in scenes or _default():
+        for marker, run in ((_marker(setup, False), _run), (_marker(setup, True), _run_paced)):
             if marker.exists() or (run is _run_paced and not paced):
                 continue
             announce()
             with own_folder() as folder:
-                run(_moment_of(scene), Path(folder))
+                run(_moment_of(setup), Path(folder))
             marker.touch()
 
 
-def _moment_of(scene: "Scene") -> "Scene":
+def _moment_of(setup: "Setup") -> "Setup":
     """A scene that runs the same kernels, until just after the first touch."""
-    from hertzloop import assembly as parts
-    from hertzloop.results.cases import lasting, on_plate
-    from hertzloop.scenes.scene import parse, to_toml
+    from hertzloop.setup import parse
 
     # How long a run lasts may decide about the model of its plate.
-    scene = on_plate(scene.without_control(), parts.plate_model(scene))
-    scene = parse(to_toml(scene))  # without what other laws have to be told
-    steps = round((parts.first_touch_s(scene) + _PAST_TOUCH_S) / scene.step_s)
-    return lasting(scene, max(1, min(steps, scene.steps, _MOST_STEPS)))
+    setup = setup.without_control().on_plate(setup.plate_model)
+    setup = parse(setup.toml)  # without what other laws have to be told
+    steps = round((setup.first_touch_s + _PAST_TOUCH_S) / setup.step_s)
+    return setup.lasting(max(1, min(steps, setup.steps, _MOST_STEPS)))
 
 
-def _run(scene: "Scene", folder: Path) -> None:
+def _run(setup: "Setup", folder: Path) -> None:
     """A run through each port compiles every kernel that any of them calls."""
-    from hertzloop.loop.compiled import simulate, uncontrolled_rows
+    from hertzloop.loop.compiled import simulate
     from hertzloop.loop.inprocess import record_in_process
     from hertzloop.results.figures import figures_of
     from hertzloop.results.model_cost import chosen_model
 
-    record_in_process(scene, folder / "a.mcap", compiled=False)
-    record_in_process(scene, folder / "b.mcap", compiled=True)
-    chosen_model(scene)
-    figures_of(scene, uncontrolled_rows(scene))
-    figures_of(scene, simulate(scene).rows)
+    record_in_process(setup, folder / "a.mcap", compiled=False)
+    record_in_process(setup, folder / "b.mcap", compiled=True)
+    chosen_model(setup)
+    figures_of(setup, setup.free_series())
+    figures_of(setup, simulate(setup).rows)
 
 
-def _run_paced(scene: "Scene", folder: Path) -> None:
+def _run_paced(setup: "Setup", folder: Path) -> None:
     from bus.inprocess import InProcessBus, InProcessPort
     from bus.streams import PLANT
     from hertzloop.loop.paced import PacedPlantNode
 
-    PacedPlantNode(scene, InProcessPort(InProcessBus(), PLANT), pace=1.0)
+    PacedPlantNode(setup, InProcessPort(InProcessBus(), PLANT), pace=1.0)

@@ -10,7 +10,7 @@ from hertzloop.elsewhere.driven import ENERGIES, VALUES
 from hertzloop.elsewhere.image import image
 from hertzloop.elsewhere.library import write_library
 from hertzloop.elsewhere.objects import HOST
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 
 
 class Batch:
@@ -19,15 +19,15 @@ class Batch:
     Raises SceneError, NoCompiler and CompileFault.
     """
 
-    def __init__(self, scene: Scene, count: int) -> None:
+    def __init__(self, setup: Setup, count: int) -> None:
         self._folder = TemporaryDirectory(prefix="hertzloop-")
         library = Path(self._folder.name) / "plants.so"
-        write_library(image(scene), HOST, library)
+        write_library(image(setup), HOST, library)
         self._c = ctypes.CDLL(str(library))
         self._c.hertzloop_plant_new.restype = ctypes.c_void_p
         self._c.hertzloop_plant_said.restype = ctypes.c_char_p
         self._c.hertzloop_plant_step_all.restype = ctypes.c_int64
-        self.scene = scene
+        self.setup = setup
         self.values = np.zeros(count, VALUES)
         self._plants = np.zeros(count, np.intp)
         for i in range(count):
@@ -39,7 +39,7 @@ class Batch:
     def start(self, index: int, seed: int, steps: int) -> None:
         """Put a plant to its start, with a seed, and let it fall for some steps."""
         plant = ctypes.c_void_p(int(self._plants[index]))
-        height = ctypes.c_double(self.scene.sphere.drop_height_m)
+        height = ctypes.c_double(self.setup.sphere.drop_height_m)
         self._c.hertzloop_plant_reset(plant, height, ctypes.c_int64(seed))
         self._c.hertzloop_plant_step(plant, ctypes.c_double(0.0), ctypes.c_int64(steps))
         seen = self.values.ctypes.data + index * VALUES.itemsize

@@ -8,9 +8,9 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from hertzloop import assembly as parts
 from hertzloop.elsewhere.batch import Batch
-from hertzloop.scenes.scene import Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
 from plant.contact.hertz import rigid_penetration_m
 
 _AHEAD = 20  # samples before the first touch
@@ -32,14 +32,13 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
 
     def __init__(
-        self, scene: Scene, num_envs: int = 64, *, limit_n: float | None = None,
+        self, setup: Setup, num_envs: int = 64, *, limit_n: float | None = None,
         scale: float | None = None,
     ) -> None:  # fmt: skip
-        spec = parts.plant_spec(scene)
-        about = parts.about_bodies(scene, spec.contact.stiffness)
-        if scale is None and scene.sensors.quantity != "xi":
+        about = setup.about_bodies
+        if scale is None and setup.quantity != "xi":
             raise SceneError(
-                f"sensors.quantity = {scene.sensors.quantity!r} needs a scale for its "
+                f"sensors.quantity = {setup.quantity!r} needs a scale for its "
                 "observations; give `scale`, or sense 'xi'"
             )
         depth = rigid_penetration_m(about.sphere_mass_kg, about.stiffness, about.impact_speed_m_s)
@@ -49,13 +48,13 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (1,), np.float64)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._every = scene.sensors.every_steps
-        touch = math.floor(parts.first_touch_s(scene) / scene.step_s)
+        self._every = setup.every_steps
+        touch = math.floor(setup.first_touch_s / setup.step_s)
         self._first = max(touch // self._every - _AHEAD, 0) * self._every
         self._delay = math.ceil(about.horizon_steps / self._every)
         self._energy_j = 0.5 * about.sphere_mass_kg * about.impact_speed_m_s**2
-        self._steps = scene.steps
-        self.batch = Batch(scene, num_envs)
+        self._steps = setup.steps
+        self.batch = Batch(setup, num_envs)
         # Commands under way (N), the next first; whether it has touched, samples apart since.
         self._line = np.zeros((num_envs, self._delay + 1))
         self._touched = np.zeros(num_envs, bool)

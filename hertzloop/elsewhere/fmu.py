@@ -9,7 +9,7 @@ from hertzloop import __version__
 from hertzloop.elsewhere.image import Image
 from hertzloop.elsewhere.library import LICENCES, C, write_library
 from hertzloop.elsewhere.variables import Version, description, header, identifier, variables
-from hertzloop.scenes.scene import SceneError
+from hertzloop.scenes.errors import SceneError
 
 _PLATFORMS: dict[Version, str] = {"2": "linux64", "3": "x86_64-linux"}
 _LARGEST: dict[Version, int] = {"2": 2**31, "3": 2**63}
@@ -19,7 +19,7 @@ _LONG_AGO = (1980, 1, 1, 0, 0, 0)  # the same unit is the same file
 def write_fmu(image: Image, cpu: str, version: Version, out: Path) -> None:
     """Write the unit. Raises SceneError for a seed that FMI 2.0 has no number for, NoCompiler and
     CompileFault."""
-    seed = image.scene.run.seed
+    seed = image.setup.seed
     if seed >= _LARGEST[version]:
         raise SceneError(
             f"run.seed = {seed} is too large for FMI 2.0, whose whole numbers end at 2147483647; "

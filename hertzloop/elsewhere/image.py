@@ -12,14 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop import assembly as parts
 from hertzloop.elsewhere.kernels import ENERGIES, Unit, is_known
 from hertzloop.elsewhere.objects import needed
 from hertzloop.loop import kernels as loop
 from hertzloop.loop.plant_streams import empty_window
-from hertzloop.quantities import SENSED
 from hertzloop.results.impact_windows import F_A, F_C
-from hertzloop.scenes.scene import Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.quantities import SENSED
+from hertzloop.setup import Setup
+from hertzloop.setup.setup import PHASE_STREAM
 from jit.words import leaves
 from plant.schemes import state_kernels as pk
 from sensors.acquisition import NOISE_STREAM
@@ -32,7 +33,7 @@ _LINE, _WORD = 64, 8
 class Image:
     """A plant to export: its scene and kernels' unit, the binary image, the constants by name."""
 
-    scene: Scene
+    setup: Setup
     unit: Unit
     data: bytes
     constants: dict[str, Any]
@@ -47,17 +48,16 @@ class Image:
         )  # fmt: skip
 
 
-def image(scene: Scene) -> Image:
+def image(setup: Setup) -> Image:
     """The image of a scene's plant and sensor. Raises SceneError for a scheme that cannot go."""
-    plant, sensor = parts.plant(scene), parts.sensor(scene)
+    plant, sensor = setup.start_plant(), setup.start_sensor()
     if not is_known(plant.model):
         raise SceneError(
-            f"run.scheme = {scene.run.scheme!r} cannot be exported; take 'modal' or "
-            "'discrete_gradient'"
+            f"run.scheme = {setup.scheme!r} cannot be exported; take 'modal' or 'discrete_gradient'"
         )
     unit = Unit(
         plant.model, plant.state, sensor.model, sensor.state, empty_window(1, 1), np.zeros(2),
-        np.zeros(ENERGIES), float(scene.run.lead_in_s),
+        np.zeros(ENERGIES), float(setup.lead_in_s),
     )  # fmt: skip
     memory = _Memory()
     memory.take(_MODEL, unit.plant)
@@ -66,19 +66,19 @@ def image(scene: Scene) -> Image:
     for part in unit[unit._fields.index("sensor_state") :]:
         memory.take(_STATE, part)
     # One sample more than the loop takes, after the last step.
-    count = scene.steps // scene.sensors.every_steps + 1 if unit.sensor.noise.size else 0
+    count = setup.steps // setup.every_steps + 1 if unit.sensor.noise.size else 0
     data, places = memory.laid_out(count)
     at = memory.offset_of
     body, window = at(unit.plant_state.body), unit.window
     truth = at(window.truth)
-    phase = scene.run.touch_phase
-    sensed = SENSED[scene.sensors.quantity]
+    phase = setup.scene.run.touch_phase
+    sensed = SENSED[setup.quantity]
     constants = {
-        "SCENE": scene.name, "QUANTITY": f"{sensed.meaning}, {sensed.unit}",
-        "STEP_S": scene.step_s, "STEPS": scene.steps, "EVERY_STEPS": scene.sensors.every_steps,
-        "DROP_HEIGHT_M": scene.sphere.drop_height_m, "SEED": scene.run.seed,
-        "NOISE": count, "NOISE_RMS": scene.sensors.noise_rms, "NOISE_STREAM": NOISE_STREAM,
-        "PHASE_STREAM": parts.PHASE_STREAM,
+        "SCENE": setup.name, "QUANTITY": f"{sensed.meaning}, {sensed.unit}",
+        "STEP_S": setup.step_s, "STEPS": setup.steps, "EVERY_STEPS": setup.every_steps,
+        "DROP_HEIGHT_M": setup.sphere.drop_height_m, "SEED": setup.seed,
+        "NOISE": count, "NOISE_RMS": setup.sensor.noise_rms, "NOISE_STREAM": NOISE_STREAM,
+        "PHASE_STREAM": PHASE_STREAM,
         "TOUCH_PHASE": -1.0 if phase == "random" else float(phase),
         "DIGEST": int.from_bytes(hashlib.sha256(data).digest()[:7], "little"), **places,
         "STEP": at(unit.plant_state.counts) + _WORD * pk.STEP,
@@ -89,7 +89,7 @@ def image(scene: Scene) -> Image:
         "CONTACT_FORCE": truth + _WORD * F_C, "ACTUATOR_FORCE": truth + _WORD * F_A,
         "ENERGIES": at(unit.energies),
     }  # fmt: skip
-    return Image(scene, unit, data, constants)
+    return Image(setup, unit, data, constants)
 
 
 class _Memory:

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as xml
 
 from hertzloop import __version__
 from hertzloop.elsewhere.image import Image
-from hertzloop.quantities import SENSED
+from hertzloop.scenes.quantities import SENSED
 
 Version = Literal["2", "3"]
 _BASE_UNITS = {
@@ -36,17 +36,17 @@ class Variable:
 
 def variables(image: Image) -> list[Variable]:
     """All variables in the order of their value references, the time first."""
-    scene = image.scene
-    unit, meaning = SENSED[scene.sensors.quantity][:2]
+    setup = image.setup
+    unit, meaning = SENSED[setup.quantity][:2]
     so_far = "so far"
     return [
         Variable("time", "s", "simulated time", "independent"),
         Variable("force_command", "N", "commanded actuator force, up positive, held over the step",
                  "input", start=0.0),
         Variable("drop_height", "m", "height of the drop; modes, damping and the converter's range "
-                 "stay those of the scene", "parameter", start=scene.sphere.drop_height_m),
+                 "stay those of the scene", "parameter", start=setup.sphere.drop_height_m),
         Variable("noise_seed", "", "seed of the sensor's noise and of a random touch phase",
-                 "parameter", whole=True, start=scene.run.seed),
+                 "parameter", whole=True, start=setup.seed),
         Variable("sample", unit, f"latest {meaning}, as read"),
         Variable("sample_code", "", "code of the converter, 0 of an ideal one", whole=True),
         Variable("sample_clipped", "", "1 if the sample was out of range, else 0", whole=True),
@@ -78,16 +78,16 @@ def header(image: Image, token: str) -> str:
 
 def identifier(image: Image) -> str:
     """Name of the unit's library, a word in C."""
-    return "hertzloop_" + "".join(c if c.isalnum() else "_" for c in image.scene.name)
+    return "hertzloop_" + "".join(c if c.isalnum() else "_" for c in image.setup.name)
 
 
 def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
     """modelDescription.xml."""
-    scene, name = image.scene, identifier(image)
+    setup, name = image.setup, identifier(image)
     root = xml.Element("fmiModelDescription", {
-        "fmiVersion": f"{version}.0", "modelName": scene.name,
+        "fmiVersion": f"{version}.0", "modelName": setup.name,
         "guid" if version == "2" else "instantiationToken": token,
-        "description": scene.shows or "a sphere strikes a plate",
+        "description": setup.description or "a sphere strikes a plate",
         "generationTool": f"hertzloop {__version__}, for {cpu}",
         "variableNamingConvention": "flat",
     })  # fmt: skip
@@ -97,7 +97,7 @@ def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
     xml.SubElement(root, "CoSimulation", {
         "modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true",
         f"canGetAndSet{state}": "true", f"canSerialize{state}": "true",
-        **({"fixedInternalStepSize": f"{scene.step_s:.12g}"} if version == "3" else {}),
+        **({"fixedInternalStepSize": f"{setup.step_s:.12g}"} if version == "3" else {}),
     })  # fmt: skip
     units = xml.SubElement(root, "UnitDefinitions")
     for unit in dict.fromkeys(variable.unit for variable in variables(image) if variable.unit):
@@ -107,8 +107,8 @@ def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
     for category in ("logStatusDiscard", "logStatusError"):
         xml.SubElement(categories, "Category", name=category)
     xml.SubElement(root, "DefaultExperiment", {
-        "startTime": "0", "stopTime": f"{scene.steps * scene.step_s:.12g}",
-        "stepSize": f"{scene.step_s * scene.sensors.every_steps:.12g}",
+        "startTime": "0", "stopTime": f"{setup.steps * setup.step_s:.12g}",
+        "stepSize": f"{setup.step_s * setup.every_steps:.12g}",
     })  # fmt: skip
     _add_variables(root, variables(image), version)
     xml.indent(root)

@@ -10,7 +10,7 @@ from bus.messages_pb2 import ForceBlock
 from bus.port import BusError, EndedByOther, Port
 from bus.streams import Checker, StreamFault
 from hertzloop.loop import kernels as k
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 
 _NOTICE_S = 1.0  # in which a controller that fails says so
 
@@ -18,14 +18,14 @@ _NOTICE_S = 1.0  # in which a controller that fails says so
 class Answers:
     """Forces by step, what they reach to, and the lane that may bring them, closed at first."""
 
-    def __init__(self, scene: Scene, window: k.Window, held: np.ndarray | None = None) -> None:
+    def __init__(self, setup: Setup, window: k.Window, held: np.ndarray | None = None) -> None:
         """`held`: by how many steps the command of a step was too old, where it may be."""
-        self.forces = np.zeros(scene.steps)
+        self.forces = np.zeros(setup.steps)
         self.lane = lane.closed()
         self.grant = k.Grant(
             counts=np.zeros(k.GRANT_COUNTS, np.int64),
             level=np.full(1, math.inf),  # no promise is known yet: any sample breaks it
-            lead_steps=1 + scene.in_steps(scene.controller.latency_us),
+            lead_steps=1 + setup.line.latency_steps,
         )
         self._window, self._held = window, held
         self._confirmed = 0  # steps whose force came over the bus, too

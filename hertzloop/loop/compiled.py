@@ -12,8 +12,6 @@ from bus.streams import StreamFault
 from controller import kernels as ck
 from controller import law_kernels as laws
 from controller.door.bound import LawFault
-from hertzloop import assembly as parts
-from hertzloop import control
 from hertzloop.first_impact import NEVER, ending_of
 from hertzloop.loop import kernels as k
 from hertzloop.loop.controller_node import set_up_by
@@ -22,11 +20,11 @@ from hertzloop.loop.hello import new_run_id
 from hertzloop.loop.plant_node import LoopStats
 from hertzloop.loop.plant_streams import BLOCK_STEPS, PlantStreams, empty_window
 from hertzloop.loop.watchdog import watching
-from hertzloop.scenes.scene import Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
 from plant.books import Books
 from plant.plant import Plant
 from plant.schemes import state_kernels as pk
-from plant.schemes.thesis2008 import ThesisPlant
 
 _PIECE_STEPS = 1 << 16
 
@@ -40,9 +38,11 @@ class LawStopped(SceneError):
 
 
 class Clock:
-    """Seconds of processor time that the compiled loop of `simulate` has taken so far."""
+    """Seconds of processor time that the compiled loop of `simulate` has taken while `running`: to
+    read the clock of a thread may cost more than a case."""
 
     seconds = 0.0
+    running = False
 
 
 IN_LOOP = Clock()
@@ -65,29 +65,30 @@ class Simulated:
     over: bool
 
 
-def simulate(scene: Scene, impact_only: bool = False, own_plant: Plant | None = None) -> Simulated:
+def simulate(setup: Setup, impact_only: bool = False, own_plant: Plant | None = None) -> Simulated:
     """Run a scene without bus or recording, on its plant, or on `own_plant`, at its start.
 
     With `impact_only` the run ends once nothing that is to come can belong to its first impact.
     Raises LawStopped when the law fails.
     """
-    plant, sensor = own_plant or parts.plant(scene), parts.sensor(scene)
-    controller = control.controller(scene, plant.model.stiffness, ahead=impact_only)
+    plant, sensor = own_plant or setup.start_plant(), setup.start_sensor()
+    controller = setup.start_controller(ahead=impact_only)
     samples = len(controller.law_state.history)
-    window = empty_window(scene.steps, samples)
+    window = empty_window(setup.steps, samples)
     modes, delays = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
-    with watching(scene, lambda: int(controller.law_state.counts[laws.SAMPLES])):
-        started = time.thread_time()
+    with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
+        started = time.thread_time() if IN_LOOP.running else 0.0
         over = k.closed_loop(
             plant.model, plant.state, sensor.model, sensor.state, controller.law,
             controller.law_state, controller.line, controller.line_state, controller.forces,
-            window, modes, delays, scene.steps, ending_of(scene) if impact_only else NEVER,
+            window, modes, delays, setup.steps, ending_of(setup) if impact_only else NEVER,
         )  # fmt: skip
-        IN_LOOP.seconds += time.thread_time() - started
+        if IN_LOOP.running:
+            IN_LOOP.seconds += time.thread_time() - started
     try:
         controller.check()
     except LawFault as error:
-        before = controller.failed_at * scene.sensors.every_steps + 1
+        before = controller.failed_at * setup.every_steps + 1
         raise LawStopped(str(error), window.truth[:, :before]) from error
     steps, taken = (int(window.counts[i]) for i in (k.TRUTH_END, k.SAMPLES_END))
     sent = window.values if sensor.model.ideal else window.codes
@@ -103,25 +104,16 @@ def simulate(scene: Scene, impact_only: bool = False, own_plant: Plant | None = 
     )
 
 
-def uncontrolled_rows(scene: Scene) -> Iterator[tuple[int, np.ndarray]]:
-    """Rows of truth of a scene without control in blocks: first step, rows of shape (10, steps)."""
-    plant, no_force = parts.plant(scene), np.zeros(_PIECE_STEPS)
-    for first in range(0, scene.steps, _PIECE_STEPS):
-        window = empty_window(min(_PIECE_STEPS, scene.steps - first), 0)
-        k.plant_alone(plant.model, plant.state, no_force[: window.truth.shape[1]], window)
-        yield first, window.truth
-
-
-def closed_loop_rows(scene: Scene, disturbance: float = 0.0) -> Iterator[tuple[int, np.ndarray]]:
+def closed_loop_rows(setup: Setup, disturbance: float = 0.0) -> Iterator[tuple[int, np.ndarray]]:
     """Rows of truth of a scene with its law in blocks: first step, rows of shape (10, steps); the
     sphere starts faster by `disturbance`, relative. Raises SceneError when the law fails."""
-    plant, sensor = parts.plant(scene), parts.sensor(scene)
-    controller = control.controller(scene, plant.model.stiffness, ahead=False)
+    plant, sensor = setup.start_plant(), setup.start_sensor()
+    controller = setup.start_controller(ahead=False)
     plant.state.body[pk.FLIGHT_V] *= 1.0 + disturbance
     modes, delays = np.zeros(_PIECE_STEPS, np.int64), np.zeros(_PIECE_STEPS, np.int64)
     counts = np.zeros(k.WINDOW_COUNTS, np.int64)
-    for first in range(0, scene.steps, _PIECE_STEPS):
-        length = min(_PIECE_STEPS, scene.steps - first)
+    for first in range(0, setup.steps, _PIECE_STEPS):
+        length = min(_PIECE_STEPS, setup.steps - first)
         window = empty_window(length, length)
         window.counts[:] = counts
         window.counts[[k.TRUTH_FIRST, k.TRUTH_END]] = 0
@@ -139,25 +131,18 @@ def closed_loop_rows(scene: Scene, disturbance: float = 0.0) -> Iterator[tuple[i
         yield first, window.truth
 
 
-def rows_under(plant: Plant | ThesisPlant, forces: np.ndarray) -> np.ndarray:
-    """Rows of truth, shape (10, steps), of a plant under commanded forces (N), one a step."""
-    window = empty_window(len(forces), 0)
-    k.plant_alone(plant.model, plant.state, forces, window)
-    return window.truth
-
-
 def run_compiled(
-    scene: Scene,
+    setup: Setup,
     plant_port: Port,
     controller_port: Port,
     on_progress: Callable[[int], None] = lambda step: None,
 ) -> LoopStats:
     """Run a scene and publish the streams that the processes would publish."""
     run_id = new_run_id()
-    streams = PlantStreams(scene, Publisher(plant_port, run_id))
+    streams = PlantStreams(setup, Publisher(plant_port, run_id))
     publisher = Publisher(controller_port, run_id)
-    controller = control.controller(scene, streams.plant.model.stiffness, ahead=False)
-    events = ControllerEvents(scene)
+    controller = setup.start_controller(ahead=False)
+    events = ControllerEvents(setup)
     modes, delays = np.zeros(BLOCK_STEPS, np.int64), np.zeros(BLOCK_STEPS, np.int64)
 
     def advance(end: int) -> None:
@@ -169,9 +154,9 @@ def run_compiled(
 
     def loop() -> float:
         wall_s, sent = 0.0, 0
-        while streams.step < scene.steps:
+        while streams.step < setup.steps:
             started = time.perf_counter()
-            advance(min(streams.step + BLOCK_STEPS, scene.steps))
+            advance(min(streams.step + BLOCK_STEPS, setup.steps))
             wall_s += time.perf_counter() - started
             try:
                 controller.check()
@@ -184,7 +169,7 @@ def run_compiled(
             end = int(controller.line_state.counts[ck.EMITTED])
             answer = ForceBlock(
                 first_step=sent,
-                step_ns=scene.run.step_ns,
+                step_ns=setup.step_ns,
                 samples_seen=int(controller.law_state.counts[laws.SAMPLES]),
             )
             publisher.send("force", answer, {"force_n": controller.forces[sent:end]})
@@ -195,7 +180,7 @@ def run_compiled(
         return wall_s
 
     advance(0)  # loads the kernel before the clock starts
-    set_up = set_up_by(scene, streams.plant.model.stiffness)
+    set_up = set_up_by(setup)
     try:
         streams.greet()
         wall_s = loop()

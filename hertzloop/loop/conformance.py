@@ -82,10 +82,10 @@ class ScriptedPlant:
         self.script, self.port, self.checks = script, port, checks
         self.horizon, self.timeout_s = horizon or math.inf, timeout_s
         self.publisher = Publisher(port, new_run_id())
-        self.hello = hello(script.scene, script.stiffness)
+        self.hello = hello(script.setup, script.stiffness)
         self.hello.run_id = self.publisher.run_id
-        self.steps, self.every = script.scene.steps, script.scene.sensors.every_steps
-        checker = Checker(self.publisher.run_id, script.scene.run.step_ns, PLANT, self.hello)
+        self.steps, self.every = script.setup.steps, script.setup.every_steps
+        checker = Checker(self.publisher.run_id, script.setup.step_ns, PLANT, self.hello)
         self.ear = _Ear(checker, checks)
         self.forces = np.zeros(self.steps)
         self.forces_end = self.sent = self.seen = 0
@@ -141,7 +141,7 @@ class ScriptedPlant:
         quantised = script.samples.dtype.kind == "i"
         header = DaqBlock(
             first_step=self.sent * self.every,
-            step_ns=script.scene.run.step_ns,
+            step_ns=script.setup.step_ns,
             every_steps=self.every,
             scale=script.scale,
             offset=script.offset,

@@ -5,10 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hertzloop import assembly as parts
-from hertzloop import control
 from hertzloop.loop.controller_node import physical_values
-from hertzloop.scenes.scene import Scene, load, parse
+from hertzloop.setup import Setup, load, parse
 from recordings.reader import Recording
 
 _SCENE = "aluminium-3mm"
@@ -29,7 +27,7 @@ class Script:
     """
 
     name: str
-    scene: Scene
+    setup: Setup
     samples: np.ndarray
     clipped: np.ndarray
     scale: float = 0.0
@@ -45,7 +43,7 @@ class Script:
     @property
     def lead_steps(self) -> int:
         """The force of a sample at step k acts from step k + lead_steps on."""
-        return 1 + self.scene.in_steps(self.scene.controller.latency_us)
+        return 1 + self.setup.line.latency_steps
 
     def values(self) -> np.ndarray:
         """The samples in the unit of their quantity."""
@@ -73,13 +71,13 @@ def _script(
     """A script from a gap; raises SceneError for a law or setting that cannot be."""
     duration = f"run.duration_s={steps * 1e-6:.9f}"
     fixed = (duration, "run.lead_in_s=0", "run.accuracy=0.1", "run.plate_model=modal")
-    scene = load(_SCENE, [*settings, *fixed]).model_copy(update={"name": f"conformance-{name}"})
-    values = gap_m(steps, contacts)[:: scene.sensors.every_steps]
-    model = parts.sensor(scene).model
+    setup = load(_SCENE, [*settings, *fixed]).renamed(f"conformance-{name}")
+    values = gap_m(steps, contacts)[:: setup.every_steps]
+    model = setup.start_sensor().model
     flags = np.zeros(len(values), np.uint8)
     script = Script(
-        name, scene, values, flags, model.scale, model.offset,
-        parts.plant_spec(scene).contact.stiffness,
+        name, setup, values, flags, model.scale, model.offset,
+        setup.plant.contact.stiffness,
     )  # fmt: skip
     if model.ideal:
         return script
@@ -123,7 +121,7 @@ def scripts(law: str | None = None, settings: Sequence[str] = ()) -> list[Script
 
 def _with_law(script: Script, law: str) -> Script:
     """The script with the forces that our own law of this name answers to it."""
-    answering = control.controller(script.scene, script.stiffness)
+    answering = script.setup.start_controller()
     answering.process(script.values())
     return replace(script, expected=answering.forces.copy(), expected_of=f"law '{law}'")
 
@@ -133,20 +131,20 @@ def recorded(recording: Recording) -> Script:
     its scene cannot be read."""
     if recording.problems:
         raise ValueError(f"{recording.path} is not whole: {recording.problems[0]}")
-    scene, daq = parse(recording.scene_toml), recording.daq
+    setup, daq = parse(recording.scene_toml), recording.daq
     codes = daq.arrays.get("code")
     samples = daq.arrays["value"] if codes is None else codes.astype(np.int64)
     flags = daq.arrays.get("saturated", np.zeros(len(samples), np.uint8))
     told = recording.ends["controller"].set_up.stiffness  # not by controllers of older versions
     return Script(
-        name=scene.name,
-        scene=scene,
+        name=setup.name,
+        setup=setup,
         samples=samples,
         clipped=flags,
         scale=daq.scale,
         offset=daq.offset,
-        stiffness=told or parts.plant_spec(scene).contact.stiffness,
-        horizons=(1, None) if scene.steps <= _LONG_STEPS else (None,),
+        stiffness=told or setup.plant.contact.stiffness,
+        horizons=(1, None) if setup.steps <= _LONG_STEPS else (None,),
         expected=recording.force.arrays["force_n"],
         expected_of=str(recording.path),
     )

@@ -2,6 +2,7 @@
 
 import time
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,11 +13,12 @@ from bus.streams import CONTROLLER, Checker, Envelope, StreamFault, compare_set_
 from bus.wire import Packed
 from controller.controller import Controller, Reply
 from controller.door.bound import LawFault
-from hertzloop import control
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.hello import versions_here
 from hertzloop.loop.lane_answers import LaneAnswers
-from hertzloop.scenes.scene import Scene, SceneError, parse, to_toml
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, parse
+from hertzloop.setup.law import idle
 
 # Answers in the lane make blocks of whole thousands on the bus, not more than one in this time.
 _BLOCK, _EVERY_S = 1000, 0.01
@@ -36,15 +38,14 @@ def physical_values(codes: np.ndarray, scale: float, offset: float) -> np.ndarra
         return np.asarray(offset + scale * codes)
 
 
-def set_up_by(scene: Scene, stiffness: float, law: str | None = None) -> SetUp:
+def set_up_by(setup: Setup, law: str | None = None) -> SetUp:
     """What a controller says at its end that it worked by; `law`: what the plant calls the law, if
     this side has it elsewhere."""
-    named = scene.controller.model_copy(update={"law": law or scene.controller.law})
     return SetUp(
-        scene_toml=to_toml(scene.model_copy(update={"controller": named})),
-        stiffness=stiffness,
-        law=scene.law.name,
-        law_digest=scene.law.digest,
+        scene_toml=setup.toml_with_law(law or setup.law_reference),
+        stiffness=setup.stiffness,
+        law=setup.law.name,
+        law_digest=setup.law.digest,
         versions=versions_here(),
     )
 
@@ -64,7 +65,7 @@ class ControllerNode:
         self.checker = Checker(role=CONTROLLER)
         self.done = False
         self.fault = ""  # with which the plant ended the run
-        self.scene: Scene | None = None  # as the plant has announced it
+        self.setup: Setup | None = None  # as the plant has announced it
         self._fast_lane = fast_lane
         self._lane: LaneAnswers | None = None
         self._joined: LaneAnswer = LaneAnswer.UNSAID
@@ -74,7 +75,7 @@ class ControllerNode:
         self._next_block_s = 0.0
         self._samples = 0  # of which the answers are published
         # Loads the kernels before anybody waits for an answer.
-        LaneAnswers(control.idle(), lane.closed(), look_ahead).serve(0)
+        LaneAnswers(idle(), lane.closed(), look_ahead).serve(0)
 
     @property
     def samples(self) -> int:
@@ -118,29 +119,30 @@ class ControllerNode:
     def _set_up(self, block: Packed) -> None:
         self._publisher = Publisher(self.port, self.checker.run_id)
         try:
-            scene = parse(block.header.scene_toml, law=self._law)
+            setup = parse(block.header.scene_toml, law=self._law)
+            setup = replace(setup, announced_stiffness=block.header.stiffness)
             announced = block.header.law_digest
-            if announced and announced != scene.law.digest:
+            if announced and announced != setup.law.digest:
                 raise SceneError(
-                    f"the law {scene.law.path} here has the digest {scene.law.digest}, the plant "
+                    f"the law {setup.law.path} here has the digest {setup.law.digest}, the plant "
                     f"announced {announced}; both sides need the same file"
                 )
-            self._controller = control.controller(scene, block.header.stiffness)
+            self._controller = setup.start_controller()
         except SceneError as error:
             raise StreamFault(f"the plant announced a scene that cannot be: {error}") from error
-        asked = scene.controller.law  # as the plant calls it, wherever this side has it
+        asked = setup.law_reference  # as the plant calls it, wherever this side has it
         if self._law is not None:
-            asked = parse(block.header.scene_toml, recorded=True).controller.law
-        self._set_up_by = set_up_by(scene, block.header.stiffness, asked)
+            asked = parse(block.header.scene_toml, recorded=True).law_reference
+        self._set_up_by = set_up_by(setup, asked)
         compare_set_up(block.header, self._set_up_by)  # another version may read it otherwise
-        if (scene.steps, scene.run.step_ns) != (block.header.steps, block.header.step_ns):
+        if (setup.steps, setup.step_ns) != (block.header.steps, block.header.step_ns):
             raise StreamFault(
                 f"the plant announced {block.header.steps} steps of {block.header.step_ns} ns, its "
-                f"scene has {scene.steps} of {scene.run.step_ns} ns"
+                f"scene has {setup.steps} of {setup.step_ns} ns"
             )
-        self.scene = scene
-        self._every_steps, self._step_ns = scene.sensors.every_steps, scene.run.step_ns
-        self._events = ControllerEvents(scene)
+        self.setup = setup
+        self._every_steps, self._step_ns = setup.every_steps, setup.step_ns
+        self._events = ControllerEvents(setup)
         self._offered, self._joined = lane.join(block.header, self._fast_lane)
         if self._offered is not None and block.header.pace:
             sample_ns = self._every_steps * self._step_ns / block.header.pace

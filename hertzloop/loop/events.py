@@ -10,7 +10,7 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from controller.law import ACTING, IDLE, MODES
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 
 _SPAN = 1000  # steps
 
@@ -109,9 +109,9 @@ class PlantEvents:
 class ControllerEvents:
     """Changes of the law's mode, with the delay that a threshold latched."""
 
-    def __init__(self, scene: Scene) -> None:
-        self._step_ns, self._every = scene.run.step_ns, scene.sensors.every_steps
-        self._latches = scene.law.latches
+    def __init__(self, setup: Setup) -> None:
+        self._step_ns, self._every = setup.step_ns, setup.every_steps
+        self._latches = setup.law.latches
         self._mode = IDLE
 
     def of(self, first_sample: int, modes: np.ndarray, delays: np.ndarray) -> Iterator[Log]:

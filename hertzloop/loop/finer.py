@@ -4,29 +4,28 @@ import numpy as np
 
 from controller import law_kernels as laws
 from controller.door.bound import LawFault
-from hertzloop import assembly as parts
-from hertzloop import control
-from hertzloop.loop.compiled import rows_under
 from hertzloop.loop.watchdog import watching
-from hertzloop.quantities import SENSED
-from hertzloop.scenes.scene import Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.quantities import SENSED
+from hertzloop.setup import Setup
 from plant.plant import Plant
+from plant.time_series import series_under
 from sensors import kernels as sk
 
 
-def finer_loop(scene: Scene, plant: Plant, steps: int, parts_of_step: int) -> np.ndarray:
+def finer_loop(setup: Setup, plant: Plant, steps: int, parts_of_step: int) -> np.ndarray:
     """Rows of truth, shape (10, steps * parts_of_step), of the first `steps` steps of a scene on a
     plant at its start that takes `parts_of_step` steps in each of them.
 
     Samples, forces and what is drawn by chance belong to the steps of the scene; a force is held
     over one. Raises SceneError when the law fails.
     """
-    sensor = parts.sensor(scene)
-    controller = control.controller(scene, plant.model.stiffness)
-    at, means = sensor.spec.of_state, SENSED[scene.sensors.quantity].over_step
+    sensor = setup.start_sensor()
+    controller = setup.start_controller()
+    at, means = sensor.spec.of_state, SENSED[setup.quantity].over_step
     seen = np.full(parts_of_step, float(plant.state.body[at]))
     rows = []
-    with watching(scene, lambda: int(controller.law_state.counts[laws.SAMPLES])):
+    with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
         for step in range(steps):
             sk.follow(sensor.model, sensor.state, float(seen.mean() if means else seen[-1]))
             if step % sensor.spec.every_steps == 0:
@@ -38,6 +37,6 @@ def finer_loop(scene: Scene, plant: Plant, steps: int, parts_of_step: int) -> np
                     raise SceneError(str(error)) from error
             force = controller.forces[step : step + 1]
             for i in range(parts_of_step):
-                rows.append(rows_under(plant, force))
+                rows.append(series_under(plant, force))
                 seen[i] = float(plant.state.body[at])
     return np.concatenate(rows, axis=1)

@@ -6,7 +6,7 @@ from importlib.metadata import version
 from json import dumps
 
 from bus.messages_pb2 import Hello
-from hertzloop.scenes.scene import Scene, to_toml
+from hertzloop.setup import Setup
 
 _PACKAGES = ("hertzloop", "numpy", "numba", "eclipse-zenoh", "mcap", "protobuf")
 
@@ -17,19 +17,19 @@ def versions_here() -> str:
     return dumps({name: version(name) for name in _PACKAGES})
 
 
-def hello(scene: Scene, stiffness: float) -> Hello:
+def hello(setup: Setup, stiffness: float) -> Hello:
     """First message of a run."""
     return Hello(
-        scene=scene.name,
-        scene_toml=to_toml(scene),
-        steps=scene.steps,
-        step_ns=scene.run.step_ns,
-        seed=scene.run.seed,
+        scene=setup.name,
+        scene_toml=setup.toml,
+        steps=setup.steps,
+        step_ns=setup.step_ns,
+        seed=setup.seed,
         stiffness=stiffness,
         versions=versions_here(),
-        law=scene.law.name,
-        law_digest=scene.law.digest,
-        law_source=scene.law.source,
+        law=setup.law.name,
+        law_digest=setup.law.digest,
+        law_source=setup.law.source,
     )
 
 

@@ -10,13 +10,13 @@ from hertzloop.loop.compiled import run_compiled
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.loop.watchdog import watching
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 from recordings.recorder import Recorder
 from recordings.writer import RecordingError
 
 
 def record_in_process(
-    scene: Scene,
+    setup: Setup,
     recording: Path,
     *,
     compiled: bool,
@@ -38,10 +38,10 @@ def record_in_process(
         return sum(counter.messages for counter in list(recorder.counters.values()))
 
     try:
-        with watching(scene, messages, recorder.close, "messages"):
+        with watching(setup, messages, recorder.close, "messages"):
             if compiled:
                 ports = (InProcessPort(bus, PLANT), InProcessPort(bus, CONTROLLER))
-                stats = run_compiled(scene, *ports, on_progress)
+                stats = run_compiled(setup, *ports, on_progress)
             else:
                 plant_port = InProcessPort(bus, PLANT)
                 node: ControllerNode | None = None
@@ -56,7 +56,7 @@ def record_in_process(
                         node.fail(str(error))
 
                 node = ControllerNode(InProcessPort(bus, CONTROLLER, to_controller))
-                plant = PlantNode(scene, plant_port, horizon, on_progress=on_progress)
+                plant = PlantNode(setup, plant_port, horizon, on_progress=on_progress)
                 stats = plant.run()
         recorder.reconcile()
         if gave_up:

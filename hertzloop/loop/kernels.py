@@ -17,12 +17,10 @@ from controller import kernels as ck
 from controller import law_kernels as laws
 from jit import kernel
 from plant.figures import answer_kernels as an
-from plant.schemes import door as scheme
 from plant.schemes import state_kernels as pk
+from plant.time_series import record_step
 from sensors import kernels as sk
 
-# Columns of a truth window, in the order of the message's fields.
-TRUTH_COLUMNS = 10  # xi, xi_s, xi_p, v_p, F_c, F_a, xi_a, F_c1, F_a1, deepest penetration
 # Indices into Window.counts.
 TRUTH_FIRST, TRUTH_END, SAMPLES_FIRST, SAMPLES_END, OBSERVED = range(5)
 WINDOW_COUNTS = 5
@@ -39,7 +37,7 @@ _LOOK_EVERY = 8  # exchanges between two looks at the clock
 class Window(NamedTuple):
     """Rows of truth and samples that were not sent yet, by position since *_FIRST."""
 
-    truth: np.ndarray  # (TRUTH_COLUMNS, steps)
+    truth: np.ndarray  # (columns of plant.time_series, steps)
     codes: np.ndarray
     values: np.ndarray
     clipped: np.ndarray
@@ -80,32 +78,10 @@ def observe(plant_state, sensor, sensor_state, window):
 
 @kernel(inline=True, borrowed=True)
 def step_and_record(plant, plant_state, command, window):
-    """One plant step under a commanded force; writes its row of truth.
-
-    A column that the plant's model has nothing for keeps the zeros it was made with.
-    """
+    """One plant step under a commanded force; writes its row of truth into the window."""
     row = window.counts[TRUTH_END] - window.counts[TRUTH_FIRST]
-    body, truth = plant_state.body, window.truth
-    truth[0, row] = body[pk.XI]
-    truth[1, row] = body[pk.XI_S]
-    truth[2, row] = body[pk.XI_P]
-    truth[6, row] = body[pk.XI_A]
-    if scheme.yields(plant):
-        truth[9, row] = body[pk.DEEPEST]
-    truth[4, row] = scheme.step(plant, plant_state, command)
-    truth[3, row] = body[pk.V_P_OF_STEP]
-    truth[5, row] = body[pk.F_A]
-    truth[7, row] = body[pk.F_C1]
-    if scheme.has_slope(plant):
-        truth[8, row] = body[pk.F_A1]
+    record_step(plant, plant_state, command, window.truth, row)
     window.counts[TRUTH_END] += 1
-
-
-@kernel(borrowed=True)
-def plant_alone(plant, plant_state, forces, window):
-    """The plant under commanded actuator forces, one a step, without sensor and controller."""
-    for i in range(forces.size):
-        step_and_record(plant, plant_state, forces[i], window)
 
 
 @kernel(inline=True, borrowed=True)

@@ -18,10 +18,9 @@ from bus.compiling import LONGEST_S
 from bus.own_folder import own_folder
 from bus.sockets import mesh_endpoints, own_endpoints
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
-from controller.door.registry import shipped
 from hertzloop.loop import fork_server
 from hertzloop.loop.signals import INTERRUPTED, ending_signals
-from hertzloop.scenes.scene import Scene, to_toml
+from hertzloop.setup import Setup
 
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled
 _GRACE_S = 6.0  # for the others to notice a fault, close their files and leave the bus
@@ -67,7 +66,7 @@ class Launcher:
 
     def __init__(
         self,
-        scene: Scene,
+        setup: Setup,
         recording: Path,
         *,
         overwrite: bool = False,
@@ -83,7 +82,7 @@ class Launcher:
     ) -> None:
         self._reports: queue.SimpleQueue[tuple[Child, dict[str, Any]] | None] = queue.SimpleQueue()
         self._signals = 0
-        self._scene = scene
+        self._setup = setup
         self._in_use = ExitStack()
         self.children: list[Child] = []
         self._endpoints = endpoints  # None: such as nobody else can reach
@@ -131,7 +130,7 @@ class Launcher:
         with ExitStack() as stack:
             stack.enter_context(ending_signals(self._on_signal))
             folder = stack.enter_context(own_folder())
-            (Path(folder) / _SCENE).write_text(to_toml(self._scene), encoding="utf-8")
+            (Path(folder) / _SCENE).write_text(self._setup.toml, encoding="utf-8")
             endpoints = self._endpoints or stack.enter_context(own_endpoints())
             name = self._name or f"run-{os.getpid()}-{secrets.token_hex(4)}"
             stack.callback(self._end_all)
@@ -186,8 +185,8 @@ class Launcher:
                 in_vain = known and not any(c.ready for c in running.values())
                 deadline = min(deadline, time.monotonic() + (0.0 if in_vain else _GRACE_S))
         if failed:
-            own = self._scene.controller.law not in shipped()
-            law = self._scene.law.name if own else ""
+            own = not self._setup.law_is_shipped
+            law = self._setup.law.name if own else ""
             raise RunFailed(_cause(failed, set(running), law))
         if running:
             ended = f"the others had ended their part of the run {_LEAVE_S:g} s before"

@@ -17,10 +17,10 @@ from controller.door.law import LawError
 from controller.door.patience import Overdue, given_up_in_time
 from controller.door.registry import shipped
 from controller.law import About
-from hertzloop import assembly as parts
-from hertzloop import control
-from hertzloop.quantities import SENSED, Trial
-from hertzloop.scenes.scene import Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.quantities import SENSED, Trial
+from hertzloop.setup import Setup
+from hertzloop.setup.law import idle
 from plant.contact.hertz import rigid_penetration_m
 
 _SAMPLES = 2000
@@ -29,27 +29,26 @@ _IN_PYTHON_S = 2.0
 _PREPARED_S = 60.0  # what a law prepares may take kernels that have to be compiled first
 
 
-def try_law(scene: Scene) -> str:
+def try_law(setup: Setup) -> str:
     """Let the scene's law answer an impact on a rigid plate; a line on what it costs if it is not
     compiled, else nothing. Raises SceneError if it fails or does not answer."""
-    if scene.law.name in shipped():
+    if setup.law.name in shipped():
         return ""
-    stiffness = parts.plant_spec(scene).contact.stiffness
-    about = control.about(scene, stiffness)
+    about = setup.about
     try:
         with suppress(LawError), given_up_in_time(_PREPARED_S):  # it is told below
-            scene.law.constants(scene.controller.keys, about)
+            setup.law.constants(setup.law_keys, about)
     except Overdue:
         raise SceneError(
-            f"the law {scene.law.name} was not prepared within {_PREPARED_S:g} s; does a loop of "
+            f"the law {setup.law.name} was not prepared within {_PREPARED_S:g} s; does a loop of "
             "it never end?"
         ) from None
     with compiled_abreast():
-        bound = control.law(scene, stiffness, True)
-    samples = impact_samples(scene, about)
+        bound = setup.bound_law(True)
+    samples = impact_samples(setup, about)
     # The child may be killed: what it unpacks goes with this folder.
     with own_folder() as folder:
-        said = _in_child(bound, samples, scene, folder)
+        said = _in_child(bound, samples, setup, folder)
     if said:
         raise SceneError(said)
     if isinstance(bound, BoundPython) and bound.trouble:
@@ -61,7 +60,7 @@ def try_law(scene: Scene) -> str:
     return ""
 
 
-def impact_samples(scene: Scene, about: About) -> np.ndarray:
+def impact_samples(setup: Setup, about: About) -> np.ndarray:
     """What the law would sense of an impact on a rigid plate."""
     contact = max(int(about.rigid_contact_s / about.sample_s), 4)
     before = min(_SAMPLES // 4, 200)
@@ -70,7 +69,7 @@ def impact_samples(scene: Scene, about: About) -> np.ndarray:
     deepest = rigid_penetration_m(about.sphere_mass_kg, about.stiffness, about.impact_speed_m_s)
     away = np.arange(_SAMPLES) - before
     gap = np.where(away < 0, -away, np.maximum(away - contact, 0))
-    return SENSED[scene.sensors.quantity].trial(
+    return SENSED[setup.quantity].trial(
         Trial(
             gap_m=gap * about.impact_speed_m_s * about.sample_s - deepest * pulse,
             force_n=about.rigid_peak_n * pulse,
@@ -111,16 +110,16 @@ def _forces(bound: BoundLaw, samples: np.ndarray, step_s: float, beyond: float) 
         return str(error)
 
 
-def _in_child(bound: BoundLaw, samples: np.ndarray, scene: Scene, folder: str) -> str:
+def _in_child(bound: BoundLaw, samples: np.ndarray, setup: Setup, folder: str) -> str:
     """What a law does wrong with these samples, in a sentence; empty if nothing. `folder`: for
     its temporary files."""
-    control.idle()  # what is compiled here is no time of the law's
+    idle()  # what is compiled here is no time of the law's
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
         said, tempfile.tempdir = "", folder
         try:
-            said = _trial(bound, samples, scene.step_s)
+            said = _trial(bound, samples, setup.step_s)
         except BaseException as error:
             said = f"the law {bound.name} failed: {error!r}"
         finally:

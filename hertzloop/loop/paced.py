@@ -18,16 +18,17 @@ from hertzloop.loop import kernels as k
 from hertzloop.loop import pace_kernels as pk
 from hertzloop.loop.answers import refusal
 from hertzloop.loop.plant_node import PlantNode
-from hertzloop.scenes.scene import Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
 
 _MOST_WAITING = 1 << 22  # samples that are not answered
 _REST_S = 50e-6
 
 
-def check_pace(scene: Scene, pace: float, timeout_s: float) -> None:
+def check_pace(setup: Setup, pace: float, timeout_s: float) -> None:
     """Raise SceneError for a pace (simulated over wall time) at which processes that wait
     `timeout_s` for a message would take each other for dead."""
-    sample_s, most_s = scene.step_s * scene.sensors.every_steps, timeout_s / 4
+    sample_s, most_s = setup.step_s * setup.every_steps, timeout_s / 4
     if not sample_s <= most_s * pace:  # nor at a pace of nan
         every_s = sample_s / pace if pace > 0.0 else math.inf
         raise SceneError(
@@ -37,16 +38,16 @@ def check_pace(scene: Scene, pace: float, timeout_s: float) -> None:
         )
 
 
-def _pace(scene: Scene, pace: float) -> pk.Pace:
+def _pace(setup: Setup, pace: float) -> pk.Pace:
     """What a run at a pace keeps, at its start."""
-    room = 1 << min(_MOST_WAITING, scene.steps // scene.sensors.every_steps + 1).bit_length()
+    room = 1 << min(_MOST_WAITING, setup.steps // setup.every_steps + 1).bit_length()
     return pk.Pace(
-        held=np.zeros(scene.steps, np.int32),
+        held=np.zeros(setup.steps, np.int32),
         values=np.zeros(room),
         taken_ns=np.zeros(room, np.int64),
         counts=np.zeros(pk.PACE_COUNTS, np.int64),
         histogram=np.zeros(pk.CLASSES, np.int64),
-        step_ns=scene.run.step_ns / pace,
+        step_ns=setup.step_ns / pace,
     )
 
 
@@ -56,7 +57,7 @@ class PacedPlantNode(PlantNode):
 
     def __init__(
         self,
-        scene: Scene,
+        setup: Setup,
         port: Port,
         pace: float,
         timeout_s: float = 10.0,
@@ -64,10 +65,10 @@ class PacedPlantNode(PlantNode):
         fast_lane: bool = False,
     ) -> None:
         """Raises SceneError for a pace that cannot be."""
-        check_pace(scene, pace, timeout_s)
-        self._pace = _pace(scene, pace)
+        check_pace(setup, pace, timeout_s)
+        self._pace = _pace(setup, pace)
         held = self._pace.held
-        super().__init__(scene, port, None, timeout_s, on_progress, fast_lane, held=held)
+        super().__init__(setup, port, None, timeout_s, on_progress, fast_lane, held=held)
         self.streams.hello.pace = pace
         super()._advance(0)
         pk.note_answers(self._pace, 0, 0, 0)
@@ -108,7 +109,7 @@ class PacedPlantNode(PlantNode):
             )
 
     def _loop(self) -> None:
-        streams, steps = self.streams, self.scene.steps
+        streams, steps = self.streams, self.setup.steps
         super()._advance(1)
         streams.send_samples()
         while not self.answers.samples:
@@ -169,7 +170,7 @@ class PacedPlantNode(PlantNode):
             working_ns=max(0, wall_ns - int(counts[pk.WAITED_NS])),
             classes_an_octave=pk.CLASSES_AN_OCTAVE,
             lead_steps=self.answers.grant.lead_steps,
-            step_ns=self.scene.run.step_ns,
+            step_ns=self.setup.step_ns,
         )
         self.streams.publisher.send(
             "pacing", header, {"answers": np.trim_zeros(self._pace.histogram, "b").astype(float)}

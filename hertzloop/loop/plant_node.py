@@ -16,7 +16,7 @@ from hertzloop.loop.hello import new_run_id
 from hertzloop.loop.lane_offer import LaneOffer
 from hertzloop.loop.plant_streams import PlantStreams
 from hertzloop.loop.repeating import Repeat
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 
 _AHEAD_SAMPLES = 64_000  # that may be on their way while the controller has promised zero
 
@@ -42,7 +42,7 @@ class PlantNode:
 
     def __init__(
         self,
-        scene: Scene,
+        setup: Setup,
         port: Port,
         horizon: int | None = None,
         timeout_s: float = 10.0,
@@ -53,20 +53,20 @@ class PlantNode:
         every_s: float = 0.0,
     ) -> None:
         """`held` and `every_s` as in PlantStreams; the former that of `repeat`, if there is one."""
-        self.scene, self.port, self.timeout_s = scene, port, timeout_s
+        self.setup, self.port, self.timeout_s = setup, port, timeout_s
         self.horizon = horizon or math.inf
         self.on_progress = on_progress
         publisher = Publisher(port, new_run_id())
-        self.streams = PlantStreams(scene, publisher, repeat.held if repeat else held, every_s)
-        self.answers = Answers(scene, self.streams.window, held)
+        self.streams = PlantStreams(setup, publisher, repeat.held if repeat else held, every_s)
+        self.answers = Answers(setup, self.streams.window, held)
         self._repeat, self._commands = repeat, self.answers.forces
         if repeat:
             self._commands, self.streams.hello.repeats = repeat.commands, repeat.run_id
         self._lane: LaneOffer | None = None
         if fast_lane:
-            run_id, every = publisher.run_id, scene.sensors.every_steps
+            run_id, every = publisher.run_id, setup.every_steps
             self._lane = LaneOffer(self.streams.hello, run_id, every, self.answers, timeout_s)
-        self.checker = Checker(publisher.run_id, scene.run.step_ns, PLANT, self.streams.hello)
+        self.checker = Checker(publisher.run_id, setup.step_ns, PLANT, self.streams.hello)
         self.controller_ended = False
         self.exchanges = 0
         self._advance(0)  # loads the kernels before the clock starts
@@ -111,7 +111,7 @@ class PlantNode:
         return LoopStats(wall_s, exchanges, f"{self.streams.publisher.run_id:x}", lane)
 
     def _loop(self) -> None:
-        streams, steps = self.streams, self.scene.steps
+        streams, steps = self.streams, self.setup.steps
         last_exchange, told_s = 0, time.monotonic()
         every_s = say_every_s(self.timeout_s)
         while streams.step < steps:
@@ -171,7 +171,7 @@ class PlantNode:
     def _take(self) -> None:
         """Receive one message of the controller. Raises StreamFault when it cannot be."""
         awaited = f"the force for step {self.answers.end}"
-        if self.answers.end == self.scene.steps:
+        if self.answers.end == self.setup.steps:
             awaited = "the end"
         envelope = self.port.receive(self.timeout_s, f"{awaited} from the controller")
         block = self.checker.accept(envelope)
@@ -191,7 +191,7 @@ class PlantNode:
     def _hear_end(self, end: RunEnd) -> None:
         self.controller_ended = True
         self._advance(self.streams.step)  # takes what is left in the lane
-        if end.fault or self.answers.end < self.scene.steps:
+        if end.fault or self.answers.end < self.setup.steps:
             raise EndedByOther(f"the controller gave up: {end.fault or 'too early'}")
         self.checker.reconcile(end)
         if not self.answers.all_confirmed():

@@ -10,31 +10,30 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from bus.messages_pb2 import Books, DaqBlock, TruthBlock
 from bus.port import BusError, Publisher
 from bus.streams import StreamFault
-from hertzloop import assembly as parts
 from hertzloop.loop import kernels as k
 from hertzloop.loop.events import PlantEvents, log
 from hertzloop.loop.hello import hello
-from hertzloop.quantities import TRUTH
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 from plant.contact.plastic import above_dent_m
 from plant.schemes import state_kernels as pk
+from plant.time_series import COLUMNS, TRUTH
 
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
 ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most
 EVERY_S = 0.01  # a message costs as much as hundreds of steps: not more than one in this time
 
 
-def truth_columns(rows: np.ndarray, scene: Scene, same_point: bool) -> dict[str, np.ndarray]:
+def truth_columns(rows: np.ndarray, setup: Setup, same_point: bool) -> dict[str, np.ndarray]:
     """Rows of truth, shape (10, steps), by the message's fields: those that the scene has, the
     actuator's displacement only where it pushes elsewhere (see `PlantSpec.same_point`)."""
     arrays = dict(zip(TRUTH, rows, strict=True))
     if same_point:
         del arrays["xi_a_m"]
-    if scene.run.scheme != "modal":
+    if setup.scheme != "modal":
         del arrays["f_c1_n"]
-    if scene.actuator.bandwidth_hz is None:
+    if setup.actuator.bandwidth_hz is None:
         del arrays["f_a1_n"]
-    if scene.contact.plasticity == "none":
+    if setup.contact.limit is None:
         del arrays["deepest_m"]
     return arrays
 
@@ -42,7 +41,7 @@ def truth_columns(rows: np.ndarray, scene: Scene, same_point: bool) -> dict[str,
 def empty_window(steps: int, samples: int) -> k.Window:
     """Room for the truth of `steps` steps and for `samples` samples."""
     return k.Window(
-        truth=np.zeros((k.TRUTH_COLUMNS, steps)),
+        truth=np.zeros((COLUMNS, steps)),
         codes=np.zeros(samples, np.int64),
         values=np.zeros(samples),
         clipped=np.zeros(samples, np.int64),
@@ -59,20 +58,20 @@ class PlantStreams:
 
     def __init__(
         self,
-        scene: Scene,
+        setup: Setup,
         publisher: Publisher,
         held: np.ndarray | None = None,
         every_s: float = 0.0,
     ) -> None:
         """`held`: by how many steps each step's command is too old, where some may be."""
-        self.scene, self.publisher, self._held = scene, publisher, held
-        self.plant = parts.plant(scene)
-        self.sensor = parts.sensor(scene)
-        self.hello = hello(scene, self.plant.model.stiffness)
+        self.setup, self.publisher, self._held = setup, publisher, held
+        self.plant = setup.start_plant()
+        self.sensor = setup.start_sensor()
+        self.hello = hello(setup, self.plant.model.stiffness)
         self.window = empty_window(ROOM_STEPS, ROOM_STEPS)
         spec = self.sensor.spec
-        quantity = scene.sensors.quantity
-        self._events = PlantEvents(scene.run.step_ns, spec.every_steps, quantity, scene.steps)
+        quantity = setup.quantity
+        self._events = PlantEvents(setup.step_ns, spec.every_steps, quantity, setup.steps)
         self._clipped: list[np.ndarray] = []  # flags since the last block of truth
         self._flags_first = 0
         self._every_s, self._next_s = every_s, 0.0  # the latter: before which no block is due
@@ -85,19 +84,19 @@ class PlantStreams:
     @property
     def boundary(self) -> int:
         """The next step at which a block may end."""
-        return min((self.step // BLOCK_STEPS + 1) * BLOCK_STEPS, self.scene.steps)
+        return min((self.step // BLOCK_STEPS + 1) * BLOCK_STEPS, self.setup.steps)
 
     @property
     def at_boundary(self) -> bool:
         """Whether a block may end at the present step."""
-        return self.step % BLOCK_STEPS == 0 or self.step == self.scene.steps
+        return self.step % BLOCK_STEPS == 0 or self.step == self.setup.steps
 
     @property
     def due(self) -> bool:
         """Whether what is waiting should go: after a while, at the end, or for want of room."""
         counts = self.window.counts
         room = ROOM_STEPS - int(counts[k.TRUTH_END] - counts[k.TRUTH_FIRST])
-        last = self.step == self.scene.steps
+        last = self.step == self.setup.steps
         return last or room < BLOCK_STEPS or time.monotonic() >= self._next_s
 
     def greet(self) -> None:
@@ -118,7 +117,7 @@ class PlantStreams:
         clipped = self.window.clipped[:count].astype(np.uint8)
         header = DaqBlock(
             first_step=int(counts[k.SAMPLES_FIRST]) * every,
-            step_ns=self.scene.run.step_ns,
+            step_ns=self.setup.step_ns,
             every_steps=every,
             scale=model.scale,
             offset=model.offset,
@@ -142,11 +141,11 @@ class PlantStreams:
         if first == end:
             return
         rows = self.window.truth[:, : end - first]
-        arrays = truth_columns(rows, self.scene, self.plant.spec.same_point)
+        arrays = truth_columns(rows, self.setup, self.plant.spec.same_point)
         held = None
         if self._held is not None:
             arrays["held_steps"] = held = self._held[first:end]
-        header = TruthBlock(first_step=first, step_ns=self.scene.run.step_ns)
+        header = TruthBlock(first_step=first, step_ns=self.setup.step_ns)
         self.publisher.send("truth", header, arrays)
         # Flags of samples up to here; a later sample belongs to the next block.
         flags = np.concatenate([np.empty(0, np.uint8), *self._clipped])
@@ -171,7 +170,7 @@ class PlantStreams:
             **vars(closed),
             frequencies=len(plant.modes.omega),
             frequency_limit_hz=plant.spec.frequency_limit_hz,
-            expected_error=parts.model_error(self.scene),
+            expected_error=self.setup.expected_error,
         )
         self.publisher.send("books", header)
         self.publisher.end()
@@ -180,7 +179,7 @@ class PlantStreams:
         """Publish what is there and why it ends here; a dead bus is no second fault, nor is a
         block that holds the fault itself. Where one of the run is gone, the end is told to the
         others all the same."""
-        event = log("plant", self.step, self.scene.run.step_ns, sentence, Log.FATAL)
+        event = log("plant", self.step, self.setup.step_ns, sentence, Log.FATAL)
         last_words: tuple[Callable[[], object], ...] = (
             self.send_samples,
             self.send_truth,

@@ -22,7 +22,7 @@ from hertzloop.loop import watchdog
 from hertzloop.loop.realtime import Profile, Wanted
 from hertzloop.loop.repeating import Repeat
 from hertzloop.loop.signals import INTERRUPTED, ending_signals, launcher_gone
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 from jit.compiling import noticed
 from recordings.recorder import Recorder
 from recordings.writer import RecordingError
@@ -119,7 +119,7 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
 
 
 def run_plant(
-    scene: Scene,
+    setup: Setup,
     address: BusAddress,
     horizon: int | None = None,
     on_ready: Callable[[], None] = lambda: None,
@@ -139,9 +139,9 @@ def run_plant(
     with _joined(address, PLANT) as port:
         common = (address.timeout_s, on_progress, fast_lane)
         node = (
-            PacedPlantNode(scene, port, pace, *common)
+            PacedPlantNode(setup, port, pace, *common)
             if pace
-            else PlantNode(scene, port, horizon, *common, repeat, every_s=EVERY_S)
+            else PlantNode(setup, port, horizon, *common, repeat, every_s=EVERY_S)
         )
         port.announce()
         port.wait_for([CONTROLLER, RECORDER], address.wait_s)
@@ -190,12 +190,12 @@ def run_controller(
 def _answer_all(node: "ControllerNode", address: BusAddress) -> None:
     """Do the controller's part, to the end of the run. A law that never returns ends the process,
     after the plant has given it up."""
-    while node.scene is None and not node.done:
+    while node.setup is None and not node.done:
         node.work(address.wait_s)
-    if node.scene is None:
+    if node.setup is None:
         return
     done, patience_s = [0], address.timeout_s + watchdog.PATIENCE_S
-    with watchdog.watching(node.scene, lambda: done[0], what="exchanges", patience_s=patience_s):
+    with watchdog.watching(node.setup, lambda: done[0], what="exchanges", patience_s=patience_s):
         while not node.done:
             node.work(address.timeout_s)
             done[0] += 1

@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 
-from controller.door.registry import shipped
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 
 PATIENCE_S = 20.0
 _LOOKS = 4  # in that time
@@ -56,16 +55,16 @@ _thread = threading.Thread()
 
 
 def watching(
-    scene: Scene,
+    setup: Setup,
     progress: Callable[[], int],
     on_stuck: Callable[[str], None] = lambda sentence: None,
     what: str = "samples",
     patience_s: float | None = None,
 ) -> AbstractContextManager[None]:
     """Watch a run of a scene; those of shipped laws need no watching."""
-    if scene.controller.law in shipped():
+    if setup.law_is_shipped:
         return nullcontext()
-    return watched(scene.law.name, progress, on_stuck, what, patience_s)
+    return watched(setup.law.name, progress, on_stuck, what, patience_s)
 
 
 @contextmanager

@@ -10,7 +10,6 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from controller.law import ACTING
-from hertzloop import assembly as parts
 from hertzloop.first_impact import quiet_steps
 from hertzloop.loop.compiled import LawStopped, Simulated, simulate
 from hertzloop.results.extremes import ExtremesMeter
@@ -25,15 +24,8 @@ from hertzloop.results.spans import (
 )
 from hertzloop.results.stability import Stability, StabilityMeter
 from hertzloop.results.validity import State, names_by_state
-from hertzloop.scenes.scene import (
-    NO_CASE_OF_THESIS,
-    ControllerTable,
-    RunTable,
-    Scene,
-    SceneError,
-    SensorsTable,
-)
-from hertzloop.scenes.shared import by_tables
+from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
+from hertzloop.setup import Setup
 from plant.figures.impacts import Impact
 from plant.figures.rows_kernels import all_finite, first_of
 
@@ -43,9 +35,6 @@ Result = TypeVar("Result")
 _FIRST_STEPS = 2048
 _FEW_BYTES = 1 << 18  # of rows of truth, of which several cases fit a cache
 UNSTABLE = "the closed loop is unstable"  # how the reason of such a case begins
-
-
-_PLAIN_SENSORS, _NO_CONTROL = SensorsTable(quantity="xi"), ControllerTable(law="off")
 
 
 class UnstableLoop(SceneError):
@@ -98,79 +87,56 @@ def digest_of(rows: np.ndarray, samples: np.ndarray) -> str:
     return total.hexdigest()
 
 
-def lasting(scene: Scene, steps: int) -> Scene:
-    """The scene with a run of so many steps."""
-    run = _run_with(scene.run, "duration_s", steps * scene.step_s)
-    return scene.model_copy(update={"run": run})
-
-
-@lru_cache(maxsize=64)
-def _run_with(run: RunTable, key: str, value: str | float) -> RunTable:
-    """One table for all cases that ask for the same: what is kept by tables is found faster."""
-    return run.model_copy(update={key: value})
-
-
-def uncontrolled(scene: Scene) -> Scene:
-    """The scene without control, on the same model of the plate; itself if it has no law."""
-    without = scene.without_control()
-    return scene if without == scene else on_plate(without, parts.plate_model(scene))
-
-
-def on_plate(scene: Scene, plate_model: str) -> Scene:
-    """The scene with run.plate_model set."""
-    return scene.model_copy(update={"run": _run_with(scene.run, "plate_model", plate_model)})
-
-
-def _follow(scene: Scene, span: Span) -> tuple[Scene, Simulated]:
+def _follow(setup: Setup, span: Span) -> tuple[Setup, Simulated]:
     """Simulate as much of a scene as the span asks for; the scene with the model of the plate
     that it came to.
 
     "auto" means the infinite plate where it meets the accuracy until the span is over.
     """
     if span == "run":
-        scene = on_plate(scene, parts.plate_model(scene))
-        return scene, simulate(scene)
-    if scene.run.plate_model == "auto":
-        lasts_s, touch_s = parts.infinite_plate_lasts_s(scene), parts.first_touch_s(scene)
-        steps = int((touch_s + lasts_s) / scene.step_s)
+        setup = setup.on_plate(setup.plate_model)
+        return setup, simulate(setup)
+    if setup.plate_model_asked == "auto":
+        lasts_s, touch_s = setup.infinite_plate_lasts_s, setup.first_touch_s
+        steps = int((touch_s + lasts_s) / setup.step_s)
         # An impact that lasts a step at least is not over earlier.
-        may_be_over = steps - int(touch_s / scene.step_s) >= quiet_steps(scene)
-        if lasts_s > 0.0 and (may_be_over or steps >= scene.steps):
-            infinite = on_plate(scene, "infinite")
-            found = simulate(lasting(infinite, min(steps, scene.steps)), impact_only=True)
-            if found.over or steps >= scene.steps:
+        may_be_over = steps - int(touch_s / setup.step_s) >= quiet_steps(setup)
+        if lasts_s > 0.0 and (may_be_over or steps >= setup.steps):
+            infinite = setup.on_plate("infinite")
+            found = simulate(infinite.lasting(min(steps, setup.steps)), impact_only=True)
+            if found.over or steps >= setup.steps:
                 return infinite, found
-        scene = on_plate(scene, "modal")
-    return scene, _until_over(scene)
+        setup = setup.on_plate("modal")
+    return setup, _until_over(setup)
 
 
-def _until_over(scene: Scene) -> Simulated:
+def _until_over(setup: Setup) -> Simulated:
     """Simulate until the first impact is over, the run's end at the latest."""
-    steps = round(scene.run.lead_in_s / scene.step_s) + _FIRST_STEPS
-    while steps < scene.steps:
-        found = simulate(lasting(scene, steps), impact_only=True)
+    steps = round(setup.lead_in_s / setup.step_s) + _FIRST_STEPS
+    while steps < setup.steps:
+        found = simulate(setup.lasting(steps), impact_only=True)
         if found.over:
             return found
         steps *= 4
-    return simulate(scene, impact_only=True)
+    return simulate(setup, impact_only=True)
 
 
-def latched_us(scene: Scene, run: Simulated) -> float:
+def latched_us(setup: Setup, run: Simulated) -> float:
     """The first delay that the law of a run latched, us; nan of one that latches none."""
-    first = first_of(run.modes, ACTING) if scene.law.latches else -1
+    first = first_of(run.modes, ACTING) if setup.law.latches else -1
     if first < 0:
         return math.nan
-    return float(run.delays[first]) * scene.sensors.every_steps * scene.run.step_ns / 1000
+    return float(run.delays[first]) * setup.every_steps * setup.step_ns / 1000
 
 
-def figures_of_case(scene: Scene, span: Span = "impact") -> CaseFigures:
+def figures_of_case(setup: Setup, span: Span = "impact") -> CaseFigures:
     """Simulate a scene and compare it with the same without control.
 
     `span`: "impact" for the first impact (see `plant.figures.answer_kernels`), "run" for all.
     Raises SceneError for the published scheme, for a run without contact, and for a law that
     fails; UnstableLoop, also where the law fails since the loop has run away.
     """
-    return together([case_in_parts(scene, span)])[0]
+    return together([case_in_parts(setup, span)])[0]
 
 
 def together(cases: Sequence[Generator[None, None, Result]]) -> list[Result]:
@@ -187,32 +153,32 @@ def together(cases: Sequence[Generator[None, None, Result]]) -> list[Result]:
     return [found[number] for number in range(len(cases))]
 
 
-def case_in_parts(scene: Scene, span: Span) -> Generator[None, None, CaseFigures]:
+def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures]:
     """`figures_of_case`, which pauses between its parts unless its rows are many."""
-    if scene.run.scheme == "thesis2008":
+    if setup.scheme == "thesis2008":
         raise SceneError(NO_CASE_OF_THESIS)
     try:
-        scene, run = _follow(scene, span)
+        setup, run = _follow(setup, span)
     except LawStopped as error:
         # A loop that has run away for long enough commands what is no number any more.
-        _bounded(scene, error.rows)
+        _bounded(setup, error.rows)
         raise
     few = run.rows.nbytes <= _FEW_BYTES
     if few:
         yield
     books = run.books
-    found = _bounded(scene, run.rows)
+    found = _bounded(setup, run.rows)
     if not (all_finite(run.rows) and math.isfinite(books.energy_residual)):
         raise SceneError("the run has numbers that are not finite; its figures would say nothing")
-    figures, impacts, end = _figures(scene, span, run.rows)
+    figures, impacts, end = _figures(setup, span, run.rows)
     if few:
         yield
-    left_out = _left_out(scene, run.rows[:, :end], impacts)
-    free = _uncontrolled(_plain(scene), span)
+    left_out = _left_out(setup, run.rows[:, :end], impacts)
+    free = _uncontrolled(setup.plain(), span)
     if few:
         yield
     change = changes_db(figures, free)
-    least_m_s = scene.run.accuracy * parts.plant_spec(scene).sphere.impact_speed_m_s
+    least_m_s = setup.accuracy * setup.plant.sphere.impact_speed_m_s
     return CaseFigures(
         plate_energy_db=change["plate_energy_j"],
         # Of a rebound within the model's error nothing is a share that could be known.
@@ -232,9 +198,9 @@ def case_in_parts(scene: Scene, span: Span) -> Generator[None, None, CaseFigures
         contact_us=1e6 * figures.contact_time_s,
         contacts=figures.contacts,
         peak_force_n=figures.peak_force_n,
-        delay_us=latched_us(scene, run),
+        delay_us=latched_us(setup, run),
         energy_residual=books.energy_residual,
-        plate_model=scene.run.plate_model,
+        plate_model=setup.plate_model_asked,
         leaves_out=left_out.get("left out", ""),
         out_of_range=left_out.get("out of range", ""),
         steps=run.rows.shape[1],
@@ -242,9 +208,9 @@ def case_in_parts(scene: Scene, span: Span) -> Generator[None, None, CaseFigures
     )
 
 
-def _bounded(scene: Scene, rows: np.ndarray) -> Stability:
+def _bounded(setup: Setup, rows: np.ndarray) -> Stability:
     """What rows of truth say of the closed loop. Raises UnstableLoop."""
-    meter = StabilityMeter(scene)
+    meter = StabilityMeter(setup)
     meter.feed(0, rows)
     found = meter.result()
     if found.unstable:
@@ -257,43 +223,29 @@ def _bounded(scene: Scene, rows: np.ndarray) -> Stability:
     return found
 
 
-@by_tables("sphere", "plate", "contact", "actuator", "materials", "run")
-def _plain(scene: Scene) -> Scene:
-    """The scene without control and converters, in one form for all that differ in these only."""
-    off = scene.without_control()
-    plain = {
-        "sensors": _PLAIN_SENSORS,
-        "controller": _NO_CONTROL,
-        "run": off.run.model_copy(update={"seed": 0, "touch_phase": parts.touch_phase(scene)}),
-        "name": "plain",
-        "shows": "",
-    }
-    return off.model_copy(update=plain)
-
-
 @lru_cache(maxsize=64)
-def _uncontrolled(scene: Scene, span: Span) -> SpanFigures:
-    scene, run = _follow(scene, span)
-    return _figures(scene, span, run.rows)[0]
+def _uncontrolled(setup: Setup, span: Span) -> SpanFigures:
+    setup, run = _follow(setup, span)
+    return _figures(setup, span, run.rows)[0]
 
 
-def _left_out(scene: Scene, rows: np.ndarray, impacts: list[Impact]) -> dict[State, str]:
-    spec, scene = parts.plant_spec(scene), lasting(scene, rows.shape[1])
+def _left_out(setup: Setup, rows: np.ndarray, impacts: list[Impact]) -> dict[State, str]:
+    spec, setup = setup.plant, setup.lasting(rows.shape[1])
     meter = ExtremesMeter(spec)
     meter.feed(rows)
-    return names_by_state(Facts(scene, spec, meter.result(impacts)))
+    return names_by_state(Facts(setup, spec, meter.result(impacts)))
 
 
-def _figures(scene: Scene, span: Span, rows: np.ndarray) -> tuple[SpanFigures, list[Impact], int]:
+def _figures(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanFigures, list[Impact], int]:
     """Figures of a span, the impacts in it, and the step at which it ends. Of the forces' spectrum
     what is audible counts alone: no figure of a case asks for more."""
-    spec = parts.plant_spec(scene)
+    spec = setup.plant
     most = 1 if span == "impact" else None
-    found = impacts_of_rows(scene, rows, most, audible_modes(spec))
+    found = impacts_of_rows(setup, rows, most, audible_modes(spec))
     if not found:
         raise SceneError(
-            f"run.duration_s = {scene.run.duration_s:g} ends before the first contact; take more, "
-            f"or less than run.lead_in_s = {scene.run.lead_in_s:g}"
+            f"run.duration_s = {setup.duration_s:g} ends before the first contact; take more, "
+            f"or less than run.lead_in_s = {setup.lead_in_s:g}"
         )
     impacts = [one.impact for one in found]
     if span == "impact":

@@ -3,18 +3,18 @@
 from typing import Any
 
 from hertzloop.results import law_accuracy
-from hertzloop.results.cases import uncontrolled
 from hertzloop.results.law import law_line, law_of, ran_as_announced
 from hertzloop.results.predictability import DISTURBANCE, as_dicts, known_impacts
 from hertzloop.results.verdict import verdict
-from hertzloop.scenes.scene import Scene, SceneError, parse
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, parse
 from recordings.reader import Recording
 
 _MOST_WORK = 2e9  # steps times frequencies of a run that is repeated only to judge a recording
 
 
 def conclusions(
-    scene: Scene,
+    setup: Setup,
     report: dict[str, Any],
     saturation: dict[str, Any] | None,
     why_not: str = "",
@@ -28,8 +28,8 @@ def conclusions(
         why_not: Why the closed loop cannot be simulated again, where that is so.
     """
     late = report["pacing"] is not None  # then not the law alone decides
-    known = predictability(scene, report, late, why_not)
-    judged = None if late or why_not else _judge_law(scene, report)
+    known = predictability(setup, report, late, why_not)
+    judged = None if late or why_not else _judge_law(setup, report)
     said = verdict(report | {"predictability": known}, saturation)
     if judged and not judged.kept:
         said.append(judged.sentence)
@@ -39,23 +39,23 @@ def conclusions(
 
 
 def predictability(
-    scene: Scene, report: dict[str, Any], late: bool = False, why_not: str = ""
+    setup: Setup, report: dict[str, Any], late: bool = False, why_not: str = ""
 ) -> dict[str, Any]:
     """How well the impacts of a run, and of that without control, can be known; `late`: its forces
     were, so that it is judged by the same in lock-step. Nothing is said of an unstable loop."""
-    error, without = report["expected_error"], uncontrolled(scene)
+    error, without = report["expected_error"], setup.uncontrolled()
 
-    def known(of: Scene, figures: dict[str, Any], in_lock_step: bool = True) -> Any:
+    def known(of: Setup, figures: dict[str, Any], in_lock_step: bool = True) -> Any:
         found = known_impacts(of, figures["impacts"], error, in_lock_step, figures["noise"])
         return as_dicts(found)
 
     own = other = None
     if not why_not and not report["stability"]["unstable"]:
         try:
-            own = known(scene, report, not late)
+            own = known(setup, report, not late)
         except SceneError as stopped:  # the law, in the disturbed run
             why_not = str(stopped)
-    if without == scene:
+    if without == setup:
         other = own
     elif error is not None and "uncontrolled" in report:
         other = known(without, report["uncontrolled"])
@@ -80,9 +80,9 @@ def why_not_again(recording: Recording) -> str:
     return ""
 
 
-def _judge_law(scene: Scene, report: dict[str, Any]) -> law_accuracy.LawAccuracy | None:
+def _judge_law(setup: Setup, report: dict[str, Any]) -> law_accuracy.LawAccuracy | None:
     """Whether the accuracy asked for is kept under the law."""
     if not report["impacts"] or report["stability"]["unstable"]:
         return None
     first = report["impacts"][0]
-    return law_accuracy.judged(scene, first["start_s"] + 2.0 * first["duration_s"])
+    return law_accuracy.judged(setup, first["start_s"] + 2.0 * first["duration_s"])

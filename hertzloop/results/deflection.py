@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hertzloop import assembly as parts
 from hertzloop.results.figures import pieces_of
 from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, V_P, XI_A, Block
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 from plant.plant import RIGID_RAD_S, PlantSpec, air_eta
 from plant.schemes.phi import phi
 from plant.structures.edged_plate import EdgedPlate
@@ -293,7 +292,7 @@ def axes(
 
 
 def deflection(
-    scene: Scene,
+    setup: Setup,
     recording: Recording,
     frames: np.ndarray | None = None,
     per_axis: int = MODES_PER_AXIS,
@@ -306,7 +305,7 @@ def deflection(
     contact, and only while it lasts; after _MOST_PUSHED steps under force, those beyond the first
     _FEW. Raises SceneError if the recorded scene cannot be simulated.
     """
-    spec = parts.plant_spec(scene)
+    spec = setup.plant
     if frames is None:
         found = contacts_of(recording.truth.pieces()) if contacts is None else contacts
         frames = frame_steps(recording.truth.samples, [(one.first, one.end) for one in found])
@@ -315,7 +314,7 @@ def deflection(
         known = structure.table.grid is not None
         x, y, modes = _modes_of_file(spec, structure)
     else:
-        x, y = axes(scene.plate.size_m or (1.0, 1.0), contact, NODES)
+        x, y = axes(setup.size_m or (1.0, 1.0), contact, NODES)
         if isinstance(structure, EdgedPlate | SolidPlate):
             modes = _edged_modes(spec, structure, x, y)
         else:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.loop.kernels import TRUTH_COLUMNS
 from hertzloop.results.impact_rows import F_A, F_A1, V_P, XI_A, Block
 from plant.plant import PlantSpec
+from plant.time_series import COLUMNS
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class DemandMeter:
     def __init__(self, spec: PlantSpec) -> None:
         self.spec = spec
         self._same = spec.same_point
-        self._before, self._next = np.zeros((TRUTH_COLUMNS, 1)), 0
+        self._before, self._next = np.zeros((COLUMNS, 1)), 0
         self._force_n = self._change_n = self._power_w = 0.0
 
     def feed(self, first: int, rows: np.ndarray) -> None:

@@ -4,17 +4,16 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-from hertzloop import assembly as parts
-from hertzloop import control
-from hertzloop.plant_tables import weaker
 from hertzloop.results.extremes import Extremes
-from hertzloop.scenes.scene import Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
 from plant.contact.hertz import Sphere
 from plant.contact.strength import Strength
 from plant.figures import criteria
 from plant.plant import PlantSpec
 from plant.schemes.collocation import flexibility_m_n
 from plant.structures.edged_plate import EdgedPlate
+from plant.structures.modal_structure import ModalStructure
 from plant.structures.plate import Plate
 from plant.structures.plate_theory import KirchhoffError, kirchhoff_error, thickness_number
 from plant.structures.plate_theory import zener_inelasticity as inelasticity
@@ -42,7 +41,7 @@ def _short(value: float) -> float:
 class Facts:
     """A scene, its plant and the largest values of its run; what is not known is nan."""
 
-    scene: Scene
+    setup: Setup
     spec: PlantSpec
     run: Extremes
 
@@ -59,7 +58,7 @@ class Facts:
     @property
     def accuracy(self) -> float:
         """What the scene asks for."""
-        return self.scene.run.accuracy
+        return self.setup.accuracy
 
     @property
     def thickness_m(self) -> float:
@@ -80,12 +79,12 @@ class Facts:
     @cached_property
     def weaker(self) -> tuple[str, Strength] | None:
         """Which body yields first, and its strength."""
-        return weaker(self.scene)
+        return self.setup.bodies.weaker
 
     @property
     def plasticity(self) -> str:
         """The key that lets the contact yield, if it does."""
-        kind = self.scene.contact.plasticity
+        kind = self.setup.scene.contact.plasticity
         return "" if kind == "none" else f"contact.plasticity = '{kind}'"
 
     @property
@@ -127,13 +126,13 @@ class Facts:
     @property
     def after_touch_s(self) -> float:
         """From the first touch to the end of the run, s."""
-        return self.scene.run.duration_s - self.run.touched_s
+        return self.setup.duration_s - self.run.touched_s
 
     @property
     def first_return_s(self) -> float:
         """When bending waves are back from an edge, s."""
-        size = self.scene.plate.size_m
-        if self.local is None or size is None or self.scene.plate.modes is not None:
+        size = self.setup.size_m
+        if self.local is None or size is None or isinstance(self.spec.plate, ModalStructure):
             return math.nan
         point = self.spec.contact_point_m
         return criteria.first_return_s(self.local, size, point, self.run.contact_s)
@@ -141,9 +140,7 @@ class Facts:
     @property
     def misses_reflections(self) -> bool:
         """Whether the plate has no edges, and that costs more than is asked for."""
-        return self.spec.infinite_plate and (
-            not parts.infinite_plate_error(self.scene) <= self.accuracy
-        )
+        return self.spec.infinite_plate and (not self.setup.infinite_plate_error <= self.accuracy)
 
     @cached_property
     def revival_s(self) -> float:
@@ -157,7 +154,7 @@ class Facts:
     @property
     def controlled(self) -> bool:
         """Whether there is a law."""
-        return self.scene.controller.law != "off"
+        return self.setup.has_law
 
     @property
     def has_bandwidth(self) -> bool:
@@ -167,10 +164,10 @@ class Facts:
     @property
     def delay_s(self) -> float:
         """From a sample to the force that it causes, s."""
-        scene = self.scene
-        low_pass = scene.sensors.low_pass_hz
+        setup = self.setup
+        low_pass = setup.sensor.low_pass_hz
         sensor_s = 1.0 / (2.0 * math.pi * low_pass) if low_pass else 0.0
-        line_s = scene.step_s + 1e-6 * scene.controller.latency_us
+        line_s = setup.step_s + 1e-6 * setup.latency_us
         return line_s + self.spec.actuator.delay_s + sensor_s
 
     @property
@@ -214,16 +211,16 @@ class Facts:
     def flight_m(self) -> float:
         """How far above the plate the law looks, m; zero of one that waits for the contact."""
         try:
-            return control.flight_m(self.scene, self.spec)
+            return self.setup.law_flight_m
         except SceneError:  # a recording may outlive its law
             return 0.0
 
     @property
     def flight_share(self) -> float | None:
         """That over the range of the sensor above the plate; None where it does not matter."""
-        if self.scene.sensors.quantity != "xi" or not self.controlled:
+        if self.setup.quantity != "xi" or not self.controlled:
             return None
-        limits = parts.full_scale(self.scene)
+        limits = self.setup.sensor.full_scale
         if limits is None or self.flight_m == 0.0:
             return None
         return self.flight_m / limits[1] if limits[1] > 0.0 else math.inf

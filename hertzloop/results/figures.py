@@ -8,9 +8,6 @@ from typing import Any
 import numpy as np
 
 from bus.messages_pb2 import Books
-from hertzloop import assembly as parts
-from hertzloop.plant_tables import limit_of
-from hertzloop.quantities import TRUTH
 from hertzloop.results import left_out, pacing
 from hertzloop.results.conclusions import conclusions
 from hertzloop.results.demand import DemandMeter
@@ -22,12 +19,12 @@ from hertzloop.results.plate_words import tail_of, theory_of
 from hertzloop.results.spans import WholeRunMeter, of_impact
 from hertzloop.results.stability import StabilityMeter
 from hertzloop.results.verdict import PushMeter, saturation_of
-from hertzloop.scenes.scene import Scene
-from hertzloop.struck import structure
+from hertzloop.setup import Setup
 from plant.books import Books as BooksOfRun
 from plant.figures.impacts import Impact
 from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
+from plant.time_series import TRUTH
 from recordings.columns import Arrays
 from recordings.reader import Recording
 
@@ -89,7 +86,7 @@ def stacked(columns: Arrays) -> np.ndarray:
     return np.stack([known[name] for name in TRUTH])
 
 
-def figures_of(scene: Scene, rows: np.ndarray | Iterable[Block]) -> dict[str, Any]:
+def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> dict[str, Any]:
     """Impacts, their noise figures, the loop's stability and what it asks of the actuator for
     --json from rows of truth, at once or in blocks.
 
@@ -104,16 +101,16 @@ def figures_of(scene: Scene, rows: np.ndarray | Iterable[Block]) -> dict[str, An
         "last_contact_ended": True,
     }  # fmt: skip
     blocks = [(0, rows)] if isinstance(rows, np.ndarray) else rows
-    spec = parts.plant_spec(scene)
-    stable, asked = StabilityMeter(scene), DemandMeter(spec)
-    extremes, push = ExtremesMeter(spec), PushMeter(scene)
+    spec = setup.plant
+    stable, asked = StabilityMeter(setup), DemandMeter(spec)
+    extremes, push = ExtremesMeter(spec), PushMeter(setup)
     impacts: list[Impact] = []
-    whole = None if scene.run.scheme == "thesis2008" else WholeRunMeter(spec)
+    whole = None if setup.scheme == "thesis2008" else WholeRunMeter(spec)
     for meter in (stable, asked, extremes, push):
         blocks = meter.through(blocks)
     blocks = whole.through(blocks) if whole else blocks
     with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
-        for found in impacts_of_blocks(scene, blocks):
+        for found in impacts_of_blocks(setup, blocks):
             if not impacts:
                 figures["first_impact"] = asdict(of_impact(found))
             impacts.append(found.impact)
@@ -128,19 +125,19 @@ def figures_of(scene: Scene, rows: np.ndarray | Iterable[Block]) -> dict[str, An
     figures["push"] = push.result()
     if stability.unstable:
         return figures | {"validity": [], "warnings": []}
-    return figures | left_out.as_json(scene, extremes.result(impacts))
+    return figures | left_out.as_json(setup, extremes.result(impacts))
 
 
 def reported(
-    scene: Scene, columns: Arrays, books: Books | BooksOfRun, known: dict[str, Any]
+    setup: Setup, columns: Arrays, books: Books | BooksOfRun, known: dict[str, Any]
 ) -> dict[str, Any]:
     """What a verdict needs of a run whose columns of truth are in memory: its figures, what its
     energy balance says, and what else is `known` of it (law, saturation, pacing)."""
     more = {
         "injected_j": books.injected_j, "yield": yield_of(books),
-        "expected_error": parts.model_error(scene),
+        "expected_error": setup.expected_error,
     }  # fmt: skip
-    return {**figures_of(scene, stacked(columns)), **known, **more}
+    return {**figures_of(setup, stacked(columns)), **known, **more}
 
 
 def yield_of(books: Books | BooksOfRun) -> dict[str, float] | None:
@@ -150,22 +147,22 @@ def yield_of(books: Books | BooksOfRun) -> dict[str, float] | None:
     return {"dent_m": books.dent_m, "dissipated_j": books.plastic_dissipated_j}
 
 
-def radiation_of(scene: Scene, books: Books) -> dict[str, float] | None:
+def radiation_of(setup: Setup, books: Books) -> dict[str, float] | None:
     """Faces of the plate that radiate, and what air took over the run; None where it takes
     nothing."""
-    faces = scene.plate.radiating_faces
+    faces = setup.bodies.radiating_faces
     return {"faces": faces, "dissipated_j": books.air_dissipated_j} if faces else None
 
 
-def struck(scene: Scene) -> dict[str, Any]:
+def struck(setup: Setup) -> dict[str, Any]:
     """What is struck: `name`, `closed_form`, and what its modes are worth; see `Reached` and
     `ModalStructure.mobility_ratio`."""
-    what = structure(scene)
+    what = setup.structure
     found: dict[str, Any] = {"name": str(what), "closed_form": False}
     if isinstance(what, EdgedPlate):
         return found | asdict(what.reached)
     if isinstance(what, ModalStructure):
-        modes = scene.plate.modes
+        modes = setup.scene.plate.modes
         return found | {
             "modes_in_file": len(what.table.omega_rad_s),
             "sha256": modes.sha256 if modes else "",
@@ -175,7 +172,7 @@ def struck(scene: Scene) -> dict[str, Any]:
 
 
 def of_recording(
-    scene: Scene, recording: Recording, uncontrolled: dict[str, Any] | None, why_not: str = ""
+    setup: Setup, recording: Recording, uncontrolled: dict[str, Any] | None, why_not: str = ""
 ) -> dict[str, Any]:
     """All figures of a recorded run, and what they come to (see `conclusions`).
 
@@ -191,17 +188,17 @@ def of_recording(
         "injected_j": books.injected_j if books else 0.0,
         "yield": yield_of(books) if books else None,
         "expected_error": books.expected_error if books else None,
-        "requested_accuracy": scene.run.accuracy,
-        **figures_of(scene, blocks_of(recording)),
+        "requested_accuracy": setup.accuracy,
+        **figures_of(setup, blocks_of(recording)),
         "pacing": pacing.of(recording),
     }
     if uncontrolled is not None:
         report["uncontrolled"] = uncontrolled
-    return report | conclusions(scene, report, saturation_of(recording.events), why_not)
+    return report | conclusions(setup, report, saturation_of(recording.events), why_not)
 
 
 def run_report(
-    scene: Scene,
+    setup: Setup,
     recording: Recording,
     uncontrolled: dict[str, Any] | None,
     *,
@@ -216,28 +213,28 @@ def run_report(
     books = recording.books
     if books is None:
         raise ValueError("the recording has no books: the run did not end")
-    found = of_recording(scene, recording, uncontrolled)
+    found = of_recording(setup, recording, uncontrolled)
     own = {name: found[name] for name in _OF_ROWS}
     return {
-        "scene": scene.name,
-        "seed": scene.run.seed,
+        "scene": setup.name,
+        "seed": setup.seed,
         "transport": transport,
-        "scheme": scene.run.scheme,
-        "steps": scene.steps,
+        "scheme": setup.scheme,
+        "steps": setup.steps,
         "wall_s": wall_s,
-        "real_time_factor": scene.run.duration_s / wall_s if wall_s else math.inf,
+        "real_time_factor": setup.duration_s / wall_s if wall_s else math.inf,
         "exchanges": exchanges,
         "lane": lane,
         "realtime": realtime,
         "residuals": {"momentum": books.momentum_residual, "energy": books.energy_residual},
-        "tail": tail_of(scene, books),
-        "theory": theory_of(scene),
-        "limiting_pressure": limit_of(scene),
-        "radiation": radiation_of(scene, books),
+        "tail": tail_of(setup, books),
+        "theory": theory_of(setup),
+        "limiting_pressure": setup.limiting_pressure,
+        "radiation": radiation_of(setup, books),
         "frequencies": books.frequencies,
         "frequency_limit_hz": books.frequency_limit_hz,
-        "model": chosen_model(scene),
-        "struck": struck(scene),
+        "model": chosen_model(setup),
+        "struck": struck(setup),
         "newton_iterations_max": books.newton_iterations_max,
         "recording": str(recording.path),
         "uncontrolled": own,

@@ -6,9 +6,7 @@ from itertools import islice
 
 import numpy as np
 
-from hertzloop import assembly as parts
 from hertzloop.first_impact import answer_of
-from hertzloop.loop.kernels import TRUTH_COLUMNS
 from hertzloop.results.impact_windows import (
     F_A,
     F_A1,
@@ -28,13 +26,14 @@ from hertzloop.results.impact_windows import (
     modal_displacement,
     starting_speed,
 )
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 from plant.contact.hertz import GRAVITY_M_S2
 from plant.figures.impact_noise import published_noise
 from plant.figures.impacts import Impact
 from plant.plant import PlantSpec, modes_of
 from plant.schemes.thesis2008 import relative_speed_m_s, sampled
 from plant.structures.plate import Oscillators
+from plant.time_series import COLUMNS
 
 __all__ = [
     "F_A", "F_A1", "F_C", "F_C1", "V_P", "XI", "XI_A", "XI_P", "XI_S", "Block", "RowsOfImpact",
@@ -45,34 +44,34 @@ __all__ = [
 _GREEN_STEPS = 1 << 17  # Green's functions of longer runs are sampled as far as a contact needs
 
 
-def first_impact(scene: Scene, rows: np.ndarray) -> RowsOfImpact | None:
+def first_impact(setup: Setup, rows: np.ndarray) -> RowsOfImpact | None:
     """First impact of a run; None without contact."""
-    found = impacts_of_rows(scene, rows, most=1)
+    found = impacts_of_rows(setup, rows, most=1)
     return found[0] if found else None
 
 
 def impacts_of_rows(
-    scene: Scene, rows: np.ndarray, most: int | None = None, modes: Oscillators | None = None
+    setup: Setup, rows: np.ndarray, most: int | None = None, modes: Oscillators | None = None
 ) -> list[RowsOfImpact]:
     """Impacts of a run, at most `most`, from its rows of truth, shape (10, steps).
 
     A contact that the run's end cuts off has the figures of its part.
     """
-    return list(islice(impacts_of_blocks(scene, [(0, rows)], modes), most))
+    return list(islice(impacts_of_blocks(setup, [(0, rows)], modes), most))
 
 
 def impacts_of_blocks(
-    scene: Scene, blocks: Iterable[Block], modes: Oscillators | None = None
+    setup: Setup, blocks: Iterable[Block], modes: Oscillators | None = None
 ) -> Iterator[RowsOfImpact]:
     """The same from rows that come in blocks, in the order of their steps; each impact as soon as
     the next one starts. Where steps are missing, a run ends and another begins. `modes`: those
     among which the energy is divided, if not all of the plate."""
-    if scene.run.scheme == "thesis2008":
-        return _published(scene, blocks)
-    spec = parts.plant_spec(scene)
+    if setup.scheme == "thesis2008":
+        return _published(setup, blocks)
+    spec = setup.plant
 
     def opened(start: int, before: np.ndarray | None) -> Window:
-        return ConsistentWindow(spec, modes or modes_of(spec), answer_of(scene), start, before)
+        return ConsistentWindow(spec, modes or modes_of(spec), answer_of(setup), start, before)
 
     return cut(blocks, lambda rows: rows[F_C], opened)
 
@@ -80,7 +79,7 @@ def impacts_of_blocks(
 def through_first_contact(blocks: Iterable[Block]) -> np.ndarray:
     """Rows of truth, shape (10, steps), from the start of a run without holes to some steps after
     its first contact."""
-    taken = [np.zeros((TRUTH_COLUMNS, 0))]
+    taken = [np.zeros((COLUMNS, 0))]
     touched = over = False
     for _, rows in blocks:
         taken.append(rows)
@@ -92,21 +91,21 @@ def through_first_contact(blocks: Iterable[Block]) -> np.ndarray:
 
 
 def consistent_impacts(
-    scene: Scene, rows: np.ndarray, spec: PlantSpec | None = None
+    setup: Setup, rows: np.ndarray, spec: PlantSpec | None = None
 ) -> list[Impact]:
     """Contact figures of every impact from the rows of truth alone, each to the start of the next
     one or the end of the rows; `spec` if the plant was another one than the scene's."""
-    spec = spec or parts.plant_spec(scene)
+    spec = spec or setup.plant
     return impacts_in(spec, rows, modal_displacement(spec, rows), starting_speed(spec, rows))
 
 
-def _published(scene: Scene, blocks: Iterable[Block]) -> Iterator[RowsOfImpact]:
-    speeds = [parts.plant_spec(scene).sphere.impact_speed_m_s]
+def _published(setup: Setup, blocks: Iterable[Block]) -> Iterator[RowsOfImpact]:
+    speeds = [setup.plant.sphere.impact_speed_m_s]
     # The published scheme starts a contact at xi = 0, where its force is still zero.
     return cut(
         blocks,
         lambda rows: (rows[XI] <= 0.0).astype(float),
-        lambda start, _: _PublishedWindow(scene, speeds, start),
+        lambda start, _: _PublishedWindow(setup, speeds, start),
     )
 
 
@@ -116,8 +115,8 @@ class _PublishedWindow:
     The last of `speeds` is the impact speed; the next one is appended.
     """
 
-    def __init__(self, scene: Scene, speeds: list[float], start: int) -> None:
-        self.scene, self.speeds, self.start = scene, speeds, start
+    def __init__(self, setup: Setup, speeds: list[float], start: int) -> None:
+        self.setup, self.speeds, self.start = setup, speeds, start
         self._parts: list[np.ndarray] = []
         self._ended = False
 
@@ -131,11 +130,11 @@ class _PublishedWindow:
 
     def close(self, following: np.ndarray | None) -> RowsOfImpact:
         """See Window."""
-        scene, v0 = self.scene, self.speeds[-1]
-        spec, h = parts.plant_spec(scene), scene.step_s
+        setup, v0 = self.setup, self.speeds[-1]
+        spec, h = setup.plant, setup.step_s
         xi, f_a, f_c = np.concatenate(self._parts, axis=1)
         touched = len(xi) - self._ended
-        known = scene.steps if scene.steps <= _GREEN_STEPS else len(xi)
+        known = setup.steps if setup.steps <= _GREEN_STEPS else len(xi)
         modes, (_, green_v, _) = sampled(
             spec.simply_supported, spec.contact_point_m, h, max(known, len(xi)) + 2
         )

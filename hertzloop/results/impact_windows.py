@@ -22,10 +22,9 @@ from plant.plant import PlantSpec
 from plant.schemes.collocation import damped_tail, flexibility_m_n
 from plant.schemes.infinite import impedance_n_s_m
 from plant.structures.plate import Oscillators
+from plant.time_series import COLUMNS, DEEPEST, F_A, F_A1, F_C, F_C1, V_P, XI, XI_A, XI_P, XI_S
 
 # Rows of truth, shape (10, steps).
-_ROWS = range(10)
-XI, XI_S, XI_P, V_P, F_C, F_A, XI_A, F_C1, F_A1, DEEPEST = _ROWS
 PIECE = 1 << 19  # steps; 32 MB of rows
 _BEHIND = 2  # rows after an impact, in which the rebound is seen
 
@@ -167,7 +166,7 @@ class ConsistentWindow:
         before: np.ndarray | None,
     ) -> None:
         self.spec, self.modes, self.start, self._lasts = spec, modes, start, lasts
-        self._before = np.zeros((len(_ROWS), 0)) if before is None else before
+        self._before = np.zeros((COLUMNS, 0)) if before is None else before
         self._parts: list[np.ndarray] = []
         self._held = self._done = 0
         self._impact: Impact | None = None
@@ -193,7 +192,7 @@ class ConsistentWindow:
     def close(self, following: np.ndarray | None) -> RowsOfImpact | None:
         """See Window."""
         last = np.concatenate(self._parts, axis=1)
-        self._take(last, np.zeros((len(_ROWS), 0)) if following is None else following)
+        self._take(last, np.zeros((COLUMNS, 0)) if following is None else following)
         impact = self._impact
         if impact is None:
             return None

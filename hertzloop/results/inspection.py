@@ -13,7 +13,8 @@ from hertzloop.results.law import law_line, law_of
 from hertzloop.results.left_out import show_left_out
 from hertzloop.results.predictability import errors_of
 from hertzloop.results.verdict import saturation_of, verdict
-from hertzloop.scenes.scene import SceneError, parse
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import parse
 from recordings.reader import Recording
 
 
@@ -80,18 +81,18 @@ def _figures(recording: Recording, data: dict[str, Any]) -> tuple[dict[str, Any]
                                "last_contact_ended": True, "predictability": None}  # fmt: skip
     truth = recording.truth
     try:
-        scene = parse(recording.scene_toml, recorded=True)
-        if truth.samples and scene.run.step_ns != truth.step_ns:
-            steps = f"{truth.step_ns} ns, those of its scene {scene.run.step_ns} ns"
+        setup = parse(recording.scene_toml, recorded=True)
+        if truth.samples and setup.step_ns != truth.step_ns:
+            steps = f"{truth.step_ns} ns, those of its scene {setup.step_ns} ns"
             return nothing, f"stream 'truth' has steps of {steps}"
         lacking = figures.NEEDED_FIELDS - set(truth.arrays)
         if truth.samples and lacking:
             return nothing, f"stream 'truth' has no {', '.join(sorted(lacking))}"
         with np.errstate(all="ignore"):
-            found = figures.figures_of(scene, figures.blocks_of(recording))
+            found = figures.figures_of(setup, figures.blocks_of(recording))
             books, late = recording.books, data["pacing"] is not None
             error = {"expected_error": books.expected_error if books else None}
-            known = predictability(scene, found | error, late, why_not_again(recording))
+            known = predictability(setup, found | error, late, why_not_again(recording))
             return found | {"predictability": known}, ""
     except (SceneError, RecursionError) as error:
         return nothing, f"the scene inside cannot be read: {error}{recording.other_version}"

@@ -3,7 +3,8 @@
 from typing import Any
 
 from controller.door.registry import shipped
-from hertzloop.scenes.scene import SceneError, parse
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import parse
 from recordings.reader import Recording
 from recordings.writer import RecordingError
 
@@ -26,7 +27,7 @@ def law_of(recording: Recording) -> dict[str, Any]:
 def _law_of_scene(recording: Recording) -> str | None:
     """Of recordings that do not say more."""
     try:
-        return parse(recording.scene_toml, recorded=True).controller.law
+        return parse(recording.scene_toml, recorded=True).law_reference
     except (SceneError, RecursionError):
         return None
 

@@ -8,9 +8,8 @@ then differs by a whole sample, and the impact by far more than the modes themse
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from hertzloop import assembly as parts
 from hertzloop.loop.compiled import LawStopped, simulate
-from hertzloop.results.cases import lasting, latched_us, on_plate
+from hertzloop.results.cases import latched_us
 from hertzloop.results.facts import percent
 from hertzloop.results.verify import (
     Verification,
@@ -19,7 +18,7 @@ from hertzloop.results.verify import (
     past_first_impact,
     started_as,
 )
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 from plant.plant import PlantSpec
 from plant.structures.plate import Plate
 from plant.structures.solid_plate import SolidPlate
@@ -68,7 +67,7 @@ class LawAccuracy:
         return f"{said}."
 
 
-def judged(scene: Scene, until_s: float) -> LawAccuracy | None:
+def judged(setup: Setup, until_s: float) -> LawAccuracy | None:
     """Simulate the first impact of a scene, over with the push it causes by `until_s`, with its
     modes and with twice as many, as far as the step carries them.
 
@@ -76,11 +75,11 @@ def judged(scene: Scene, until_s: float) -> LawAccuracy | None:
     to find (a file, edges that are not simply supported, an infinite plate, the published scheme),
     without an impact that ends by then, and where the law stops.
     """
-    steps = min(round(until_s / scene.step_s) + 3, scene.steps)
-    if scene.controller.law == "off" or scene.run.scheme == "thesis2008" or steps > _MOST_STEPS:
+    steps = min(round(until_s / setup.step_s) + 3, setup.steps)
+    if not setup.has_law or setup.scheme == "thesis2008" or steps > _MOST_STEPS:
         return None
     # How long a run lasts may decide about the model of its plate.
-    short = lasting(on_plate(scene, parts.plate_model(scene)), steps)
+    short = setup.on_plate(setup.plate_model).lasting(steps)
     finer = _twice_the_modes(short)
     if finer is None:
         return None
@@ -89,24 +88,24 @@ def judged(scene: Scene, until_s: float) -> LawAccuracy | None:
         until = past_first_impact(short, run.rows)
         if until is None:
             return None
-        other = simulate(lasting(short, until), own_plant=started_as(short, finer))
+        other = simulate(short.lasting(until), own_plant=started_as(short, finer))
     except LawStopped:
         return None
     found = changes(short, run.rows[:, :until], other.rows, finer)
     if found is None:
         return None
     return LawAccuracy(
-        found, scene.run.accuracy, parts.model_error(short),
+        found, setup.accuracy, short.expected_error,
         latched_us(short, run), latched_us(short, other),
     )  # fmt: skip
 
 
-def _twice_the_modes(scene: Scene) -> PlantSpec | None:
-    spec = parts.plant_spec(scene)
+def _twice_the_modes(setup: Setup) -> PlantSpec | None:
+    spec = setup.plant
     if spec.infinite_plate or not isinstance(spec.plate, Plate | SolidPlate):
         return None
     # Beyond 1/(2 step) is what the steps of a held force put in, which no sample carries.
-    limit_hz = min(finer_spec(scene).frequency_limit_hz, 0.5 / scene.step_s)
+    limit_hz = min(finer_spec(setup).frequency_limit_hz, 0.5 / setup.step_s)
     if limit_hz <= spec.frequency_limit_hz:
         return None
     return replace(spec, frequency_limit_hz=limit_hz)

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop import assembly as parts
 from hertzloop.results.impact_rows import F_A, F_C, XI_A, XI_P, XI_S, Block
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 from plant.contact.hertz import GRAVITY_M_S2
 
 
@@ -26,10 +25,10 @@ class Ledger:
     fed: np.ndarray
 
 
-def ledgers(scene: Scene, blocks: Iterable[Block]) -> Iterator[tuple[int, np.ndarray, Ledger]]:
+def ledgers(setup: Setup, blocks: Iterable[Block]) -> Iterator[tuple[int, np.ndarray, Ledger]]:
     """Blocks of a run, rows of truth (10, steps), each with its ledger. Forces are held over a step
     here: good for a picture; the books of a run are exact."""
-    spec = parts.plant_spec(scene)
+    spec = setup.plant
     mass, place = spec.sphere.mass_kg, XI_P if spec.same_point else XI_A
     fed_j = pushed_j = start_j = 0.0
     last: np.ndarray | None = None
@@ -38,7 +37,7 @@ def ledgers(scene: Scene, blocks: Iterable[Block]) -> Iterator[tuple[int, np.nda
         with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
             fed = fed_j + _work(joined[F_A], joined[place])
             pushed = pushed_j + _work(joined[F_C], joined[XI_P])
-            speed = np.diff(joined[XI_S]) / scene.step_s
+            speed = np.diff(joined[XI_S]) / setup.step_s
             speed = np.concatenate([speed[:1], speed]) if speed.size else np.zeros(1)
             sphere = 0.5 * mass * speed**2 + mass * GRAVITY_M_S2 * joined[XI_S]
             fed_j, pushed_j = float(fed[-1]), float(pushed[-1])

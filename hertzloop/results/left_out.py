@@ -8,40 +8,38 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from hertzloop import assembly as parts
 from hertzloop.commands.terminal import Table, styled
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.cases import lasting
 from hertzloop.results.extremes import Extremes, ExtremesMeter
 from hertzloop.results.facts import Facts
 from hertzloop.results.impact_rows import impacts_of_rows
 from hertzloop.results.stability import StabilityMeter
 from hertzloop.results.validity import findings, warnings_of
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 
 _MOST_STEPS = 2_000_000  # that `validity` simulates in memory
 
 
-def as_json(scene: Scene, run: Extremes) -> dict[str, Any]:
+def as_json(setup: Setup, run: Extremes) -> dict[str, Any]:
     """`validity`: all indicators, fields as in `Finding`; `warnings`: sentences on those that are
     out of range by far."""
-    found = findings(Facts(scene, parts.plant_spec(scene), run))
+    found = findings(Facts(setup, setup.plant, run))
     return {"validity": [asdict(f) for f in found], "warnings": warnings_of(found)}
 
 
-def of_scene(scene: Scene) -> dict[str, Any]:
+def of_scene(setup: Setup) -> dict[str, Any]:
     """The same of a scene, simulated here, the beginning of a very long one; `stable` is false and
     there are no indicators where the loop explodes."""
-    scene = lasting(scene, min(scene.steps, _MOST_STEPS))
-    rows = simulate(scene).rows
-    stability, extremes = StabilityMeter(scene), ExtremesMeter(parts.plant_spec(scene))
+    setup = setup.lasting(min(setup.steps, _MOST_STEPS))
+    rows = simulate(setup).rows
+    stability, extremes = StabilityMeter(setup), ExtremesMeter(setup.plant)
     stability.feed(0, rows)
     extremes.feed(rows)
     if stability.result().unstable:
         return {"stable": False, "validity": [], "warnings": []}
     with np.errstate(over="ignore", invalid="ignore"):
-        impacts = [found.impact for found in impacts_of_rows(scene, rows)]
-    return {"stable": True, **as_json(scene, extremes.result(impacts))}
+        impacts = [found.impact for found in impacts_of_rows(setup, rows)]
+    return {"stable": True, **as_json(setup, extremes.result(impacts))}
 
 
 def sentences_of(found: Iterable[dict[str, Any]]) -> list[tuple[str, str]]:

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop import assembly as parts
 from hertzloop.results.deflection import force_blocks
 from hertzloop.results.impact_rows import Block
-from hertzloop.scenes.scene import Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
 from plant.figures.noise import RADIATED_UP_TO_HZ, SOUND_SPEED_M_S
 from plant.figures.sound import (
     FADE_FROM,
@@ -58,13 +58,13 @@ class Heard:
         return float(np.sum(self.pressure_pa**2)) / self.rate_hz
 
 
-def radiator_of(scene: Scene) -> Radiator:
+def radiator_of(setup: Setup) -> Radiator:
     """The modes of a scene's plate up to 20 kHz, on a grid fine enough for them.
 
     Raises SceneError for a structure without shapes.
     """
-    spec = parts.plant_spec(scene)
-    limit_hz = _limit_hz(scene)
+    spec = setup.plant
+    limit_hz = _limit_hz(setup)
     omega_max = 2.0 * math.pi * limit_hz
     structure = spec.plate
     if structure.modes_below(limit_hz) > MOST_MODES:
@@ -74,7 +74,7 @@ def radiator_of(scene: Scene) -> Radiator:
         x, y, shapes = _of_file(structure, omega_max)
     else:
         assert isinstance(structure, Plate | EdgedPlate)
-        size = scene.plate.size_m or (1.0, 1.0)
+        size = setup.size_m or (1.0, 1.0)
         x, y = (_midpoints(length, _spacing(structure, omega_max)) for length in size)
         shapes = structure.on_grid(omega_max, x, y)
     cell = np.outer(_widths(x), _widths(y)).ravel()
@@ -148,33 +148,33 @@ def _widths(x: np.ndarray) -> np.ndarray:
     return np.diff(np.concatenate([[first], inner, [last]]))
 
 
-def drive_of(scene: Scene, blocks: Iterable[Block]) -> Drive:
+def drive_of(setup: Setup, blocks: Iterable[Block]) -> Drive:
     """Forces on the plate from rows of truth in blocks. Raises SceneError for a run that
     explodes."""
-    contact, actuator = np.zeros(scene.steps), np.zeros(scene.steps)
+    contact, actuator = np.zeros(setup.steps), np.zeros(setup.steps)
     at = 0
-    for _, forces in force_blocks(parts.plant_spec(scene), blocks):
-        end = min(at + forces.shape[1], scene.steps)
+    for _, forces in force_blocks(setup.plant, blocks):
+        end = min(at + forces.shape[1], setup.steps)
         contact[at:end], actuator[at:end] = forces[0, : end - at], forces[2, : end - at]
         at = end
     if not (np.isfinite(contact).all() and np.isfinite(actuator).all()):
         raise SceneError("the run has numbers that are not finite; there is nothing to hear")
-    return Drive(contact[:at], actuator[:at], scene.step_s)
+    return Drive(contact[:at], actuator[:at], setup.step_s)
 
 
-def grid_of(scene: Scene, tail_s: float, slow: float = 1.0) -> Grid:
+def grid_of(setup: Setup, tail_s: float, slow: float = 1.0) -> Grid:
     """Samples from the start of a run to `tail_s` after its end: so many that they sound at RATE_HZ
     when played `slow` times slower."""
     step_s = 1.0 / (RATE_HZ * slow)
-    steps = math.ceil((scene.run.duration_s + tail_s) / step_s / _WHOLE) * _WHOLE
+    steps = math.ceil((setup.duration_s + tail_s) / step_s / _WHOLE) * _WHOLE
     # The band fades out above all modes that sound: else it would take from their energy.
-    up_to = min(_limit_hz(scene) / FADE_FROM, 0.45 / step_s)
+    up_to = min(_limit_hz(setup) / FADE_FROM, 0.45 / step_s)
     return Grid(steps, step_s, up_to)
 
 
-def listen(scene: Scene, drive: Drive, listener_m: np.ndarray, grid: Grid) -> Heard:
+def listen(setup: Setup, drive: Drive, listener_m: np.ndarray, grid: Grid) -> Heard:
     """Sound pressure of a run at a point."""
-    found = pressure_pa(radiator_of(scene), drive, listener_m, grid)
+    found = pressure_pa(radiator_of(setup), drive, listener_m, grid)
     return Heard(found, 1.0 / grid.step_s)
 
 
@@ -190,14 +190,14 @@ class Radiated:
     until_rest_j: float
 
 
-def radiated(scene: Scene, drive: Drive, grid: Grid) -> Radiated | None:
+def radiated(setup: Setup, drive: Drive, grid: Grid) -> Radiated | None:
     """The sound energy of a run; None for what is no simply supported plate."""
-    spec = parts.plant_spec(scene)
+    spec = setup.plant
     plate = spec.plate
     if not isinstance(plate, Plate):
         return None
-    radiator = radiator_of(scene)
-    m, n, _ = plate.mode_numbers(2.0 * math.pi * _limit_hz(scene))
+    radiator = radiator_of(setup)
+    m, n, _ = plate.mode_numbers(2.0 * math.pi * _limit_hz(setup))
     points = (spec.contact_point_m, spec.actuator_point_m)
     kept = np.max([abs(plate.mode_shape(m, n, at)) for at in points], axis=0) > NO_PARTICIPATION
     m, n = m[kept], n[kept]
@@ -223,9 +223,9 @@ def radiated(scene: Scene, drive: Drive, grid: Grid) -> Radiated | None:
     )
 
 
-def _limit_hz(scene: Scene) -> float:
+def _limit_hz(setup: Setup) -> float:
     """Up to where modes sound."""
-    return min(RADIATED_UP_TO_HZ, parts.plant_spec(scene).frequency_limit_hz)
+    return min(RADIATED_UP_TO_HZ, setup.plant.frequency_limit_hz)
 
 
 def write_wavs(heard: dict[Path, Heard]) -> float:

@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop import assembly as parts
-from hertzloop.loop.compiled import rows_under
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
+from hertzloop.setup.setup import built
 from plant.plant import Plant, PlantSpec
 from plant.schemes import state_kernels as pk
 from plant.schemes.infinite import impedance_n_s_m
 from plant.structures.plate import frequencies
 from plant.structures.solid_plate import SolidPlate
+from plant.time_series import series_under
 
 _COUNTED = 500_000  # modes; beyond, the full model is only said to be larger
 _TIMED = 4_000  # frequencies that can be built and timed within 0.3 s
@@ -22,7 +22,7 @@ _LIFT_M = 1e3  # keeps the sphere off the plate
 _ROUNDS, _STEPS = 5, 1_000  # of the timing, both models in turn
 
 
-def chosen_model(scene: Scene) -> dict[str, Any] | None:
+def chosen_model(setup: Setup) -> dict[str, Any] | None:
     """The plate's model of a run, and what the full one, all modes up to pi/dt, would have cost.
 
     `plate_model`: "modal" or "infinite", with `impedance_n_s_m` of the infinite plate and
@@ -33,20 +33,20 @@ def chosen_model(scene: Scene) -> dict[str, Any] | None:
     measured now, None where that would take long. None for the published scheme, which always
     has the full model.
     """
-    if scene.run.scheme == "thesis2008":
+    if setup.scheme == "thesis2008":
         return None
-    spec = parts.plant_spec(scene)
-    lasts_s, local = parts.infinite_plate_lasts_s(scene), spec.plate.local_plate
+    spec = setup.plant
+    lasts_s, local = setup.infinite_plate_lasts_s, spec.plate.local_plate
     return {
         "plate_model": "infinite" if spec.infinite_plate else "modal",
         "impedance_n_s_m": impedance_n_s_m(local) if local else None,
-        "infinite_until_s": parts.first_touch_s(scene) + lasts_s if lasts_s else None,
-        "full": _full_model(scene, spec),
+        "infinite_until_s": setup.first_touch_s + lasts_s if lasts_s else None,
+        "full": _full_model(setup, spec),
     }
 
 
-def _full_model(scene: Scene, spec: PlantSpec) -> dict[str, Any]:
-    limit_hz = 0.5 / scene.step_s
+def _full_model(setup: Setup, spec: PlantSpec) -> dict[str, Any]:
+    limit_hz = 0.5 / setup.step_s
     if isinstance(spec.plate, SolidPlate):
         limit_hz = min(limit_hz, spec.plate.highest_hz)
     modes = spec.plate.modes_below(limit_hz)
@@ -66,8 +66,8 @@ def _full_model(scene: Scene, spec: PlantSpec) -> dict[str, Any]:
         full["frequency_ratio"] = full["frequencies"] / count(spec.frequency_limit_hz)
     if full["frequencies"] <= _TIMED:
         whole = replace(spec, frequency_limit_hz=limit_hz, infinite_plate=False)
-        chosen = parts.built(spec, scene.run.scheme)
-        full["measured_ratio"] = _ratio(parts.built(whole, scene.run.scheme), chosen)
+        chosen = built(spec, setup.scheme)
+        full["measured_ratio"] = _ratio(built(whole, setup.scheme), chosen)
     return full
 
 
@@ -82,6 +82,6 @@ def _ratio(full: Plant, chosen: Plant) -> float:
     for _ in range(_ROUNDS):
         for i, plant in enumerate(plants):
             started = time.perf_counter()
-            rows_under(plant, force)
+            series_under(plant, force)
             least[i] = min(least[i], time.perf_counter() - started)
     return least[0] / least[1]

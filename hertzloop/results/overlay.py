@@ -7,7 +7,7 @@ import numpy as np
 
 from hertzloop.results.impact_rows import F_A, F_C, V_P, XI, Block
 from hertzloop.results.ledger import ledgers
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 from recordings.replay.thin import FULL_RATE_SAMPLES, Line, Span, Thinner, within
 
 SPECTRUM_STEPS = 1 << 19  # from a run's start
@@ -27,7 +27,7 @@ class Overlay:
 
 
 def overlay(
-    scene: Scene,
+    setup: Setup,
     blocks: Iterable[Block],
     names: Iterable[str],
     steps: int,
@@ -40,7 +40,7 @@ def overlay(
     touched, start_j = None, 0.0
     speed: list[np.ndarray] = []
     left = FULL_RATE_SAMPLES
-    for first, rows, energies in ledgers(scene, blocks):
+    for first, rows, energies in ledgers(setup, blocks):
         touching = np.flatnonzero(rows[XI] < 0.0)
         if touched is None:
             start_j = start_j or float(energies.sphere[0])

@@ -3,34 +3,33 @@
 from typing import Any
 
 from bus.messages_pb2 import Books
-from hertzloop import assembly as parts
-from hertzloop.plate_choice import NEAREST, kirchhoff_error, theory, wavelengths_to_edge
-from hertzloop.scenes.problems import not_in_three_dimensions
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
+from hertzloop.setup.plate import NEAREST
+from plant.structures.modal_structure import ModalStructure
 
 
-def tail_of(scene: Scene, books: Books) -> dict[str, float] | None:
+def tail_of(setup: Setup, books: Books) -> dict[str, float] | None:
     """What the modes left out took where they are a damped mode (J), and how many wavelengths at
     the limit the struck point is from an edge; None where they are a spring, or none are."""
-    spec = parts.plant_spec(scene)
+    spec = setup.plant
     if not spec.damped_tail:
         return None
-    away = wavelengths_to_edge(scene, spec.plate, spec.frequency_limit_hz)
+    away = setup.wavelengths_to_edge
     return {"lost_j": books.tail_dissipated_j, "wavelengths_to_edge": away, "needed": NEAREST}
 
 
-def theory_of(scene: Scene) -> dict[str, Any] | None:
+def theory_of(setup: Setup) -> dict[str, Any] | None:
     """The theory of the plate, what was asked, and what Kirchhoff's may cost (`KirchhoffError`);
     None for a plate that is not made from its sizes."""
-    if scene.plate.modes is not None:
+    if isinstance(setup.structure, ModalStructure):
         return None
-    found = kirchhoff_error(scene)
+    found = setup.thin_plate_error
     return {
-        "asked": scene.plate.theory,
-        "chosen": theory(scene),
+        "asked": setup.scene.plate.theory,
+        "chosen": setup.theory,
         "kirchhoff_error": found._asdict() | {"largest": found.largest},
-        "jumps": scene.controller.law != "off" and scene.actuator.bandwidth_hz is None,
-        "why_not_3d": next(iter(not_in_three_dimensions(scene)), None),
+        "jumps": setup.has_law and setup.actuator.bandwidth_hz is None,
+        "why_not_3d": setup.why_not_solid,
     }
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from hertzloop.loop.compiled import closed_loop_rows
 from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, impacts_of_blocks
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 
 DISTURBANCE = 1e-9  # of the sphere's speed at the start
 # What rounding does is as if the start differed by 2e-16 to 6e-16 (measured between a processor
@@ -39,7 +39,7 @@ class Known:
 
 
 def known_impacts(
-    scene: Scene,
+    setup: Setup,
     impacts: list[dict[str, float]],
     model_error: float,
     in_lock_step: bool = True,
@@ -49,10 +49,10 @@ def known_impacts(
     can depend on an impact before, and of the published scheme. `model_error`: relative, of the
     run. A run that was not `in_lock_step` has other impacts than the disturbed one for that reason
     alone: each is known as well as the same one in lock-step."""
-    if len(impacts) < 2 or scene.run.scheme == "thesis2008":
+    if len(impacts) < 2 or setup.scheme == "thesis2008":
         return None
-    others = _impacts(scene, DISTURBANCE)
-    run = [] if in_lock_step else _impacts(scene)[: len(impacts)]
+    others = _impacts(setup, DISTURBANCE)
+    run = [] if in_lock_step else _impacts(setup)[: len(impacts)]
     recorded = list(zip(impacts, noise or [{}] * len(impacts), strict=True))
     found = []
     for i, (impact, sound) in enumerate([*run, *recorded[len(run) :]]):
@@ -75,11 +75,11 @@ def _moved(
 
 
 def _impacts(
-    scene: Scene, disturbance: float = 0.0
+    setup: Setup, disturbance: float = 0.0
 ) -> list[tuple[dict[str, float], dict[str, float]]]:
     """Impacts of a run with their noise figures, fields as in `Impact` and `ImpactNoise`."""
     with np.errstate(over="ignore", invalid="ignore"):
-        found = impacts_of_blocks(scene, closed_loop_rows(scene, disturbance))
+        found = impacts_of_blocks(setup, closed_loop_rows(setup, disturbance))
         return [(vars(one.impact), vars(one.noise)) for one in found]
 
 
@@ -103,18 +103,18 @@ def errors_of(
     return dict(known[impact][of])
 
 
-def horizon_step(scene: Scene, tolerance: float) -> int | None:
+def horizon_step(setup: Setup, tolerance: float) -> int | None:
     """First step at which two processors may differ by more than `tolerance` of a field's largest
     value, None if they agree to the end. Raises SceneError where the scene cannot be simulated."""
-    if scene.run.scheme == "thesis2008":
+    if setup.scheme == "thesis2008":
         return None
     allowed = tolerance * DISTURBANCE / ROUNDING
-    largest = 0.0 * next(closed_loop_rows(scene))[1][:, 0]
-    for _, rows in closed_loop_rows(scene):
+    largest = 0.0 * next(closed_loop_rows(setup))[1][:, 0]
+    for _, rows in closed_loop_rows(setup):
         largest = np.maximum(largest, np.abs(rows).max(axis=1))
     largest[[F_C1, F_A1]] = largest[[F_C, F_A]]  # slopes are as exact as their forces
     largest[largest == 0.0] = 1.0
-    both = zip(closed_loop_rows(scene), closed_loop_rows(scene, DISTURBANCE), strict=True)
+    both = zip(closed_loop_rows(setup), closed_loop_rows(setup, DISTURBANCE), strict=True)
     for (first, rows), (_, disturbed) in both:
         apart = np.max(np.abs(rows - disturbed) / largest[:, None], axis=0)
         beyond = np.flatnonzero(~(apart <= allowed))

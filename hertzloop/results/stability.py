@@ -15,9 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop import assembly as parts
 from hertzloop.results.impact_rows import F_A, XI_A, XI_P, Block
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 from plant.contact.hertz import GRAVITY_M_S2, rigid_peak_force_n
 from plant.figures import rows_kernels as k
 
@@ -48,9 +47,9 @@ class StabilityMeter:
     """Follows the work of the actuator over rows of truth that come in blocks; over steps that
     are missing, none is done."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.spec, self.scene = parts.plant_spec(scene), scene
-        self.closed = scene.controller.law not in _OPEN_LOOP
+    def __init__(self, setup: Setup) -> None:
+        self.spec, self.setup = setup.plant, setup
+        self.closed = setup.law_reference not in _OPEN_LOOP
         sphere = self.spec.sphere
         self.impact_j = sphere.mass_kg * GRAVITY_M_S2 * sphere.drop_height_m
         self._place = XI_P if self.spec.same_point else XI_A
@@ -72,7 +71,7 @@ class StabilityMeter:
         return Stability(
             unstable=unstable,
             pumps=pumps,
-            since_s=since * self.scene.step_s if since >= 0 and (unstable or pumps) else None,
+            since_s=since * self.setup.step_s if since >= 0 and (unstable or pumps) else None,
             most_injected=most_j / self.impact_j,
             fed_in=fed_j / self.impact_j,
             largest_force_n=largest_n,

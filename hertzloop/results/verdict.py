@@ -12,7 +12,7 @@ import numpy as np
 from hertzloop.results.digits import UNKNOWN, change_db, known_digits
 from hertzloop.results.impact_rows import F_A, F_C, Block
 from hertzloop.results.predictability import errors_of
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 
 _HARDLY_DB = 0.1
 _MUCH = 0.1  # share of the push, or of the contact, that is worth a word
@@ -25,8 +25,8 @@ _FIGURES = (
 class PushMeter:
     """When an actuator pushes, against the contacts, over rows of truth that come in blocks."""
 
-    def __init__(self, scene: Scene) -> None:
-        self._step_s = scene.step_s
+    def __init__(self, setup: Setup) -> None:
+        self._step_s = setup.step_s
         self._apart = self._all = 0.0  # impulse while nothing touches, and all, in N steps
         self._touch: int | None = None
         self._push: int | None = None

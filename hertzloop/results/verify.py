@@ -6,10 +6,11 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from hertzloop import assembly as parts
 from hertzloop.loop.finer import finer_loop
 from hertzloop.results.impact_rows import F_A, F_C, XI, consistent_impacts, impacts_of_rows
-from hertzloop.scenes.scene import Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
+from hertzloop.setup.setup import built
 from plant.plant import MOST_MODES, Plant, PlantSpec
 from plant.schemes import state_kernels as pk
 from plant.schemes.door import SCHEMES
@@ -37,38 +38,39 @@ class Verification:
         return max(self.penetration, self.rebound_speed, self.plate_energy)
 
 
-def verify(scene: Scene, rows: np.ndarray) -> Verification | None:
+def verify(setup: Setup, rows: np.ndarray) -> Verification | None:
     """Repeat the first impact of a run, known by its rows of truth, with the loop closed: the law
     answers the finer plant, from samples of the scene's own step.
 
     None without an impact that ends within the run. Raises SceneError for the published scheme.
     """
-    check_verifiable(scene)
-    return against(scene, rows, finer_spec(scene))
+    check_verifiable(setup)
+    return against(setup, rows, finer_spec(setup))
 
 
-def check_verifiable(scene: Scene) -> None:
+def check_verifiable(setup: Setup) -> None:
     """Raise SceneError where the finer plant cannot be computed."""
-    if scene.run.scheme == "thesis2008":
+    if setup.scheme == "thesis2008":
         raise SceneError(
             "run.scheme = 'thesis2008' does not converge, so there is nothing to verify; take "
             "'modal' or 'discrete_gradient'"
         )
-    fine = finer_spec(scene)
+    fine = finer_spec(setup)
     modes = fine.plate.modes_below(fine.frequency_limit_hz)
     if modes > MOST_MODES:
+        local = fine.plate.local_plate
         raise SceneError(
             f"--verify needs about {modes:.2g} modes of the plate up to "
             f"{fine.frequency_limit_hz:.3g} Hz, the most is {MOST_MODES}; leave out --verify, or "
             f"choose a smaller or thicker plate than plate.size_m = "
-            f"{list(scene.plate.size_m or ())} with plate.thickness_m = "
-            f"{scene.plate.thickness_m or math.nan:g}"
+            f"{list(setup.size_m or ())} with plate.thickness_m = "
+            f"{local.thickness_m if local else math.nan:g}"
         )
 
 
-def finer_spec(scene: Scene) -> PlantSpec:
+def finer_spec(setup: Setup) -> PlantSpec:
     """A scene's plant with half the step and twice the modes, as far as they are known."""
-    spec = parts.plant_spec(scene)
+    spec = setup.plant
     # A file has the modes that it has.
     limit_hz = spec.frequency_limit_hz * (1.0 if isinstance(spec.plate, ModalStructure) else 2.0)
     if isinstance(spec.plate, SolidPlate):
@@ -77,26 +79,26 @@ def finer_spec(scene: Scene) -> PlantSpec:
         spec,
         step_s=spec.step_s / 2,
         frequency_limit_hz=limit_hz,
-        residual_flexibility=SCHEMES[scene.run.scheme].tail,
+        residual_flexibility=SCHEMES[setup.scheme].tail,
         infinite_plate=False,
     )
 
 
-def against(scene: Scene, rows: np.ndarray, fine: PlantSpec) -> Verification | None:
+def against(setup: Setup, rows: np.ndarray, fine: PlantSpec) -> Verification | None:
     """What a finer plant changes in the first impact of a run; None as for `verify`."""
-    until = past_first_impact(scene, rows)
+    until = past_first_impact(setup, rows)
     if until is None:
         return None
-    times = round(scene.step_s / fine.step_s)
-    finer_rows = finer_loop(scene, started_as(scene, fine), until, times)
-    return changes(scene, rows[:, :until], finer_rows, fine)
+    times = round(setup.step_s / fine.step_s)
+    finer_rows = finer_loop(setup, started_as(setup, fine), until, times)
+    return changes(setup, rows[:, :until], finer_rows, fine)
 
 
-def past_first_impact(scene: Scene, rows: np.ndarray) -> int | None:
+def past_first_impact(setup: Setup, rows: np.ndarray) -> int | None:
     """Steps until the first contact is over and by one more, so that it is seen to end, and until
     the push is, for as long again at most: what a spring for the modes left out stores under a
     force counts once it has come back. None if the contact does not end within the rows."""
-    found = impacts_of_rows(scene, rows, most=1)
+    found = impacts_of_rows(setup, rows, most=1)
     if not found or not found[0].ended:
         return None
     first, end = found[0].start, min(found[0].end + 2, rows.shape[1])
@@ -106,26 +108,26 @@ def past_first_impact(scene: Scene, rows: np.ndarray) -> int | None:
     return end + (int(over[0]) if len(over) else after.shape[1])
 
 
-def started_as(scene: Scene, fine: PlantSpec) -> Plant:
+def started_as(setup: Setup, fine: PlantSpec) -> Plant:
     """A finer plant at the start of a scene's run."""
-    plant = parts.built(fine, scene.run.scheme).at_start(parts.touch_phase(scene))
-    coarse = parts.plant_of(parts.plant_spec(scene), scene)
+    plant = built(fine, setup.scheme).at_start(setup.touch_phase)
+    coarse = setup.start_plant(setup.plant)
     plant.state.body[_START] = coarse.state.body[_START]
     return plant
 
 
 def changes(
-    scene: Scene, rows: np.ndarray, finer_rows: np.ndarray, fine: PlantSpec
+    setup: Setup, rows: np.ndarray, finer_rows: np.ndarray, fine: PlantSpec
 ) -> Verification | None:
     """What differs in the first impact between a scene's rows and those of a finer plant over the
     same time; None if that has no impact."""
     times = finer_rows.shape[1] // rows.shape[1]
-    coarse_impact = consistent_impacts(scene, rows)[0]
+    coarse_impact = consistent_impacts(setup, rows)[0]
     # Work counts from row to row: without the last part of a step both end at the same time.
-    by_finer = consistent_impacts(scene, finer_rows[:, : finer_rows.shape[1] + 1 - times], fine)
+    by_finer = consistent_impacts(setup, finer_rows[:, : finer_rows.shape[1] + 1 - times], fine)
     if not by_finer:
         return None
-    contact = math.ceil((coarse_impact.start_s + coarse_impact.duration_s) / scene.step_s) + 2
+    contact = math.ceil((coarse_impact.start_s + coarse_impact.duration_s) / setup.step_s) + 2
     gap, finer = rows[XI, :contact], finer_rows[XI, ::times][:contact]
     energy = by_finer[0].plate_energy_j
     change = by_finer[0].rebound_speed_m_s - coarse_impact.rebound_speed_m_s

@@ -4,14 +4,16 @@ from typing import Any
 
 from hertzloop.results.law import law_line, law_of
 from hertzloop.scenes.keys import unit_of
-from hertzloop.scenes.scene import Scene, load, shipped
+from hertzloop.scenes.text import shipped
+from hertzloop.setup import Setup, load
+from plant.structures.modal_structure import ModalStructure
 from recordings.reader import Recording
 
 _NOT_NAMED = ("name", "shows", "plate.modes.content")  # the content has its digest beside it
 _LONGEST = 40  # characters of a value
 
 
-def keys_of(scene: Scene) -> dict[str, Any]:
+def keys_of(setup: Setup) -> dict[str, Any]:
     """All keys of a scene that say what is simulated, "table.key": value."""
     found: dict[str, Any] = {}
 
@@ -22,11 +24,11 @@ def keys_of(scene: Scene) -> dict[str, Any]:
         elif prefix not in _NOT_NAMED:
             found[prefix] = value
 
-    walk("", scene.model_dump(exclude_none=True))
+    walk("", setup.scene.model_dump(exclude_none=True))
     return found
 
 
-def differences(a: Scene, b: Scene) -> list[tuple[str, Any, Any]]:
+def differences(a: Setup, b: Setup) -> list[tuple[str, Any, Any]]:
     """Keys with other values: key, that of `a`, that of `b`; None where a scene has no such key."""
     left, right = keys_of(a), keys_of(b)
     return [
@@ -36,31 +38,29 @@ def differences(a: Scene, b: Scene) -> list[tuple[str, Any, Any]]:
     ]
 
 
-def closest_shipped(scene: Scene) -> tuple[str, list[tuple[str, Any, Any]]]:
+def closest_shipped(setup: Setup) -> tuple[str, list[tuple[str, Any, Any]]]:
     """The shipped scene that a scene differs least from, and in what."""
-    known = [(name, differences(scene, load(name))) for name in shipped()]
-    return min(known, key=lambda found: (found[0] != scene.name, len(found[1])))
+    known = [(name, differences(setup, load(name))) for name in shipped()]
+    return min(known, key=lambda found: (found[0] != setup.name, len(found[1])))
 
 
-def bodies(scene: Scene) -> str:
+def bodies(setup: Setup) -> str:
     """Such as "3 mm steel on 3 mm aluminium"."""
-    ball = f"R = {1e3 * scene.sphere.radius_m:g} mm, {_material(scene, 'sphere')}"
-    if scene.plate.modes is not None:
+    ball = f"R = {1e3 * setup.sphere.radius_m:g} mm, {_material(setup, 'sphere')}"
+    structure = setup.structure
+    if isinstance(structure, ModalStructure) or structure.local_plate is None:
         return f"{ball}, on a structure from a file of modes"
-    return f"{ball}, on {1e3 * (scene.plate.thickness_m or 0):g} mm {_material(scene, 'plate')}"
+    return f"{ball}, on {1e3 * structure.local_plate.thickness_m:g} mm {_material(setup, 'plate')}"
 
 
-def _material(scene: Scene, body: Any) -> str:
-    given = getattr(scene, body).material
-    if isinstance(given, str):
-        return given.replace("_", " ")
-    return str(getattr(given, "name", None) or "own material")
+def _material(setup: Setup, body: Any) -> str:
+    return setup.material_name(body).replace("_", " ") or "own material"
 
 
-def control(scene: Scene, law: str | None = None) -> str:
+def control(setup: Setup, law: str | None = None) -> str:
     """Law with its parameters, latency, converters: "slope_threshold, kappa 0.8, ..."; `law`: what
     really ran, where that is known."""
-    table = scene.controller
+    table = setup.scene.controller
     name = law or table.law
     if name == "off":
         return "no control"
@@ -75,11 +75,11 @@ def control(scene: Scene, law: str | None = None) -> str:
         pieces.append(f"jitter {table.jitter_us:g} us")
     if table.drop_out_probability:
         pieces.append(f"{100 * table.drop_out_probability:g} % of commands lost")
-    pieces.append(_bits("sensor", scene.sensors.bits))
+    pieces.append(_bits("sensor", setup.scene.sensors.bits))
     if table.bits != "ideal":
         pieces.append(_bits("actuator", table.bits))
-    if scene.sensors.every_steps > 1:
-        period = scene.sensors.every_steps * scene.run.step_ns / 1000
+    if setup.every_steps > 1:
+        period = setup.every_steps * setup.step_ns / 1000
         pieces.append(f"a sample every {period:g} us")
     return ", ".join(pieces)
 
@@ -91,12 +91,12 @@ def _bits(where: str, bits: int | str) -> str:
     return f"ideal {where}" if bits == "ideal" else f"{where} {bits} bit"
 
 
-def description(scene: Scene, recording: Recording) -> list[str]:
+def description(setup: Setup, recording: Recording) -> list[str]:
     """What ran, in lines of markdown."""
-    name, changed = closest_shipped(scene)
-    lines = [bodies(scene) + f", drop {1e3 * scene.sphere.drop_height_m:g} mm", control(scene)]
+    name, changed = closest_shipped(setup)
+    lines = [bodies(setup) + f", drop {1e3 * setup.sphere.drop_height_m:g} mm", control(setup)]
     ran = law_of(recording)
-    if ran["law"] and ran["law"] != scene.controller.law:
+    if ran["law"] and ran["law"] != setup.law_reference:
         lines.append(f"Law that really ran: {law_line(ran)}")
     if changed:
         listed = [f"{key} = {_value(own)} ({_value(theirs)})" for key, own, theirs in changed[:8]]
@@ -107,7 +107,7 @@ def description(scene: Scene, recording: Recording) -> list[str]:
     return lines
 
 
-def compared(a: Scene, b: Scene) -> list[str]:
+def compared(a: Setup, b: Setup) -> list[str]:
     """How two runs differ, in lines of markdown."""
     found = differences(a, b)
     if not found:

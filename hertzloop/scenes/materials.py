@@ -1,7 +1,8 @@
 """Keys of a scene that say what its bodies are: materials, and modes in the place of a plate."""
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from functools import lru_cache
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -65,7 +66,8 @@ def _numbers(table: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in table.items() if key != "name" and value is not None}
 
 
-def material_called(given: MaterialKey, own: Sequence[MaterialTable]) -> Material:
+@lru_cache(maxsize=64)
+def material_called(given: MaterialKey, own: tuple[MaterialTable, ...]) -> Material:
     """A material by its numbers or its name, of the scene's own first."""
     if isinstance(given, str):
         named = next((table for table in own if table.name == given), None)

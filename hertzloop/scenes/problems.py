@@ -1,17 +1,26 @@
 """What values of a scene do not fit together, each alone being fine."""
 
 import math
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from hertzloop.quantities import SENSED
+from hertzloop.scenes.materials import MaterialTable, material_called
+from hertzloop.scenes.quantities import SENSED
 from hertzloop.scenes.read_by import unread
 from hertzloop.scenes.sentences import shortened
-from hertzloop.scenes.shared import by_tables
 from plant.contact.hertz import GRAVITY_M_S2
 
 if TYPE_CHECKING:
-    from hertzloop.scenes.scene import Scene
-    from hertzloop.scenes.tables import PlateTable
+    from controller.door.law import Law
+    from hertzloop.scenes.controller_table import ControllerTable
+    from hertzloop.scenes.tables import (
+        ActuatorTable,
+        ContactTable,
+        PlateTable,
+        RunTable,
+        SensorsTable,
+        SphereTable,
+    )
 
 _MAX_STEPS = 20_000_000
 _MAX_THESIS_STEPS = 500_000
@@ -21,11 +30,63 @@ _NARROWEST = 1e-12  # range of a converter, in the unit of its quantity
 _NARROWEST_SHARE = 1e-6  # of its larger number; 24 bits of it are still told apart
 
 
-def problems(scene: "Scene") -> list[str]:
+class _Uncontrolled(NamedTuple):
+    """The tables of a scene that are neither sensor nor controller."""
+
+    sphere: "SphereTable"
+    plate: "PlateTable"
+    contact: "ContactTable"
+    actuator: "ActuatorTable"
+    materials: tuple[MaterialTable, ...] | None
+    run: "RunTable"
+
+    @property
+    def step_s(self) -> float:
+        """Length of a step, s."""
+        return self.run.step_ns * 1e-9
+
+    @property
+    def steps(self) -> int:
+        """Length of the run in steps."""
+        return round(self.run.duration_s / self.step_s)
+
+
+class SceneTables(Protocol):
+    """A scene, as far as its problems go."""
+
+    materials: tuple[MaterialTable, ...] | None
+    sphere: "SphereTable"
+    plate: "PlateTable"
+    contact: "ContactTable"
+    sensors: "SensorsTable"
+    controller: "ControllerTable"
+    actuator: "ActuatorTable"
+    run: "RunTable"
+
+    @property
+    def steps(self) -> int:
+        """Length of the run in steps."""
+
+    @property
+    def law(self) -> "Law":
+        """The law. Raises SceneError."""
+
+    def in_steps(self, time_us: float) -> int:
+        """Return a time in whole steps."""
+
+    def whole_step_keys(self) -> list[str]:
+        """Return keys of the controller that have to be a whole number of steps."""
+
+
+def problems(scene: SceneTables) -> list[str]:
     """Sentences on values that are fine alone, but not together."""
     found = []
     run, control = scene.run, scene.controller
-    of_plate, of_run = _beside_control(scene)
+    of_plate, of_run = _beside_control(
+        _Uncontrolled(
+            scene.sphere, scene.plate, scene.contact, scene.actuator, scene.materials, run
+        )
+    )
     found += of_plate
     if not 1 <= scene.steps <= _MAX_STEPS:
         found.append(
@@ -77,14 +138,14 @@ def problems(scene: "Scene") -> list[str]:
     return found
 
 
-@by_tables("sphere", "plate", "contact", "actuator", "materials", "run")
-def _beside_control(scene: "Scene") -> tuple[list[str], list[str]]:
+@lru_cache(maxsize=64)
+def _beside_control(scene: _Uncontrolled) -> tuple[list[str], list[str]]:
     """Of the plate alone, and of the run with all that is neither sensor nor controller."""
     of_plate = _structure_problems(scene) + _point_problems(scene.plate)
     return of_plate, _phase_problems(scene) + _scheme_problems(scene) + unread(scene)
 
 
-def _phase_problems(scene: "Scene") -> list[str]:
+def _phase_problems(scene: _Uncontrolled) -> list[str]:
     """A touch phase of a run that does not begin in flight, or counts whole steps only."""
     run = scene.run
     if run.touch_phase == _MIDDLE:
@@ -131,7 +192,7 @@ def _point_problems(plate: "PlateTable") -> list[str]:
     return found
 
 
-def _beyond_simply_supported(scene: "Scene") -> list[str]:
+def _beyond_simply_supported(scene: _Uncontrolled) -> list[str]:
     """What is known of a simply supported plate only."""
     plate, found = scene.plate, []
     if plate.modes is not None:
@@ -158,7 +219,7 @@ def _beyond_simply_supported(scene: "Scene") -> list[str]:
     return found
 
 
-def _structure_problems(scene: "Scene") -> list[str]:
+def _structure_problems(scene: _Uncontrolled) -> list[str]:
     """What the tables say of the plate that does not make one structure."""
     plate = scene.plate
     if plate.modes is None:
@@ -186,21 +247,21 @@ def _structure_problems(scene: "Scene") -> list[str]:
     return found
 
 
-def _plate_in_words(scene: "Scene") -> str:
+def _plate_in_words(scene: _Uncontrolled) -> str:
     """The plate's material as a sentence has it."""
     given = scene.plate.material
     name = given if isinstance(given, str) else given.name
     return f"plate.material = '{shortened(name)}'" if name else "the plate's material"
 
 
-def _only_modal(scene: "Scene", key: str) -> list[str]:
+def _only_modal(scheme: str, plate_model: str, key: str) -> list[str]:
     """The sentence on a key that only the modes of the default scheme know."""
-    if scene.run.scheme != "modal":
+    if scheme != "modal":
         return [
-            f"{key} is known to run.scheme = 'modal' only, not to '{scene.run.scheme}'; leave the "
+            f"{key} is known to run.scheme = 'modal' only, not to '{scheme}'; leave the "
             "key out, or take that scheme"
         ]
-    if scene.run.plate_model == "infinite":
+    if plate_model == "infinite":
         return [
             f"{key} does not fit run.plate_model = 'infinite'; leave the key out, or take "
             "plate_model 'auto'"
@@ -208,10 +269,16 @@ def _only_modal(scene: "Scene", key: str) -> list[str]:
     return []
 
 
-def not_in_three_dimensions(scene: "Scene") -> list[str]:
+def not_in_three_dimensions(
+    plate: "PlateTable",
+    contact: "ContactTable",
+    actuator: "ActuatorTable",
+    scheme: str,
+    plate_model: str,
+) -> list[str]:
     """What does not fit a plate in three dimensions."""
-    plate, contact, asked = scene.plate, scene.contact, "plate.theory = '3d'"
-    found = _only_modal(scene, asked)
+    asked = "plate.theory = '3d'"
+    found = _only_modal(scheme, plate_model, asked)
     only = f"does not fit {asked}, which knows a simply supported plate only"
     if plate.modes is not None:
         found.append(f"plate.modes of {plate.modes.file} {only}; take 'kirchhoff'")
@@ -225,9 +292,9 @@ def not_in_three_dimensions(scene: "Scene") -> list[str]:
             "on a solid has no limit as more modes are taken along, so a damper in the contact has "
             "no answer; take contact.plasticity for losses, or 'kirchhoff'"
         )
-    if scene.actuator.mass_kg is not None:
+    if actuator.mass_kg is not None:
         found.append(
-            f"actuator.mass_kg = {scene.actuator.mass_kg:g} does not fit {asked}, where a mass on "
+            f"actuator.mass_kg = {actuator.mass_kg:g} does not fit {asked}, where a mass on "
             "a point of a solid has no limit as more modes are taken along; leave it out, or take "
             "'kirchhoff'"
         )
@@ -239,7 +306,7 @@ def not_in_three_dimensions(scene: "Scene") -> list[str]:
     return found
 
 
-def _tail_problems(scene: "Scene") -> list[str]:
+def _tail_problems(scene: _Uncontrolled) -> list[str]:
     """Where the modes left out are no damped mode."""
     if scene.plate.tail != "damped":
         return []
@@ -249,16 +316,18 @@ def _tail_problems(scene: "Scene") -> list[str]:
             f"plate.tail = 'damped' does not fit actuator.mass_kg = {scene.actuator.mass_kg:g} at "
             "the struck point, where the modes left out move the mass; take 'spring' or 'auto'"
         ]
-    return _only_modal(scene, "plate.tail = 'damped'")
+    return _only_modal(scene.run.scheme, scene.run.plate_model, "plate.tail = 'damped'")
 
 
-def _scheme_problems(scene: "Scene") -> list[str]:
+def _scheme_problems(scene: _Uncontrolled) -> list[str]:
     """What the chosen scheme and model of the plate do not know."""
     found = []
     contact = scene.contact
     if contact.plasticity != "none":
-        found += _only_modal(scene, f"contact.plasticity = '{contact.plasticity}'")
-        plate = scene.material("plate")
+        found += _only_modal(
+            scene.run.scheme, scene.run.plate_model, f"contact.plasticity = '{contact.plasticity}'"
+        )
+        plate = material_called(scene.plate.material, scene.materials or ())
         if contact.limiting_pressure_pa is None and plate.hardness_pa is plate.yield_pa is None:
             found.append(
                 f"contact.plasticity = '{contact.plasticity}' needs to know when "
@@ -269,12 +338,18 @@ def _scheme_problems(scene: "Scene") -> list[str]:
     for key in ("bandwidth_hz", "mass_kg", "force_limit_n"):
         value = getattr(scene.actuator, key)
         if value is not None:
-            found += _only_modal(scene, f"actuator.{key} = {value:g}")
+            found += _only_modal(
+                scene.run.scheme, scene.run.plate_model, f"actuator.{key} = {value:g}"
+            )
     found += _tail_problems(scene)
     if scene.plate.theory == "3d":
-        found += not_in_three_dimensions(scene)
+        found += not_in_three_dimensions(
+            scene.plate, contact, scene.actuator, scene.run.scheme, scene.run.plate_model
+        )
     if scene.plate.radiating_faces:
-        found += _only_modal(scene, f"plate.radiation = '{scene.plate.radiation}'")
+        found += _only_modal(
+            scene.run.scheme, scene.run.plate_model, f"plate.radiation = '{scene.plate.radiation}'"
+        )
     point = scene.plate.actuator_point_m
     found += _beyond_simply_supported(scene)
     if scene.run.plate_model == "infinite":

@@ -1,12 +1,9 @@
 """Keys of a scene that have an effect only where another key asks for them."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hertzloop.scenes.sentences import shown
-
-if TYPE_CHECKING:
-    from hertzloop.scenes.scene import Scene
 
 _ANY = object()  # any value but None
 # By table and key: the key of the same table that decides, and its value. The keys of laws are
@@ -26,8 +23,8 @@ def _reads(decided: Any, needed: Any) -> bool:
     return decided is not None if needed is _ANY else bool(decided == needed)
 
 
-def unread(scene: "Scene") -> list[str]:
-    """Sentences on keys that are not at their default, but have no effect."""
+def unread(scene: Any) -> list[str]:
+    """Sentences on keys of a scene's tables that are not at their default, but have no effect."""
     found = []
     for (name, key), (by, needed) in _READ_BY.items():
         table = getattr(scene, name)

@@ -2,10 +2,8 @@
 
 import copy
 import difflib
-import tomllib
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -15,7 +13,6 @@ from pydantic import Field, ValidationError, ValidationInfo, model_validator
 from controller.door.law import Law, LawError
 from controller.door.registry import find, resolve
 from controller.law import WHOLE_STEPS
-from hertzloop.quantities import SENSED
 from hertzloop.scenes.changed_tables import changed_tables
 from hertzloop.scenes.controller_table import (
     ControllerTable,
@@ -23,10 +20,12 @@ from hertzloop.scenes.controller_table import (
     law_key,
     switch_law,
 )
+from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
 from hertzloop.scenes.files import open_material, take_in
 from hertzloop.scenes.labels import relabel
 from hertzloop.scenes.materials import MaterialTable, Table, check_materials, material_called
 from hertzloop.scenes.problems import problems
+from hertzloop.scenes.quantities import SENSED
 from hertzloop.scenes.read_by import drop_unread
 from hertzloop.scenes.sentences import LONGEST, sentence, shortened, shown, table_of
 from hertzloop.scenes.tables import (
@@ -37,15 +36,14 @@ from hertzloop.scenes.tables import (
     SensorsTable,
     SphereTable,
 )
+from hertzloop.scenes.text import DEFAULT, from_toml, shipped, shipped_text, toml_text, toml_value
 from plant.structures.materials import Material
 
-NO_CASE_OF_THESIS = (
-    "run.scheme = 'thesis2008' has figures of its own; take 'modal' or 'discrete_gradient'"
-)
-
-
-class SceneError(ValueError):
-    """The scene cannot be simulated; the message says which key, its value and what would do."""
+__all__ = [
+    "DEFAULT", "NO_CASE_OF_THESIS", "ControllerTable", "RunTable", "Scene", "SceneError",
+    "SensorsTable", "grain_of", "load", "parse", "shipped", "shipped_text", "to_toml", "toml_text",
+    "toml_value", "vary",
+]  # fmt: skip
 
 
 class Scene(Table):
@@ -135,14 +133,6 @@ class Scene(Table):
         return self
 
 
-def shipped() -> list[str]:
-    """Names of the scenes that come with hertzloop, the default first."""
-    folder = resources.files("hertzloop") / "scenes"
-    names = [f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")]
-    return sorted(names, key=lambda name: (name != DEFAULT, name))
-
-
-DEFAULT = "aluminium-20mm"
 _OF_LAWS = (".py", ".so", ".dylib", ".fmu")
 
 
@@ -188,11 +178,6 @@ def _text(source: str) -> str:
     return shipped_text(source)
 
 
-def shipped_text(name: str) -> str:
-    """The text of a shipped scene."""
-    return (resources.files("hertzloop") / "scenes" / f"{name}.toml").read_text("utf-8")
-
-
 def parse(
     text: str,
     settings: Iterable[str] = (),
@@ -210,7 +195,7 @@ def parse(
     is what the text goes by.
     """
     try:
-        data = _from_toml(text)
+        data = from_toml(text)
     except ValueError as error:
         raise SceneError(
             f"the scene{name and ' ' + name} is not valid TOML: {shortened(str(error))}"
@@ -228,14 +213,6 @@ def parse(
     if law is not None:
         _put(data, "controller.law", law)
     return _checked(data, folder, recorded)
-
-
-def _from_toml(text: str) -> dict[str, Any]:
-    """TOML as plain data. Raises ValueError for whatever it cannot be, whatever the reason."""
-    try:
-        return tomllib.loads(text)
-    except RecursionError as error:
-        raise ValueError("its tables or lists are nested too deeply") from error
 
 
 def vary(scene: Scene, values: Mapping[str, Any]) -> Scene:
@@ -313,19 +290,6 @@ def _setting(setting: str) -> tuple[str, Any]:
             f"{shown(setting)} is no setting; write table.key=value, e.g. sensors.bits=12"
         )
     return key.strip(), toml_value(value)
-
-
-def toml_value(text: str) -> Any:
-    """A value as written in TOML; a bare word counts as text."""
-    try:
-        return _from_toml(f"value = {text}")["value"]
-    except ValueError:
-        return text.strip()
-
-
-def toml_text(value: Any) -> str:
-    """A value as written in TOML: what `toml_value` reads."""
-    return tomli_w.dumps({"value": value}).removeprefix("value = ").strip()
 
 
 def _put(data: dict[str, Any], key: str, value: Any) -> None:

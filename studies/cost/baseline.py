@@ -21,9 +21,8 @@ from bus.reserved import reserved_ports
 from bus.sockets import mesh_endpoints, on_loopback
 from bus.streams import CONTROLLER, PLANT, ROLES, Envelope
 from bus.zenoh_port import ZenohPort
-from hertzloop import assembly as parts
 from hertzloop.one_run import RunOptions, Transport, run_scene
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from plant.plant import Plant
 from plant.schemes import state_kernels as pk
 from plant.schemes.collocation import CollocationPlant
@@ -103,14 +102,14 @@ def step_costs(rounds: int = ROUNDS) -> list[Cost]:
     settings = ["run.accuracy=1e-9", "run.accuracy=1e-3", "run.accuracy=1e-2"]
     for scheme, limits in (("modal", settings), ("discrete_gradient", settings[:1])):
         for limit in limits:
-            scene = load("aluminium-20mm", [limit, "run.lead_in_s=0", f"run.scheme={scheme}"])
+            setup = load("aluminium-20mm", [limit, "run.lead_in_s=0", f"run.scheme={scheme}"])
             make = CollocationPlant if scheme == "modal" else Plant
-            count = len(make(parts.plant_spec(scene)).modes.omega)
+            count = len(make(setup.plant).modes.omega)
             if not cases:
                 cases[f"two-pass loop, {count} frequencies"] = two_pass_case(count)
             for name, contact in (("flight", False), ("contact", True)):
                 cases[f"{scheme}, {name}, {count} frequencies"] = plant_case(
-                    make(parts.plant_spec(scene)), contact=contact
+                    make(setup.plant), contact=contact
                 )
     return in_turn(cases, rounds)
 
@@ -232,13 +231,13 @@ def loop_costs() -> list[Cost]:
     """us per step of the whole loop, recorded, as it is run; yardstick: one compiled call."""
 
     def case(transport: Transport, duration_s: float, horizon: int | None) -> Callable[[], float]:
-        scene = load("aluminium-3mm", [f"run.duration_s={duration_s}"])
+        setup = load("aluminium-3mm", [f"run.duration_s={duration_s}"])
 
         def measure() -> float:
             with TemporaryDirectory() as folder:
                 options = RunOptions(transport, horizon=horizon)
-                report = run_scene(scene, Path(folder) / "a.mcap", options)
-            return float(report["wall_s"]) * 1e6 / scene.steps
+                report = run_scene(setup, Path(folder) / "a.mcap", options)
+            return float(report["wall_s"]) * 1e6 / setup.steps
 
         return measure
 
@@ -255,10 +254,10 @@ def loop_costs() -> list[Cost]:
 
 def stranger_costs(rounds: int = 5) -> list[Cost]:
     """us per step of a run over zenoh, alone (yardstick) and beside somebody who listens."""
-    scene = load("aluminium-3mm", ["run.duration_s=0.3"])
+    setup = load("aluminium-3mm", ["run.duration_s=0.3"])
     cases: dict[str, float | None] = {
         "alone": None,
         f"beside a listener that takes {SLOW_S:g} s a message": SLOW_S,
         "beside a listener that has stopped": 0.0,
     }
-    return in_turn({name: run_beside(scene, pause) for name, pause in cases.items()}, rounds)
+    return in_turn({name: run_beside(setup, pause) for name, pause in cases.items()}, rounds)

@@ -17,7 +17,7 @@ from hertzloop.elsewhere.image import image
 from hertzloop.elsewhere.library import write_folder
 from hertzloop.loop.compiled import Simulated, simulate
 from hertzloop.results.impact_rows import F_C
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class Exported:
 
 def measure(cpus: tuple[str, ...], rounds: int) -> list[Exported]:
     """Of the scene `aluminium-3mm`. Raises NoCompiler and CompileFault as `write_folder`."""
-    scene = load("aluminium-3mm")
-    made, found = image(scene), []
-    loop = simulate(scene)
+    setup = load("aluminium-3mm")
+    made, found = image(setup), []
+    loop = simulate(setup)
     for cpu in cpus:
         with tempfile.TemporaryDirectory(prefix="hertzloop-") as name:
             folder = Path(name)
@@ -50,12 +50,12 @@ def measure(cpus: tuple[str, ...], rounds: int) -> list[Exported]:
             there_s, here_s = [], []
             for _ in range(rounds):
                 started = time.thread_time()
-                simulate(scene)
+                simulate(setup)
                 here_s.append(time.thread_time() - started)
                 driven = drive(program, loop.forces)
                 there_s.append(driven.cpu_s)
             size = (folder / "libhertzloop_plant.so").stat().st_size
-        us, loop_us = (1e6 * min(times) / scene.steps for times in (there_s, here_s))
+        us, loop_us = (1e6 * min(times) / setup.steps for times in (there_s, here_s))
         first, whole = _differences(loop, driven)
         arrays = len(made.data)
         found.append(

@@ -18,7 +18,7 @@ from typing import Any
 
 from controller.door.sources import SHIPPED
 from hertzloop.results.cases import figures_of_case
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from studies.sweeps.design import Axis
 from studies.sweeps.evaluate import Pool, evaluate
 from studies.sweeps.pool import local_pool
@@ -32,7 +32,7 @@ _CASES = [{"controller.latency_us": float(us), "controller.kappa": 0.05 * k}
           for us in range(8) for k in range(8)]  # fmt: skip
 _AXES = (Axis("controller.kappa", (), 0.0, 1.0), Axis("controller.v_thr_m_s", (), -0.9, 0.0))
 _FIRST_STEP = (
-    "from hertzloop.loop.compiled import simulate; from hertzloop.scenes.scene import load; "
+    "from hertzloop.loop.compiled import simulate; from hertzloop.setup import load; "
     "simulate(load('{scene}', ['run.duration_s=2e-6', 'controller.law={law}']), {whole})"
 )
 
@@ -64,18 +64,18 @@ def _built(folder: Path) -> Path:
     return library
 
 
-def _scene(law: str) -> Scene:
+def _setup(law: str) -> Setup:
     return load("aluminium-3mm", [*_SCENE, f"controller.law={law}", *_KEYS])
 
 
 def same_bytes(laws: dict[str, str]) -> bool:
     """Whether all samples and rows of truth are the same, however the law is given."""
-    return len({figures_of_case(_scene(law)).digest for law in laws.values()}) == 1
+    return len({figures_of_case(_setup(law)).digest for law in laws.values()}) == 1
 
 
 def _swept(pool: Pool, law: str) -> int:
     """Run the cases of a sweep; their number."""
-    rows = evaluate(pool, _scene(law), "impact", _CASES)
+    rows = evaluate(pool, _setup(law), "impact", _CASES)
     if any(row["status"] for row in rows):
         raise RuntimeError(f"a case of {law} failed: {rows[0]['status']}")
     return len(rows)
@@ -85,7 +85,7 @@ def _tuned(pool: Pool, law: str) -> int:
     """Search for the law's best setting; how many cases that took."""
     generations, population = 4, 16
     tune(
-        pool, [_scene(law)], "impact", law, _AXES, ("plate_energy_db",), at_most={},
+        pool, [_setup(law)], "impact", law, _AXES, ("plate_energy_db",), at_most={},
         generations=generations, population=population, seed=1,
     )  # fmt: skip
     return generations * population

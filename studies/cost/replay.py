@@ -9,7 +9,7 @@ from typing import Literal
 
 from hertzloop.commands import replaying
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from recordings.reader import read
 from recordings.replay import as_rerun
 from recordings.replay.screenshot import frame_times_ms
@@ -42,10 +42,10 @@ class ReplayCost:
 
 def measure(rounds: int, duration_s: float = 0.6) -> ReplayCost:
     """Costs of the scene `aluminium-3mm` of this length."""
-    scene = load("aluminium-3mm", [f"run.duration_s={duration_s}"])
+    setup = load("aluminium-3mm", [f"run.duration_s={duration_s}"])
     with TemporaryDirectory(prefix="hertzloop-") as folder:
         file, rrd = Path(folder) / "run.mcap", Path(folder) / "run.rrd"
-        record_in_process(scene, file, compiled=True)
+        record_in_process(setup, file, compiled=True)
         found: dict[str, list[float]] = {"to an .rrd file, s": [], "... of processor time, s": []}
         cursor_ns = _convert(file, rrd, ([], []))  # loads what is compiled
         for _ in range(rounds):
@@ -59,7 +59,7 @@ def measure(rounds: int, duration_s: float = 0.6) -> ReplayCost:
             why = str(error)
         megabytes = 1e-6 * rrd.stat().st_size
     cases = [Measured(c, statistics.median(times), min(times)) for c, times in found.items()]
-    return ReplayCost(scene.steps, cases, megabytes, why)
+    return ReplayCost(setup.steps, cases, megabytes, why)
 
 
 def _convert(file: Path, rrd: Path, times: tuple[list[float], ...]) -> int:

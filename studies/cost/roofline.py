@@ -21,8 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop import assembly as parts
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from plant.schemes import collocation_kernels as ck
 from plant.schemes import collocation_modes_kernels as modes
 from plant.schemes import state_kernels as pk
@@ -92,7 +91,7 @@ def cases(scene: str, accuracy: str, before: int, _: int) -> dict[str, Case]:
         ("contact, booked", _BOOKED, []),
     ):
         wanted = [f"run.accuracy={accuracy}", "run.lead_in_s=0", *settings]
-        plant = CollocationPlant(parts.plant_spec(load(scene, wanted)))
+        plant = CollocationPlant(load(scene, wanted).plant)
         k.plant_steps(plant.model, plant.state, 0.0, before)
         if what == "flight":
             plant.state.body[pk.FLIGHT_X] += 1.0

@@ -18,7 +18,7 @@ from bus.port import BusError
 from bus.reserved import LOOPBACK, reserved_ports
 from bus.sockets import on_loopback
 from hertzloop.one_run import RunOptions, Transport, record
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 
 SLOW_S = 0.5  # that the slow one takes for a message
 
@@ -71,7 +71,7 @@ def _stranger(ports: list[int], pause_s: float | None) -> Iterator[None]:
         process.join()
 
 
-def run_beside(scene: Scene, pause_s: float | None) -> Callable[[], float]:
+def run_beside(setup: Setup, pause_s: float | None) -> Callable[[], float]:
     """A measurement: us per step of a run over zenoh beside such a stranger."""
 
     def measure() -> float:
@@ -81,7 +81,7 @@ def run_beside(scene: Scene, pause_s: float | None) -> Callable[[], float]:
             TemporaryDirectory() as folder,
         ):
             options = RunOptions(Transport.ZENOH, endpoints=on_loopback(ports))
-            stats = record(scene, Path(folder) / "a.mcap", options)
-        return float(stats["wall_s"]) * 1e6 / scene.steps
+            stats = record(setup, Path(folder) / "a.mcap", options)
+        return float(stats["wall_s"]) * 1e6 / setup.steps
 
     return measure

@@ -5,9 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hertzloop import assembly as parts
 from hertzloop.commands.modes import modes_of_scene
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from plant.schemes.collocation import CollocationPlant
 from plant.structures.mode_file import ModeTable, write_modes
 from studies.cost.baseline import ROUNDS, Cost, in_turn, plant_case, two_pass_case
@@ -25,20 +24,20 @@ def _lowest(table: ModeTable, count: int) -> ModeTable:
 def mode_file_costs(rounds: int = ROUNDS) -> list[Cost]:
     """us per step of `aluminium-20mm` in closed form, by a file of all its modes, and by one of the
     lowest 100; yardstick: a plain two-pass loop over 100 frequencies."""
-    scene = load(_SCENE, _SETTINGS)
-    table = modes_of_scene(scene)
+    setup = load(_SCENE, _SETTINGS)
+    table = modes_of_scene(setup)
     cases: dict[str, Callable[[], float]] = {
         f"two-pass loop, {_FEW} frequencies": two_pass_case(_FEW)
     }
     with TemporaryDirectory() as folder:
-        scenes = {"closed form": scene}
+        scenes = {"closed form": setup}
         for words, modes in (("file of all modes", table), ("file", _lowest(table, _FEW))):
             file = Path(folder) / f"{len(modes.omega_rad_s)}.npz"
             file.write_bytes(write_modes(".npz", modes))
             scenes[words] = load(_SCENE, [*_SETTINGS, f"plate.modes={file}"])
         for words, one in scenes.items():
             for name, contact in (("flight", False), ("contact", True)):
-                plant = CollocationPlant(parts.plant_spec(one))
+                plant = CollocationPlant(one.plant)
                 case = f"{words}, {name}, {len(plant.modes.omega)} frequencies"
                 cases[case] = plant_case(plant, contact=contact)
         return in_turn(cases, rounds)

@@ -13,9 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop import assembly as parts
 from hertzloop.results.cases import Span, figures_of_case
-from hertzloop.scenes.scene import Scene, load, vary
+from hertzloop.setup import Setup, load
 from plant.contact.hertz import rigid_contact_time_s
 from studies.latency.pictures import draw_chance, draw_maps
 from studies.sweeps.design import Design
@@ -56,7 +55,7 @@ class Named:
         """What files are called after it."""
         return Path(self.source).stem
 
-    def scene(self) -> Scene:
+    def scene(self) -> Setup:
         """The scene, with an ideal line."""
         return load(self.source, [*self.settings, "sensors.bits=ideal"])
 
@@ -103,26 +102,26 @@ class Critical:
     most_survived_us: float
 
 
-def rigid_time_us(scene: Scene) -> float:
+def rigid_time_us(scene: Setup) -> float:
     """Contact time on a rigid plate, us: the scale of a scene's latencies."""
-    spec = parts.plant_spec(scene)
+    spec = scene.plant
     seconds = rigid_contact_time_s(
         spec.sphere.mass_kg, spec.contact.stiffness, spec.sphere.impact_speed_m_s
     )
     return 1e6 * seconds
 
 
-def latencies_of(scene: Scene, count: int) -> list[int]:
+def latencies_of(scene: Setup, count: int) -> list[int]:
     """Whole latencies from 0 to twice the contact time on a rigid plate, or 1.2 times that on the
     scene's, but less than half the run; us."""
     most = max(2.0 * rigid_time_us(scene), 1.2 * _contact_us(scene))
-    most = min(most, 0.45e6 * (scene.run.duration_s - scene.run.lead_in_s))
+    most = min(most, 0.45e6 * (scene.duration_s - scene.lead_in_s))
     step = max(1, math.ceil(most / count))
     return [i * step for i in range(count + 1)]
 
 
 @lru_cache(maxsize=16)
-def _contact_us(scene: Scene) -> float:
+def _contact_us(scene: Setup) -> float:
     return figures_of_case(scene.without_control()).contact_us
 
 
@@ -189,7 +188,7 @@ def critical(pool: Pool, named: Named, law: str, points: int) -> Critical:
     return Critical(
         scene=named.name,
         law=law,
-        kappa=getattr(vary(scene, base).controller.keys, "kappa", math.nan),
+        kappa=getattr(scene.vary(base).law_keys, "kappa", math.nan),
         ideal_db=scan[0],
         ideal_rebound_percent=math.nan if ideal["status"] else ideal["rebound_percent"],
         critical_latency_us=survived,
@@ -241,7 +240,7 @@ def best_laws(found: list[Critical]) -> Iterator[tuple[str, str, float, float]]:
         yield name, best.law, survives(best), survives(best) - survives(two_point)
 
 
-def map_axes(scene: Scene, count: int) -> dict[str, list[Any]]:
+def map_axes(scene: Setup, count: int) -> dict[str, list[Any]]:
     """What is mapped against the latency: key and values."""
     axes = {
         "sensors.bits": list(_BITS),
@@ -249,7 +248,7 @@ def map_axes(scene: Scene, count: int) -> dict[str, list[Any]]:
         KAPPA: [round(x, 3) for x in np.linspace(0.0, 2.0, count)],
         "controller.v_thr_m_s": [round(x, 3) for x in np.linspace(-0.95, 0.0, count)],
     }
-    own = vars(scene.controller.keys)  # a law need not have all of these
+    own = vars(scene.law_keys)  # a law need not have all of these
     return {
         key: values
         for key, values in axes.items()

@@ -14,12 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop import assembly as parts
 from hertzloop.loop.compiled import simulate
 from hertzloop.results import law_accuracy
-from hertzloop.results.cases import lasting
 from hertzloop.results.verify import Verification, against, finer_spec
-from hertzloop.scenes.scene import Scene, SceneError, load, vary
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
 from plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n, rigid_penetration_m
 from plant.plant import PlantSpec
 from studies.model_order.study import drawn, material_name, random_spec
@@ -96,9 +95,9 @@ def _rounded(value: Any) -> Any:
     return value if isinstance(value, str) else float(f"{value:.4g}")
 
 
-def random_law(random: np.random.Generator, scene: Scene) -> dict[str, Any]:
+def random_law(random: np.random.Generator, setup: Setup) -> dict[str, Any]:
     """Keys of the threshold law, with a share and a threshold of the impact speed by chance."""
-    v = parts.plant_spec(scene).sphere.impact_speed_m_s
+    v = setup.plant.sphere.impact_speed_m_s
     return {
         "controller.law": "slope_threshold",
         "controller.kappa": _rounded(random.uniform(0.3, 0.9)),
@@ -110,54 +109,54 @@ def outcomes(number: int, random: np.random.Generator) -> list[Outcome]:
     """All requests of the next random scene, without and with the law; none if a contact of it
     lasts too long, or the law runs away from a dent."""
     keys = random_keys(random)
-    base = vary(load("aluminium-3mm"), keys | {
+    base = load("aluminium-3mm").vary(keys | {
         "controller.law": "off", "run.plate_model": "modal", "run.lead_in_s": _LEAD_S,
         "run.duration_s": _LONGEST_S,
     })  # fmt: skip
     law = random_law(random, base)
     found = []
     for more in ({}, law):
-        tightest = vary(base, more | {"run.accuracy": REQUESTS[-1]})
+        tightest = base.vary(more | {"run.accuracy": REQUESTS[-1]})
         best = replace(
             finer_spec(tightest), step_s=base.step_s / _PARTS, frequency_limit_hz=2.0 / base.step_s
         )
         for request in REQUESTS:
-            scene = vary(tightest, {"run.accuracy": request})
+            setup = tightest.vary({"run.accuracy": request})
             try:
-                made = _verified(scene, best)
+                made = _verified(setup, best)
             except SceneError:
                 return []
             if made is None:
                 return []
-            found.append(_outcome(number, scene, keys | more, made))
+            found.append(_outcome(number, setup, keys | more, made))
     return found
 
 
-def _verified(scene: Scene, best: PlantSpec) -> Verification | None:
+def _verified(setup: Setup, best: PlantSpec) -> Verification | None:
     """Against `best`; None where the first impact does not end in time."""
-    spec = parts.plant_spec(scene)
+    spec = setup.plant
     m, s, v = spec.sphere.mass_kg, spec.contact.stiffness, spec.sphere.impact_speed_m_s
-    steps = round((_LEAD_S + 8.0 * rigid_contact_time_s(m, s, v) + 2e-4) / scene.step_s)
-    short = lasting(scene, min(steps, scene.steps))
+    steps = round((_LEAD_S + 8.0 * rigid_contact_time_s(m, s, v) + 2e-4) / setup.step_s)
+    short = setup.lasting(min(steps, setup.steps))
     return against(short, simulate(short).rows, best)
 
 
-def _outcome(number: int, scene: Scene, keys: dict[str, Any], found: Verification) -> Outcome:
-    spec = parts.plant_spec(scene)
-    yields, expected = spec.contact.limit is not None, parts.model_error(scene)
-    under_law = law_accuracy.judged(scene, scene.run.duration_s)
+def _outcome(number: int, setup: Setup, keys: dict[str, Any], found: Verification) -> Outcome:
+    spec = setup.plant
+    yields, expected = spec.contact.limit is not None, setup.expected_error
+    under_law = law_accuracy.judged(setup, setup.duration_s)
     return Outcome(
         scene=number,
-        contact="yields" if yields else f"e {scene.contact.restitution:g}",
-        law=scene.controller.law,
-        request=scene.run.accuracy,
+        contact="yields" if yields else f"e {setup.scene.contact.restitution:g}",
+        law=setup.law_reference,
+        request=setup.accuracy,
         limit_khz=spec.frequency_limit_hz / 1e3,
         tail="damped" if spec.damped_tail else "spring",
         gap=found.penetration,
         rebound=found.rebound_speed,
         energy=found.plate_energy,
         expected=expected,
-        beyond=expected > 1.001 * scene.run.accuracy,
+        beyond=expected > 1.001 * setup.accuracy,
         by_modes=under_law.by_modes.largest if under_law else math.nan,
         law_tells=under_law is not None and not under_law.kept,
         keys=" ".join(f"--set {key}={value}".replace(", ", ",") for key, value in keys.items()),

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from controller.door.registry import find
-from hertzloop import assembly as parts
-from hertzloop.loop.compiled import rows_under, simulate
-from hertzloop.results.cases import lasting, on_plate
+from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import F_A, XI, XI_P, consistent_impacts
-from hertzloop.scenes.scene import Scene, load, vary
+from hertzloop.setup import Setup, load
+from hertzloop.setup.setup import built
 from plant.schemes import state_kernels as pk
+from plant.time_series import series_under
 from studies.tabular import write_records
 
 REQUESTS = (1e-2, 1e-3, 1e-4)
@@ -51,7 +51,7 @@ _KEYS_OF_LAWS = ("kappa", "v_thr_m_s", "force_n", "duration_us")
 _DAMPERS = {"contact.viscous_n_s_m": "viscous", "contact.restitution": "hunt_crossley"}
 
 
-def random_scene(random: np.random.Generator) -> Scene:
+def random_scene(random: np.random.Generator) -> Setup:
     """A small sphere on a plate of any of three materials, at any point, most under control."""
     material = str(random.choice(["aluminium", "steel", "oak"]))
     size = [float(random.uniform(0.15, 0.8)) for _ in range(2)]
@@ -75,7 +75,7 @@ def random_scene(random: np.random.Generator) -> Scene:
         "run.lead_in_s": 2e-6,
         "run.duration_s": 1.0,
     }
-    return vary(load("aluminium-3mm"), _with_effect(values))
+    return load("aluminium-3mm").vary(_with_effect(values))
 
 
 def _with_effect(values: dict[str, Any]) -> dict[str, Any]:
@@ -87,31 +87,32 @@ def _with_effect(values: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in values.items() if key not in without}
 
 
-def outcome(number: int, scene: Scene, request: float) -> Outcome:
+def outcome(number: int, setup: Setup, request: float) -> Outcome:
     """Follow a scene on the infinite plate as long as it is offered, then on the modes."""
-    scene = vary(scene, {"run.accuracy": request})
-    lasts_s = parts.infinite_plate_lasts_s(scene)
-    control = scene.controller
+    setup = setup.vary({"run.accuracy": request})
+    lasts_s = setup.infinite_plate_lasts_s
     about = (
-        number, str(scene.plate.material), 1e3 * scene.sphere.radius_m, scene.contact.damping,
-        control.law + (" with drop-outs" if control.drop_out_probability else ""), request,
+        number, setup.material_name("plate"), 1e3 * setup.sphere.radius_m,
+        setup.scene.contact.damping,
+        setup.law_reference + (" with drop-outs" if setup.line.drop_out_probability else ""),
+        request,
     )  # fmt: skip
-    steps = int((parts.first_touch_s(scene) + lasts_s) / scene.step_s)
+    steps = int((setup.first_touch_s + lasts_s) / setup.step_s)
     if lasts_s == 0.0:
         return Outcome(*about, math.nan, 0.0, math.nan, math.nan, math.nan)
-    scene = on_plate(lasting(scene, steps), "infinite")
-    rows = simulate(scene).rows
-    spec = parts.plant_spec(scene)
+    setup = setup.lasting(steps).on_plate("infinite")
+    rows = simulate(setup).rows
+    spec = setup.plant
     fine = replace(
         spec, step_s=spec.step_s / 2, frequency_limit_hz=1.0 / spec.step_s,
         infinite_plate=False, residual_flexibility=True,
     )  # fmt: skip
-    plant = parts.built(fine, "modal").at_start()
-    plant.state.body[_START] = parts.plant_of(spec, scene).state.body[_START]
+    plant = built(fine, "modal").at_start()
+    plant.state.body[_START] = setup.start_plant(spec).state.body[_START]
     # Up to the last row of the run: the work of its last step shows in no row.
-    finer = rows_under(plant, np.repeat(rows[F_A], 2)[:-1])
-    mine = consistent_impacts(scene, rows, spec)[0]
-    best = consistent_impacts(scene, finer, fine)[0]
+    finer = series_under(plant, np.repeat(rows[F_A], 2)[:-1])
+    mine = consistent_impacts(setup, rows, spec)[0]
+    best = consistent_impacts(setup, finer, fine)[0]
     injected = float(np.sum(rows[F_A, :-1] * np.diff(rows[XI_P])))
     exchanged = max(abs(best.plate_energy_j), abs(injected))
     gap, true = rows[XI], finer[XI, ::2]
@@ -133,10 +134,10 @@ def run(folder: Path, scenes: int, seed: int) -> list[Outcome]:
     found: list[Outcome] = []
     number = 0
     while number < scenes:
-        scene = random_scene(random)
-        if parts.plant_spec(scene).plate.modes_below(1.0 / scene.step_s) > _MOST_MODES:
+        setup = random_scene(random)
+        if setup.plant.plate.modes_below(1.0 / setup.step_s) > _MOST_MODES:
             continue
-        found += [outcome(number, scene, request) for request in REQUESTS]
+        found += [outcome(number, setup, request) for request in REQUESTS]
         number += 1
     write_records(folder / "infinite_plate.csv", found)
     return found

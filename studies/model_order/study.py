@@ -14,9 +14,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from hertzloop.loop.compiled import rows_under
-from hertzloop.plate_choice import NEAREST
 from hertzloop.results.impact_rows import modal_displacement, starting_speed
+from hertzloop.setup.plate import NEAREST
 from plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
 from plant.figures.impacts import Impact, impacts
 from plant.plant import PlantSpec
@@ -24,6 +23,7 @@ from plant.schemes.collocation import CollocationPlant
 from plant.structures.materials import MATERIALS
 from plant.structures.model_order import frequency_limit_hz
 from plant.structures.plate import Plate
+from plant.time_series import series_under
 from studies import pictures
 from studies.tabular import write_records
 
@@ -83,7 +83,7 @@ def _first_impact(spec: PlantSpec, duration_s: float) -> tuple[np.ndarray, Impac
     plant = CollocationPlant(spec)
     every = round(_STEP_S / spec.step_s)
     steps = every * round(duration_s / _STEP_S)
-    rows = rows_under(plant, np.zeros(steps))
+    rows = series_under(plant, np.zeros(steps))
     found = impacts(
         rows[0], rows[1], modal_displacement(spec, rows), rows[4], rows[5], None,
         spec.sphere.mass_kg, spec.step_s, rows[7], rows[3], v_start=starting_speed(spec, rows),

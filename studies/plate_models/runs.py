@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop import assembly as parts
-from hertzloop.loop.compiled import rows_under, simulate
+from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import consistent_impacts
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from plant.figures.impacts import Impact
 from plant.plant import Plant
 from plant.schemes import state_kernels as pk
 from plant.schemes.collocation import CollocationPlant
+from plant.time_series import series_under
 
 _ROUNDS, _STEPS = 201, 400  # of the timing; the plants take turns
 
@@ -30,14 +30,14 @@ class Run:
     frequencies: int
 
 
-def run(scene: Scene, **changes: Any) -> Run:
+def run(setup: Setup, **changes: Any) -> Run:
     """A scene in its closed loop, its plant's description changed."""
-    spec = replace(parts.plant_spec(scene), **changes)
+    spec = replace(setup.plant, **changes)
     plant = CollocationPlant(spec)
-    done = simulate(scene, own_plant=plant)
+    done = simulate(setup, own_plant=plant)
     books = done.books
     residual = max(abs(books.energy_residual), abs(books.momentum_residual))
-    found = consistent_impacts(scene, done.rows, spec)[0]
+    found = consistent_impacts(setup, done.rows, spec)[0]
     return Run(found, books.tail_dissipated_j, residual, len(plant.modes.omega))
 
 
@@ -57,7 +57,7 @@ def cost_ratios(base: Plant, other: Plant) -> tuple[float, float]:
     started = []
     for plant in (base, other):
         while plant.state.body[pk.F_C] == 0.0:
-            rows_under(plant, np.zeros(1))
+            series_under(plant, np.zeros(1))
         started.append([array.copy() for array in plant.state])
     times = np.empty((2, _ROUNDS))
     for i in range(_ROUNDS + 1):
@@ -65,14 +65,14 @@ def cost_ratios(base: Plant, other: Plant) -> tuple[float, float]:
             for array, kept in zip(plant.state, started[j], strict=True):
                 array[:] = kept
             before = time.perf_counter()
-            rows_under(plant, np.zeros(_STEPS))
+            series_under(plant, np.zeros(_STEPS))
             if i:  # the first round warms up
                 times[j, i - 1] = (time.perf_counter() - before) / _STEPS
     quick = np.quantile(times, 0.1, axis=1)
     return 1e6 * float(quick[0]), float(quick[1] / quick[0])
 
 
-def first_contact(name: str, settings: list[str]) -> Scene:
+def first_contact(name: str, settings: list[str]) -> Setup:
     """A scene cut to what its first contact needs, the plate by its modes."""
     return load(name, ["run.lead_in_s=2.5e-6", "run.plate_model=modal", *settings])
 

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-from hertzloop import assembly as parts
 from plant.schemes.collocation import CollocationPlant
 from studies.plate_models import runs
 
@@ -50,11 +49,11 @@ def errors(names: tuple[str, ...] | None = None) -> list[Tail]:
     for name in names or tuple(_CASES):
         source, settings, limits, highest = _CASES[name]
         fine = _FINE if source == "aluminium-3mm" else []
-        scene = runs.first_contact(source, [*settings, *fine])
-        best = runs.run(scene, frequency_limit_hz=highest, damped_tail=True)
+        setup = runs.first_contact(source, [*settings, *fine])
+        best = runs.run(setup, frequency_limit_hz=highest, damped_tail=True)
         for limit in limits:
             spring, damped = (
-                runs.run(scene, frequency_limit_hz=limit, damped_tail=tail)
+                runs.run(setup, frequency_limit_hz=limit, damped_tail=tail)
                 for tail in (False, True)
             )
             by_spring = runs.changes(spring.impact, best.impact)
@@ -79,12 +78,10 @@ def cost() -> list[tuple[str, float, float]]:
         settings = [_OFF, f"contact.damping={damping}"]
         if damping == "hunt_crossley":
             settings.append("contact.restitution=0.7")
-        scene = runs.first_contact("aluminium-20mm", [*settings, "run.duration_s=1e-3"])
+        setup = runs.first_contact("aluminium-20mm", [*settings, "run.duration_s=1e-3"])
         plants = []
         for tail in ("spring", "damped"):
-            spec = replace(
-                parts.plant_spec(scene), frequency_limit_hz=191e3, damped_tail=tail == "damped"
-            )
+            spec = replace(setup.plant, frequency_limit_hz=191e3, damped_tail=tail == "damped")
             plants.append(CollocationPlant(spec))
         name = f"damped mode against spring, contact.damping = '{damping}'"
         found.append((name, *runs.cost_ratios(*plants)))

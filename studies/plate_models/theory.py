@@ -3,9 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from hertzloop import assembly as parts
-from hertzloop.plate_choice import kirchhoff_error, thin_plate
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 from plant.schemes.collocation import CollocationPlant
 from plant.structures.plate_theory import thickness_number, zener_inelasticity
 from studies.plate_models import runs
@@ -52,7 +50,7 @@ class Effect:
     residual: float
 
 
-def _scenes(name: str) -> tuple[Scene, Scene]:
+def _scenes(name: str) -> tuple[Setup, Setup]:
     source, settings, lasts_s = _CASES[name]
     cut = [*settings, _OFF, f"run.duration_s={lasts_s}"]
     thin, solid = (
@@ -68,12 +66,12 @@ def effects(names: tuple[str, ...] | None = None, *, timed: bool = True) -> list
     for name in names or tuple(_CASES):
         thin_scene, solid_scene = _scenes(name)
         thin, solid = runs.run(thin_scene), runs.run(solid_scene)
-        spec = parts.plant_spec(thin_scene)
-        plate = thin_plate(thin_scene)
+        spec = thin_scene.plant
+        plate = thin_scene.bodies.local_plate
         step_us, ratio = math.nan, math.nan
         if timed:
             step_us, ratio = runs.cost_ratios(
-                CollocationPlant(spec), CollocationPlant(parts.plant_spec(solid_scene))
+                CollocationPlant(spec), CollocationPlant(solid_scene.plant)
             )
         found.append(
             Effect(
@@ -81,7 +79,7 @@ def effects(names: tuple[str, ...] | None = None, *, timed: bool = True) -> list
                 thickness_number(plate, solid.impact.duration_s),
                 zener_inelasticity(spec.sphere, plate, spec.contact),
                 *runs.changes(solid.impact, thin.impact),
-                kirchhoff_error(thin_scene).largest,
+                thin_scene.thin_plate_error.largest,
                 thin.frequencies,
                 solid.frequencies,
                 step_us,

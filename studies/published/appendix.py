@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from controller.laws.precomputed import mobility_force_n
-from hertzloop import assembly as parts
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import first_impact
 from studies.published import tables
@@ -38,11 +37,11 @@ class Model:
 def model(scheme: str) -> Model:
     """The aluminium plate without control. Raises ValueError without an impact."""
     row = tables.Row("aluminium", 0.05, ("controller.law=off",), True)
-    scene = tables.scene_of(row, scheme)
-    impact = first_impact(scene, simulate(scene).rows)
+    setup = tables.scene_of(row, scheme)
+    impact = first_impact(setup, simulate(setup).rows)
     if impact is None:
-        raise ValueError(f"{scene.name}: no impact")
-    about = parts.about_bodies(scene, parts.plant(scene).model.stiffness)
+        raise ValueError(f"{setup.name}: no impact")
+    about = setup.about_bodies
     return Model(impact.contact_n, mobility_force_n(about))
 
 

@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass
 
-from hertzloop import assembly as parts
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import first_impact
-from hertzloop.scenes.scene import Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
 from plant.contact.hertz import tangent_stiffness_n_m
 from plant.figures.short_impact import PointMobility, longhorn_any_j, longhorn_short_j
 from plant.structures.plate import Plate
@@ -23,11 +23,11 @@ class Line:
     unit: str
 
 
-def lines(scene: Scene) -> list[Line]:
+def lines(setup: Setup) -> list[Line]:
     """Eq. 3.1, 3.3, 3.8b, and the limits of 3.13. Raises SceneError without an impact that ends."""
-    scene = scene.without_control()
-    spec = parts.plant_spec(scene)
-    impact = first_impact(scene, simulate(scene).rows)
+    setup = setup.without_control()
+    spec = setup.plant
+    impact = first_impact(setup, simulate(setup).rows)
     if impact is None or not impact.ended:
         raise SceneError("no impact ends within run.duration_s; take more")
     noise, sphere = impact.noise, spec.sphere

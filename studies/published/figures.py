@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop import assembly as parts
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import F_A, F_C, V_P, XI, XI_S, first_impact
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from plant.figures import noise
 from plant.structures import radiation
 from plant.structures.plate import oscillators
@@ -23,10 +22,10 @@ _BOUNCES_S = 0.35
 
 
 @lru_cache(maxsize=64)
-def _run(source: str, *settings: str) -> tuple[Scene, np.ndarray]:
+def _run(source: str, *settings: str) -> tuple[Setup, np.ndarray]:
     """A scene and its rows of truth."""
-    scene = load(source, list(settings))
-    return scene, simulate(scene).rows
+    setup = load(source, list(settings))
+    return setup, simulate(setup).rows
 
 
 def _pair(plate: str) -> tuple[tuple[str, str], tuple[str, str]]:
@@ -39,14 +38,14 @@ def _pair(plate: str) -> tuple[tuple[str, str], tuple[str, str]]:
 
 def _first_contact(source: str, law: str) -> tuple[np.ndarray, np.ndarray]:
     """Time since the start (s) and rows around the first contact."""
-    scene, rows = _run(source, law)
-    impact = first_impact(scene, rows)
+    setup, rows = _run(source, law)
+    impact = first_impact(setup, rows)
     if impact is None:
         raise ValueError(f"{source}: no impact")
     length = impact.end - impact.start
     end = min(impact.end + max(length // 10, 3), rows.shape[1])
     begin = max(impact.start - _BEFORE, 0)
-    return (np.arange(begin, end) - impact.start) * scene.step_s, rows[:, begin:end]
+    return (np.arange(begin, end) - impact.start) * setup.step_s, rows[:, begin:end]
 
 
 def penetration(folder: Path) -> Path:
@@ -89,17 +88,17 @@ def _density(source: str, law: str) -> tuple[np.ndarray, np.ndarray, np.ndarray,
     On 400 frequencies up to 20 kHz, with the loss factor raised to 0.05 where it is smaller:
     single resonances of a lightly damped plate would hide the curve.
     """
-    scene, rows = _run(source, law)
-    impact = first_impact(scene, rows)
+    setup, rows = _run(source, law)
+    impact = first_impact(setup, rows)
     if impact is None:
         raise ValueError(f"{source}: no impact")
-    spec = parts.plant_spec(scene)
+    spec = setup.plant
     plate = spec.simply_supported
     force = rows[F_A, impact.start : impact.end] - impact.contact_n
     f = np.linspace(50.0, noise.RADIATED_UP_TO_HZ, 400)
     modes = oscillators(plate, spec.contact_point_m, spec.contact_point_m, 4e5)
     smooth = replace(modes, eta=max(plate.eta, 0.05))
-    spectrum = np.abs(noise.force_spectrum(force, scene.step_s, f)) ** 2
+    spectrum = np.abs(noise.force_spectrum(force, setup.step_s, f)) ** 2
     density = spectrum * noise.mobility(smooth, f).real / np.pi
     efficiency = radiation.efficiency_fahy(plate, f)
     return f, density, density * efficiency, radiation.critical_frequency_hz(plate)
@@ -130,7 +129,7 @@ def efficiencies(folder: Path) -> Path:
     forms = (radiation.efficiency_fahy, radiation.efficiency_maidanik)
     for axis, title, form in zip(axes[0], titles, forms, strict=True):
         for i, plate in enumerate(PLATES):
-            struck = parts.plant_spec(load(f"{plate}-20mm")).simply_supported
+            struck = load(f"{plate}-20mm").plant.simply_supported
             critical = radiation.critical_frequency_hz(struck)
             label = f"{plate}, f_c = {critical:.0f} Hz"
             axis.loglog(f, form(struck, f), **look(i), label=label)
@@ -139,17 +138,17 @@ def efficiencies(folder: Path) -> Path:
     return pictures.save(figure, folder / "radiation-efficiency.png")
 
 
-def _bouncing(source: str, law: str) -> tuple[Scene, np.ndarray]:
+def _bouncing(source: str, law: str) -> tuple[Setup, np.ndarray]:
     """A long run. The published scheme, whose work grows as the square of a contact's steps,
     is followed until the sphere has stayed on the plate for a quarter of the run."""
-    scene = load(source)
-    if scene.run.scheme == "modal":
+    setup = load(source)
+    if setup.scheme == "modal":
         return _run(source, law, f"run.duration_s={_BOUNCES_S}")
     for part in (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1):
-        scene, rows = _run(source, law, f"run.duration_s={_BOUNCES_S * part:.6f}")
+        setup, rows = _run(source, law, f"run.duration_s={_BOUNCES_S * part:.6f}")
         if np.all(rows[XI, -rows.shape[1] // 4 :] <= 0.0):
             break
-    return scene, rows
+    return setup, rows
 
 
 def bounces(folder: Path) -> Path:
@@ -159,10 +158,10 @@ def bounces(folder: Path) -> Path:
         for column, (source, title) in enumerate(_pair(plate)):
             left = axes[row, column]
             for i, (law, what) in enumerate(((_OFF, "without control"), (_ON, "with"))):
-                scene, rows = _bouncing(source, law)
-                t = np.arange(rows.shape[1]) * scene.step_s
+                setup, rows = _bouncing(source, law)
+                t = np.arange(rows.shape[1]) * setup.step_s
                 every = slice(None, None, 100)
-                ends = " (stays)" if rows.shape[1] * scene.step_s < 0.99 * _BOUNCES_S else ""
+                ends = " (stays)" if rows.shape[1] * setup.step_s < 0.99 * _BOUNCES_S else ""
                 left.plot(t[every] * 1e3, rows[XI_S, every] * 1e3, **look(i), label=what + ends)
             left.set(title=title, xlabel="time (ms)", ylabel="sphere (mm)")
             left.set_xlim(0.0, 1e3 * _BOUNCES_S)

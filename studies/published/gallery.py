@@ -11,10 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop import assembly as parts
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import F_A, F_C, V_P, XI, XI_P, XI_S, first_impact
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from plant.figures import noise
 from plant.figures.calibration import calibrate_relaxation
 from plant.schemes.thesis2008 import sampled
@@ -132,9 +131,9 @@ for _i, _forces in enumerate(
 
 def _relaxing(plate: str) -> Sheet:
     """The same plate with either damping for one restitution."""
-    scene = load(f"thesis-{plate}")
+    setup = load(f"thesis-{plate}")
     tau = weaknesses.RELAXATION_S[plate]
-    spec = parts.plant_spec(scene)
+    spec = setup.plant
     s_tau = calibrate_relaxation(spec, spec.plate.material.restitution, tau)
     relaxation = (
         "contact.damping=relaxation", f"contact.relaxation_stiffness={s_tau}",
@@ -146,22 +145,22 @@ def _relaxing(plate: str) -> Sheet:
 
 
 @lru_cache(maxsize=128)
-def _run(curve: Curve, column: str, lasts_s: float) -> tuple[Scene, np.ndarray]:
+def _run(curve: Curve, column: str, lasts_s: float) -> tuple[Setup, np.ndarray]:
     source, settings = COLUMNS[column]
     lasts = (f"run.duration_s={lasts_s}",) if lasts_s else ()
-    scene = load(source.format(curve.plate), [*settings, *curve.settings, *lasts])
-    return scene, simulate(scene).rows
+    setup = load(source.format(curve.plate), [*settings, *curve.settings, *lasts])
+    return setup, simulate(setup).rows
 
 
 def _series(curve: Curve, column: str, lasts_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Time since the touch (us) and rows around the first contact, or of the whole run."""
-    scene, rows = _run(curve, column, lasts_s)
-    impact = first_impact(scene, rows)
+    setup, rows = _run(curve, column, lasts_s)
+    impact = first_impact(setup, rows)
     if impact is None:
-        raise ValueError(f"{scene.name}: no impact")
+        raise ValueError(f"{setup.name}: no impact")
     end = rows.shape[1] if lasts_s else min(impact.end + 10, rows.shape[1])
     begin = max(impact.start - 5, 0)
-    return (np.arange(begin, end) - impact.start) * scene.step_s * 1e6, rows[:, begin:end]
+    return (np.arange(begin, end) - impact.start) * setup.step_s * 1e6, rows[:, begin:end]
 
 
 def _sheet(sheet: Sheet, path: Path) -> Path:
@@ -211,15 +210,15 @@ def _green(path: Path) -> Path:
     figure, axes = pictures.sheet(3, 2, height=2.4)
     for row, plate in enumerate(("aluminium", "oak", "sylomer")):
         curve = Curve(plate, _OFF, plate)
-        scene, _ = _run(curve, "published", 0.0)
+        setup, _ = _run(curve, "published", 0.0)
         t, rows = _series(curve, "published", 0.0)
         axes[row, 0].plot(t, rows[V_P], **look(0))
         axes[row, 0].set(title=f"{plate}: v_p", xlabel="time (us)", ylabel="v_p (m/s)")
-        spec = parts.plant_spec(scene)
+        spec = setup.plant
         _, (_, velocity, _) = sampled(
-            spec.simply_supported, spec.contact_point_m, scene.step_s, len(t)
+            spec.simply_supported, spec.contact_point_m, setup.step_s, len(t)
         )
-        axes[row, 1].plot(np.arange(len(t)) * scene.step_s * 1e6, velocity, **look(1))
+        axes[row, 1].plot(np.arange(len(t)) * setup.step_s * 1e6, velocity, **look(1))
         axes[row, 1].set(title="response to a unit impulse", xlabel="time (us)",
                          ylabel="velocity (m/(N s^2))")  # fmt: skip
     figure.suptitle("Fig. 4.5: v_p and g_c (read as the sampled Green's function)")
@@ -244,14 +243,14 @@ def _spectra(path: Path) -> Path:
         f = np.linspace(50.0, limit_hz, 500)
         for column, plant in enumerate(COLUMNS):
             for i, curve in enumerate(curves):
-                scene, rows = _run(curve, plant, 0.0)
-                impact = first_impact(scene, rows)
+                setup, rows = _run(curve, plant, 0.0)
+                impact = first_impact(setup, rows)
                 assert impact is not None
                 # As the study formed them: over the contact. A consistent force may outlast it.
-                beyond = 0 if scene.run.scheme == "thesis2008" else _BEYOND
+                beyond = 0 if setup.scheme == "thesis2008" else _BEYOND
                 contact = np.pad(impact.contact_n, (0, beyond))
                 force = rows[F_A, impact.start : impact.end + beyond] - contact
-                level = np.abs(noise.force_spectrum(force, scene.step_s, f))
+                level = np.abs(noise.force_spectrum(force, setup.step_s, f))
                 axes[row, column].plot(f / 1e3, 20.0 * np.log10(level), **look(i),
                                        label=curve.label)  # fmt: skip
             axes[row, column].set(title=f"{title}, {plant}", xlabel="frequency (kHz)",

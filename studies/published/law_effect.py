@@ -3,10 +3,9 @@
 import math
 from dataclasses import dataclass
 
-from hertzloop import assembly as parts
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import consistent_impacts, first_impact
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from plant.figures.calibration import calibrate_viscous
 
 _LAW = "controller.law=slope_threshold"
@@ -37,7 +36,7 @@ def law_effects() -> list[LawEffect]:
     found = []
     for radius_mm in (3, 20):
         radius = f"sphere.radius_m={radius_mm / 1000}"
-        spec = parts.plant_spec(load("thesis-aluminium", [radius]))
+        spec = load("thesis-aluminium", [radius]).plant
         damping = calibrate_viscous(spec, spec.plate.material.restitution)
         published = [radius, f"contact.viscous_n_s_m={damping!r}"]
         for source, settings, measure in (
@@ -49,7 +48,7 @@ def law_effects() -> list[LawEffect]:
             found.append(
                 LawEffect(
                     sphere=f"R = {radius_mm} mm",
-                    scheme=load(source).run.scheme,
+                    scheme=load(source).scheme,
                     leaves_m_s=speed,
                     without_m_s=speed_0,
                     height_percent=100.0 * (speed / speed_0) ** 2,
@@ -61,13 +60,13 @@ def law_effects() -> list[LawEffect]:
     return found
 
 
-def _published(scene: Scene) -> tuple[float, float]:
-    impact = first_impact(scene, simulate(scene).rows)
+def _published(setup: Setup) -> tuple[float, float]:
+    impact = first_impact(setup, simulate(setup).rows)
     if impact is None or not impact.ended:
-        raise ValueError(f"{scene.name}: the first contact does not end within the run")
+        raise ValueError(f"{setup.name}: the first contact does not end within the run")
     return impact.noise.next_impact_speed_m_s, impact.noise.transmitted_j
 
 
-def _consistent(scene: Scene) -> tuple[float, float]:
-    found = consistent_impacts(scene, simulate(scene).rows)
+def _consistent(setup: Setup) -> tuple[float, float]:
+    found = consistent_impacts(setup, simulate(setup).rows)
     return found[-1].rebound_speed_m_s, sum(impact.plate_energy_j for impact in found)

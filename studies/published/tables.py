@@ -17,7 +17,8 @@ from pathlib import Path
 from controller.laws.precomputed import SHAPES
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import first_impact
-from hertzloop.scenes.scene import Scene, SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
 from plant.figures.noise import ImpactNoise, holmes_j, peak_pressure_pa
 
 # Figures in the order of the tables, and how they compare two impacts.
@@ -133,7 +134,7 @@ def _precomputed(cells: dict[str, str], number: int, t_a_step: float) -> list[st
     ]
 
 
-def scene_of(row: Row, scheme: str, settings: Iterable[str] = ()) -> Scene:
+def scene_of(row: Row, scheme: str, settings: Iterable[str] = ()) -> Setup:
     """Scene of a row under a scheme. Raises SceneError."""
     name = _MATERIALS[row.material]
     source = f"thesis-{name}" if scheme == "thesis2008" else f"{name}-20mm"
@@ -146,24 +147,24 @@ def scene_of(row: Row, scheme: str, settings: Iterable[str] = ()) -> Scene:
 @lru_cache(maxsize=256)
 def noise_of(row: Row, scheme: str) -> ImpactNoise | None:
     """Figures of a row's first impact; None if it does not end within the longest run."""
-    scene = scene_of(row, scheme)
+    setup = scene_of(row, scheme)
     published = scheme == "thesis2008"
-    longest = _LONGEST_STEPS if published else 16 * scene.steps
-    steps = _SHORTEST_STEPS if published else scene.steps
+    longest = _LONGEST_STEPS if published else 16 * setup.steps
+    steps = _SHORTEST_STEPS if published else setup.steps
     while steps <= longest:
-        scene = scene_of(row, scheme, [f"run.duration_s={steps * scene.step_s!r}"])
-        impact = first_impact(scene, simulate(scene).rows)
+        setup = scene_of(row, scheme, [f"run.duration_s={steps * setup.step_s!r}"])
+        impact = first_impact(setup, simulate(setup).rows)
         if impact is not None and impact.ended:
             counted_less = published and row.parameter_study
-            return _one_step_less(impact.noise, scene) if counted_less else impact.noise
+            return _one_step_less(impact.noise, setup) if counted_less else impact.noise
         steps *= 2 if published else 4
     return None
 
 
-def _one_step_less(noise: ImpactNoise, scene: Scene) -> ImpactNoise:
+def _one_step_less(noise: ImpactNoise, setup: Setup) -> ImpactNoise:
     """The figures with a contact time that counts one step less."""
-    radius, speed = scene.sphere.radius_m, noise.impact_speed_m_s
-    time_s = noise.contact_time_s - scene.step_s
+    radius, speed = setup.sphere.radius_m, noise.impact_speed_m_s
+    time_s = noise.contact_time_s - setup.step_s
     return replace(
         noise,
         contact_time_s=time_s,

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop import assembly as parts
 from hertzloop.commands.terminal import Table
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import F_C, first_impact
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from plant.contact.hertz import (
     GRAVITY_M_S2,
     Contact,
@@ -98,11 +97,11 @@ def momentum() -> list[Momentum]:
             last = impact.end if impact.ended else impact.end - 2
             force = rows[F_C, impact.start : last]
             impulse = float(np.sum(force)) * scene.step_s
-            mass = parts.plant_spec(scene).sphere.mass_kg
+            mass = scene.plant.sphere.mass_kg
             noise = impact.noise
             change = mass * (noise.impact_speed_m_s + noise.next_impact_speed_m_s)
             change += mass * GRAVITY_M_S2 * len(force) * scene.step_s
-            found.append(Momentum(source, scene.run.scheme, impulse, change, impulse / change))
+            found.append(Momentum(source, scene.scheme, impulse, change, impulse / change))
     return found
 
 
@@ -137,7 +136,7 @@ def _published_contact(step_us: float) -> tuple[float, float]:
 
 
 def _consistent_contact(step_us: float) -> tuple[float, float]:
-    spec = parts.plant_spec(load("aluminium-20mm"))
+    spec = load("aluminium-20mm").plant
     spec = replace(
         spec, step_s=step_us * 1e-6, frequency_limit_hz=125e3, lead_in_s=10.0 * step_us * 1e-6
     )
@@ -182,7 +181,7 @@ def calibrated() -> dict[str, PlantSpec]:
     found = {}
     for name in MATERIALS:
         scene = load(f"thesis-{name}")
-        spec, tau = parts.plant_spec(scene), RELAXATION_S[name]
+        spec, tau = scene.plant, RELAXATION_S[name]
         s_tau = calibrate_relaxation(spec, spec.plate.material.restitution, tau)
         found[name] = _relaxing(spec, s_tau, tau, extra_state=True)
     return found
@@ -205,7 +204,7 @@ def iterations(cases: int = _CASES, seed: int = 1) -> list[Iterations]:
     """
     found = []
     for name, spec in calibrated().items():
-        viscous = parts.plant_spec(load(f"thesis-{name}"))
+        viscous = load(f"thesis-{name}").plant
         published = replace(spec, contact=replace(spec.contact, extra_state=False))
         for solve, one in (
             ("viscous, published", viscous), ("relaxation, published", published),
@@ -225,7 +224,7 @@ def iterations(cases: int = _CASES, seed: int = 1) -> list[Iterations]:
 
 
 def _random_case(radius_m: float, random: np.random.Generator) -> PlantSpec:
-    spec = parts.plant_spec(load("thesis-aluminium"))
+    spec = load("thesis-aluminium").plant
     height, part = 10 ** random.uniform(-4, 0), random.uniform(0.1, 0.9)
     sphere = Sphere(spec.sphere.material, radius_m, height)
     s = hertz_stiffness(radius_m, sphere.material, spec.plate.material)

@@ -12,15 +12,14 @@ import numpy as np
 from controller.door.registry import shipped as shipped_laws
 from hertzloop.commands.listen import heard_of
 from hertzloop.commands.replaying import prepare, scene_of
-from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.results import figures, report, what_ran
-from hertzloop.results.cases import uncontrolled
 from hertzloop.results.conclusions import why_not_again
 from hertzloop.results.impacts_table import headings, impact_rows
 from hertzloop.results.law import law_line, law_of, ran_as_announced, text_of_law
 from hertzloop.results.left_out import sentences_of
 from hertzloop.results.predictability import errors_of
-from hertzloop.scenes.scene import Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
 from recordings.reader import Recording
 from recordings.replay.as_rerun import Shown
 from recordings.replay.data import Deflection
@@ -42,16 +41,16 @@ class _Sound:
 
 def page_of(recording: Recording) -> str:
     """The page. Raises RecordingError if the recording cannot be read or replayed."""
-    scene, shown = scene_of(recording), prepare(recording, drawn="Dashed")
+    setup, shown = scene_of(recording), prepare(recording, drawn="Dashed")
     free = None
     if shown.told.twin is not None:
-        without = uncontrolled(scene)
-        free = figures.figures_of(without, uncontrolled_rows(without))
-    found = figures.of_recording(scene, recording, free, why_not_again(recording))
+        without = setup.uncontrolled()
+        free = figures.figures_of(without, without.free_series())
+    found = figures.of_recording(setup, recording, free, why_not_again(recording))
     unstable = found["stability"]["unstable"]
-    sounds, silent = _sounds(recording, scene)
+    sounds, silent = _sounds(recording, setup)
     law, law_text, lawless = _law(recording)
-    again, commands = _again(recording, scene, bool(law_text))
+    again, commands = _again(recording, setup, bool(law_text))
     return template("page.html.j2").render(
         title=shown.told.heading,
         lines=[line.replace("**", "") for line in shown.told.lines],
@@ -151,11 +150,11 @@ def _animation(shown: Shown) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _sounds(recording: Recording, scene: Scene) -> tuple[list[_Sound], str]:
+def _sounds(recording: Recording, setup: Setup) -> tuple[list[_Sound], str]:
     """Sounds at 1 m, or why there are none."""
     with TemporaryDirectory(prefix="hertzloop-") as folder:
         try:
-            heard = heard_of(recording, scene, Path(folder), (0.0, 0.0, 1.0), 1.0, 0.3)
+            heard = heard_of(recording, setup, Path(folder), (0.0, 0.0, 1.0), 1.0, 0.3)
         except SceneError as error:
             return [], str(error)
         return [
@@ -168,17 +167,17 @@ def _sounds(recording: Recording, scene: Scene) -> tuple[list[_Sound], str]:
         ], ""
 
 
-def _again(recording: Recording, scene: Scene, has_text: bool) -> tuple[str, list[str]]:
+def _again(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, list[str]]:
     """How to come to the same samples, in words and as commands."""
     file, ran = recording.path.name, law_of(recording)
-    (name, changed), saved = what_ran.closest_shipped(scene), "# the scene below, saved"
+    (name, changed), saved = what_ran.closest_shipped(setup), "# the scene below, saved"
     again = f"{recording.path.stem}-again.mcap"
     if not ran_as_announced(ran):
         own = ran["law"] or "not named by the controller"
         return (
             f"The forces came from a controller outside hertzloop; its law: {own}. Start that "
             "controller and these two processes, each in a terminal of its own, in any order.",
-            [f"hertzloop record --out {again}", f"hertzloop plant {scene.name}.toml    {saved}",
+            [f"hertzloop record --out {again}", f"hertzloop plant {setup.name}.toml    {saved}",
              f"hertzloop compare {again} {file}    # afterwards"],
         )  # fmt: skip
     if "held_steps" in recording.truth.arrays:
@@ -187,9 +186,9 @@ def _again(recording: Recording, scene: Scene, has_text: bool) -> tuple[str, lis
             [f"hertzloop run --repeat {file} --out {again}", f"hertzloop compare {again} {file}"],
         )
     same = "The same scene, seed and processor give the same bytes."
-    if name == scene.name and not changed:
-        return same, [f"hertzloop run {name} --seed {scene.run.seed}"]
-    run, first = f"hertzloop run {scene.name}.toml", []
+    if name == setup.name and not changed:
+        return same, [f"hertzloop run {name} --seed {setup.seed}"]
+    run, first = f"hertzloop run {setup.name}.toml", []
     if ran["law"] not in shipped_laws() and has_text:
         law = str(ran["law"]).partition(":")
         first = [f"hertzloop inspect {file} --law {law[0]}"]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.results import what_ran
-from hertzloop.scenes.scene import Scene, parse
+from hertzloop.setup import Setup, parse
 from studies import words
 from studies.report import results_charts as charts
 from studies.report.charts import svg
@@ -72,13 +72,13 @@ def _page(title: str, lines: list[str], **more: Any) -> str:
     return template("results.html.j2").render(title=title, lines=lines, **more)
 
 
-def _ran(scene: Scene) -> str:
-    return f"{what_ran.bodies(scene)}; {what_ran.control(scene)}"
+def _ran(setup: Setup) -> str:
+    return f"{what_ran.bodies(setup)}; {what_ran.control(setup)}"
 
 
 def _page_of_sweep(path: Path) -> str:
     rows, header = read_results(path)
-    scene = parse(header["scene_toml"], recorded=True)
+    setup = parse(header["scene_toml"], recorded=True)
     design = header["design"]
     keys = [axis["key"] for axis in design["axes"]]
     figures = [f for f in SHOWN if any(row[f] is not None for row in rows)]
@@ -113,23 +113,23 @@ def _page_of_sweep(path: Path) -> str:
     )
     kinds = {"grid": "a grid", "lhs": "a Latin hypercube", "sobol": "Sobol points"}
     return _page(
-        f"Sweep of {scene.name}",
+        f"Sweep of {setup.name}",
         [
-            _ran(scene),
+            _ran(setup),
             f"{len(rows):,} cases, {kinds[design['kind']]} over {', '.join(keys)}; figures of "
             f"{_SPANS[header['span']]}, against the same scene without control.",
         ],
         warnings=warnings,
         charts=drawn,
         tables=tables,
-        commands=_sweep_command(scene, header, path),
+        commands=_sweep_command(setup, header, path),
         versions=header["versions"],
-        scenes=[(scene.name, header["scene_toml"])],
+        scenes=[(setup.name, header["scene_toml"])],
     )
 
 
-def _sweep_command(scene: Scene, header: dict[str, Any], path: Path) -> list[str]:
-    line = ["hertzloop", "sweep", f"{scene.name}.toml"]
+def _sweep_command(setup: Setup, header: dict[str, Any], path: Path) -> list[str]:
+    line = ["hertzloop", "sweep", f"{setup.name}.toml"]
     design = header["design"]
     for axis in design["axes"]:
         values = ",".join(_toml(value) for value in axis["values"])
@@ -160,11 +160,11 @@ def _page_of_tuned(tuned: Tuned) -> str:
         *map(charts.key_words, keys),
     )  # fmt: skip
     scenes = [(parse(text, recorded=True), text) for text in tuned.scenes]
-    title = "Tuning of " + ", ".join(scene.name for scene, _ in scenes)
+    title = "Tuning of " + ", ".join(setup.name for setup, _ in scenes)
     limits = "".join(f", {words.against_none(k)} at most {v:g}" for k, v in tuned.at_most.items())
     worst = "; the worst of the scenes counts" if len(scenes) > 1 else ""
     lines = [
-        *(_ran(scene) for scene, _ in scenes),
+        *(_ran(setup) for setup, _ in scenes),
         f"Lowered: {', '.join(names)}{limits}; figures of {_SPANS[tuned.span]}{worst}.",
         *tuned.verdict,
     ]
@@ -177,5 +177,5 @@ def _page_of_tuned(tuned: Tuned) -> str:
         tables=[_Table("Settings", "A click on a heading sorts.", headings, rows, sorts=True)],
         commands=[tuned.command],
         versions=tuned.versions,
-        scenes=[(scene.name, text) for scene, text in scenes],
+        scenes=[(setup.name, text) for setup, text in scenes],
     )

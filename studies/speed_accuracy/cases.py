@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from hertzloop import assembly as parts
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from plant.contact.hertz import rigid_contact_time_s
 from plant.plant import Plant, PlantSpec
 from plant.schemes.collocation import CollocationPlant
@@ -67,7 +66,7 @@ Run = Callable[[], tuple[np.ndarray, float, float]]  # gaps, energy drift, CPU t
 
 def problem(name: str, duration_s: float) -> Problem:
     """A scene with the modes that an accuracy of 1e-3 asks for, without damping."""
-    spec = parts.plant_spec(load(name, ["contact.damping=none", "plate.loss_factor=0.0"]))
+    spec = load(name, ["contact.damping=none", "plate.loss_factor=0.0"]).plant
     spec = replace(spec, residual_flexibility=False, lead_in_s=0.0)
     modes = CollocationPlant(spec).modes
     drive = modes.scale_per_kg * modes.contact**2

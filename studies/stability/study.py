@@ -13,7 +13,7 @@ import numpy as np
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import consistent_impacts
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from studies.stability import limits as limits
 from studies.stability import maps as maps
 from studies.stability import pictures as stability_pictures
@@ -43,9 +43,9 @@ def loop_map(name: str = "aluminium-3mm") -> Iterator[LoopPoint]:
     for kappa in _KAPPAS:
         for latency_us in _LATENCIES_US:
             keys = [f"controller.kappa={kappa:.3f}", f"controller.latency_us={latency_us}"]
-            scene = load(name, [lasts, *keys])
-            truth = simulate(scene)
-            first = consistent_impacts(scene, truth.rows)[0]
+            setup = load(name, [lasts, *keys])
+            truth = simulate(setup)
+            first = consistent_impacts(setup, truth.rows)[0]
             yield LoopPoint(
                 float(kappa),
                 float(latency_us),

@@ -9,8 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hertzloop.scenes.scene import Scene, SceneError, grain_of, toml_value, vary
+from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.sentences import shortened, shown
+from hertzloop.scenes.text import toml_value
+from hertzloop.setup import Setup
 
 Kind = Literal["grid", "lhs", "sobol"]
 _MOST_CASES = 10_000_000
@@ -49,9 +51,9 @@ class Axis:
         return round(near) if self.grain == round(self.grain) else float(f"{near:.12g}")
 
 
-def fitted(axis: Axis, scene: Scene) -> Axis:
+def fitted(axis: Axis, setup: Setup) -> Axis:
     """The axis with the grain that the scene's key has."""
-    return axis if axis.values else replace(axis, grain=grain_of(scene, axis.key))
+    return axis if axis.values else replace(axis, grain=setup.grain_of(axis.key))
 
 
 def parse_axis(text: str) -> Axis:
@@ -161,14 +163,14 @@ def check_keys(axes: Iterable[Axis], option: str = "--over") -> None:
             )
 
 
-def make_design(scene: Scene, over: list[str], kind: Kind, count: int, seed: int) -> Design:
+def make_design(setup: Setup, over: list[str], kind: Kind, count: int, seed: int) -> Design:
     """A design from axes in words, see `parse_axis`. Raises DesignError or SceneError."""
-    return design_of(scene, [parse_axis(text) for text in over], kind, count, seed)
+    return design_of(setup, [parse_axis(text) for text in over], kind, count, seed)
 
 
-def design_of(scene: Scene, over: list[Axis], kind: Kind, count: int, seed: int) -> Design:
+def design_of(setup: Setup, over: list[Axis], kind: Kind, count: int, seed: int) -> Design:
     """A design whose every axis fits the scene. Raises DesignError or SceneError."""
-    axes = tuple(fitted(axis, scene) for axis in over)
+    axes = tuple(fitted(axis, setup) for axis in over)
     if not axes:
         raise DesignError("a sweep needs at least one --over, e.g. controller.latency_us=0:100:1")
     check_keys(axes)
@@ -185,11 +187,11 @@ def design_of(scene: Scene, over: list[Axis], kind: Kind, count: int, seed: int)
             raise DesignError(f"the grid has {shown(size)} cases, the most is {_MOST_CASES}")
     elif not 1 <= count <= _MOST_CASES:
         raise DesignError(f"--cases = {count}; --design {kind} needs 1 to {_MOST_CASES}")
-    _check_ends(scene, design)
+    _check_ends(setup, design)
     return design
 
 
-def _check_ends(scene: Scene, design: Design) -> None:
+def _check_ends(setup: Setup, design: Design) -> None:
     """Refuse a key or an end of a range that no scene can have, before hours of work; with each of
     the laws of the design, as a key may belong to some of them only."""
     first = {axis.key: axis.at(0.0) for axis in design.axes}
@@ -199,7 +201,7 @@ def _check_ends(scene: Scene, design: Design) -> None:
             ends = (axis.values[0], axis.values[-1]) if axis.values else (axis.low, axis.high)
             for value in ends if axis.key != _LAW else law.values():
                 try:
-                    vary(scene, {**first, **law, axis.key: value})
+                    setup.vary({**first, **law, axis.key: value})
                 except SceneError as error:
                     said = f"--over {shortened(axis.key)}, value {shown(value)}"
                     raise SceneError(f"{said}: {error}") from error

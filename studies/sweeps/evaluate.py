@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import Any
 
-from controller.door.registry import shipped
 from hertzloop.results.cases import UNSTABLE, CaseFigures, Span, case_in_parts, together
-from hertzloop.scenes.scene import Scene, SceneError, parse, to_toml, vary
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, parse
 
 _CHUNK = 16  # cases that travel together: some 40 ms of work
 _TOGETHER = 8  # cases that are formed in step
@@ -21,11 +21,11 @@ Pool = Callable[[str, Span, list[Numbered]], Iterator[Rows]]
 _parsed = lru_cache(maxsize=4)(parse)
 
 
-def scene_of(toml: str) -> Scene:
+def scene_of(toml: str) -> Setup:
     """A scene from its text, for the same text the same: what is kept by tables is found faster.
     But the file of a law from elsewhere may be another one by now."""
-    scene = _parsed(toml)
-    return scene if scene.controller.law in shipped() else parse(toml)
+    setup = _parsed(toml)
+    return setup if setup.law_is_shipped else parse(toml)
 
 
 def run_chunk(scene_toml: str, span: Span, numbered: Numbered) -> Rows:
@@ -33,30 +33,30 @@ def run_chunk(scene_toml: str, span: Span, numbered: Numbered) -> Rows:
     return list(run_cases(scene_of(scene_toml), span, numbered))
 
 
-def run_cases(scene: Scene, span: Span, numbered: Numbered) -> Iterator[dict[str, Any]]:
+def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[dict[str, Any]]:
     """Rows of cases as they come: their number, the varied keys, the figures, and `status`, empty
     if all is well."""
     alike = all(key.startswith(_BESIDE_PLANT) for _, values in numbered for key in values)
     some = _TOGETHER if alike else 1  # plants of several cases would not all be kept
     for at in range(0, len(numbered), some):
-        yield from together([_row(scene, span, *case) for case in numbered[at : at + some]])
+        yield from together([_row(setup, span, *case) for case in numbered[at : at + some]])
 
 
 def _row(
-    scene: Scene, span: Span, number: int, values: dict[str, Any]
+    setup: Setup, span: Span, number: int, values: dict[str, Any]
 ) -> Generator[None, None, dict[str, Any]]:
     row: dict[str, Any] = {"case": number, **values}
     try:
-        figures = yield from case_in_parts(vary(scene, values), span)
+        figures = yield from case_in_parts(setup.vary(values), span)
         return row | vars(figures) | {"status": ""}
     except Exception as error:  # one case must not end the others
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
         return row | dict.fromkeys(f.name for f in fields(CaseFigures)) | {"status": status}
 
 
-def run_case(scene: Scene, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
+def run_case(setup: Setup, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
     """The row of one case."""
-    return next(run_cases(scene, span, [(number, values)]))
+    return next(run_cases(setup, span, [(number, values)]))
 
 
 def not_run(rows: Rows) -> Rows:
@@ -88,8 +88,8 @@ def chunked(numbered: Numbered) -> list[Numbered]:
     return [numbered[i : i + _CHUNK] for i in range(0, len(numbered), _CHUNK)]
 
 
-def evaluate(pool: Pool, scene: Scene, span: Span, cases: list[dict[str, Any]]) -> Rows:
+def evaluate(pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]]) -> Rows:
     """Rows of all cases, in their order."""
     chunks = chunked(list(enumerate(cases)))
-    rows = [row for some in pool(to_toml(scene), span, chunks) for row in some]
+    rows = [row for some in pool(setup.toml, span, chunks) for row in some]
     return sorted(rows, key=lambda row: int(row["case"]))

@@ -31,12 +31,12 @@ class Kept:
         """The same pool, which is asked for a case once only."""
 
         def results(toml: str, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
-            scene = _digest([toml, span])
+            setup = _digest([toml, span])
             open_: Numbered = []
             named: dict[int, str] = {}  # of the cases to run
             again: dict[str, list[int]] = {}  # the numbers under which a case is wanted
             for number, values in (case for chunk in chunks for case in chunk):
-                name = _digest([scene, values])
+                name = _digest([setup, values])
                 if name not in self.journal.done and name not in again:
                     open_.append((number, values))
                     named[number] = name

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.results.cases import Span
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 from studies.sweeps.evaluate import Pool, Rows, evaluate
 
 KEY = "run.touch_phase"
@@ -47,11 +47,11 @@ def at_all(case: dict[str, Any], count: int = _FEW) -> list[dict[str, Any]]:
 
 
 def spread_over(
-    pool: Pool, scene: Scene, span: Span, cases: list[dict[str, Any]], figures: tuple[str, ...],
+    pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]], figures: tuple[str, ...],
     count: int = _FEW,
 ) -> list[dict[str, Spread]]:  # fmt: skip
     """The spread of some figures of cases."""
-    rows = evaluate(pool, scene, span, [c for case in cases for c in at_all(case, count)])
+    rows = evaluate(pool, setup, span, [c for case in cases for c in at_all(case, count)])
     groups = [rows[i : i + count] for i in range(0, len(rows), count)]
     return [_spreads(group, figures) for group in groups]
 

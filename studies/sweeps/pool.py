@@ -24,7 +24,7 @@ from typing import Any
 from controller.door.registry import shipped
 from hertzloop.loop.signals import interrupts_held_back
 from hertzloop.results.cases import Span
-from hertzloop.scenes.scene import Scene, to_toml
+from hertzloop.setup import Setup
 from studies.sweeps.evaluate import Numbered, Pool, Rows, run_cases, run_chunk, scene_of
 
 _LOOK_S = 0.1  # of work here, before what is left is estimated
@@ -68,18 +68,18 @@ class _Crew:
         """Rows of the chunks as they come."""
         if self.count == 1:
             return (run_chunk(toml, span, chunk) for chunk in chunks)
-        scene = scene_of(toml)
-        if not _all_shipped(scene, chunks):
+        setup = scene_of(toml)
+        if not _all_shipped(setup, chunks):
             # A law that crashes its process must not end the sweep's.
             return self._of(self.count).results(toml, span, deque(chunks))
-        return self._with_own_hands(scene, span, chunks)
+        return self._with_own_hands(setup, span, chunks)
 
-    def _with_own_hands(self, scene: Scene, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
+    def _with_own_hands(self, setup: Setup, span: Span, chunks: list[Numbered]) -> Iterator[Rows]:
         """The same, some of them run here."""
         left = deque(_two_first(chunks))
         began, first_s, ran = time.perf_counter(), 0.0, 0
         while left:
-            rows = list(run_cases(scene, span, left.popleft()))
+            rows = list(run_cases(setup, span, left.popleft()))
             yield rows
             ran += len(rows)
             worked_s = time.perf_counter() - began
@@ -88,7 +88,7 @@ class _Crew:
                 a_case_s = (worked_s - first_s) / (ran - 1) if ran > 1 else worked_s
                 if self._others or a_case_s * sum(map(len, left)) > _WORTH_S:
                     others = self._of(self.count - 1)
-                    yield from others.results(to_toml(scene), span, left, scene)
+                    yield from others.results(setup.toml, span, left, setup)
 
     def _of(self, workers: int) -> "_Others":
         if workers not in self._others:
@@ -114,7 +114,7 @@ class _Others:
         self._ahead = 2 * count + 1  # one for each at work and one for each that is done with it
 
     def results(
-        self, toml: str, span: Span, left: deque[Numbered], own: Scene | None = None
+        self, toml: str, span: Span, left: deque[Numbered], own: Setup | None = None
     ) -> Iterator[Rows]:
         """Rows of the chunks that are left, as they come; with `own`, their scene, this process
         runs what the others have not been given.
@@ -201,9 +201,9 @@ def _two_first(chunks: list[Numbered]) -> list[Numbered]:
     return [some for some in ([*first[:1]], [*first[1:2]], [*first[2:]], *chunks[1:]) if some]
 
 
-def _all_shipped(scene: Scene, chunks: list[Numbered]) -> bool:
+def _all_shipped(setup: Setup, chunks: list[Numbered]) -> bool:
     """Whether all laws of some cases come with hertzloop."""
-    usual = scene.controller.law
+    usual = setup.law_reference
     named = {values.get("controller.law", usual) for chunk in chunks for _, values in chunk}
     return named <= set(shipped())
 

@@ -12,9 +12,10 @@ from bus.port import BusError
 from bus.streams import StreamFault
 from hertzloop.loop.launcher import RunFailed
 from hertzloop.one_run import RunOptions, Transport, run_scene
-from hertzloop.results.cases import digest_of, lasting, on_plate
+from hertzloop.results.cases import digest_of
 from hertzloop.results.figures import rows_of
-from hertzloop.scenes.scene import Scene, SceneError, parse, vary
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, parse
 from recordings.reader import read
 from recordings.writer import RecordingError
 
@@ -34,14 +35,14 @@ def replay_cases(
     """Run `count` random cases of a sweep's results again. Raises SceneError if the results hold
     no scene."""
     keys = [axis["key"] for axis in header["design"]["axes"]]
-    scene = parse(header["scene_toml"])
+    setup = parse(header["scene_toml"])
     good = [row for row in rows if not row["status"]]
     drawn = np.random.default_rng(seed).permutation(len(good))[:count]
     with TemporaryDirectory() as folder:
         for number in drawn:
             row = good[number]
             try:
-                same = _digest(scene, row, keys, transport, Path(folder)) == row["digest"]
+                same = _digest(setup, row, keys, transport, Path(folder)) == row["digest"]
             except (RunFailed, BusError, StreamFault, RecordingError, SceneError) as error:
                 yield Checked(row["case"], False, str(error))
             else:
@@ -49,15 +50,15 @@ def replay_cases(
 
 
 def _digest(
-    scene: Scene, row: dict[str, Any], keys: list[str], transport: str, folder: Path
+    setup: Setup, row: dict[str, Any], keys: list[str], transport: str, folder: Path
 ) -> str:
     """Digest of a row's case, run once more. Raises what a run raises."""
-    varied = vary(scene, {key: row[key] for key in keys})
-    case = lasting(on_plate(varied, row["plate_model"]), int(row["steps"]))
+    varied = setup.vary({key: row[key] for key in keys})
+    case = varied.on_plate(row["plate_model"]).lasting(int(row["steps"]))
     path = folder / "case.mcap"
     run_scene(case, path, RunOptions(transport=Transport(transport), overwrite=True))
     recording = read(path)
-    coded = case.sensors.bits != "ideal"
+    coded = case.sensor.bits is not None
     samples = recording.daq.arrays["code" if coded else "value"]
     if coded:
         samples = samples.astype(np.int64)

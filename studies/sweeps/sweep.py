@@ -18,7 +18,9 @@ import pyarrow.parquet
 from controller.door.law import LawError
 from controller.door.registry import find, resolve
 from hertzloop.results.cases import CaseFigures, Span
-from hertzloop.scenes.scene import Scene, SceneError, to_toml, toml_value, vary
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.text import toml_value
+from hertzloop.setup import Setup
 from jit.cache import code_digest
 from studies.sweeps.design import Design
 from studies.sweeps.evaluate import chunked, not_run, run_chunk
@@ -54,9 +56,9 @@ def code_version() -> str:
     return ", ".join([*(f"{p} {version(p)}" for p in _PACKAGES), f"kernels {code_digest()}"])
 
 
-def laws_of(scene: Scene, design: Design) -> dict[str, dict[str, str]]:
+def laws_of(setup: Setup, design: Design) -> dict[str, dict[str, str]]:
     """Name, digest and text of every law of a sweep, by what the scene or the axis calls it."""
-    named = [scene.controller.law]
+    named = [setup.law_reference]
     named += [str(v) for axis in design.axes if axis.key == "controller.law" for v in axis.values]
     found = {}
     for reference in named:
@@ -65,12 +67,12 @@ def laws_of(scene: Scene, design: Design) -> dict[str, dict[str, str]]:
     return found
 
 
-def work_of(scenes: Sequence[Scene], laws: Iterable[str], design: Design) -> dict[str, Any]:
+def work_of(scenes: Sequence[Setup], laws: Iterable[str], design: Design) -> dict[str, Any]:
     """What decides the cases of a search or a chart, and what comes of them, as far as all share
     it: scenes, laws with their digests, versions. The arguments of each come on top."""
     return {
-        "scenes": [to_toml(scene) for scene in scenes],
-        "laws": [laws_of(vary(scenes[0], {"controller.law": law}), design) for law in laws],
+        "scenes": [setup.toml for setup in scenes],
+        "laws": [laws_of((scenes[0]).vary({"controller.law": law}), design) for law in laws],
         "versions": code_version(),
     }
 
@@ -84,19 +86,19 @@ def check_laws(header: dict[str, Any]) -> None:
             raise SceneError(f"the results cannot be checked: {error}") from error
 
 
-def header_of(scene: Scene, design: Design, span: Span) -> dict[str, Any]:
+def header_of(setup: Setup, design: Design, span: Span) -> dict[str, Any]:
     """What names a sweep, and goes with its results."""
     return {
-        "scene_toml": to_toml(scene),
+        "scene_toml": setup.toml,
         "design": asdict(design),
-        "laws": laws_of(scene, design),
+        "laws": laws_of(setup, design),
         "span": span,
         "versions": code_version(),
     }
 
 
 def sweep(
-    scene: Scene,
+    setup: Setup,
     design: Design,
     span: Span,
     out: Path,
@@ -110,7 +112,7 @@ def sweep(
     Unfinished, its rows are in `journal_of(out)`. Raises SweepFailed, JournalError, OSError.
     """
     cases = list(enumerate(design.cases()))
-    header = header_of(scene, design, span)
+    header = header_of(setup, design, span)
     with Journal(journal_of(out), header) as journal:
         open_ = [(number, values) for number, values in cases if number not in journal.done]
         chunks = chunked(open_)

@@ -19,9 +19,9 @@ from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 from controller.door.law import LawError
 from controller.door.registry import find, resolve, shipped
 from controller.law import About
-from hertzloop.assembly import plant_spec
 from hertzloop.results.cases import Span
-from hertzloop.scenes.scene import Scene, SceneError, vary
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
 from studies.sweeps.design import Axis, Design, DesignError, fitted
 from studies.sweeps.evaluate import Pool, evaluate
 from studies.sweeps.phases import Spread, at_all, spread_over
@@ -39,7 +39,7 @@ _BAD = 1e6  # of a case without figures: unstable, or impossible
 
 
 def header_of(
-    scenes: list[Scene], laws: tuple[str, ...], axes: tuple[Axis, ...], **search: Any
+    scenes: list[Setup], laws: tuple[str, ...], axes: tuple[Axis, ...], **search: Any
 ) -> dict[str, Any]:
     """What decides which settings a search tries, and what comes of them: its scenes, laws with
     their digests, given `axes`, the arguments of its `search`, versions."""
@@ -70,9 +70,9 @@ def axes_of(law: str, given: tuple[Axis, ...], impact_speed_m_s: float) -> tuple
     return axes
 
 
-def fastest_m_s(scenes: Sequence[Scene]) -> float:
+def fastest_m_s(scenes: Sequence[Setup]) -> float:
     """Largest impact speed of the scenes."""
-    return max(plant_spec(scene).sphere.impact_speed_m_s for scene in scenes)
+    return max(setup.plant.sphere.impact_speed_m_s for setup in scenes)
 
 
 def _value(axis: Axis, x: float) -> Any:
@@ -87,7 +87,7 @@ class _Settings(Problem):
     def __init__(
         self,
         pool: Pool,
-        scenes: list[Scene],
+        scenes: list[Setup],
         span: Span,
         fixed: dict[str, Any],
         axes: tuple[Axis, ...],
@@ -96,9 +96,9 @@ class _Settings(Problem):
         phases: int,
     ) -> None:
         self.pool, self.scenes, self.span, self.phases = pool, scenes, span, phases
-        coarsest = max(scenes, key=lambda scene: scene.run.step_ns)
+        coarsest = max(scenes, key=lambda setup: setup.step_ns)
         # By the law that is tried: the scenes' own may not have its keys.
-        of_law = vary(coarsest, fixed)
+        of_law = coarsest.vary(fixed)
         axes = tuple(fitted(axis, of_law) for axis in axes)
         self.fixed, self.axes = fixed, axes
         self.objectives, self.at_most = objectives, at_most
@@ -124,7 +124,7 @@ class _Settings(Problem):
 
 
 def worst_of(
-    pool: Pool, scenes: list[Scene], span: Span, cases: list[dict[str, Any]], names: list[str],
+    pool: Pool, scenes: list[Setup], span: Span, cases: list[dict[str, Any]], names: list[str],
     phases: int = 1,
 ) -> np.ndarray:  # fmt: skip
     """Largest figure over the scenes, shape (cases, names), each the mean over so many `phases` of
@@ -137,8 +137,8 @@ def worst_of(
     tried = cases if phases == 1 else [c for case in cases for c in at_all(case, phases)]
     found = np.array(
         [
-            [[figure(row, name) for name in names] for row in evaluate(pool, scene, span, tried)]
-            for scene in scenes
+            [[figure(row, name) for name in names] for row in evaluate(pool, setup, span, tried)]
+            for setup in scenes
         ]
     ).reshape(len(scenes), len(cases), phases, len(names))
     means = np.where((found >= _BAD).any(axis=2), _BAD, found.mean(axis=2))
@@ -146,11 +146,11 @@ def worst_of(
 
 
 def with_spreads(
-    pool: Pool, scenes: list[Scene], span: Span, found: list[Found], names: tuple[str, ...]
+    pool: Pool, scenes: list[Setup], span: Span, found: list[Found], names: tuple[str, ...]
 ) -> list[Found]:
     """The same settings with mean and range of their figures over the touch phase."""
     cases = [f.values for f in found]
-    tried = [spread_over(pool, scene, span, cases, names) for scene in scenes]
+    tried = [spread_over(pool, setup, span, cases, names) for setup in scenes]
 
     def worst(i: int, name: str) -> Spread:
         return max((spreads[i][name] for spreads in tried), key=lambda s: s.mean)
@@ -160,7 +160,7 @@ def with_spreads(
 
 def tune(
     pool: Pool,
-    scenes: list[Scene],
+    scenes: list[Setup],
     span: Span,
     law: str,
     axes: tuple[Axis, ...],
@@ -197,7 +197,7 @@ def tune(
 
 def best_of(
     pool: Pool,
-    scenes: list[Scene],
+    scenes: list[Setup],
     span: Span,
     laws: Sequence[str],
     given: tuple[Axis, ...],
@@ -235,7 +235,7 @@ def front(found: list[Found], objectives: tuple[str, ...]) -> list[Found]:
 
 
 def published(
-    pool: Pool, scenes: list[Scene], span: Span, objectives: tuple[str, ...], phases: int = 1
+    pool: Pool, scenes: list[Setup], span: Span, objectives: tuple[str, ...], phases: int = 1
 ) -> Found:
     """The published setting of the slope-threshold law in the same scenes."""
     worst = worst_of(pool, scenes, span, [PUBLISHED], list(objectives), phases)[0]

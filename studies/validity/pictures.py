@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator
 
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from studies import pictures
 
 _LEVELS = ((1e-3, "what costs more than 0.1 %"), (1e-1, "what costs more than 10 %"))
@@ -59,9 +59,10 @@ def draw_map(
 def _mark_scenes(ax: Any) -> None:
     """Shipped scenes of these materials, by their names."""
     for name in _SCENES:
-        scene = load(name)
-        assert scene.plate.thickness_m is not None  # each is a plate
-        radius, thickness = 1e3 * scene.sphere.radius_m, 1e3 * scene.plate.thickness_m
+        setup = load(name)
+        plate = setup.structure.local_plate
+        assert plate is not None  # each is a plate
+        radius, thickness = 1e3 * setup.sphere.radius_m, 1e3 * plate.thickness_m
         ax.plot(radius, thickness, "k*", markersize=11, zorder=7)
         side = "right" if radius > _LATE_MM else "center"
         ax.annotate(name, (radius, thickness), xytext=(0, 9), textcoords="offset points", ha=side,

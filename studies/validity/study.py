@@ -10,9 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop import assembly as parts
-from hertzloop.plant_tables import weaker
-from hertzloop.scenes.scene import Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
 from plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness, tangent_stiffness_n_m
 from plant.contact.plastic import dent_m, force_n, yielding
 from plant.contact.strength import Strength
@@ -125,15 +124,15 @@ EFFECTS: tuple[tuple[str, str, Callable[[Bodies], float]], ...] = (
 )
 
 
-def map_of(scene: Scene, count: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+def map_of(setup: Setup, count: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Radii, thicknesses (m, each (count,)) and the size of every effect, (thickness, radius).
 
     Raises SceneError for what is no plate."""
-    spec = parts.plant_spec(scene)
+    spec = setup.plant
     if spec.plate.local_plate is None:
         raise SceneError("a map over thickness takes a plate; leave plate.modes out")
     radii, thicknesses = (np.geomspace(*ends, count) for ends in (RADII_M, THICKNESSES_M))
-    found = weaker(scene)
+    found = setup.bodies.weaker
     strength = None if found is None else found[1]
     lasts = _zener_table(spec.sphere, spec.plate.local_plate)
     sizes = {name: np.zeros((count, count)) for name, _, _ in EFFECTS}
@@ -190,25 +189,21 @@ def _bodies(
     return Bodies(ball, sheet, contact, strength, number, lasts * unit_s, force)
 
 
-def run(scene: Scene, folder: Path, count: int = 61) -> dict[str, np.ndarray]:
+def run(setup: Setup, folder: Path, count: int = 61) -> dict[str, np.ndarray]:
     """Write the map as picture and CSV; the sizes."""
-    radii, thicknesses, sizes = map_of(scene, count)
+    radii, thicknesses, sizes = map_of(setup, count)
     names = [name for name, _, _ in EFFECTS]
     write_rows(
         folder / "validity.csv", ["radius_m", "thickness_m", *names],
         ([r, h, *(sizes[name][i, j] for name in names)]
          for i, h in enumerate(thicknesses) for j, r in enumerate(radii)),
     )  # fmt: skip
-    ball, sheet = scene.material("sphere"), scene.material("plate")
+    ball, sheet = setup.sphere.material, setup.structure.material
     about = (
-        f"{_named(scene.sphere.material)} on {_named(scene.plate.material)} "
+        f"{setup.material_name('sphere') or 'own'} on {setup.material_name('plate') or 'own'} "
         f"({sheet.youngs_modulus_pa * 1e-9:.3g} GPa), dropped from "
-        f"{1e3 * scene.sphere.drop_height_m:.3g} mm; {ball.density_kg_m3:.0f} kg/m3"
+        f"{1e3 * setup.sphere.drop_height_m:.3g} mm; {ball.density_kg_m3:.0f} kg/m3"
     )
     draw_map(folder / "validity.png", about, radii, thicknesses, sizes,
              {name: words for name, words, _ in EFFECTS})  # fmt: skip
     return sizes
-
-
-def _named(material: object) -> str:
-    return material if isinstance(material, str) else str(getattr(material, "name", None) or "own")

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.compiled import simulate
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 
 
 class Ended(BaseException):
     """No Exception, as KeyboardInterrupt is none."""
 
 
-def scene_with(folder: Path, line: str, duration_s: float) -> Scene:
+def scene_with(folder: Path, line: str, duration_s: float) -> Setup:
     law = folder / "mine.py"
     law.write_text(f"def command(p, s, samples, i):\n    {line}\n    return float(str(0.0))\n")
     return load("aluminium-3mm", [f"controller.law={law}", f"run.duration_s={duration_s}"])

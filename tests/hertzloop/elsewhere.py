@@ -11,7 +11,7 @@ from hertzloop.elsewhere.driven import VALUES
 from hertzloop.elsewhere.image import image
 from hertzloop.elsewhere.library import write_folder
 from hertzloop.elsewhere.objects import HOST
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 
 SHORT = ("run.duration_s=0.002", "run.plate_model=modal")
 # All that a sensor can have, a random touch phase, and a seed that only they use.
@@ -22,12 +22,12 @@ NOISY = (
 needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
 
 
-def scene_of(settings: tuple[str, ...]) -> Scene:
+def scene_of(settings: tuple[str, ...]) -> Setup:
     """The scene `aluminium-3mm` with settings."""
     return load("aluminium-3mm", settings)
 
 
-def exported(folder: Path, scene: Scene) -> Path:
+def exported(folder: Path, scene: Setup) -> Path:
     """The folder with library, header and example of a scene's plant."""
     write_folder(image(scene), HOST, folder)
     return folder

@@ -26,7 +26,7 @@ from bus.streams import (
 )
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import PlantNode
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 
 Alter = Callable[[Envelope], Iterable[Envelope]]
 
@@ -174,7 +174,7 @@ class Links:
 
 
 def exchange(
-    scene: Scene,
+    scene: Setup,
     seed: int,
     *,
     horizon: int | None = None,

@@ -13,7 +13,7 @@ from bus.port import BusError, PeerLost
 from bus.streams import CONTROLLER, PLANT, STREAMS, SUBSCRIPTIONS, Envelope, StreamFault, decode
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import LoopStats, PlantNode
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 
 
 class QueuePort:
@@ -46,7 +46,7 @@ class QueuePort:
 class Pair:
     """A run of both; `fault` and `controller_fault` are what they said against it."""
 
-    scene: Scene
+    scene: Setup
     timeout_s: float = 5.0
     horizon: int | None = None
     fast_lane: bool = True

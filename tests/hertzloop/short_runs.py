@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 
 # A coarse model, 2.5 blocks long: the first contact is at the end of the first block.
 SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]
@@ -24,6 +24,6 @@ SCENES = {
 
 
 @cache
-def scene(name: str = "law") -> Scene:
+def scene(name: str = "law") -> Setup:
     """A short scene by its name in SCENES."""
     return load("aluminium-3mm", [*SHORT, *SCENES[name]])

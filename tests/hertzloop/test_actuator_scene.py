@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop import assembly as parts
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
@@ -16,7 +15,8 @@ from hertzloop.results.deflection import deflection
 from hertzloop.results.figures import figures_of, rows_of
 from hertzloop.results.impact_rows import F_A, F_A1, XI_P, consistent_impacts
 from hertzloop.results.verify import verify
-from hertzloop.scenes.scene import SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import load
 from recordings.reader import read
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
@@ -182,9 +182,9 @@ def test_what_is_refused(settings: list[str], words: str) -> None:
 
 def test_an_actuator_keeps_the_modes() -> None:
     short = ["run.duration_s=0.0011"]
-    assert parts.plate_model(load("aluminium-3mm", short)) == "infinite"
+    assert load("aluminium-3mm", short).plate_model == "infinite"
     real = load("aluminium-3mm", [*short, "actuator.bandwidth_hz=1e5"])
-    assert parts.plate_model(real) == "modal"
+    assert real.plate_model == "modal"
     assert np.any(simulate(real).rows[F_A] != 0.0)
 
 
@@ -196,13 +196,13 @@ def test_a_mass_on_modes_with_losses_of_their_own_is_refused(tmp_path: Path) -> 
     (tmp_path / "m.csv").write_text("\n".join(["# residual_flexibility_m_n = 1e-9", header, *rows]))
     scene = load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", "actuator.mass_kg=0.001"])
     with pytest.raises(SceneError, match=r"actuator\.mass_kg = 0\.001 needs one loss factor"):
-        parts.plant(scene)
+        scene.start_plant()
 
 
 def test_a_mass_on_a_plate_that_moves_freely_is_refused() -> None:
     scene = load("aluminium-3mm", ["plate.edges=ffff", "actuator.mass_kg=0.001"])
     with pytest.raises(SceneError, match=r"does not fit a plate that moves freely"):
-        parts.plant(scene)
+        scene.start_plant()
 
 
 def test_a_mass_of_nothing_is_none() -> None:

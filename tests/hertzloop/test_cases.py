@@ -12,7 +12,8 @@ from hertzloop.loop.compiled import Simulated, simulate
 from hertzloop.results import cases
 from hertzloop.results.cases import figures_of_case
 from hertzloop.results.impact_rows import consistent_impacts
-from hertzloop.scenes.scene import Scene, SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
 
 SHORT = ["run.accuracy=0.05", "run.duration_s=0.0018", "run.plate_model=modal"]
 
@@ -100,7 +101,7 @@ def test_of_a_rebound_within_the_models_error_nothing_is_a_share(tmp_path: Path)
 def test_numbers_that_are_not_finite_make_no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = load("aluminium-3mm", SHORT)
 
-    def broken(scene: Scene, impact_only: bool = False) -> Simulated:
+    def broken(scene: Setup, impact_only: bool = False) -> Simulated:
         found = simulate(scene, impact_only)
         found.rows[3, -1] = math.nan
         return found

@@ -201,8 +201,8 @@ def test_the_scripts_show_what_they_are_for() -> None:
     assert set(saturation.clipped) == {0, 1}
     assert saturation.samples.dtype.kind == "i"
     third = played["every-third"]
-    assert third.scene.sensors.every_steps == 3
-    assert third.scene.steps % 3
+    assert third.setup.every_steps == 3
+    assert third.setup.steps % 3
     touching = played["bounce"].samples < 0
     assert np.count_nonzero(np.diff(touching.astype(int)) == 1) == 4
     assert {script.ending for script in played.values()} == {"whole", "fault", "death"}

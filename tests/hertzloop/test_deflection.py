@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop import assembly as parts
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.results.deflection import deflection, forces_on_plate, frame_steps
 from hertzloop.results.figures import rows_of
 from hertzloop.results.impact_rows import modal_displacement
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from plant.plant import PlantSpec
 from recordings.reader import Recording, read
 from recordings.replay.data import Deflection
@@ -20,7 +19,7 @@ from recordings.replay.thin import contact_spans
 SHORT = ["run.duration_s=0.002"]
 
 
-def replayed(folder: Path, scene: Scene) -> tuple[Recording, Deflection]:
+def replayed(folder: Path, scene: Setup) -> tuple[Recording, Deflection]:
     file = folder / "run.mcap"
     record_in_process(scene, file, compiled=True)
     recording = read(file)
@@ -42,7 +41,7 @@ def test_the_contact_node_moves_as_recorded(tmp_path: Path, name: str, settings:
     # out, not from a damped mode.
     scene = load(name, [*settings, "plate.tail=spring"])
     recording, plate = replayed(tmp_path, scene)
-    modes = modal_displacement(parts.plant_spec(scene), rows_of(recording))
+    modes = modal_displacement(scene.plant, rows_of(recording))
     recorded = modes[plate.times_ns // recording.truth.step_ns]
     i, j = plate.contact_node
     largest = abs(recorded).max()
@@ -88,7 +87,7 @@ def test_with_the_damped_mode_the_contact_node_moves_as_recorded(
     """What is drawn is the modes; what was recorded has beside it the mode for those left out,
     which no place but the contact has."""
     scene = load(name, settings)
-    spec = parts.plant_spec(scene)
+    spec = scene.plant
     assert spec.damped_tail
     recording, plate = replayed(tmp_path, scene)
     forces = forces_on_plate(spec, rows_of(recording))

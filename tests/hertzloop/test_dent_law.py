@@ -9,10 +9,9 @@ import pytest
 from controller.door.registry import find
 from controller.law import About
 from controller.laws.dent_threshold import contact_force, dent
-from hertzloop.assembly import about_bodies
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import figures_of_case
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from plant.contact.hertz import Limit
 from plant.contact.plastic import dent_m, force_n, yielding
 
@@ -39,7 +38,7 @@ def test_its_forces_are_those_of_a_contact_that_yields() -> None:
             assert found == pytest.approx(float(wanted), rel=1e-9, abs=1e-12)
 
 
-def scene(*settings: str) -> Scene:
+def scene(*settings: str) -> Setup:
     return load("aluminium-3mm", ["run.duration_s=0.0016", *settings])
 
 
@@ -51,7 +50,7 @@ def test_on_an_elastic_plate_it_is_the_published_law(settings: tuple[str, ...]) 
     )
     assert published.any()
     assert np.allclose(knowing, published, rtol=1e-9, atol=1e-9)
-    assert about_bodies(scene(), 1e9).yield_depth_m == math.inf
+    assert scene().about_bodies.yield_depth_m == math.inf
 
 
 # dB against no control on a plate of 1.05 GPa, at a touch in the middle of a step.

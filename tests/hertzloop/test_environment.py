@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.compiled import simulate
-from hertzloop.scenes.scene import SceneError
+from hertzloop.scenes.errors import SceneError
 from tests.hertzloop.elsewhere import SHORT, needs_cc, scene_of
 
 pytest.importorskip("gymnasium")

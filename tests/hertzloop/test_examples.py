@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.assembly import plant_spec
 from hertzloop.results.deflection import deflection
 from hertzloop.results.figures import rows_of
 from hertzloop.results.impact_rows import modal_displacement
-from hertzloop.scenes.scene import load, parse
+from hertzloop.setup import load, parse
 from plant.structures.plate import oscillators
 from recordings.reader import read
 from studies.sweeps.sweep import read_results
@@ -72,7 +71,7 @@ def test_example(tmp_path: Path, scene: str, files: list[str], struck: str) -> N
     if scene == "beam.toml":
         assert not drawn.w_m.any()
         return
-    moved = modal_displacement(plant_spec(again), rows_of(found))
+    moved = modal_displacement(again.plant, rows_of(found))
     moved = moved[drawn.times_ns // found.truth.step_ns]
     i, j = drawn.contact_node
     tolerance = 1e-9 if scene == "clamped_titanium.toml" else 1e-6
@@ -81,7 +80,7 @@ def test_example(tmp_path: Path, scene: str, files: list[str], struck: str) -> N
 
 def test_the_beam_of_the_example_is_as_soft_as_a_beam(tmp_path: Path) -> None:
     copied(tmp_path, "beam.toml", "beam_modes.py")
-    spec = plant_spec(load(str(tmp_path / "beam.toml")))
+    spec = load(str(tmp_path / "beam.toml")).plant
     limit = 2.0 * np.pi * spec.frequency_limit_hz
     found = oscillators(spec.plate, spec.contact_point_m, spec.actuator_point_m, limit)
     softness = found.scale_per_kg * np.sum((found.contact / found.omega) ** 2)

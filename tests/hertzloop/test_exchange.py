@@ -12,7 +12,7 @@ from bus.port import Port, Publisher
 from bus.streams import Checker, Envelope
 from hertzloop.loop import plant_streams
 from hertzloop.loop.controller_node import ControllerNode, set_up_by
-from hertzloop.scenes.scene import parse
+from hertzloop.setup import parse
 from tests.hertzloop.exchange import exchange
 from tests.hertzloop.short_runs import SCENES, scene
 from tests.tiers import default
@@ -86,7 +86,7 @@ class Hesitant:
         block = self.checker.accept(envelope)
         if envelope.stream == "hello":
             self.scene, self.hello = parse(block.header.scene_toml), block.header
-            self.late = 1 + self.scene.in_steps(self.scene.controller.latency_us)
+            self.late = 1 + self.scene.line.latency_steps
             self.publisher = Publisher(self.port, block.header.run_id)
             self.forces, self.level, self.seen, self.said = np.zeros(self.scene.steps), 0.0, 0, 0
         elif envelope.stream == "daq":

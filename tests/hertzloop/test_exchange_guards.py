@@ -12,7 +12,7 @@ from bus import wire
 from bus.messages_pb2 import RunEnd, StreamCount
 from bus.port import PeerLost
 from bus.streams import Envelope, StreamFault, decode
-from hertzloop.scenes.scene import load, to_toml
+from hertzloop.setup import load
 from tests.bus.tapes import changed
 from tests.hertzloop.exchange import Alter, exchange, forces
 from tests.hertzloop.short_runs import SHORT, scene
@@ -148,7 +148,7 @@ def at_the_end(change: Callable[[RunEnd], object], role: str = "controller") -> 
 
 def hello_of_another_law(envelope: Envelope, sequence: int | None) -> Envelope:
     header = decode(envelope).header
-    header.scene_toml = to_toml(load("aluminium-3mm", [*SHORT, "controller.kappa=-5"]))
+    header.scene_toml = load("aluminium-3mm", [*SHORT, "controller.kappa=-5"]).toml
     return Envelope("hello", header.SerializeToString(), sequence)
 
 

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop import assembly as parts
 from hertzloop.commands.cli import app
 from hertzloop.elsewhere import image as images
 from hertzloop.elsewhere.driven import build, drive
 from hertzloop.elsewhere.library import EXAMPLE
-from hertzloop.loop.compiled import rows_under, simulate
+from hertzloop.loop.compiled import simulate
+from plant.time_series import series_under
 from studies.cost.exported import same_bytes
 from tests.hertzloop.elsewhere import NOISY, SHORT, InC, exported, needs_cc, scene_of
 
@@ -108,12 +108,12 @@ def test_it_starts_anew_from_another_height(plant: InC) -> None:
     """The model stays that of the scene; the sphere falls from elsewhere."""
     scene = scene_of(SHORT)
     start = plant.run(np.zeros(1000))
-    spec = parts.plant_spec(scene)
+    spec = scene.plant
     higher = replace(spec, sphere=replace(spec.sphere, drop_height_m=0.2))
-    rows = rows_under(parts.plant_of(higher, scene), np.zeros(1000))
+    rows = series_under(scene.start_plant(higher), np.zeros(1000))
     assert plant.reset(0.2, 5) == 0
     assert plant.run(np.zeros(1000))["contact_force_n"].tobytes() == rows[4].tobytes()
-    assert plant.reset(scene.sphere.drop_height_m, scene.run.seed) == 0
+    assert plant.reset(scene.sphere.drop_height_m, scene.seed) == 0
     assert plant.run(np.zeros(1000)).tobytes() == start.tobytes()
 
 

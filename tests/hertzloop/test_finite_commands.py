@@ -17,10 +17,8 @@ from controller.controller import Controller, LineSpec
 from controller.door.registry import find, shipped
 from controller.law import WHOLE_STEPS, About
 from controller.laws._local_model import acceleration, look_ahead
-from hertzloop import assembly as parts
-from hertzloop import control
 from hertzloop.loop.law_trial import impact_samples
-from hertzloop.scenes.scene import Scene, load, vary
+from hertzloop.setup import Setup, load
 
 LONGER = {"run.duration_s": 2.0}  # than any latency
 SCENES = ("aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm")
@@ -43,25 +41,25 @@ def values_of(field: FieldInfo) -> st.SearchStrategy[Any]:
 
 
 @cache
-def known(scene: Scene) -> tuple[float, About]:
+def known(scene: Setup) -> tuple[float, About]:
     """The contact's stiffness, and what a law may know."""
-    stiffness = parts.plant_spec(scene).contact.stiffness
+    stiffness = scene.plant.contact.stiffness
     pulse = np.sin(np.linspace(0.0, np.pi, 40))
-    about = replace(control.about(scene, stiffness), uncontrolled_force_n=lambda: pulse)
+    about = replace(scene.about, uncontrolled_force_n=lambda: pulse)
     return stiffness, about
 
 
-def samples_of(scene: Scene, scale: float, noise: float, seed: int) -> np.ndarray:
+def samples_of(scene: Setup, scale: float, noise: float, seed: int) -> np.ndarray:
     """An impact on a rigid plate, made smaller or larger, with noise in shares of the largest."""
     ideal = impact_samples(scene, known(scene)[1])
     random = np.random.default_rng(seed).standard_normal(len(ideal))
     return scale * (ideal + noise * np.abs(ideal).max() * random)
 
 
-def commands(scene: Scene, samples: np.ndarray) -> np.ndarray:
+def commands(scene: Setup, samples: np.ndarray) -> np.ndarray:
     """What the scene's law commands after each sample. Raises LawFault."""
     law = scene.law
-    bound = law.bind(scene.controller.keys, known(scene)[1])
+    bound = law.bind(scene.law_keys, known(scene)[1])
     made = Controller(bound, LineSpec(), scene.step_s, len(samples) + 1, 1, 1)
     return made.process(samples).forces
 
@@ -90,7 +88,7 @@ def test_every_force_is_a_finite_number(law: str) -> None:
         seed: int,
     ) -> None:  # fmt: skip
         line = {"controller.latency_us": latency_us, "sensors.every_steps": every, **LONGER}
-        scene = vary(load(name), {"controller.law": law, **values, **line})
+        scene = load(name).vary({"controller.law": law, **values, **line})
         found = commands(scene, samples_of(scene, scale, noise, seed))
         assert np.isfinite(found).all()
 
@@ -101,7 +99,7 @@ def test_every_force_is_a_finite_number(law: str) -> None:
 def test_the_law_that_predicts_does_not_push_where_the_contact_is_long_over(name: str) -> None:
     """In its model the sphere has left after a second, or sticks without a force."""
     longest = {"controller.law": "predicted", "controller.latency_us": 1e6}
-    scene = vary(load(name), longest | LONGER)
+    scene = load(name).vary(longest | LONGER)
     assert np.abs(commands(scene, samples_of(scene, 1.0, 0.0, 0))).max() < 1e-100
 
 
@@ -112,7 +110,7 @@ def test_the_model_of_the_law_that_predicts_is_solved_at_any_step(
 ) -> None:
     scene = load(name, ["controller.law=predicted", f"sensors.every_steps={every}",
                         "controller.window_samples=2"])  # fmt: skip
-    p = scene.law.constants(scene.controller.keys, known(scene)[1])
+    p = scene.law.constants(scene.law_keys, known(scene)[1])
     speed = -known(scene)[1].impact_speed_m_s
     xi = speed * -2e-6  # the contact begins 2 us later
     samples = np.array([xi - 0.5 * speed * p.sample_s, xi + 0.5 * speed * p.sample_s])
@@ -137,5 +135,5 @@ def test_no_law_reads_a_sample_that_it_is_not_given(law: str) -> None:
         "aluminium-3mm",
         [*own.get(law, []), f"controller.law={law}", "controller.latency_us=10"],
     )
-    bound = scene.law.bind(scene.controller.keys, known(scene)[1])
+    bound = scene.law.bind(scene.law_keys, known(scene)[1])
     assert bound.reads_unknown(samples_of(scene, 1.0, 0.0, 0)[:300]) == ""

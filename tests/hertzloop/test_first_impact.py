@@ -18,7 +18,7 @@ from hertzloop.results.cases import CaseFigures, figures_of_case
 from hertzloop.results.impact_rows import F_A, impacts_of_rows
 from hertzloop.results.report import noise_rows
 from hertzloop.results.spans import SpanFigures, changes_db
-from hertzloop.scenes.scene import Scene, load, to_toml, vary
+from hertzloop.setup import Setup, load
 from plant.figures import answer_kernels as an
 from recordings.reader import read
 from studies.latency.study import Named, critical
@@ -87,14 +87,14 @@ class Shown:
     """What everything says of one law: `run --json`, `inspect --json`, a sweep's case, and Python
     from memory and from the recording."""
 
-    scene: Scene
+    scene: Setup
     run: dict[str, Any]
     inspect: dict[str, Any]
     case: CaseFigures
     python: "list[hertzloop.Run]"
 
 
-def scene_of(folder: Path, law: str, *more: str) -> Scene:
+def scene_of(folder: Path, law: str, *more: str) -> Setup:
     settings = [*SHORT, *FORCES.get(law, []), *more]
     if law.endswith("feedback"):
         settings.append("controller.kappa=0.3")
@@ -107,14 +107,14 @@ def command(*words: str | Path) -> None:
     assert done.exit_code == 0, done.output
 
 
-def shown(folder: Path, scene: Scene) -> Shown:
+def shown(folder: Path, scene: Setup) -> Shown:
     toml, recording = folder / "scene.toml", folder / "run.mcap"
-    toml.write_text(to_toml(scene), encoding="utf-8")
+    toml.write_text(scene.toml, encoding="utf-8")
     command("run", toml, "--transport", "compiled", "--out", recording, "--json", folder / "r.json",
             "--overwrite")  # fmt: skip
     command("inspect", recording, "--json", folder / "i.json")
     run, inspect = (json.loads((folder / name).read_text()) for name in ("r.json", "i.json"))
-    python = [hertzloop.simulate(scene), hertzloop.read(recording)]
+    python = [hertzloop.simulate(scene.scene), hertzloop.read(recording)]
     return Shown(scene, run, inspect, figures_of_case(scene), python)
 
 
@@ -233,7 +233,7 @@ def test_a_case_on_the_infinite_plate_has_the_figures_of_a_run_on_it(
     scene = load("aluminium-3mm", ["controller.kappa=0.5", "run.duration_s=0.003", more])
     model = figures_of_case(scene).plate_model
     assert model == "infinite"
-    it = shown(tmp_path, vary(scene, {"run.plate_model": model}))
+    it = shown(tmp_path, scene.vary({"run.plate_model": model}))
     check(it)
     assert asdict(figures_of_case(scene)) == asdict(it.case)
 
@@ -245,7 +245,7 @@ def test_sweep_tune_and_charts_have_the_figures_of_the_run(
     (row,) = evaluate(pool, it.scene, "impact", [{"controller.kappa": 0.3}])
     assert {k: row[k] for k in vars(it.case)} == vars(it.case)
     toml, table = folder / "swept.toml", folder / "swept.csv"
-    toml.write_text(to_toml(it.scene), encoding="utf-8")
+    toml.write_text(it.scene.toml, encoding="utf-8")
     command("sweep", toml, "--over", "controller.kappa=0.3,0.2", "--workers", "1", "--out", table)
     page = page_of_results(table)
     assert f"{it.case.plate_speed_db:.3f}" in page
@@ -254,12 +254,12 @@ def test_sweep_tune_and_charts_have_the_figures_of_the_run(
         pool, [it.scene], "impact", ["force_feedback"], (), ("plate_energy_db",), at_most={},
         generations=1, population=4, seed=1,
     )  # fmt: skip
-    best = figures_of_case(vary(it.scene, found[0].values))
+    best = figures_of_case(it.scene.vary(found[0].values))
     assert all(getattr(best, name) == value for name, value in found[0].figures.items())
     ideal = ("controller.latency_us=0", "run.accuracy=0.05", "run.duration_s=0.004")
     for span in ("impact", "run"):
         named = Named("20mm", "aluminium-20mm", ideal, span)
-        law = vary(named.scene(), {"controller.law": "force_feedback", "controller.kappa": 0.4})
+        law = named.scene().vary({"controller.law": "force_feedback", "controller.kappa": 0.4})
         wanted = figures_of_case(law, span).plate_energy_db
         assert critical(pool, named, "force_feedback", 2).ideal_db == wanted
         assert energies_of(pool, named, "ideal", "force_feedback")([{}]) == [wanted]

@@ -13,7 +13,7 @@ from bus.access import common_name, secured
 from bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.certificates import Authority, in_base64
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from recordings.compare import first_difference
 from recordings.reader import read
 from tests.hertzloop.networks import Network, network

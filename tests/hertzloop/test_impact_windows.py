@@ -9,7 +9,7 @@ import pytest
 from hertzloop.loop.compiled import simulate
 from hertzloop.results import impact_windows
 from hertzloop.results.impact_rows import Block, RowsOfImpact, impacts_of_blocks, impacts_of_rows
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 
 SCENES = {
     "bouncing": ("aluminium-3mm", ["run.duration_s=0.12", "controller.law='off'"]),

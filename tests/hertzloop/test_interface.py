@@ -13,6 +13,7 @@ import hertzloop
 from hertzloop import interface
 from hertzloop.loop.compiled import simulate
 from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.setup import resolve
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
@@ -25,7 +26,7 @@ def scene() -> hertzloop.Scene:
 
 
 def test_a_run_in_memory_holds_the_loops_own_rows(scene: hertzloop.Scene) -> None:
-    run, rows = hertzloop.simulate(scene), simulate(scene).rows
+    run, rows = hertzloop.simulate(scene), simulate(resolve(scene)).rows
     assert run.truth["xi_m"].values.tobytes() == rows[0].tobytes()
     assert run.truth["f_c_n"].attrs["units"] == "N"
     assert "xi_a_m" not in run.truth
@@ -81,7 +82,7 @@ def test_quantised_samples_come_as_values_in_units(tmp_path: Path) -> None:
 def test_a_run_has_figures_and_a_verdict_those_of_the_command(
     scene: hertzloop.Scene, tmp_path: Path
 ) -> None:
-    told = run_scene(scene, tmp_path / "a.mcap", RunOptions(Transport.COMPILED))
+    told = run_scene(resolve(scene), tmp_path / "a.mcap", RunOptions(Transport.COMPILED))
     memory, recorded = hertzloop.simulate(scene), hertzloop.read(tmp_path / "a.mcap")
     for one in (memory, recorded):
         assert one.verdict == told["verdict"]

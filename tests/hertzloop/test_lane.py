@@ -18,7 +18,7 @@ from bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.lane_answers import LaneAnswers
 from hertzloop.one_run import RunOptions, run_scene
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from recordings.compare import first_difference
 from recordings.reader import read
 from tests.hertzloop.lanes import Pair
@@ -34,7 +34,7 @@ def over_the_bus(variant: str) -> dict[str, str]:
     return Pair(scene_of(variant), fast_lane=False).run().samples()
 
 
-def long_scene() -> Scene:
+def long_scene() -> Setup:
     """Of more samples than the rings have room for, more than once."""
     return load(VARIANTS[FEEDBACK][0], [*VARIANTS[FEEDBACK][1], "run.duration_s=0.01"])
 

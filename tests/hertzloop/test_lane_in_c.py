@@ -16,7 +16,7 @@ import pytest
 
 from bus import lane, lane_kernels
 from hertzloop.one_run import RunOptions, Transport, run_scene
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from recordings.reader import read
 from tests.hertzloop.processes import finish, grown_to, start, wait_for
 from tests.ports import free_ports

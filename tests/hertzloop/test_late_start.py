@@ -8,7 +8,7 @@ from bus.streams import CONTROLLER, PLANT, RECORDER
 from bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import PlantNode
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from recordings.reader import read
 from tests.hertzloop.processes import finish, start
 from tests.ports import free_ports

@@ -10,7 +10,7 @@ from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.law_accuracy import judged
 from hertzloop.results.verify import against, finer_spec
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 
 # A threshold that the slope passes within the error of the modes at 1e-3, between two samples.
 NEAR = [
@@ -22,7 +22,7 @@ NEAR = [
 UNTIL_S = 5e-4
 
 
-def near(v_thr_m_s: float, *settings: str) -> Scene:
+def near(v_thr_m_s: float, *settings: str) -> Setup:
     return load("aluminium-3mm", [*NEAR, f"controller.v_thr_m_s={v_thr_m_s}", *settings])
 
 

@@ -10,7 +10,7 @@ from bus.messages_pb2 import RunEnd, SetUp
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.results import figures, inspection, report
 from hertzloop.results.law import law_line, law_of
-from hertzloop.scenes.scene import load, to_toml
+from hertzloop.setup import load
 from recordings.reader import Recording, read
 
 SCENE = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
@@ -18,7 +18,7 @@ SCENE = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
 
 def recording(law: str, scene_toml: str = "") -> Recording:
     end = RunEnd(set_up=SetUp(law=law))
-    return Recording(Path("a.mcap"), scene_toml or to_toml(SCENE), ends={"controller": end})
+    return Recording(Path("a.mcap"), scene_toml or SCENE.toml, ends={"controller": end})
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 from hertzloop.commands.cli import app
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.results import listening
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 
 SHORT = ["run.duration_s=0.004", "run.accuracy=0.05", "plate.size_m=[0.2, 0.16]",
          "plate.contact_point_m=[0.09, 0.07]"]  # fmt: skip

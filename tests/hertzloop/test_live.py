@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from recordings.compare import first_difference
 from recordings.reader import read
 from recordings.replay import live, viewer

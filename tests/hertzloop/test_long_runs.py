@@ -6,22 +6,21 @@ import sys
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import simulate, uncontrolled_rows
+from hertzloop.loop.compiled import simulate
 from hertzloop.results import impact_windows
 from hertzloop.results.figures import figures_of
 from hertzloop.results.impact_rows import impacts_of_rows, through_first_contact
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from tests.hertzloop.test_impact_windows import in_blocks
 
 FIGURES = """
 import resource, sys
-from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.results import impact_windows
 from hertzloop.results.figures import figures_of
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 impact_windows.PIECE = 1 << 16  # so that a short run is a long one
 scene = load("sylomer-20mm", ["controller.law=off", "run.duration_s=" + sys.argv[1]])
-figures_of(scene, uncontrolled_rows(scene))
+figures_of(scene, scene.free_series())
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
 
@@ -40,7 +39,7 @@ def test_figures_of_a_long_run_take_no_more_memory() -> None:
 def test_uncontrolled_rows_are_those_of_a_run_without_control() -> None:
     for name in ("aluminium-20mm", "offcentre-6mm", "thesis-aluminium"):
         scene = load(name, ["controller.law=off"])
-        firsts, pieces = zip(*uncontrolled_rows(scene), strict=True)
+        firsts, pieces = zip(*scene.free_series(), strict=True)
         assert list(firsts) == [n * pieces[0].shape[1] for n in range(len(pieces))]
         assert np.concatenate(pieces, axis=1).tobytes() == simulate(scene).rows.tobytes()
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop import assembly as parts
 from hertzloop.results.cases import figures_of_case
-from hertzloop.scenes.scene import Scene, SceneError, load, parse, to_toml, vary
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load, parse
 from plant.structures.materials import MATERIALS, Material
 
 MINE = """
@@ -33,8 +33,8 @@ def scene_file(folder: Path, materials: str = MINE) -> str:
     return str(folder / "scene.toml")
 
 
-def plate(scene: Scene) -> Material:
-    return parts.plant_spec(scene).plate.material
+def plate(scene: Setup) -> Material:
+    return scene.plant.plate.material
 
 
 def elastic(name: str) -> Material:
@@ -52,7 +52,7 @@ def test_the_published_four_are_what_they_were() -> None:
 @pytest.mark.parametrize("name", MATERIALS)
 def test_every_shipped_material_can_be_struck_and_fall(name: str) -> None:
     scene = load("aluminium-3mm", [f"plate.material={name}", f"sphere.material={name}"])
-    spec = parts.plant_spec(scene)
+    spec = scene.plant
     assert spec.plate.material == spec.sphere.material == MATERIALS[name]
 
 
@@ -60,11 +60,11 @@ def test_a_file_of_ones_own_goes_into_the_scene(tmp_path: Path) -> None:
     scene = load(scene_file(tmp_path))
     assert plate(scene) == Material(1e11, 5000.0, 0.25, 1e-3)
     (tmp_path / "my_materials.toml").unlink()  # nobody needs it any more
-    again = parse(to_toml(scene))
+    again = parse(scene.toml)
     assert again == scene
-    assert plate(vary(again, {"plate.material": "lead"})) == Material(16e9, 11340.0, 0.44)
-    assert parts.plant_spec(vary(again, {"sphere.material": "lead"})).sphere.mass_kg == (
-        pytest.approx(11340.0 / 7800.0 * parts.plant_spec(again).sphere.mass_kg)
+    assert plate(again.vary({"plate.material": "lead"})) == Material(16e9, 11340.0, 0.44)
+    assert again.vary({"sphere.material": "lead"}).plant.sphere.mass_kg == (
+        pytest.approx(11340.0 / 7800.0 * again.plant.sphere.mass_kg)
     )
 
 
@@ -74,7 +74,7 @@ def test_numbers_of_a_material_can_be_set_and_varied(tmp_path: Path) -> None:
     assert plate(scene) == Material(1e11, 5000.0, 0.25)
     softer = load("aluminium-3mm", ["plate.material.young_pa=6e10"])
     assert plate(softer) == replace(MATERIALS["aluminium"], youngs_modulus_pa=6e10)
-    own = vary(load(scene_file(tmp_path)), {"plate.material.poisson": 0.1})
+    own = load(scene_file(tmp_path)).vary({"plate.material.poisson": 0.1})
     assert plate(own) == Material(1e11, 5000.0, 0.1, 1e-3)
     heavier = load("aluminium-3mm", ["sphere.material.density_kg_m3=15000"])
     assert figures_of_case(heavier).rebound_m_s < figures_of_case(load("aluminium-3mm")).rebound_m_s
@@ -120,7 +120,7 @@ def test_sound_is_as_fast_as_in_solids(speed_m_s: float, is_one: bool) -> None:
 )
 def test_refused_with_a_sentence(setting: str, words: str) -> None:
     with pytest.raises(SceneError) as caught:
-        parts.plant_spec(load("aluminium-3mm", [setting]))
+        load("aluminium-3mm", [setting]).start_plant()
     assert words in str(caught.value), str(caught.value)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 700
@@ -158,4 +158,4 @@ def test_a_wrong_file_of_materials(tmp_path: Path, text: str, words: str) -> Non
 def test_the_name_follows_what_runs(settings: list[str], name: str) -> None:
     scene = load("aluminium-3mm", settings)
     assert scene.name == name
-    assert bool(scene.shows) == (name in ("aluminium-3mm", "mine"))
+    assert bool(scene.description) == (name in ("aluminium-3mm", "mine"))

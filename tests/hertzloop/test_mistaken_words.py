@@ -9,7 +9,8 @@ import pytest
 import typer
 
 from hertzloop.commands.cli import app
-from hertzloop.scenes.scene import SceneError, load, vary
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import load
 from tests.hertzloop.own_laws import write_law
 from tests.hertzloop.test_cli import SHORT, call, here, said
 
@@ -92,8 +93,8 @@ def test_a_file_of_a_law_beside_its_scene_is_named(here: Path) -> None:
 
 def test_latency_up_to_the_end_is_accepted_and_off_needs_no_force() -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0015"])
-    assert vary(scene, {"controller.latency_us": 1498}).controller.latency_us == 1498.0
-    assert vary(scene, {"controller.latency_us": 1e6, "controller.law": "off"}).steps == 1500
+    assert scene.vary({"controller.latency_us": 1498}).latency_us == 1498.0
+    assert scene.vary({"controller.latency_us": 1e6, "controller.law": "off"}).steps == 1500
 
 
 def test_h_is_help_for_every_command() -> None:
@@ -136,4 +137,4 @@ def test_json_on_standard_output_is_alone_there(here: Path) -> None:
     again = load(words[0], settings)
     assert load("tuned/tuned-aluminium-3mm.toml") == again
     front = json.loads((here / "tuned" / "tune-aluminium-3mm.json").read_text())["tuned"]["front"]
-    assert again.controller.kappa in [one["values"]["controller.kappa"] for one in front]
+    assert again.law_keys.kappa in [one["values"]["controller.kappa"] for one in front]

@@ -10,7 +10,7 @@ from hertzloop import one_run as hertzloop_run
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.loop.plant_node import LoopStats
 from hertzloop.one_run import RunOptions, Transport, run_scene, what_is_kept
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from recordings.reader import read
 from recordings.writer import RecordingError, RecordingWriter
 from tests.hertzloop.processes import LONG, finish, grown_to, hertzloop, start, wait_for
@@ -82,7 +82,7 @@ def test_a_lock_goes_with_its_process(tmp_path: Path) -> None:
 def test_a_report_is_of_the_run_that_was_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def replaced(scene: Scene, path: Path, **options: object) -> LoopStats:
+    def replaced(scene: Setup, path: Path, **options: object) -> LoopStats:
         stats = record_in_process(scene, path, compiled=True)
         record_in_process(scene, path, compiled=True, overwrite=True)
         return stats

@@ -10,7 +10,7 @@ import pytest
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from hertzloop.results.cases import figures_of_case
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from plant import one_thread
 from plant.one_thread import on_one_thread
 
@@ -18,7 +18,7 @@ SETTINGS = ["run.duration_s=0.002", "run.accuracy=0.05", "plate.edges=cffs"]
 SCRIPT = f"""
 import numpy  # before hertzloop can ask for one thread
 from hertzloop.results.cases import figures_of_case
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from threadpoolctl import threadpool_info
 print(max(found["num_threads"] for found in threadpool_info()))
 print(figures_of_case(load("aluminium-3mm", {SETTINGS})).digest)

@@ -12,11 +12,11 @@ import pytest
 from bus.streams import CONTROLLER
 from controller.door.registry import find, shipped
 from controller.law import Reach
-from hertzloop.assembly import law_reach
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.scenes import controller_table
-from hertzloop.scenes.scene import Scene, SceneError, load, parse, to_toml, vary
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load, parse
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 from studies.sweeps.evaluate import run_case
@@ -35,7 +35,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def record(scene: Scene, path: Path, transport: str = "compiled") -> Recording:
+def record(scene: Setup, path: Path, transport: str = "compiled") -> Recording:
     run_scene(scene, path, RunOptions(transport=Transport(transport), overwrite=True))
     recording = read(path)
     assert not recording.problems
@@ -232,10 +232,10 @@ def test_keys_of_a_law_of_ones_own(here: Path) -> None:
     write_law(here)
     mine = ["controller.law=mine.py"]
     scene = load("aluminium-3mm", [*mine, "controller.share=0.25"])
-    assert scene.controller.keys.share == 0.25
-    assert parse(to_toml(scene)) == scene
-    assert load("aluminium-3mm", mine) == vary(load("aluminium-3mm"), {"controller.law": "mine.py"})
-    assert vary(scene, {"controller.law": "slope_threshold"}) == load("aluminium-3mm")
+    assert scene.law_keys.share == 0.25
+    assert parse(scene.toml) == scene
+    assert load("aluminium-3mm", mine) == load("aluminium-3mm").vary({"controller.law": "mine.py"})
+    assert scene.vary({"controller.law": "slope_threshold"}) == load("aluminium-3mm")
     for setting, words in {
         "controller.shar=1": "controller.shar is no scene key; did you mean share?",
         "controller.share=2": "controller.share = 2: must be",
@@ -253,7 +253,7 @@ def test_a_law_beside_its_scene(here: Path, monkeypatch: pytest.MonkeyPatch) -> 
     folder = here / "scenes"
     folder.mkdir()
     write_law(folder)
-    text = to_toml(load("aluminium-3mm")).replace('law = "slope_threshold"', 'law = "mine.py"')
+    text = load("aluminium-3mm").toml.replace('law = "slope_threshold"', 'law = "mine.py"')
     text = text.replace('quantity = "xi"', 'quantity = "auto"')
     (folder / "mine.toml").write_text(text)
     assert load("scenes/mine.toml").law.path == folder / "mine.py"
@@ -360,6 +360,6 @@ def test_how_far_a_law_reaches_is_looked_up_when_it_is_back(
     scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
     monkeypatch.setattr(controller_table, "_CHECKED", {})  # as in a process that opens a recording
     path.rename(here / "gone.py")
-    assert law_reach(scene) == Reach()
+    assert scene.reach == Reach()
     (here / "gone.py").rename(path)
-    assert law_reach(scene).force_n == 7.0
+    assert scene.reach.force_n == 7.0

@@ -26,7 +26,8 @@ from hertzloop.loop.paced import PacedPlantNode, check_pace
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.loop.repeating import Repeat, repeat_of
 from hertzloop.results import pacing
-from hertzloop.scenes.scene import Scene, SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 from recordings.recorder import Recorder
@@ -43,11 +44,11 @@ def warm_paced_kernels(warm_kernels: None) -> None:
     ensure_compiled(lambda: None, paced=True)
 
 
-def feedback(*settings: str) -> Scene:
+def feedback(*settings: str) -> Setup:
     return load("aluminium-3mm", [*FEEDBACK, "run.duration_s=0.0025", *settings])
 
 
-def paced(scene: Scene, pace: float, lane: bool = True, timeout_s: float = 5.0) -> Pair:
+def paced(scene: Setup, pace: float, lane: bool = True, timeout_s: float = 5.0) -> Pair:
     pair = Pair(scene, timeout_s, fast_lane=lane)
     pair.plant = PacedPlantNode(scene, pair.ports[PLANT], pace, timeout_s, fast_lane=lane)
     return pair
@@ -62,7 +63,7 @@ def recorded(pair: Pair, path: Path) -> Recording:
     return read(path)
 
 
-def repeated(scene: Scene, repeat: Repeat, lane: bool = True) -> Pair:
+def repeated(scene: Setup, repeat: Repeat, lane: bool = True) -> Pair:
     pair = Pair(scene, fast_lane=lane)
     pair.plant = PlantNode(scene, pair.ports[PLANT], timeout_s=5.0, fast_lane=lane, repeat=repeat)
     return pair.run()
@@ -147,7 +148,7 @@ def test_a_recording_that_ends_early_repeats_no_other(tmp_path: Path) -> None:
     assert "the response times, which the plant tells" in inspected
     assert "repeats" not in inspected
     again = tmp_path / "again.mcap"
-    recorded(repeated(pair.plant.scene, repeat_of(whole)), again)
+    recorded(repeated(pair.plant.setup, repeat_of(whole)), again)
     assert "as in the run that this one repeats" in run_here("inspect", str(again))
 
 

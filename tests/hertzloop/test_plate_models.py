@@ -8,18 +8,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop import assembly as parts
 from hertzloop.commands.cli import app
 from hertzloop.commands.modes import modes_of_scene
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.plate_choice import theory
 from hertzloop.results.cases import figures_of_case
 from hertzloop.results.deflection import deflection
 from hertzloop.results.figures import rows_of
 from hertzloop.results.plate_words import what_limits
 from hertzloop.results.verify import verify
-from hertzloop.scenes.scene import SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import load
 from plant.structures.mode_file import write_modes
 from plant.structures.solid_plate import SolidPlate
 from recordings.reader import read
@@ -46,7 +45,7 @@ def test_the_damped_tail_is_taken_where_it_is_known() -> None:
         ("aluminium-3mm", ["run.scheme=discrete_gradient"], False),
         ("thesis-aluminium", [], False),
     ):
-        assert parts.plant_spec(load(source, settings)).damped_tail is damped, settings
+        assert load(source, settings).plant.damped_tail is damped, settings
 
 
 def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path: Path) -> None:
@@ -59,9 +58,9 @@ def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path: Path) -
         (tmp_path / "m.npz").write_bytes(
             write_modes(".npz", replace(table, residual_flexibility_m_n=share * left_out))
         )
-        assert parts.plant_spec(load("aluminium-3mm", by_file)).damped_tail is damped, share
+        assert load("aluminium-3mm", by_file).plant.damped_tail is damped, share
     with pytest.raises(SceneError, match="below zero, as of a solid's; take 'spring'"):
-        parts.plant_spec(load("aluminium-3mm", [*by_file, TAIL]))
+        load("aluminium-3mm", [*by_file, TAIL]).start_plant()
 
 
 def test_a_spring_with_a_damper_takes_more_modes_and_expects_more() -> None:
@@ -69,9 +68,9 @@ def test_a_spring_with_a_damper_takes_more_modes_and_expects_more() -> None:
         load("aluminium-3mm", [*SHORT, *DAMPER, f"plate.tail={tail}"])
         for tail in ("spring", "damped")
     )
-    limits = [parts.plant_spec(scene).frequency_limit_hz for scene in (spring, damped)]
+    limits = [scene.plant.frequency_limit_hz for scene in (spring, damped)]
     assert limits[0] > 1.5 * limits[1]
-    assert parts.model_error(spring) > 2.0 * parts.model_error(damped)
+    assert spring.expected_error > 2.0 * damped.expected_error
 
 
 # Errors of the plate energy and of the rebound with a spring and with a damped mode, from an
@@ -96,13 +95,11 @@ def test_errors_of_both_tails() -> None:
 def test_auto_is_kirchhoff_where_that_is_good_enough() -> None:
     for accuracy, chosen in ((1e-3, "3d"), (0.1, "kirchhoff")):
         scene = load("aluminium-3mm", [*SHORT, "plate.theory=auto", f"run.accuracy={accuracy}"])
-        assert theory(scene) == chosen
-        assert isinstance(parts.plant_spec(scene).plate, SolidPlate) is (chosen == "3d")
+        assert scene.theory == chosen
+        assert isinstance(scene.plant.plate, SolidPlate) is (chosen == "3d")
     # Where three dimensions are not known.
     for settings in (DAMPER, ["plate.edges=cccc"], ["actuator.mass_kg=1e-3"]):
-        assert (
-            theory(load("aluminium-3mm", [*SHORT, "plate.theory=auto", *settings])) == "kirchhoff"
-        )
+        assert load("aluminium-3mm", [*SHORT, "plate.theory=auto", *settings]).theory == "kirchhoff"
 
 
 @pytest.mark.full
@@ -140,7 +137,7 @@ def test_what_does_not_go_together(settings: list[str], sentence: str) -> None:
 def test_a_plate_no_thicker_than_the_contact_is_wide_is_refused() -> None:
     scene = load("aluminium-3mm", [*SOLID, "sphere.radius_m=0.05", "plate.thickness_m=1e-4"])
     with pytest.raises(SceneError, match="than the contact is wide"):
-        parts.plant_spec(scene)
+        scene.start_plant()
 
 
 @pytest.mark.parametrize("settings", [SOLID, [*SHORT, "plate.tail=damped"]])
@@ -195,28 +192,28 @@ def test_modes_of_a_solid_as_a_file_give_the_same_bytes(tmp_path: Path) -> None:
     by_file = [*SHORT, f"plate.modes='{tmp_path}/m.npz'"]
     assert np.array_equal(simulate(load("aluminium-3mm", by_file)).rows, simulate(scene).rows)
     with pytest.raises(SceneError, match="do not fit contact"):
-        parts.plant_spec(load("aluminium-3mm", [*by_file, *DAMPER]))
+        load("aluminium-3mm", [*by_file, *DAMPER]).start_plant()
     stiff = load("aluminium-3mm", [*by_file, "sphere.drop_height_m=100", "sphere.radius_m=0.025"])
     with pytest.raises(SceneError, match="too stiff"):
-        parts.plant_spec(stiff)
+        stiff.start_plant()
 
 
 def test_the_example_of_a_thick_plate() -> None:
     example = Path(__file__).resolve().parents[2] / "docs" / "examples" / "thick-plate.toml"
-    assert theory(load(str(example))) == "3d"
+    assert load(str(example)).theory == "3d"
 
 
 def test_a_run_expects_what_the_steps_of_a_held_force_cost() -> None:
     """It knows no smaller error than 0.4 kappa (hold/T)^2, however many modes."""
     tight = [*SHORT, "run.accuracy=3e-4"]
     free = load("aluminium-3mm", [*tight, "controller.law=off"])
-    assert parts.model_error(free) == pytest.approx(3e-4)
-    held = parts.model_error(load("aluminium-3mm", tight))
+    assert free.expected_error == pytest.approx(3e-4)
+    held = load("aluminium-3mm", tight).expected_error
     assert held == pytest.approx(0.4 * 0.8 / 26.85**2, rel=0.01)
     coarse = load("aluminium-3mm", [*tight, "sensors.every_steps=2"])
-    assert parts.model_error(coarse) == pytest.approx(4.0 * held)
+    assert coarse.expected_error == pytest.approx(4.0 * held)
     smooth = load("aluminium-3mm", [*tight, "actuator.bandwidth_hz=1e5"])
-    assert parts.model_error(smooth) == pytest.approx(3e-4)
+    assert smooth.expected_error == pytest.approx(3e-4)
     report = {"theory": None, "struck": {}, "model": {"full": {"frequency_limit_hz": 5e5}}}
     assert "held from sample to sample" in what_limits(report | {"frequency_limit_hz": 4e5})
     assert "all that this step can carry" in what_limits(report | {"frequency_limit_hz": 5e5})

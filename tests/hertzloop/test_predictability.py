@@ -21,7 +21,7 @@ from hertzloop.results.predictability import (
     known_impacts,
 )
 from hertzloop.results.report import noise_rows
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from recordings.compare import first_difference
 from recordings.reader import read
 

@@ -17,7 +17,7 @@ from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.results import report as tables
 from hertzloop.results.impacts_table import impacts_table
 from hertzloop.results.left_out import table_of
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 
 ROOT = Path(__file__).parents[2]
 UNITS = {

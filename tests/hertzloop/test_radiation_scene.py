@@ -6,7 +6,8 @@ import pytest
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.figures import figures_of
-from hertzloop.scenes.scene import SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import load
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full

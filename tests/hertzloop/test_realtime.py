@@ -10,7 +10,7 @@ import pytest
 
 from hertzloop.loop import realtime
 from hertzloop.one_run import RunOptions, run_scene
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from tests.hertzloop.processes import hertzloop
 
 ROOT = Path(__file__).parents[2]

@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import UNSTABLE, UnstableLoop, figures_of_case
-from hertzloop.scenes.scene import SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import load
 from studies.sweeps.evaluate import not_run, run_case
 from tests.hertzloop.own_laws import write_law
 

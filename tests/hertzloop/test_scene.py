@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hertzloop import assembly as parts
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import figures_of_case
 from hertzloop.results.figures import figures_of
@@ -24,6 +23,7 @@ from hertzloop.scenes.scene import (
     toml_value,
     vary,
 )
+from hertzloop.setup import resolve
 
 
 def test_the_scenes_that_come_with_it() -> None:
@@ -35,7 +35,7 @@ def test_the_scenes_that_come_with_it() -> None:
         scene = load(name)
         assert scene.name == name
         assert scene.shows
-        parts.plant_spec(scene)
+        resolve(scene).start_plant()
     for name in ("aluminium-3mm", "aluminium-20mm"):
         assert load(name).contact.damping == "none"
     default = load(DEFAULT)
@@ -133,7 +133,7 @@ def test_the_keys_that_others_rely_on() -> None:
 )
 def test_refused_with_a_sentence(setting: str, words: tuple[str, ...]) -> None:
     with pytest.raises(SceneError) as caught:
-        parts.plant_spec(load(DEFAULT, [setting]))
+        resolve(load(DEFAULT, [setting])).start_plant()
     for word in words:
         assert word in str(caught.value), str(caught.value)
     assert "\n" not in str(caught.value)
@@ -237,14 +237,14 @@ def test_what_an_infinite_plate_does_not_know(scene: str, settings: list[str], w
 
 def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
     def model(name: str, *settings: str) -> str:
-        return parts.plate_model(load(name, settings))
+        return resolve(load(name, settings)).plate_model
 
     until = "run.duration_s=0.00114"  # 140 us after the first touch
     assert model("aluminium-3mm", until) == "infinite"
     scene = load("aluminium-3mm", [until])
-    assert parts.plant_spec(scene).infinite_plate
-    assert parts.model_error(scene) <= scene.run.accuracy
-    assert scene.step_s < parts.infinite_plate_lasts_s(scene) - 140e-6 < 100e-6
+    assert resolve(scene).plant.infinite_plate
+    assert resolve(scene).expected_error <= scene.run.accuracy
+    assert scene.step_s < resolve(scene).infinite_plate_lasts_s - 140e-6 < 100e-6
     for changed in (
         "run.duration_s=0.0012", "run.duration_s=0.00101", "run.duration_s=0.0009",
         "run.accuracy=1e-5", "run.scheme=discrete_gradient", "run.plate_model=modal",
@@ -254,17 +254,17 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
         assert model("aluminium-3mm", until, changed) == "modal", changed
     assert model("aluminium-3mm", "run.duration_s=0.0012", "run.plate_model=infinite") == "infinite"
     # Where the contact lasts until reflections are back it is never taken.
-    assert parts.infinite_plate_lasts_s(load("aluminium-20mm")) == 0.0
+    assert resolve(load("aluminium-20mm")).infinite_plate_lasts_s == 0.0
     # Whole runs keep the modes.
     assert {model(name) for name in shipped()} == {"modal"}
 
 
 def test_too_many_modes_are_refused_before_memory_is_gone() -> None:
     with pytest.raises(SceneError, match="thicker plate"):
-        parts.plant_spec(
+        resolve(
             load("aluminium-3mm", ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]",
-                           "plate.thickness_m=1e-4"])
-        )  # fmt: skip
+                                   "plate.thickness_m=1e-4"])
+        ).start_plant()  # fmt: skip
 
 
 def test_an_infinite_plate_may_be_of_any_size() -> None:
@@ -272,23 +272,23 @@ def test_an_infinite_plate_may_be_of_any_size() -> None:
     huge = ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]"]
     short = ["run.duration_s=0.00114", "run.plate_model=infinite"]
     scene = load("aluminium-3mm", [*huge, *short])
-    assert parts.plant_spec(scene).infinite_plate
-    found = figures_of(scene, simulate(scene).rows)
+    assert resolve(scene).plant.infinite_plate
+    found = figures_of(resolve(scene), simulate(resolve(scene)).rows)
     usual = load("aluminium-3mm", short)
-    expected = figures_of(usual, simulate(usual).rows)
+    expected = figures_of(resolve(usual), simulate(resolve(usual)).rows)
     assert found["impacts"] == expected["impacts"]
     sums = {name for name, value in found["noise"][0].items() if math.isnan(value)}
     assert sums == {"transmitted_spectrum_j", "radiated_j", "radiated_maidanik_j", "sound_j",
                     "sound_maidanik_j"}  # fmt: skip
     assert not any(math.isnan(value) for value in expected["noise"][0].values())
-    case = figures_of_case(scene, "run")
+    case = figures_of_case(resolve(scene), "run")
     assert case.plate_energy_j == expected["whole_run"]["plate_energy_j"]
     # Without plate_model it is found to do, and what needs the modes says so.
-    assert parts.plant_spec(load("aluminium-3mm", [*huge, short[0]])).infinite_plate
+    assert resolve(load("aluminium-3mm", [*huge, short[0]])).plant.infinite_plate
     with pytest.raises(SceneError, match=r"--verify needs about 2.1e\+07 modes"):
-        check_verifiable(scene)
+        check_verifiable(resolve(scene))
     with pytest.raises(SceneError, match=r"about 2.523e\+07 modes below 2e\+04 Hz sound"):
-        radiator_of(load("aluminium-3mm", [*huge, *short, "plate.thickness_m=1e-4"]))
+        radiator_of(resolve(load("aluminium-3mm", [*huge, *short, "plate.thickness_m=1e-4"])))
 
 
 @pytest.mark.parametrize(
@@ -320,10 +320,10 @@ def test_accuracy_decides_how_many_modes() -> None:
     counts = []
     for accuracy in (0.1, 0.03, 0.01, 1e-3):
         scene = load("aluminium-20mm", [f"run.accuracy={accuracy}"])
-        spec = parts.plant_spec(scene)
+        spec = resolve(scene).plant
         nyquist = 0.5 / spec.step_s
         assert spec.frequency_limit_hz <= nyquist
-        expected = parts.model_error(scene)
+        expected = resolve(scene).expected_error
         assert math.isclose(expected, accuracy) or spec.frequency_limit_hz == nyquist
         counts.append(spec.frequency_limit_hz)
     assert counts == sorted(counts)

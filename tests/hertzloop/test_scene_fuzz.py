@@ -9,11 +9,11 @@ import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from hertzloop import assembly as parts
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.figures import figures_of
 from hertzloop.scenes.scene import Scene, SceneError, load, parse, shipped, toml_value
 from hertzloop.scenes.sentences import _limits
+from hertzloop.setup import resolve
 from plant.plant import MOST_MODES
 
 TABLES = {name: field.annotation for name, field in Scene.model_fields.items()}
@@ -134,14 +134,14 @@ def test_parts_of_extreme_scenes_can_be_built_and_run(name: str, data: st.DataOb
     if found is None or found.controller.law == "precomputed":
         return
     try:
-        spec = parts.plant_spec(found)
+        spec = resolve(found).start_plant()
         if spec.plate.modes_below(spec.frequency_limit_hz) > 30_000:
             return  # could be built, but not within the time of a test
-        run = simulate(found)
+        run = simulate(resolve(found))
     except SceneError as error:
         said = str(error)
     else:
-        figures_of(found, run.rows)
+        figures_of(resolve(found), run.rows)
         return
     assert 0 < len(said) <= LONGEST_SENTENCE, said
 
@@ -184,12 +184,12 @@ def test_what_takes_long_to_build_is_refused_or_quick(
     monkeypatch.setattr(scipy.integrate, "solve_ivp", counting)
     scene = load("aluminium-3mm", ["run.plate_model=modal", *keys])
     try:
-        modes = parts.plant(scene).modes
+        modes = resolve(scene).start_plant().modes
     except SceneError as error:
         said = str(error)
     else:
         said = ""
-        expected = parts.plant_spec(scene).plate.modes_below(modes.omega[-1] / (2.0 * math.pi))
+        expected = resolve(scene).plant.plate.modes_below(modes.omega[-1] / (2.0 * math.pi))
         assert len(modes.omega) <= MOST_MODES
         assert modes.modes == pytest.approx(expected, rel=0.3)
     assert said.find(words) >= 0

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop import assembly as parts
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from plant.schemes.door import SCHEMES
 from tests.hertzloop.processes import hertzloop
 
@@ -27,7 +26,7 @@ def test_a_large_plate_of_the_published_scheme_fits_into_memory(tmp_path: Path) 
     import resource
 
     sides = ["plate.size_m=[2.0, 2.0]", "plate.contact_point_m=[0.93, 1.03]"]
-    spec = parts.plant_spec(load("thesis-aluminium", sides))
+    spec = load("thesis-aluminium", sides).plant
     assert spec.plate.modes_below(spec.frequency_limit_hz) > 150_000
     words = ["--transport", "compiled", "--out", str(tmp_path / "a.mcap")]
     words += [word for side in sides for word in ("--set", side)]

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from hertzloop.assembly import full_scale, plant_spec
-from hertzloop.control import flight_m
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import figures_of_case
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from plant.contact.hertz import Contact, Limit
 from plant.contact.plastic import deepest_rigid_m, yielding
 
@@ -31,18 +29,18 @@ def test_sixteen_bits_over_the_automatic_range_are_ideal(latency_us: int, db: fl
 def test_the_range_of_the_contact_alone_is_blind_to_the_flight() -> None:
     late = ("controller.latency_us=40", "sensors.bits=16", "sensors.full_scale=contact")
     assert energy(*late) == pytest.approx(0.0, abs=0.01)  # it never acts
-    assert full_scale(load("aluminium-3mm", ["sensors.bits=16", "sensors.full_scale=contact"])) == (
-        pytest.approx((-11.3e-6, 2.26e-6), rel=0.01)
-    )
+    assert load(
+        "aluminium-3mm", ["sensors.bits=16", "sensors.full_scale=contact"]
+    ).sensor.full_scale == (pytest.approx((-11.3e-6, 2.26e-6), rel=0.01))
 
 
 @pytest.mark.parametrize("latency_us", [0, 5, 40, 300])
 def test_the_flight_fits_into_the_range(latency_us: int) -> None:
     settings = (*PREDICTED, "sensors.bits=12", f"controller.latency_us={latency_us}")
     scene = load("aluminium-3mm", settings)
-    found = full_scale(scene)
+    found = scene.sensor.full_scale
     assert found is not None
-    assert 0.0 < flight_m(scene, plant_spec(scene)) < found[1]
+    assert 0.0 < scene.law_flight_m < found[1]
     # And the law is quiet before, so that it costs no exchange a sample.
     run = simulate(scene)
     assert np.all(run.modes[: 980 - 2 * latency_us] == 0)
@@ -60,9 +58,9 @@ def test_a_contact_that_yields_goes_deeper_than_an_elastic_one() -> None:
         assert taken == pytest.approx(energy_j)
     soft = ["contact.plasticity=thornton", "contact.limiting_pressure_pa=0.44e9"]
     scene = load("aluminium-3mm", [*soft, "sensors.bits=12", "run.duration_s=0.0013"])
-    limits = full_scale(scene)
+    limits = scene.sensor.full_scale
     assert limits is not None
     assert simulate(scene).rows[0].min() > limits[0]
-    elastic = full_scale(load("aluminium-3mm", ["sensors.bits=12"]))
+    elastic = load("aluminium-3mm", ["sensors.bits=12"]).sensor.full_scale
     assert elastic is not None
     assert simulate(scene).rows[0].min() < elastic[0]  # it would not have done

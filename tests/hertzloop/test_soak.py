@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from hertzloop.one_run import RunOptions, Transport, run_scene
-from hertzloop.scenes.scene import Scene
+from hertzloop.setup import Setup
 from tests.hertzloop.processes import EVENTUALLY_S, wait_for
 from tests.hertzloop.short_runs import scene
 
@@ -49,7 +49,7 @@ def held(temporary: Path) -> Held:
     )
 
 
-def run_once(short: Scene, folder: Path, transport: Transport, *, fast_lane: bool) -> None:
+def run_once(short: Setup, folder: Path, transport: Transport, *, fast_lane: bool) -> None:
     options = RunOptions(
         transport, overwrite=True, timeout_s=EVENTUALLY_S, fast_lane=fast_lane, realtime="auto"
     )

@@ -44,7 +44,7 @@ import numpy as np
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.results.verify import verify
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from recordings.reader import read
 
 half, whole = (
@@ -67,7 +67,7 @@ QUANTITY = """
 from tests.hertzloop.with_lines import with_line
 
 with_line(
-    "hertzloop.quantities", '    "v_p": Sensed(',
+    "hertzloop.scenes.quantities", '    "v_p": Sensed(',
     '    "xi_p": Sensed("m", "sampled place of the plate", pk.XI_P, '
     'lambda e: _either_way(e.rigid_m), lambda t: -0.1 * t.gap_m),\\n',
 )
@@ -79,7 +79,8 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.loop.law_trial import try_law
 from hertzloop.results.labelled import export_labels
-from hertzloop.scenes.scene import SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import load
 from recordings.reader import read
 from recordings.replay.data import plots
 
@@ -88,7 +89,7 @@ Path("mine.py").write_text(
 )
 settings = ["run.duration_s=0.0016", "controller.law=mine.py"]
 scene = load("aluminium-3mm", settings)
-assert scene.sensors.quantity == "xi_p"
+assert scene.quantity == "xi_p"
 assert try_law(scene) == ""
 found = simulate(scene)
 assert np.ptp(found.values) > 1e-7
@@ -141,7 +142,7 @@ from bus.streams import RECORDER, SUBSCRIPTIONS
 from hertzloop.loop import kernels as k
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.loop.plant_streams import PlantStreams
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from recordings.compare import first_difference
 from recordings.reader import read
 
@@ -153,7 +154,7 @@ def send_both(self):
     first, end = int(counts[k.TRUTH_FIRST]), int(counts[k.TRUTH_END])
     if end > first:
         speed = factor * self.window.truth[3, : end - first]
-        header = SpeedBlock(first_step=first, step_ns=self.scene.run.step_ns)
+        header = SpeedBlock(first_step=first, step_ns=self.scene.step_ns)
         self.publisher.send("speed", header, {"speed_m_s": speed})
     send_truth(self)
 
@@ -182,13 +183,13 @@ def run(script: str, folder: Path, **environment: str) -> None:
 
 @pytest.mark.full
 def test_a_scheme_is_a_file_and_a_row_of_one_table(tmp_path: Path) -> None:
-    """Scene, transports and `--verify` follow."""
+    """Setup, transports and `--verify` follow."""
     # Kernels of its own: other processes could not read those of its types.
     run(SCHEME, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
 
 
 def test_a_quantity_is_a_row_of_one_table(tmp_path: Path) -> None:
-    """Scene, law and its trial, converter, recording, export and replay follow."""
+    """Setup, law and its trial, converter, recording, export and replay follow."""
     run(QUANTITY, tmp_path)
 
 

@@ -12,7 +12,8 @@ from hertzloop.results import stability
 from hertzloop.results.cases import UnstableLoop, figures_of_case
 from hertzloop.results.impact_rows import F_A, XI_A, XI_P
 from hertzloop.results.stability import UNSTABLE, Stability
-from hertzloop.scenes.scene import Scene, load, shipped
+from hertzloop.scenes.scene import shipped
+from hertzloop.setup import Setup, load
 from tests.hertzloop.processes import hertzloop
 from tests.hertzloop.test_impact_windows import in_blocks
 
@@ -21,7 +22,7 @@ EXPLODES = ["aluminium-20mm", "--set", "controller.law=velocity_feedback",
             "--set", "controller.kappa=0.4"]  # fmt: skip
 
 
-def stability_of(scene: Scene, rows: np.ndarray, size: int = 1 << 30) -> Stability:
+def stability_of(scene: Setup, rows: np.ndarray, size: int = 1 << 30) -> Stability:
     meter = stability.StabilityMeter(scene)
     for _ in meter.through(in_blocks(rows, size)):
         pass
@@ -59,7 +60,7 @@ def test_no_shipped_scene_and_no_law_is_called_unstable(name: str) -> None:
         if law in ("velocity_feedback", "acceleration_feedback"):
             keys += ["controller.kappa=0.05"]  # more than a few tenths do become unstable
         scene = load(name, keys)
-        if scene.run.duration_s > 0.03:
+        if scene.duration_s > 0.03:
             scene = load(name, [*keys, "run.duration_s=0.03"])
         found = stability_of(scene, simulate(scene).rows)
         assert not found.unstable, (law, found)
@@ -74,7 +75,7 @@ def test_its_figures_are_those_of_the_work_done(name: str, monkeypatch: pytest.M
     monkeypatch.setattr(stability, "UNSTABLE", 1e-6)
     scene = load(name, ["run.duration_s=0.01", "controller.law=slope_threshold"])
     rows = simulate(scene).rows
-    place = rows[XI_P] if scene.plate.actuator_point_m is None else rows[XI_A]
+    place = rows[XI_P] if scene.plant.same_point else rows[XI_A]
     whole, found = stability_of(scene, rows), stability_of(scene, rows, 73)
     assert found.since_s == whole.since_s
     assert found.most_injected == pytest.approx(whole.most_injected, rel=1e-9)

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 import hertzloop
-from hertzloop import assembly as parts
-from hertzloop import control
 from hertzloop.commands.modes import modes_of_scene
 from hertzloop.commands.warmup import ensure_compiled
 from hertzloop.loop.inprocess import record_in_process
@@ -16,7 +14,9 @@ from hertzloop.results.cases import figures_of_case
 from hertzloop.results.deflection import deflection
 from hertzloop.results.figures import rows_of
 from hertzloop.results.impact_rows import first_impact, modal_displacement
-from hertzloop.scenes.scene import Scene, SceneError, load, parse, shipped, to_toml
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import shipped
+from hertzloop.setup import Setup, load, parse
 from plant.plant import modes_of
 from plant.structures.mode_file import SUFFIXES, write_modes
 from plant.structures.plate import oscillator_shapes
@@ -28,7 +28,7 @@ CONSISTENT = [name for name in shipped() if not name.startswith("thesis")]
 
 
 def recorded(
-    folder: Path, scene: Scene, name: str = "run.mcap", compiled: bool = True
+    folder: Path, scene: Setup, name: str = "run.mcap", compiled: bool = True
 ) -> Recording:
     record_in_process(scene, folder / name, compiled=compiled, overwrite=True)
     found = read(folder / name)
@@ -66,7 +66,7 @@ def test_a_file_holds_what_the_plant_computes_with(tmp_path: Path, settings: lis
     """No row that no force moves, none twice, and the same oscillators, to the last bit, with
     shapes that are those at both points there."""
     scene = load("aluminium-3mm", [*SHORT, "run.accuracy=0.1", *settings])
-    spec = parts.plant_spec(scene)
+    spec = scene.plant
     table = modes_of_scene(scene, grid=True)
     assert np.all((table.shape_contact != 0.0) | (table.shape_actuator != 0.0))
     names, same = ("omega", "contact", "actuator"), spec.same_point
@@ -75,7 +75,7 @@ def test_a_file_holds_what_the_plant_computes_with(tmp_path: Path, settings: lis
     assert not np.any(again) or not same
     file = tmp_path / "modes.npz"
     file.write_bytes(write_modes(".npz", table))
-    read_back = parts.plant_spec(load("aluminium-3mm", [*SHORT, f"plate.modes={file}"]))
+    read_back = load("aluminium-3mm", [*SHORT, f"plate.modes={file}"]).plant
     assert read_back.same_point == same
     plant, by_file = modes_of(spec), modes_of(read_back)
     assert all(np.array_equal(getattr(plant, n), getattr(by_file, n)) for n in names)
@@ -110,7 +110,7 @@ def test_edges_keep_the_books_and_move_as_drawn(tmp_path: Path, settings: list[s
     assert abs(books.energy_residual) < 1e-10
     assert abs(books.momentum_residual) < 1e-12
     plate = deflection(scene, recording)
-    moved = modal_displacement(parts.plant_spec(scene), rows_of(recording))
+    moved = modal_displacement(scene.plant, rows_of(recording))
     moved = moved[plate.times_ns // recording.truth.step_ns]
     i, j = plate.contact_node
     assert abs(moved).max() > 1e-6
@@ -126,7 +126,7 @@ def test_before_reflections_return_edges_do_not_matter(edges: str) -> None:
     expected = figures_of_case(infinite)
     figures = figures_of_case(load("aluminium-3mm", [*settings, f"plate.edges={edges}"]))
     assert figures.plate_model == "modal"
-    speed = parts.plant_spec(infinite).sphere.impact_speed_m_s
+    speed = infinite.plant.sphere.impact_speed_m_s
     assert abs(figures.rebound_m_s - expected.rebound_m_s) < 3e-4 * speed
     assert figures.plate_energy_j == pytest.approx(expected.plate_energy_j, rel=3e-4)
 
@@ -162,7 +162,7 @@ def test_all_transports_agree_on_modes_with_losses_of_their_own(tmp_path: Path) 
     file = tmp_path / "lossy.csv"
     file.write_bytes(write_modes(".csv", table))
     scene = load("aluminium-3mm", [*SHORT, f"plate.modes={file}"])
-    assert parse(to_toml(scene)) == scene
+    assert parse(scene.toml) == scene
     ensure_compiled(lambda: None, scene)
     file.unlink()  # nobody needs it any more
     recordings = []
@@ -203,7 +203,7 @@ def test_what_does_not_go_with_a_file_of_modes(
     rows = [f"{20000 + 8000 * i},{0.01 * i},0.01,1.0" for i in range(10)]
     (tmp_path / "m.csv").write_text("\n".join([MODES.splitlines()[0], *rows]))
     with pytest.raises(SceneError) as caught:
-        parts.plant(load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", *settings]))
+        load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", *settings]).start_plant()
     assert words in str(caught.value), str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -218,13 +218,12 @@ def test_laws_that_need_an_impedance_say_so(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text("# residual_flexibility_m_n = 1e-9\n" + MODES)
     (tmp_path / "scene.toml").write_text(plain)
     scene = load(str(tmp_path / "scene.toml"))
-    stiffness = parts.plant_spec(scene).contact.stiffness
-    control.controller(scene, stiffness)
+    scene.start_controller()
     for law in ("shifted_threshold", "predicted", "velocity_feedback"):
         with pytest.raises(SceneError, match=r"give plate\.thickness_m"):
-            control.controller(load(str(tmp_path / "scene.toml"), [f"controller.law={law}"]), 1e10)
+            load(str(tmp_path / "scene.toml"), [f"controller.law={law}"]).start_controller()
         known = [f"controller.law={law}", "plate.thickness_m=0.003"]
-        control.controller(load(str(tmp_path / "scene.toml"), known), 1e10)
+        load(str(tmp_path / "scene.toml"), known).start_controller()
 
 
 @pytest.mark.parametrize("key", ["size_m", "thickness_m", "contact_point_m"])
@@ -238,7 +237,7 @@ def test_a_plate_without_modes_needs_its_sizes(key: str) -> None:
 def test_edges_do_not_go_with_the_published_scheme() -> None:
     with pytest.raises(SceneError, match="knows a simply supported plate only"):
         load("thesis-aluminium", ["plate.edges=cccc"])
-    assert parts.plant_spec(load("thesis-aluminium", ["plate.edges=ssss"])).simply_supported
+    assert load("thesis-aluminium", ["plate.edges=ssss"]).plant.simply_supported
 
 
 def test_an_actuator_that_modes_put_elsewhere_is_in_the_truth(tmp_path: Path) -> None:
@@ -247,10 +246,10 @@ def test_an_actuator_that_modes_put_elsewhere_is_in_the_truth(tmp_path: Path) ->
     table = modes_of_scene(load("aluminium-3mm", [*SHORT, *apart]))
     (tmp_path / "apart.npz").write_bytes(write_modes(".npz", table))
     scene = load("aluminium-3mm", [*SHORT, f"plate.modes={tmp_path / 'apart.npz'}"])
-    assert scene.plate.actuator_point_m is None
-    memory = hertzloop.simulate(scene)
+    assert scene.scene.plate.actuator_point_m is None
+    memory = hertzloop.simulate(scene.scene)
     assert np.abs(memory.truth["xi_a_m"] - memory.truth["xi_p_m"]).max() > 1e-9
-    recorded = hertzloop.run(scene, transport="inprocess")
+    recorded = hertzloop.run(scene.scene, transport="inprocess")
     assert recorded.truth.identical(memory.truth)
     assert recorded.impacts == memory.impacts
 

@@ -5,11 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from hertzloop.assembly import touch_phase
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import figures_of_case
 from hertzloop.results.impact_rows import XI
-from hertzloop.scenes.scene import SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import load
 from plant.contact.hertz import GRAVITY_M_S2
 
 SHORT = ("run.duration_s=0.0013",)
@@ -67,11 +67,11 @@ def test_the_staircase(settings: tuple[str, ...], mean: float, least: float, mos
 
 
 def test_random_is_drawn_by_the_seed() -> None:
-    drawn = [touch_phase(load("aluminium-3mm", ["run.touch_phase=random"], seed=s)) for s in
+    drawn = [load("aluminium-3mm", ["run.touch_phase=random"], seed=s).touch_phase for s in
              range(50)]  # fmt: skip
     assert len(set(drawn)) == 50
     assert 0.0 <= min(drawn) < 0.2 < 0.8 < max(drawn) < 1.0
-    again = touch_phase(load("aluminium-3mm", ["run.touch_phase=random"], seed=7))
+    again = load("aluminium-3mm", ["run.touch_phase=random"], seed=7).touch_phase
     assert again == drawn[7]
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.one_run import RunOptions, Transport, run_scene
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 from tests.tiers import default
@@ -116,7 +116,7 @@ SOME = ["default", "converters", "two points", "actuator"]
 
 
 @cache
-def scene_of(variant: str) -> Scene:
+def scene_of(variant: str) -> Setup:
     name, settings = VARIANTS[variant]
     return load(name, settings)
 
@@ -132,14 +132,14 @@ def compiled(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyp
     return recording
 
 
-def record(scene: Scene, path: Path, transport: Transport, horizon: int | None = None) -> Recording:
+def record(scene: Setup, path: Path, transport: Transport, horizon: int | None = None) -> Recording:
     report = run_scene(scene, path, RunOptions(transport=transport, horizon=horizon))
     assert report["steps"] == scene.steps
     recording = read(path)
     assert not recording.problems
     assert recording.truth.samples == scene.steps
     assert recording.force.samples == scene.steps
-    assert recording.daq.samples == -(-scene.steps // scene.sensors.every_steps)
+    assert recording.daq.samples == -(-scene.steps // scene.every_steps)
     return recording
 
 

@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
 from hertzloop.one_run import RunOptions, Transport, run_scene
-from hertzloop.scenes.scene import Scene, SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 
@@ -81,7 +82,7 @@ def unit(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built(tmp_path_factory.mktemp("unit"))
 
 
-def scene_of(law: Path, *more: str) -> Scene:
+def scene_of(law: Path, *more: str) -> Setup:
     return load("aluminium-3mm", [SHORT, f"controller.law={law}", *more])
 
 
@@ -135,7 +136,7 @@ def test_its_parameters_are_scene_keys(unit: Path) -> None:
     law = scene_of(unit).law
     assert law.senses == "xi"
     assert law.keys.model_fields["gain"].description == "force by depth"
-    assert scene_of(unit, "controller.gain=3").controller.keys.gain == 3.0
+    assert scene_of(unit, "controller.gain=3").law_keys.gain == 3.0
     with pytest.raises(SceneError, match=r"controller\.gian"):
         scene_of(unit, "controller.gian=3")
 

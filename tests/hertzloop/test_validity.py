@@ -11,7 +11,7 @@ from hertzloop.commands.cli import app
 from hertzloop.results import left_out
 from hertzloop.results.cases import figures_of_case
 from hertzloop.results.validity import ROWS
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 
 SHORT = ("run.duration_s=0.0013", "controller.law=off")
 

@@ -5,18 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop import assembly as parts
-from hertzloop.loop.compiled import rows_under, simulate
+from hertzloop.loop.compiled import simulate
 from hertzloop.loop.finer import finer_loop
 from hertzloop.results.impact_rows import F_A, F_C, XI, consistent_impacts
 from hertzloop.results.verify import _START, Verification, finer_spec, past_first_impact, verify
-from hertzloop.scenes.scene import Scene, SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
+from hertzloop.setup.setup import built
 from plant.plant import Plant
+from plant.time_series import series_under
 
 SHORT = ["run.duration_s=0.0015", "controller.law=off"]
 
 
-def check(scene: Scene) -> Verification | None:
+def check(scene: Setup) -> Verification | None:
     run = simulate(scene)
     return verify(scene, run.rows)
 
@@ -55,7 +57,7 @@ LINES = {
 @pytest.mark.parametrize("name", LINES)
 def test_the_loop_on_the_same_plant_has_the_same_bytes(name: str) -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name]])
-    plant = parts.plant(scene)
+    plant = scene.start_plant()
     assert isinstance(plant, Plant)
     rows = finer_loop(scene, plant, scene.steps, 1)
     assert rows[F_A].any()
@@ -66,9 +68,9 @@ def test_the_loop_on_the_same_plant_has_the_same_bytes(name: str) -> None:
 def test_the_loop_on_half_the_step_is_the_same_loop(name: str) -> None:
     """Samples, latency and chance keep the scene's step; the plant, of order 4, alone is finer."""
     scene = load("aluminium-3mm", ["run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name]])
-    spec = parts.plant_spec(scene)
-    plant = parts.built(replace(spec, step_s=spec.step_s / 2), "modal").at_start()
-    plant.state.body[_START] = parts.plant_of(spec, scene).state.body[_START]
+    spec = scene.plant
+    plant = built(replace(spec, step_s=spec.step_s / 2), "modal").at_start()
+    plant.state.body[_START] = scene.start_plant(spec).state.body[_START]
     finer, rows = finer_loop(scene, plant, scene.steps, 2), simulate(scene).rows
     assert np.abs(finer[XI, ::2] - rows[XI]).max() < 1e-4 * -rows[XI].min()
     assert np.array_equal(finer[F_A, ::2], finer[F_A, 1::2])  # a force is held over a step
@@ -81,10 +83,10 @@ def test_the_law_answers_the_finer_plant() -> None:
     run, fine = simulate(scene), finer_spec(scene)
     closed = verify(scene, run.rows)
     assert closed is not None
-    plant = parts.built(fine, "modal").at_start()
-    plant.state.body[_START] = parts.plant(scene).state.body[_START]
+    plant = built(fine, "modal").at_start()
+    plant.state.body[_START] = scene.start_plant().state.body[_START]
     forces = np.repeat(run.forces, 2)
-    (free,) = consistent_impacts(scene, rows_under(plant, forces), fine)
+    (free,) = consistent_impacts(scene, series_under(plant, forces), fine)
     (coarse,) = consistent_impacts(scene, run.rows)
     open_loop = abs(free.plate_energy_j / coarse.plate_energy_j - 1.0)
     print(f"plate energy: {open_loop:.1e} with the same forces, {closed.plate_energy:.1e} closed")
@@ -125,4 +127,4 @@ def test_energy_is_compared_once_the_push_is_over() -> None:
     assert np.abs(rows[F_A, until]) <= 0.01 * np.abs(rows[F_A, contact]).max()
     found = verify(scene, rows)
     assert found is not None
-    assert found.plate_energy < scene.run.accuracy
+    assert found.plate_energy < scene.accuracy

@@ -14,11 +14,10 @@ from numba.core import event
 from bus.streams import CONTROLLER, PLANT, RECORDER
 from bus.zenoh_port import ZenohPort
 from controller.controller import Controller
-from hertzloop import control
 from hertzloop.commands import warmup
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.loop.processes import BusAddress, run_controller, run_recorder
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from recordings.reader import read
 from tests.bus.meshes import PATIENCE_S, url
 from tests.hertzloop.short_runs import scene
@@ -38,15 +37,15 @@ KINDS = {
 
 
 @pytest.fixture
-def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Scene]:
+def ran(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Setup]:
     """The scenes that were run to compile their kernels, from an empty folder on."""
-    found: list[Scene] = []
+    found: list[Setup] = []
     monkeypatch.setattr(warmup, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(warmup, "_run", lambda scene, folder: found.append(scene))
     return found
 
 
-def test_each_kind_of_plant_is_compiled_once(ran: list[Scene]) -> None:
+def test_each_kind_of_plant_is_compiled_once(ran: list[Setup]) -> None:
     announced: list[str] = []
     assert not warmup.anything_compiled()
     for kind, settings in KINDS.items():
@@ -59,24 +58,23 @@ def test_each_kind_of_plant_is_compiled_once(ran: list[Scene]) -> None:
     for more in (["sensors.bits=10"], ["controller.law=off"], ["plate.thickness_m=0.004"]):
         warmup.ensure_compiled(announced.clear, load("aluminium-3mm", [*COARSE, *more]))
     assert announced == list(KINDS)
-    assert [one.controller.law for one in ran] == ["off"] * len(KINDS)
-    assert all(one.run.duration_s < 0.0025 for one in ran)
+    assert [one.law_reference for one in ran] == ["off"] * len(KINDS)
+    assert all(one.duration_s < 0.0025 for one in ran)
 
 
 SCRIPT = """
 import sys
 from pathlib import Path
-from hertzloop import assembly as parts, control
 from hertzloop.commands.warmup import ensure_compiled
 from hertzloop.one_run import RunOptions, Transport, run_scene
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from jit.compiling import noticed
 
 # An infinite plate of which the full model is too large to be timed: little to compile.
 scene = load("aluminium-3mm", ["run.plate_model=infinite", "plate.size_m=[3.0, 3.0]",
     "plate.contact_point_m=[1.5, 1.5]", "run.duration_s=0.0012", "run.accuracy=0.1"])
 ensure_compiled(lambda: None, scene)
-control.controller(scene, parts.plant(scene).model.stiffness)  # its law
+scene.start_controller()  # its law
 told = []
 with noticed(told.append):
     for transport in (Transport.COMPILED, Transport.INPROCESS):
@@ -103,14 +101,14 @@ def test_a_controller_that_compiles_its_law_is_waited_for(
 ) -> None:
     """It takes three times as long as the others wait for anything else."""
     timeout_s, urls, path = 2.0, [url(port) for port in free_ports(3)], tmp_path / "run.mcap"
-    build = control.controller
+    build = Setup.start_controller
 
     def compiled_long(*arguments: Any) -> Controller:
         with event.trigger_event("numba:compile"):
             time.sleep(3 * timeout_s)
         return build(*arguments)
 
-    monkeypatch.setattr(control, "controller", compiled_long)
+    monkeypatch.setattr(Setup, "start_controller", compiled_long)
 
     def address(place: int) -> BusAddress:
         return BusAddress(

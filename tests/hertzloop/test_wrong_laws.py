@@ -15,7 +15,8 @@ from controller.door.registry import find
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.hello import hello
 from hertzloop.loop.law_trial import try_law
-from hertzloop.scenes.scene import SceneError, load, parse, to_toml
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import load, parse
 from recordings.reader import read
 from tests.hertzloop.lanes import QueuePort
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
@@ -198,7 +199,7 @@ def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
         "    assert kernels.control_block.signatures, 'not loaded'\n"
         "    return fork()\n"
         "os.fork = checked\n"
-        "from hertzloop.loop.law_trial import try_law; from hertzloop.scenes.scene import load\n"
+        "from hertzloop.loop.law_trial import try_law; from hertzloop.setup import load\n"
         "assert try_law(load('aluminium-3mm', ['controller.law=mine.py'])) == ''\n"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=here, capture_output=True, text=True)
@@ -402,7 +403,7 @@ def test_a_shipped_law_of_another_version_is_refused() -> None:
 
 def test_a_scene_asks_for_the_law_that_it_was_made_with(here: Path) -> None:
     path = write_law(here)
-    text = to_toml(load("aluminium-3mm", ["controller.law=mine.py"]))
+    text = load("aluminium-3mm", ["controller.law=mine.py"]).toml
     with path.open("a") as file:
         file.write(f"\nopen('{here}/executed', 'w')\n")
     with pytest.raises(SceneError, match="both sides need the same file"):

@@ -8,18 +8,17 @@ import pytest
 from typer.testing import CliRunner
 
 import hertzloop
-from hertzloop.assembly import plant_spec
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.plant_tables import limit_of
 from hertzloop.results.cases import figures_of_case
 from hertzloop.results.figures import rows_of
 from hertzloop.results.impact_rows import XI, consistent_impacts
 from hertzloop.results.impact_windows import DEEPEST
 from hertzloop.results.report import pressure_words
 from hertzloop.results.verify import verify
-from hertzloop.scenes.scene import Scene, SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
 from plant.contact.strength import strength
 from plant.structures.materials import MATERIALS
 from recordings.reader import read
@@ -28,7 +27,7 @@ from recordings.reader import read
 pytestmark = pytest.mark.full
 
 
-def yielding(pressure_pa: float, *settings: str) -> Scene:
+def yielding(pressure_pa: float, *settings: str) -> Setup:
     law = ["contact.plasticity=thornton", f"contact.limiting_pressure_pa={pressure_pa}"]
     return load("aluminium-3mm", ["run.duration_s=0.0013", *law, *settings])
 
@@ -73,7 +72,7 @@ def test_contact_ends_at_the_dent_and_the_gap_shows_it(tmp_path: Path) -> None:
     (impact,) = consistent_impacts(scene, rows)
     events = [e for e in recording.events if e.name == "plant"]
     assert [e.message for e in events] == ["contact 1 began", "contact 1 ended"]
-    ended = round(events[1].time_ns / scene.run.step_ns)
+    ended = round(events[1].time_ns / scene.step_ns)
     # The sphere has left the plate while its lowest point is still below the plate's face.
     assert impact.start_s + impact.duration_s == pytest.approx(ended * 1e-6, abs=1e-6)
     assert rows[XI, ended] < -5e-6
@@ -109,7 +108,7 @@ def test_run_inspect_and_python_tell_the_dent(
     assert found[0] == found[1]
     assert found[0]["dent_m"] > 2e-6
     scene = yielding(1.05e9, "actuator.bandwidth_hz=3e5")
-    assert float(hertzloop.simulate(scene).truth["deepest_m"].max()) > found[0]["dent_m"]
+    assert float(hertzloop.simulate(scene.scene).truth["deepest_m"].max()) > found[0]["dent_m"]
 
 
 def test_verify_a_contact_that_yields() -> None:
@@ -157,10 +156,10 @@ def test_the_limiting_pressure_comes_from_the_softer_body(
     settings: list[str], gigapascal: float, words: str
 ) -> None:
     scene = load("aluminium-3mm", ["contact.plasticity=thornton", *settings])
-    limit = plant_spec(scene).contact.limit
+    limit = scene.plant.contact.limit
     assert limit is not None
     assert limit.pressure_pa == pytest.approx(gigapascal * 1e9)
-    found = limit_of(scene)
+    found = scene.limiting_pressure
     assert found is not None
     assert words in pressure_words(found)
 

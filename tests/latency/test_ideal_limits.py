@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hertzloop import assembly as parts
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import figures_of_case
 from hertzloop.results.impact_rows import F_A, XI
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from plant.plant import Plant
 
 # The scheme without a spring for the modes left out, so that the equations are those below.
@@ -23,7 +22,7 @@ KEYS = [
 STEPS_NS = (1000, 100, 10)
 
 
-def scene(step_ns: int) -> Scene:
+def scene(step_ns: int) -> Setup:
     return load("aluminium-3mm", [*KEYS, f"run.step_ns={step_ns}"])
 
 
@@ -35,11 +34,11 @@ def continuous() -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     delayed penetration from the pieces before.
     """
     of = scene(1000)
-    spec = parts.plant_spec(of)
+    spec = of.plant
     modes = Plant(spec).modes
     drive = modes.scale_per_kg * modes.contact**2
     m, s = spec.sphere.mass_kg, spec.contact.stiffness
-    kappa, v_thr, n = of.controller.kappa, of.controller.v_thr_m_s, len(modes.omega)
+    kappa, v_thr, n = of.law_keys.kappa, of.law_keys.v_thr_m_s, len(modes.omega)
 
     def gap(y: np.ndarray) -> float:
         return float(y[2 * n] - y[:n].sum())
@@ -87,7 +86,7 @@ def gap_and_force(step_ns: int) -> tuple[np.ndarray, np.ndarray]:
     t = continuous()[0]
     of = scene(step_ns)
     rows, h = simulate(of).rows, of.step_s
-    touch = (math.floor(of.run.lead_in_s / h) + 0.5) * h
+    touch = (math.floor(of.lead_in_s / h) + 0.5) * h
     at = np.arange(rows.shape[1]) * h - touch
     # The force of a step is held: its middle is half a step later.
     return np.interp(t, at, rows[XI]), np.interp(t, at + 0.5 * h, rows[F_A])

@@ -6,7 +6,7 @@ import pytest
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import figures_of_case
 from hertzloop.results.impact_rows import F_A
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 
 KEYS = ["run.duration_s=0.0013", "run.accuracy=0.05", "controller.v_thr_m_s=-0.6"]
 CHANCE = {

@@ -6,7 +6,7 @@ import pytest
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import figures_of_case
 from hertzloop.results.impact_rows import F_A, XI_P, consistent_impacts
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 
 SHORT = ["run.duration_s=0.0013", "run.accuracy=0.02"]
 

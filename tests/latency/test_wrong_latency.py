@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 from controller.controller import Controller
-from hertzloop import control
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 
@@ -15,30 +14,29 @@ LATENCY_US = 3
 
 
 @pytest.fixture
-def scene() -> Scene:
+def scene() -> Setup:
     return load("aluminium-3mm", ["run.duration_s=0.0015", f"controller.latency_us={LATENCY_US}"])
 
 
-def run(scene: Scene, path: Path) -> Recording:
+def run(scene: Setup, path: Path) -> Recording:
     record_in_process(scene, path, compiled=False)
     return read(path)
 
 
 def lie(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
     """Make the controller's line longer by `steps` (of 1 us); the plant is honest."""
-    honest = control.controller
+    honest = Setup.start_controller
 
-    def dishonest(scene: Scene, stiffness: float) -> Controller:
-        table = scene.controller
-        table = table.model_copy(update={"latency_us": table.latency_us + steps})
-        return honest(scene.model_copy(update={"controller": table}), stiffness)
+    def dishonest(scene: Setup, ahead: bool = True) -> Controller:
+        longer = {"controller.latency_us": scene.latency_us + steps}
+        return honest(scene.vary(longer), ahead)
 
-    monkeypatch.setattr(control, "controller", dishonest)
+    monkeypatch.setattr(Setup, "start_controller", dishonest)
 
 
 @pytest.mark.parametrize("steps", [-3, -1, 1, 2, 10])
 def test_compare_notices_a_line_of_another_length(
-    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: int
+    scene: Setup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, steps: int
 ) -> None:
     right = run(scene, tmp_path / "right.mcap")
     lie(monkeypatch, steps)

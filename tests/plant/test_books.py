@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.compiled import simulate
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from plant.plant import Plant
 from plant.schemes import state_kernels as pk
 from tests.plant.rigs import run, spec

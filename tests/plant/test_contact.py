@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from hertzloop.loop.compiled import simulate
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from plant.contact.hertz import (
     Contact,
     Damping,

@@ -7,7 +7,8 @@ import pytest
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import consistent_impacts
-from hertzloop.scenes.scene import SceneError, load
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import load
 from plant.contact.hertz import GRAVITY_M_S2
 from plant.figures.impacts import Impact, impacts, sphere_speed_m_s, step_work_j
 

@@ -6,7 +6,7 @@ import pytest
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.figures import figures_of
 from hertzloop.results.impact_rows import consistent_impacts
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from plant.figures.peaks import peak_force_n, peak_speed_m_s
 
 FREE = "controller.law=off"

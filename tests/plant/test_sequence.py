@@ -8,9 +8,8 @@ last digit is good to half a unit.
 import numpy as np
 import pytest
 
-from hertzloop import assembly as parts
 from hertzloop.loop.compiled import simulate
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from plant.figures.impacts import Impact, impacts
 
 FREE = ["controller.law=off", "contact.damping=none", "run.accuracy=1e-9"]
@@ -20,7 +19,7 @@ def contacts(name: str, *settings: str) -> tuple[list[Impact], list[int]]:
     """Contacts of a scene without control, and the steps of each that ends."""
     scene = load(name, [*FREE, "run.lead_in_s=0", *settings])
     rows = simulate(scene).rows
-    mass = parts.plant_spec(scene).sphere.mass_kg
+    mass = scene.plant.sphere.mass_kg
     touching = np.flatnonzero(np.diff(rows[4] != 0.0, prepend=False, append=False))
     found = impacts(
         rows[0], rows[1], rows[2], rows[4], rows[5], None, mass, scene.step_s, rows[7], rows[3]

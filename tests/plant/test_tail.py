@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.integrate import simpson
 
-from hertzloop.loop.compiled import rows_under
 from plant.actuator.model import Actuator
 from plant.contact import solve_kernels as solve
 from plant.contact.hertz import Contact, Damping, Limit, hertz_stiffness, hunt_crossley_parameter
@@ -17,6 +16,7 @@ from plant.schemes import tail
 from plant.schemes.collocation import CollocationPlant, damped_tail, residual_m_n
 from plant.schemes.door import step
 from plant.structures.materials import MATERIALS
+from plant.time_series import series_under
 from tests.plant.rigs import spec
 
 Y, OMEGA_C = 3.4e-3, 2.0 * math.pi * 250e3
@@ -70,7 +70,7 @@ def test_what_it_loses_is_what_the_spectrum_of_the_force_says() -> None:
     plant = CollocationPlant(what)
     force = np.zeros(400)
     force[5:9] = 40.0
-    rows_under(plant, force)
+    series_under(plant, force)
     books = plant.close_books()
     mobility = damped_tail(what)[0]
     assert mobility is not None
@@ -98,7 +98,7 @@ def test_books_close_at_any_step_and_with_anything(step_s: float, name: str, bes
     steps = round(2e-4 / step_s)
     random = np.random.default_rng(5)
     force = np.repeat(30.0 * random.standard_normal(40), 1 + steps // 40)[:steps]
-    rows_under(plant, force)
+    series_under(plant, force)
     books = plant.close_books()
     assert books.contact_steps > 0
     assert books.tail_dissipated_j > 0.0
@@ -122,7 +122,7 @@ def test_gap_converges_with_the_step() -> None:
         what = tailed(contact=CONTACTS["hunt_crossley"], step_s=step_s, lead_in_s=0.0)
         plant = CollocationPlant(what)
         every = round(2e-6 / step_s)
-        gaps.append(rows_under(plant, np.zeros(19 * every + 1))[0, ::every][:19])
+        gaps.append(series_under(plant, np.zeros(19 * every + 1))[0, ::every][:19])
     errors = [float(np.abs(g - gaps[-1]).max() / -gaps[-1].min()) for g in gaps[:-1]]
     print(errors)
     orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))

@@ -14,7 +14,7 @@ from bus import wire
 from bus.messages_pb2 import RunEnd
 from bus.streams import STREAMS
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.setup import Setup, load
 from recordings.reader import read
 from recordings.writer import RecordingWriter
 
@@ -22,7 +22,7 @@ from recordings.writer import RecordingWriter
 SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]
 
 
-def scene(*settings: str) -> Scene:
+def scene(*settings: str) -> Setup:
     return load("aluminium-3mm", [*SHORT, *settings])
 
 

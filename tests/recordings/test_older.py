@@ -7,7 +7,7 @@ import pytest
 from mcap.reader import make_reader
 
 from bus.messages_pb2 import TruthBlock
-from hertzloop.scenes.scene import parse
+from hertzloop.setup import parse
 from recordings.reader import read
 from recordings.recovery import recover
 

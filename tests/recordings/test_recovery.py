@@ -7,7 +7,7 @@ import pytest
 from mcap.reader import make_reader
 
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from recordings.compare import first_difference
 from recordings.reader import read
 from recordings.recovery import recover

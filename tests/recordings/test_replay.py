@@ -17,7 +17,7 @@ from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.results.impact_rows import V_P
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from recordings import writer
 from recordings.reader import Recording, Stream, read
 from recordings.replay import as_rerun as replay

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from hertzloop.commands import replaying
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from recordings.reader import read
 from recordings.replay import as_rerun, plate_mesh, scene3d
 from recordings.replay.data import Deflection

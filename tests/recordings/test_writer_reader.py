@@ -14,7 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import recordings.writer
 from bus.messages_pb2 import TruthBlock
-from hertzloop.scenes.scene import parse
+from hertzloop.setup import parse
 from recordings.reader import Recording, read
 from recordings.writer import RecordingError, RecordingWriter
 from tests.recordings.rewriting import messages, record, rewrite, scene

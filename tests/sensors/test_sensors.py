@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from bus.lane import closed
-from hertzloop import assembly as parts
 from hertzloop.loop import kernels as hk
-from hertzloop.loop.compiled import rows_under
-from hertzloop.quantities import SENSED
-from hertzloop.scenes.scene import Scene, load
+from hertzloop.scenes.quantities import SENSED
+from hertzloop.setup import Setup, load
+from plant.time_series import COLUMNS, series_under
 from sensors import kernels as k
 from sensors.acquisition import Sensor, SensorSpec
 
@@ -63,11 +62,11 @@ def test_filter_is_3_db_down_at_its_corner() -> None:
         )
 
 
-def run(scene: Scene, block: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def run(scene: Setup, block: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of truth, values and flags of a scene without control, in blocks of `block` steps."""
-    plant, sensor, steps = parts.plant(scene), parts.sensor(scene), scene.steps
+    plant, sensor, steps = scene.start_plant(), scene.start_sensor(), scene.steps
     window = hk.Window(
-        truth=np.zeros((hk.TRUTH_COLUMNS, block)),
+        truth=np.zeros((COLUMNS, block)),
         codes=np.zeros(block, np.int64),
         values=np.zeros(block),
         clipped=np.zeros(block, np.int64),
@@ -103,7 +102,7 @@ def run(scene: Scene, block: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.concatenate(truth, axis=1), np.concatenate(values), np.concatenate(flags)
 
 
-def scene(*settings: str) -> Scene:
+def scene(*settings: str) -> Setup:
     """A whole contact of the light ball in half a millisecond."""
     fixed = ["run.duration_s=0.0005", "run.lead_in_s=0.0002", "run.accuracy=0.05"]
     return load("aluminium-3mm", ["controller.law=off", *fixed, *settings])
@@ -150,7 +149,7 @@ def test_velocity_is_a_value_at_the_end_of_the_step_and_acceleration_a_mean(
     )
     # A sphere so large that its contact would be long enough for this mode.
     settings = ["sphere.radius_m=0.02", "run.step_ns=5000", f"run.scheme={scheme}"]
-    plant = parts.plant(scene(f"plate.modes='{file}'", *settings))
+    plant = scene(f"plate.modes='{file}'", *settings).start_plant()
     omega = 2.0 * math.pi * hertz
     t = step_s * np.arange(13)
     at_ends, moved = force_n / omega * np.sin(omega * t), 1.0 - np.cos(omega * t)
@@ -158,7 +157,7 @@ def test_velocity_is_a_value_at_the_end_of_the_step_and_acceleration_a_mean(
     assert means[0] == pytest.approx(0.5 * at_ends[1], rel=0.1)
     read, truth = {"v_p": [], "acceleration": []}, []
     for _ in t[1:]:
-        truth.append(rows_under(plant, np.array([force_n]))[3, 0])
+        truth.append(series_under(plant, np.array([force_n]))[3, 0])
         for name, values in read.items():
             values.append(float(plant.state.body[SENSED[name].of_state]))
     assert read["v_p"] == pytest.approx(at_ends[1:], rel=1e-9, abs=1e-15)
@@ -233,7 +232,7 @@ def test_samples_do_not_depend_on_how_the_run_is_cut(block: int) -> None:
 def test_noise_comes_before_the_converter() -> None:
     clean = run(scene(), 500)[1]
     noisy = run(scene("sensors.noise_rms=1e-6"), 500)[1]
-    drawn = Sensor(SensorSpec(noise_rms=1e-6), STEP_S, 500, load("aluminium-3mm").run.seed)
+    drawn = Sensor(SensorSpec(noise_rms=1e-6), STEP_S, 500, load("aluminium-3mm").seed)
     assert np.array_equal(noisy, clean + drawn.model.noise)
     settings = ["sensors.bits=10", "sensors.full_scale=[-2e-5, 1e-3]"]
     coded = run(scene("sensors.noise_rms=1e-6", *settings), 500)[1]

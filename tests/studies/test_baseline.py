@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from studies.cost import baseline, exchange, links, replay
 from studies.cost.strangers import run_beside
 from studies.cost.structures import mode_file_costs

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from studies.latency import study as study
 from studies.sweeps.evaluate import Pool
 from studies.sweeps.pool import local_pool

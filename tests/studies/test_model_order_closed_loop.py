@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from studies.model_order import closed_loop as study
 from studies.model_order.study import random_spec
 

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
 from hertzloop.results.cases import figures_of_case
-from hertzloop.scenes.scene import load, vary
+from hertzloop.setup import load
 from studies.latency.study import Named, critical
 from studies.sweeps.design import Axis
 from studies.sweeps.evaluate import Pool
@@ -32,7 +32,7 @@ def pool() -> Iterator[Pool]:
 def by_hand(**changes: object) -> list[float]:
     scene = load("aluminium-3mm", EARLY)
     values = {key.replace("__", "."): value for key, value in changes.items()}
-    cases = (vary(scene, values | {KEY: phase}) for phase in phases())
+    cases = (scene.vary(values | {KEY: phase}) for phase in phases())
     return [figures_of_case(case).plate_energy_db for case in cases]
 
 

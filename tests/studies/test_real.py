@@ -9,7 +9,6 @@ import pytest
 
 from hertzloop.commands.real import _critical, _table
 from hertzloop.results.cases import figures_of_case
-from hertzloop.scenes.scene import vary
 from studies.latency.study import Named, critical
 from studies.real import study
 from studies.sweeps.phases import phases
@@ -51,7 +50,7 @@ def test_a_real_case_is_the_one_that_its_settings_say(found: list[study.Effect])
     scene = study.plant_of(COARSE, "real")
     again = [
         figures_of_case(
-            vary(scene, {"sensors.noise_rms": real.noise_rms, "run.touch_phase": phase})
+            scene.vary({"sensors.noise_rms": real.noise_rms, "run.touch_phase": phase})
         ).plate_energy_db
         for phase in phases()
     ]
@@ -64,7 +63,7 @@ def test_a_contact_with_a_damper_keeps_its_loss() -> None:
     scene = study.plant_of(oak, "real")
     assert scene.contact.damping == "hunt_crossley"
     assert scene.contact.plasticity == "none"
-    assert scene.plate.theory == "kirchhoff"
+    assert scene.scene.plate.theory == "kirchhoff"
     assert scene.actuator.bandwidth_hz == 300e3
 
 

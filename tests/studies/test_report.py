@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 
 from hertzloop.commands.cli import app
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from recordings.reader import read
 from tests.hertzloop.own_laws import write_law
 from tests.recordings.rewriting import messages, write

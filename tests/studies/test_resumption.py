@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from hertzloop.results.cases import Span
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from studies.latency import study as latency
 from studies.sweeps.evaluate import Numbered, Pool, Rows, evaluate
 from studies.sweeps.kept import Kept, kept

@@ -14,7 +14,8 @@ from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import UNSTABLE, figures_of_case
 from hertzloop.results.impact_rows import first_impact
-from hertzloop.scenes.scene import SceneError, load, vary
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import load
 from studies.sweeps import evaluate
 from studies.sweeps import sweep as study
 from studies.sweeps.design import Axis, Design, DesignError, fitted, make_design, parse_axis
@@ -78,7 +79,7 @@ def test_spread_points_are_values_that_their_keys_can_have() -> None:
             "controller.law=fade_out", "controller.fade_us=0:1"]  # fmt: skip
     cases = make_design(scene, over, "lhs", 60, 1).cases()
     for case in cases:
-        vary(scene, case)
+        scene.vary(case)
     found = {key: sorted({case[key] for case in cases}) for key in cases[0]}
     assert found["sensors.bits"] == [4, 5, 6, 7, 8, 9]
     assert found["controller.latency_us"] == [1.0, 1.5, 2.0, 2.5, 3.0]
@@ -125,14 +126,14 @@ def test_the_figures_of_a_case_are_those_of_its_run(model: str) -> None:
 def test_a_case_takes_the_infinite_plate_where_that_meets_the_accuracy() -> None:
     settings = ["run.duration_s=0.0016", "controller.kappa=0.5"]
     scene = load("aluminium-3mm", settings)
-    mine, modal = (figures_of_case(vary(scene, {"run.plate_model": m})) for m in ("auto", "modal"))
+    mine, modal = (figures_of_case(scene.vary({"run.plate_model": m})) for m in ("auto", "modal"))
     assert (mine.plate_model, modal.plate_model) == ("infinite", "modal")
     assert mine.digest != modal.digest
     assert mine.rebound_m_s == pytest.approx(modal.rebound_m_s, rel=1e-3)
     assert mine.plate_energy_j == pytest.approx(modal.plate_energy_j, rel=2e-3)
     # Not to the end of the run, by when reflections are back; nor at a tighter accuracy.
     assert figures_of_case(scene, "run").plate_model == "modal"
-    assert figures_of_case(vary(scene, {"run.accuracy": 1e-5})).plate_model == "modal"
+    assert figures_of_case(scene.vary({"run.accuracy": 1e-5})).plate_model == "modal"
 
 
 def test_the_span_of_a_run_takes_all_contacts() -> None:
@@ -143,7 +144,7 @@ def test_the_span_of_a_run_takes_all_contacts() -> None:
 
 def test_a_case_that_cannot_be_has_a_row_that_says_so() -> None:
     rows = evaluate.run_chunk(
-        study.to_toml(load("aluminium-3mm", COARSE)), "impact",
+        load("aluminium-3mm", COARSE).toml, "impact",
         [(0, {"controller.latency_us": 0.5}), (1, {"controller.latency_us": 1})],
     )  # fmt: skip
     assert "no whole number of steps" in rows[0]["status"]
@@ -194,7 +195,7 @@ def test_results_come_back_with_scene_and_versions(tmp_path: Path, suffix: str) 
     assert [row["sensors.bits"] for row in rows] == [6, "ideal"]
     assert [row["plate.contact_point_m"] for row in rows] == [[0.2, 0.2]] * 2
     assert [row["digest"] for row in rows] == [row["digest"] for row in found.rows]
-    assert header["scene_toml"] == study.to_toml(scene)
+    assert header["scene_toml"] == scene.toml
     assert header["versions"] == study.code_version()
     assert not study.journal_of(out).exists()
 
@@ -305,4 +306,4 @@ def test_results_without_a_case_cannot_be_checked(tmp_path: Path) -> None:
 def test_a_case_is_the_scene_with_its_keys() -> None:
     scene = load("aluminium-3mm")
     same = load("aluminium-3mm", ["controller.law=velocity_feedback", "controller.kappa=0.5"])
-    assert vary(scene, {"controller.law": "velocity_feedback", "controller.kappa": 0.5}) == same
+    assert scene.vary({"controller.law": "velocity_feedback", "controller.kappa": 0.5}) == same

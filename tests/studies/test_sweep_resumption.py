@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from studies.sweeps import sweep as study
 from studies.sweeps.design import make_design
 from studies.sweeps.journal import Journal, JournalError
@@ -70,7 +70,7 @@ class _Killed(Exception):
 def test_a_changed_digit_in_the_journal_is_named_and_its_case_run_again(tmp_path: Path) -> None:
     scene = load("aluminium-3mm", COARSE)
     over = ["controller.latency_us=0:23:1"]
-    design = make_design(scene, over, "grid", 256, scene.run.seed)
+    design = make_design(scene, over, "grid", 256, scene.seed)
     whole, out, report = (tmp_path / name for name in ("whole.csv", "r.csv", "r.json"))
     study.sweep(scene, design, "impact", whole, workers=1)
 

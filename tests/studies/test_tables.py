@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.figures import figures_of
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from studies.published import tables
 
 PUBLISHED = Path(tables.__file__).parent

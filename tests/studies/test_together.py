@@ -6,7 +6,7 @@ import pytest
 
 from hertzloop.results import cases as parts
 from hertzloop.results.cases import together
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from studies.sweeps import evaluate
 
 SCENE = load("aluminium-3mm", ["run.accuracy=0.1", "run.duration_s=0.004"])

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from controller.door.registry import find, shipped
 from hertzloop.commands.cli import app
 from hertzloop.results.cases import figures_of_case
-from hertzloop.scenes.scene import Scene, load, vary
+from hertzloop.setup import Setup, load
 from studies.sweeps.design import Axis
 from studies.sweeps.evaluate import Pool
 from studies.sweeps.pool import local_pool
@@ -28,23 +28,23 @@ def pool() -> Iterator[Pool]:
 
 
 @pytest.fixture(scope="module")
-def scene() -> Scene:
+def scene() -> Setup:
     return load("aluminium-3mm", CHEAP)
 
 
-def energy(scene: Scene, kappa: float) -> float:
+def energy(scene: Setup, kappa: float) -> float:
     values = {"controller.law": "force_feedback", "controller.kappa": kappa}
-    return figures_of_case(vary(scene, values)).plate_energy_db
+    return figures_of_case(scene.vary(values)).plate_energy_db
 
 
-def best(pool: Pool, scenes: list[Scene], at_most: dict[str, float]) -> study.Found:
+def best(pool: Pool, scenes: list[Setup], at_most: dict[str, float]) -> study.Found:
     return study.tune(
         pool, scenes, "impact", "force_feedback", KAPPA, ("plate_energy_db",), at_most=at_most,
         generations=12, population=10, seed=1,
     )[0]  # fmt: skip
 
 
-def test_the_best_gain_is_the_one_that_a_fine_grid_finds(pool: Pool, scene: Scene) -> None:
+def test_the_best_gain_is_the_one_that_a_fine_grid_finds(pool: Pool, scene: Setup) -> None:
     kappas = np.linspace(-0.5, 1.5, 101)
     grid = [energy(scene, float(kappa)) for kappa in kappas]
     found = best(pool, [scene], {})
@@ -52,23 +52,23 @@ def test_the_best_gain_is_the_one_that_a_fine_grid_finds(pool: Pool, scene: Scen
     assert abs(found.values["controller.kappa"] - kappas[int(np.argmin(grid))]) < 0.03
 
 
-def test_a_limit_is_kept(pool: Pool, scene: Scene) -> None:
+def test_a_limit_is_kept(pool: Pool, scene: Setup) -> None:
     free, limited = best(pool, [scene], {}), best(pool, [scene], {"rebound_percent": 130.0})
-    rebound = figures_of_case(vary(scene, limited.values)).rebound_percent
+    rebound = figures_of_case(scene.vary(limited.values)).rebound_percent
     assert rebound <= 130.0
     assert rebound > 120.0  # and used
     assert limited.figures["plate_energy_db"] > free.figures["plate_energy_db"]
 
 
-def test_over_a_set_of_scenes_the_worst_counts(pool: Pool, scene: Scene) -> None:
-    other = vary(scene, {"controller.latency_us": 6})
+def test_over_a_set_of_scenes_the_worst_counts(pool: Pool, scene: Setup) -> None:
+    other = scene.vary({"controller.latency_us": 6})
     found = best(pool, [scene, other], {})
-    alone = [figures_of_case(vary(s, found.values)).plate_energy_db for s in (scene, other)]
+    alone = [figures_of_case(s.vary(found.values)).plate_energy_db for s in (scene, other)]
     assert found.figures["plate_energy_db"] == pytest.approx(max(alone), abs=1e-12)
     assert alone[0] != alone[1]
 
 
-def test_a_front_holds_nothing_that_another_beats(pool: Pool, scene: Scene) -> None:
+def test_a_front_holds_nothing_that_another_beats(pool: Pool, scene: Setup) -> None:
     found = study.tune(
         pool, [scene], "impact", "predicted", study.ranges_of("predicted", 1.0), BOTH, at_most={},
         generations=6, population=16, seed=2,

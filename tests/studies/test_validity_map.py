@@ -6,17 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.scenes.scene import load
+from hertzloop.setup import load
 from plant.structures.plate_theory import expected_kirchhoff_error, zener_impact
 from studies.validity import study
 
 
 def bodies(radius_m: float, thickness_m: float) -> study.Bodies:
-    from hertzloop.assembly import plant_spec
-    from hertzloop.plant_tables import weaker
-
     scene = load("aluminium-3mm")
-    spec, found = plant_spec(scene), weaker(scene)
+    spec, found = scene.plant, scene.bodies.weaker
     plate = spec.plate.local_plate
     assert plate is not None
     assert found is not None

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import rows_under
 from hertzloop.results.impact_windows import impacts_in, modal_displacement, starting_speed
 from plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness
 from plant.figures.impacts import Impact
@@ -16,6 +15,7 @@ from plant.structures import lamb
 from plant.structures.materials import MATERIALS
 from plant.structures.plate import Plate
 from plant.structures.solid_plate import SolidPlate
+from plant.time_series import series_under
 
 ALUMINIUM, STEEL = MATERIALS["aluminium"], MATERIALS["steel"]
 NU = ALUMINIUM.poisson_ratio
@@ -91,7 +91,7 @@ def _impact(
         residual_flexibility=True,
     )  # fmt: skip
     plant = CollocationPlant(what)
-    rows = rows_under(plant, np.zeros(160))
+    rows = series_under(plant, np.zeros(160))
     places = modal_displacement(what, rows), starting_speed(what, rows)
     found = impacts_in(what, rows, *places)[0]
     return found, plant.close_books().energy_residual
@@ -143,7 +143,7 @@ def test_books_close(step_s: float, pressure_pa: float | None) -> None:
         plant = CollocationPlant(what)
         steps = round(2e-4 / step_s)
         force = np.where(np.arange(steps) * step_s % 2e-5 < 1e-5, 25.0, -10.0)
-        rows_under(plant, force)
+        series_under(plant, force)
         books = plant.close_books()
         assert books.contact_steps > 0
         assert abs(books.energy_residual) < 1e-10

@@ -1,10 +1,11 @@
-"""What stands for a plate in a run, where the scene leaves it to the program."""
+"""Second stage: up to which frequency modes are taken along, and what stands for the rest."""
 
 import math
+from dataclasses import replace
+from functools import lru_cache
 
-from hertzloop.plant_tables import contact_of
-from hertzloop.scenes.problems import not_in_three_dimensions
-from hertzloop.scenes.scene import Scene, SceneError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup.bodies import KEPT, Bodies
 from plant.contact.hertz import Contact, Sphere, rigid_contact_time_s, rigid_penetration_m
 from plant.plant import MOST_MODES, PlantSpec
 from plant.schemes.door import SCHEMES
@@ -12,7 +13,6 @@ from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.model_order import expected_error, frequency_limit_hz
 from plant.structures.plate import Plate, frequencies
-from plant.structures.plate_theory import KirchhoffError, expected_kirchhoff_error
 from plant.structures.solid_order import solid_limit_hz
 from plant.structures.solid_plate import SolidPlate
 from plant.structures.structure import Structure
@@ -31,29 +31,58 @@ _TOLD_S, _MOST_S = 2.0, 60.0  # of processor time for the modes: said, and refus
 _FEWEST_PERIODS = 1.5  # of the limit in a contact
 
 
-def thin_plate(scene: Scene) -> Plate:
-    """The plate of a scene by its sizes."""
-    table = scene.plate
-    assert table.size_m is not None
-    assert table.thickness_m is not None
-    return Plate(scene.material("plate"), table.size_m, table.thickness_m, table.loss_factor)
+@lru_cache(maxsize=KEPT)
+def described(
+    bodies: Bodies, tail: str, scheme: str, step_ns: int, lead_in_s: float, accuracy: float
+) -> PlantSpec:
+    """Describe the plant with modes; whether these can be computed is not checked.
+
+    Args:
+        tail: `plate.tail`, what stands for the modes left out.
+        lead_in_s: flight before the first contact.
+        accuracy: relative error that leaving out modes may cause.
+
+    Raises:
+        SceneError: a contact would fit into a step, or the structure does not fit the contact.
+    """
+    step_s = step_ns * 1e-9
+    _check_step(bodies, step_ns)
+    limit, damped = _limit_hz(bodies, tail, scheme, step_s, accuracy)
+    if isinstance(bodies.structure, ModalStructure):
+        limit = min(bodies.structure.highest_hz, 0.5 / step_s)
+    return PlantSpec(
+        sphere=bodies.sphere,
+        plate=bodies.structure,
+        contact=bodies.contact,
+        contact_point_m=bodies.contact_point_m,
+        actuator_point_m=bodies.actuator_point_m,
+        step_s=step_s,
+        frequency_limit_hz=limit,
+        lead_in_s=lead_in_s,
+        residual_flexibility=SCHEMES[scheme].tail,
+        damped_tail=damped,
+        actuator=bodies.actuator,
+        radiating_faces=bodies.radiating_faces,
+    )
 
 
-def theory(scene: Scene) -> str:
-    """The theory of the plate, "kirchhoff" or "3d", that a scene's `plate.theory` means."""
-    asked = scene.plate.theory
-    if asked != "auto":
-        return asked
-    if not_in_three_dimensions(scene):
-        return "kirchhoff"
-    return "kirchhoff" if kirchhoff_error(scene).largest <= scene.run.accuracy else "3d"
+@lru_cache(maxsize=KEPT)
+def with_modes(spec: PlantSpec, step_ns: int, scheme: str, accuracy: float) -> PlantSpec:
+    """The plant with the modes of its structure. Raises SceneError if they are none or too many."""
+    if isinstance(spec.plate, ModalStructure):
+        _check_reach(spec.plate, spec.sphere, spec.contact, spec.frequency_limit_hz)
+    else:
+        _check_modes(spec, step_ns, scheme, accuracy)
+    _check_build(spec)
+    return spec
 
 
-def kirchhoff_error(scene: Scene) -> KirchhoffError:
-    """What Kirchhoff's theory is expected to cost the first impact of a plate by its sizes."""
-    ball, plate = scene.sphere, thin_plate(scene)
-    sphere = Sphere(scene.material("sphere"), ball.radius_m, ball.drop_height_m)
-    return expected_kirchhoff_error(sphere, plate, contact_of(scene, sphere, plate))
+@lru_cache(maxsize=KEPT)
+def without_edges(spec: PlantSpec, step_ns: int) -> PlantSpec:
+    """The plant with an infinite plate. Raises SceneError for one with no modes below its limit."""
+    if isinstance(spec.plate, Plate):
+        _check_lowest(spec.plate, spec.frequency_limit_hz, step_ns)
+    return replace(spec, residual_flexibility=False, damped_tail=False, infinite_plate=True)
 
 
 def widest_limit_hz(plate: SolidPlate, sphere: Sphere, contact: Contact) -> float:
@@ -77,7 +106,7 @@ def widest_limit_hz(plate: SolidPlate, sphere: Sphere, contact: Contact) -> floa
     return limit
 
 
-def check_below_zero(structure: ModalStructure, sphere: Sphere, contact: Contact) -> None:
+def _check_below_zero(structure: ModalStructure, sphere: Sphere, contact: Contact) -> None:
     """Refuse a residual flexibility below zero, of the modes of a solid, where it does not fit."""
     left_out = structure.residual_flexibility_m_n(2.0 * math.pi * structure.highest_hz)
     if left_out >= 0.0:
@@ -97,15 +126,14 @@ def check_below_zero(structure: ModalStructure, sphere: Sphere, contact: Contact
         )
 
 
-def damped_tail(scene: Scene, plate: Structure, limit_hz: float) -> bool:
+def _damped_tail(bodies: Bodies, asked: str, scheme: str, step_s: float, limit_hz: float) -> bool:
     """Whether the modes above a limit are one damped mode, not a spring.
 
     "auto" takes it where it is known: on a thin plate away from edges, whose modes end where it
-    begins, without a mass on the struck point. Raises SceneError.
+    begins, without a mass on the contact point. Raises SceneError.
     """
-    asked = scene.plate.tail
-    tail = SCHEMES[scene.run.scheme].tail
-    if asked == "spring" or not tail or isinstance(plate, SolidPlate):
+    plate = bodies.structure
+    if asked == "spring" or not SCHEMES[scheme].tail or isinstance(plate, SolidPlate):
         return False
     if plate.local_plate is None:
         if asked == "auto":
@@ -123,8 +151,8 @@ def damped_tail(scene: Scene, plate: Structure, limit_hz: float) -> bool:
         )
     if asked == "damped":
         return True
-    away = wavelengths_to_edge(scene, plate, limit_hz) >= NEAREST
-    return away and not mass_at_contact(scene) and _goes_on(plate, scene.step_s)
+    away = wavelengths_to_edge(bodies, limit_hz) >= NEAREST
+    return away and not bodies.mass_at_contact and _goes_on(plate, step_s)
 
 
 def _goes_on(plate: Structure, step_s: float) -> bool:
@@ -137,55 +165,53 @@ def _goes_on(plate: Structure, step_s: float) -> bool:
     return plate.residual_flexibility_m_n(last) <= most
 
 
-def wavelengths_to_edge(scene: Scene, plate: Structure, limit_hz: float) -> float:
-    """How far the struck point is from the nearest edge, in lengths of bending waves at a limit;
+def wavelengths_to_edge(bodies: Bodies, limit_hz: float) -> float:
+    """How far the contact point is from the nearest edge, in lengths of bending waves at a limit;
     inf where modes come from a file and no edge is known."""
-    if scene.plate.modes is not None or plate.local_plate is None:
+    plate = bodies.structure
+    if isinstance(plate, ModalStructure) or plate.local_plate is None:
         return math.inf
-    return plate.local_plate.wavelengths_to_edge(scene.plate.points_m[0], limit_hz)
+    return plate.local_plate.wavelengths_to_edge(bodies.contact_point_m, limit_hz)
 
 
-def mass_at_contact(scene: Scene) -> bool:
-    """Whether the actuator's mass is on the struck point."""
-    contact, actuator = scene.plate.points_m
-    return scene.actuator.mass_kg is not None and contact == actuator
-
-
-def check_step(scene: Scene, sphere: Sphere, contact: Contact) -> None:
+def _check_step(bodies: Bodies, step_ns: int) -> None:
     """Refuse a step that a contact may fit into: it would be seen as none, or as anything."""
-    lasts_s = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s)
-    if lasts_s < scene.step_s:
+    sphere = bodies.sphere
+    lasts_s = rigid_contact_time_s(
+        sphere.mass_kg, bodies.contact.stiffness, sphere.impact_speed_m_s
+    )
+    if lasts_s < step_ns * 1e-9:
         raise SceneError(
-            f"run.step_ns = {scene.run.step_ns} is longer than a contact, which may last only "
+            f"run.step_ns = {step_ns} is longer than a contact, which may last only "
             f"{1e9 * lasts_s:.3g} ns; take at most {1e9 * lasts_s / _STEPS_OF_CONTACT:.1g}"
         )
 
 
-def limit_hz_of(
-    scene: Scene, sphere: Sphere, plate: Structure, contact: Contact
+def _limit_hz(
+    bodies: Bodies, tail: str, scheme: str, step_s: float, accuracy: float
 ) -> tuple[float, bool]:
     """Up to where modes are taken along (Hz), and whether a damped mode stands for those beyond."""
-    if scene.run.scheme == "thesis2008":  # all modes to pi/dt
-        return 0.5 / scene.step_s, False
+    sphere, plate, contact = bodies.sphere, bodies.structure, bodies.contact
+    if scheme == "thesis2008":  # all modes to pi/dt
+        return 0.5 / step_s, False
     if isinstance(plate, SolidPlate):
-        highest = min(0.5 / scene.step_s, widest_limit_hz(plate, sphere, contact))
-        return solid_limit_hz(sphere, plate, contact, highest, scene.run.accuracy), False
+        highest = min(0.5 / step_s, widest_limit_hz(plate, sphere, contact))
+        return solid_limit_hz(sphere, plate, contact, highest, accuracy), False
     limits = [
         frequency_limit_hz(
-            sphere, plate, contact, scene.step_s, scene.run.accuracy,
-            spring=SCHEMES[scene.run.scheme].tail, damped=damped,
+            sphere, plate, contact, step_s, accuracy, spring=SCHEMES[scheme].tail, damped=damped
         )
         for damped in (False, True)
-    ]  # fmt: skip
-    damped = damped_tail(scene, plate, limits[True])
+    ]
+    damped = _damped_tail(bodies, tail, scheme, step_s, limits[True])
     return limits[damped], damped
 
 
-def check_reach(
+def _check_reach(
     structure: ModalStructure, sphere: Sphere, contact: Contact, limit_hz: float
 ) -> None:
     """Refuse modes that leave out all of an impact, or a solid's with what does not fit those."""
-    check_below_zero(structure, sphere, contact)
+    _check_below_zero(structure, sphere, contact)
     if expected_error(sphere, structure, contact, limit_hz, spring=True) < 1.0:
         return
     lasts_us = 1e6 * rigid_contact_time_s(
@@ -197,33 +223,33 @@ def check_reach(
     )
 
 
-def _sizes(scene: Scene) -> str:
-    table = scene.plate
-    return (
-        f"plate.size_m = {list(table.size_m or ())} with plate.thickness_m = {table.thickness_m:g}"
-    )
+def _sizes(plate: Structure) -> str:
+    local = plate.local_plate
+    assert local is not None
+    return f"plate.size_m = {list(local.size_m)} with plate.thickness_m = {local.thickness_m:g}"
 
 
-def check_lowest(scene: Scene, plate: Plate, limit_hz: float) -> None:
+def _check_lowest(plate: Plate, limit_hz: float, step_ns: int) -> None:
     """Raise SceneError for a plate with no modes up to a frequency."""
     if not plate.fundamental_hz < _LEAST_SHARE * limit_hz:
         raise SceneError(
-            f"{_sizes(scene)} has its lowest mode at {plate.fundamental_hz:.3g} Hz, beyond the "
+            f"{_sizes(plate)} has its lowest mode at {plate.fundamental_hz:.3g} Hz, beyond the "
             f"{limit_hz:.3g} Hz that the run carries; take a larger or thinner plate, or a smaller "
-            f"run.step_ns (now {scene.run.step_ns})"
+            f"run.step_ns (now {step_ns})"
         )
 
 
-def check_modes(scene: Scene, plate: Structure, limit_hz: float) -> None:
-    """Raise SceneError for a plate with no modes up to a frequency, or too many."""
+def _check_modes(spec: PlantSpec, step_ns: int, scheme: str, accuracy: float) -> None:
+    """Raise SceneError for a plate with no modes up to its limit, or too many."""
+    plate, limit_hz = spec.plate, spec.frequency_limit_hz
     if isinstance(plate, Plate):
-        check_lowest(scene, plate, limit_hz)
+        _check_lowest(plate, limit_hz, step_ns)
     modes = plate.modes_below(limit_hz)
     if modes > MOST_MODES:
-        published = scene.run.scheme == "thesis2008"
-        less = "another scheme" if published else f"more run.accuracy than {scene.run.accuracy:g}"
+        published = scheme == "thesis2008"
+        less = "another scheme" if published else f"more run.accuracy than {accuracy:g}"
         raise SceneError(
-            f"{_sizes(scene)} has about {modes:.2g} modes up to {limit_hz:.3g} Hz, the most is "
+            f"{_sizes(plate)} has about {modes:.2g} modes up to {limit_hz:.3g} Hz, the most is "
             f"{MOST_MODES}; take a smaller or thicker plate, or {less}"
         )
 
@@ -241,7 +267,7 @@ def build_s(spec: PlantSpec) -> float:
     return found
 
 
-def check_build(spec: PlantSpec) -> None:
+def _check_build(spec: PlantSpec) -> None:
     """Raise SceneError for a plant whose modes would take too long."""
     takes_s = build_s(spec)
     if takes_s > _MOST_S:

@@ -1,4 +1,4 @@
-"""The one table of sensed quantities, and that of the columns of truth: names, units, meaning.
+"""The one table of sensed quantities: names, units, meaning.
 
 A new sensed quantity is a row of `SENSED`. Scenes, laws, converter, exports and the trial of a law
 follow; the replay draws it with the gap, unless `recordings/replay/data.py` names another plot.
@@ -11,21 +11,6 @@ import numpy as np
 
 from plant.schemes import state_kernels as pk
 
-# Columns of truth by the names of the message's fields: unit, meaning. Their order is that of
-# the rows which the loop writes. Positions and velocity are values at the start of the step, forces
-# are means over it.
-TRUTH = {
-    "xi_m": ("m", "gap: sphere's lowest point minus plate surface"),
-    "xi_s_m": ("m", "sphere's lowest point"),
-    "xi_p_m": ("m", "plate at the contact point"),
-    "v_p_m_s": ("m/s", "plate velocity at the contact point at the start of the step"),
-    "f_c_n": ("N", "contact force, mean of the step, up on the sphere"),
-    "f_a_n": ("N", "actuator force, mean of the step, up on the plate"),
-    "xi_a_m": ("m", "plate at the actuator"),
-    "f_c1_n": ("N", "slope of the contact force over the step: f_c + f_c1 (2 t/h - 1)"),
-    "f_a1_n": ("N", "slope of the actuator force over the step: f_a + f_a1 (2 t/h - 1)"),
-    "deepest_m": ("m", "deepest penetration so far, at least that of first yield"),
-}
 # Ranges of converters, of the largest value on a rigid plate.
 _GAP_LOW, _GAP_HIGH, _ABOVE = -1.25, 0.25, 1.25
 

@@ -1,0 +1,214 @@
+"""First stage: the sphere, the structure, their contact and the actuator."""
+
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property, lru_cache
+from typing import Any
+
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.files import unpacked
+from hertzloop.scenes.materials import MaterialTable, material_called
+from hertzloop.scenes.problems import not_in_three_dimensions
+from hertzloop.scenes.tables import ActuatorTable, ContactTable, PlateTable, SphereTable
+from plant.actuator.model import Actuator
+from plant.contact.hertz import (
+    Contact,
+    Damping,
+    Limit,
+    Sphere,
+    hertz_stiffness,
+    hunt_crossley_parameter,
+)
+from plant.contact.strength import Strength, softer
+from plant.structures.edged_plate import EdgedPlate
+from plant.structures.materials import Material
+from plant.structures.modal_structure import ModalStructure
+from plant.structures.mode_file import read_modes
+from plant.structures.plate import Plate
+from plant.structures.plate_theory import KirchhoffError, expected_kirchhoff_error
+from plant.structures.solid_plate import SolidPlate
+from plant.structures.structure import Point, Structure
+
+KEPT = 16  # results of a stage; a structure's modes can be large
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """What collides, in SI units: everything that does not depend on step, law or sensor.
+
+    `weaker`: the body that yields first, and its strength; None where the plate's is not known.
+    `theory`: "kirchhoff" or "3d", the theory that `plate.theory` comes to.
+    """
+
+    sphere: Sphere
+    structure: Structure
+    contact: Contact
+    actuator: Actuator
+    contact_point_m: Point
+    actuator_point_m: Point
+    radiating_faces: int
+    weaker: tuple[str, Strength] | None
+    theory: str
+
+    def __hash__(self) -> int:
+        """Kept: later stages are looked up by it again and again."""
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash(tuple(getattr(self, part.name) for part in fields(self)))
+
+    @property
+    def same_point(self) -> bool:
+        """Whether the actuator pushes at the contact point."""
+        return self.contact_point_m == self.actuator_point_m
+
+    @property
+    def mass_at_contact(self) -> bool:
+        """Whether the actuator's mass is on the contact point."""
+        return self.actuator.mass_kg > 0.0 and self.same_point
+
+    @property
+    def local_plate(self) -> Plate:
+        """The plate that the contact feels first. Raises SceneError where none is known."""
+        if self.structure.local_plate is None:
+            raise SceneError(
+                f"what controller.law or sensors.full_scale asks for, the impedance of an infinite "
+                f"plate, is not known for {self.structure}; give plate.thickness_m if it is a "
+                "plate where it is struck, or another law, and a range in numbers"
+            )
+        return self.structure.local_plate
+
+
+@lru_cache(maxsize=KEPT)
+def bodies_of(
+    sphere_table: SphereTable,
+    plate: PlateTable,
+    contact_table: ContactTable,
+    actuator_table: ActuatorTable,
+    materials: tuple[MaterialTable, ...] | None,
+    scheme: str,
+    plate_model: str,
+    accuracy: float,
+) -> Bodies:
+    """Build the bodies.
+
+    Args:
+        materials: the scene's own, by name.
+        scheme: `run.scheme`; a solid plate is known to one of them only.
+        plate_model: `run.plate_model` as the scene has it; an infinite plate is thin.
+        accuracy: `run.accuracy`, by which the theory and the number of Ritz functions are chosen.
+
+    Raises:
+        SceneError: a file of modes does not make a structure.
+    """
+    of_sphere = material_called(sphere_table.material, materials or ())
+    of_plate = material_called(plate.material, materials or ())
+    sphere = Sphere(of_sphere, sphere_table.radius_m, sphere_table.drop_height_m)
+    weaker = softer(of_plate, of_sphere)
+    contact = _contact(contact_table, sphere, of_plate, weaker)
+    theory = plate.theory
+    if theory == "auto":
+        thin_only = not_in_three_dimensions(
+            plate, contact_table, actuator_table, scheme, plate_model
+        )
+        theory = "kirchhoff"
+        if not thin_only:
+            expected = expected_kirchhoff_error(sphere, _thin_plate(plate, of_plate), contact)
+            theory = "kirchhoff" if expected.largest <= accuracy else "3d"
+    contact_point, actuator_point = plate.points_m
+    return Bodies(
+        sphere=sphere,
+        structure=_structure(plate, of_plate, theory, accuracy),
+        contact=contact,
+        actuator=Actuator(
+            actuator_table.bandwidth_hz,
+            actuator_table.damping,
+            actuator_table.mass_kg or 0.0,
+            actuator_table.force_limit_n,
+        ),
+        contact_point_m=contact_point,
+        actuator_point_m=actuator_point,
+        radiating_faces=plate.radiating_faces,
+        weaker=weaker,
+        theory=theory,
+    )
+
+
+def _thin_plate(table: PlateTable, material: Material) -> Plate:
+    assert table.size_m is not None
+    assert table.thickness_m is not None
+    return Plate(material, table.size_m, table.thickness_m, table.loss_factor)
+
+
+def _structure(table: PlateTable, material: Material, theory: str, accuracy: float) -> Structure:
+    modes = table.modes
+    if modes is not None:
+        try:
+            return _modal(
+                modes.file, modes.sha256, modes.content, material, table.thickness_m,
+                table.residual_flexibility_m_n,
+            )  # fmt: skip
+        except ValueError as error:
+            raise SceneError(str(error)) from error
+    plate = _thin_plate(table, material)
+    if table.edges in (None, "ssss"):
+        return SolidPlate(plate) if theory == "3d" else plate
+    return EdgedPlate(plate, table.edges, accuracy)
+
+
+@lru_cache(maxsize=KEPT)
+def _modal(
+    file: str, sha256: str, content: str, material: Material,
+    thickness_m: float | None, residual: float | None,
+) -> ModalStructure:  # fmt: skip
+    """One structure for all runs of the same modes."""
+    local = None
+    if thickness_m is not None:
+        local = Plate(material, (1.0, 1.0), thickness_m)  # its size is in the modes
+    return ModalStructure(
+        file, read_modes(file, unpacked(file, sha256, content)), material, local, residual
+    )
+
+
+def _contact(
+    table: ContactTable, sphere: Sphere, plate: Material, weaker: tuple[str, Strength] | None
+) -> Contact:
+    """The contact of sphere and plate: stiffness, damping, and where it yields."""
+    stiffness = hertz_stiffness(sphere.radius_m, sphere.material, plate)
+    limit = None
+    if table.plasticity == "thornton":
+        pressure = table.limiting_pressure_pa
+        if pressure is None:
+            assert weaker is not None  # a scene without is refused
+            pressure = weaker[1].pressure_pa
+        limit = Limit(pressure, sphere.radius_m)
+    if table.damping == "viscous":
+        return Contact(stiffness, Damping.VISCOUS, viscous_n_s_m=table.viscous_n_s_m, limit=limit)
+    if table.damping == "hunt_crossley":
+        d = hunt_crossley_parameter(table.restitution, sphere.impact_speed_m_s)
+        return Contact(stiffness, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=d, limit=limit)
+    if table.damping == "relaxation":
+        return Contact(
+            stiffness,
+            Damping.RELAXATION,
+            relaxation_stiffness=table.relaxation_stiffness,
+            relaxation_s=table.relaxation_s,
+            extra_state=table.relaxation_solve == "bracketed",
+        )
+    return Contact(stiffness, limit=limit)
+
+
+def limiting_pressure(bodies: Bodies, table: ContactTable) -> dict[str, Any] | None:
+    """`pressure_pa` of a contact that yields, whether the scene `given` it, and `by` what it is
+    otherwise: the `body`, with the fields of `Strength`. None of a contact that does not yield."""
+    if bodies.contact.limit is None:
+        return None
+    given = table.limiting_pressure_pa is not None
+    found = bodies.weaker
+    by = None if given or found is None else {"body": found[0], **asdict(found[1])}
+    return {"pressure_pa": bodies.contact.limit.pressure_pa, "given": given, "by": by}
+
+
+def thin_plate_error(bodies: Bodies) -> KirchhoffError:
+    """What Kirchhoff's theory is expected to cost the first impact of a plate by its sizes."""
+    return expected_kirchhoff_error(bodies.sphere, bodies.local_plate, bodies.contact)

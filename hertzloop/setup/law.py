@@ -1,0 +1,134 @@
+"""Third and seventh stage: how far the law's force may go; the law with its constants."""
+
+import math
+from collections.abc import Hashable
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from controller.controller import Controller, LineSpec
+from controller.door.bound import BoundLaw
+from controller.door.law import Law, LawError
+from controller.door.registry import find
+from controller.law import About, Keys, Reach
+from hertzloop.scenes.controller_table import ControllerTable
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup.bodies import KEPT, Bodies
+from plant import time_series as ts
+from plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n
+from plant.contact.plastic import yield_depth_m
+from plant.figures.impacts import contacts
+
+_TRIED_N_S_M = (100.0, 1000.0)  # impedances, to see whether a law takes any
+
+
+def law_of(table: ControllerTable) -> Law:
+    """The law that a scene names. Raises SceneError."""
+    try:
+        return table.found
+    except LawError as error:
+        raise SceneError(str(error)) from error
+
+
+def reach_of(table: ControllerTable) -> Reach:
+    """How far the force of the law can go; without limit if the law is not there any more, as that
+    of a recording may be. Raises SceneError."""
+    try:
+        law = table.found
+    except LawError:
+        return Reach()
+    try:
+        return law.reach(table.keys)
+    except LawError as error:
+        raise SceneError(str(error)) from error
+
+
+@lru_cache(maxsize=KEPT)
+def about_impact(bodies: Bodies, s: float) -> About:
+    """What a law may know of the bodies alone, with the contact stiffness `s`, N/m^1.5."""
+    m, v = bodies.sphere.mass_kg, bodies.sphere.impact_speed_m_s
+    local = bodies.structure.local_plate
+    return About(
+        stiffness=s,
+        sphere_mass_kg=m,
+        impact_speed_m_s=v,
+        impedance_n_s_m=local.infinite_plate_impedance_n_s_m if local else math.nan,
+        rigid_contact_s=rigid_contact_time_s(m, s, v),
+        rigid_peak_n=rigid_peak_force_n(m, s, v),
+        yield_depth_m=yield_depth_m(bodies.contact),
+    )
+
+
+def line_of(table: ControllerTable, step_ns: int) -> LineSpec:
+    """The line from the law to the actuator."""
+    return LineSpec(
+        latency_steps=round(table.latency_us * 1000 / step_ns),
+        jitter_steps=round(table.jitter_us * 1000 / step_ns),
+        drop_out_probability=table.drop_out_probability,
+        bits=None if table.bits == "ideal" else int(table.bits),
+        full_scale_n=table.full_scale_n,
+        slew_n_s=table.slew_n_s,
+    )
+
+
+@lru_cache(maxsize=KEPT)
+def bound_law(
+    table: ControllerTable, about: About, bodies: Bodies, free: Hashable, ahead: bool = True
+) -> BoundLaw:
+    """Bind the law to its constants.
+
+    Args:
+        free: what the contact force without control depends on, for which a law may ask `about`.
+        ahead: whether anybody asks what the law knows of samples to come.
+
+    Raises:
+        SceneError: the law cannot be prepared for the run.
+    """
+    law = law_of(table)
+    try:
+        if math.isnan(about.impedance_n_s_m) and _needs_impedance(law, table.keys, about):
+            bodies.local_plate  # noqa: B018 - says what is missing
+        return law.bind(table.keys, about, ahead)
+    except LawError as error:
+        raise SceneError(str(error)) from error
+
+
+def _needs_impedance(law: Law, keys: Any, about: About) -> bool:
+    """Whether the law's constants follow from it: whether they differ for two of them."""
+    if not hasattr(getattr(law, "home", None), "prepare"):
+        return False  # it has all that is known as it is
+    one, other = (
+        law.constants(keys, replace(about, impedance_n_s_m=tried)) for tried in _TRIED_N_S_M
+    )
+    return any(not np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+
+
+def idle() -> Controller:
+    """A controller without a law, whose kernels are loaded, or compiled, once it is there: before
+    anybody waits for an answer."""
+    found = Controller(find("off").bind(Keys(), About()), LineSpec(), 1e-6, 1, 1, 0)
+    found.process(np.empty(0))
+    return found
+
+
+def first_contact_force_n(
+    truth: np.ndarray, stiffness: float, published: bool
+) -> np.ndarray | None:
+    """Contact force of the first contact from its first sample on, N; its elastic part in the
+    published scheme, as there. None unless the contact has ended.
+
+    Args:
+        truth: rows of a plant, shape (10, steps).
+        stiffness: of the contact, N/m^1.5.
+    """
+    gap = truth[ts.XI]
+    # The published scheme starts a contact at xi = 0, where its force is still zero.
+    starts, ends = contacts((gap <= 0.0).astype(float) if published else truth[ts.F_C])
+    if not ends:
+        return None
+    span = slice(starts[0], ends[0])
+    if published:
+        return np.asarray(stiffness * np.maximum(-gap[span], 0.0) ** 1.5)
+    return truth[ts.F_C, span].copy()

@@ -1,0 +1,72 @@
+"""The time series of a plant: one row a step, with the columns of `TRUTH`."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from jit import kernel
+from plant.schemes import door as scheme
+from plant.schemes import state_kernels as pk
+
+# Columns by the names of the fields of the message `TruthBlock`: unit, meaning. Positions and
+# velocity are values at the start of the step, forces are means over it.
+TRUTH = {
+    "xi_m": ("m", "gap: sphere's lowest point minus plate surface"),
+    "xi_s_m": ("m", "sphere's lowest point"),
+    "xi_p_m": ("m", "plate at the contact point"),
+    "v_p_m_s": ("m/s", "plate velocity at the contact point at the start of the step"),
+    "f_c_n": ("N", "contact force, mean of the step, up on the sphere"),
+    "f_a_n": ("N", "actuator force, mean of the step, up on the plate"),
+    "xi_a_m": ("m", "plate at the actuator"),
+    "f_c1_n": ("N", "slope of the contact force over the step: f_c + f_c1 (2 t/h - 1)"),
+    "f_a1_n": ("N", "slope of the actuator force over the step: f_a + f_a1 (2 t/h - 1)"),
+    "deepest_m": ("m", "deepest penetration so far, at least that of first yield"),
+}
+COLUMNS = len(TRUTH)
+# Indices of the columns, in the order of TRUTH.
+XI, XI_S, XI_P, V_P, F_C, F_A, XI_A, F_C1, F_A1, DEEPEST = range(COLUMNS)
+_PIECE_STEPS = 1 << 16
+
+
+@kernel(inline=True, borrowed=True)
+def record_step(plant, plant_state, command, truth, row):
+    """One plant step under a commanded force; writes its row of the time series.
+
+    A column that the plant's model has nothing for keeps the zeros it was made with.
+    """
+    body = plant_state.body
+    truth[0, row] = body[pk.XI]
+    truth[1, row] = body[pk.XI_S]
+    truth[2, row] = body[pk.XI_P]
+    truth[6, row] = body[pk.XI_A]
+    if scheme.yields(plant):
+        truth[9, row] = body[pk.DEEPEST]
+    truth[4, row] = scheme.step(plant, plant_state, command)
+    truth[3, row] = body[pk.V_P_OF_STEP]
+    truth[5, row] = body[pk.F_A]
+    truth[7, row] = body[pk.F_C1]
+    if scheme.has_slope(plant):
+        truth[8, row] = body[pk.F_A1]
+
+
+@kernel(borrowed=True)
+def plant_alone(plant, plant_state, forces, truth):
+    """The plant under commanded actuator forces, one a step, without sensor and controller."""
+    for i in range(forces.size):
+        record_step(plant, plant_state, forces[i], truth, i)
+
+
+def series_under(plant: Any, forces: np.ndarray) -> np.ndarray:
+    """Step a plant under commanded forces (N), one a step; its rows, shape (COLUMNS, steps)."""
+    truth = np.zeros((COLUMNS, len(forces)))
+    plant_alone(plant.model, plant.state, forces, truth)
+    return truth
+
+
+def free_series(plant: Any, steps: int) -> Iterator[tuple[int, np.ndarray]]:
+    """Step a plant without any force of the actuator; blocks of its rows: the first step, and an
+    array of shape (COLUMNS, steps of the block)."""
+    no_force = np.zeros(_PIECE_STEPS)
+    for first in range(0, steps, _PIECE_STEPS):
+        yield first, series_under(plant, no_force[: min(_PIECE_STEPS, steps - first)])

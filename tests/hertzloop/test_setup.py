@@ -1,0 +1,211 @@
+"""A varied setup is the setup that is resolved anew, for every key of every shipped scene."""
+
+import pickle
+import sys
+from dataclasses import fields, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hertzloop.scenes import keys
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.text import shipped, toml_text
+from hertzloop.setup import Setup, load, parse
+from hertzloop.setup.bodies import Bodies
+from plant.structures.mode_file import write_modes
+from tests.tiers import default
+
+SCENES = shipped()
+STAGES = (
+    "steps", "step_s", "bodies", "touch_phase", "first_touch_s", "reach", "plate_model",
+    "infinite_plate_error", "infinite_plate_lasts_s", "plant", "expected_error", "sensor",
+    "converter_step", "line", "about", "limiting_pressure",
+)  # fmt: skip
+# Values to try of keys that are not plain numbers, beside those that a key's kind names.
+TRIED: dict[str, list[Any]] = {
+    "sphere.material": ["aluminium"],
+    "plate.material": ["steel"],
+    "plate.material.young_pa": [6.1e10],
+    "plate.size_m": [[0.31, 0.37]],
+    "plate.contact_point_m": [[0.11, 0.13]],
+    "plate.actuator_point_m": [[0.1, 0.12]],
+    "plate.edges": ["cccc"],
+    "plate.loss_factor": [0.07],
+    "sensors.full_scale": ["contact", "none", [-2e-5, 3e-5]],
+    "sensors.quantity": ["v_p"],
+    "sensors.every_steps": [2],
+    "sensors.bits": [11],
+    "sensors.low_pass_hz": [9e4],
+    "sensors.noise_rms": [1e-8],
+    "controller.law": ["force_feedback", "precomputed", "off"],
+    "controller.bits": [9],
+    "controller.full_scale_n": [77.0],
+    "controller.latency_us": [3.0],
+    "controller.jitter_us": [2.0],
+    "controller.drop_out_probability": [0.1],
+    "controller.slew_n_s": [1e7],
+    "actuator.bandwidth_hz": [3e4],
+    "actuator.mass_kg": [1e-3],
+    "actuator.force_limit_n": [20.0],
+    "contact.restitution": [0.8],
+    "contact.limiting_pressure_pa": [2e8],
+    "run.touch_phase": [0.3, "random"],
+    "run.step_ns": [500],
+    "run.accuracy": [0.01],
+    "run.duration_s": [0.0012],
+    "run.lead_in_s": [5e-4],
+}
+# What a key needs beside itself to have an effect, or to be accepted.
+WITH: dict[str, dict[str, Any]] = {
+    "contact.restitution": {"contact.damping": "hunt_crossley"},
+    "contact.viscous_n_s_m": {"contact.damping": "viscous"},
+    "contact.relaxation_stiffness": {"contact.damping": "relaxation"},
+    "contact.relaxation_s": {"contact.damping": "relaxation"},
+    "contact.relaxation_solve": {"contact.damping": "relaxation"},
+    "contact.limiting_pressure_pa": {"contact.plasticity": "thornton"},
+    "contact.plasticity": {"contact.limiting_pressure_pa": 1e9},
+    "actuator.damping": {"actuator.bandwidth_hz": 5e4},
+    "controller.bits": {"controller.full_scale_n": 50.0},
+}
+NOT_TRIED = {
+    "name", "shows", "materials", "controller.law_digest", "plate.residual_flexibility_m_n",
+    "plate.modes",
+}  # fmt: skip
+
+
+def values_of(key: keys.Key, now: Any) -> list[Any]:
+    """Other values of a key."""
+    if key.name in TRIED:
+        return TRIED[key.name]
+    if '"' in key.kind:
+        named = [word.strip().strip('"') for word in key.kind.replace(" or ", ",").split(",")]
+        return [word for word in named if (word != now and word.isidentifier()) or word == "3d"]
+    if isinstance(now, bool) or now is None or isinstance(now, list | tuple | str):
+        return [1.0] if "number" in key.kind else []
+    if "whole" in key.kind:
+        return [now + 1]
+    return [now * 1.01 if now else 1e-3, 1.0]
+
+
+@cache
+def all_keys() -> list[keys.Key]:
+    known = keys.keys()
+    return [key for key in known if key.name not in NOT_TRIED]
+
+
+def forget() -> None:
+    """Drop the results that all stages have kept."""
+    for name, module in list(sys.modules.items()):
+        if name.startswith(("hertzloop.setup", "hertzloop.scenes")):
+            for one in vars(module).values():
+                if hasattr(one, "cache_clear"):
+                    one.cache_clear()
+
+
+def stages(setup: Setup) -> dict[str, Any]:
+    """What all stages come to: a value, or the sentence that refuses it."""
+    found: dict[str, Any] = {}
+    for stage in STAGES:
+        try:
+            value = getattr(setup, stage)
+        except SceneError as error:
+            value = str(error)
+        if isinstance(value, Bodies):  # modes of a file are compared as what they are read from
+            value = {part.name: getattr(value, part.name) for part in fields(value)}
+        found[stage] = value
+    try:
+        constants = setup.law.constants(setup.law_keys, setup.about)
+        found["constants"] = repr(
+            [getattr(part, "tolist", lambda p=part: p)() for part in constants]
+        )
+    except (SceneError, ValueError) as error:
+        found["constants"] = str(error)
+    return found
+
+
+def now_of(setup: Setup, key: str) -> Any:
+    value: Any = setup.scene.model_dump()
+    for part in key.split("."):
+        value = value.get(part) if isinstance(value, dict) else None
+    return value
+
+
+@pytest.mark.parametrize("name", default(SCENES, ["aluminium-20mm", "thesis-aluminium"]))
+def test_every_key_varied_gives_what_is_resolved_anew(name: str) -> None:
+    base = load(name)
+    forget()
+    unchanged = stages(base)
+    accepted, seen = set(), set()
+    for key in all_keys():
+        for value in values_of(key, now_of(base, key.name)):
+            changed = {**WITH.get(key.name, {}), key.name: value}
+            try:
+                varied = base.vary(changed)
+            except SceneError:
+                continue
+            accepted.add(key.name)
+            # Stages that are kept are those of the unchanged setup, and of others before.
+            found = stages(varied)
+            forget()
+            fresh = load(name, [f"{k}={toml_text(v)}" for k, v in changed.items()])
+            assert found == stages(fresh), (key.name, value)
+            named = {"name": varied.name, "shows": varied.description}
+            fresh = replace(fresh, scene=fresh.scene.model_copy(update=named))
+            assert varied == fresh, (key.name, value)
+            if found != unchanged:
+                seen.add(key.name)
+            forget()
+            stages(base)
+    assert len(accepted) > 0.5 * len(all_keys()), sorted(accepted)
+    # A seed of noise that is not there, for example, changes nothing that a stage shows.
+    assert len(seen) > 0.6 * len(accepted), sorted(accepted - seen)
+
+
+def test_a_structure_by_its_modes_is_varied_as_well(tmp_path: Path) -> None:
+    from hertzloop.commands.modes import modes_of_scene
+
+    short = ["run.duration_s=0.0012", "run.accuracy=0.1", "run.plate_model=modal"]
+    path = tmp_path / "m.npz"
+    path.write_bytes(write_modes(".npz", modes_of_scene(load("aluminium-3mm", short))))
+    base = load("aluminium-3mm", [*short, f"plate.modes={path}"])
+    stages(base)
+    for key, value in (("plate.residual_flexibility_m_n", 1e-8), ("run.accuracy", 0.05)):
+        varied = base.vary({key: value})
+        found = stages(varied)
+        del found["bodies"]["structure"]  # equal by identity only
+        forget()
+        other = stages(parse(varied.toml))
+        del other["bodies"]["structure"]
+        other["plant"] = replace(other["plant"], plate=found["plant"].plate)
+        assert found == other, key
+
+
+def test_a_setup_is_known_by_its_scene() -> None:
+    setup = load("aluminium-3mm")
+    setup.check()
+    again = pickle.loads(pickle.dumps(setup))
+    assert (again, hash(again)) == (setup, hash(setup))
+    assert vars(again).keys() <= {"scene", "announced_stiffness"}  # no stage travels
+    assert setup.vary({"run.seed": 7}) != setup
+    assert setup.lasting(17).steps == 17
+    assert setup.uncontrolled().uncontrolled() == setup.uncontrolled()
+
+
+def test_a_stage_is_evaluated_again_only_if_what_it_reads_has_changed() -> None:
+    setup = load("aluminium-3mm")
+    bodies = setup.bodies
+    for key, value in (("controller.latency_us", 5.0), ("sensors.bits", 12), ("run.seed", 3)):
+        varied = setup.vary({key: value})
+        assert varied.bodies is bodies, key
+        assert varied.plant is setup.plant, key
+    assert setup.vary({"sphere.radius_m": 0.004}).bodies is not bodies
+
+
+def test_a_law_works_with_the_stiffness_that_the_plant_announced() -> None:
+    setup = load("aluminium-3mm")
+    told = replace(setup, announced_stiffness=2.0 * setup.stiffness)
+    assert told.about.stiffness == 2.0 * setup.about.stiffness
+    assert told.about.rigid_peak_n != setup.about.rigid_peak_n
+    assert told.plant is setup.plant
