@@ -6,7 +6,7 @@ import signal
 import sys
 from types import FrameType
 
-from hertzloop.loop.signals import INTERRUPTED, hear_lost_interrupts, raise_when_ended
+from hertzloop.processes.signals import INTERRUPTED, hear_lost_interrupts, raise_when_ended
 
 
 def _leave(number: int, frame: FrameType | None) -> None:
@@ -29,6 +29,16 @@ def _end() -> None:
 
 
 atexit.register(_end)  # the first to be registered, so the last to run
+
+
+def load() -> None:
+    """Import what the roles of a run need."""
+    import hertzloop.loop.controller_node
+    import hertzloop.loop.plant_node
+    import hertzloop.processes.roles  # noqa: F401
+    from hertzloop.commands import cli
+
+    cli.built()
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ from hertzloop import assembly as parts
 from hertzloop import control
 from hertzloop.loop.compiled import uncontrolled_rows
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.loop.launcher import Launcher
+from hertzloop.processes.launcher import Launcher
 from hertzloop.results import figures
 from hertzloop.results.cases import uncontrolled
 from hertzloop.results.conclusions import conclusions

@@ -22,7 +22,7 @@ from bus.streams import (
     has_header_sequence,
 )
 from bus.zenoh_port import ZenohPort
-from hertzloop.loop.processes import BASE_PORT, default_endpoints
+from hertzloop.processes.roles import BASE_PORT, default_endpoints
 from tests.hertzloop.processes import wait_for
 from tests.ports import free_ports
 

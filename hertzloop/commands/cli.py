@@ -55,7 +55,7 @@ from hertzloop.commands.options import (
 )
 from hertzloop.commands.recordings import read_or_fail, repeat_or_fail, scene_to_run
 from hertzloop.commands.terminal import Commands, err, fail, out, progress
-from hertzloop.loop.signals import raise_when_ended
+from hertzloop.processes.signals import raise_when_ended
 from hertzloop.scenes.scene import DEFAULT, SceneError
 
 app = typer.Typer(
@@ -137,10 +137,10 @@ def run(
     from bus.port import BusError
     from bus.sockets import on_loopback, own_endpoints
     from bus.streams import StreamFault
-    from hertzloop.loop import fork_server
-    from hertzloop.loop.launcher import RunFailed
-    from hertzloop.loop.watching import watched
     from hertzloop.one_run import RunOptions, Transport, run_scene, what_is_kept
+    from hertzloop.processes import fork_server
+    from hertzloop.processes.launcher import RunFailed
+    from hertzloop.processes.observer import observer_beside
     from hertzloop.results import report
     from recordings.writer import RecordingError
 
@@ -168,7 +168,7 @@ def run(
     try:
         with (
             held,
-            watched(name, endpoints) if live and name and endpoints else nullcontext(),
+            observer_beside(name, endpoints) if live and name and endpoints else nullcontext(),
             progress(resolved.name, resolved.steps) as advance,
         ):
             data = run_scene(resolved, recording, options, advance)

@@ -125,7 +125,7 @@ def check_law(scene: Scene) -> None:
     """Try a law that is not shipped for a moment, and say so if it is slow. Raises SceneError."""
     if scene.controller.law in shipped_laws():
         return
-    from hertzloop.loop.law_trial import try_law
+    from hertzloop.processes.law_trial import try_law
 
     note = try_law(scene)
     if note:

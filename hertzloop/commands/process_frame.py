@@ -12,10 +12,10 @@ import typer
 
 from hertzloop.commands.options import LARGEST_PORT
 from hertzloop.commands.terminal import err, fail
-from hertzloop.loop.signals import INTERRUPTED, end_with_the_launcher, raise_when_ended
+from hertzloop.processes.signals import INTERRUPTED, end_with_the_launcher, raise_when_ended
 
 if TYPE_CHECKING:
-    from hertzloop.loop.processes import BusAddress
+    from hertzloop.processes.roles import BusAddress
 
 # Of the kinds that zenoh comes with here.
 _ENDPOINT = re.compile(
@@ -34,7 +34,7 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
     """
     from bus.port import BusError, EndedByOther, PeerLost
     from bus.streams import StreamFault
-    from hertzloop.loop.processes import Interrupted
+    from hertzloop.processes.roles import Interrupted
     from recordings.writer import RecordingError
 
     def tell(**what: object) -> None:
@@ -79,7 +79,7 @@ def bus_address(
     """
     from bus.port import BusError
     from bus.zenoh_config import endpoints_named, names_endpoints
-    from hertzloop.loop.processes import BASE_PORT, BusAddress, default_endpoints
+    from hertzloop.processes.roles import BASE_PORT, BusAddress, default_endpoints
 
     check_endpoints("--listen", listen)
     check_endpoints("--connect", connect)
@@ -98,7 +98,7 @@ def bus_address(
 def check_endpoints(option: str, endpoints: list[str] | None) -> None:
     """End the command if what an option gives is no endpoint."""
     from bus.sockets import too_long
-    from hertzloop.loop.processes import BASE_PORT
+    from hertzloop.processes.roles import BASE_PORT
 
     for endpoint in endpoints or []:
         found = _ENDPOINT.fullmatch(endpoint)

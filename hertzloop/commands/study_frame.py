@@ -9,7 +9,7 @@ import typer
 
 from hertzloop.commands.options import compile_first, make_folder
 from hertzloop.commands.terminal import Table, err, fail
-from hertzloop.loop.signals import INTERRUPTED
+from hertzloop.processes.signals import INTERRUPTED
 
 if TYPE_CHECKING:
     from studies.sweeps.kept import Kept

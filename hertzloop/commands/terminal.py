@@ -14,7 +14,7 @@ from rich.text import Text
 from typer.core import TyperGroup
 
 from hertzloop.extras import sentence_on
-from hertzloop.loop.signals import INTERRUPTED
+from hertzloop.processes.signals import INTERRUPTED
 
 # Text is text: what is shown comes from scenes, files and other processes, and a name such as
 # [red] or 0:100:1 has no meaning here. What is to have a style says so with `styled`.

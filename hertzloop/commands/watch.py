@@ -17,7 +17,7 @@ from hertzloop.commands.options import (
 )
 from hertzloop.commands.process_frame import check_endpoints
 from hertzloop.commands.terminal import err, fail, out
-from hertzloop.loop.signals import INTERRUPTED, raise_when_ended
+from hertzloop.processes.signals import INTERRUPTED, raise_when_ended
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -39,8 +39,8 @@ def watch(
 
     from bus.port import PeerLost
     from bus.wire import MessageError
-    from hertzloop.loop.processes import BASE_PORT
-    from hertzloop.loop.watching import blocks
+    from hertzloop.processes.observer import truth_blocks
+    from hertzloop.processes.roles import BASE_PORT
     from recordings.replay import live, viewer
 
     check_endpoints("--connect", connect)
@@ -58,7 +58,7 @@ def watch(
             stream.send_blueprint(live.blueprint())
             err.print(f"watching run '{name}'")
             try:
-                for payload in blocks(name, where, machine):
+                for payload in truth_blocks(name, where, machine):
                     with contextlib.suppress(MessageError):  # a stranger's
                         shown += live.send(stream, payload)
             except KeyboardInterrupt:  # what was seen until now is kept

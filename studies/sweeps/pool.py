@@ -22,7 +22,7 @@ from multiprocessing.queues import SimpleQueue
 from typing import Any
 
 from controller.door.registry import shipped
-from hertzloop.loop.signals import interrupts_held_back
+from hertzloop.processes.signals import interrupts_held_back
 from hertzloop.results.cases import Span
 from hertzloop.scenes.scene import Scene, to_toml
 from studies.sweeps.evaluate import Numbered, Pool, Rows, run_cases, run_chunk, scene_of

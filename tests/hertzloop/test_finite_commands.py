@@ -19,7 +19,7 @@ from controller.law import WHOLE_STEPS, About
 from controller.laws._local_model import acceleration, look_ahead
 from hertzloop import assembly as parts
 from hertzloop import control
-from hertzloop.loop.law_trial import impact_samples
+from hertzloop.processes.law_trial import impact_samples
 from hertzloop.scenes.scene import Scene, load, vary
 
 LONGER = {"run.duration_s": 2.0}  # than any latency

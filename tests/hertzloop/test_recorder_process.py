@@ -11,7 +11,7 @@ import pytest
 from bus.port import PeerLost
 from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
 from bus.zenoh_port import ZenohPort
-from hertzloop.loop.processes import BusAddress, run_recorder
+from hertzloop.processes.roles import BusAddress, run_recorder
 from recordings.reader import read
 from tests.bus.meshes import PATIENCE_S, url
 from tests.bus.tapes import SCENE, controller_says, plant_says

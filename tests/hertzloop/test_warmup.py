@@ -17,7 +17,7 @@ from controller.controller import Controller
 from hertzloop import control
 from hertzloop.commands import warmup
 from hertzloop.loop.plant_node import PlantNode
-from hertzloop.loop.processes import BusAddress, run_controller, run_recorder
+from hertzloop.processes.roles import BusAddress, run_controller, run_recorder
 from hertzloop.scenes.scene import Scene, load
 from recordings.reader import read
 from tests.bus.meshes import PATIENCE_S, url

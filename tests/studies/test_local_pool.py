@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from hertzloop.loop.signals import interrupt
+from hertzloop.processes.signals import interrupt
 from hertzloop.scenes.scene import SceneError, load, to_toml
 from studies.sweeps import pool as crew
 from studies.sweeps.evaluate import Numbered, chunked, scene_of

@@ -9,6 +9,7 @@ and standard streams. The fork server of `multiprocessing` does not fit: it runs
 
 import atexit
 import gc
+import importlib
 import json
 import os
 import select
@@ -27,6 +28,8 @@ from typing import NoReturn, TextIO
 
 from setproctitle import setproctitle
 
+# What a role runs. By name, as in `python -m`: the command line imports this module.
+_PROGRAM = "hertzloop.__main__"
 _LONGEST_REQUEST = 1 << 20  # bytes: command line and environment
 _STREAMS = 3  # descriptors of standard input, output and error, sent with a request
 # Variables that are read while modules are imported: a server with other values is of no use.
@@ -167,12 +170,7 @@ def start(words: Sequence[str], stderr: Path) -> Role:
 @cache
 def _load() -> None:
     """Import what the roles need."""
-    import hertzloop.loop.controller_node
-    import hertzloop.loop.plant_node
-    import hertzloop.loop.processes  # noqa: F401
-    from hertzloop.commands import cli
-
-    cli.built()
+    importlib.import_module(_PROGRAM).load()
 
 
 def _serve(requests: socket.socket) -> NoReturn:
@@ -239,9 +237,7 @@ def _become(request: dict[str, object], streams: list[int]) -> NoReturn:
         sys.argv = ["hertzloop", *words]
         setproctitle(" ".join(sys.argv))
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        from hertzloop.__main__ import main
-
-        main()
+        importlib.import_module(_PROGRAM).main()
         code = 0
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1

@@ -19,8 +19,8 @@ from bus.own_folder import own_folder
 from bus.sockets import mesh_endpoints, own_endpoints
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from controller.door.registry import shipped
-from hertzloop.loop import fork_server
-from hertzloop.loop.signals import INTERRUPTED, ending_signals
+from hertzloop.processes import fork_server
+from hertzloop.processes.signals import INTERRUPTED, ending_signals
 from hertzloop.scenes.scene import Scene, to_toml
 
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled

@@ -19,9 +19,9 @@ from bus.sockets import mesh_endpoints, on_loopback, remove_folder_of
 from bus.streams import CONTROLLER, PLANT, RECORDER, StreamFault
 from bus.zenoh_port import ZenohPort
 from hertzloop.loop import watchdog
-from hertzloop.loop.realtime import Profile, Wanted
 from hertzloop.loop.repeating import Repeat
-from hertzloop.loop.signals import INTERRUPTED, ending_signals, launcher_gone
+from hertzloop.processes.realtime import Profile, Wanted
+from hertzloop.processes.signals import INTERRUPTED, ending_signals, launcher_gone
 from hertzloop.scenes.scene import Scene
 from jit.compiling import noticed
 from recordings.recorder import Recorder
