@@ -54,7 +54,7 @@ from hertzloop.commands.options import (
     write_json,
 )
 from hertzloop.commands.recordings import read_or_fail, repeat_or_fail, scene_to_run
-from hertzloop.commands.terminal import Commands, err, fail, out, progress
+from hertzloop.commands.terminal import Commands, fail, if_interrupted, out, progress
 from hertzloop.processes.signals import raise_when_ended
 from hertzloop.scenes.scene import DEFAULT, SceneError
 
@@ -167,14 +167,12 @@ def run(
         fork_server.prepare()  # before anything starts a thread
     try:
         with (
+            if_interrupted(lambda: what_is_kept(recording, started_s)),
             held,
             observer_beside(name, endpoints) if live and name and endpoints else nullcontext(),
             progress(resolved.name, resolved.steps) as advance,
         ):
             data = run_scene(resolved, recording, options, advance)
-    except KeyboardInterrupt:
-        err.print(f"interrupted; {what_is_kept(recording, started_s)}", soft_wrap=True)
-        raise typer.Exit(130) from None
     except SceneError as error:
         fail(str(error), 2)
     except (RunFailed, BusError, StreamFault, RecordingError) as error:

@@ -14,7 +14,6 @@ import json
 import os
 import select
 import selectors
-import signal
 import socket
 import subprocess
 import sys
@@ -24,9 +23,12 @@ from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from signal import SIGKILL, SIGTERM
 from typing import NoReturn, TextIO
 
 from setproctitle import setproctitle
+
+from hertzloop.processes.signals import as_in_a_fresh_process, left_to_the_launcher
 
 # What a role runs. By name, as in `python -m`: the command line imports this module.
 _PROGRAM = "hertzloop.__main__"
@@ -78,6 +80,14 @@ class Role:
         if self.poll() is None:
             with suppress(ProcessLookupError):
                 os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        """Ask the process to end."""
+        self.send_signal(SIGTERM)
+
+    def kill(self) -> None:
+        """End the process."""
+        self.send_signal(SIGKILL)
 
 
 class ForkServer:
@@ -175,9 +185,7 @@ def _load() -> None:
 
 def _serve(requests: socket.socket) -> NoReturn:
     """Fork a role for every request, and report how it ended; until the launcher has gone."""
-    # The launcher hears Ctrl-C and ends the roles. A role hears one of its own once it can say so.
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    left_to_the_launcher()
     setproctitle("hertzloop fork server")
     gc.freeze()  # the pages of what is loaded stay shared
     waiting = selectors.DefaultSelector()
@@ -236,7 +244,7 @@ def _become(request: dict[str, object], streams: list[int]) -> NoReturn:
         sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace")
         sys.argv = ["hertzloop", *words]
         setproctitle(" ".join(sys.argv))
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        as_in_a_fresh_process()
         importlib.import_module(_PROGRAM).main()
         code = 0
     except SystemExit as end:

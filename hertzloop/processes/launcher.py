@@ -5,7 +5,6 @@ import math
 import os
 import queue
 import secrets
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -20,7 +19,7 @@ from bus.sockets import mesh_endpoints, own_endpoints
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from controller.door.registry import shipped
 from hertzloop.processes import fork_server
-from hertzloop.processes.signals import INTERRUPTED, ending_signals
+from hertzloop.processes.signals import Interrupted, ending_signals, how_ended
 from hertzloop.scenes.scene import Scene, to_toml
 
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled
@@ -52,12 +51,10 @@ class Child:
         """Why it failed, if for a reason of its own; "" if another role was the reason."""
         code = self.process.returncode
         assert code is not None  # it has ended
-        if code < 0:
-            return f"{self.role} was killed by {signal.Signals(-code).name}"
-        if self.fault:
+        if self.fault and code >= 0:
             return "" if self.others else self.fault
-        if code == INTERRUPTED:
-            return f"{self.role} was interrupted"
+        if how := how_ended(code):
+            return f"{self.role} {how}"
         lines = self.stderr.read_text().strip().splitlines() or ["without a word"]
         return f"{self.role} failed with exit code {code}: {lines[-1]}"
 
@@ -153,7 +150,7 @@ class Launcher:
         """Wait for the end of the run; the plant's statistics.
 
         Raises RunFailed with the sentence of whoever failed first for a reason of its own, and
-        KeyboardInterrupt after a signal.
+        Interrupted after a signal.
         """
         running = {child.role: child for child in self.children}
         failed: list[Child] = []  # in the order of their ends
@@ -168,7 +165,7 @@ class Launcher:
                 continue
             heard_s = time.monotonic()
             if item is None:
-                raise KeyboardInterrupt
+                raise Interrupted
             child, report = item
             if "step" in report:
                 on_progress(report["step"])
@@ -200,18 +197,19 @@ class Launcher:
 
         A second signal cuts the waiting short.
         """
-        stages: list[tuple[int, tuple[str, ...]]] = [
-            (signal.SIGTERM, (PLANT,)), (signal.SIGTERM, ROLES), (signal.SIGKILL, ROLES)
+        Role = fork_server.Role
+        stages: list[tuple[Callable[[fork_server.Role], None], Sequence[str]]] = [
+            (Role.terminate, (PLANT,)), (Role.terminate, ROLES), (Role.kill, ROLES)
         ]  # fmt: skip
         if all(child.done for child in self.children):
-            stages.insert(0, (0, ROLES))
+            stages.insert(0, (lambda _: None, ROLES))
         for end, roles in stages:
             chosen = [c for c in self.children if c.role in roles and c.process.poll() is None]
             for child in chosen:
-                child.process.send_signal(end)
+                end(child.process)
             deadline = time.monotonic() + _PATIENCE_S
             while chosen and any(c.process.poll() is None for c in self.children):
-                hurry = self._signals > 1 and end != signal.SIGKILL
+                hurry = self._signals > 1 and end is not Role.kill
                 if hurry or time.monotonic() > deadline:
                     break
                 time.sleep(0.01)

@@ -3,7 +3,6 @@
 import math
 import os
 import select
-import signal
 import tempfile
 from contextlib import suppress
 
@@ -19,6 +18,7 @@ from controller.door.registry import shipped
 from controller.law import About
 from hertzloop import assembly as parts
 from hertzloop import control
+from hertzloop.processes.signals import kill_child
 from hertzloop.quantities import SENSED, Trial
 from hertzloop.scenes.scene import Scene, SceneError
 from plant.contact.hertz import rigid_penetration_m
@@ -137,8 +137,7 @@ def _in_child(bound: BoundLaw, samples: np.ndarray, scene: Scene, folder: str) -
         said = os.read(reading, 4000).decode()
     finally:
         os.close(reading)
-        os.kill(child, signal.SIGKILL)
-        _, status = os.waitpid(child, 0)
-    if not said and os.WIFSIGNALED(status) and os.WTERMSIG(status) != signal.SIGKILL:
-        return f"the law {bound.name} ended its process by signal {os.WTERMSIG(status)}"
+        by_signal = kill_child(child)
+    if not said and by_signal:
+        return f"the law {bound.name} ended its process by signal {by_signal}"
     return said

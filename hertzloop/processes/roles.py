@@ -1,7 +1,7 @@
 """The three processes of a run over zenoh, each as one function: role, port, loop, end.
 
-Every function returns statistics for the launcher, or raises BusError, StreamFault or
-RecordingError with one sentence.
+Every function returns statistics for the launcher, or raises BusError, StreamFault, RecordingError
+or Interrupted with one sentence.
 """
 
 import os
@@ -21,7 +21,13 @@ from bus.zenoh_port import ZenohPort
 from hertzloop.loop import watchdog
 from hertzloop.loop.repeating import Repeat
 from hertzloop.processes.realtime import Profile, Wanted
-from hertzloop.processes.signals import INTERRUPTED, ending_signals, launcher_gone
+from hertzloop.processes.signals import (
+    INTERRUPTED,
+    Interrupted,
+    ending_signals,
+    interrupted_as,
+    launcher_gone,
+)
 from hertzloop.scenes.scene import Scene
 from jit.compiling import noticed
 from recordings.recorder import Recorder
@@ -66,16 +72,12 @@ def _say(sentence: str) -> None:
     sys.stderr.flush()
 
 
-class Interrupted(RuntimeError):
-    """Somebody asked the run to stop."""
-
-
 @contextmanager
 def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
     """Join the bus, and leave it after the recorder, so that nothing sent is lost.
 
-    A signal makes the next wait raise KeyboardInterrupt; a second one, or a role that does
-    not get to its next wait because another hangs, ends the process at once.
+    A signal makes the next wait raise Interrupted; a second one, or a role that does not get to
+    its next wait because another hangs, ends the process at once.
     """
     opened_s = time.monotonic()
     port = address.open(role)
@@ -95,7 +97,8 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
     def react(count: int) -> None:
         if count > 1:
             leave()
-        port.interrupt()
+        # At the next wait: out of a handler it could fall between a message and its count.
+        port.abort(Interrupted())
         patience.start()
 
     with ending_signals(react), noticed(port.compiling):
@@ -147,11 +150,14 @@ def run_plant(
         port.wait_for([CONTROLLER, RECORDER], address.wait_s)
         on_ready()
         try:
-            with profile.loop(lambda: node.streams.step):
+            with (
+                interrupted_as(lambda: f"interrupted at step {node.streams.step}"),
+                profile.loop(lambda: node.streams.step),
+            ):
                 stats = node.run()
-        except KeyboardInterrupt as error:
-            node.streams.fail(f"interrupted at step {node.streams.step}")
-            raise Interrupted(f"plant was interrupted at step {node.streams.step}") from error
+        except Interrupted as error:
+            node.streams.fail(str(error))
+            raise Interrupted(f"plant was {error}") from error
     return vars(stats) | {"realtime": profile.line()}
 
 
@@ -173,14 +179,14 @@ def run_controller(
         port.wait_for([PLANT, RECORDER], address.wait_s)
         on_ready()
         try:
-            with profile.loop(lambda: node.samples):
+            with (
+                interrupted_as(lambda: "the controller was interrupted"),
+                profile.loop(lambda: node.samples),
+            ):
                 _answer_all(node, address)
-        except (StreamFault, BusError, KeyboardInterrupt) as error:
-            sentence = str(error) or "the controller was interrupted"
+        except (StreamFault, BusError, Interrupted) as error:
             with suppress(BusError):  # the first fault is the one to tell
-                node.fail(sentence)
-            if isinstance(error, KeyboardInterrupt):
-                raise Interrupted(sentence) from error
+                node.fail(str(error))
             raise
         if node.fault:
             raise EndedByOther(f"the plant ended the run: {node.fault}")
@@ -206,14 +212,11 @@ def _recording(path: Path, overwrite: bool) -> Iterator[Recorder]:
     """A recorder whose file is closed in any case, and says why it is not complete."""
     recorder = Recorder(path, overwrite)
     try:
-        yield recorder
+        with interrupted_as(lambda: "the recorder was interrupted"):
+            yield recorder
     except BaseException as error:
-        interrupted = isinstance(error, KeyboardInterrupt)
-        sentence = "the recorder was interrupted" if interrupted else str(error) or repr(error)
         with suppress(RecordingError):  # the first fault is the one to tell
-            recorder.close(sentence)
-        if interrupted:
-            raise Interrupted(sentence) from error
+            recorder.close(str(error) or repr(error))
         raise
     recorder.close()
 
