@@ -176,6 +176,7 @@ class ScriptedPlant:
             envelope = self.port.receive(
                 self.timeout_s,
                 f"the answer to sample {self.sent - 1} (step {step}) from the controller",
+                [CONTROLLER],
             )
             block = self.ear.accept(envelope)
             if isinstance(block.header, RunEnd):
@@ -236,7 +237,7 @@ class ScriptedPlant:
 
     def _hear_end(self) -> None:
         """After its last answer comes the controller's end, and nothing else."""
-        envelope = self.port.receive(self.timeout_s, "the controller's end")
+        envelope = self.port.receive(self.timeout_s, "the controller's end", [CONTROLLER])
         self.checks.that(
             envelope.stream == "end/controller",
             "the controller sent another block of forces after all samples were answered",
@@ -248,7 +249,9 @@ class ScriptedPlant:
     def give_up(self) -> None:
         """End by a fault: the controller ends, too, and says why."""
         self.publisher.end(fault=FAULT)
-        end = self.ear.accept(self.port.receive(self.timeout_s, "the controller's end")).header
+        end = self.ear.accept(
+            self.port.receive(self.timeout_s, "the controller's end", [CONTROLLER])
+        ).header
         self.checks.that(
             isinstance(end, RunEnd) and bool(end.fault),
             "the plant ended with a fault, the controller's end has none: such a run is not whole",
@@ -267,7 +270,7 @@ class Listener:
         deadline = time.monotonic() + self.timeout_s
         while "end/controller" not in self.ear.heard:
             left = max(deadline - time.monotonic(), 0.0)
-            envelope = self.port.receive(left, "the controller's end")
+            envelope = self.port.receive(left, "the controller's end", [CONTROLLER])
             if STREAMS[envelope.stream].publisher == CONTROLLER:
                 self.ear.accept(envelope)
             elif envelope.stream == "hello":
@@ -389,17 +392,17 @@ def _play(
                 return
             time.sleep(_LATE_S)
             ports[RECORDER] = meeting.open(RECORDER)
-            ports[RECORDER].announce()
+            ports[RECORDER].presence.announce()
 
         if not script.late_recorder:
             recorder_comes()
-        ports[PLANT].announce()
+        ports[PLANT].presence.announce()
         awaited = [CONTROLLER] if script.late_recorder else [CONTROLLER, RECORDER]
         _await(ports[PLANT], awaited, meeting.wait_s, process)
-        strangers = ports[PLANT].strangers()
+        others = ports[PLANT].other_subscribers()
         checks.that(
-            not strangers,
-            f"the controller's zenoh id {' '.join(strangers)} is none that a controller of run "
+            not others,
+            f"the controller's zenoh id {' '.join(others)} is none that a controller of run "
             f"'{meeting.name}' takes: samples that it does not take in time would be dropped",
         )
         plant.play(recorder_comes)
@@ -421,7 +424,7 @@ def _await(port: ZenohPort, roles: list[str], wait_s: float, process: _Process |
     deadline = time.monotonic() + wait_s
     while True:
         try:
-            return port.wait_for(roles, 0.2)
+            return port.presence.wait_for(roles, 0.2)
         except PeerLost:
             if process and process.code(0.0) is not None:
                 raise Broken(f"the controller never came{process.last_words()}") from None
@@ -444,7 +447,7 @@ def _leave(
     if not (dies or script.late_end):
         plant.publisher.end()  # once: after a fault it was said already
     if script.ending == "whole":
-        ports[RECORDER].vouch()
+        ports[RECORDER].presence.confirm_completion()
     # Whoever is left sees the controller go: the recorder after a death, else the plant.
     ports.pop(PLANT if dies else RECORDER).close()
     if script.late_end:
@@ -453,7 +456,7 @@ def _leave(
     observer = ports[RECORDER if dies else PLANT]
     why = "the plant has died" if dies else "the run has ended and the recorder left"
     checks.that(
-        observer.wait_until_gone(CONTROLLER, within_s),
+        observer.presence.wait_until_gone(CONTROLLER, within_s),
         f"the controller is still there {within_s:g} s after {why}",
     )
     if process:

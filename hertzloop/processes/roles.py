@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from bus.port import BusError, EndedByOther, PeerLost
 from bus.sockets import mesh_endpoints, on_loopback, remove_folder_of
-from bus.streams import CONTROLLER, PLANT, RECORDER, StreamFault
+from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from bus.zenoh_port import ZenohPort
 from hertzloop.loop import watchdog
 from hertzloop.loop.repeating import Repeat
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 BASE_PORT = 7450
 _GRACE_S = 2.0  # for the others to hear of a fault, and for the scene to come after one
-_VOUCHER_S = 60.0  # for the recorder to close its file, at least
+_COMPLETION_S = 60.0  # for the recorder to close its file, at least
 _PATIENCE_S = 4.0  # for an interrupted role to end in order
 # Of the recorder, in that of plant and controller: one of these waits for the other alone and can
 # name it, but the last block that it recorded may be older than its wait.
@@ -91,33 +91,35 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
         tidy_up()
         os._exit(INTERRUPTED)
 
-    patience = threading.Timer(_PATIENCE_S, leave)
-    patience.daemon = True
+    overdue = threading.Timer(_PATIENCE_S, leave)
+    overdue.daemon = True
 
     def react(count: int) -> None:
         if count > 1:
             leave()
         # At the next wait: out of a handler it could fall between a message and its count.
         port.abort(Interrupted())
-        patience.start()
+        overdue.start()
 
     with ending_signals(react), noticed(port.compiling):
         try:
             yield port
         except BaseException as error:
-            # Who does not react will not hear either; the recorder may still write. It has no last
-            # words: what it heard, the others shall hear before they miss it, and name the cause.
+            # Who does not react will not hear either; the recorder may still write. It has no final
+            # message: what it heard, the others shall hear before they miss it, and name the cause.
             if role != RECORDER or isinstance(error, StreamFault):
                 lost = error.roles if isinstance(error, PeerLost) else ()
-                port.wait_until_heard(_GRACE_S, {*lost} - {RECORDER})
+                port.presence.wait_until_heard(_GRACE_S, {*lost} - {RECORDER})
             raise
         else:
             if role != RECORDER:
                 # A recorder that fell behind may need as long again as the run took.
-                port.wait_for_voucher(RECORDER, max(_VOUCHER_S, time.monotonic() - opened_s))
+                port.presence.wait_for_completion(
+                    RECORDER, max(_COMPLETION_S, time.monotonic() - opened_s)
+                )
         finally:
             port.close()
-            patience.cancel()
+            overdue.cancel()
             tidy_up()
 
 
@@ -146,8 +148,8 @@ def run_plant(
             if pace
             else PlantNode(scene, port, horizon, *common, repeat, every_s=EVERY_S)
         )
-        port.announce()
-        port.wait_for([CONTROLLER, RECORDER], address.wait_s)
+        port.presence.announce()
+        port.presence.wait_for([CONTROLLER, RECORDER], address.wait_s)
         on_ready()
         try:
             with (
@@ -175,8 +177,8 @@ def run_controller(
     profile = Profile(realtime, CONTROLLER)
     with _joined(address, CONTROLLER) as port:
         node = ControllerNode(port, law=law, fast_lane=fast_lane)
-        port.announce()
-        port.wait_for([PLANT, RECORDER], address.wait_s)
+        port.presence.announce()
+        port.presence.wait_for([PLANT, RECORDER], address.wait_s)
         on_ready()
         try:
             with (
@@ -227,7 +229,9 @@ def _hear_scene(port: ZenohPort, recorder: Recorder) -> None:
     until_s = time.monotonic() + _GRACE_S
     with suppress(BusError, StreamFault, RecordingError):  # the first fault is the one to tell
         while "hello" not in recorder.counters:
-            envelope = port.receive(max(until_s - time.monotonic(), 0.0), "the plant's hello")
+            envelope = port.receive(
+                max(until_s - time.monotonic(), 0.0), "the plant's hello", [PLANT]
+            )
             if envelope.stream == "hello":
                 recorder.handle(envelope)
 
@@ -243,14 +247,14 @@ def run_recorder(
     started, profile = time.monotonic(), Profile(realtime, RECORDER)
     with _joined(address, RECORDER) as port:
         with _recording(path, overwrite) as recorder:
-            port.announce()
-            port.wait_for([PLANT, CONTROLLER], address.wait_s)
+            port.presence.announce()
+            port.presence.wait_for([PLANT, CONTROLLER], address.wait_s)
             on_ready()
             with profile.loop(lambda: 0):
                 # Whom this role sees the plant may still wait for: the run is yet to begin.
                 patience_s = address.wait_s
                 while not recorder.done:
-                    envelope = port.receive(patience_s, "messages from plant and controller")
+                    envelope = port.receive(patience_s, "messages from plant and controller", ROLES)
                     try:
                         recorder.handle(envelope)
                     except StreamFault:
@@ -258,9 +262,9 @@ def run_recorder(
                         raise
                     patience_s = _LONGER * address.timeout_s
                     if envelope.stream.startswith("end/"):
-                        port.release(envelope.stream.removeprefix("end/"))
+                        port.presence.release(envelope.stream.removeprefix("end/"))
             recorder.reconcile()
         if recorder.faults:
             raise EndedByOther(recorder.faults[0])
-        port.vouch()
+        port.presence.confirm_completion()
     return {"recorder_s": time.monotonic() - started, "realtime": profile.line()}
