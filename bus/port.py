@@ -1,5 +1,6 @@
 """The contract that the in-process and the zenoh port share."""
 
+import secrets
 import time
 from collections.abc import Collection, Mapping
 from typing import Protocol
@@ -59,6 +60,11 @@ class Port(Protocol):
 
     def close(self) -> None:
         """Leave the bus."""
+
+
+def new_run_id() -> int:
+    """Return a random number that is not zero."""
+    return secrets.randbits(63) | 1
 
 
 class Publisher:

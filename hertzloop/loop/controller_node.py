@@ -8,13 +8,20 @@ import numpy as np
 from bus import lane
 from bus.messages_pb2 import DaqBlock, ForceBlock, LaneAnswer, SetUp
 from bus.port import BusError, PeerLost, Port, Publisher
-from bus.streams import CONTROLLER, PLANT, Checker, Envelope, StreamFault, compare_set_up
+from bus.streams import (
+    CONTROLLER,
+    PLANT,
+    Checker,
+    Envelope,
+    StreamFault,
+    compare_set_up,
+    versions_here,
+)
 from bus.wire import Packed
 from controller.controller import Controller, Reply
 from controller.door.bound import LawFault
 from hertzloop import control
 from hertzloop.loop.events import ControllerEvents
-from hertzloop.loop.hello import versions_here
 from hertzloop.loop.lane_answers import LaneAnswers
 from hertzloop.scenes.scene import Scene, SceneError, parse, to_toml
 

@@ -7,21 +7,36 @@ from contextlib import suppress
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from bus.messages_pb2 import Books, DaqBlock, TruthBlock
+from bus.messages_pb2 import Books, DaqBlock, Hello, TruthBlock
 from bus.port import BusError, Publisher
-from bus.streams import StreamFault
+from bus.streams import StreamFault, versions_here
 from hertzloop import assembly as parts
 from hertzloop.loop import kernels as k
 from hertzloop.loop.events import PlantEvents, log
-from hertzloop.loop.hello import hello
 from hertzloop.quantities import TRUTH
-from hertzloop.scenes.scene import Scene
+from hertzloop.scenes.scene import Scene, to_toml
 from plant.contact.plastic import above_dent_m
 from plant.schemes import state_kernels as pk
 
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
 ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most
 EVERY_S = 0.01  # a message costs as much as hundreds of steps: not more than one in this time
+
+
+def hello(scene: Scene, stiffness: float) -> Hello:
+    """Return the first message of a run."""
+    return Hello(
+        scene=scene.name,
+        scene_toml=to_toml(scene),
+        steps=scene.steps,
+        step_ns=scene.run.step_ns,
+        seed=scene.run.seed,
+        stiffness=stiffness,
+        versions=versions_here(),
+        law=scene.law.name,
+        law_digest=scene.law.digest,
+        law_source=scene.law.source,
+    )
 
 
 def truth_columns(rows: np.ndarray, scene: Scene, same_point: bool) -> dict[str, np.ndarray]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from bus.messages_pb2 import DaqBlock, ForceBlock, RunEnd
 from bus.own_folder import own_folder
-from bus.port import BusError, PeerLost, Publisher
+from bus.port import BusError, PeerLost, Publisher, new_run_id
 from bus.sockets import mesh_endpoints, on_loopback
 from bus.streams import (
     CONTROLLER,
@@ -32,7 +32,7 @@ from bus.streams import (
 )
 from bus.wire import MessageError
 from bus.zenoh_port import ZenohPort
-from hertzloop.loop.hello import hello, new_run_id
+from hertzloop.loop.plant_streams import hello
 from hertzloop.processes.conformance_scripts import Script
 
 _LATE_S = 0.3  # that the recorder comes after the first samples, or the plant's end after it left

@@ -106,7 +106,7 @@ class TestPresence:
     def test_last_words_that_come_after_a_departure_explain_it(
         self, zenoh: dict[str, ZenohPort]
     ) -> None:
-        """Two links again, nothing confirmed: why the recorder left, the plant may be about to say."""
+        """Two links, nothing confirmed: the plant may be about to say why the recorder left."""
         zenoh[RECORDER].close()
         assert zenoh[CONTROLLER].presence.wait_until_gone(RECORDER, PATIENCE_S)
         zenoh[CONTROLLER].publish(Envelope("force", b"not missed yet"))

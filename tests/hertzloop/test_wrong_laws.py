@@ -13,7 +13,7 @@ from bus.streams import CONTROLLER, Envelope, StreamFault
 from controller.door.law import LawError
 from controller.door.registry import find
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.loop.hello import hello
+from hertzloop.loop.plant_streams import hello
 from hertzloop.processes.law_trial import try_law
 from hertzloop.scenes.scene import SceneError, load, parse, to_toml
 from recordings.reader import read
