@@ -123,17 +123,21 @@ class ForkServer:
             finally:
                 os._exit(1)
 
-    def start(self, words: Sequence[str], stderr: Path) -> Role:
-        """Start `hertzloop WORDS` here and now: in this working directory, with this environment.
+    def start(self, arguments: Sequence[str], stderr: Path) -> Role:
+        """Start `hertzloop ARGUMENTS` in this working directory, with this environment.
 
         Args:
-            words: the command line after the program's name.
+            arguments: the command line after the program's name.
             stderr: file that takes standard error.
 
         Raises:
             OSError: the server has ended, or the system refuses another process.
         """
-        request = {"words": list(words), "cwd": os.getcwd(), "environment": dict(os.environ)}
+        request = {
+            "arguments": list(arguments),
+            "cwd": os.getcwd(),
+            "environment": dict(os.environ),
+        }
         stdin, stdout, status = os.pipe(), os.pipe(), os.pipe()
         with stderr.open("w") as sink:
             theirs = [stdin[0], stdout[1], sink.fileno(), status[1]]
@@ -168,13 +172,13 @@ def prepare() -> ForkServer:
     return _servers[key]
 
 
-def start(words: Sequence[str], stderr: Path) -> Role:
+def start(arguments: Sequence[str], stderr: Path) -> Role:
     """Start a role; see `ForkServer.start`. A server that was killed is replaced once."""
     try:
-        return prepare().start(words, stderr)
+        return prepare().start(arguments, stderr)
     except (BrokenPipeError, ConnectionResetError):
         _servers.clear()
-        return prepare().start(words, stderr)
+        return prepare().start(arguments, stderr)
 
 
 @cache
@@ -234,15 +238,15 @@ def _become(request: dict[str, object], streams: list[int]) -> NoReturn:
         for number, stream in enumerate(streams):
             os.dup2(stream, number)
             os.close(stream)
-        words, environment = request["words"], request["environment"]
-        assert isinstance(words, list)
+        arguments, environment = request["arguments"], request["environment"]
+        assert isinstance(arguments, list)
         assert isinstance(environment, dict)
         os.environ.clear()
         os.environ.update(environment)
         os.chdir(str(request["cwd"]))
         sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")
         sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace")
-        sys.argv = ["hertzloop", *words]
+        sys.argv = ["hertzloop", *arguments]
         setproctitle(" ".join(sys.argv))
         as_in_a_fresh_process()
         importlib.import_module(_PROGRAM).main()

@@ -1,4 +1,4 @@
-"""Start plant, controller and recorder as processes, watch them, end them together."""
+"""Start plant, controller and recorder as processes, supervise them, end them together."""
 
 import json
 import math
@@ -48,7 +48,7 @@ class Child:
     done: dict[str, Any] = field(default_factory=dict)
 
     def own_reason(self) -> str:
-        """Why it failed, if for a reason of its own; "" if another role was the reason."""
+        """Return why it failed, if for a reason of its own; "" if another role was the reason."""
         code = self.process.returncode
         assert code is not None  # it has ended
         if self.fault and code >= 0:
@@ -83,7 +83,7 @@ class Launcher:
         self._scene = scene
         self._in_use = ExitStack()
         self.children: list[Child] = []
-        self._endpoints = endpoints  # None: such as nobody else can reach
+        self._endpoints = endpoints  # None: private ones
         self._name = name
         self._commands = {
             RECORDER: ["record", "--out", str(recording)] + ["--overwrite"] * overwrite,
@@ -95,22 +95,22 @@ class Launcher:
         self._commands[PLANT] += ["--repeat", str(repeat)] if repeat else []
         self._common = ["--timeout", str(timeout_s), "--wait", str(wait_s)]
         self._common += ["--realtime", realtime]
-        # A role that waits, compiles or runs gives up or reports before.
+        # A role that waits, compiles or runs times out or reports before.
         self._silence_s = wait_s + timeout_s + LONGEST_S
 
     def _bus(self, role: str, name: str, endpoints: Sequence[str]) -> list[str]:
         """Options by which a process meets the others."""
         listen, connect = mesh_endpoints(role, endpoints)
-        words = ["--name", name, *self._common]
-        words += [word for url in listen for word in ("--listen", url)]
-        return words + [word for url in connect for word in ("--connect", url)]
+        options = ["--name", name, *self._common]
+        options += [word for url in listen for word in ("--listen", url)]
+        return options + [word for url in connect for word in ("--connect", url)]
 
-    def _start(self, role: str, words: list[str], folder: Path) -> None:
-        words = [str(folder / word) if word == _SCENE else word for word in words]
+    def _start(self, role: str, arguments: list[str], folder: Path) -> None:
+        arguments = [str(folder / word) if word == _SCENE else word for word in arguments]
         stderr = folder / f"{role}.stderr"
         # A role has its own session: Ctrl-C comes to the launcher, which ends the roles in order.
         # Nothing is written to its standard input, which ends with the launcher, however that ends.
-        process = fork_server.start(words, stderr)
+        process = fork_server.start(arguments, stderr)
         child = Child(role, process, stderr)
         self.children.append(child)
         threading.Thread(target=self._listen, args=(child,), daemon=True).start()
@@ -132,9 +132,9 @@ class Launcher:
             endpoints = self._endpoints or stack.enter_context(own_endpoints())
             name = self._name or f"run-{os.getpid()}-{secrets.token_hex(4)}"
             stack.callback(self._end_all)
-            for role, words in self._commands.items():
+            for role, command in self._commands.items():
                 self._start(
-                    role, [*words, *self._bus(role, name, endpoints), "--machine"], Path(folder)
+                    role, [*command, *self._bus(role, name, endpoints), "--machine"], Path(folder)
                 )
             self._in_use = stack.pop_all()
         return self
@@ -147,7 +147,7 @@ class Launcher:
         self._reports.put(None)
 
     def wait(self, on_progress: Callable[[int], None] = lambda step: None) -> dict[str, Any]:
-        """Wait for the end of the run; the plant's statistics.
+        """Wait for the end of the run; return the plant's statistics.
 
         Raises RunFailed with the sentence of whoever failed first for a reason of its own, and
         Interrupted after a signal.
@@ -243,14 +243,14 @@ def _not_reacting(roles: Iterable[str], how: str, why: str = "") -> str:
 
 
 def _most_precise(failed: list[Child]) -> Child:
-    """Who missed the fewest roles, of those that missed nobody who had given up before, nor one
-    that missed another itself. Who gives up first may be the last to end."""
-    gave_up: set[str] = set()
+    """Return the role that missed the fewest others, of those that missed no role that had timed
+    out before, nor one that missed another itself. The first to time out may be the last to end."""
+    timed_out: set[str] = set()
     believed: dict[str, Child] = {}
     for child in sorted(failed, key=lambda child: child.at_s):
-        if child.lost and not gave_up & set(child.lost):
+        if child.lost and not timed_out & set(child.lost):
             believed[child.role] = child
         if child.lost:
-            gave_up.add(child.role)
+            timed_out.add(child.role)
     last = [child for child in believed.values() if not believed.keys() & set(child.lost)]
     return min(last or believed.values(), key=lambda child: len(child.lost), default=failed[0])
