@@ -4,7 +4,7 @@
 |---|---|
 | a command that still imports | ends it at once (`command_line`) |
 | a command that works | raises KeyboardInterrupt, but not within LLVM's compiler (`interrupt`) |
-| a sweep that asks its workers | is held back until they are asked (`interrupts_held_back`) |
+| a sweep that asks its workers | is held back meanwhile (`interrupts_held_back`) |
 | launcher and roles | is counted in a thread, and the run ends in order (`ending_signals`) |
 | fork server | Ctrl-C is left to the launcher, which ends the roles (`left_to_the_launcher`) |
 
