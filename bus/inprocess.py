@@ -1,7 +1,7 @@
 """Bus inside one process: publishing calls the subscribers, in order, in this thread."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from bus.port import PeerLost
 from bus.streams import SUBSCRIPTIONS, Envelope
@@ -54,7 +54,7 @@ class InProcessPort:
         """Send to all roles that hear the stream."""
         self._bus.deliver(envelope)
 
-    def receive(self, timeout_s: float, awaited: str) -> Envelope:
+    def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
         """Next message. In one thread nobody else can still send one: an empty inbox raises."""
         if not self._inbox:
             raise PeerLost(f"{self.role} waits for {awaited}, but nothing was sent")

@@ -1,7 +1,8 @@
 """The contract that the in-process and the zenoh port share."""
 
+import secrets
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Protocol
 
 import numpy as np
@@ -49,15 +50,21 @@ class Port(Protocol):
     def publish(self, envelope: Envelope) -> None:
         """Send to everyone who subscribed. Blocks when they cannot keep up."""
 
-    def receive(self, timeout_s: float, awaited: str) -> Envelope:
-        """Next message for this role. Raises PeerLost after `timeout_s` seconds without
-        one, naming `awaited`, and soon after a role of the run has gone without a word."""
+    def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
+        """Next message for this role. Raises PeerLost after `timeout_s` seconds without one, and
+        soon after a role of the run has gone without a word. The sentence says what was `awaited`;
+        `roles` of the error are those of the `senders` that take part."""
 
     def pending(self) -> bool:
         """Whether `receive` would return at once."""
 
     def close(self) -> None:
         """Leave the bus."""
+
+
+def new_run_id() -> int:
+    """Return a random number that is not zero."""
+    return secrets.randbits(63) | 1
 
 
 class Publisher:

@@ -1,7 +1,10 @@
 """The one table of streams, and the book-keeping that lets no loss pass silently."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import version
 from itertools import zip_longest
 from typing import Any
 
@@ -11,11 +14,12 @@ from google.protobuf.message import Message
 
 from bus import messages_pb2 as messages
 from bus import wire
-from bus.finite import not_finite
 from bus.messages_pb2 import DaqBlock, Hello, RunEnd, SetUp
-from bus.versions import other_version
 
 PLANT, CONTROLLER, RECORDER = ROLES = "plant", "controller", "recorder"
+# Stated in the first message of a run, as far as a sample depends on them.
+_PACKAGES = ("hertzloop", "numpy", "numba", "eclipse-zenoh", "mcap", "protobuf")
+_LONGEST_VERSION = 20  # characters: it comes from another process
 LAST_NS = 2**63 - 1  # simulated time that every reader of a recording can hold
 
 
@@ -100,7 +104,7 @@ def refuse_not_finite(
     stream: str, sequence: int | None, header: Message, arrays: Mapping[str, np.ndarray]
 ) -> None:
     """Raise StreamFault if a message holds a number that is infinite or none."""
-    found = not_finite(header, arrays)
+    found = wire.not_finite(header, arrays)
     if found:
         raise StreamFault(
             f"stream '{stream}' sequence {sequence} holds {found}; every number of a run is finite"
@@ -296,3 +300,23 @@ def _compare_set_up(announced: Hello, ran: SetUp) -> None:
             f"the controller worked with a contact stiffness of {ran.stiffness:g} N/m^1.5, "
             f"the plant announced {announced.stiffness:g}"
         )
+
+
+@cache
+def versions_here() -> str:
+    """Versions of this package and of those that a run depends on: JSON, by package."""
+    return json.dumps({name: version(name) for name in _PACKAGES})
+
+
+def other_version(versions: str, who: str) -> str:
+    """Both versions, in brackets, of the `versions` in a hello or a recording (JSON by package);
+    empty where they are of this version, or say nothing."""
+    try:
+        said = json.loads(versions)["hertzloop"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return ""
+    here = version("hertzloop")
+    if not isinstance(said, str) or said == here:
+        return ""
+    shown = "".join(c for c in said if c.isprintable())[:_LONGEST_VERSION]
+    return f" ({who} hertzloop {shown}, this is {here})"

@@ -6,6 +6,8 @@ packed field: tag, length, raw little-endian values. Any protobuf reader decodes
 the result; reading a block of 1000 samples costs microseconds.
 """
 
+import math
+from collections.abc import Mapping
 from functools import cache
 from typing import Any, NamedTuple, TypeVar
 
@@ -31,6 +33,8 @@ _WIRE_TYPES = {  # of a scalar field; all others are varints, wire type 0
     FieldDescriptor.TYPE_BYTES: _LENGTH_DELIMITED,
     FieldDescriptor.TYPE_MESSAGE: _LENGTH_DELIMITED,
 }
+# A promise that no sample can break has no level; a plate without modes has no estimate.
+_ALLOWED = {"promise_level": -math.inf, "expected_error": math.inf}
 
 M = TypeVar("M", bound=Message)
 
@@ -169,3 +173,28 @@ def decode(message_class: type[M], payload: bytes) -> Packed:
     if len(set(lengths.values())) > 1:
         raise MessageError(f"{message_class.DESCRIPTOR.name} has arrays of lengths {lengths}")
     return Packed(header, arrays)
+
+
+@cache
+def _doubles(descriptor: Descriptor) -> tuple[str, ...]:
+    """Scalar fields of a message type that could hold a number that is not finite."""
+    return tuple(
+        field.name
+        for field in descriptor.fields
+        if field.type == FieldDescriptor.TYPE_DOUBLE and not field.is_repeated
+    )
+
+
+def not_finite(header: Any, arrays: Mapping[str, np.ndarray]) -> str:
+    """Name, value and step of the first number that is not finite; "" if all are."""
+    for name in _doubles(header.DESCRIPTOR):
+        value = getattr(header, name)
+        if not math.isfinite(value) and value != _ALLOWED.get(name):
+            return f"{name} = {value:g}"
+    for name, values in arrays.items():
+        finite = np.isfinite(values)
+        if not finite.all():
+            i = int(np.argmin(finite))
+            step = header.first_step + i * getattr(header, "every_steps", 1)
+            return f"{name} = {values[i]:g} at step {step}"
+    return ""

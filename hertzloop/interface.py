@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from bus.messages_pb2 import Books as BooksMessage
     from bus.port import BusError
     from bus.streams import StreamFault
-    from hertzloop.loop.launcher import RunFailed
     from hertzloop.one_run import RunOptions
+    from hertzloop.processes.launcher import RunFailed
     from hertzloop.results.comparison import Comparison, Difference
     from hertzloop.results.spans import RunFigures, SpanFigures
     from plant.books import Books
@@ -60,7 +60,7 @@ _LATER = {
     "DesignError": "studies.sweeps.design",
     "Difference": "hertzloop.results.comparison",
     "RecordingError": "recordings.writer",
-    "RunFailed": "hertzloop.loop.launcher",
+    "RunFailed": "hertzloop.processes.launcher",
     "RunFigures": "hertzloop.results.spans",
     "SpanFigures": "hertzloop.results.spans",
     "StreamFault": "bus.streams",

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.loop.launcher import Launcher
+from hertzloop.processes.launcher import Launcher
 from hertzloop.results import figures
 from hertzloop.results.conclusions import conclusions
 from hertzloop.results.impact_rows import through_first_contact

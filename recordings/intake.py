@@ -11,10 +11,9 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Message, Metadata
 
 from bus import streams as bus_streams
-from bus.finite import not_finite
 from bus.messages_pb2 import Books, Hello, RunEnd
 from bus.streams import CONTROLLER, LAST_NS, PLANT, STREAMS, Counter, Envelope
-from bus.wire import MessageError, Packed
+from bus.wire import MessageError, Packed, not_finite
 from recordings.chunks import Damaged, Record, channel_of, inner_records, message_of
 from recordings.columns import SAMPLED, Arrays, Refused, Track
 from recordings.writer import (

@@ -16,8 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bus.messages_pb2 import Books, RunEnd
-from bus.streams import CONTROLLER, STREAMS
-from bus.versions import other_version
+from bus.streams import CONTROLLER, STREAMS, other_version
 from bus.wire import Packed
 from recordings.chunks import MAGIC, Damaged, Record, Walk
 from recordings.columns import SAMPLED, Arrays, Stream

@@ -22,7 +22,7 @@ from bus.streams import (
     has_header_sequence,
 )
 from bus.zenoh_port import ZenohPort
-from hertzloop.loop.processes import BASE_PORT, default_endpoints
+from hertzloop.processes.roles import BASE_PORT, default_endpoints
 from tests.hertzloop.processes import wait_for
 from tests.ports import free_ports
 
@@ -65,7 +65,7 @@ def test_the_recorders_token() -> None:
             zenoh.handlers.Callback(lambda sample: heard.append(str(sample.key_expr))),
             history=True,
         )
-        recorder.vouch()
+        recorder.presence.confirm_completion()
         wait_for(lambda: heard)
     finally:
         plant.close()
@@ -105,14 +105,14 @@ def test_keys_and_numbers_on_a_real_bus() -> None:
                 zenoh.handlers.Callback(lambda sample: tokens.append(str(sample.key_expr))),
                 history=True,
             )
-            port.announce()
+            port.presence.announce()
             wait_for(lambda: tokens)
             ids = [f"page/controller/{i}".encode() for i in range(256)]
             ids = [hashlib.blake2b(text, digest_size=15).hexdigest().lstrip("0") for text in ids]
             [linked] = session.info.peers_zid()
             assert str(linked) in ids
             assert "`<name>/controller/<i>`" in PAGE
-            assert port.strangers() == [str(session.info.zid())]
+            assert port.other_subscribers() == [str(session.info.zid())]
 
             def said() -> bool:
                 port.publish(Envelope("end/controller", b"end", 5))

@@ -63,7 +63,7 @@ def bench(
 
 def _costs(json_file: Path | None) -> None:
     from bus.port import BusError
-    from hertzloop.loop.launcher import RunFailed
+    from hertzloop.processes.launcher import RunFailed
     from studies.cost import groups, roofline
 
     compile_first()

@@ -54,8 +54,8 @@ from hertzloop.commands.options import (
     write_json,
 )
 from hertzloop.commands.recordings import read_or_fail, repeat_or_fail, scene_to_run
-from hertzloop.commands.terminal import Commands, err, fail, out, progress
-from hertzloop.loop.signals import raise_when_ended
+from hertzloop.commands.terminal import Commands, fail, if_interrupted, out, progress
+from hertzloop.processes.signals import raise_when_ended
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT
 
@@ -138,10 +138,10 @@ def run(
     from bus.port import BusError
     from bus.sockets import on_loopback, own_endpoints
     from bus.streams import StreamFault
-    from hertzloop.loop import fork_server
-    from hertzloop.loop.launcher import RunFailed
-    from hertzloop.loop.watching import watched
     from hertzloop.one_run import RunOptions, Transport, run_scene, what_is_kept
+    from hertzloop.processes import fork_server
+    from hertzloop.processes.launcher import RunFailed
+    from hertzloop.processes.observer import observer_beside
     from hertzloop.results import report
     from recordings.writer import RecordingError
 
@@ -168,14 +168,12 @@ def run(
         fork_server.prepare()  # before anything starts a thread
     try:
         with (
+            if_interrupted(lambda: what_is_kept(recording, started_s)),
             held,
-            watched(name, endpoints) if live and name and endpoints else nullcontext(),
+            observer_beside(name, endpoints) if live and name and endpoints else nullcontext(),
             progress(resolved.name, resolved.steps) as advance,
         ):
             data = run_scene(resolved, recording, options, advance)
-    except KeyboardInterrupt:
-        err.print(f"interrupted; {what_is_kept(recording, started_s)}", soft_wrap=True)
-        raise typer.Exit(130) from None
     except SceneError as error:
         fail(str(error), 2)
     except (RunFailed, BusError, StreamFault, RecordingError) as error:

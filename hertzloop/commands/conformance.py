@@ -18,9 +18,8 @@ from hertzloop.commands.terminal import err, fail, out
 from hertzloop.scenes.errors import SceneError
 
 if TYPE_CHECKING:
-    from hertzloop.loop.conformance import Checks
-    from hertzloop.loop.conformance_run import Meeting
-    from hertzloop.loop.conformance_scripts import Script
+    from hertzloop.processes.conformance import Checks, Meeting
+    from hertzloop.processes.conformance_scripts import Script
 
 
 def conformance(
@@ -57,8 +56,7 @@ def conformance(
     wait: WaitOption = 30.0,
 ) -> None:
     """Play a plant against a controller process of one's own; say what is wrong first."""
-    from hertzloop.loop.conformance import Broken, Checks
-    from hertzloop.loop.conformance_run import Meeting
+    from hertzloop.processes.conformance import Broken, Checks, Meeting
 
     if law and expect:
         fail("give --law or --expect, not both: the forces are compared with one of them", 2)
@@ -84,7 +82,7 @@ def conformance(
 def _ports(first: int | None, ours_to_start: bool) -> AbstractContextManager[Sequence[int]]:
     """Ports of plant, controller and recorder; who runs already has to know them."""
     from bus.reserved import reserved_ports
-    from hertzloop.loop.processes import BASE_PORT
+    from hertzloop.processes.roles import BASE_PORT
 
     if first is None and ours_to_start:
         return reserved_ports(3)
@@ -100,7 +98,7 @@ def _chosen(
     everything: bool,
 ) -> list["Script"]:
     """The scripts to play; ends the command where there are none such."""
-    from hertzloop.loop.conformance_scripts import recorded, scripts
+    from hertzloop.processes.conformance_scripts import recorded, scripts
     from recordings.reader import read
     from recordings.writer import RecordingError
 
@@ -124,11 +122,11 @@ def _chosen(
 def _played(script: "Script", meeting: "Meeting", start: str, checks: "Checks") -> set[str]:
     """Play a script at each of its horizons, once without `start`; the laws that ran.
 
-    Raises Broken, OSError and ValueError as `conformance_run.play`.
+    Raises Broken, OSError and ValueError as `conformance.play`.
     """
     import numpy as np
 
-    from hertzloop.loop.conformance_run import play
+    from hertzloop.processes.conformance import play
 
     laws, before = set(), None
     for horizon in script.horizons if start else script.horizons[-1:]:

@@ -57,7 +57,7 @@ def _write(path: Path, text: str) -> None:
 
 def _places(hosts: str) -> dict[str, tuple[str, int]]:
     """Host and port of every role, in the order of roles."""
-    from hertzloop.loop.processes import BASE_PORT
+    from hertzloop.processes.roles import BASE_PORT
 
     places: dict[str, tuple[str, int]] = {}
     for word in hosts.split(","):

@@ -125,7 +125,7 @@ def check_law(setup: Setup) -> None:
     """Try a law that is not shipped for a moment, and say so if it is slow. Raises SceneError."""
     if setup.law_reference in shipped_laws():
         return
-    from hertzloop.loop.law_trial import try_law
+    from hertzloop.processes.law_trial import try_law
 
     note = try_law(setup)
     if note:

@@ -6,16 +6,21 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import typer
 
 from hertzloop.commands.options import LARGEST_PORT
 from hertzloop.commands.terminal import err, fail
-from hertzloop.loop.signals import INTERRUPTED, end_with_the_launcher, raise_when_ended
+from hertzloop.processes.signals import (
+    INTERRUPTED,
+    end_with_the_launcher,
+    on_interrupt,
+    raise_when_ended,
+)
 
 if TYPE_CHECKING:
-    from hertzloop.loop.processes import BusAddress
+    from hertzloop.processes.roles import BusAddress
 
 # Of the kinds that zenoh comes with here.
 _ENDPOINT = re.compile(
@@ -34,7 +39,6 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
     """
     from bus.port import BusError, EndedByOther, PeerLost
     from bus.streams import StreamFault
-    from hertzloop.loop.processes import Interrupted
     from recordings.writer import RecordingError
 
     def tell(**what: object) -> None:
@@ -42,11 +46,19 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
             with suppress(BrokenPipeError):  # the launcher is gone, and cannot be told
                 print(json.dumps(what), flush=True)
 
+    def interrupted(sentence: str) -> NoReturn:
+        sentence = sentence or f"{role} was interrupted"
+        tell(fault=sentence)
+        if not machine:
+            err.print(sentence, markup=False)
+        raise typer.Exit(INTERRUPTED)
+
     raise_when_ended()
     if machine:
         end_with_the_launcher()
     try:
-        yield tell
+        with on_interrupt(interrupted):
+            yield tell
     except (BusError, StreamFault, RecordingError) as error:
         missed: dict[str, object] = {}
         if isinstance(error, PeerLost):
@@ -56,12 +68,6 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
         if not machine:
             fail(str(error), 1)
         raise typer.Exit(1) from None
-    except (Interrupted, KeyboardInterrupt) as error:
-        sentence = str(error) or f"{role} was interrupted"
-        tell(fault=sentence)
-        if not machine:
-            err.print(sentence, markup=False)
-        raise typer.Exit(INTERRUPTED) from None
 
 
 def bus_address(
@@ -79,7 +85,7 @@ def bus_address(
     """
     from bus.port import BusError
     from bus.zenoh_config import endpoints_named, names_endpoints
-    from hertzloop.loop.processes import BASE_PORT, BusAddress, default_endpoints
+    from hertzloop.processes.roles import BASE_PORT, BusAddress, default_endpoints
 
     check_endpoints("--listen", listen)
     check_endpoints("--connect", connect)
@@ -98,7 +104,7 @@ def bus_address(
 def check_endpoints(option: str, endpoints: list[str] | None) -> None:
     """End the command if what an option gives is no endpoint."""
     from bus.sockets import too_long
-    from hertzloop.loop.processes import BASE_PORT
+    from hertzloop.processes.roles import BASE_PORT
 
     for endpoint in endpoints or []:
         found = _ENDPOINT.fullmatch(endpoint)

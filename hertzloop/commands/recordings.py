@@ -1,6 +1,5 @@
 """Commands that look at recordings: inspect, compare, replay, recover."""
 
-import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -249,11 +248,8 @@ def replay(
     for one in (recording, compared) if compared else (recording,):
         for problem in one.problems:
             err.print(f"{one.path}: {problem}", soft_wrap=True)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         replaying.replay(recording, save, screenshot, compared, alone)
-    except KeyboardInterrupt:
-        raise typer.Exit(130) from None
     except RecordingError as error:
         fail(str(error), 1)
     for output in (save, screenshot):

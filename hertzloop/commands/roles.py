@@ -28,7 +28,7 @@ from hertzloop.commands.options import (
 from hertzloop.commands.process_frame import bus_address, framed, progress_reporter, where
 from hertzloop.commands.recordings import read_or_fail, repeat_or_fail
 from hertzloop.commands.terminal import err, out
-from hertzloop.loop.realtime import Wanted
+from hertzloop.processes.realtime import Wanted
 from hertzloop.scenes.scene import DEFAULT
 
 
@@ -58,7 +58,7 @@ def plant(
 ) -> None:
     """The plant process alone: waits for controller and recorder, then runs the scene."""
     from bus.streams import PLANT
-    from hertzloop.loop import processes
+    from hertzloop.processes import roles
 
     resolved = scene_from(scene, settings, seed, tried=machine)
     check_pace(resolved, pace, timeout, horizon=horizon, repeat=repeat)
@@ -67,7 +67,7 @@ def plant(
         address = bus_address(PLANT, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
             err.print(f"plant on {where(address)}: waiting for controller and recorder")
-        stats = processes.run_plant(
+        stats = roles.run_plant(
             resolved,
             address,
             horizon,
@@ -101,13 +101,13 @@ def controller(
 ) -> None:
     """The controller process alone: takes the scene from the plant, answers its samples."""
     from bus.streams import CONTROLLER
-    from hertzloop.loop import processes
+    from hertzloop.processes import roles
 
     with framed(CONTROLLER, machine) as tell:
         address = bus_address(CONTROLLER, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
             err.print(f"controller on {where(address)}: waiting for plant and recorder")
-        stats = processes.run_controller(
+        stats = roles.run_controller(
             address, lambda: tell(ready=True), law, fast_lane, Wanted(realtime)
         )
         tell(done=stats)
@@ -129,14 +129,14 @@ def record(
 ) -> None:
     """The recorder process alone: writes every stream of a run into one MCAP file."""
     from bus.streams import RECORDER
-    from hertzloop.loop import processes
+    from hertzloop.processes import roles
 
     check_recording(out_file, overwrite)
     with framed(RECORDER, machine) as tell:
         address = bus_address(RECORDER, name, listen, connect, zenoh_config, timeout, wait)
         if not machine:
             err.print(f"recorder on {where(address)}: waiting for plant and controller")
-        stats = processes.run_recorder(
+        stats = roles.run_recorder(
             out_file, address, overwrite, lambda: tell(ready=True), Wanted(realtime)
         )
         tell(done=stats)

@@ -5,11 +5,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from hertzloop.commands.options import compile_first, make_folder
-from hertzloop.commands.terminal import Table, err, fail
-from hertzloop.loop.signals import INTERRUPTED
+from hertzloop.commands.terminal import Table, err, fail, if_interrupted
 
 if TYPE_CHECKING:
     from studies.sweeps.kept import Kept
@@ -58,11 +55,9 @@ def resumable(folder: Path, name: str, header: dict[str, Any]) -> "Iterator[Kept
                           soft_wrap=True)  # fmt: skip
             on = f"finished cases are kept in {path}, the same command goes on with them"
             try:
-                yield finished
+                with if_interrupted(lambda: on):
+                    yield finished
             except SweepFailed as error:
                 fail(f"{error}; {on}", 1)
-            except KeyboardInterrupt:
-                err.print(f"interrupted; {on}", soft_wrap=True)
-                raise typer.Exit(INTERRUPTED) from None
     except JournalError as error:
         fail(str(error), 2)

@@ -25,7 +25,7 @@ from hertzloop.commands.options import (
     scene_from,
     write_json,
 )
-from hertzloop.commands.terminal import Table, err, fail, out, progress, styled
+from hertzloop.commands.terminal import Table, err, fail, if_interrupted, out, progress, styled
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
@@ -109,20 +109,18 @@ def sweep(
         fail(str(error), 2)
     compile_first(resolved)
     total = len(planned.cases())
+    on = "finished cases are kept, the same command goes on with them"
     try:
-        with progress(f"{total} cases", total) as advance:
+        with if_interrupted(lambda: on), progress(f"{total} cases", total) as advance:
             found = study.sweep(
                 resolved, planned, span, target, workers=workers, dask=dask, on_progress=advance
             )
     except JournalError as error:
         fail(str(error), 2)
     except study.SweepFailed as error:
-        fail(f"{error}; finished cases are kept, the same command goes on with them", 1)
+        fail(f"{error}; {on}", 1)
     except OSError as error:
         fail(f"cannot write {target}: {error.strerror}", 1)
-    except KeyboardInterrupt:
-        err.print("interrupted; finished cases are kept, the same command goes on with them")
-        raise typer.Exit(130) from None
     keys = [axis.key for axis in planned.axes]
     for line in found.damaged:
         err.print(

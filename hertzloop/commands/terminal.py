@@ -14,7 +14,7 @@ from rich.text import Text
 from typer.core import TyperGroup
 
 from hertzloop.extras import sentence_on
-from hertzloop.loop.signals import INTERRUPTED
+from hertzloop.processes.signals import INTERRUPTED, on_interrupt
 
 # Text is text: what is shown comes from scenes, files and other processes, and a name such as
 # [red] or 0:100:1 has no meaning here. What is to have a style says so with `styled`.
@@ -67,6 +67,18 @@ def fail(sentence: str, code: int) -> NoReturn:
 
 
 @contextmanager
+def if_interrupted(explain: Callable[[], str] | None = None) -> Iterator[None]:
+    """End the command with exit code 130 when a signal ends what is inside; say what is kept."""
+
+    def end(_: str) -> NoReturn:
+        err.print(f"interrupted; {explain()}" if explain else "interrupted", soft_wrap=True)
+        raise typer.Exit(INTERRUPTED)
+
+    with on_interrupt(end):
+        yield
+
+
+@contextmanager
 def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
     """A progress bar with the time left, gone when done; yields how to say what is completed."""
     percent = TextColumn("{task.percentage:3.0f} %", markup=False)
@@ -85,10 +97,8 @@ class Commands(TyperGroup):
         """Run the command that was asked for."""
         out.stderr = False  # see check_json
         try:
-            return super().invoke(*args)
-        except KeyboardInterrupt:
-            err.print("interrupted")
-            raise typer.Exit(INTERRUPTED) from None
+            with if_interrupted():
+                return super().invoke(*args)
         except ModuleNotFoundError as error:
             sentence = sentence_on(error.name)
             if sentence is None:

@@ -17,7 +17,7 @@ from hertzloop.commands.options import (
 )
 from hertzloop.commands.process_frame import check_endpoints
 from hertzloop.commands.terminal import err, fail, out
-from hertzloop.loop.signals import INTERRUPTED, raise_when_ended
+from hertzloop.processes.signals import INTERRUPTED, on_interrupt, raise_when_ended
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -39,8 +39,8 @@ def watch(
 
     from bus.port import PeerLost
     from bus.wire import MessageError
-    from hertzloop.loop.processes import BASE_PORT
-    from hertzloop.loop.watching import blocks
+    from hertzloop.processes.observer import truth_blocks
+    from hertzloop.processes.roles import BASE_PORT
     from recordings.replay import live, viewer
 
     check_endpoints("--connect", connect)
@@ -52,17 +52,19 @@ def watch(
         fail("there is no screen to watch on; --save F.rrd writes a file for the Rerun viewer", 2)
     where = connect or [f"tcp/127.0.0.1:{port}" for port in range(BASE_PORT, BASE_PORT + 3)]
     raise_when_ended()
+    ended: list[str] = []
     stream, shown, why, code = rr.RecordingStream("hertzloop live"), 0, "", 0
     try:
         with _shown_in(stream, save):
             stream.send_blueprint(live.blueprint())
             err.print(f"watching run '{name}'")
             try:
-                for payload in blocks(name, where, machine):
-                    with contextlib.suppress(MessageError):  # a stranger's
-                        shown += live.send(stream, payload)
-            except KeyboardInterrupt:  # what was seen until now is kept
-                why, code = "interrupted", INTERRUPTED
+                with on_interrupt(ended.append):  # what was seen until now is kept
+                    for payload in truth_blocks(name, where, machine):
+                        with contextlib.suppress(MessageError):  # a stranger's
+                            shown += live.send(stream, payload)
+                if ended:
+                    why, code = "interrupted", INTERRUPTED
             except PeerLost as error:
                 why, code = str(error), 1
     except (zenoh.ZError, viewer.ViewerError, OSError) as error:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bus.messages_pb2 import ForceBlock
-from bus.port import BusError, Port, Publisher
+from bus.port import BusError, Port, Publisher, new_run_id
 from bus.streams import StreamFault
 from controller import kernels as ck
 from controller import law_kernels as laws
@@ -16,7 +16,6 @@ from hertzloop.first_impact import NEVER, ending_of
 from hertzloop.loop import kernels as k
 from hertzloop.loop.controller_node import set_up_by
 from hertzloop.loop.events import ControllerEvents
-from hertzloop.loop.hello import new_run_id
 from hertzloop.loop.plant_node import LoopStats
 from hertzloop.loop.plant_streams import BLOCK_STEPS, PlantStreams, empty_window
 from hertzloop.loop.watchdog import watching

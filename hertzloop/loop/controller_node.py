@@ -9,12 +9,19 @@ import numpy as np
 from bus import lane
 from bus.messages_pb2 import DaqBlock, ForceBlock, LaneAnswer, SetUp
 from bus.port import BusError, PeerLost, Port, Publisher
-from bus.streams import CONTROLLER, Checker, Envelope, StreamFault, compare_set_up
+from bus.streams import (
+    CONTROLLER,
+    PLANT,
+    Checker,
+    Envelope,
+    StreamFault,
+    compare_set_up,
+    versions_here,
+)
 from bus.wire import Packed
 from controller.controller import Controller, Reply
 from controller.door.bound import LawFault
 from hertzloop.loop.events import ControllerEvents
-from hertzloop.loop.hello import versions_here
 from hertzloop.loop.lane_answers import LaneAnswers
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
@@ -86,7 +93,7 @@ class ControllerNode:
         """Take what comes next, from the bus or from the lane. Raises StreamFault, or BusError when
         nothing comes within `timeout_s`."""
         if self._lane is None or (self._publisher and self._publisher.ended):
-            self.handle(self.port.receive(timeout_s, "samples from the plant"))
+            self.handle(self.port.receive(timeout_s, "samples from the plant", [PLANT]))
             return
         block_end = (self._lane.samples // _BLOCK + 1) * _BLOCK
         self._lane.serve(min(block_end, self._lane.total))
@@ -94,11 +101,11 @@ class ControllerNode:
             raise PeerLost(
                 f"controller waited {timeout_s:g} s for samples from the plant: nothing came in "
                 "the lane",
-                "plant",
+                PLANT,
             )
         self._publish_served()
         while self.port.pending():
-            self.handle(self.port.receive(timeout_s, "samples from the plant"))
+            self.handle(self.port.receive(timeout_s, "samples from the plant", [PLANT]))
 
     def handle(self, envelope: Envelope) -> None:
         """Take one message. Raises StreamFault if it is not what had to come."""

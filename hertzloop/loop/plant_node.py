@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bus.messages_pb2 import RunEnd
-from bus.port import BusError, EndedByOther, Port, Publisher, say_every_s
-from bus.streams import PLANT, Checker, StreamFault
+from bus.port import BusError, EndedByOther, Port, Publisher, new_run_id, say_every_s
+from bus.streams import CONTROLLER, PLANT, Checker, StreamFault
 from hertzloop.loop import kernels as k
 from hertzloop.loop.answers import Answers, controllers_fault
-from hertzloop.loop.hello import new_run_id
 from hertzloop.loop.lane_offer import LaneOffer
 from hertzloop.loop.plant_streams import PlantStreams
 from hertzloop.loop.repeating import Repeat
@@ -173,7 +172,7 @@ class PlantNode:
         awaited = f"the force for step {self.answers.end}"
         if self.answers.end == self.setup.steps:
             awaited = "the end"
-        envelope = self.port.receive(self.timeout_s, f"{awaited} from the controller")
+        envelope = self.port.receive(self.timeout_s, f"{awaited} from the controller", [CONTROLLER])
         block = self.checker.accept(envelope)
         if envelope.stream == "end/controller":
             self._hear_end(block.header)

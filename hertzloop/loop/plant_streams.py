@@ -7,12 +7,11 @@ from contextlib import suppress
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from bus.messages_pb2 import Books, DaqBlock, TruthBlock
+from bus.messages_pb2 import Books, DaqBlock, Hello, TruthBlock
 from bus.port import BusError, Publisher
-from bus.streams import StreamFault
+from bus.streams import StreamFault, versions_here
 from hertzloop.loop import kernels as k
 from hertzloop.loop.events import PlantEvents, log
-from hertzloop.loop.hello import hello
 from hertzloop.setup import Setup
 from plant.contact.plastic import above_dent_m
 from plant.schemes import state_kernels as pk
@@ -21,6 +20,22 @@ from plant.time_series import COLUMNS, TRUTH
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
 ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most
 EVERY_S = 0.01  # a message costs as much as hundreds of steps: not more than one in this time
+
+
+def hello(setup: Setup, stiffness: float) -> Hello:
+    """Return the first message of a run."""
+    return Hello(
+        scene=setup.name,
+        scene_toml=setup.toml,
+        steps=setup.steps,
+        step_ns=setup.step_ns,
+        seed=setup.seed,
+        stiffness=stiffness,
+        versions=versions_here(),
+        law=setup.law.name,
+        law_digest=setup.law.digest,
+        law_source=setup.law.source,
+    )
 
 
 def truth_columns(rows: np.ndarray, setup: Setup, same_point: bool) -> dict[str, np.ndarray]:

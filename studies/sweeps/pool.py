@@ -6,7 +6,6 @@ are about to begin; the rest stays within its own reach.
 """
 
 import os
-import signal
 import sys
 import threading
 import time
@@ -22,7 +21,7 @@ from multiprocessing.queues import SimpleQueue
 from typing import Any
 
 from controller.door.registry import shipped
-from hertzloop.loop.signals import interrupts_held_back
+from hertzloop.processes.signals import deaf_to_the_terminal, interrupts_held_back
 from hertzloop.results.cases import Span
 from hertzloop.setup import Setup
 from studies.sweeps.evaluate import Numbered, Pool, Rows, run_cases, run_chunk, scene_of
@@ -188,11 +187,8 @@ class _Started(SpawnContext):
 def _start_tracker() -> None:
     """Start the process that removes the workers' semaphores if this one is killed, deaf to the
     signals of a terminal, which go to it as well and would end it first."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP, signal.SIGQUIT})
-    try:
+    with deaf_to_the_terminal():
         resource_tracker.ensure_running()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _two_first(chunks: list[Numbered]) -> list[Numbered]:

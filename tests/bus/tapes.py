@@ -1,6 +1,6 @@
 """Runs on tape: what plant and controller publish in a short, made-up run."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -26,7 +26,7 @@ class Tape:
     def publish(self, envelope: Envelope) -> None:
         self.sent.append(envelope)
 
-    def receive(self, timeout_s: float, awaited: str) -> Envelope:
+    def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
         raise NotImplementedError
 
     def pending(self) -> bool:

@@ -33,10 +33,10 @@ def test_a_role_that_is_there_twice_is_refused_before_a_run(twice: str) -> None:
     twins = [ZenohPort(twice, "twins", [where], [a]) for where in (b, c)]
     try:
         for port in twins:
-            port.announce()
-        wait_for(lambda: len(looking._alive[twice]) == 2)
+            port.presence.announce()
+        wait_for(lambda: len(looking.presence.alive[twice]) == 2)
         with pytest.raises(BusError, match=f"2 processes are the {twice} on bus 'twins'"):
-            looking.wait_for([twice], PATIENCE_S)
+            looking.presence.wait_for([twice], PATIENCE_S)
     finally:
         for port in (*twins, looking):
             port.close()
@@ -56,9 +56,9 @@ class TestPresence:
 
     def test_a_role_that_was_released_may_leave(self, zenoh: dict[str, ZenohPort]) -> None:
         for role in (CONTROLLER, RECORDER):
-            zenoh[role].release(PLANT)
+            zenoh[role].presence.release(PLANT)
         zenoh[PLANT].close()
-        assert zenoh[RECORDER].wait_until_gone(PLANT, PATIENCE_S)
+        assert zenoh[RECORDER].presence.wait_until_gone(PLANT, PATIENCE_S)
         zenoh[CONTROLLER].publish(Envelope("force", b"still here"))
         assert zenoh[RECORDER].receive(PATIENCE_S, "forces").payload == b"still here"
         with pytest.raises(PeerLost, match="nothing came"):
@@ -69,36 +69,36 @@ class TestPresence:
         plant = ZenohPort(PLANT, "again", [url(ports[0])])
         try:
             first = ZenohPort(RECORDER, "again", [url(ports[1])], [url(ports[0])])
-            first.announce()
-            plant.wait_for([RECORDER], PATIENCE_S)
+            first.presence.announce()
+            plant.presence.wait_for([RECORDER], PATIENCE_S)
             first.close()
-            assert plant.wait_until_gone(RECORDER, PATIENCE_S)
+            assert plant.presence.wait_until_gone(RECORDER, PATIENCE_S)
             recorder = ZenohPort(RECORDER, "again", [url(ports[1])], [url(ports[0])])
-            recorder.announce()
-            plant.wait_for([RECORDER], PATIENCE_S)
+            recorder.presence.announce()
+            plant.presence.wait_for([RECORDER], PATIENCE_S)
             plant.publish(Envelope("truth", b"heard"))
             assert recorder.receive(PATIENCE_S, "truth").payload == b"heard"
             recorder.close()
         finally:
             plant.close()
 
-    def test_a_role_leaves_with_or_without_vouching_for_its_part(
+    def test_a_role_leaves_with_or_without_confirming_completion(
         self, zenoh: dict[str, ZenohPort]
     ) -> None:
-        zenoh[RECORDER].vouch()
+        zenoh[RECORDER].presence.confirm_completion()
         zenoh[RECORDER].close()
-        zenoh[PLANT].wait_for_voucher(RECORDER, PATIENCE_S)
+        zenoh[PLANT].presence.wait_for_completion(RECORDER, PATIENCE_S)
         zenoh[CONTROLLER].close()
         with pytest.raises(PeerLost, match="controller left the run before its part was complete"):
-            zenoh[PLANT].wait_for_voucher(CONTROLLER, PATIENCE_S)
+            zenoh[PLANT].presence.wait_for_completion(CONTROLLER, PATIENCE_S)
 
-    def test_who_has_vouched_may_leave_before_the_last_words_of_another_arrive(
+    def test_who_has_confirmed_completion_may_leave_before_the_last_words_of_another_arrive(
         self, zenoh: dict[str, ZenohPort]
     ) -> None:
         """Two links: the recorder may be heard to leave before the plant's end comes."""
-        zenoh[RECORDER].vouch()
+        zenoh[RECORDER].presence.confirm_completion()
         zenoh[RECORDER].close()
-        assert zenoh[CONTROLLER].wait_until_gone(RECORDER, PATIENCE_S)
+        assert zenoh[CONTROLLER].presence.wait_until_gone(RECORDER, PATIENCE_S)
         assert not zenoh[CONTROLLER].pending()  # its departure is nothing to wait for
         zenoh[PLANT].publish(Envelope("end/plant", b"last words"))
         assert zenoh[CONTROLLER].receive(PATIENCE_S, "samples").payload == b"last words"
@@ -106,9 +106,9 @@ class TestPresence:
     def test_last_words_that_come_after_a_departure_explain_it(
         self, zenoh: dict[str, ZenohPort]
     ) -> None:
-        """Two links again, and no voucher: why the recorder left, the plant may be about to say."""
+        """Two links, nothing confirmed: the plant may be about to say why the recorder left."""
         zenoh[RECORDER].close()
-        assert zenoh[CONTROLLER].wait_until_gone(RECORDER, PATIENCE_S)
+        assert zenoh[CONTROLLER].presence.wait_until_gone(RECORDER, PATIENCE_S)
         zenoh[CONTROLLER].publish(Envelope("force", b"not missed yet"))
         assert not zenoh[CONTROLLER].pending()
         zenoh[PLANT].publish(Envelope("end/plant", b"interrupted"))
@@ -128,7 +128,7 @@ class TestPresence:
             zenoh[CONTROLLER].publish(Envelope("force", b""))
 
     def test_a_role_that_stays_is_not_gone(self, zenoh: dict[str, ZenohPort]) -> None:
-        assert not zenoh[RECORDER].wait_until_gone(PLANT, ABSENCE_S)
+        assert not zenoh[RECORDER].presence.wait_until_gone(PLANT, ABSENCE_S)
 
     def test_a_message_is_waited_for(self, zenoh: dict[str, ZenohPort]) -> None:
         started = time.monotonic()
@@ -136,15 +136,31 @@ class TestPresence:
             zenoh[PLANT].receive(ABSENCE_S, "what does not come")
         assert time.monotonic() - started >= ABSENCE_S
 
+    def test_a_wait_that_ends_in_vain_says_whose_message_was_awaited(
+        self, zenoh: dict[str, ZenohPort]
+    ) -> None:
+        """The launcher blames by these roles, whatever the words of the sentence."""
+        for senders in ((), (CONTROLLER,), (CONTROLLER, RECORDER)):
+            with pytest.raises(PeerLost) as caught:
+                zenoh[PLANT].receive(ABSENCE_S, "something", senders)
+            assert set(caught.value.roles) == {*senders}
+
+    def test_a_wait_can_be_aborted(self, zenoh: dict[str, ZenohPort]) -> None:
+        zenoh[PLANT].abort(KeyboardInterrupt())
+        with pytest.raises(KeyboardInterrupt):
+            zenoh[PLANT].receive(PATIENCE_S, "forces")
+        with pytest.raises(KeyboardInterrupt):
+            zenoh[PLANT].presence.wait_until_gone(RECORDER, PATIENCE_S)
+
     def test_waiting_names_who_is_missing(self) -> None:
         ports = free_ports(2)
         plant = ZenohPort(PLANT, "lonely", [url(ports[0])])
         recorder = ZenohPort(RECORDER, "lonely", [url(ports[1])], [url(ports[0])])
         try:
-            recorder.announce()
-            plant.wait_for([RECORDER], PATIENCE_S)
+            recorder.presence.announce()
+            plant.presence.wait_for([RECORDER], PATIENCE_S)
             with pytest.raises(PeerLost) as caught:
-                plant.wait_for([CONTROLLER, RECORDER], ABSENCE_S)
+                plant.presence.wait_for([CONTROLLER, RECORDER], ABSENCE_S)
             assert "plant waited 0.2 s for controller on bus 'lonely'" in str(caught.value)
             assert "recorder" not in str(caught.value)
         finally:
@@ -158,9 +174,9 @@ class TestPresence:
         recorder = ZenohPort(RECORDER, "early", [url(ports[1])], [url(ports[0])])
         try:
             with pytest.raises(PeerLost, match="recorder"):
-                plant.wait_for([RECORDER], ABSENCE_S)
-            recorder.announce()
-            plant.wait_for([RECORDER], PATIENCE_S)
+                plant.presence.wait_for([RECORDER], ABSENCE_S)
+            recorder.presence.announce()
+            plant.presence.wait_for([RECORDER], PATIENCE_S)
         finally:
             plant.close()
             recorder.close()
@@ -174,8 +190,8 @@ class TestPresence:
         ]
         try:
             for plant in plants:
-                plant.announce()
-            recorder.wait_for([PLANT], PATIENCE_S)
+                plant.presence.announce()
+            recorder.presence.wait_for([PLANT], PATIENCE_S)
             for plant in plants:
                 plant.publish(Envelope("truth", plant.name.encode()))
             assert recorder.receive(PATIENCE_S, "truth").payload == b"mine"
@@ -212,7 +228,7 @@ class TestEndpoints:
         counts = []
         for _ in range(12):
             plant = ZenohPort(PLANT, "often", [url(number)])
-            plant.announce()
+            plant.presence.announce()
             plant.close()
             counts.append(psutil.Process().num_fds())
         assert counts[-1] <= counts[1]
@@ -268,8 +284,8 @@ class TestEndpoints:
         plant = ZenohPort(PLANT, "filed", [], config_file=file)
         recorder = ZenohPort(RECORDER, "filed", [url(numbers[1])], [url(numbers[0])])
         try:
-            recorder.announce()
-            plant.wait_for([RECORDER], PATIENCE_S)
+            recorder.presence.announce()
+            plant.presence.wait_for([RECORDER], PATIENCE_S)
             plant.publish(Envelope("truth", b"heard"))
             assert recorder.receive(PATIENCE_S, "truth").payload == b"heard"
         finally:
@@ -293,7 +309,7 @@ class TestCompiling:
     def test_a_wait_lasts_until_after_a_compilation(self, zenoh: dict[str, ZenohPort]) -> None:
         plant, controller = zenoh[PLANT], zenoh[CONTROLLER]
         controller.compiling(True)
-        wait_for(lambda: plant._compiling._seen)
+        wait_for(lambda: plant.presence.compiling._seen)
         with ThreadPoolExecutor(1) as other:
             waiting = other.submit(plant.receive, ABSENCE_S, "forces from the controller")
             time.sleep(3 * ABSENCE_S)
@@ -307,11 +323,11 @@ class TestCompiling:
         plant, late = ZenohPort(PLANT, "late", [a]), ZenohPort(CONTROLLER, "late", [b], [a])
         try:
             late.compiling(True)
-            wait_for(lambda: plant._compiling._seen)
+            wait_for(lambda: plant.presence.compiling._seen)
             with ThreadPoolExecutor(1) as other:
-                waiting = other.submit(plant.wait_for, [CONTROLLER], ABSENCE_S)
+                waiting = other.submit(plant.presence.wait_for, [CONTROLLER], ABSENCE_S)
                 time.sleep(3 * ABSENCE_S)
-                late.announce()
+                late.presence.announce()
                 late.compiling(False)
                 waiting.result(PATIENCE_S)
         finally:
@@ -339,7 +355,7 @@ class TestCompiling:
             ._session.liveliness()
             .declare_token("hertzloop/contract/compiling/controller/forged")
         )
-        wait_for(lambda: zenoh[PLANT]._compiling._seen)
+        wait_for(lambda: zenoh[PLANT].presence.compiling._seen)
         with pytest.raises(PeerLost, match="nothing came"):
             zenoh[PLANT].receive(ABSENCE_S, "forces from the controller")
         forged.undeclare()
@@ -353,11 +369,11 @@ def test_a_forged_token_does_not_keep_a_finished_run(zenoh: dict[str, ZenohPort]
         ._session.liveliness()
         .declare_token("hertzloop/contract/alive/recorder/forged")
     )
-    wait_for(lambda: len(plant._alive[RECORDER]) == 2)
-    zenoh[RECORDER].vouch()
+    wait_for(lambda: len(plant.presence.alive[RECORDER]) == 2)
+    zenoh[RECORDER].presence.confirm_completion()
     zenoh[RECORDER].close()
     with ThreadPoolExecutor(1) as other:
-        waiting = other.submit(plant.wait_for_voucher, RECORDER, 2 * PATIENCE_S)
+        waiting = other.submit(plant.presence.wait_for_completion, RECORDER, 2 * PATIENCE_S)
         try:
             waiting.result(PATIENCE_S)
         finally:
@@ -368,4 +384,4 @@ def test_the_wait_for_a_recorder_that_does_not_finish_is_bounded(
     zenoh: dict[str, ZenohPort],
 ) -> None:
     with pytest.raises(PeerLost, match="recorder did not complete its part within 0 s"):
-        zenoh[PLANT].wait_for_voucher(RECORDER, ABSENCE_S)
+        zenoh[PLANT].presence.wait_for_completion(RECORDER, ABSENCE_S)

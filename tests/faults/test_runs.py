@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from hertzloop.loop.launcher import Child, _cause
+from hertzloop.processes.launcher import Child, _cause
 from tests.faults import runs
 from tests.faults.inflict import (
     COMMANDS,

@@ -111,7 +111,7 @@ class Rubbish:
 
 
 class Unbelieving(set):
-    """Who is there, but for what the recorder vouches for."""
+    """Who is there, but for what the recorder confirms."""
 
     def add(self, what: str) -> None:
         if what != "complete/recorder":
@@ -124,7 +124,7 @@ if __name__ == "__main__":
         own.sys.exit = lambda *_: time.sleep(60)
     if rule == "hasty":  # it believes from the start that the recorder is there
         own.set = lambda: {"recorder"}
-    if rule == "parts-early":  # it takes a recorder that vouched for one that died
+    if rule == "parts-early":  # it takes a recorder that confirmed for one that died
         own.set = Unbelieving
     if rule == "stranger":
         own.hashlib = SimpleNamespace(

@@ -6,7 +6,7 @@ next, is drawn.
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -87,7 +87,7 @@ class _Port:
     def publish(self, envelope: Envelope) -> None:
         self._links.send(self.role, envelope)
 
-    def receive(self, timeout_s: float, awaited: str) -> Envelope:
+    def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
         while not self.inbox:
             if not self._links.move():
                 raise PeerLost(f"{self.role} waits for {awaited}: nothing is under way")

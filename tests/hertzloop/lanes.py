@@ -3,7 +3,7 @@
 import hashlib
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,7 +29,7 @@ class QueuePort:
         if envelope.stream in SUBSCRIPTIONS[self.other.role]:
             self.other.inbox.put(self.alter(envelope))
 
-    def receive(self, timeout_s: float, awaited: str) -> Envelope:
+    def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
         try:
             return self.inbox.get(timeout=timeout_s)
         except queue.Empty:

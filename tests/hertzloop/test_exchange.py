@@ -108,7 +108,7 @@ class Hesitant:
         self.publisher.send("force", header, {"force_n": self.forces[self.said : end]})
         self.said = end
         if self.seen == self.scene.steps:
-            self.publisher.end(set_up=set_up_by(self.scene, self.hello.stiffness))
+            self.publisher.end(set_up=set_up_by(self.scene))
 
     def fail(self, sentence: str) -> None:
         raise AssertionError(sentence)

@@ -17,7 +17,7 @@ from controller.controller import Controller, LineSpec
 from controller.door.registry import find, shipped
 from controller.law import WHOLE_STEPS, About
 from controller.laws._local_model import acceleration, look_ahead
-from hertzloop.loop.law_trial import impact_samples
+from hertzloop.processes.law_trial import impact_samples
 from hertzloop.setup import Setup, load
 
 LONGER = {"run.duration_s": 2.0}  # than any latency

@@ -86,8 +86,8 @@ class Foreign:
     def _run(self) -> None:
         node = ControllerNode(self)  # type: ignore[arg-type]
         try:
-            self.port.announce()
-            self.port.wait_for([PLANT, RECORDER], 20.0)
+            self.port.presence.announce()
+            self.port.presence.wait_for([PLANT, RECORDER], 20.0)
             while not node.done:
                 node.handle(self.port.receive(20.0, "samples"))
         except PeerLost:

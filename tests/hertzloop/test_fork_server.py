@@ -7,7 +7,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from hertzloop.loop import fork_server
+from hertzloop.processes import fork_server
 from tests.hertzloop.processes import wait_for
 
 

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
-from hertzloop.loop import launcher as launchers
-from hertzloop.loop.launcher import Child, Launcher, RunFailed
+from hertzloop.processes import launcher as launchers
+from hertzloop.processes.launcher import Child, Launcher, RunFailed
 from tests.hertzloop.processes import EVENTUALLY_S
 from tests.hertzloop.short_runs import scene
 

@@ -9,7 +9,7 @@ import ctypes, signal, time
 call = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
 """
 HEARD = """
-from hertzloop.loop.signals import hear_lost_interrupts, interrupt
+from hertzloop.processes.signals import hear_lost_interrupts, interrupt
 signal.signal(signal.SIGINT, interrupt)
 lost = hear_lost_interrupts()
 """
@@ -73,7 +73,7 @@ except KeyboardInterrupt:
 def test_it_is_held_back_where_another_thread_takes_it() -> None:
     script = """
 import os, threading
-from hertzloop.loop.signals import interrupts_held_back
+from hertzloop.processes.signals import interrupts_held_back
 threading.Thread(target=time.sleep, args=(5,), daemon=True).start()
 steps = []
 try:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.loop import realtime
 from hertzloop.one_run import RunOptions, run_scene
+from hertzloop.processes import realtime
 from hertzloop.setup import load
 from tests.hertzloop.processes import hertzloop
 
@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 
 def child(text: str, fails: int = 0) -> str:
     """What Python prints on this text, with the profile at hand."""
-    first = "import os, time\nfrom hertzloop.loop.realtime import Profile, Wanted\n"
+    first = "import os, time\nfrom hertzloop.processes.realtime import Profile, Wanted\n"
     done = subprocess.run(
         [sys.executable, "-c", first + text], capture_output=True, text=True, cwd=ROOT, timeout=120
     )

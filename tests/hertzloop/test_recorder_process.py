@@ -1,4 +1,4 @@
-"""The recorder as it runs in its process, on a real bus: it vouches for what was announced only."""
+"""The recorder in its process, on a real bus: it confirms a run only if all announced came."""
 
 import time
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ import pytest
 from bus.port import PeerLost
 from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
 from bus.zenoh_port import ZenohPort
-from hertzloop.loop.processes import BusAddress, run_recorder
+from hertzloop.processes.roles import BusAddress, run_recorder
 from recordings.reader import read
 from tests.bus.meshes import PATIENCE_S, url
 from tests.bus.tapes import SCENE, controller_says, plant_says
@@ -28,8 +28,8 @@ def recording(path: Path) -> Iterator[tuple[Future, ZenohPort, ZenohPort]]:
         ended = other.submit(run_recorder, path, address)
         try:
             for port in ports:
-                port.announce()
-                port.wait_for([RECORDER], PATIENCE_S)
+                port.presence.announce()
+                port.presence.wait_for([RECORDER], PATIENCE_S)
             yield ended, *ports
         finally:
             ended.exception(PATIENCE_S)
@@ -38,16 +38,16 @@ def recording(path: Path) -> Iterator[tuple[Future, ZenohPort, ZenohPort]]:
 
 
 def recorded(path: Path, plant: list[Envelope], controller: list[Envelope]) -> Future:
-    """Play both on a bus to a recorder; how that ended. Raises PeerLost if it does not vouch."""
+    """Play both on a bus to a recorder; how that ended. Raises PeerLost if it does not confirm."""
     with recording(path) as (ended, *ports):
         for port, said in zip(ports, (plant, controller), strict=True):
             for envelope in said:
                 port.publish(envelope)
-        ports[0].wait_for_voucher(RECORDER, PATIENCE_S)
+        ports[0].presence.wait_for_completion(RECORDER, PATIENCE_S)
     return ended
 
 
-def test_a_whole_run_is_vouched_for(tmp_path: Path) -> None:
+def test_a_whole_run_is_confirmed(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     assert "recorder_s" in recorded(path, plant_says(), controller_says()).result()
     assert read(path).problems == []

@@ -77,7 +77,7 @@ import numpy as np
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.loop.law_trial import try_law
+from hertzloop.processes.law_trial import try_law
 from hertzloop.results.labelled import export_labels
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load

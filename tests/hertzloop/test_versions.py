@@ -8,8 +8,7 @@ import pytest
 
 from bus import wire
 from bus.messages_pb2 import Hello, SetUp
-from bus.streams import STREAMS, Envelope, StreamFault
-from bus.versions import other_version
+from bus.streams import STREAMS, Envelope, StreamFault, other_version
 from hertzloop import __version__, interface
 from recordings.reader import read
 from recordings.recorder import Recorder

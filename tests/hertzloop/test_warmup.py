@@ -16,7 +16,7 @@ from bus.zenoh_port import ZenohPort
 from controller.controller import Controller
 from hertzloop.commands import warmup
 from hertzloop.loop.plant_node import PlantNode
-from hertzloop.loop.processes import BusAddress, run_controller, run_recorder
+from hertzloop.processes.roles import BusAddress, run_controller, run_recorder
 from hertzloop.setup import Setup, load
 from recordings.reader import read
 from tests.bus.meshes import PATIENCE_S, url
@@ -121,10 +121,10 @@ def test_a_controller_that_compiles_its_law_is_waited_for(
         recorder = others.submit(run_recorder, path, address(2))
         try:
             node = PlantNode(scene(), plant, timeout_s=timeout_s)
-            plant.announce()
-            plant.wait_for([CONTROLLER, RECORDER], PATIENCE_S)
+            plant.presence.announce()
+            plant.presence.wait_for([CONTROLLER, RECORDER], PATIENCE_S)
             node.run()
-            plant.wait_for_voucher(RECORDER, PATIENCE_S)
+            plant.presence.wait_for_completion(RECORDER, PATIENCE_S)
         finally:
             plant.close()
         controller.result(PATIENCE_S)

@@ -13,8 +13,8 @@ from bus.streams import CONTROLLER, Envelope, StreamFault
 from controller.door.law import LawError
 from controller.door.registry import find
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.loop.hello import hello
-from hertzloop.loop.law_trial import try_law
+from hertzloop.loop.plant_streams import hello
+from hertzloop.processes.law_trial import try_law
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load, parse
 from recordings.reader import read
@@ -199,7 +199,8 @@ def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
         "    assert kernels.control_block.signatures, 'not loaded'\n"
         "    return fork()\n"
         "os.fork = checked\n"
-        "from hertzloop.loop.law_trial import try_law; from hertzloop.setup import load\n"
+        "from hertzloop.processes.law_trial import try_law\n"
+        "from hertzloop.setup import load\n"
         "assert try_law(load('aluminium-3mm', ['controller.law=mine.py'])) == ''\n"
     )
     done = subprocess.run([sys.executable, "-c", script], cwd=here, capture_output=True, text=True)
@@ -209,7 +210,7 @@ def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
 def test_a_loop_without_end_before_any_sample(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the file itself, and in what it prepares."""
     monkeypatch.setattr("controller.door.patience.PATIENCE_S", 0.2)
-    monkeypatch.setattr("hertzloop.loop.law_trial._PREPARED_S", 0.2)
+    monkeypatch.setattr("hertzloop.processes.law_trial._PREPARED_S", 0.2)
     (here / "mine.py").write_text("while True:\n    try: x = 1\n    except Exception: pass\n")
     with pytest.raises(SceneError, match=r"was not loaded within 0.2 s; does a loop of it never"):
         load("aluminium-3mm", [SHORT, "controller.law=mine.py"])

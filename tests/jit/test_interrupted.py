@@ -26,12 +26,12 @@ Library._object_compiled_hook = classmethod(interrupted_there)
 # A reference to something of LLVM's that is to be made, once all is imported.
 MADE = """
 from llvmlite.binding.ffi import ObjectRef
-from hertzloop.__main__ import _leave
+from hertzloop.processes.signals import leave
 
 made = ObjectRef.__init__
 
 def interrupted_there(self, pointer):
-    if signal.getsignal(signal.SIGINT) is not _leave:
+    if signal.getsignal(signal.SIGINT) is not leave:
         signal.raise_signal(signal.SIGINT)
     made(self, pointer)
 

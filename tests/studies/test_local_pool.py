@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from hertzloop.loop.signals import interrupt
+from hertzloop.processes.signals import interrupt
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from studies.sweeps import pool as crew

@@ -9,11 +9,11 @@ and standard streams. The fork server of `multiprocessing` does not fit: it runs
 
 import atexit
 import gc
+import importlib
 import json
 import os
 import select
 import selectors
-import signal
 import socket
 import subprocess
 import sys
@@ -23,10 +23,15 @@ from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
+from signal import SIGKILL, SIGTERM
 from typing import NoReturn, TextIO
 
 from setproctitle import setproctitle
 
+from hertzloop.processes.signals import as_in_a_fresh_process, left_to_the_launcher
+
+# What a role runs. By name, as in `python -m`: the command line imports this module.
+_PROGRAM = "hertzloop.__main__"
 _LONGEST_REQUEST = 1 << 20  # bytes: command line and environment
 _STREAMS = 3  # descriptors of standard input, output and error, sent with a request
 # Variables that are read while modules are imported: a server with other values is of no use.
@@ -76,6 +81,14 @@ class Role:
             with suppress(ProcessLookupError):
                 os.kill(self.pid, number)
 
+    def terminate(self) -> None:
+        """Ask the process to end."""
+        self.send_signal(SIGTERM)
+
+    def kill(self) -> None:
+        """End the process."""
+        self.send_signal(SIGKILL)
+
 
 class ForkServer:
     """A process that forks roles on request, until this object's process ends."""
@@ -110,17 +123,21 @@ class ForkServer:
             finally:
                 os._exit(1)
 
-    def start(self, words: Sequence[str], stderr: Path) -> Role:
-        """Start `hertzloop WORDS` here and now: in this working directory, with this environment.
+    def start(self, arguments: Sequence[str], stderr: Path) -> Role:
+        """Start `hertzloop ARGUMENTS` in this working directory, with this environment.
 
         Args:
-            words: the command line after the program's name.
+            arguments: the command line after the program's name.
             stderr: file that takes standard error.
 
         Raises:
             OSError: the server has ended, or the system refuses another process.
         """
-        request = {"words": list(words), "cwd": os.getcwd(), "environment": dict(os.environ)}
+        request = {
+            "arguments": list(arguments),
+            "cwd": os.getcwd(),
+            "environment": dict(os.environ),
+        }
         stdin, stdout, status = os.pipe(), os.pipe(), os.pipe()
         with stderr.open("w") as sink:
             theirs = [stdin[0], stdout[1], sink.fileno(), status[1]]
@@ -155,31 +172,24 @@ def prepare() -> ForkServer:
     return _servers[key]
 
 
-def start(words: Sequence[str], stderr: Path) -> Role:
+def start(arguments: Sequence[str], stderr: Path) -> Role:
     """Start a role; see `ForkServer.start`. A server that was killed is replaced once."""
     try:
-        return prepare().start(words, stderr)
+        return prepare().start(arguments, stderr)
     except (BrokenPipeError, ConnectionResetError):
         _servers.clear()
-        return prepare().start(words, stderr)
+        return prepare().start(arguments, stderr)
 
 
 @cache
 def _load() -> None:
     """Import what the roles need."""
-    import hertzloop.loop.controller_node
-    import hertzloop.loop.plant_node
-    import hertzloop.loop.processes  # noqa: F401
-    from hertzloop.commands import cli
-
-    cli.built()
+    importlib.import_module(_PROGRAM).load()
 
 
 def _serve(requests: socket.socket) -> NoReturn:
     """Fork a role for every request, and report how it ended; until the launcher has gone."""
-    # The launcher hears Ctrl-C and ends the roles. A role hears one of its own once it can say so.
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    left_to_the_launcher()
     setproctitle("hertzloop fork server")
     gc.freeze()  # the pages of what is loaded stay shared
     waiting = selectors.DefaultSelector()
@@ -228,20 +238,18 @@ def _become(request: dict[str, object], streams: list[int]) -> NoReturn:
         for number, stream in enumerate(streams):
             os.dup2(stream, number)
             os.close(stream)
-        words, environment = request["words"], request["environment"]
-        assert isinstance(words, list)
+        arguments, environment = request["arguments"], request["environment"]
+        assert isinstance(arguments, list)
         assert isinstance(environment, dict)
         os.environ.clear()
         os.environ.update(environment)
         os.chdir(str(request["cwd"]))
         sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")
         sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace")
-        sys.argv = ["hertzloop", *words]
+        sys.argv = ["hertzloop", *arguments]
         setproctitle(" ".join(sys.argv))
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        from hertzloop.__main__ import main
-
-        main()
+        as_in_a_fresh_process()
+        importlib.import_module(_PROGRAM).main()
         code = 0
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1

@@ -5,17 +5,17 @@ import json
 import zenoh
 
 from bus.access import access_control
-from bus.guests import names_let_in
 from bus.streams import PLANT
+from bus.unauthorised import names_allowed
 
 
 def test_names_count_where_access_control_is_on_and_goes_by_them() -> None:
     config = zenoh.Config()
-    assert names_let_in(config) is None
+    assert names_allowed(config) is None
     config.insert_json5("access_control", json.dumps(access_control(PLANT)))
-    assert names_let_in(config) == {"hertzloop controller", "hertzloop recorder"}
+    assert names_allowed(config) == {"hertzloop controller", "hertzloop recorder"}
     anybody = [{"id": "anybody", "interfaces": ["lo"]}]
     config.insert_json5("access_control/subjects", json.dumps(anybody))
-    assert names_let_in(config) is None
+    assert names_allowed(config) is None
     config.insert_json5("access_control", json.dumps(access_control(PLANT) | {"enabled": False}))
-    assert names_let_in(config) is None
+    assert names_allowed(config) is None

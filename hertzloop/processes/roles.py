@@ -1,7 +1,7 @@
 """The three processes of a run over zenoh, each as one function: role, port, loop, end.
 
-Every function returns statistics for the launcher, or raises BusError, StreamFault or
-RecordingError with one sentence.
+Every function returns statistics for the launcher, or raises BusError, StreamFault, RecordingError
+or Interrupted with one sentence.
 """
 
 import os
@@ -16,12 +16,18 @@ from typing import TYPE_CHECKING, Any
 
 from bus.port import BusError, EndedByOther, PeerLost
 from bus.sockets import mesh_endpoints, on_loopback, remove_folder_of
-from bus.streams import CONTROLLER, PLANT, RECORDER, StreamFault
+from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from bus.zenoh_port import ZenohPort
 from hertzloop.loop import watchdog
-from hertzloop.loop.realtime import Profile, Wanted
 from hertzloop.loop.repeating import Repeat
-from hertzloop.loop.signals import INTERRUPTED, ending_signals, launcher_gone
+from hertzloop.processes.realtime import Profile, Wanted
+from hertzloop.processes.signals import (
+    INTERRUPTED,
+    Interrupted,
+    ending_signals,
+    interrupted_as,
+    launcher_gone,
+)
 from hertzloop.setup import Setup
 from jit.compiling import noticed
 from recordings.recorder import Recorder
@@ -32,7 +38,7 @@ if TYPE_CHECKING:
 
 BASE_PORT = 7450
 _GRACE_S = 2.0  # for the others to hear of a fault, and for the scene to come after one
-_VOUCHER_S = 60.0  # for the recorder to close its file, at least
+_COMPLETION_S = 60.0  # for the recorder to close its file, at least
 _PATIENCE_S = 4.0  # for an interrupted role to end in order
 # Of the recorder, in that of plant and controller: one of these waits for the other alone and can
 # name it, but the last block that it recorded may be older than its wait.
@@ -66,16 +72,12 @@ def _say(sentence: str) -> None:
     sys.stderr.flush()
 
 
-class Interrupted(RuntimeError):
-    """Somebody asked the run to stop."""
-
-
 @contextmanager
 def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
     """Join the bus, and leave it after the recorder, so that nothing sent is lost.
 
-    A signal makes the next wait raise KeyboardInterrupt; a second one, or a role that does
-    not get to its next wait because another hangs, ends the process at once.
+    A signal makes the next wait raise Interrupted; a second one, or a role that does not get to
+    its next wait because another hangs, ends the process at once.
     """
     opened_s = time.monotonic()
     port = address.open(role)
@@ -89,32 +91,35 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
         tidy_up()
         os._exit(INTERRUPTED)
 
-    patience = threading.Timer(_PATIENCE_S, leave)
-    patience.daemon = True
+    overdue = threading.Timer(_PATIENCE_S, leave)
+    overdue.daemon = True
 
     def react(count: int) -> None:
         if count > 1:
             leave()
-        port.interrupt()
-        patience.start()
+        # At the next wait: out of a handler it could fall between a message and its count.
+        port.abort(Interrupted())
+        overdue.start()
 
     with ending_signals(react), noticed(port.compiling):
         try:
             yield port
         except BaseException as error:
-            # Who does not react will not hear either; the recorder may still write. It has no last
-            # words: what it heard, the others shall hear before they miss it, and name the cause.
+            # Who does not react will not hear either; the recorder may still write. It has no final
+            # message: what it heard, the others shall hear before they miss it, and name the cause.
             if role != RECORDER or isinstance(error, StreamFault):
                 lost = error.roles if isinstance(error, PeerLost) else ()
-                port.wait_until_heard(_GRACE_S, {*lost} - {RECORDER})
+                port.presence.wait_until_heard(_GRACE_S, {*lost} - {RECORDER})
             raise
         else:
             if role != RECORDER:
                 # A recorder that fell behind may need as long again as the run took.
-                port.wait_for_voucher(RECORDER, max(_VOUCHER_S, time.monotonic() - opened_s))
+                port.presence.wait_for_completion(
+                    RECORDER, max(_COMPLETION_S, time.monotonic() - opened_s)
+                )
         finally:
             port.close()
-            patience.cancel()
+            overdue.cancel()
             tidy_up()
 
 
@@ -143,15 +148,18 @@ def run_plant(
             if pace
             else PlantNode(setup, port, horizon, *common, repeat, every_s=EVERY_S)
         )
-        port.announce()
-        port.wait_for([CONTROLLER, RECORDER], address.wait_s)
+        port.presence.announce()
+        port.presence.wait_for([CONTROLLER, RECORDER], address.wait_s)
         on_ready()
         try:
-            with profile.loop(lambda: node.streams.step):
+            with (
+                interrupted_as(lambda: f"interrupted at step {node.streams.step}"),
+                profile.loop(lambda: node.streams.step),
+            ):
                 stats = node.run()
-        except KeyboardInterrupt as error:
-            node.streams.fail(f"interrupted at step {node.streams.step}")
-            raise Interrupted(f"plant was interrupted at step {node.streams.step}") from error
+        except Interrupted as error:
+            node.streams.fail(str(error))
+            raise Interrupted(f"plant was {error}") from error
     return vars(stats) | {"realtime": profile.line()}
 
 
@@ -169,18 +177,18 @@ def run_controller(
     profile = Profile(realtime, CONTROLLER)
     with _joined(address, CONTROLLER) as port:
         node = ControllerNode(port, law=law, fast_lane=fast_lane)
-        port.announce()
-        port.wait_for([PLANT, RECORDER], address.wait_s)
+        port.presence.announce()
+        port.presence.wait_for([PLANT, RECORDER], address.wait_s)
         on_ready()
         try:
-            with profile.loop(lambda: node.samples):
+            with (
+                interrupted_as(lambda: "the controller was interrupted"),
+                profile.loop(lambda: node.samples),
+            ):
                 _answer_all(node, address)
-        except (StreamFault, BusError, KeyboardInterrupt) as error:
-            sentence = str(error) or "the controller was interrupted"
+        except (StreamFault, BusError, Interrupted) as error:
             with suppress(BusError):  # the first fault is the one to tell
-                node.fail(sentence)
-            if isinstance(error, KeyboardInterrupt):
-                raise Interrupted(sentence) from error
+                node.fail(str(error))
             raise
         if node.fault:
             raise EndedByOther(f"the plant ended the run: {node.fault}")
@@ -206,14 +214,11 @@ def _recording(path: Path, overwrite: bool) -> Iterator[Recorder]:
     """A recorder whose file is closed in any case, and says why it is not complete."""
     recorder = Recorder(path, overwrite)
     try:
-        yield recorder
+        with interrupted_as(lambda: "the recorder was interrupted"):
+            yield recorder
     except BaseException as error:
-        interrupted = isinstance(error, KeyboardInterrupt)
-        sentence = "the recorder was interrupted" if interrupted else str(error) or repr(error)
         with suppress(RecordingError):  # the first fault is the one to tell
-            recorder.close(sentence)
-        if interrupted:
-            raise Interrupted(sentence) from error
+            recorder.close(str(error) or repr(error))
         raise
     recorder.close()
 
@@ -224,7 +229,9 @@ def _hear_scene(port: ZenohPort, recorder: Recorder) -> None:
     until_s = time.monotonic() + _GRACE_S
     with suppress(BusError, StreamFault, RecordingError):  # the first fault is the one to tell
         while "hello" not in recorder.counters:
-            envelope = port.receive(max(until_s - time.monotonic(), 0.0), "the plant's hello")
+            envelope = port.receive(
+                max(until_s - time.monotonic(), 0.0), "the plant's hello", [PLANT]
+            )
             if envelope.stream == "hello":
                 recorder.handle(envelope)
 
@@ -240,14 +247,14 @@ def run_recorder(
     started, profile = time.monotonic(), Profile(realtime, RECORDER)
     with _joined(address, RECORDER) as port:
         with _recording(path, overwrite) as recorder:
-            port.announce()
-            port.wait_for([PLANT, CONTROLLER], address.wait_s)
+            port.presence.announce()
+            port.presence.wait_for([PLANT, CONTROLLER], address.wait_s)
             on_ready()
             with profile.loop(lambda: 0):
                 # Whom this role sees the plant may still wait for: the run is yet to begin.
                 patience_s = address.wait_s
                 while not recorder.done:
-                    envelope = port.receive(patience_s, "messages from plant and controller")
+                    envelope = port.receive(patience_s, "messages from plant and controller", ROLES)
                     try:
                         recorder.handle(envelope)
                     except StreamFault:
@@ -255,9 +262,9 @@ def run_recorder(
                         raise
                     patience_s = _LONGER * address.timeout_s
                     if envelope.stream.startswith("end/"):
-                        port.release(envelope.stream.removeprefix("end/"))
+                        port.presence.release(envelope.stream.removeprefix("end/"))
             recorder.reconcile()
         if recorder.faults:
             raise EndedByOther(recorder.faults[0])
-        port.vouch()
+        port.presence.confirm_completion()
     return {"recorder_s": time.monotonic() - started, "realtime": profile.line()}

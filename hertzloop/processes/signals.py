@@ -1,5 +1,17 @@
-"""Signals that end a process: Ctrl-C, Ctrl-\\, termination, a closed terminal."""
+"""The one policy for signals that end a process: Ctrl-C, Ctrl-\\, termination, a closed terminal.
 
+| who | what a signal does |
+|---|---|
+| a command that still imports | ends it at once (`command_line`) |
+| a command that works | raises KeyboardInterrupt, but not within LLVM's compiler (`interrupt`) |
+| a sweep that asks its workers | is held back meanwhile (`interrupts_held_back`) |
+| launcher and roles | is counted in a thread, and the run ends in order (`ending_signals`) |
+| fork server | Ctrl-C is left to the launcher, which ends the roles (`left_to_the_launcher`) |
+
+Whoever has something to say or to close when a signal ends its work does so by `on_interrupt`.
+"""
+
+import atexit
 import os
 import signal
 import socket
@@ -17,6 +29,94 @@ _on_their_way: set[int] = set()  # signals that will be sent again
 _held: list[set[int]] = []  # a set for each reason to hold interrupts back, of what came meanwhile
 _lost = threading.Event()  # a KeyboardInterrupt was
 _unraisable_before = sys.unraisablehook
+_code: list[int] = []  # to end with, whatever Python would make of it
+
+
+class Interrupted(KeyboardInterrupt):
+    """A signal has ended the work of a process in order; the sentence, if any, says which."""
+
+
+@contextmanager
+def on_interrupt(react: Callable[[str], object]) -> Iterator[None]:
+    """Call `react` when a signal ends what is inside, with the sentence of `Interrupted` or "".
+
+    The signal counts as heard then, unless `react` raises.
+    """
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        react(str(error))
+
+
+@contextmanager
+def interrupted_as(sentence: Callable[[], str]) -> Iterator[None]:
+    """Raise `Interrupted` with this sentence when a signal ends what is inside."""
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        raise Interrupted(sentence()) from error
+
+
+def how_ended(code: int) -> str:
+    """How a process ended, if its exit code says that a signal ended it; else ""."""
+    if code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return "was interrupted" if code == INTERRUPTED else ""
+
+
+def kill_child(pid: int) -> int:
+    """Kill a child process and wait for its end. Return the signal that had ended it before, or
+    0."""
+    os.kill(pid, signal.SIGKILL)
+    _, status = os.waitpid(pid, 0)
+    number = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
+    return 0 if number == signal.SIGKILL else number
+
+
+def leave(number: int, frame: FrameType | None) -> None:
+    """End at once: an exception in the middle of an import may come out as anything."""
+    sys.stderr.write("interrupted\n")
+    sys.stderr.flush()
+    os._exit(INTERRUPTED)
+
+
+def _end() -> None:
+    """End with the exit code of an interrupt. If it came through exec(), as imports use it, Python
+    would end by SIGINT at last, however it was handled."""
+    if _code:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(_code[0])
+
+
+@contextmanager
+def command_line() -> Iterator[Callable[[], None]]:
+    """Frame of a command: yields what to call once everything is imported.
+
+    Until then a signal ends the process at once; from then on it raises KeyboardInterrupt.
+    """
+    atexit.register(_end)  # before the imports: the first to be registered is the last to run
+    before = signal.signal(signal.SIGINT, leave)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # a launcher holds it back
+
+    def imported() -> None:
+        raise_when_ended()
+        if before == signal.SIG_IGN:
+            signal.signal(signal.SIGINT, before)
+        hear_lost_interrupts()
+
+    try:
+        yield imported
+    except Exception:
+        if _lost.is_set():  # and compiling, say, has failed for want of what it was to bring
+            leave(signal.SIGINT, None)
+        raise
+    except SystemExit as end:
+        if end.code == INTERRUPTED:
+            # Another one, while Python ends, would come out as an exception.
+            raise_when_ended(lambda *_: os._exit(INTERRUPTED))
+            _code.append(INTERRUPTED)
+        raise
 
 
 def _ending() -> list[signal.Signals]:
@@ -150,6 +250,31 @@ def interrupts_held_back() -> Iterator[None]:
             _held.pop()
             for number in came:
                 signal.raise_signal(number)
+
+
+@contextmanager
+def deaf_to_the_terminal() -> Iterator[None]:
+    """Let a process that is started inside ignore what a terminal sends to all processes, except
+    Ctrl-C."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP, signal.SIGQUIT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def left_to_the_launcher() -> None:
+    """Hold Ctrl-C back in a fork server, and in its forks until they can say that they heard it.
+
+    The launcher hears it and ends the roles. Termination ends the server.
+    """
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def as_in_a_fresh_process() -> None:
+    """Give a fork the handler of Ctrl-C that Python starts with."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 launcher_gone = threading.Event()

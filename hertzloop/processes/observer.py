@@ -1,6 +1,6 @@
-"""Somebody who only watches: hears a run on the bus, and is none of its roles.
+"""Observe a run over the bus without being one of its roles.
 
-What a watcher does not take in time is dropped, so that it never slows the run.
+The bus drops what an observer does not take in time, so an observer never slows the run.
 """
 
 import json
@@ -20,8 +20,8 @@ _ENDS = f"end/{PLANT}"
 _RETURNS_S = 2.0  # for a link that was closed to be there again: zenoh tries ten times a second
 
 
-def session(connect: Sequence[str]) -> zenoh.Session:
-    """A session that is no role's, linked to these endpoints once they are there.
+def _session(connect: Sequence[str]) -> zenoh.Session:
+    """Open a session that belongs to no role, linked to these endpoints once they exist.
 
     Raises zenoh.ZError.
     """
@@ -40,9 +40,11 @@ def session(connect: Sequence[str]) -> zenoh.Session:
     return zenoh.open(config)
 
 
-def blocks(name: str, connect: Sequence[str], beside: bool = False) -> Iterator[bytes]:
-    """Blocks of truth of the run `name` as they come, until the plant ends; `beside` the run that
-    started this process, also when that is gone: standard input ends then.
+def truth_blocks(name: str, connect: Sequence[str], beside: bool = False) -> Iterator[bytes]:
+    """Yield blocks of truth of the run `name` as they come, until the plant ends.
+
+    With `beside`, the run started this process: stop as well when standard input ends, since the
+    run is gone then.
 
     Raises zenoh.ZError, and PeerLost when the plant has left without its end, or that was missed.
     """
@@ -64,7 +66,7 @@ def blocks(name: str, connect: Sequence[str], beside: bool = False) -> Iterator[
 
     if beside:  # of anybody else standard input says nothing: /dev/null has ended from the start
         threading.Thread(target=follow_parent, daemon=True).start()
-    with session(connect) as joined:
+    with _session(connect) as joined:
         root = f"hertzloop/{name}"
         living = zenoh.handlers.Callback(on_life, indirect=False)
         kept = [
@@ -80,8 +82,8 @@ def blocks(name: str, connect: Sequence[str], beside: bool = False) -> Iterator[
 
 
 @contextmanager
-def watched(name: str, endpoints: Sequence[str]) -> Iterator[None]:
-    """A process beside a run that shows it; whatever becomes of it, the run goes on."""
+def observer_beside(name: str, endpoints: Sequence[str]) -> Iterator[None]:
+    """Show a run in a process beside it. The run goes on whatever happens to that process."""
     words = [word for url in endpoints for word in ("--connect", url)]
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "hertzloop", "watch", "--machine", "--name", name, *words],

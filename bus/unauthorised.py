@@ -1,4 +1,4 @@
-"""Who is linked to a role's session, but not let in, or does not let the role in.
+"""Peers that are linked to a role's session in vain: one side does not authorise the other.
 
 Access control is silent: a denied peer links, and hears nothing. Here both sides say so.
 """
@@ -28,9 +28,9 @@ class _Link:
         return f"'{self.name}' ({self.where})" if self.name else self.where
 
 
-def names_let_in(config: zenoh.Config) -> frozenset[str] | None:
-    """Common names that the access control of a configuration speaks of; None if everybody is let
-    in, or not by names."""
+def names_allowed(config: zenoh.Config) -> frozenset[str] | None:
+    """Return the common names that the access control of a configuration allows; None if it allows
+    everybody, or does not go by names."""
     if config.get_json("access_control/enabled") != "true":
         return None
     subjects = json.loads(config.get_json("access_control/subjects")) or []
@@ -39,23 +39,23 @@ def names_let_in(config: zenoh.Config) -> frozenset[str] | None:
     return frozenset(name for subject in subjects for name in subject["cert_common_names"])
 
 
-class Guests:
-    """The links of a role's session that a configuration `file` opened; tells `say`, once a name,
-    who is there in vain.
+class UnauthorisedPeers:
+    """Watch the links of a role's session that a configuration `file` opened; tell `say`, once a
+    name, which peers are linked in vain.
 
-    A role that is let in is seen to be starting, long before it is ready to take part.
+    A role that is authorised is seen to be starting, long before it is ready to take part.
     """
 
     def __init__(
         self,
         session: zenoh.Session,
-        let_in: frozenset[str] | None,
+        allowed: frozenset[str] | None,
         file: Path,
         run: str,
         role: str,
         say: Callable[[str], None],
     ) -> None:
-        self._let_in, self._file, self._run, self._say = let_in, file, run, say
+        self._allowed, self._file, self._run, self._say = allowed, file, run, say
         self._links: dict[str, _Link] = {}
         self._said: dict[str, str] = {}
         self._starting: set[str] = set()
@@ -81,8 +81,8 @@ class Guests:
         role = next((r for r in ROLES if is_known(self._run, (r,), number)), "")
         link = _Link(event.link.auth_identifier or "", str(event.link.dst), role, time.monotonic())
         self._links[number] = link
-        if self._let_in is not None and link.name not in self._let_in:
-            named = ", ".join(f"'{name}'" for name in sorted(self._let_in))
+        if self._allowed is not None and link.name not in self._allowed:
+            named = ", ".join(f"'{name}'" for name in sorted(self._allowed))
             self._tell(
                 link, f"is linked, but not let in: the access control of {self._file} names {named}"
             )
@@ -92,8 +92,8 @@ class Guests:
             self._said[link.name] = f"{link} {what}"
             self._say(self._said[link.name])
 
-    def missing(self, roles: Collection[str]) -> None:
-        """Tell who is linked for a while, and is one of these roles, or none of this run."""
+    def report(self, roles: Collection[str]) -> None:
+        """Tell which peers have been linked for a while, and are one of these roles, or none."""
         for link in list(self._links.values()):
             if time.monotonic() - link.since < _SHOWS_S or link.role in self._starting:
                 continue

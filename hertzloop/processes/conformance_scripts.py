@@ -21,8 +21,8 @@ class Script:
 
     `samples` are codes of a converter or values, with a flag each in `clipped`; `ending` is
     "whole", "fault" (the plant gives up half way and says so) or "death" (it leaves half way).
-    `late_end`: the plant's end comes after the recorder has vouched and left, as it may, since the
-    two are on different links.
+    `late_end`: the plant's end comes after the recorder has confirmed its completion and left, as
+    it may, since the two are on different links.
     `expected`: the force of every step (N), where `expected_of` says whose.
     """
 

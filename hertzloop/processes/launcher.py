@@ -1,11 +1,10 @@
-"""Start plant, controller and recorder as processes, watch them, end them together."""
+"""Start plant, controller and recorder as processes, supervise them, end them together."""
 
 import json
 import math
 import os
 import queue
 import secrets
-import signal
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -18,8 +17,8 @@ from bus.compiling import LONGEST_S
 from bus.own_folder import own_folder
 from bus.sockets import mesh_endpoints, own_endpoints
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
-from hertzloop.loop import fork_server
-from hertzloop.loop.signals import INTERRUPTED, ending_signals
+from hertzloop.processes import fork_server
+from hertzloop.processes.signals import Interrupted, ending_signals, how_ended
 from hertzloop.setup import Setup
 
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled
@@ -48,15 +47,13 @@ class Child:
     done: dict[str, Any] = field(default_factory=dict)
 
     def own_reason(self) -> str:
-        """Why it failed, if for a reason of its own; "" if another role was the reason."""
+        """Return why it failed, if for a reason of its own; "" if another role was the reason."""
         code = self.process.returncode
         assert code is not None  # it has ended
-        if code < 0:
-            return f"{self.role} was killed by {signal.Signals(-code).name}"
-        if self.fault:
+        if self.fault and code >= 0:
             return "" if self.others else self.fault
-        if code == INTERRUPTED:
-            return f"{self.role} was interrupted"
+        if how := how_ended(code):
+            return f"{self.role} {how}"
         lines = self.stderr.read_text().strip().splitlines() or ["without a word"]
         return f"{self.role} failed with exit code {code}: {lines[-1]}"
 
@@ -85,7 +82,7 @@ class Launcher:
         self._setup = setup
         self._in_use = ExitStack()
         self.children: list[Child] = []
-        self._endpoints = endpoints  # None: such as nobody else can reach
+        self._endpoints = endpoints  # None: private ones
         self._name = name
         self._commands = {
             RECORDER: ["record", "--out", str(recording)] + ["--overwrite"] * overwrite,
@@ -97,22 +94,22 @@ class Launcher:
         self._commands[PLANT] += ["--repeat", str(repeat)] if repeat else []
         self._common = ["--timeout", str(timeout_s), "--wait", str(wait_s)]
         self._common += ["--realtime", realtime]
-        # A role that waits, compiles or runs gives up or reports before.
+        # A role that waits, compiles or runs times out or reports before.
         self._silence_s = wait_s + timeout_s + LONGEST_S
 
     def _bus(self, role: str, name: str, endpoints: Sequence[str]) -> list[str]:
         """Options by which a process meets the others."""
         listen, connect = mesh_endpoints(role, endpoints)
-        words = ["--name", name, *self._common]
-        words += [word for url in listen for word in ("--listen", url)]
-        return words + [word for url in connect for word in ("--connect", url)]
+        options = ["--name", name, *self._common]
+        options += [word for url in listen for word in ("--listen", url)]
+        return options + [word for url in connect for word in ("--connect", url)]
 
-    def _start(self, role: str, words: list[str], folder: Path) -> None:
-        words = [str(folder / word) if word == _SCENE else word for word in words]
+    def _start(self, role: str, arguments: list[str], folder: Path) -> None:
+        arguments = [str(folder / word) if word == _SCENE else word for word in arguments]
         stderr = folder / f"{role}.stderr"
         # A role has its own session: Ctrl-C comes to the launcher, which ends the roles in order.
         # Nothing is written to its standard input, which ends with the launcher, however that ends.
-        process = fork_server.start(words, stderr)
+        process = fork_server.start(arguments, stderr)
         child = Child(role, process, stderr)
         self.children.append(child)
         threading.Thread(target=self._listen, args=(child,), daemon=True).start()
@@ -134,9 +131,9 @@ class Launcher:
             endpoints = self._endpoints or stack.enter_context(own_endpoints())
             name = self._name or f"run-{os.getpid()}-{secrets.token_hex(4)}"
             stack.callback(self._end_all)
-            for role, words in self._commands.items():
+            for role, command in self._commands.items():
                 self._start(
-                    role, [*words, *self._bus(role, name, endpoints), "--machine"], Path(folder)
+                    role, [*command, *self._bus(role, name, endpoints), "--machine"], Path(folder)
                 )
             self._in_use = stack.pop_all()
         return self
@@ -149,10 +146,10 @@ class Launcher:
         self._reports.put(None)
 
     def wait(self, on_progress: Callable[[int], None] = lambda step: None) -> dict[str, Any]:
-        """Wait for the end of the run; the plant's statistics.
+        """Wait for the end of the run; return the plant's statistics.
 
         Raises RunFailed with the sentence of whoever failed first for a reason of its own, and
-        KeyboardInterrupt after a signal.
+        Interrupted after a signal.
         """
         running = {child.role: child for child in self.children}
         failed: list[Child] = []  # in the order of their ends
@@ -167,7 +164,7 @@ class Launcher:
                 continue
             heard_s = time.monotonic()
             if item is None:
-                raise KeyboardInterrupt
+                raise Interrupted
             child, report = item
             if "step" in report:
                 on_progress(report["step"])
@@ -199,18 +196,19 @@ class Launcher:
 
         A second signal cuts the waiting short.
         """
-        stages: list[tuple[int, tuple[str, ...]]] = [
-            (signal.SIGTERM, (PLANT,)), (signal.SIGTERM, ROLES), (signal.SIGKILL, ROLES)
+        Role = fork_server.Role
+        stages: list[tuple[Callable[[fork_server.Role], None], Sequence[str]]] = [
+            (Role.terminate, (PLANT,)), (Role.terminate, ROLES), (Role.kill, ROLES)
         ]  # fmt: skip
         if all(child.done for child in self.children):
-            stages.insert(0, (0, ROLES))
+            stages.insert(0, (lambda _: None, ROLES))
         for end, roles in stages:
             chosen = [c for c in self.children if c.role in roles and c.process.poll() is None]
             for child in chosen:
-                child.process.send_signal(end)
+                end(child.process)
             deadline = time.monotonic() + _PATIENCE_S
             while chosen and any(c.process.poll() is None for c in self.children):
-                hurry = self._signals > 1 and end != signal.SIGKILL
+                hurry = self._signals > 1 and end is not Role.kill
                 if hurry or time.monotonic() > deadline:
                     break
                 time.sleep(0.01)
@@ -244,14 +242,14 @@ def _not_reacting(roles: Iterable[str], how: str, why: str = "") -> str:
 
 
 def _most_precise(failed: list[Child]) -> Child:
-    """Who missed the fewest roles, of those that missed nobody who had given up before, nor one
-    that missed another itself. Who gives up first may be the last to end."""
-    gave_up: set[str] = set()
+    """Return the role that missed the fewest others, of those that missed no role that had timed
+    out before, nor one that missed another itself. The first to time out may be the last to end."""
+    timed_out: set[str] = set()
     believed: dict[str, Child] = {}
     for child in sorted(failed, key=lambda child: child.at_s):
-        if child.lost and not gave_up & set(child.lost):
+        if child.lost and not timed_out & set(child.lost):
             believed[child.role] = child
         if child.lost:
-            gave_up.add(child.role)
+            timed_out.add(child.role)
     last = [child for child in believed.values() if not believed.keys() & set(child.lost)]
     return min(last or believed.values(), key=lambda child: len(child.lost), default=failed[0])

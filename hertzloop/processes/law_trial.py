@@ -3,7 +3,6 @@
 import math
 import os
 import select
-import signal
 import tempfile
 from contextlib import suppress
 
@@ -17,6 +16,7 @@ from controller.door.law import LawError
 from controller.door.patience import Overdue, given_up_in_time
 from controller.door.registry import shipped
 from controller.law import About
+from hertzloop.processes.signals import kill_child
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED, Trial
 from hertzloop.setup import Setup
@@ -136,8 +136,7 @@ def _in_child(bound: BoundLaw, samples: np.ndarray, setup: Setup, folder: str) -
         said = os.read(reading, 4000).decode()
     finally:
         os.close(reading)
-        os.kill(child, signal.SIGKILL)
-        _, status = os.waitpid(child, 0)
-    if not said and os.WIFSIGNALED(status) and os.WTERMSIG(status) != signal.SIGKILL:
-        return f"the law {bound.name} ended its process by signal {os.WTERMSIG(status)}"
+        by_signal = kill_child(child)
+    if not said and by_signal:
+        return f"the law {bound.name} ended its process by signal {by_signal}"
     return said

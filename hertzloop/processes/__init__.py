@@ -1,0 +1,1 @@
+"""The processes of a run: launcher, roles, fork server, signals, real-time profile."""
