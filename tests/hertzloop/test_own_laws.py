@@ -16,7 +16,7 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.scenes import controller_table
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load, parse
+from hertzloop.setup import Setup, load, parse, resolve
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 from studies.sweeps.evaluate import run_case
@@ -362,4 +362,4 @@ def test_how_far_a_law_reaches_is_looked_up_when_it_is_back(
     path.rename(here / "gone.py")
     assert scene.reach == Reach()
     (here / "gone.py").rename(path)
-    assert scene.reach.force_n == 7.0
+    assert resolve(scene.scene).reach.force_n == 7.0

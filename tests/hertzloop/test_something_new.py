@@ -154,7 +154,7 @@ def send_both(self):
     first, end = int(counts[k.TRUTH_FIRST]), int(counts[k.TRUTH_END])
     if end > first:
         speed = factor * self.window.truth[3, : end - first]
-        header = SpeedBlock(first_step=first, step_ns=self.scene.step_ns)
+        header = SpeedBlock(first_step=first, step_ns=self.setup.step_ns)
         self.publisher.send("speed", header, {"speed_m_s": speed})
     send_truth(self)
 
