@@ -7,7 +7,7 @@ import numpy as np
 
 from controller import kernels as k
 from controller import law_kernels as laws
-from controller.door.bound import BoundLaw, LawFault
+from controller.loading.bound import BoundLaw, LawFault
 
 _JITTER_STREAM, _DROP_OUT_STREAM = 2, 3  # random streams; the sensor's noise is another
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from bus.own_folder import own_folder
+from bus.sockets import own_folder
 from hertzloop.results.labelled import (
     FORCE_LABEL,
     HELD,

@@ -8,15 +8,18 @@ import hashlib
 import os
 import re
 import shutil
+import stat
 import sys
 import tempfile
 from atexit import register
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
+from typing import Any
 
-from jit.ownership import NotOurs, own
+from numba import typeof
+from numba.core import event
 
 # Folders of kernels, beside this package; which of their files hold some, their imports say.
 PACKAGES = ("plant", "sensors", "controller", "bus", "recordings", "hertzloop", "studies", "jit")
@@ -107,3 +110,81 @@ def _private() -> Path:
 
     register(remove)
     return Path(folder)
+
+
+class NotOurs(Exception):
+    """Somebody else could have written into a folder; the message says why and the remedy."""
+
+
+def own(folder: Path, *, alone: bool = False) -> None:
+    """Make sure that only this user (and root) can write to `folder`; makes it, of mode 700.
+
+    With `alone`, others cannot read it either. `folder` is absolute. Raises NotOurs, or OSError.
+    """
+    if not os.path.lexists(folder):
+        _make(folder)
+    for parent in folder.parents:
+        _check_parent(parent)
+    found = folder.lstat()
+    if stat.S_ISLNK(found.st_mode):
+        raise NotOurs(f"{folder} is a symbolic link; remove it")
+    if not stat.S_ISDIR(found.st_mode):
+        raise NotADirectoryError(str(folder))
+    if found.st_uid != os.getuid():
+        raise NotOurs(f"{folder} belongs to user {found.st_uid}, not to {os.getuid()}; remove it")
+    if found.st_mode & (0o077 if alone else 0o022):
+        raise NotOurs(
+            f"{folder} is open to other users (mode {stat.S_IMODE(found.st_mode):o}); "
+            "remove it, or chmod 700 if you trust what is in it"
+        )
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(str(folder))
+
+
+def _make(folder: Path) -> None:
+    """Make a folder and those above it that are missing, all of mode 700."""
+    if not folder.parent.is_dir():
+        _make(folder.parent)
+    with suppress(FileExistsError):  # by another process, just now; checked like any other
+        folder.mkdir(mode=0o700)
+
+
+def _check_parent(folder: Path) -> None:
+    """A folder above: whoever can write to it could put another in our folder's place."""
+    found = folder.lstat()
+    if found.st_uid not in (os.getuid(), 0):
+        raise NotOurs(f"{folder} belongs to user {found.st_uid}, not to {os.getuid()} or root")
+    # In a sticky folder, as /tmp, nobody moves what belongs to others.
+    if found.st_mode & 0o022 and not found.st_mode & stat.S_ISVTX:
+        raise NotOurs(
+            f"others can write to {folder} (mode {stat.S_IMODE(found.st_mode):o}); chmod go-w it"
+        )
+
+
+def types_digest(*values: Any) -> str:
+    """16 hex digits that change with the types of values: kernels are compiled once for each."""
+    text = "\0".join(str(typeof(value)) for value in values)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+class _Notice(event.Listener):
+    def __init__(self, tell: Callable[[bool], None]) -> None:
+        self._tell, self._depth = tell, 0
+
+    def on_start(self, event: Any) -> None:
+        self._depth += 1
+        if self._depth == 1:
+            self._tell(True)
+
+    def on_end(self, event: Any) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            self._tell(False)
+
+
+@contextmanager
+def noticed(tell: Callable[[bool], None]) -> Iterator[None]:
+    """Call tell(True) when this process begins to compile a kernel, tell(False) when that kernel is
+    done; not for a kernel that is loaded from the cache."""
+    with event.install_listener("numba:compile", _Notice(tell)):
+        yield

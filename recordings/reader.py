@@ -20,8 +20,7 @@ from bus.streams import CONTROLLER, STREAMS, other_version
 from bus.wire import Packed
 from recordings.chunks import MAGIC, Damaged, Record, Walk
 from recordings.columns import SAMPLED, Arrays, Stream
-from recordings.intake import Event, Intake, Taken
-from recordings.order import in_order
+from recordings.intake import Event, Intake, Taken, in_order
 from recordings.writer import TOPICS, RecordingError
 
 __all__ = ["Event", "Recording", "Source", "Stream", "holds_a_run", "read"]

@@ -2,7 +2,7 @@
 
 from contextlib import ExitStack
 
-from bus.reserved import reserved_ports
+from bus.wire import reserved_ports
 
 _held = ExitStack()  # until this process ends
 

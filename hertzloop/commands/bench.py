@@ -121,8 +121,7 @@ def _laws(rounds: int, json_file: Path | None) -> None:
 
 
 def _exported(rounds: int, json_file: Path | None) -> None:
-    from hertzloop.elsewhere.library import NoCompiler
-    from hertzloop.elsewhere.objects import CompileFault
+    from hertzloop.interop.library import CompileFault, NoCompiler
     from studies.cost import exported
 
     compile_first()

@@ -18,8 +18,7 @@ from hertzloop.commands.terminal import err, fail, out
 from hertzloop.scenes.errors import SceneError
 
 if TYPE_CHECKING:
-    from hertzloop.processes.conformance import Checks, Meeting
-    from hertzloop.processes.conformance_scripts import Script
+    from hertzloop.processes.conformance import Checks, Meeting, Script
 
 
 def conformance(
@@ -81,7 +80,7 @@ def conformance(
 
 def _ports(first: int | None, ours_to_start: bool) -> AbstractContextManager[Sequence[int]]:
     """Ports of plant, controller and recorder; who runs already has to know them."""
-    from bus.reserved import reserved_ports
+    from bus.wire import reserved_ports
     from hertzloop.processes.roles import BASE_PORT
 
     if first is None and ours_to_start:
@@ -98,7 +97,7 @@ def _chosen(
     everything: bool,
 ) -> list["Script"]:
     """The scripts to play; ends the command where there are none such."""
-    from hertzloop.processes.conformance_scripts import recorded, scripts
+    from hertzloop.processes.conformance import recorded, scripts
     from recordings.reader import read
     from recordings.writer import RecordingError
 

@@ -30,9 +30,8 @@ def export(
     """Write a recording's samples for other tools: one MCAP message a sample for Foxglove and
     PlotJuggler, or Parquet, CSV, NPZ, HDF5 with units."""
     from hertzloop.results.labelled import export_labels
-    from recordings.export.samples import Samples
-    from recordings.export.write import FORMATS
-    from recordings.export.write import export as write
+    from recordings.export import FORMATS, Samples
+    from recordings.export import export as write
     from recordings.replay.data import scene_value
     from recordings.writer import RecordingError
 

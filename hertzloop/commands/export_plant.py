@@ -61,11 +61,11 @@ def export_plant(
         check_output(out_path, overwrite, read=files_of(resolved, scene, *(settings or [])))
     elif os.path.isdir(out_path) and any(out_path.iterdir()) and not overwrite:
         fail(f"the folder {out_path} is not empty; choose another, or allow it with --overwrite", 2)
-    from hertzloop.elsewhere import library
-    from hertzloop.elsewhere.fmu import write_fmu
-    from hertzloop.elsewhere.image import image
-    from hertzloop.elsewhere.objects import CompileFault, is_compiled
-    from jit.words import outline
+    from hertzloop.interop import library
+    from hertzloop.interop.fmu import write_fmu
+    from hertzloop.interop.image import image
+    from hertzloop.interop.library import CompileFault, is_compiled
+    from jit.object_code import outline
 
     try:
         made = image(resolved)

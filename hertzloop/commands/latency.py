@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from controller.door.registry import shipped as shipped_laws
+from controller.loading.registry import shipped as shipped_laws
 from hertzloop.commands.options import (
     JsonOption,
     SetOption,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from controller.door.sources import compilation
+from controller.loading.registry import compilation
 from hertzloop.commands.options import (
     JsonOption,
     OverwriteOption,
@@ -93,7 +93,7 @@ def law_on(
     json_file: JsonOption = None,
 ) -> None:
     """Feed a recording's samples to another law: where does its force differ first?"""
-    from controller.door.bound import LawFault
+    from controller.loading.bound import LawFault
     from recordings.reader import read
     from recordings.writer import RecordingError
     from studies import law_on as study

@@ -8,8 +8,8 @@ import typer
 from hertzloop import __version__
 from hertzloop.commands.hosts import write_keys
 from hertzloop.commands.terminal import Table, fail, out, styled
+from hertzloop.scenes.errors import shown
 from hertzloop.scenes.scene import DEFAULT, shipped, shipped_text
-from hertzloop.scenes.sentences import shown
 from hertzloop.setup import load
 
 
@@ -53,7 +53,7 @@ def keys(
             fail("--hosts needs a folder to write into: hertzloop keys DIR --hosts ...", 2)
         write_keys(Path(part), hosts, days)
         return
-    from controller.door.law import LawError
+    from controller.loading.law import LawError
     from hertzloop.scenes import keys as all_keys
 
     if markdown:

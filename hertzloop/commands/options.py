@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from controller.door.registry import shipped as shipped_laws
+from controller.loading.registry import shipped as shipped_laws
 from hertzloop.commands.terminal import err, fail, out
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError

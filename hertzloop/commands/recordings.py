@@ -16,7 +16,7 @@ from hertzloop.commands.options import (
 from hertzloop.commands.terminal import err, fail, out
 
 if TYPE_CHECKING:
-    from hertzloop.loop.repeating import Repeat
+    from hertzloop.loop.answers import Repeat
     from hertzloop.setup import Setup
     from recordings.reader import Recording
 
@@ -46,7 +46,7 @@ def scene_to_run(recording: "Recording") -> "Setup":
 
 def repeat_or_fail(recording: "Recording", setup: "Setup") -> "Repeat":
     """What is to be repeated of a recording of this scene; ends the command if that cannot be."""
-    from hertzloop.loop.repeating import repeat_of
+    from hertzloop.loop.answers import repeat_of
     from recordings.writer import RecordingError
 
     try:

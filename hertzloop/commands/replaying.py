@@ -18,10 +18,18 @@ from recordings.reader import Recording
 from recordings.replay import as_rerun as rerun_replay
 from recordings.replay import viewer
 from recordings.replay.as_rerun import Told
-from recordings.replay.data import SIGNALS, Curve, Plot, Twin, curve_of
-from recordings.replay.screenshot import screenshot
+from recordings.replay.data import (
+    SIGNALS,
+    Contact,
+    Curve,
+    Plot,
+    Twin,
+    contacts_of,
+    curve_of,
+    full_rate_spans,
+)
 from recordings.replay.spectrum import spectrum
-from recordings.replay.thin import Contact, contacts_of, full_rate_spans
+from recordings.replay.viewer import screenshot
 from recordings.writer import RecordingError
 
 has_display = viewer.has_display

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bus.own_folder import own_folder
+from bus.sockets import own_folder
 from jit.cache import cache_folder
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def _default() -> list["Setup"]:
 def _marker(setup: "Setup", paced: bool) -> Path:
     """A file that is there once all is compiled for a scene: it is named after the types that
     kernels are compiled for. Those of a controller are the same for every law and line."""
-    from jit.compiling import types_digest
+    from jit.cache import types_digest
 
     plant, sensor = setup.start_plant(), setup.start_sensor()
     types = types_digest(plant.model, plant.state, sensor.model, sensor.state)

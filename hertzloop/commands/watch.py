@@ -41,7 +41,7 @@ def watch(
     from bus.wire import MessageError
     from hertzloop.processes.observer import truth_blocks
     from hertzloop.processes.roles import BASE_PORT
-    from recordings.replay import live, viewer
+    from recordings.replay import viewer
 
     check_endpoints("--connect", connect)
     if save is not None:
@@ -56,13 +56,13 @@ def watch(
     stream, shown, why, code = rr.RecordingStream("hertzloop live"), 0, "", 0
     try:
         with _shown_in(stream, save):
-            stream.send_blueprint(live.blueprint())
+            stream.send_blueprint(viewer.live_blueprint())
             err.print(f"watching run '{name}'")
             try:
                 with on_interrupt(ended.append):  # what was seen until now is kept
                     for payload in truth_blocks(name, where, machine):
                         with contextlib.suppress(MessageError):  # a stranger's
-                            shown += live.send(stream, payload)
+                            shown += viewer.send_block(stream, payload)
                 if ended:
                     why, code = "interrupted", INTERRUPTED
             except PeerLost as error:
@@ -79,7 +79,7 @@ def watch(
 @contextlib.contextmanager
 def _shown_in(stream: "rr.RecordingStream", save: Path | None) -> Iterator[None]:
     """A file, or a viewer that stays open when the run has ended."""
-    from bus.reserved import reserved_ports
+    from bus.wire import reserved_ports
     from recordings.replay import viewer
 
     if save is not None:

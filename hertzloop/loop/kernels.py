@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bus import lane_kernels as lane_k
-from bus.atomics import now_ns
+from bus.lane_kernels import now_ns
 from controller import kernels as ck
 from controller import law_kernels as laws
 from jit import kernel

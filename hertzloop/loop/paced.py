@@ -1,25 +1,166 @@
 """The plant by the wall clock: it takes every step when it is due, and waits for no force.
 
 The rule, here and nowhere else: step k acts under its own force if that has come when the step is
-taken, else under the newest force that has (`follow` in pace_kernels). See docs/paced.md.
+taken, else under the newest force that has (`follow`). See docs/paced.md.
 """
 
 import math
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
+from bus import lane_kernels as lane_k
 from bus.lane import sleep_precisely
+from bus.lane_kernels import now_ns, sleep_us, yield_core
 from bus.messages_pb2 import Pacing
 from bus.port import PeerLost, Port, say_every_s
 from bus.streams import StreamFault
 from hertzloop.loop import kernels as k
-from hertzloop.loop import pace_kernels as pk
 from hertzloop.loop.answers import refusal
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
+from jit import kernel
+from plant.schemes import state_kernels as pk
+
+# Indices into Pace.counts. START_NS: when step 0 was due; PUT: samples put into the lane; the
+# longest response, lateness of a force and lag of the plant behind the clock; time spent waiting
+# for the clock.
+START_NS, PUT, RESPONSE_MAX_NS, LATE_MAX_NS, BEHIND_MAX_NS, WAITED_NS = range(6)
+PACE_COUNTS = 6
+FULL = 100  # how `follow` ends where the controller is too far behind for the memory kept for it
+# The histogram has 32 classes an octave, so that a class is 3 % wide at most; up to 2**40 ns.
+CLASSES_AN_OCTAVE, CLASSES = 32, 32 * 36
+_SLEEP_US = 50
+_NEAR_NS, _SOON_NS = 20_000, 200_000
+
+
+class Pace(NamedTuple):
+    """What paced mode needs of its own; times are of the monotonic clock, ns."""
+
+    held: np.ndarray  # int32 (steps,): how many steps older than its step the command was
+    values: np.ndarray  # samples not in the lane yet, a ring whose size is a power of two
+    taken_ns: np.ndarray  # when they were taken, a ring of the same size
+    counts: np.ndarray
+    histogram: np.ndarray  # answers by response time, (CLASSES,)
+    step_ns: float  # wall time of a step
+
+
+@kernel(inline=True, borrowed=True)
+def due_ns(pace, step):
+    """When a step is due."""
+    return pace.counts[START_NS] + np.int64(step * pace.step_ns)
+
+
+@kernel(inline=True, borrowed=True)
+def class_of(ns):
+    """Class of the histogram that a time belongs to."""
+    shift = 0
+    while (ns >> shift) >= 2 * CLASSES_AN_OCTAVE:
+        shift += 1
+    return min(max(0, shift * CLASSES_AN_OCTAVE + (ns >> shift)), CLASSES - 1)
+
+
+@kernel(borrowed=True)
+def note_answers(pace, now, first, end):
+    """Samples `first` to `end` - 1 were answered."""
+    for i in range(first, end):
+        took = now - pace.taken_ns[i & (pace.taken_ns.size - 1)]
+        pace.histogram[class_of(took)] += 1
+        pace.counts[RESPONSE_MAX_NS] = max(pace.counts[RESPONSE_MAX_NS], took)
+
+
+@kernel(borrowed=True)
+def note_forces(pace, now, first, end):
+    """Forces of steps `first` to `end` - 1 came, some of them perhaps late."""
+    for at in range(first, end):
+        if pace.held[at] > 0:
+            late = now - due_ns(pace, at)
+            pace.counts[LATE_MAX_NS] = max(pace.counts[LATE_MAX_NS], late)
+            return  # the oldest is the latest
+
+
+@kernel(inline=True, borrowed=True)
+def _hear(now, step, forces, window, grant, lane, pace):
+    """Take the answers that are in the lane."""
+    counts = grant.counts
+    while lane_k.answer_is_there(lane):
+        seen, at = counts[k.SEEN], counts[k.FORCES_END]
+        # A step that went without its force was promised nothing.
+        late = at < pace.held.size and pace.held[at] > 0
+        said = k.take_answer(lane, at if late else step, forces, window, grant)
+        if said != k.REACHED:
+            return said
+        note_answers(pace, now, seen, counts[k.SEEN])
+        note_forces(pace, now, at, counts[k.FORCES_END])
+    return k.REACHED
+
+
+@kernel(inline=True, borrowed=True)
+def _put(window, grant, lane, pace):
+    """Put samples into the lane, as far as there is room."""
+    end = min(window.counts[k.SAMPLES_END], grant.counts[k.SEEN] + lane.slots)
+    for i in range(pace.counts[PUT], end):
+        lane_k.put_sample(lane, i, pace.values[i & (pace.values.size - 1)])
+        pace.counts[PUT] = i + 1
+
+
+@kernel(inline=True, borrowed=True)
+def _wait(left_ns, quiet, lane):
+    """Let some time pass before a step that is due in `left_ns`; `quiet`: nothing is awaited."""
+    if quiet and left_ns > _SOON_NS:
+        sleep_us(_SLEEP_US)
+    elif left_ns > _NEAR_NS or lane.spins == 0:
+        yield_core()
+
+
+@kernel(borrowed=True, released=True)
+def follow(plant, plant_state, sensor, sensor_state, forces, window, grant, lane, pace, end):
+    """Take the steps before `end` when they are due, each under its force if that has come, else
+    under the newest that has. Ends as SILENT when it is time to look at the bus: without a lane
+    whenever the next step is not due yet."""
+    counts, clock = grant.counts, pace.counts
+    in_lane = lane.own[lane_k.OPEN] != 0
+    began = now_ns()
+    latest = began  # sample
+    while True:
+        now, step = now_ns(), plant_state.counts[pk.STEP]
+        if in_lane:
+            said = _hear(now, step, forces, window, grant, lane, pace)
+            if said != k.REACHED:
+                return said
+            _put(window, grant, lane, pace)
+        if step >= end:
+            return k.REACHED
+        behind = now - due_ns(pace, step)
+        if behind < 0:
+            if not in_lane or now - began > lane.wait_ns:
+                return k.SILENT
+            quiet = counts[k.SEEN] == window.counts[k.SAMPLES_END] or now - latest > _SOON_NS
+            _wait(-behind, quiet, lane)
+            clock[WAITED_NS] += now_ns() - now
+            continue
+        if behind > clock[BEHIND_MAX_NS]:
+            clock[BEHIND_MAX_NS] = behind
+        if k.observe(plant_state, sensor, sensor_state, window):
+            index = window.counts[k.SAMPLES_END] - 1
+            if index - counts[k.SEEN] >= pace.values.size:
+                return FULL
+            value = window.values[index - window.counts[k.SAMPLES_FIRST]]
+            pace.values[index & (pace.values.size - 1)] = value
+            pace.taken_ns[index & (pace.values.size - 1)] = now
+            latest = now
+            k.weigh_promise(step, value, window, grant)
+            if in_lane:
+                _put(window, grant, lane, pace)
+        held = 0
+        if counts[k.PROMISED] == 0 and step >= counts[k.GRANTED_END]:
+            held = step + 1 - counts[k.GRANTED_END]
+        pace.held[step] = held
+        k.step_and_record(plant, plant_state, forces[step - held], window)
+
 
 _MOST_WAITING = 1 << 22  # samples that are not answered
 _REST_S = 50e-6
@@ -38,15 +179,15 @@ def check_pace(setup: Setup, pace: float, timeout_s: float) -> None:
         )
 
 
-def _pace(setup: Setup, pace: float) -> pk.Pace:
+def _pace(setup: Setup, pace: float) -> Pace:
     """What a run at a pace keeps, at its start."""
     room = 1 << min(_MOST_WAITING, setup.steps // setup.every_steps + 1).bit_length()
-    return pk.Pace(
+    return Pace(
         held=np.zeros(setup.steps, np.int32),
         values=np.zeros(room),
         taken_ns=np.zeros(room, np.int64),
-        counts=np.zeros(pk.PACE_COUNTS, np.int64),
-        histogram=np.zeros(pk.CLASSES, np.int64),
+        counts=np.zeros(PACE_COUNTS, np.int64),
+        histogram=np.zeros(CLASSES, np.int64),
         step_ns=setup.step_ns / pace,
     )
 
@@ -71,16 +212,16 @@ class PacedPlantNode(PlantNode):
         super().__init__(setup, port, None, timeout_s, on_progress, fast_lane, held=held)
         self.streams.hello.pace = pace
         super()._advance(0)
-        pk.note_answers(self._pace, 0, 0, 0)
-        pk.note_forces(self._pace, 0, 0, 0)
+        note_answers(self._pace, 0, 0, 0)
+        note_forces(self._pace, 0, 0, 0)
 
     def _advance(self, end: int) -> int:
         streams, answers = self.streams, self.answers
-        said = int(pk.follow(
+        said = int(follow(
             streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
             answers.forces, streams.window, answers.grant, answers.lane, self._pace, end,
         ))  # fmt: skip
-        if said == pk.FULL:
+        if said == FULL:
             raise StreamFault(
                 f"the controller has not answered {len(self._pace.values):,} samples: it cannot "
                 "follow; take a lower --pace"
@@ -115,10 +256,8 @@ class PacedPlantNode(PlantNode):
         while not self.answers.samples:
             super()._take()
         sleep_precisely()
-        self._pace.counts[pk.PUT] = self.answers.samples
-        self._pace.counts[pk.START_NS] = time.monotonic_ns() - int(
-            streams.step * self._pace.step_ns
-        )
+        self._pace.counts[PUT] = self.answers.samples
+        self._pace.counts[START_NS] = time.monotonic_ns() - int(streams.step * self._pace.step_ns)
         said_s, every_s = time.monotonic(), say_every_s(self.timeout_s)
         while streams.step < steps:
             said = self._advance(streams.boundary)
@@ -143,10 +282,10 @@ class PacedPlantNode(PlantNode):
     def _rest(self) -> None:
         """Without a lane: let time pass until the next step is due or something came."""
         began = time.monotonic_ns()
-        due = self._pace.counts[pk.START_NS] + self.streams.step * self._pace.step_ns
+        due = self._pace.counts[START_NS] + self.streams.step * self._pace.step_ns
         while not self.port.pending() and time.monotonic_ns() < due - _REST_S * 1e9:
             time.sleep(_REST_S)
-        self._pace.counts[pk.WAITED_NS] += time.monotonic_ns() - began
+        self._pace.counts[WAITED_NS] += time.monotonic_ns() - began
 
     def _take(self) -> None:
         """As in lock-step; what the bus brings counts as an answer where there is no lane."""
@@ -156,19 +295,19 @@ class PacedPlantNode(PlantNode):
         samples, forces = self.answers.samples, self.answers.end
         super()._take()
         now = time.monotonic_ns()
-        pk.note_answers(self._pace, now, samples, self.answers.samples)
-        pk.note_forces(self._pace, now, forces, self.answers.end)
+        note_answers(self._pace, now, samples, self.answers.samples)
+        note_forces(self._pace, now, forces, self.answers.end)
 
     def _say_how(self) -> None:
         counts = self._pace.counts
-        wall_ns = time.monotonic_ns() - int(counts[pk.START_NS])
+        wall_ns = time.monotonic_ns() - int(counts[START_NS])
         header = Pacing(
             pace=self.streams.hello.pace,
-            response_max_ns=int(counts[pk.RESPONSE_MAX_NS]),
-            late_max_ns=int(counts[pk.LATE_MAX_NS]),
-            behind_max_ns=int(counts[pk.BEHIND_MAX_NS]),
-            working_ns=max(0, wall_ns - int(counts[pk.WAITED_NS])),
-            classes_an_octave=pk.CLASSES_AN_OCTAVE,
+            response_max_ns=int(counts[RESPONSE_MAX_NS]),
+            late_max_ns=int(counts[LATE_MAX_NS]),
+            behind_max_ns=int(counts[BEHIND_MAX_NS]),
+            working_ns=max(0, wall_ns - int(counts[WAITED_NS])),
+            classes_an_octave=CLASSES_AN_OCTAVE,
             lead_steps=self.answers.grant.lead_steps,
             step_ns=self.setup.step_ns,
         )

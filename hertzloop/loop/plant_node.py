@@ -11,10 +11,9 @@ from bus.messages_pb2 import RunEnd
 from bus.port import BusError, EndedByOther, Port, Publisher, new_run_id, say_every_s
 from bus.streams import CONTROLLER, PLANT, Checker, StreamFault
 from hertzloop.loop import kernels as k
-from hertzloop.loop.answers import Answers, controllers_fault
+from hertzloop.loop.answers import Answers, Repeat, controllers_fault
 from hertzloop.loop.lane_offer import LaneOffer
 from hertzloop.loop.plant_streams import PlantStreams
-from hertzloop.loop.repeating import Repeat
 from hertzloop.setup import Setup
 
 _AHEAD_SAMPLES = 64_000  # that may be on their way while the controller has promised zero

@@ -13,9 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bus.compiling import LONGEST_S
-from bus.own_folder import own_folder
-from bus.sockets import mesh_endpoints, own_endpoints
+from bus.presence import LONGEST_S
+from bus.sockets import mesh_endpoints, own_endpoints, own_folder
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.processes import fork_server
 from hertzloop.processes.signals import Interrupted, ending_signals, how_ended

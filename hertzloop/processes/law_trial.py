@@ -8,14 +8,14 @@ from contextlib import suppress
 
 import numpy as np
 
-from bus.own_folder import own_folder
+from bus.sockets import own_folder
 from controller.controller import Controller, LineSpec
-from controller.door.bound import BoundLaw, BoundPython, LawFault
-from controller.door.compiled import compiled_abreast
-from controller.door.law import LawError
-from controller.door.patience import Overdue, given_up_in_time
-from controller.door.registry import shipped
 from controller.law import About
+from controller.loading.bound import BoundLaw, BoundPython, LawFault
+from controller.loading.callbacks import Overdue, given_up_in_time
+from controller.loading.compiled import compiled_abreast
+from controller.loading.law import LawError
+from controller.loading.registry import shipped
 from hertzloop.processes.signals import kill_child
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED, Trial

@@ -19,7 +19,7 @@ from bus.sockets import mesh_endpoints, on_loopback, remove_folder_of
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from bus.zenoh_port import ZenohPort
 from hertzloop.loop import watchdog
-from hertzloop.loop.repeating import Repeat
+from hertzloop.loop.answers import Repeat
 from hertzloop.processes.realtime import Profile, Wanted
 from hertzloop.processes.signals import (
     INTERRUPTED,
@@ -29,7 +29,7 @@ from hertzloop.processes.signals import (
     launcher_gone,
 )
 from hertzloop.setup import Setup
-from jit.compiling import noticed
+from jit.cache import noticed
 from recordings.recorder import Recorder
 from recordings.writer import RecordingError
 

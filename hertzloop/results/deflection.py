@@ -19,8 +19,7 @@ from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.solid_plate import SolidPlate
 from recordings.reader import Recording
-from recordings.replay.data import Deflection
-from recordings.replay.thin import Contact, Span, contacts_of
+from recordings.replay.data import Contact, Deflection, Span, contacts_of
 
 NODES = 2401  # of the grid, about
 MODES_PER_AXIS = 160  # at most; all modes of the shipped scenes

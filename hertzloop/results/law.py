@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from controller.door.registry import shipped
+from controller.loading.registry import shipped
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import parse
 from recordings.reader import Recording

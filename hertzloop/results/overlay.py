@@ -8,7 +8,7 @@ import numpy as np
 from hertzloop.results.impact_rows import F_A, F_C, V_P, XI, Block
 from hertzloop.results.ledger import ledgers
 from hertzloop.setup import Setup
-from recordings.replay.thin import FULL_RATE_SAMPLES, Line, Span, Thinner, within
+from recordings.replay.data import FULL_RATE_SAMPLES, Line, Span, Thinner, within
 
 SPECTRUM_STEPS = 1 << 19  # from a run's start
 _NEAR = 2000  # steps before and after a contact that are kept

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from hertzloop.loop.finer import finer_loop
+from hertzloop.loop.compiled import finer_loop
 from hertzloop.results.impact_rows import F_A, F_C, XI, consistent_impacts, impacts_of_rows
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup

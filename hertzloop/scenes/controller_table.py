@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
 
-from controller.door.law import Law, LawError
-from controller.door.registry import find, shipped, shipped_keys
+from controller.loading.law import Law, LawError
+from controller.loading.registry import find, shipped, shipped_keys
+from hertzloop.scenes.errors import refused, shown, unknown_key
 from hertzloop.scenes.materials import Table
-from hertzloop.scenes.sentences import refused, shown, unknown_key
 
 # Laws of checked tables by reference and digest: a case asks for its law a dozen times.
 _CHECKED: dict[tuple[str, str], Law] = {}

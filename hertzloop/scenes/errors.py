@@ -1,5 +1,12 @@
 """The error of everything that cannot be simulated."""
 
+import difflib
+import reprlib
+from collections.abc import Iterable, Iterator
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
 
 class SceneError(ValueError):
     """The scene cannot be simulated. The message names the key, its value and the remedy."""
@@ -8,3 +15,126 @@ class SceneError(ValueError):
 NO_CASE_OF_THESIS = (
     "run.scheme = 'thesis2008' has figures of its own; take 'modal' or 'discrete_gradient'"
 )
+
+
+_LONGEST = 80  # letters of a value, of another's sentence some more
+LONGEST = 600  # letters of a whole sentence
+
+_repr = reprlib.Repr()
+_repr.maxstring = _repr.maxother = _repr.maxlong = _LONGEST
+_repr.maxlist = _repr.maxtuple = _repr.maxdict = 4
+_repr.maxlevel = 3
+
+
+def shown(value: Any) -> str:
+    """A refused value as it is echoed: its representation, the middle left out if it is long."""
+    try:
+        return shortened(_repr.repr(value))
+    except ValueError:  # Python writes no whole number of more than 4300 digits
+        return f"a number of {value.bit_length()} bits"
+
+
+def shortened(text: str, longest: int = 3 * _LONGEST) -> str:
+    """Text without its middle if it is long."""
+    half = longest // 2
+    return text if len(text) <= longest else f"{text[:half]}...{text[-half:]}"
+
+
+def unknown_key(path: tuple[str, ...], known: list[str]) -> str:
+    """Sentence on a key that there is not."""
+    close = difflib.get_close_matches(path[-1][:_LONGEST], known, 1)
+    hint = f"did you mean {close[0]}? " if close else ""
+    key = shortened(".".join(path), _LONGEST)
+    return f"{key} is no scene key; {hint}Known here: {', '.join(known)}"
+
+
+def refused(keys: tuple[str, ...], value: Any, problems: Iterable[Any], field: Any) -> str:
+    """Sentence on a value that will not do, of pydantic's `problems` with it and the `field`."""
+    wanted = " or ".join(dict.fromkeys(_wanted(problem) for problem in problems))
+    bounds = bounds_of(field)
+    remedy = f". Give a value from {bounds}" if bounds else ""
+    return f"{'.'.join(keys)} = {shown(value)}: must be {wanted}{remedy}"
+
+
+_WANTED = {
+    "int": "a whole number", "float": "a number", "finite_number": "a finite number",
+    "bool": "true or false", "string": "text", "model": "a table", "dict": "a table",
+    "tuple": "a list in brackets, such as [0.1, 0.2]",
+    "greater_than_equal": "at least {ge:g}", "less_than_equal": "at most {le:g}",
+    "greater_than": "more than {gt:g}", "less_than": "less than {lt:g}",
+    "literal_error": "{expected}",
+}  # fmt: skip
+
+
+def _wanted(problem: Any) -> str:
+    """What pydantic asks for, in words that follow "must be"."""
+    kind = problem["type"]
+    words = _WANTED.get(kind) or _WANTED.get(kind.partition("_")[0])
+    if words is None or "pattern" in kind or "too" in kind:
+        said: str = problem["msg"]
+        return said.replace("Input should ", "").removeprefix("be ").removeprefix("have ")
+    return words.format(**problem.get("ctx", {}))
+
+
+def sentence(error: ValidationError, model: type[BaseModel]) -> str:
+    """The first problem of a scene, checked against `model`, as one sentence."""
+    problem = error.errors()[0]
+    path = tuple(str(p) for p in problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        return unknown_key(path, list(_table(path[:-1], model).model_fields))
+    if problem["type"] == "missing":
+        return f"{'.'.join(path)} is missing from the scene"
+    if problem["type"] == "value_error":
+        return shortened(str(problem["ctx"]["error"]), LONGEST)
+    keys = _field_path(path, model)
+    same = [p for p in error.errors() if tuple(map(str, p["loc"]))[: len(keys)] == keys]
+    field = _table(keys[:-1], model).model_fields[keys[-1]]
+    return refused(keys, problem["input"], same, field)
+
+
+def table_of(annotation: Any) -> Any:
+    """The table among the kinds that a key can have; itself if there is none."""
+    for kind in (annotation, *get_args(annotation)):
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            return kind
+        for inner in get_args(kind):
+            if isinstance(inner, type) and issubclass(inner, BaseModel):
+                return inner
+    return annotation
+
+
+def _table(path: tuple[str, ...], model: type[BaseModel]) -> Any:
+    """The table at `path` of a scene. Raises KeyError or AttributeError without one."""
+    table: Any = model
+    for part in path:
+        table = table_of(table.model_fields[part].annotation)
+    return table
+
+
+def _field_path(path: tuple[str, ...], model: type[BaseModel]) -> tuple[str, ...]:
+    """The part of an error's location that names scene keys, without union branches."""
+    for length in range(len(path), 0, -1):
+        try:
+            known = _table(path[: length - 1], model).model_fields
+        except (KeyError, AttributeError):
+            continue
+        if path[length - 1] in known:
+            return path[:length]
+    return path
+
+
+def bounds_of(field: Any) -> str:
+    """Least and largest value of a field, in words; "" if it has not both."""
+    limits = dict(_limits(field))
+    low, high = limits.get("ge", limits.get("gt")), limits.get("le", limits.get("lt"))
+    return "" if low is None or high is None else f"{low:g} to {high:g}"
+
+
+def _limits(kind: Any) -> Iterator[tuple[str, float]]:
+    """Bounds written into a field or an annotation, however deep, by pydantic's names."""
+    yield from ((key, getattr(kind, key)) for key in ("ge", "gt", "le", "lt") if hasattr(kind, key))
+    for inner in (*getattr(kind, "metadata", ()), *getattr(kind, "__metadata__", ())):
+        yield from _limits(inner)
+    for inner in (getattr(kind, "annotation", None), *get_args(kind)):
+        if inner is not None:
+            yield from _limits(inner)

@@ -11,7 +11,7 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-from hertzloop.scenes.sentences import shortened
+from hertzloop.scenes.errors import shortened
 from plant.structures.materials import SHIPPED, materials_of
 from plant.structures.mode_file import SUFFIXES, read_modes
 

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from controller.door.registry import find, shipped
+from controller.loading.registry import find, shipped
+from hertzloop.scenes.errors import bounds_of, table_of
 from hertzloop.scenes.scene import Scene
-from hertzloop.scenes.sentences import bounds_of, table_of
 
 # Endings of keys, the longest first.
 # Endings of names, longer ones first.

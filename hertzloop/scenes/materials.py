@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from hertzloop.scenes.sentences import shown
+from hertzloop.scenes.errors import shown
 from plant.structures.materials import MATERIALS, Material, material_of
 
 _LONGEST = 80  # letters of a name that are compared

@@ -4,14 +4,14 @@ import math
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
+from hertzloop.scenes.changed_tables import unread
+from hertzloop.scenes.errors import shortened
 from hertzloop.scenes.materials import MaterialTable, material_called
 from hertzloop.scenes.quantities import SENSED
-from hertzloop.scenes.read_by import unread
-from hertzloop.scenes.sentences import shortened
 from plant.contact.hertz import GRAVITY_M_S2
 
 if TYPE_CHECKING:
-    from controller.door.law import Law
+    from controller.loading.law import Law
     from hertzloop.scenes.controller_table import ControllerTable
     from hertzloop.scenes.tables import (
         ActuatorTable,

@@ -10,24 +10,29 @@ from typing import Annotated, Any, Literal, get_args
 import tomli_w
 from pydantic import Field, ValidationError, ValidationInfo, model_validator
 
-from controller.door.law import Law, LawError
-from controller.door.registry import find, resolve
 from controller.law import WHOLE_STEPS
-from hertzloop.scenes.changed_tables import changed_tables
+from controller.loading.law import Law, LawError
+from controller.loading.registry import find, resolve
+from hertzloop.scenes.changed_tables import changed_tables, drop_unread, relabel
 from hertzloop.scenes.controller_table import (
     ControllerTable,
     is_recorded,
     law_key,
     switch_law,
 )
-from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
+from hertzloop.scenes.errors import (
+    LONGEST,
+    NO_CASE_OF_THESIS,
+    SceneError,
+    sentence,
+    shortened,
+    shown,
+    table_of,
+)
 from hertzloop.scenes.files import open_material, take_in
-from hertzloop.scenes.labels import relabel
 from hertzloop.scenes.materials import MaterialTable, Table, check_materials, material_called
 from hertzloop.scenes.problems import problems
 from hertzloop.scenes.quantities import SENSED
-from hertzloop.scenes.read_by import drop_unread
-from hertzloop.scenes.sentences import LONGEST, sentence, shortened, shown, table_of
 from hertzloop.scenes.tables import (
     ActuatorTable,
     ContactTable,

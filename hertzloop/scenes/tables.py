@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, field_validator
 
+from hertzloop.scenes.errors import shown
 from hertzloop.scenes.materials import MaterialKey, ModesTable, Table
 from hertzloop.scenes.quantities import SENSED
-from hertzloop.scenes.sentences import shown
 from plant.schemes.door import SCHEMES
 
 Point = tuple[float, float]

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from controller.controller import Controller, LineSpec
-from controller.door.bound import BoundLaw
-from controller.door.law import Law, LawError
-from controller.door.registry import find
 from controller.law import About, Keys, Reach
+from controller.loading.bound import BoundLaw
+from controller.loading.law import Law, LawError
+from controller.loading.registry import find
 from hertzloop.scenes.controller_table import ControllerTable
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup.bodies import KEPT, Bodies

@@ -16,10 +16,10 @@ from typing import Any, Literal
 import numpy as np
 
 from controller.controller import Controller, LineSpec
-from controller.door.bound import BoundLaw
-from controller.door.law import Law, LawError
-from controller.door.registry import shipped as shipped_laws
 from controller.law import About, Reach
+from controller.loading.bound import BoundLaw
+from controller.loading.law import Law, LawError
+from controller.loading.registry import shipped as shipped_laws
 from hertzloop.scenes.controller_table import ControllerTable
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.problems import not_in_three_dimensions

@@ -19,7 +19,7 @@ from plant.contact import path_kernels as path
 from plant.contact import plastic_kernels as plastic
 from plant.contact import solve_kernels as solve
 from plant.schemes import state_kernels as pk
-from plant.schemes import tail_kernels as tail
+from plant.schemes import tail_kernels
 
 _HALVINGS = 60
 _NEWTON_MOST = 14
@@ -120,7 +120,7 @@ def _pieces(law, model, body, x0, d0, free_x, free_d, free_mean, guess0, guess1)
         b = -(f0_x * g[solve.X1] + f0_d * h * g[solve.V1] + f0_m * g[solve.M1])
         c = -(f1_x * g[solve.X0] + f1_d * h * g[solve.V0] + f1_m * g[solve.M0])
         d = 1.0 - (f1_x * g[solve.X1] + f1_d * h * g[solve.V1] + f1_m * g[solve.M1])
-        if tail.there(model.tail):
+        if tail_kernels.there(model.tail):
             a -= f0_s * h * g[solve.START0]
             b -= f0_s * h * g[solve.START1]
             c -= f1_s * h * g[solve.START0]

@@ -15,7 +15,7 @@ from plant.actuator import kernels as act
 from plant.contact import solve_kernels as solve
 from plant.schemes import collocation_modes_kernels as modes
 from plant.schemes import state_kernels as pk
-from plant.schemes import tail_kernels as tail
+from plant.schemes import tail_kernels
 
 
 class Air(NamedTuple):
@@ -152,7 +152,7 @@ def modal_energy(model, state):
     """Kinetic and elastic energy of all oscillators and a damped tail at the present step, J."""
     f0, f1, f_a = forces_on_plate(model, state)
     table = model.table
-    total = tail.energy(model.tail, state.body)
+    total = tail_kernels.energy(model.tail, state.body)
     for i in range(state.z.shape[1]):
         rho = modes.of_mode(model.rho, i)
         zr = state.z[0, i] + table[modes.C0_RE, i] * f0 + table[modes.C1_RE, i] * f1

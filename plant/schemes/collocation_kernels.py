@@ -29,7 +29,7 @@ from plant.schemes import collocation_books_kernels as books
 from plant.schemes import collocation_modes_kernels as modes
 from plant.schemes import sphere_kernels as ball
 from plant.schemes import state_kernels as pk
-from plant.schemes import tail_kernels as tail
+from plant.schemes import tail_kernels
 
 # Further indices into the state's body: displacement and velocity at the contact and
 # displacement at the actuator by the modes alone, energy stored in the contact (J), what the
@@ -105,8 +105,8 @@ def _observe(model, body, sphere, sphere_v, gap, force, root, f_a, f_a1, push):
     penetration; `push`: force on a damped tail at the step's end, N."""
     spring, h = model.flexibility_m_n, model.step_s
     plate, speed = body[MODAL_X], body[MODAL_V]
-    if tail.there(model.tail):
-        speed += tail.mobility(model.tail) * push
+    if tail_kernels.there(model.tail):
+        speed += tail_kernels.mobility(model.tail) * push
     if spring != 0.0:
         if model.same_point:
             plate += spring * f_a
@@ -177,8 +177,8 @@ def step(model, state, command):
         x, v, mean, y = modes.propagate_two_points(
             awake, state.z, model.table, model.rho, f0, f1, f_act
         )
-    x_tail, v_tail, mean_tail = tail.turned(model.tail, body)
-    if tail.there(model.tail):
+    x_tail, v_tail, mean_tail = tail_kernels.turned(model.tail, body)
+    if tail_kernels.there(model.tail):
         x += x_tail
         v += v_tail
     x += g[solve.CA] * f_a
@@ -202,8 +202,8 @@ def step(model, state, command):
     if sloped:
         slope_0 -= 2.0 * bent
         slope -= 2.0 * bent
-    if tail.there(model.tail) and model.same_point:
-        slope_0 -= h * tail.mobility(model.tail) * (f_a - f_a1)
+    if tail_kernels.there(model.tail) and model.same_point:
+        slope_0 -= h * tail_kernels.mobility(model.tail) * (f_a - f_a1)
     f_c = 0.0
     f_c1 = 0.0
     lost = 0.0
@@ -214,7 +214,7 @@ def step(model, state, command):
     if drifts and (touches or pushed):
         mean, swing = modes.mean_of_drift(model.slow, awake, state.z, model.table, model.rho)
     root = 0.0
-    if tail.there(model.tail):
+    if tail_kernels.there(model.tail):
         mean += mean_tail
     mean += g[solve.MA] * f_a
     if sloped:
@@ -260,14 +260,14 @@ def step(model, state, command):
         # Work of the slope, and of the contact on what the slope bends the spring by.
         state.books[pk.INJECTED] += f_a1 * (y + body[MODAL_Y] - 2.0 * mean) + 2.0 * bent * f_c
     push = 0.0
-    if tail.there(model.tail):
+    if tail_kernels.there(model.tail):
         push_0, push_1 = -f_c, -f_c1
         if model.same_point:
             push_0 += f_a
             push_1 += f_a1
-        tail.pushed(model.tail, state, push_0, push_1)
+        tail_kernels.pushed(model.tail, state, push_0, push_1)
         push = push_0 + push_1
-        v -= tail.mobility(model.tail) * push
+        v -= tail_kernels.mobility(model.tail) * push
     body[MODAL_X] = x
     body[MODAL_V] = v
     body[MODAL_Y] = y

@@ -9,7 +9,7 @@ from numba import types
 from numba.extending import overload
 
 from jit import kernel
-from jit.apart import apart
+from jit.by_type import apart
 
 # Columns of CollocationModel.table. ROT: e^(s h); C0, C1: change of z by a unit constant force
 # and a unit P(t) at the contact; A: by a constant force at the actuator; OUT, B_A: displacement

@@ -1,7 +1,7 @@
 """The series of the functions phi_k near zero, compiled."""
 
 from jit import kernel
-from jit.fused import fused
+from jit.by_type import fused
 
 _BLOCK = 256  # numbers that are followed together, in the processor's nearest memory
 

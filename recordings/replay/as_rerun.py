@@ -9,14 +9,22 @@ import rerun as rr
 from bus.streams import LAST_NS
 from recordings.columns import Arrays
 from recordings.reader import Event, Recording
-from recordings.replay import axes, plate_mesh, scene3d
+from recordings.replay import blueprint, scene3d
 from recordings.replay import data as replay_data
 from recordings.replay import spectrum as spectra_drawn
 from recordings.replay.blueprint import Layout, PlotLook, dashboard
-from recordings.replay.data import Curve, Deflection, Moments, Plot, Twin
+from recordings.replay.data import (
+    Contact,
+    Curve,
+    Deflection,
+    Moments,
+    Plot,
+    Twin,
+    contacts_of,
+    rows_at,
+)
 from recordings.replay.scene3d import times, with_unit
 from recordings.replay.spectrum import Spectrum
-from recordings.replay.thin import Contact, contacts_of, rows_at
 from recordings.writer import RecordingError
 
 _LEVELS = {1: "DEBUG", 2: "INFO", 3: "WARN", 4: "ERROR", 5: "CRITICAL"}  # of foxglove.Log
@@ -63,7 +71,7 @@ class Shown:
     contacts: list[Contact]
     when: Moments
     plots: list[Plot]
-    drawn: plate_mesh.Scale
+    drawn: scene3d.Scale
     at_frames: Arrays
     sphere_radius_m: float
     told: Told
@@ -91,7 +99,7 @@ def prepare(
     run_ns = at_ns(0), at_ns(truth.samples - 1)
     when = replay_data.moments(run_ns, touching, truth.step_ns, told.until_ns)
     radius = float(replay_data.scene_value(recording, "sphere", "radius_m", 0.0))
-    drawn = plate_mesh.scale(deflection, when.selection_ns, radius)
+    drawn = scene3d.scale(deflection, when.selection_ns, radius)
     plots = [*replay_data.plots(recording, contacts, told.twin), *told.more_plots]
     frames = deflection.times_ns // truth.step_ns - truth.first_step
     at_frames = rows_at(truth, frames, ("xi_s_m", "xi_m", "f_a_n"))
@@ -159,7 +167,7 @@ def _full_arrow_n(shown: Shown) -> float:
         largest = max(-float(np.nanmin(pushed.values)), float(np.nanmax(pushed.values)))
     if not np.isfinite(largest):
         return 0.0
-    return plate_mesh.round_above(largest) if largest > 0.0 else 0.0
+    return scene3d.round_above(largest) if largest > 0.0 else 0.0
 
 
 def _layout(shown: Shown) -> Layout:
@@ -169,7 +177,7 @@ def _layout(shown: Shown) -> Layout:
     )
     return Layout(
         plots=[
-            PlotLook(plot.key, plot.title, axes.zoomed(plot, around), axes.whole(plot))
+            PlotLook(plot.key, plot.title, blueprint.zoomed(plot, around), blueprint.whole(plot))
             for plot in shown.plots
         ],
         selection_ns=shown.when.selection_ns,

@@ -1,20 +1,27 @@
 """The Rerun viewer as a process of its own, listening on loopback only."""
 
 import contextlib
+import json
 import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
-from typing import IO
+from tempfile import TemporaryDirectory
+from typing import IO, Literal, TypeVar
 
 import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
 from rerun.experimental import ViewerClient
 
-from bus.reserved import LOOPBACK, reserved_ports
+from bus import wire
+from bus.messages_pb2 import TruthBlock
+from bus.wire import LOOPBACK, reserved_ports
 from recordings.replay.blueprint import TIMELINE
 from recordings.writer import RecordingError
 
@@ -117,3 +124,158 @@ def loaded(process: subprocess.Popen[bytes], port: int) -> ViewerClient:
             if process.poll() is not None:
                 raise
         time.sleep(_ASK_EVERY_S)
+
+
+# Field of a block, entity, factor: the plots of a live view.
+_CURVES = (
+    ("xi_m", "live/gap/xi", 1e6), ("f_c_n", "live/force/F_c", 1.0),
+    ("f_a_n", "live/force/F_a", 1.0), ("v_p_m_s", "live/velocity/v_p", 1.0),
+)  # fmt: skip
+_PIECES = 4  # of a block at least, each with its minimum and maximum
+_PIECE_STEPS = 250  # at most
+
+
+def live_blueprint() -> rrb.Blueprint:
+    """Three plots of the whole run until now."""
+    views = [
+        rrb.TimeSeriesView(origin=f"live/{key}", name=title)
+        for key, title in (
+            ("gap", "Gap xi (µm)"),
+            ("force", "Contact F_c, actuator F_a (N)"),
+            ("velocity", "Plate velocity v_p (m/s)"),
+        )
+    ]
+    return rrb.Blueprint(rrb.Vertical(*views), auto_layout=False, auto_views=False)
+
+
+def extremes_of(values: np.ndarray) -> np.ndarray:
+    """Ascending positions of the minimum and maximum of each piece of a block."""
+    pieces = min(max(_PIECES, -(-len(values) // _PIECE_STEPS)), len(values))
+    found = [
+        part[0] + np.array([values[part].argmin(), values[part].argmax()])
+        for part in np.array_split(np.arange(len(values)), pieces)
+    ]
+    return np.unique(np.concatenate(found))
+
+
+def send_block(stream: rr.RecordingStream, payload: bytes) -> int:
+    """Show some samples of a block of truth; how many. Raises wire.MessageError."""
+    block = wire.decode(TruthBlock, payload)
+    sent = 0
+    for field, entity, factor in _CURVES:
+        values = block.arrays[field]
+        if not len(values):
+            continue
+        chosen = extremes_of(values)
+        times = (block.header.first_step + chosen) * block.header.step_ns
+        stream.send_columns(
+            entity,
+            [rr.TimeColumn(TIMELINE, duration=times.astype("timedelta64[ns]"))],
+            rr.Scalars.columns(scalars=factor * values[chosen]),
+        )
+        sent += len(chosen)
+    return sent
+
+
+_Answer = TypeVar("_Answer")
+SIZE = (1920, 1200)  # pixels
+_ALIKE = 3  # pictures in a row
+_SETTLES_S = 8.0  # data and meshes arrive after the first pictures
+_PAUSE_S = 0.4
+
+
+def screenshot(
+    rrd: Path, png: Path, time_ns: int, size: tuple[int, int] = SIZE, within_s: float = 90.0
+) -> None:
+    """Draw an .rrd file with the time cursor at `time_ns` and write the picture.
+
+    Raises ViewerError if the viewer does not start, a view reports an error, the picture is
+    not there after `within_s` seconds, or cannot be written.
+    """
+
+    def ask(process: subprocess.Popen[bytes], port: int) -> bytes:
+        return _settled(loaded(process, port), time_ns)
+
+    picture = _asked(rrd, ask, "draw the picture", size, within_s)
+    try:
+        png.write_bytes(picture)
+    except OSError as error:
+        raise ViewerError(f"cannot write {png}: {error.strerror}") from error
+
+
+def frame_times_ms(
+    rrd: Path, time_ns: int, frames: int, state: Literal["paused", "playing"]
+) -> list[float]:
+    """Time on the viewer's main thread of each of so many frames of SIZE with everything loaded,
+    ms; the cursor at `time_ns`, or playing from there on. Raises ViewerError as `screenshot`."""
+    with TemporaryDirectory(prefix="hertzloop-") as folder:
+        trace = Path(folder) / "frames.puffin"
+
+        def ask(process: subprocess.Popen[bytes], port: int) -> None:
+            client = loaded(process, port)
+            _settled(client, time_ns)
+            client.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"), play_state=state)
+            client.capture_profile_trace(str(trace), num_frames=frames)
+
+        _asked(rrd, ask, "tell the time of its frames")
+        words = [str(executable()), "dump-puffin", str(trace)]
+        dumped = subprocess.run(words, capture_output=True, check=False)
+    if dumped.returncode:
+        raise ViewerError(f"the viewer cannot read its own times (code {dumped.returncode})")
+    return [1e-6 * frame["duration_ns"] for frame in json.loads(dumped.stdout)["frames"]]
+
+
+def _asked(
+    rrd: Path,
+    ask: Callable[[subprocess.Popen[bytes], int], _Answer],
+    to_do: str,
+    size: tuple[int, int] = SIZE,
+    within_s: float = 90.0,
+) -> _Answer:
+    """What a viewer without a screen answers, its process and port given; it is gone then."""
+    options = ("--headless", "--window-size", f"{size[0]}x{size[1]}")
+    with (
+        reserved_ports(1) as [port],
+        running(rrd, *options, "--port", str(port)) as (process, log),
+    ):
+        late = threading.Event()
+
+        def give_up() -> None:
+            late.set()
+            process.kill()  # frees whoever waits for an answer
+
+        watchdog = threading.Timer(within_s, give_up)
+        watchdog.daemon = True
+        watchdog.start()
+        try:
+            return ask(process, port)
+        except (ConnectionError, RuntimeError, OSError) as error:
+            if late.is_set():
+                message = f"the viewer did not {to_do} within {within_s:g} s"
+                raise ViewerError(message) from error
+            raise ViewerError(_failure(process, log, to_do, error)) from error
+        finally:
+            watchdog.cancel()
+
+
+def _failure(process: subprocess.Popen[bytes], log: IO[bytes], to_do: str, error: Exception) -> str:
+    if isinstance(error, ViewerError):
+        return str(error)
+    if process.poll() is not None:
+        return f"the viewer ended before it could {to_do}; {reason(log)}"
+    return f"the viewer did not answer: {error}"
+
+
+def _settled(client: ViewerClient, time_ns: int) -> bytes:
+    """The picture as PNG, once it no longer changes."""
+    client.set_time(TIMELINE, duration=np.timedelta64(time_ns, "ns"), play_state="paused")
+    begun, pictures = time.monotonic(), [b""]
+    while len(pictures) < _ALIKE or time.monotonic() - begun < _SETTLES_S:
+        picture = client.take_screenshot()
+        pictures = [*pictures, picture] if picture == pictures[-1] else [picture]
+        time.sleep(_PAUSE_S)
+    for view in client.get_state().views:
+        for report in view.reports:
+            if report.severity == "error":
+                raise ViewerError(f"the view '{view.name}' cannot be drawn: {report.summary}")
+    return pictures[-1]

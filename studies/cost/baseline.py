@@ -17,9 +17,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from bus.port import PeerLost
-from bus.reserved import reserved_ports
 from bus.sockets import mesh_endpoints, on_loopback
 from bus.streams import CONTROLLER, PLANT, ROLES, Envelope
+from bus.wire import reserved_ports
 from bus.zenoh_port import ZenohPort
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.setup import load

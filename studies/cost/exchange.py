@@ -18,7 +18,7 @@ from typing import Any
 
 from bus import lane
 from bus.messages_pb2 import Hello, LaneOffer
-from bus.reserved import reserved_ports
+from bus.wire import reserved_ports
 from studies.cost import exchange_kernels as k
 from studies.cost.baseline import child, in_turn, over_zenoh, timed
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.elsewhere.driven import Driven, build, drive
-from hertzloop.elsewhere.image import image
-from hertzloop.elsewhere.library import write_folder
+from hertzloop.interop.environment import Driven, build, drive
+from hertzloop.interop.image import image
+from hertzloop.interop.library import write_folder
 from hertzloop.loop.compiled import Simulated, simulate
 from hertzloop.results.impact_rows import F_C
 from hertzloop.setup import load

@@ -16,7 +16,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from controller.door.sources import SHIPPED
+from controller.loading.registry import SHIPPED
 from hertzloop.results.cases import figures_of_case
 from hertzloop.setup import Setup, load
 from studies.sweeps.design import Axis

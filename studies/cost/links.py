@@ -9,9 +9,9 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from bus.reserved import LOOPBACK, reserved_ports
 from bus.sockets import on_loopback, own_endpoints
 from bus.streams import PLANT, ROLES
+from bus.wire import LOOPBACK, reserved_ports
 from bus.zenoh_port import ZenohPort
 from studies.cost.baseline import NAME, ROUNDS, Cost, Meets, in_turn, on_ports, over_zenoh, timed
 

@@ -12,8 +12,7 @@ from hertzloop.loop.inprocess import record_in_process
 from hertzloop.setup import load
 from recordings.reader import read
 from recordings.replay import as_rerun
-from recordings.replay.screenshot import frame_times_ms
-from recordings.replay.viewer import ViewerError
+from recordings.replay.viewer import ViewerError, frame_times_ms
 
 _FRAMES = 40
 _STATES: tuple[Literal["paused", "playing"], ...] = ("paused", "playing")

@@ -15,8 +15,8 @@ from tempfile import TemporaryDirectory
 import zenoh
 
 from bus.port import BusError
-from bus.reserved import LOOPBACK, reserved_ports
 from bus.sockets import on_loopback
+from bus.wire import LOOPBACK, reserved_ports
 from hertzloop.one_run import RunOptions, Transport, record
 from hertzloop.setup import Setup
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from controller.door.registry import find
+from controller.loading.registry import find
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import F_A, XI, XI_P, consistent_impacts
 from hertzloop.setup import Setup, load

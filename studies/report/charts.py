@@ -7,8 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from recordings.replay.as_rerun import Shown
-from recordings.replay.data import Curve, Plot
-from recordings.replay.thin import extremes
+from recordings.replay.data import Curve, Plot, extremes
 from studies import pictures
 
 _POINTS = 1500  # a curve

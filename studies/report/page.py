@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from controller.door.registry import shipped as shipped_laws
+from controller.loading.registry import shipped as shipped_laws
 from hertzloop.commands.listen import heard_of
 from hertzloop.commands.replaying import prepare, scene_of
 from hertzloop.results import figures, report, what_ran

@@ -9,8 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.sentences import shortened, shown
+from hertzloop.scenes.errors import SceneError, shortened, shown
 from hertzloop.scenes.text import toml_value
 from hertzloop.setup import Setup
 

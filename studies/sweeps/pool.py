@@ -20,7 +20,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.queues import SimpleQueue
 from typing import Any
 
-from controller.door.registry import shipped
+from controller.loading.registry import shipped
 from hertzloop.processes.signals import deaf_to_the_terminal, interrupts_held_back
 from hertzloop.results.cases import Span
 from hertzloop.setup import Setup

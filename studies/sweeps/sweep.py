@@ -15,8 +15,8 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from controller.door.law import LawError
-from controller.door.registry import find, resolve
+from controller.loading.law import LawError
+from controller.loading.registry import find, resolve
 from hertzloop.results.cases import CaseFigures, Span
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.text import toml_value

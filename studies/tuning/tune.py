@@ -16,9 +16,9 @@ from pymoo.core.problem import Problem
 from pymoo.optimize import minimize
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
-from controller.door.law import LawError
-from controller.door.registry import find, resolve, shipped
 from controller.law import About
+from controller.loading.law import LawError
+from controller.loading.registry import find, resolve, shipped
 from hertzloop.results.cases import Span
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup

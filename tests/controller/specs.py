@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from controller.door.bound import BoundLaw
-from controller.door.registry import find
 from controller.law import About
 from controller.laws import (
     acceleration_feedback,
@@ -18,6 +16,8 @@ from controller.laws import (
     slope_threshold,
 )
 from controller.laws._threshold import slope_weights
+from controller.loading.bound import BoundLaw
+from controller.loading.registry import find
 
 
 @dataclass(frozen=True)

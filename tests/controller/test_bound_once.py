@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from controller.door.registry import find
+from controller.loading.registry import find
 
 
 class Constants(NamedTuple):

@@ -12,9 +12,8 @@ import pytest
 from numba import config
 from numba.core import event
 
-from controller.door.registry import find
-from controller.door.sources import SHIPPED
 from controller.law import About, Keys
+from controller.loading.registry import SHIPPED, find
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
@@ -85,7 +84,7 @@ def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -
     heard.names.clear()
     (tmp_path / "other").mkdir()
     again = find(str(shutil.copy(tmp_path / "new.py", tmp_path / "other")))
-    from controller.door import bound
+    from controller.loading import bound
 
     bound._ENTRIES.clear()
     again.bind(again.keys(), About())

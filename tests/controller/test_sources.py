@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from controller.door import sources
-from controller.door.registry import find
-from controller.door.sources import digest_of
+from controller.loading import registry
+from controller.loading.registry import digest_of, find
 
 
 @pytest.fixture
@@ -49,8 +48,8 @@ def test_shipped_laws_are_among_those_used(
 ) -> None:
     """A version of hertzloop that changes them changes the law that builds on them."""
     shipped = tmp_path / "laws" / "slope_threshold.py"
-    assert (sources.SHIPPED / shipped.name).is_file()
-    monkeypatch.setattr(sources, "SHIPPED", shipped.parent)
+    assert (registry.SHIPPED / shipped.name).is_file()
+    monkeypatch.setattr(registry, "SHIPPED", shipped.parent)
     shipped.parent.mkdir()
     shipped.write_text("GAIN = 1.0\n")
     law.write_text("from controller.laws import slope_threshold\n")
@@ -62,7 +61,7 @@ def test_shipped_laws_are_among_those_used(
 def test_a_file_is_looked_for_in_the_working_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "mine.py").write_text((sources.SHIPPED / "off.py").read_text())
+    (tmp_path / "mine.py").write_text((registry.SHIPPED / "off.py").read_text())
     monkeypatch.chdir(tmp_path)
     law = find("mine.py")
     monkeypatch.chdir("/")

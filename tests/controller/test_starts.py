@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from controller.controller import LineSpec
-from controller.door.records import state_of
-from controller.door.registry import find, shipped
+from controller.loading.compiled import state_of
+from controller.loading.registry import find, shipped
 from sensors.acquisition import Sensor, SensorSpec
 from tests.controller.drive import make
 from tests.controller.test_law import CONSTANT

@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.elsewhere.driven import VALUES
-from hertzloop.elsewhere.image import image
-from hertzloop.elsewhere.library import write_folder
-from hertzloop.elsewhere.objects import HOST
+from hertzloop.interop.environment import VALUES
+from hertzloop.interop.image import image
+from hertzloop.interop.library import HOST, write_folder
 from hertzloop.setup import Setup, load
 
 SHORT = ("run.duration_s=0.002", "run.plate_model=modal")

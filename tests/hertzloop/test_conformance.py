@@ -14,8 +14,7 @@ import pytest
 
 from bus.port import PeerLost
 from bus.streams import PLANT, Envelope, decode
-from hertzloop.processes.conformance import Checks, ScriptedPlant
-from hertzloop.processes.conformance_scripts import scripts
+from hertzloop.processes.conformance import Checks, ScriptedPlant, scripts
 from recordings.reader import read
 from tests.hertzloop.lanes import QueuePort
 from tests.hertzloop.processes import finish, hertzloop, start

@@ -13,8 +13,7 @@ from hertzloop.results.impact_rows import modal_displacement
 from hertzloop.setup import Setup, load
 from plant.plant import PlantSpec
 from recordings.reader import Recording, read
-from recordings.replay.data import Deflection
-from recordings.replay.thin import contact_spans
+from recordings.replay.data import Deflection, contact_spans
 
 SHORT = ["run.duration_s=0.002"]
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controller.door.registry import find
 from controller.law import About
 from controller.laws.dent_threshold import contact_force, dent
+from controller.loading.registry import find
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import figures_of_case
 from hertzloop.setup import Setup, load

@@ -7,11 +7,11 @@ import pytest
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.errors import SceneError
-from tests.hertzloop.elsewhere import SHORT, needs_cc, scene_of
+from tests.hertzloop.interop import SHORT, needs_cc, scene_of
 
 pytest.importorskip("gymnasium")
 
-from hertzloop.elsewhere.environment import Impacts
+from hertzloop.interop.environment import Impacts
 
 pytestmark = [needs_cc, pytest.mark.full]
 # A gain by a power of two, so that scaling a sample and a force costs no bit.

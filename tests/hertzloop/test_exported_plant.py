@@ -13,13 +13,13 @@ import pytest
 from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
-from hertzloop.elsewhere import image as images
-from hertzloop.elsewhere.driven import build, drive
-from hertzloop.elsewhere.library import EXAMPLE
+from hertzloop.interop import image as images
+from hertzloop.interop.environment import build, drive
+from hertzloop.interop.library import EXAMPLE
 from hertzloop.loop.compiled import simulate
 from plant.time_series import series_under
 from studies.cost.exported import same_bytes
-from tests.hertzloop.elsewhere import NOISY, SHORT, InC, exported, needs_cc, scene_of
+from tests.hertzloop.interop import NOISY, SHORT, InC, exported, needs_cc, scene_of
 
 pytestmark = needs_cc
 

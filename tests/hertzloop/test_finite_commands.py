@@ -14,9 +14,9 @@ from pydantic.fields import FieldInfo
 from scipy.integrate import solve_ivp
 
 from controller.controller import Controller, LineSpec
-from controller.door.registry import find, shipped
 from controller.law import WHOLE_STEPS, About
 from controller.laws._local_model import acceleration, look_ahead
+from controller.loading.registry import find, shipped
 from hertzloop.processes.law_trial import impact_samples
 from hertzloop.setup import Setup, load
 

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 import hertzloop
-from controller.door.registry import shipped
+from controller.loading.registry import shipped
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import CaseFigures, figures_of_case

@@ -16,11 +16,11 @@ import pytest
 from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
-from hertzloop.elsewhere.fmu import write_fmu
-from hertzloop.elsewhere.image import image
-from hertzloop.elsewhere.objects import HOST
+from hertzloop.interop.fmu import write_fmu
+from hertzloop.interop.image import image
+from hertzloop.interop.library import HOST
 from hertzloop.loop.compiled import Simulated, simulate
-from tests.hertzloop.elsewhere import NOISY, SHORT, needs_cc, scene_of
+from tests.hertzloop.interop import NOISY, SHORT, needs_cc, scene_of
 
 fmpy = pytest.importorskip("fmpy")
 

@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("cryptography")
 
-from bus.access import common_name, secured
 from bus.streams import CONTROLLER, PLANT, RECORDER
+from bus.zenoh_config import common_name, secured
 from hertzloop.certificates import Authority, in_base64
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.setup import load

@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from bus import streams
-from bus.access import access_control
 from bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Stream
+from bus.zenoh_config import access_control
 from hertzloop.commands.cli import app
 from hertzloop.commands.hosts import _place
 from tests.hertzloop.processes import hertzloop

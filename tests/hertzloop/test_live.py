@@ -14,7 +14,7 @@ from hertzloop.loop.inprocess import record_in_process
 from hertzloop.setup import load
 from recordings.compare import first_difference
 from recordings.reader import read
-from recordings.replay import live, viewer
+from recordings.replay import viewer
 from tests.hertzloop.processes import (
     LONG,
     WELL_UNDER_WAY,
@@ -34,12 +34,12 @@ NO_SCREEN = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAN
 def test_a_few_samples_keep_the_extremes_of_a_block() -> None:
     values = np.zeros(1000)
     values[[17, 801]] = -3.0, 5.0
-    chosen = live.extremes_of(values)
+    chosen = viewer.extremes_of(values)
     assert {17, 801} <= set(chosen.tolist())
     assert len(chosen) <= 8
     long = np.tile(values, 10)  # a fast plant's blocks are as long; each thousand steps count
-    assert {17 + 1000 * i for i in range(10)} <= set(live.extremes_of(long).tolist())
-    assert live.extremes_of(np.array([2.0])).tolist() == [0]
+    assert {17 + 1000 * i for i in range(10)} <= set(viewer.extremes_of(long).tolist())
+    assert viewer.extremes_of(np.array([2.0])).tolist() == [0]
 
 
 @pytest.mark.full

@@ -18,7 +18,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bus.own_folder import own_folder
+from bus.sockets import own_folder
 from tests.hertzloop.processes import (
     EVENTUALLY_S,
     LONG,

@@ -120,8 +120,8 @@ __main__.main()
 
 def test_a_law_is_not_refused_for_it(tmp_path: Path) -> None:
     script = f"""
-from controller.door import compiled
-from controller.door.registry import find
+from controller.loading import compiled
+from controller.loading.registry import find
 from controller.law import About
 def lost(self, name):
     raise RuntimeError("no compiled object yet for <Library>")

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from bus.streams import CONTROLLER
-from controller.door.registry import find, shipped
 from controller.law import Reach
+from controller.loading.registry import find, shipped
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.scenes import controller_table

@@ -19,12 +19,12 @@ from typer.testing import CliRunner
 from bus.streams import PLANT, StreamFault
 from bus.wire import Packed
 from hertzloop.commands.cli import app
-from hertzloop.loop import pace_kernels
+from hertzloop.loop import paced as paced_loop
+from hertzloop.loop.answers import Repeat, repeat_of
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import LateForces
 from hertzloop.loop.paced import PacedPlantNode, check_pace
 from hertzloop.loop.plant_node import PlantNode
-from hertzloop.loop.repeating import Repeat, repeat_of
 from hertzloop.results import pacing
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
@@ -333,9 +333,9 @@ def test_what_is_no_histogram(tmp_path: Path) -> None:
 
 
 def test_classes_of_response_times() -> None:
-    ends = pacing.class_ends_ns(pace_kernels.CLASSES, pace_kernels.CLASSES_AN_OCTAVE)
+    ends = pacing.class_ends_ns(paced_loop.CLASSES, paced_loop.CLASSES_AN_OCTAVE)
     starts = np.concatenate([[0], ends[:-1]])
     for ns in [*range(200), *(int(1.07**i) for i in range(80, 400))]:
-        at = pace_kernels.class_of(ns)
+        at = paced_loop.class_of(ns)
         assert starts[at] <= ns < ends[at]
     assert np.max((ends - starts)[64:] / starts[64:]) <= 1 / 32

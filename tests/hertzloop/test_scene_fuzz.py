@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.figures import figures_of
+from hertzloop.scenes.errors import _limits
 from hertzloop.scenes.scene import Scene, SceneError, load, parse, shipped, toml_value
-from hertzloop.scenes.sentences import _limits
 from hertzloop.setup import resolve
 from plant.plant import MOST_MODES
 

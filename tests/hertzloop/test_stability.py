@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controller.door.registry import shipped as shipped_laws
+from controller.loading.registry import shipped as shipped_laws
 from hertzloop.loop.compiled import simulate
 from hertzloop.results import stability
 from hertzloop.results.cases import UnstableLoop, figures_of_case

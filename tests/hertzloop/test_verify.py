@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.loop.compiled import simulate
-from hertzloop.loop.finer import finer_loop
+from hertzloop.loop.compiled import finer_loop, simulate
 from hertzloop.results.impact_rows import F_A, F_C, XI, consistent_impacts
 from hertzloop.results.verify import _START, Verification, finer_spec, past_first_impact, verify
 from hertzloop.scenes.errors import SceneError

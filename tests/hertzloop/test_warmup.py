@@ -68,7 +68,7 @@ from pathlib import Path
 from hertzloop.commands.warmup import ensure_compiled
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.setup import load
-from jit.compiling import noticed
+from jit.cache import noticed
 
 # An infinite plate of which the full model is too large to be timed: little to compile.
 scene = load("aluminium-3mm", ["run.plate_model=infinite", "plate.size_m=[3.0, 3.0]",

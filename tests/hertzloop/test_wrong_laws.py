@@ -10,8 +10,8 @@ import pytest
 
 from bus.messages_pb2 import Hello
 from bus.streams import CONTROLLER, Envelope, StreamFault
-from controller.door.law import LawError
-from controller.door.registry import find
+from controller.loading.law import LawError
+from controller.loading.registry import find
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_streams import hello
 from hertzloop.processes.law_trial import try_law
@@ -209,7 +209,7 @@ def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
 
 def test_a_loop_without_end_before_any_sample(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the file itself, and in what it prepares."""
-    monkeypatch.setattr("controller.door.patience.PATIENCE_S", 0.2)
+    monkeypatch.setattr("controller.loading.patience.PATIENCE_S", 0.2)
     monkeypatch.setattr("hertzloop.processes.law_trial._PREPARED_S", 0.2)
     (here / "mine.py").write_text("while True:\n    try: x = 1\n    except Exception: pass\n")
     with pytest.raises(SceneError, match=r"was not loaded within 0.2 s; does a loop of it never"):
@@ -224,7 +224,7 @@ def test_a_loop_without_end_before_any_sample(here: Path, monkeypatch: pytest.Mo
 
 
 def test_a_module_is_loaded_with_the_same_care(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("controller.door.patience.PATIENCE_S", 0.2)
+    monkeypatch.setattr("controller.loading.patience.PATIENCE_S", 0.2)
     monkeypatch.syspath_prepend(here)
     (here / "endless_law.py").write_text("while True:\n    pass\n")
     with pytest.raises(LawError, match=r"was not loaded within 0.2 s"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jit import kernel
-from jit.apart import apart
+from jit.by_type import apart
 
 
 @kernel(borrowed=True, kept=False)

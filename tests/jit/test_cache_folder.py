@@ -9,7 +9,7 @@ from pathlib import Path
 import numba
 import pytest
 
-from jit.ownership import NotOurs, own
+from jit.cache import NotOurs, own
 
 ROOT = Path(__file__).parents[2]
 # Imports a kernel and says where it is kept.

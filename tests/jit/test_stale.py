@@ -152,4 +152,4 @@ def test_kernels_are_spelled_in_one_way() -> None:
         if re.search(rb"\b(?:njit|jit|vectorize|guvectorize|cfunc)\b\s*\(|import njit", text)
     }
     # Laws are compiled to C functions, in a module written for each.
-    assert spelled == {"jit/decorator.py", "controller/door/compiled.py"}
+    assert spelled == {"jit/decorator.py", "controller/loading/compiled.py"}

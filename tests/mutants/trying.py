@@ -18,7 +18,7 @@ from pathlib import Path
 
 import psutil
 
-from jit.ownership import own
+from jit.cache import own
 from tests.mutants.choosing import chosen
 
 _NOT_COPIED = (".git", "__pycache__", ".*_cache", ".venv", "venv", ".hypothesis")

@@ -9,7 +9,7 @@ import pytest
 from mcap.opcode import Opcode
 
 import recordings.chunks
-from recordings.order import in_order
+from recordings.intake import in_order
 from recordings.reader import Source, read
 from recordings.recovery import recover
 from recordings.writer import RecordingError

@@ -14,8 +14,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from typer.testing import CliRunner, Result
 
 from hertzloop.commands.cli import app
-from recordings.export import samples as samples_module
-from recordings.export.per_sample import TOPICS
+from recordings import export as samples_module
+from recordings.export import TOPICS
 from recordings.reader import Recording, read
 from tests.recordings import rewriting
 from tests.tiers import default

@@ -21,8 +21,8 @@ from hertzloop.setup import load
 from recordings import writer
 from recordings.reader import Recording, Stream, read
 from recordings.replay import as_rerun as replay
-from recordings.replay import plate_mesh, viewer
-from recordings.replay.screenshot import screenshot
+from recordings.replay import scene3d, viewer
+from recordings.replay.viewer import screenshot
 from recordings.writer import RecordingError
 from tests.recordings.plates import flat_plate
 
@@ -147,7 +147,7 @@ def test_an_exploding_loop_is_drawn_by_its_first_contact(tmp_path: Path) -> None
     shown = replaying.prepare(read(tmp_path / "a.mcap"))
     assert shown.told.lines[0].startswith("**Unstable** from 7.547 ms")
     assert shown.drawn.heights >= 10.0
-    assert np.abs(plate_mesh.vertices(shown.deflection, shown.drawn)[..., 2]).max() <= 0.16
+    assert np.abs(scene3d.vertices(shown.deflection, shown.drawn)[..., 2]).max() <= 0.16
     assert shown.when.still_ns + shown.when.zoom_ns[1] < 7_650_000
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from bus import wire
 from bus.messages_pb2 import TruthBlock
 from recordings.reader import Recording, Stream
-from recordings.replay import blueprint, live, spectrum
+from recordings.replay import blueprint, spectrum, viewer
 from recordings.replay import data as replay_data
 
 STEP_S = 1e-6
@@ -79,7 +79,7 @@ def test_a_live_view_shows_a_block_at_its_time_and_in_its_unit() -> None:
     rest = {name: np.zeros(3) for name in ("f_c_n", "f_a_n", "v_p_m_s")}
     block = TruthBlock(first_step=1000, step_ns=500)
     shown = Shown()
-    sent = live.send(shown, wire.encode(block, xi_m=gap, **rest))  # type: ignore[arg-type]
+    sent = viewer.send_block(shown, wire.encode(block, xi_m=gap, **rest))  # type: ignore[arg-type]
     times, values = shown.columns["live/gap/xi"]
     assert times == [500_000, 500_500, 501_000]
     np.testing.assert_allclose(values, [3.0, -2.0, 1.0])

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from bus.messages_pb2 import RunEnd, SetUp
 from recordings import columns
 from recordings.reader import Event, Recording, Stream
-from recordings.replay import axes, plate_mesh, thin
+from recordings.replay import blueprint, data, scene3d
 from recordings.replay import data as replay_data
-from recordings.replay.data import Deflection
-from recordings.replay.thin import (
+from recordings.replay.data import (
     Contact,
+    Deflection,
     Thinner,
     contact_spans,
     contacts_of,
@@ -71,7 +71,7 @@ def test_a_short_run_is_shown_at_full_rate_a_long_one_around_contacts() -> None:
 
 def test_full_rate_is_limited_however_long_the_contacts_are() -> None:
     spans = full_rate_spans([(0, 400_000), (500_000, 900_000)], 1_000_000)
-    assert sum(b - a for a, b in spans) == thin.FULL_RATE_SAMPLES
+    assert sum(b - a for a, b in spans) == data.FULL_RATE_SAMPLES
 
 
 @pytest.mark.parametrize("piece", [7_001, 65_536, 500_000])
@@ -84,11 +84,11 @@ def test_a_thinned_line_has_every_sample_of_its_spans_and_every_extreme(piece: i
         thinner.feed(first, some, within([(1000, 3000), (8000, 8010)], first, len(some)))
     line = thinner.line()
     assert {*range(1000, 3000), *range(8000, 8010), 123_457, 400_001} <= set(line.at.tolist())
-    assert len(line.at) < thin.OUTSIDE_POINTS + thin.OVERVIEW_POINTS + 2500
+    assert len(line.at) < data.OUTSIDE_POINTS + data.OVERVIEW_POINTS + 2500
     assert np.all(np.diff(line.at) > 0)
     assert line.values.tobytes() == values[line.at].tobytes()
     overview = line.values[line.overview]
-    assert len(overview) < 1.1 * thin.OVERVIEW_POINTS
+    assert len(overview) < 1.1 * data.OVERVIEW_POINTS
     assert (overview.min(), overview.max()) == (-9.0, 9.0)
     assert np.diff(line.at[line.overview]).max() < 500
 
@@ -197,7 +197,7 @@ def test_the_first_contact_is_in_the_zoom_of_a_run_that_ends_in_it() -> None:
 def test_every_axis_has_two_numbers_that_the_viewer_writes(low: float, width: float) -> None:
     """It writes multiples of a power of ten where not more than about ten of them are in sight,
     or of the next power."""
-    a, b = axes.labelled(low, low + width)
+    a, b = blueprint.labelled(low, low + width)
     assert a <= low
     assert b >= low + width
     power = 10.0 ** np.floor(np.log10(b - a) + 1e-9)
@@ -219,36 +219,36 @@ def bent_plate() -> Deflection:
 
 
 def test_heights_are_drawn_by_a_round_factor_that_makes_them_visible() -> None:
-    drawn = plate_mesh.scale(bent_plate(), (0, 2000), 0.003)
+    drawn = scene3d.scale(bent_plate(), (0, 2000), 0.003)
     assert drawn.heights == 2000.0  # 1e-5 m to 0.02 m, of a side of 0.3 m
     assert drawn.sphere_radius_m > 0.003
-    assert plate_mesh.scale(flat_plate(np.array([0])), (0, 0), 0.05).heights == 1.0
+    assert scene3d.scale(flat_plate(np.array([0])), (0, 0), 0.05).heights == 1.0
     # A span in which nothing moves: what comes later counts.
-    assert plate_mesh.scale(bent_plate(), (0, 0), 0.003).heights == 10_000.0
+    assert scene3d.scale(bent_plate(), (0, 0), 0.003).heights == 10_000.0
 
 
 def test_triangles_face_up_and_normals_agree_with_them() -> None:
     plate = bent_plate()
-    drawn = plate_mesh.scale(plate, (0, 2000), 0.003)
-    corners = plate_mesh.vertices(plate, drawn)[1][plate_mesh.triangles(plate)]
+    drawn = scene3d.scale(plate, (0, 2000), 0.003)
+    corners = scene3d.vertices(plate, drawn)[1][scene3d.triangles(plate)]
     faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert len(faces) == 2 * 20 * 12
     assert np.all(faces[:, 2] > 0.0)
     assert abs(faces[:, 2].sum() / 2 - 0.5 * 0.3) < 1e-6
-    normals = plate_mesh.normals(plate, drawn)
+    normals = scene3d.normals(plate, drawn)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=1e-6)
-    at_first_corner = normals[1][plate_mesh.triangles(plate)[:, 0]]
+    at_first_corner = normals[1][scene3d.triangles(plate)[:, 0]]
     unit = faces / np.linalg.norm(faces, axis=1)[:, None]
     assert np.all((unit * at_first_corner).sum(axis=1) > 0.98)
 
 
 def test_the_sphere_rests_on_the_plate_in_contact_and_hovers_by_the_same_factor() -> None:
     plate = bent_plate()
-    drawn = plate_mesh.scale(plate, (0, 2000), 0.003)
-    centres = plate_mesh.sphere_centres(plate, np.array([3e-5, -1.5e-5, 1e-5]), drawn)
+    drawn = scene3d.scale(plate, (0, 2000), 0.003)
+    centres = scene3d.sphere_centres(plate, np.array([3e-5, -1.5e-5, 1e-5]), drawn)
     bottom = centres[:, 2] - drawn.sphere_radius_m
     # Near the plate by the same factor, high above it by less: 0.35 of the side at most.
     squeezed = 0.105 * np.tanh(2000.0 * 3e-5 / 0.105)
     np.testing.assert_allclose(bottom, [squeezed, -0.02, 0.02], rtol=1e-5)
-    far = plate_mesh.sphere_centres(plate, np.array([1.0, 1.0, 1.0]), drawn)
+    far = scene3d.sphere_centres(plate, np.array([1.0, 1.0, 1.0]), drawn)
     assert far[:, 2].max() - drawn.sphere_radius_m < 0.105 + 0.02 + 1e-6

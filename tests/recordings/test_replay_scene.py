@@ -14,7 +14,7 @@ from hertzloop.commands import replaying
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.setup import load
 from recordings.reader import read
-from recordings.replay import as_rerun, plate_mesh, scene3d
+from recordings.replay import as_rerun, scene3d
 from recordings.replay.data import Deflection
 
 
@@ -39,7 +39,7 @@ class Drawn:
 def test_the_actuators_force_is_an_arrow_to_scale_at_its_point() -> None:
     x, y = np.linspace(0.0, 0.5, 6), np.linspace(0.0, 0.3, 4)
     plate = Deflection(np.arange(4), x, y, np.zeros((4, 6, 4)), (0.25, 0.15))
-    drawn = plate_mesh.scale(plate, (0, 3), 0.003)
+    drawn = scene3d.scale(plate, (0, 3), 0.003)
     stream: Any = Drawn()
     force_n = np.array([0.0, 10.0, -5.0, np.nan])
     scene3d.send_actuator(stream, force_n, plate, (0.2, 0.1), drawn, 20.0)
@@ -57,7 +57,7 @@ def test_the_actuators_force_is_an_arrow_to_scale_at_its_point() -> None:
 
 @given(st.floats(1e-6, 1e9))
 def test_a_full_arrow_is_longer_than_any(largest: float) -> None:
-    full = plate_mesh.round_above(largest)
+    full = scene3d.round_above(largest)
     assert largest * (1 - 1e-9) <= full <= 2.5 * largest * (1 + 1e-9)
     assert f"{full:.3e}"[:5] in ("1.000", "2.000", "5.000")
 
@@ -103,7 +103,7 @@ def test_a_plate_may_lie_anywhere() -> None:
     found = []
     for shift in (0.0, -0.25):
         plate = Deflection(np.arange(4), x + shift, y + shift, w, (0.2 + shift, 0.1 + shift))
-        drawn = plate_mesh.scale(plate, (0, 3), 0.003)
+        drawn = scene3d.scale(plate, (0, 3), 0.003)
         stream: Any = Drawn()
         scene3d.send_plate(stream, plate, drawn)
         scene3d.send_actuator(stream, np.ones(4), plate, plate.contact_point_m, drawn, 2.0)

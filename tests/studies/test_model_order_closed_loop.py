@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from hertzloop.setup import load
-from studies.model_order import closed_loop as study
+from studies.model_order import closed_loop
 from studies.model_order.study import random_spec
 
 
 def test_requests_are_met_by_whole_scenes(tmp_path: Path) -> None:
-    found = study.run(tmp_path, scenes=3, seed=3)
-    assert len(found) == 3 * 2 * len(study.REQUESTS)
+    found = closed_loop.run(tmp_path, scenes=3, seed=3)
+    assert len(found) == 3 * 2 * len(closed_loop.REQUESTS)
     assert {o.law for o in found} == {"off", "slope_threshold"}
     assert len({o.contact for o in found}) > 1
     free = [o for o in found if not o.said]
@@ -24,7 +24,7 @@ def test_requests_are_met_by_whole_scenes(tmp_path: Path) -> None:
 def test_a_scene_can_be_run_again_from_its_keys() -> None:
     random = np.random.default_rng(2)
     for _ in range(5):
-        keys = study.random_keys(random)
+        keys = closed_loop.random_keys(random)
         scene = load("aluminium-3mm", [f"{key}={value}" for key, value in keys.items()])
         assert scene.sphere.radius_m == keys["sphere.radius_m"]
     assert random_spec(random).sphere.radius_m > 0.0

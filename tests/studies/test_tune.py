@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from controller.door.registry import find, shipped
+from controller.loading.registry import find, shipped
 from hertzloop.commands.cli import app
 from hertzloop.results.cases import figures_of_case
 from hertzloop.setup import Setup, load

@@ -11,9 +11,9 @@ import numpy as np
 from annotated_types import Ge, Le
 from pydantic import BaseModel
 
-from controller.door.bound import BoundLaw, BoundPython
-from controller.door.records import numbers_of
 from controller.law import WHOLE_STEPS, About, Keys, Reach
+from controller.loading.bound import BoundLaw, BoundPython
+from controller.loading.compiled import numbers_of
 
 # What a law without `prepare` knows of the run, besides its keys.
 ABOUT_FIELDS = (

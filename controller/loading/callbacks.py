@@ -4,13 +4,15 @@ import ctypes
 import math
 import numbers
 import sys
-from collections.abc import Iterable
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from types import FunctionType
 from typing import Any
 
 import numpy as np
 
-from controller.door.compiled import FUNCTIONS
+from controller.loading.compiled import FUNCTIONS
 
 _RESULTS: dict[str, Any] = {"double": ctypes.c_double, "int64": ctypes.c_int64}
 
@@ -130,3 +132,34 @@ def _hear_of(call: Any, ended: list[BaseException]) -> None:
 
     hook.hears_laws = True  # type: ignore[attr-defined]
     sys.unraisablehook = hook
+
+
+PATIENCE_S = 20.0
+
+
+class Overdue(BaseException):
+    """Raised in whatever is overdue; no Exception, which a law might catch."""
+
+
+@contextmanager
+def given_up_in_time(patience_s: float | None = None) -> Iterator[None]:
+    """Raise Overdue out of the Python code inside when it takes longer than `patience_s`."""
+    thread, over, lock = ctypes.c_ulong(threading.get_ident()), False, threading.Lock()
+    interrupt = ctypes.pythonapi.PyThreadState_SetAsyncExc
+
+    def give_up() -> None:
+        # Never to be taken back: CPython 3.11 would count one as under way for ever, and go round
+        # in circles for whoever traces it (a debugger, a measurement of coverage).
+        with lock:
+            if not over:
+                interrupt(thread, ctypes.py_object(Overdue))
+
+    timer = threading.Timer(patience_s or PATIENCE_S, give_up)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        with lock:  # one that comes late is raised here
+            over = True

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from controller.door.callbacks import (
+from controller.law_kernels import LAW_COUNTS, LawModel, LawState, quiet_level
+from controller.loading.callbacks import (
     Known,
     UnknownSample,
     plain,
@@ -20,9 +21,7 @@ from controller.door.callbacks import (
     state_view,
     uncompiled,
 )
-from controller.door.compiled import FUNCTIONS, UNCOMPILED, Entries
-from controller.door.records import Packed, pack, state_of
-from controller.law_kernels import LAW_COUNTS, LawModel, LawState, quiet_level
+from controller.loading.compiled import FUNCTIONS, UNCOMPILED, Entries, Packed, pack, state_of
 
 
 class LawFault(RuntimeError):

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.elsewhere.kernels import ENERGIES, Unit, is_known
-from hertzloop.elsewhere.objects import needed
+from hertzloop.interop.kernels import ENERGIES, Unit, is_known
+from hertzloop.interop.library import needed
 from hertzloop.loop import kernels as loop
 from hertzloop.loop.plant_streams import empty_window
 from hertzloop.results.impact_windows import F_A, F_C
@@ -21,7 +21,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.setup import Setup
 from hertzloop.setup.setup import PHASE_STREAM
-from jit.words import leaves
+from jit.object_code import leaves
 from plant.schemes import state_kernels as pk
 from sensors.acquisition import NOISE_STREAM
 

@@ -1,11 +1,14 @@
 """Laws by what a scene calls them: a shipped name, a file, a module, an entry point."""
 
+import ast
 import difflib
+import hashlib
 import importlib
 import importlib.metadata
 import importlib.util
 import os
 import re
+import shlex
 import sys
 from functools import cache, lru_cache
 from pathlib import Path
@@ -14,10 +17,9 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
-from controller.door import patience
-from controller.door.law import Law, LawError, check_home, said_of
-from controller.door.patience import Overdue, given_up_in_time
-from controller.door.sources import SHIPPED, compilation, digest_of
+from controller.loading import callbacks
+from controller.loading.callbacks import Overdue, given_up_in_time
+from controller.loading.law import Law, LawError, check_home, said_of
 
 _ENDINGS = (".py", ".so", ".dylib", ".fmu", ".c")
 _SOURCE = (".c", ".cc", ".cpp", ".cxx")
@@ -131,11 +133,11 @@ def _loaded_file(
         raise LawError(f"the law {path} is not Python: {error}") from error
     _check_digest(str(path), found, digest)
     if path.suffix == ".fmu":
-        from controller.door.unit import unit_law
+        from controller.loading.unit import unit_law
 
         return unit_law(path, found)
     if path.suffix != ".py":
-        from controller.door.library import library_law
+        from controller.loading.library import library_law
 
         return library_law(path, found)
     source = path.read_text(encoding="utf-8")
@@ -193,7 +195,7 @@ def _checked(
 
 def _not_over(law: str) -> str:
     return (
-        f"the law {law} was not loaded within {patience.PATIENCE_S:g} s; does a loop of it never "
+        f"the law {law} was not loaded within {callbacks.PATIENCE_S:g} s; does a loop of it never "
         "end?"
     )
 
@@ -206,3 +208,51 @@ def shipped_keys() -> dict[str, FieldInfo]:
         for law in shipped()
         for name, info in _loaded_shipped(law).keys.model_fields.items()
     }
+
+
+SHIPPED = Path(__file__).resolve().parent.parent / "laws"  # the laws that come with hertzloop
+
+
+def compilation(path: Path) -> str:
+    """The command that makes a library beside a law's source text in C."""
+    compiler = "cc" if path.suffix == ".c" else "c++"
+    source, library = shlex.quote(str(path)), shlex.quote(str(path.with_suffix(".so")))
+    return f"{compiler} -O2 -fPIC -shared -ffp-contract=off {source} -o {library} -lm"
+
+
+def digest_of(path: Path) -> str:
+    """Digest of a law's file and, for Python, of all files beside it and shipped laws that it
+    imports.
+
+    Raises OSError, SyntaxError or UnicodeDecodeError.
+    """
+    total = hashlib.sha256()
+    for file in _files(path) if path.suffix == ".py" else [path]:
+        content = file.read_bytes()
+        total.update(f"{file.name} {len(content)}\n".encode() + content)
+    return total.hexdigest()[:32]
+
+
+def _files(path: Path) -> list[Path]:
+    """A file and those of its folder, or shipped ones, that it imports, directly or not."""
+    found, open_ = {path}, [path]
+    while open_:
+        file = open_.pop()
+        for name in _imported(ast.parse(file.read_text(encoding="utf-8"), str(file))):
+            for folder in (path.parent, SHIPPED):
+                used = folder / f"{name}.py"
+                if used not in found and used.is_file():
+                    found.add(used)
+                    open_.append(used)
+    return [path, *sorted(found - {path}, key=lambda file: file.name)]
+
+
+def _imported(tree: ast.Module) -> set[str]:
+    """Last words of all imported names: a module of the same folder is among them if at all."""
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names |= {node.module or "", *(alias.name for alias in node.names)}
+    return {name.rpartition(".")[2] for name in names}

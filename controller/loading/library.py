@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, Field, create_model
 
-from controller.door.bound import BoundLaw
-from controller.door.compiled import FUNCTIONS
-from controller.door.law import ABOUT_FIELDS, Law, LawError
-from controller.door.records import Packed
 from controller.law import About, Keys
+from controller.loading.bound import BoundLaw
+from controller.loading.compiled import FUNCTIONS, Packed
+from controller.loading.law import ABOUT_FIELDS, Law, LawError
 
 _ABI = 1
 

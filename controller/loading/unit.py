@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, Field, create_model
 
-from controller.door.bound import BoundLaw
-from controller.door.callbacks import python_functions
-from controller.door.law import Law, LawError
-from controller.door.records import Packed, pack, state_of
 from controller.law import ACTING, WATCHING, Keys
+from controller.loading.bound import BoundLaw
+from controller.loading.callbacks import python_functions
+from controller.loading.compiled import Packed, pack, state_of
+from controller.loading.law import Law, LawError
 
 _REAL = ("Real", "Float64")
 # Names of an input that say what is sensed; a quantity of one's own is asked for in the scene.

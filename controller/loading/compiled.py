@@ -11,12 +11,12 @@ import re
 import secrets
 import sys
 from collections import namedtuple
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from llvmlite import ir
@@ -29,7 +29,7 @@ from numba.np.numpy_support import as_dtype
 from jit import kernel
 from jit.cache import cache_folder
 from jit.decorator import kept_in
-from jit.words import array_at
+from jit.object_code import array_at
 
 UNCOMPILED = bool(config.DISABLE_JIT)  # all runs as Python, to be tested line by line
 # Result and arguments after p and s.
@@ -255,3 +255,85 @@ def _first_line(error: Exception) -> str:
     said = [line for line in lines if line and not line.startswith(("Failed in", "During:", ">>>"))]
     at = re.search(r"^ *File .*, (line \d+):", inner, re.MULTILINE)
     return (said[0] if said else type(error).__name__) + (f" ({at[1]})" if at else "")
+
+
+_FIRST = {"mode": int, "delay": int}
+_ARRAYS = (np.ndarray, list, tuple)
+
+
+class Packed(NamedTuple):
+    """A record's layout, its bytes, and the arrays whose addresses it holds."""
+
+    dtype: np.dtype
+    data: np.ndarray
+    held: tuple[np.ndarray, ...]
+
+
+def _word(kind: type) -> str:
+    return "i8" if issubclass(kind, int | np.integer | np.bool_) else "f8"
+
+
+@lru_cache(maxsize=256)
+def _layout(names: tuple[str, ...], kinds: tuple[type, ...]) -> np.dtype:
+    """Layout of parameters by their names and types; raises TypeError as `pack` does."""
+    fields: list[tuple[str, str]] = []
+    for name, kind in zip(names, kinds, strict=True):
+        if issubclass(kind, _ARRAYS):
+            fields += [(name, "i8"), (f"{name}_count", "i8")]
+        elif issubclass(kind, int | float | np.number | np.bool_):
+            fields.append((name, _word(kind)))
+        else:
+            raise TypeError(
+                f"{name} is a {kind.__name__}, neither a number nor an array of numbers"
+            )
+    return np.dtype(fields or [("unused", "i8")])
+
+
+def pack(values: Mapping[str, Any]) -> Packed:
+    """Parameters as bytes. Raises TypeError for a value that is neither number nor numbers."""
+    dtype = _layout(tuple(values), tuple(map(type, values.values())))
+    flat: list[Any] = []
+    held = []
+    for value in values.values():
+        if isinstance(value, _ARRAYS):
+            array = np.ascontiguousarray(value, dtype=float).ravel()
+            held.append(array)
+            flat += (array.__array_interface__["data"][0], array.size)
+        else:
+            flat.append(value)
+    record = np.array([tuple(flat or [0])], dtype)
+    return Packed(dtype, record.view(np.uint8), tuple(held))
+
+
+def numbers_of(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Those of named values that are numbers or tuples of numbers."""
+    return {
+        name: value for name, value in pairs if isinstance(value, int | float | tuple | np.ndarray)
+    }
+
+
+@lru_cache(maxsize=256)
+def state_of(home: Any) -> Packed:
+    """Layout and first content of the state that a law's class `State` describes.
+
+    `mode` and `delay` come first, described or not. Raises TypeError for a field without a
+    default that is a number or a tuple of numbers.
+    """
+    described = getattr(home, "State", None)
+    hints = dict.fromkeys([*_FIRST, *(get_type_hints(described) if described else ())])
+    fields: list[Any] = []
+    first: list[Any] = []
+    for name in hints:
+        value = getattr(described, name, 0 if name in _FIRST else None)
+        if isinstance(value, tuple | list | np.ndarray):
+            fields.append((name, "f8", (len(value),)))
+            first.append(np.asarray(value, float))
+        elif isinstance(value, int | float):
+            fields.append((name, _word(type(value))))
+            first.append(value)
+        else:
+            raise TypeError(f"State.{name} needs a number, or a tuple of numbers, to start with")
+    dtype = np.dtype(fields)
+    record = np.zeros(1, dtype)
+    record[0] = tuple(first)
+    return Packed(dtype, record.view(np.int64), ())

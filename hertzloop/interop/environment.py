@@ -1,0 +1,237 @@
+"""Impacts as a Gymnasium environment, for controllers that are learnt: a batch of them a call."""
+
+import ctypes
+import math
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from hertzloop.interop.image import image
+from hertzloop.interop.library import HOST, C, write_library
+from hertzloop.results.impact_windows import F_A, F_C, V_P, XI, XI_P, XI_S
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
+from plant.contact.hertz import rigid_penetration_m
+
+_AHEAD = 20  # samples before the first touch
+_AFTER = 20  # samples after the sphere has left
+
+
+class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """First impacts of a scene, `num_envs` at a time; its law is not asked.
+
+    An impact begins shortly before the touch and ends shortly after the sphere has left. An action
+    is the force by `limit_n`, for one sample; it acts as late as a run's force, in whole samples.
+    An observation is the latest sample by `scale` (for the gap, the depth on a rigid plate), and
+    the latest action. The reward comes at the end: minus the share of the sphere's energy that the
+    plate has taken. An impact that is over begins anew in the next call, whose action is ignored;
+    seeds are drawn, so that noise and a random `run.touch_phase` differ. Raises SceneError,
+    NoCompiler and CompileFault.
+    """
+
+    metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
+
+    def __init__(
+        self, setup: Setup, num_envs: int = 64, *, limit_n: float | None = None,
+        scale: float | None = None,
+    ) -> None:  # fmt: skip
+        about = setup.about_bodies
+        if scale is None and setup.quantity != "xi":
+            raise SceneError(
+                f"sensors.quantity = {setup.quantity!r} needs a scale for its "
+                "observations; give `scale`, or sense 'xi'"
+            )
+        depth = rigid_penetration_m(about.sphere_mass_kg, about.stiffness, about.impact_speed_m_s)
+        self.num_envs, self.scale = num_envs, scale or depth
+        self.limit_n = limit_n or min(about.limit_n, about.rigid_peak_n)
+        self.single_observation_space = gym.spaces.Box(-math.inf, math.inf, (2,), np.float64)
+        self.single_action_space = gym.spaces.Box(-1.0, 1.0, (1,), np.float64)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._every = setup.every_steps
+        touch = math.floor(setup.first_touch_s / setup.step_s)
+        self._first = max(touch // self._every - _AHEAD, 0) * self._every
+        self._delay = math.ceil(about.horizon_steps / self._every)
+        self._energy_j = 0.5 * about.sphere_mass_kg * about.impact_speed_m_s**2
+        self._steps = setup.steps
+        self.batch = Batch(setup, num_envs)
+        # Commands under way (N), the next first; whether it has touched, samples apart since.
+        self._line = np.zeros((num_envs, self._delay + 1))
+        self._touched = np.zeros(num_envs, bool)
+        self._apart = np.zeros(num_envs, int)
+        self._over = np.zeros(num_envs, bool)
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """All impacts anew."""
+        super().reset(seed=seed if isinstance(seed, int) else None, options=options)
+        for i in range(self.num_envs):
+            self._begin(i)
+        return self._seen(), {}
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """One sample of every impact."""
+        going = np.flatnonzero(~self._over)
+        for i in np.flatnonzero(self._over):
+            self._begin(int(i))
+        given = np.clip(np.asarray(actions, float).reshape(self.num_envs), -1.0, 1.0)
+        self._line[going, -1] = given[going] * self.limit_n
+        self.batch.step(going, self._line[going, 0], self._every)
+        self._line[going] = np.roll(self._line[going], -1, axis=1)
+        self._line[going, -1] = self._line[going, -2]
+        in_contact = self.batch.values["gap_m"] <= 0.0
+        self._touched |= in_contact
+        self._apart = np.where(self._touched & ~in_contact, self._apart + 1, 0)
+        terminated = self._apart > _AFTER
+        truncated = self.batch.values["step"] + self._every > self._steps
+        truncated &= ~terminated
+        self._over = terminated | truncated
+        rewards = np.zeros(self.num_envs)
+        for i in np.flatnonzero(self._over):
+            rewards[i] = -self._taken(int(i))
+        return self._seen(), rewards, terminated, truncated, {}
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Let go of the plants."""
+        self.batch.close()
+
+    def _begin(self, index: int) -> None:
+        self.batch.start(index, int(self.np_random.integers(2**62)), self._first)
+        self._line[index] = 0.0
+        self._touched[index] = self._over[index] = False
+        self._apart[index] = 0
+
+    def _seen(self) -> np.ndarray:
+        last = self._line[:, -1] / self.limit_n
+        return np.stack([self.batch.values["sample"] / self.scale, last], axis=1)
+
+    def _taken(self, index: int) -> float:
+        """The share of the sphere's energy that the plate has taken, with what it has lost."""
+        found = self.batch.energies(index)
+        names = "modal_j", "modal_dissipated_j", "air_dissipated_j", "tail_dissipated_j"
+        return sum(found[name] for name in names) / self._energy_j
+
+
+class Batch:
+    """Some plants of one scene; `values`: what each showed last, of the fields of VALUES.
+
+    Raises SceneError, NoCompiler and CompileFault.
+    """
+
+    def __init__(self, setup: Setup, count: int) -> None:
+        self._folder = TemporaryDirectory(prefix="hertzloop-")
+        library = Path(self._folder.name) / "plants.so"
+        write_library(image(setup), HOST, library)
+        self._c = ctypes.CDLL(str(library))
+        self._c.hertzloop_plant_new.restype = ctypes.c_void_p
+        self._c.hertzloop_plant_said.restype = ctypes.c_char_p
+        self._c.hertzloop_plant_step_all.restype = ctypes.c_int64
+        self.setup = setup
+        self.values = np.zeros(count, VALUES)
+        self._plants = np.zeros(count, np.intp)
+        for i in range(count):
+            self._plants[i] = self._c.hertzloop_plant_new() or 0
+            if not self._plants[i]:
+                self.close()
+                raise MemoryError(f"there is no memory for {count} plants")
+
+    def start(self, index: int, seed: int, steps: int) -> None:
+        """Put a plant to its start, with a seed, and let it fall for some steps."""
+        plant = ctypes.c_void_p(int(self._plants[index]))
+        height = ctypes.c_double(self.setup.sphere.drop_height_m)
+        self._c.hertzloop_plant_reset(plant, height, ctypes.c_int64(seed))
+        self._c.hertzloop_plant_step(plant, ctypes.c_double(0.0), ctypes.c_int64(steps))
+        seen = self.values.ctypes.data + index * VALUES.itemsize
+        self._c.hertzloop_plant_values(plant, ctypes.c_void_p(seen))
+
+    def step(self, which: np.ndarray, commands_n: np.ndarray, steps: int) -> None:
+        """Steps of the plants `which` (indices), each under a command. Raises ValueError."""
+        plants, forces = self._plants[which], np.ascontiguousarray(commands_n, float)
+        seen = np.zeros(len(plants), VALUES)
+        went = self._c.hertzloop_plant_step_all(
+            ctypes.c_void_p(plants.ctypes.data), ctypes.c_void_p(forces.ctypes.data),
+            ctypes.c_int64(len(plants)), ctypes.c_int64(steps), ctypes.c_void_p(seen.ctypes.data),
+        )  # fmt: skip
+        self.values[which[:went]] = seen[:went]
+        if went < len(plants):
+            plant = ctypes.c_void_p(int(plants[went]))
+            raise ValueError(self._c.hertzloop_plant_said(plant).decode())
+
+    def energies(self, index: int) -> dict[str, float]:
+        """Energies of a plant, by name."""
+        found = (ctypes.c_double * len(ENERGIES))()
+        self._c.hertzloop_plant_energies(ctypes.c_void_p(int(self._plants[index])), found)
+        return dict(zip(ENERGIES, found, strict=True))
+
+    def close(self) -> None:
+        """Let go of the plants."""
+        for plant in self._plants[self._plants != 0]:
+            self._c.hertzloop_plant_free(ctypes.c_void_p(int(plant)))
+        self._plants[:] = 0
+        self._folder.cleanup()
+
+
+# hertzloop_values and hertzloop_energies of hertzloop_plant.h.
+VALUES = np.dtype(
+    [
+        ("step", "i8"), ("samples", "i8"), ("sample", "f8"), ("code", "i8"), ("clipped", "i8"),
+        ("gap_m", "f8"), ("sphere_height_m", "f8"), ("plate_deflection_m", "f8"),
+        ("plate_velocity_m_s", "f8"), ("contact_force_n", "f8"), ("actuator_force_n", "f8"),
+    ]
+)  # fmt: skip
+ENERGIES = (
+    "kinetic_j", "gravity_j", "modal_j", "contact_j", "injected_j", "modal_dissipated_j",
+    "air_dissipated_j", "tail_dissipated_j", "contact_dissipated_j", "plastic_dissipated_j",
+    "residual",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What a plant showed: `values` at the start and after every step, energies at the end by
+    name, and the processor's time of the steps."""
+
+    values: np.ndarray
+    energies: dict[str, float]
+    cpu_s: float
+
+    def rows(self) -> dict[int, np.ndarray]:
+        """Rows of truth by their index, without the state after the last step."""
+        states = {XI: "gap_m", XI_S: "sphere_height_m", XI_P: "plate_deflection_m",
+                  V_P: "plate_velocity_m_s"}  # fmt: skip
+        means = {F_C: "contact_force_n", F_A: "actuator_force_n"}
+        rows = {row: self.values[name][:-1] for row, name in states.items()}
+        return rows | {row: self.values[name][1:] for row, name in means.items()}
+
+
+def build(folder: Path, source: Path = C / "drive.c") -> Path:
+    """A program in C beside the library of an exported folder that it uses."""
+    program = folder / source.stem
+    subprocess.run(
+        ["cc", "-std=gnu11", "-O2", "-Wall", "-Wextra", "-Werror", "-I", folder, "-o", program,
+         source, "-L", folder, "-lhertzloop_plant", "-Wl,-rpath,$ORIGIN"],
+        check=True,
+    )  # fmt: skip
+    return program
+
+
+def drive(program: Path, forces: np.ndarray) -> Driven:
+    """Run the plant of a program `drive` under forces (N), one a step."""
+    given, seen = program.with_name("forces.bin"), program.with_name("values.bin")
+    forces.tofile(given)
+    said = subprocess.run([program, given, seen], check=True, capture_output=True, text=True)
+    data = seen.read_bytes()
+    values = np.frombuffer(data, VALUES, len(forces) + 1)
+    books = np.frombuffer(data, np.float64, offset=values.nbytes)
+    energies = dict(zip(ENERGIES, map(float, books), strict=True))
+    return Driven(values, energies, float(said.stdout))
