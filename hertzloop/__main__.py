@@ -1,5 +1,7 @@
 """python -m hertzloop, and the command `hertzloop`"""
 
+import gc
+
 from hertzloop.processes.signals import command_line
 
 
@@ -13,8 +15,15 @@ def load() -> None:
     cli.built()
 
 
+def collect_rarely() -> None:
+    """Look for cycles of garbage rarely: compiling a kernel makes millions of objects that live
+    long, and Python's usual thresholds take 7 % of the time of a first run."""
+    gc.set_threshold(100_000, 50, 50)
+
+
 def main() -> None:
     """Entry point: the command line, with imports that can be interrupted quietly."""
+    collect_rarely()
     with command_line() as imported:
         from hertzloop.commands import cli
 

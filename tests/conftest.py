@@ -14,10 +14,14 @@ from contextlib import contextmanager
 import pytest
 from hypothesis import settings
 
+from hertzloop.__main__ import collect_rarely
+
 # The first call of a kernel may compile it: no example has to meet a time.
 settings.register_profile("no clock", deadline=None)
 settings.load_profile("no clock")
 
+
+collect_rarely()
 
 # Packages of the extra `all-tests`, one for each of its lines that tests import.
 _ALL_TESTS = (
@@ -51,7 +55,9 @@ _COMPILE = """
 import sys
 from hertzloop.commands.warmup import ensure_compiled
 from hertzloop.scenes.scene import DEFAULT
+from hertzloop.__main__ import collect_rarely
 from hertzloop.setup import load
+collect_rarely()
 ensure_compiled(lambda: None, load(DEFAULT, [f"run.plate_model={sys.argv[1]}"]))
 """
 

@@ -37,6 +37,7 @@ def test_a_threshold_within_the_error_is_said() -> None:
     assert "penetration of the first impact by 2.3 % (asked: 0.1 %)" in found.sentence
 
 
+@pytest.mark.full
 def test_it_is_what_a_finer_plant_with_smaller_steps_does() -> None:
     scene = near(-0.442)
     found, true = judged(scene, UNTIL_S), against(scene, simulate(scene).rows, finer_spec(scene))

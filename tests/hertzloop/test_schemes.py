@@ -7,11 +7,12 @@ import pytest
 from hertzloop.setup import load
 from plant.schemes.door import SCHEMES
 from tests.hertzloop.processes import hertzloop
+from tests.tiers import default
 
 SCENE = {"thesis2008": "thesis-aluminium"}
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("scheme", default(SCHEMES, ["modal", "thesis2008"]))
 def test_every_scheme_runs(scheme: str, tmp_path: Path) -> None:
     words = ["--transport", "compiled", "--set", f"run.scheme={scheme}"]
     words += ["--set", "run.duration_s=0.0012", "--out", str(tmp_path / "a.mcap")]

@@ -82,6 +82,7 @@ def test_dop853_is_scipys_step_for_step(small: cases.Problem, tolerance: float) 
     np.testing.assert_allclose(state, expected.y[:, -1], rtol=0, atol=1e-8)
 
 
+@pytest.mark.full
 def test_dop853_says_that_a_step_vanishes() -> None:
     y, arguments = smooth()
     y[0] = math.nan
