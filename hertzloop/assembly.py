@@ -29,16 +29,15 @@ from plant.contact.hertz import (
     rigid_peak_force_n,
     rigid_penetration_m,
 )
-from plant.contact.plastic import deepest_rigid_m, yield_depth_m
+from plant.contact.yielding import deepest_rigid_m, yield_depth_m
+from plant.estimates.model_order import expected_error, expected_solid_error, held_error
+from plant.estimates.reflections import Actuation, Reflections, reflections
 from plant.plant import Plant, PlantSpec
-from plant.schemes.door import SCHEMES
 from plant.schemes.infinite import InfinitePlant
+from plant.schemes.registry import SCHEMES
 from plant.schemes.thesis2008 import ThesisPlant
 from plant.structures.modal_structure import ModalStructure
-from plant.structures.model_order import expected_error, held_error
 from plant.structures.plate import Plate
-from plant.structures.reflections import Actuation, Reflections, reflections
-from plant.structures.solid_order import expected_solid_error
 from plant.structures.solid_plate import SolidPlate
 from plant.structures.structure import Structure
 from sensors.acquisition import Sensor, SensorSpec

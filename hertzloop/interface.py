@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from hertzloop.one_run import RunOptions
     from hertzloop.results.comparison import Comparison, Difference
     from hertzloop.results.spans import RunFigures, SpanFigures
-    from plant.books import Books
+    from plant.balance import Books
     from recordings.reader import Event, Recording
     from recordings.writer import RecordingError
     from studies.sweeps.design import DesignError

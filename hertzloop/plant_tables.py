@@ -5,7 +5,7 @@ from typing import Any
 
 from hertzloop.scenes.scene import Scene
 from hertzloop.scenes.shared import by_tables
-from plant.actuator.model import Actuator
+from plant.actuator import Actuator
 from plant.contact.hertz import (
     Contact,
     Damping,
@@ -14,7 +14,7 @@ from plant.contact.hertz import (
     hertz_stiffness,
     hunt_crossley_parameter,
 )
-from plant.contact.strength import Strength, softer
+from plant.contact.yielding import Strength, softer
 from plant.structures.structure import Structure
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
 
 # Columns of truth by the names of the message's fields: unit, meaning. Their order is that of
 # the rows which the loop writes. Positions and velocity are values at the start of the step, forces

@@ -34,7 +34,7 @@ def modes_of_scene(scene: Scene, grid: bool = False) -> ModeTable:
     from hertzloop import assembly as parts
     from plant.plant import air_eta
     from plant.schemes.collocation import residual_m_n
-    from plant.structures.plate import oscillators
+    from plant.structures.structure import oscillators
 
     spec = parts.plant_spec(scene)
     if spec.infinite_plate:
@@ -64,8 +64,9 @@ def _on_grid(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     from hertzloop.results.deflection import axes
     from plant.structures.edged_plate import EdgedPlate
-    from plant.structures.plate import Plate, oscillator_shapes
+    from plant.structures.plate import Plate
     from plant.structures.solid_plate import SolidPlate
+    from plant.structures.structure import oscillator_shapes
 
     what, points = spec.plate, (spec.contact_point_m, spec.actuator_point_m)
     if not isinstance(what, Plate | EdgedPlate | SolidPlate):

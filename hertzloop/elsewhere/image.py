@@ -21,7 +21,7 @@ from hertzloop.quantities import SENSED
 from hertzloop.results.impact_windows import F_A, F_C
 from hertzloop.scenes.scene import Scene, SceneError
 from jit.words import leaves
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
 from sensors.acquisition import NOISE_STREAM
 
 _MODEL, _STATE, _NOISE = range(3)

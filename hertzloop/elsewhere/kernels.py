@@ -11,11 +11,11 @@ import numpy as np
 from hertzloop.loop import kernels as loop
 from jit import kernel
 from jit.by_type import by_type
+from plant import state_kernels as pk
+from plant import state_kernels as sphere
 from plant.schemes import collocation_kernels as collocation
 from plant.schemes import discrete_gradient_kernels as discrete_gradient
 from plant.schemes import infinite_kernels as infinite
-from plant.schemes import sphere_kernels as sphere
-from plant.schemes import state_kernels as pk
 
 # Indices into a unit's energies (J); RESIDUAL: relative, see plant.books.balance.
 KINETIC, GRAVITY, MODAL, CONTACT, INJECTED, MODAL_LOST, AIR_LOST, TAIL_LOST = range(8)

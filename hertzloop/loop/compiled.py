@@ -23,9 +23,9 @@ from hertzloop.loop.plant_node import LoopStats
 from hertzloop.loop.plant_streams import BLOCK_STEPS, PlantStreams, empty_window
 from hertzloop.loop.watchdog import watching
 from hertzloop.scenes.scene import Scene, SceneError
-from plant.books import Books
+from plant import state_kernels as pk
+from plant.balance import Books
 from plant.plant import Plant
-from plant.schemes import state_kernels as pk
 from plant.schemes.thesis2008 import ThesisPlant
 
 _PIECE_STEPS = 1 << 16

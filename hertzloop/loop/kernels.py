@@ -16,9 +16,9 @@ from bus.atomics import now_ns
 from controller import kernels as ck
 from controller import law_kernels as laws
 from jit import kernel
+from plant import state_kernels as pk
 from plant.figures import answer_kernels as an
-from plant.schemes import door as scheme
-from plant.schemes import state_kernels as pk
+from plant.schemes import registry as scheme
 from sensors import kernels as sk
 
 # Columns of a truth window, in the order of the message's fields.

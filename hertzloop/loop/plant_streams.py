@@ -16,8 +16,8 @@ from hertzloop.loop.events import PlantEvents, log
 from hertzloop.loop.hello import hello
 from hertzloop.quantities import TRUTH
 from hertzloop.scenes.scene import Scene
-from plant.contact.plastic import above_dent_m
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
+from plant.contact.yielding import above_dent_m
 
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
 ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most

@@ -14,8 +14,8 @@ from hertzloop import assembly as parts
 from hertzloop.results.figures import pieces_of
 from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, V_P, XI_A, Block
 from hertzloop.scenes.scene import Scene
+from plant.numerics import phi
 from plant.plant import RIGID_RAD_S, PlantSpec, air_eta
-from plant.schemes.phi import phi
 from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.solid_plate import SolidPlate

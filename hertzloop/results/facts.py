@@ -10,14 +10,14 @@ from hertzloop.plant_tables import weaker
 from hertzloop.results.extremes import Extremes
 from hertzloop.scenes.scene import Scene, SceneError
 from plant.contact.hertz import Sphere
-from plant.contact.strength import Strength
-from plant.figures import criteria
+from plant.contact.yielding import Strength
+from plant.estimates import criteria
+from plant.estimates.plate_theory import KirchhoffError, kirchhoff_error, thickness_number
+from plant.estimates.plate_theory import zener_inelasticity as inelasticity
 from plant.plant import PlantSpec
 from plant.schemes.collocation import flexibility_m_n
 from plant.structures.edged_plate import EdgedPlate
 from plant.structures.plate import Plate
-from plant.structures.plate_theory import KirchhoffError, kirchhoff_error, thickness_number
-from plant.structures.plate_theory import zener_inelasticity as inelasticity
 from plant.structures.solid_plate import SolidPlate
 
 _SQUARE = 1e-3  # difference of the sides up to which a plate is square

@@ -24,7 +24,7 @@ from hertzloop.results.stability import StabilityMeter
 from hertzloop.results.verdict import PushMeter, saturation_of
 from hertzloop.scenes.scene import Scene
 from hertzloop.struck import structure
-from plant.books import Books as BooksOfRun
+from plant.balance import Books as BooksOfRun
 from plant.figures.impacts import Impact
 from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure

@@ -30,11 +30,11 @@ from hertzloop.results.impact_windows import (
 )
 from hertzloop.scenes.scene import Scene
 from plant.contact.hertz import GRAVITY_M_S2
-from plant.figures.impact_noise import published_noise
 from plant.figures.impacts import Impact
+from plant.figures.noise import published_noise
 from plant.plant import PlantSpec, modes_of
 from plant.schemes.thesis2008 import relative_speed_m_s, sampled
-from plant.structures.plate import Oscillators
+from plant.structures.modes import Oscillators
 
 __all__ = [
     "F_A", "F_A1", "F_C", "F_C1", "V_P", "XI", "XI_A", "XI_P", "XI_S", "Block", "RowsOfImpact",

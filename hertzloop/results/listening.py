@@ -26,9 +26,10 @@ from plant.figures.sound import (
 from plant.plant import MOST_MODES
 from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
+from plant.structures.modes import NO_PARTICIPATION
 from plant.structures.plate import Plate
 from plant.structures.radiation import air_loss_factor, efficiency_wallace
-from plant.structures.structure import NO_PARTICIPATION, Structure
+from plant.structures.structure import Structure
 
 RATE_HZ = 48_000
 _NODES_A_WAVE = 6.0  # at the highest frequency, of the shorter of both waves

@@ -10,11 +10,11 @@ import numpy as np
 from hertzloop import assembly as parts
 from hertzloop.loop.compiled import rows_under
 from hertzloop.scenes.scene import Scene
+from plant import state_kernels as pk
 from plant.plant import Plant, PlantSpec
-from plant.schemes import state_kernels as pk
 from plant.schemes.infinite import impedance_n_s_m
-from plant.structures.plate import frequencies
 from plant.structures.solid_plate import SolidPlate
+from plant.structures.structure import frequencies
 
 _COUNTED = 500_000  # modes; beyond, the full model is only said to be larger
 _TIMED = 4_000  # frequencies that can be built and timed within 0.3 s

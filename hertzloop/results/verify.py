@@ -10,9 +10,9 @@ from hertzloop import assembly as parts
 from hertzloop.loop.finer import finer_loop
 from hertzloop.results.impact_rows import F_A, F_C, XI, consistent_impacts, impacts_of_rows
 from hertzloop.scenes.scene import Scene, SceneError
+from plant import state_kernels as pk
 from plant.plant import MOST_MODES, Plant, PlantSpec
-from plant.schemes import state_kernels as pk
-from plant.schemes.door import SCHEMES
+from plant.schemes.registry import SCHEMES
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.solid_plate import SolidPlate
 

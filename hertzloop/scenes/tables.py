@@ -8,7 +8,7 @@ from pydantic import Field, field_validator
 from hertzloop.quantities import SENSED
 from hertzloop.scenes.materials import MaterialKey, ModesTable, Table
 from hertzloop.scenes.sentences import shown
-from plant.schemes.door import SCHEMES
+from plant.schemes.registry import SCHEMES
 
 Point = tuple[float, float]
 # Bounds are far beyond what a laboratory has, and within what the numerics can carry.

@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jit import kernel
-from plant.contact.chord_kernels import solve_contact
-from plant.schemes.state_kernels import (
+from plant.state_kernels import (
     A_P,
     CONTACT_DISSIPATED,
     CONTACT_IMPULSE,
@@ -57,6 +56,9 @@ LANES = 48  # oscillators summed side by side; 1104 frequencies are exactly 23 r
 ROT_RE, ROT_IM, C_RE, C_IM, THETA, A_RE, A_IM, B_C, B_A = range(9)
 ENERGY, SWING_C_RE, SWING_C_IM, SWING_A_RE, SWING_A_IM, LOSS_RR, LOSS_RI, LOSS_II = range(9, 17)
 COLUMNS = 17
+_MAX_ITERATIONS = 200  # a bracket of doubles cannot be halved more often
+_NEWTON_ALLOWED = 12  # then bisection takes turns with Newton
+_ROUNDING = 2.0**-51
 _NOT_FREE = -1
 
 
@@ -254,6 +256,12 @@ def modal_energy(model, state):
     return total
 
 
+@kernel(inline=True, borrowed=True)
+def contact_energy(model, state):
+    """Energy stored in the contact at the present step, J."""
+    return 0.4 * model.stiffness * max(-state.body[XI], 0.0) ** 2.5
+
+
 @kernel
 def close_books(model, state):
     """Book the last step and the last flight; to be called once, after the last step."""
@@ -277,6 +285,89 @@ def _silence(state):
             state.z[0, i, j] = 0.0
             state.z[1, i, j] = 0.0
         state.counts[ROWS] = i
+
+
+@kernel
+def chord(p0, p1):
+    """Mean of p^(3/2) between penetrations p0, p1 >= 0, and its derivative by p1.
+
+    Equals (2/5)(p1^(5/2) - p0^(5/2))/(p1 - p0), written without the difference that
+    would cancel: the discrete gradient of the Hertz potential over s.
+    """
+    a = math.sqrt(p0)
+    b = math.sqrt(p1)
+    if a + b == 0.0:
+        return 0.0, 0.0
+    total = a + b
+    value = 0.4 * (b**4 + b**3 * a + b * b * a * a + b * a**3 + a**4) / total
+    slope = 0.2 * (3.0 * b**3 + 6.0 * b * b * a + 4.0 * b * a * a + 2.0 * a**3) / (total * total)
+    return value, slope
+
+
+@kernel
+def contact_force(model, xi0, xi1):
+    """Force over a step from gap xi0 to xi1 (m), its damping part, and dF/dxi1.
+
+    Elastic part: -(V(xi1) - V(xi0))/(xi1 - xi0) with V = 2/5 s p^(5/2). Viscous part:
+    c (p1 - p0)/h. Hunt-Crossley part: d (V1 - V0)/h. All fall monotonically with xi1.
+    """
+    p0 = max(-xi0, 0.0)
+    p1 = max(-xi1, 0.0)
+    if p0 == 0.0 and p1 == 0.0:
+        return 0.0, 0.0, 0.0
+    mean, mean_slope = chord(p0, p1)
+    slope1 = -1.0 if xi1 < 0.0 else 0.0  # dp1/dxi1
+    if (xi0 < 0.0) == (xi1 < 0.0):
+        share = 1.0  # part of the way that is in contact
+        share_slope = 0.0
+    else:
+        way = xi0 - xi1
+        share = (p1 - p0) / way
+        share_slope = (slope1 + share) / way
+    s = model.stiffness
+    elastic = s * mean * share
+    slope = s * (mean_slope * slope1 * share + mean * share_slope)
+    rate = (p1 - p0) / model.step_s
+    hunt = model.hunt_crossley_s_m * s
+    damping = (model.viscous_n_s_m + hunt * mean) * rate
+    slope += (model.viscous_n_s_m + hunt * mean) * slope1 / model.step_s
+    slope += hunt * mean_slope * slope1 * rate
+    return elastic + damping, damping, slope
+
+
+@kernel
+def solve_contact(model, xi0, xi_free, gain):
+    """Solve xi1 = xi_free + gain F(xi0, xi1) for the force.
+
+    Returns F (N), its damping part (N) and the number of evaluations. The left side minus
+    the right rises monotonically, so [xi_free, xi_free + gain F(xi_free)] brackets the
+    root; Newton steps that leave the bracket, or that take too long, are replaced by
+    bisection, so the loop always ends.
+    """
+    force, damping, slope = contact_force(model, xi0, xi_free)
+    other = xi_free + gain * force
+    low = min(xi_free, other)
+    high = max(xi_free, other)
+    xi1 = xi_free
+    residual = -gain * force
+    for iteration in range(1, _MAX_ITERATIONS):
+        if residual > 0.0:
+            high = min(high, xi1)
+        else:
+            low = max(low, xi1)
+        trial = xi1 - residual / (1.0 - gain * slope)
+        exhausted = False
+        if not low <= trial <= high or (iteration > _NEWTON_ALLOWED and iteration % 2 == 0):
+            trial = 0.5 * (low + high)
+            exhausted = trial <= low or trial >= high  # no double lies in between
+        moved = abs(trial - xi1)
+        xi1 = trial
+        force, damping, slope = contact_force(model, xi0, xi1)
+        residual = xi1 - (xi_free + gain * force)
+        scale = abs(xi1) + abs(xi_free) + abs(gain * force)
+        if abs(residual) <= _ROUNDING * scale or moved == 0.0 or exhausted:
+            return force, damping, iteration + 1
+    return force, damping, _MAX_ITERATIONS
 
 
 @kernel

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jit import kernel
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
 
 ALPHA = -1.0 / 3.0
 ADVANCE = -ALPHA
@@ -46,7 +46,7 @@ _TOUCH_M = 1e-300  # above contact, however the last digit falls
 
 class ThesisModel(NamedTuple):
     """What does not change during a run. `green_*`: response of displacement (m/N s),
-    velocity and acceleration at the struck point to a unit impulse, one value a step of
+    velocity and acceleration at the contact point to a unit impulse, one value a step of
     the longest run.
 
     Relaxation: F = (s_rel p - (s_tau/tau) int p(t') exp(-(t - t')/tau) dt') sqrt(p) with
@@ -224,7 +224,7 @@ def _end_impact(model, state, n, step):
     counts[pk.FLIGHT_STEP] = step
     body[pk.FLIGHT_X] = body[pk.XI]
     body[pk.FLIGHT_V] = speed
-    # It falls back on a plate at rest; one that does not rise at all is struck at once.
+    # It falls back on a plate at rest; one that does not rise at all is hit at once.
     fall_steps = math.ceil(2.0 * speed / (model.gravity_m_s2 * model.step_s))
     counts[NEXT_IMPACT] = step + max(fall_steps, 1)
 

@@ -20,7 +20,7 @@ from hertzloop.loop.compiled import rows_under, simulate
 from hertzloop.results.cases import lasting, on_plate
 from hertzloop.results.impact_rows import F_A, XI, XI_P, consistent_impacts
 from hertzloop.scenes.scene import Scene, load, vary
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
 from studies.tabular import write_records
 
 REQUESTS = (1e-2, 1e-3, 1e-4)

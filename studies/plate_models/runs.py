@@ -11,9 +11,9 @@ from hertzloop import assembly as parts
 from hertzloop.loop.compiled import rows_under, simulate
 from hertzloop.results.impact_rows import consistent_impacts
 from hertzloop.scenes.scene import Scene, load
+from plant import state_kernels as pk
 from plant.figures.impacts import Impact
 from plant.plant import Plant
-from plant.schemes import state_kernels as pk
 from plant.schemes.collocation import CollocationPlant
 
 _ROUNDS, _STEPS = 201, 400  # of the timing; the plants take turns

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from hertzloop import assembly as parts
 from hertzloop.plate_choice import kirchhoff_error, thin_plate
 from hertzloop.scenes.scene import Scene
+from plant.estimates.plate_theory import thickness_number, zener_inelasticity
 from plant.schemes.collocation import CollocationPlant
-from plant.structures.plate_theory import thickness_number, zener_inelasticity
 from studies.plate_models import runs
 
 _OFF = "controller.law=off"

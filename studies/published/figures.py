@@ -12,7 +12,7 @@ from hertzloop.results.impact_rows import F_A, F_C, V_P, XI, XI_S, first_impact
 from hertzloop.scenes.scene import Scene, load
 from plant.figures import noise
 from plant.structures import radiation
-from plant.structures.plate import oscillators
+from plant.structures.structure import oscillators
 from studies import pictures
 from studies.pictures import look
 

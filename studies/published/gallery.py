@@ -16,8 +16,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import F_A, F_C, V_P, XI, XI_P, XI_S, first_impact
 from hertzloop.scenes.scene import Scene, load
 from plant.figures import noise
-from plant.figures.calibration import calibrate_relaxation
-from plant.schemes.thesis2008 import sampled
+from plant.schemes.thesis2008 import calibrate_relaxation, sampled
 from studies import pictures
 from studies.pictures import look
 from studies.published import appendix, optima, weaknesses

@@ -12,9 +12,9 @@ from scipy.integrate import solve_ivp
 from hertzloop import assembly as parts
 from hertzloop.scenes.scene import load
 from plant.contact.hertz import rigid_contact_time_s
+from plant.numerics import phi
 from plant.plant import Plant, PlantSpec
 from plant.schemes.collocation import CollocationPlant
-from plant.schemes.phi import phi
 from plant.schemes.thesis2008 import ThesisPlant
 from studies.speed_accuracy import dop853_kernels as dk
 from studies.speed_accuracy import exponential_kernels as ek

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from plant.plant import Plant
 from plant.schemes.collocation import CollocationPlant
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from studies.speed_accuracy import cases as cases
 from studies.speed_accuracy import integrator_kernels as ik
 from studies.speed_accuracy import kernels as k
@@ -55,7 +55,7 @@ def _cases(what: cases.Problem) -> dict[tuple[str, str], cases.Run]:
     for step_s in _STEPS_S:
         setting = f"{step_s * 1e6:g} us"
         found["modal", setting] = cases.plant_run(CollocationPlant, what, step_s)
-        found["discrete_gradient", setting] = cases.plant_run(Plant, what, step_s)
+        found["discrete_gradient", setting] = cases.plant_run(DiscreteGradientPlant, what, step_s)
         found["quadratised", setting] = cases.quadratised_run(what, step_s)
         found["convolution", setting] = cases.convolution_run(what, step_s)
         found["verlet", setting] = cases.kernel_run(ik.verlet, what, step_s)

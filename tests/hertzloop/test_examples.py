@@ -14,7 +14,7 @@ from hertzloop.results.deflection import deflection
 from hertzloop.results.figures import rows_of
 from hertzloop.results.impact_rows import modal_displacement
 from hertzloop.scenes.scene import load, parse
-from plant.structures.plate import oscillators
+from plant.structures.structure import oscillators
 from recordings.reader import read
 from studies.sweeps.sweep import read_results
 

@@ -6,7 +6,7 @@ import pytest
 
 from hertzloop import assembly as parts
 from hertzloop.scenes.scene import load
-from plant.schemes.door import SCHEMES
+from plant.schemes.registry import SCHEMES
 from tests.hertzloop.processes import hertzloop
 
 SCENE = {"thesis2008": "thesis-aluminium"}

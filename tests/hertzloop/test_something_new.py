@@ -17,8 +17,8 @@ import sys
 from typing import Any, NamedTuple
 
 from jit import kernel
-from plant.plant import Plant
 from plant.schemes import discrete_gradient_kernels as whole
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 
 HalfModel = NamedTuple("HalfModel", list(whole.PlantModel.__annotations__.items()))
 close_books, modal_energy = whole.close_books, whole.modal_energy
@@ -27,7 +27,7 @@ close_books, modal_energy = whole.close_books, whole.modal_energy
 def step(model, state, f_a):
     return whole.step(model, state, 0.5 * f_a)
 
-class HalfPlant(Plant):
+class HalfPlant(DiscreteGradientPlant):
     kernels: Any = sys.modules[__name__]
 
     def _build_model(self):
@@ -36,7 +36,7 @@ class HalfPlant(Plant):
 from tests.hertzloop.with_lines import with_line
 
 with_line(
-    "plant.schemes.door", '    "thesis2008": Scheme(',
+    "plant.schemes.registry", '    "thesis2008": Scheme(',
     '    "half": Scheme("half:HalfPlant", "half:HalfModel"),\\n',
 )
 import numpy as np

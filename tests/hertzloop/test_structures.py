@@ -19,7 +19,7 @@ from hertzloop.results.impact_rows import first_impact, modal_displacement
 from hertzloop.scenes.scene import Scene, SceneError, load, parse, shipped, to_toml
 from plant.plant import modes_of
 from plant.structures.mode_file import SUFFIXES, write_modes
-from plant.structures.plate import oscillator_shapes
+from plant.structures.structure import oscillator_shapes
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 

@@ -20,7 +20,7 @@ from hertzloop.results.impact_windows import DEEPEST
 from hertzloop.results.report import pressure_words
 from hertzloop.results.verify import verify
 from hertzloop.scenes.scene import Scene, SceneError, load
-from plant.contact.strength import strength
+from plant.contact.yielding import strength
 from plant.structures.materials import MATERIALS
 from recordings.reader import read
 

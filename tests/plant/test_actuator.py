@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from plant.actuator import kernels as act
-from plant.actuator.model import IDEAL, Actuator, build_model
+from plant import actuator_kernels as act
+from plant import state_kernels as pk
+from plant.actuator import IDEAL, Actuator, build_model
 from plant.plant import modes_of
-from plant.schemes import state_kernels as pk
 from plant.schemes.collocation import CollocationPlant
-from plant.schemes.door import step
+from plant.schemes.registry import step
 from tests.plant.rigs import spec
 from tests.plant.test_solution import reference
 

@@ -7,8 +7,9 @@ import pytest
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.scene import load
+from plant import state_kernels as pk
 from plant.plant import Plant
-from plant.schemes import state_kernels as pk
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from tests.plant.rigs import run, spec
 
 # Promised of every run. Rounding grows with the steps in contact: 1e-12 over ten thousand.
@@ -58,7 +59,9 @@ def test_books_close_for_a_random_force_on_a_damped_plate() -> None:
     random = np.random.default_rng(11)
     force = np.repeat(random.standard_normal(80) * (random.random(80) < 0.5), 50)
     for beside in (None, (0.3, 0.21)):
-        plant = Plant(spec(loss_factor=0.05, actuator_point_m=beside, drop_height_m=1e-4))
+        plant = DiscreteGradientPlant(
+            spec(loss_factor=0.05, actuator_point_m=beside, drop_height_m=1e-4)
+        )
         run(plant, len(force), force)
         books = plant.close_books()
         assert books.contact_steps > 0
@@ -111,7 +114,7 @@ FAULTS = [
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_in_mid_contact_opens_the_books(fault: Callable[[Plant], None]) -> None:
     # Same run, same fault-free books; one part in 10 000 wrong shows far above the promise.
-    plant = Plant(spec(loss_factor=0.05))
+    plant = DiscreteGradientPlant(spec(loss_factor=0.05))
     force = np.where(np.arange(200) > 10, 20.0, 0.0)
     run(plant, 15, force[:15])
     assert plant.state.body[pk.F_C] > 10.0

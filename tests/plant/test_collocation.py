@@ -9,16 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant.contact import hertz_kernels as hertz
-from plant.contact import solve_kernels as solve
+from plant import state_kernels as pk
+from plant.contact import elastic_kernels as hertz
+from plant.contact import elastic_kernels as solve
 from plant.contact.hertz import Contact, Damping, hertz_stiffness, hunt_crossley_parameter
+from plant.numerics import phi
 from plant.plant import Plant
 from plant.schemes import collocation_kernels as k
-from plant.schemes import collocation_modes_kernels as modes
-from plant.schemes import state_kernels as pk
+from plant.schemes import collocation_kernels as modes
 from plant.schemes.collocation import CollocationPlant, flexibility_m_n
-from plant.schemes.door import step
-from plant.schemes.phi import phi
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
+from plant.schemes.registry import step
 from plant.structures.materials import MATERIALS
 from tests.plant.rigs import spec
 from tests.plant.test_solution import reference
@@ -212,7 +213,7 @@ def test_modes_left_out_act_as_a_spring() -> None:
 def test_discrete_gradient_and_collocation_agree() -> None:
     """Two schemes of different order, the same modes, a small step."""
     fine = spec(step_s=5e-8, limit_hz=60e3)
-    one, other = Plant(fine), CollocationPlant(fine)
+    one, other = DiscreteGradientPlant(fine), CollocationPlant(fine)
     for _ in range(600):
         step(one.model, one.state, 0.0)
         step(other.model, other.state, 0.0)

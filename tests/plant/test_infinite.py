@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from plant import state_kernels as pk
 from plant.contact.hertz import (
     GRAVITY_M_S2,
     Contact,
@@ -16,10 +17,9 @@ from plant.contact.hertz import (
     rigid_contact_time_s,
 )
 from plant.plant import PlantSpec
-from plant.schemes import state_kernels as pk
 from plant.schemes.collocation import CollocationPlant
-from plant.schemes.door import step
 from plant.schemes.infinite import InfinitePlant, impedance_n_s_m
+from plant.schemes.registry import step
 from plant.structures.materials import MATERIALS
 from tests.plant.rigs import IMMOVABLE, spec
 
@@ -176,5 +176,5 @@ def test_impedance() -> None:
 
 
 def test_an_actuator_elsewhere_is_refused() -> None:
-    with pytest.raises(ValueError, match="struck point only"):
+    with pytest.raises(ValueError, match="contact point only"):
         InfinitePlant(spec(actuator_point_m=(0.2, 0.2)))

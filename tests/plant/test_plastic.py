@@ -7,13 +7,13 @@ from itertools import product
 import numpy as np
 import pytest
 
-from plant.actuator.model import Actuator
+from plant import state_kernels as pk
+from plant.actuator import Actuator
 from plant.contact.hertz import Contact, Limit, hertz_stiffness
-from plant.contact.plastic import dent_m, force_n, yielding
+from plant.contact.yielding import dent_m, force_n, yielding
 from plant.plant import PlantSpec
-from plant.schemes import state_kernels as pk
 from plant.schemes.collocation import CollocationPlant
-from plant.schemes.door import step
+from plant.schemes.registry import step
 from plant.structures.materials import MATERIALS
 from tests.plant.rigs import IMMOVABLE, spec
 

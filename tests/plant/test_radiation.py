@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from plant.actuator.model import Actuator
+from plant.actuator import Actuator
 from plant.contact.hertz import Contact, Limit, hertz_stiffness
 from plant.figures import noise
 from plant.plant import PlantSpec, air_eta, modes_of
 from plant.schemes.collocation import CollocationPlant
-from plant.schemes.door import step
+from plant.schemes.registry import step
 from plant.structures import radiation
 from plant.structures.materials import MATERIALS, Material
 from plant.structures.plate import Plate

@@ -8,14 +8,14 @@ import pytest
 from scipy.integrate import simpson
 
 from hertzloop.loop.compiled import rows_under
-from plant.actuator.model import Actuator
-from plant.contact import solve_kernels as solve
+from plant import state_kernels as pk
+from plant.actuator import Actuator
+from plant.contact import elastic_kernels as solve
 from plant.contact.hertz import Contact, Damping, Limit, hertz_stiffness, hunt_crossley_parameter
 from plant.plant import PlantSpec
-from plant.schemes import state_kernels as pk
 from plant.schemes import tail
 from plant.schemes.collocation import CollocationPlant, damped_tail, residual_m_n
-from plant.schemes.door import step
+from plant.schemes.registry import step
 from plant.structures.materials import MATERIALS
 from tests.plant.rigs import spec
 

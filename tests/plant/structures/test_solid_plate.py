@@ -12,7 +12,7 @@ from plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness
 from plant.figures.impacts import Impact
 from plant.plant import PlantSpec
 from plant.schemes.collocation import CollocationPlant
-from plant.structures import lamb
+from plant.structures import solid_plate as lamb
 from plant.structures.materials import MATERIALS
 from plant.structures.plate import Plate
 from plant.structures.solid_plate import SolidPlate

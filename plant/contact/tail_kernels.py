@@ -1,6 +1,6 @@
 """Compiled kernels of the modes left out as one damped mode; see `plant.schemes.tail`.
 
-Displacement at the struck point is Im z, z' = s z + g F with a complex g, F the force up on the
+Displacement at the contact point is Im z, z' = s z + g F with a complex g, F the force up on the
 plate. As Im g = Y, the point's velocity follows the force at once by Y F, on top of Im(s z).
 The tail of a model is a `DampedTail`, or None: there is none, or it is a spring.
 """
@@ -11,7 +11,7 @@ import numpy as np
 
 from jit import kernel
 from jit.by_type import by_type
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
 
 
 class DampedTail(NamedTuple):

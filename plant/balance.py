@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from plant import state_kernels as pk
 from plant.contact.hertz import GRAVITY_M_S2
-from plant.schemes import state_kernels as pk
 
 
 @dataclass(frozen=True)
