@@ -63,13 +63,10 @@ def _on_grid(
     spec: "PlantSpec", limit: float, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     from hertzloop.results.deflection import axes
-    from plant.structures.edged_plate import EdgedPlate
-    from plant.structures.plate import Plate
-    from plant.structures.solid_plate import SolidPlate
     from plant.structures.structure import oscillator_shapes
 
     what, points = spec.plate, (spec.contact_point_m, spec.actuator_point_m)
-    if not isinstance(what, Plate | EdgedPlate | SolidPlate):
+    if what.size_m is None:
         raise SceneError("the modes come from a file; take its own grid")
     if count > _GRID_MODES:
         raise SceneError(

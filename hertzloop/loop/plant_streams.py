@@ -18,6 +18,7 @@ from hertzloop.quantities import TRUTH
 from hertzloop.scenes.scene import Scene
 from plant import state_kernels as pk
 from plant.contact.yielding import above_dent_m
+from plant.schemes.registry import SCHEMES
 
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
 ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most
@@ -30,7 +31,7 @@ def truth_columns(rows: np.ndarray, scene: Scene, same_point: bool) -> dict[str,
     arrays = dict(zip(TRUTH, rows, strict=True))
     if same_point:
         del arrays["xi_a_m"]
-    if scene.run.scheme != "modal":
+    if not SCHEMES[scene.run.scheme].records_slope:
         del arrays["f_c1_n"]
     if scene.actuator.bandwidth_hz is None:
         del arrays["f_a1_n"]

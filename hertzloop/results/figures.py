@@ -26,8 +26,7 @@ from hertzloop.scenes.scene import Scene
 from hertzloop.struck import structure
 from plant.balance import Books as BooksOfRun
 from plant.figures.impacts import Impact
-from plant.structures.edged_plate import EdgedPlate
-from plant.structures.modal_structure import ModalStructure
+from plant.schemes.registry import SCHEMES
 from recordings.columns import Arrays
 from recordings.reader import Recording
 
@@ -108,7 +107,7 @@ def figures_of(scene: Scene, rows: np.ndarray | Iterable[Block]) -> dict[str, An
     stable, asked = StabilityMeter(scene), DemandMeter(spec)
     extremes, push = ExtremesMeter(spec), PushMeter(scene)
     impacts: list[Impact] = []
-    whole = None if scene.run.scheme == "thesis2008" else WholeRunMeter(spec)
+    whole = WholeRunMeter(spec) if SCHEMES[scene.run.scheme].conserves else None
     for meter in (stable, asked, extremes, push):
         blocks = meter.through(blocks)
     blocks = whole.through(blocks) if whole else blocks
@@ -161,17 +160,11 @@ def struck(scene: Scene) -> dict[str, Any]:
     """What is struck: `name`, `closed_form`, and what its modes are worth; see `Reached` and
     `ModalStructure.mobility_ratio`."""
     what = structure(scene)
-    found: dict[str, Any] = {"name": str(what), "closed_form": False}
-    if isinstance(what, EdgedPlate):
-        return found | asdict(what.reached)
-    if isinstance(what, ModalStructure):
-        modes = scene.plate.modes
-        return found | {
-            "modes_in_file": len(what.table.omega_rad_s),
-            "sha256": modes.sha256 if modes else "",
-            "mobility_ratio": what.mobility_ratio,
-        }
-    return found | {"name": "a simply supported plate", "closed_form": True}
+    if what.quality is None:
+        return {"name": "a simply supported plate", "closed_form": True}
+    modes = scene.plate.modes
+    of_file = {} if what.mode_table is None else {"sha256": modes.sha256 if modes else ""}
+    return {"name": str(what), "closed_form": False, **what.quality, **of_file}
 
 
 def of_recording(

@@ -33,6 +33,7 @@ from plant.contact.hertz import GRAVITY_M_S2
 from plant.figures.impacts import Impact
 from plant.figures.noise import published_noise
 from plant.plant import PlantSpec, modes_of
+from plant.schemes.registry import SCHEMES
 from plant.schemes.thesis2008 import relative_speed_m_s, sampled
 from plant.structures.modes import Oscillators
 
@@ -67,7 +68,7 @@ def impacts_of_blocks(
     """The same from rows that come in blocks, in the order of their steps; each impact as soon as
     the next one starts. Where steps are missing, a run ends and another begins. `modes`: those
     among which the energy is divided, if not all of the plate."""
-    if scene.run.scheme == "thesis2008":
+    if not SCHEMES[scene.run.scheme].conserves:
         return _published(scene, blocks)
     spec = parts.plant_spec(scene)
 

@@ -21,8 +21,7 @@ from hertzloop.results.verify import (
 )
 from hertzloop.scenes.scene import Scene
 from plant.plant import PlantSpec
-from plant.structures.plate import Plate
-from plant.structures.solid_plate import SolidPlate
+from plant.schemes.registry import SCHEMES
 
 _FAR = 2.0  # times what is expected: twice the modes hardly change more where the law decides alike
 _MOST_STEPS = 2_000_000  # that are simulated in memory
@@ -77,7 +76,8 @@ def judged(scene: Scene, until_s: float) -> LawAccuracy | None:
     without an impact that ends by then, and where the law stops.
     """
     steps = min(round(until_s / scene.step_s) + 3, scene.steps)
-    if scene.controller.law == "off" or scene.run.scheme == "thesis2008" or steps > _MOST_STEPS:
+    converges = SCHEMES[scene.run.scheme].converges
+    if scene.controller.law == "off" or not converges or steps > _MOST_STEPS:
         return None
     # How long a run lasts may decide about the model of its plate.
     short = lasting(on_plate(scene, parts.plate_model(scene)), steps)
@@ -103,7 +103,7 @@ def judged(scene: Scene, until_s: float) -> LawAccuracy | None:
 
 def _twice_the_modes(scene: Scene) -> PlantSpec | None:
     spec = parts.plant_spec(scene)
-    if spec.infinite_plate or not isinstance(spec.plate, Plate | SolidPlate):
+    if spec.infinite_plate or spec.plate.simply_supported is None:
         return None
     # Beyond 1/(2 step) is what the steps of a held force put in, which no sample carries.
     limit_hz = min(finer_spec(scene).frequency_limit_hz, 0.5 / scene.step_s)

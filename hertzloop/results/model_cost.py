@@ -13,7 +13,7 @@ from hertzloop.scenes.scene import Scene
 from plant import state_kernels as pk
 from plant.plant import Plant, PlantSpec
 from plant.schemes.infinite import impedance_n_s_m
-from plant.structures.solid_plate import SolidPlate
+from plant.schemes.registry import SCHEMES
 from plant.structures.structure import frequencies
 
 _COUNTED = 500_000  # modes; beyond, the full model is only said to be larger
@@ -33,7 +33,7 @@ def chosen_model(scene: Scene) -> dict[str, Any] | None:
     measured now, None where that would take long. None for the published scheme, which always
     has the full model.
     """
-    if scene.run.scheme == "thesis2008":
+    if not SCHEMES[scene.run.scheme].limits_modes:
         return None
     spec = parts.plant_spec(scene)
     lasts_s, local = parts.infinite_plate_lasts_s(scene), spec.plate.local_plate
@@ -47,7 +47,7 @@ def chosen_model(scene: Scene) -> dict[str, Any] | None:
 
 def _full_model(scene: Scene, spec: PlantSpec) -> dict[str, Any]:
     limit_hz = 0.5 / scene.step_s
-    if isinstance(spec.plate, SolidPlate):
+    if spec.plate.mode_table is None:
         limit_hz = min(limit_hz, spec.plate.highest_hz)
     modes = spec.plate.modes_below(limit_hz)
     full: dict[str, Any] = {

@@ -13,8 +13,6 @@ from hertzloop.scenes.scene import Scene, SceneError
 from plant import state_kernels as pk
 from plant.plant import MOST_MODES, Plant, PlantSpec
 from plant.schemes.registry import SCHEMES
-from plant.structures.modal_structure import ModalStructure
-from plant.structures.solid_plate import SolidPlate
 
 _START = [pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]
 _SMALL = 0.01  # of a push, from which on it stores 1e-4 of what it did
@@ -49,10 +47,10 @@ def verify(scene: Scene, rows: np.ndarray) -> Verification | None:
 
 def check_verifiable(scene: Scene) -> None:
     """Raise SceneError where the finer plant cannot be computed."""
-    if scene.run.scheme == "thesis2008":
+    if not SCHEMES[scene.run.scheme].converges:
         raise SceneError(
-            "run.scheme = 'thesis2008' does not converge, so there is nothing to verify; take "
-            "'modal' or 'discrete_gradient'"
+            f"run.scheme = '{scene.run.scheme}' does not converge, so there is nothing to verify; "
+            "take 'modal' or 'discrete_gradient'"
         )
     fine = finer_spec(scene)
     modes = fine.plate.modes_below(fine.frequency_limit_hz)
@@ -69,15 +67,14 @@ def check_verifiable(scene: Scene) -> None:
 def finer_spec(scene: Scene) -> PlantSpec:
     """A scene's plant with half the step and twice the modes, as far as they are known."""
     spec = parts.plant_spec(scene)
-    # A file has the modes that it has.
-    limit_hz = spec.frequency_limit_hz * (1.0 if isinstance(spec.plate, ModalStructure) else 2.0)
-    if isinstance(spec.plate, SolidPlate):
-        limit_hz = min(limit_hz, spec.plate.highest_hz)
+    limit_hz = spec.frequency_limit_hz
+    if spec.plate.mode_table is None:  # a file has the modes that it has
+        limit_hz = min(2.0 * limit_hz, spec.plate.highest_hz)
     return replace(
         spec,
         step_s=spec.step_s / 2,
         frequency_limit_hz=limit_hz,
-        residual_flexibility=SCHEMES[scene.run.scheme].tail,
+        residual_flexibility=SCHEMES[scene.run.scheme].supports_tail,
         infinite_plate=False,
     )
 

@@ -26,8 +26,7 @@ from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.scenes.scene import load
 from plant import state_kernels as pk
 from plant.plant import Plant
-from plant.schemes.collocation import CollocationPlant
-from plant.schemes.discrete_gradient import DiscreteGradientPlant
+from plant.schemes.registry import SCHEMES
 from studies.cost.strangers import SLOW_S, run_beside
 from studies.speed_accuracy import kernels as k
 
@@ -105,7 +104,7 @@ def step_costs(rounds: int = ROUNDS) -> list[Cost]:
     for scheme, limits in (("modal", settings), ("discrete_gradient", settings[:1])):
         for limit in limits:
             scene = load("aluminium-20mm", [limit, "run.lead_in_s=0", f"run.scheme={scheme}"])
-            make = CollocationPlant if scheme == "modal" else DiscreteGradientPlant
+            make = SCHEMES[scheme].load()
             count = len(make(parts.plant_spec(scene)).modes.omega)
             if not cases:
                 cases[f"two-pass loop, {count} frequencies"] = two_pass_case(count)

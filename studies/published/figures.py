@@ -11,6 +11,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import F_A, F_C, V_P, XI, XI_S, first_impact
 from hertzloop.scenes.scene import Scene, load
 from plant.figures import noise
+from plant.schemes.registry import SCHEMES
 from plant.structures import radiation
 from plant.structures.structure import oscillators
 from studies import pictures
@@ -143,7 +144,7 @@ def _bouncing(source: str, law: str) -> tuple[Scene, np.ndarray]:
     """A long run. The published scheme, whose work grows as the square of a contact's steps,
     is followed until the sphere has stayed on the plate for a quarter of the run."""
     scene = load(source)
-    if scene.run.scheme == "modal":
+    if SCHEMES[scene.run.scheme].conserves:
         return _run(source, law, f"run.duration_s={_BOUNCES_S}")
     for part in (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1):
         scene, rows = _run(source, law, f"run.duration_s={_BOUNCES_S * part:.6f}")

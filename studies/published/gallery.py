@@ -16,6 +16,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import F_A, F_C, V_P, XI, XI_P, XI_S, first_impact
 from hertzloop.scenes.scene import Scene, load
 from plant.figures import noise
+from plant.schemes.registry import SCHEMES
 from plant.schemes.thesis2008 import calibrate_relaxation, sampled
 from studies import pictures
 from studies.pictures import look
@@ -247,7 +248,7 @@ def _spectra(path: Path) -> Path:
                 impact = first_impact(scene, rows)
                 assert impact is not None
                 # As the study formed them: over the contact. A consistent force may outlast it.
-                beyond = 0 if scene.run.scheme == "thesis2008" else _BEYOND
+                beyond = _BEYOND if SCHEMES[scene.run.scheme].conserves else 0
                 contact = np.pad(impact.contact_n, (0, beyond))
                 force = rows[F_A, impact.start : impact.end + beyond] - contact
                 level = np.abs(noise.force_spectrum(force, scene.step_s, f))

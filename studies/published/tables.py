@@ -19,6 +19,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import first_impact
 from hertzloop.scenes.scene import Scene, SceneError, load
 from plant.figures.noise import ImpactNoise, holmes_j, peak_pressure_pa
+from plant.schemes.registry import SCHEMES
 
 # Figures in the order of the tables, and how they compare two impacts.
 Compare = Callable[[ImpactNoise, ImpactNoise], float]
@@ -136,9 +137,10 @@ def _precomputed(cells: dict[str, str], number: int, t_a_step: float) -> list[st
 def scene_of(row: Row, scheme: str, settings: Iterable[str] = ()) -> Scene:
     """Scene of a row under a scheme. Raises SceneError."""
     name = _MATERIALS[row.material]
-    source = f"thesis-{name}" if scheme == "thesis2008" else f"{name}-20mm"
+    published = not SCHEMES[scheme].conserves
+    source = f"thesis-{name}" if published else f"{name}-20mm"
     keys = [f"sphere.drop_height_m={row.drop_height_m!r}", *row.settings, *settings]
-    if scheme == "thesis2008" and row.parameter_study and name == "aluminium":
+    if published and row.parameter_study and name == "aluminium":
         keys.append(f"contact.viscous_n_s_m={_DAMPED_SIDE_N_S_M}")
     return load(source, keys)
 
@@ -147,7 +149,7 @@ def scene_of(row: Row, scheme: str, settings: Iterable[str] = ()) -> Scene:
 def noise_of(row: Row, scheme: str) -> ImpactNoise | None:
     """Figures of a row's first impact; None if it does not end within the longest run."""
     scene = scene_of(row, scheme)
-    published = scheme == "thesis2008"
+    published = not SCHEMES[scheme].conserves
     longest = _LONGEST_STEPS if published else 16 * scene.steps
     steps = _SHORTEST_STEPS if published else scene.steps
     while steps <= longest:

@@ -114,8 +114,10 @@ def refinement() -> list[Refinement]:
     the step alone.
     """
     found = []
-    for scheme, measure in (("thesis2008", _published_contact), ("modal", _consistent_contact)):
-        finest = _REFERENCE_US if scheme == "modal" else STEPS_US[-1]
+    for scheme, measure, finest in (
+        ("thesis2008", _published_contact, STEPS_US[-1]),
+        ("modal", _consistent_contact, _REFERENCE_US),
+    ):
         reference = measure(finest)[1]
         for step_us in STEPS_US:
             time_us, rebound = measure(step_us)
