@@ -11,7 +11,7 @@ import numpy as np
 
 from plant import state_kernels as pk
 from plant.actuator import IDEAL, Actuator, mass_loaded
-from plant.balance import Books, balance
+from plant.balance import Balance, balance
 from plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
 from plant.structures.modes import Oscillators
 from plant.structures.plate import Plate
@@ -150,8 +150,8 @@ class Plant(ABC):
     """A description as a run needs it: modes, model, state, and a balance at the end.
 
     A scheme says how a step is made: `kernels` is a module with `step(model, state, f_a) -> f_c`,
-    `close_books(model, state)` and `modal_energy(model, state)`. Its state has the arrays `body`,
-    `books` and `counts` of `plant.state_kernels`, and more as it likes.
+    `close_balance(model, state)` and `modal_energy(model, state)`. Its state has the arrays `body`,
+    `balance` and `counts` of `plant.state_kernels`, and more as it likes.
     """
 
     kernels: Any
@@ -198,9 +198,9 @@ class Plant(ABC):
         body, counts = self.state.body, self.state.counts
         return float(pk.speed_now(GRAVITY_M_S2, self.model.step_s, body, counts))
 
-    def close_books(self) -> Books:
-        """Balance of the run so far; to be called once, at its end. See `balance`."""
-        self.kernels.close_books(self.model, self.state)
+    def close_balance(self) -> Balance:
+        """Energy and momentum of the run so far; to be called once, at its end. See `balance`."""
+        self.kernels.close_balance(self.model, self.state)
         return balance(
             self.model,
             self.state,

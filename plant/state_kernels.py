@@ -17,11 +17,11 @@ XI, XI_S, XI_P, V_P, A_P, F_C, F_A, XI_A, FLIGHT_X, FLIGHT_V, V_P_OF_STEP, F_C1 
 # TAIL: state of the modes left out (m), see plant.contact.tail_kernels.
 F_A1, ACTUATOR_F, ACTUATOR_RATE, DEEPEST, REACHED, CURVE, DENT, TAIL_RE, TAIL_IM = range(12, 21)
 BODY_SIZE = 21
-# Indices into a state's books (J, N s).
+# Indices into a state's balance (J, N s).
 # AIR: the part of MODAL_DISSIPATED that is radiated.
 MODAL_DISSIPATED, CONTACT_DISSIPATED, INJECTED, CONTACT_IMPULSE, PLASTIC_DISSIPATED, AIR = range(6)
 TAIL_DISSIPATED = 6
-BOOKS_SIZE = 7
+BALANCE_SIZE = 7
 # Indices into a state's counts.
 STEP, FLIGHT_STEP, NEWTON_TOTAL, NEWTON_MAX, CONTACT_STEPS, FREE_SINCE, ROWS = range(7)
 COUNTS_SIZE = 7
@@ -72,7 +72,7 @@ def flight(model, body, counts):
 @kernel(inline=True, borrowed=True)
 def push(model, state, sphere, sphere_v, f_c, f_c1, lost):
     """Let the contact force F_0 + F_1 (2 t/h - 1) of the step act, of which damping takes `lost`
-    (J): the height and velocity at its end, from where flight goes on, and the books."""
+    (J): the height and velocity at its end, from where flight goes on, with the balance."""
     body, counts, h = state.body, state.counts, model.step_s
     sphere += h * h / model.mass_kg * (0.5 * f_c - f_c1 / 6.0)
     sphere_v += h / model.mass_kg * f_c
@@ -80,8 +80,8 @@ def push(model, state, sphere, sphere_v, f_c, f_c1, lost):
     body[FLIGHT_V] = sphere_v
     counts[FLIGHT_STEP] = counts[STEP] + 1
     counts[CONTACT_STEPS] += 1
-    state.books[CONTACT_IMPULSE] += f_c * h
-    state.books[CONTACT_DISSIPATED] += lost
+    state.balance[CONTACT_IMPULSE] += f_c * h
+    state.balance[CONTACT_DISSIPATED] += lost
     return sphere, sphere_v
 
 

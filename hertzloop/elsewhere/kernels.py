@@ -37,7 +37,10 @@ class Unit(NamedTuple):
 
 _STORED = offering("contact_energy")
 _stored = by_type(_STORED)
-_close_books, _modal_energy = by_type(offering("close_books")), by_type(offering("modal_energy"))
+_close_balance, _modal_energy = (
+    by_type(offering("close_balance")),
+    by_type(offering("modal_energy")),
+)
 
 
 def is_known(model: Any) -> bool:
@@ -71,8 +74,8 @@ def balance(unit):
     """The energies at the present step. It closes the books: the run goes on from a copy of the
     state from before."""
     model, state, energies = unit.plant, unit.plant_state, unit.energies
-    books, mass, gravity = state.books, model.mass_kg, model.gravity_m_s2
-    _close_books(model, state)
+    books, mass, gravity = state.balance, model.mass_kg, model.gravity_m_s2
+    _close_balance(model, state)
     speed = sphere.speed_now(gravity, model.step_s, state.body, state.counts)
     energies[KINETIC] = 0.5 * mass * speed * speed
     energies[GRAVITY] = mass * gravity * state.body[pk.XI_S]

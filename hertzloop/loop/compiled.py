@@ -24,7 +24,7 @@ from hertzloop.loop.plant_streams import BLOCK_STEPS, PlantStreams, empty_window
 from hertzloop.loop.watchdog import watching
 from hertzloop.scenes.scene import Scene, SceneError
 from plant import state_kernels as pk
-from plant.balance import Books
+from plant.balance import Balance
 from plant.plant import Plant
 from plant.schemes.thesis2008 import ThesisPlant
 
@@ -61,7 +61,7 @@ class Simulated:
     forces: np.ndarray
     modes: np.ndarray
     delays: np.ndarray
-    books: Books
+    books: Balance
     over: bool
 
 
@@ -98,7 +98,7 @@ def simulate(scene: Scene, impact_only: bool = False, own_plant: Plant | None = 
         controller.forces[:steps],
         modes[:taken],
         delays[:taken],
-        plant.close_books(),
+        plant.close_balance(),
         bool(over),
     )
 

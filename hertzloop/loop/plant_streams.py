@@ -167,7 +167,7 @@ class PlantStreams:
     def finish(self) -> None:
         """Publish the books and the counts."""
         plant = self.plant
-        closed = plant.close_books()
+        closed = plant.close_balance()
         header = Books(
             **vars(closed),
             frequencies=len(plant.modes.omega),

@@ -118,11 +118,27 @@ def _edged_modes(spec: PlantSpec, plate: Structure, x_m: np.ndarray, y_m: np.nda
     )  # fmt: skip
 
 
+def _flat_grid(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray]:
+    """A small grid around the contact, (3,) and (3,), for what has no shapes."""
+    flat = _FLAT_RADII * spec.sphere.radius_m * np.array([-1.0, 0.0, 1.0])
+    return spec.contact_point_m[0] + flat, spec.contact_point_m[1] + flat
+
+
+def _without_shapes(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray, Modes]:
+    """Grid and modes of a structure that has no shapes: it stays flat."""
+    limit = 2.0 * np.pi * spec.frequency_limit_hz
+    modes = spec.plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
+    flat = np.zeros((len(modes.omega), 3, 3))
+    return *_flat_grid(spec), _modes(
+        spec, modes.omega, modes.eta, modes.scale_per_kg, modes.at_contact, modes.at_actuator,
+        (flat,),
+    )  # fmt: skip
+
+
 def _modes_of_file(spec: PlantSpec, table: ModeTable) -> tuple[np.ndarray, np.ndarray, Modes]:
     """Grid and modes of a file; without a grid in it a small one that stays flat."""
     if table.grid is None:
-        flat = _FLAT_RADII * spec.sphere.radius_m * np.array([-1.0, 0.0, 1.0])
-        grid = spec.contact_point_m[0] + flat, spec.contact_point_m[1] + flat
+        grid = _flat_grid(spec)
         shapes = np.zeros((len(table.omega_rad_s), 3, 3))
     else:
         grid, shapes = table.grid[:2], table.grid[2]
@@ -308,6 +324,9 @@ def deflection(
     if structure.mode_table is not None:
         known = structure.mode_table.grid is not None
         x, y, modes = _modes_of_file(spec, structure.mode_table)
+    elif structure.size_m is None:
+        known = False
+        x, y, modes = _without_shapes(spec)
     else:
         x, y = axes(scene.plate.size_m or (1.0, 1.0), contact, NODES)
         if structure.separable is None:

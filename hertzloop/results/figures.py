@@ -24,7 +24,7 @@ from hertzloop.results.stability import StabilityMeter
 from hertzloop.results.verdict import PushMeter, saturation_of
 from hertzloop.scenes.scene import Scene
 from hertzloop.struck import structure
-from plant.balance import Books as BooksOfRun
+from plant.balance import Balance
 from plant.figures.impacts import Impact
 from plant.schemes.registry import SCHEMES
 from recordings.columns import Arrays
@@ -131,7 +131,7 @@ def figures_of(scene: Scene, rows: np.ndarray | Iterable[Block]) -> dict[str, An
 
 
 def reported(
-    scene: Scene, columns: Arrays, books: Books | BooksOfRun, known: dict[str, Any]
+    scene: Scene, columns: Arrays, books: Books | Balance, known: dict[str, Any]
 ) -> dict[str, Any]:
     """What a verdict needs of a run whose columns of truth are in memory: its figures, what its
     energy balance says, and what else is `known` of it (law, saturation, pacing)."""
@@ -142,7 +142,7 @@ def reported(
     return {**figures_of(scene, stacked(columns)), **known, **more}
 
 
-def yield_of(books: Books | BooksOfRun) -> dict[str, float] | None:
+def yield_of(books: Books | Balance) -> dict[str, float] | None:
     """Dent and energy of a contact that yielded; None of one that did not."""
     if books.dent_m == 0.0:
         return None

@@ -72,6 +72,8 @@ def radiator_of(scene: Scene) -> Radiator:
     modes = structure.modes(omega_max, spec.contact_point_m, spec.actuator_point_m)
     if structure.mode_table is not None:
         x, y, shapes = _of_file(structure.mode_table, omega_max)
+    elif structure.size_m is None:
+        raise SceneError(f"nothing can be heard of {structure}, which has no shapes on a grid")
     else:
         size = scene.plate.size_m or (1.0, 1.0)
         x, y = (_midpoints(length, _spacing(structure, omega_max)) for length in size)

@@ -60,7 +60,7 @@ def _pushed(tail, state, f0, f1):
     lost = a * (q[0] * a + q[1] * b + q[2] * f0 + q[3] * f1)
     lost += b * (q[4] * b + q[5] * f0 + q[6] * f1)
     lost += f0 * (q[7] * f0 + q[8] * f1) + q[9] * f1 * f1
-    state.books[pk.TAIL_DISSIPATED] += lost
+    state.balance[pk.TAIL_DISSIPATED] += lost
     body[pk.TAIL_RE] = a + (tail.by_0_re * f0 + tail.by_1_re * f1)
     body[pk.TAIL_IM] = b + (tail.by_0_im * f0 + tail.by_1_im * f1)
 

@@ -401,7 +401,7 @@ def _settle(law, model, state, gap, root):
     if deepest > body[pk.DEEPEST]:
         body[pk.DEEPEST] = deepest
         body[pk.CURVE], body[pk.DENT] = curve_of(law, model.stiffness, deepest)
-        state.books[pk.PLASTIC_DISSIPATED] = taken(law, deepest, body[pk.DENT])
+        state.balance[pk.PLASTIC_DISSIPATED] = taken(law, deepest, body[pk.DENT])
         root = 0.0
     return elastic.elastic_near(hertz_curve(model, body[pk.CURVE]), gap + body[pk.DENT], root)
 

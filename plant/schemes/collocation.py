@@ -266,7 +266,7 @@ class CollocationPlant(Plant):
             z=aligned(np.zeros((2, modes))),
             free=aligned(np.zeros((2, modes))),
             body=np.zeros(k.BODY_SIZE),
-            books=np.zeros(pk.BOOKS_SIZE),
+            balance=np.zeros(pk.BALANCE_SIZE),
             counts=np.zeros(pk.COUNTS_SIZE, np.int64),
         )
         state.counts[pk.ROWS] = modes

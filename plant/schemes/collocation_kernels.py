@@ -58,7 +58,7 @@ class CollocationState(NamedTuple):
     z: np.ndarray  # (2, modes): real and imaginary parts, m/s
     free: np.ndarray  # z at step counts[FREE_SINCE], while no force acts
     body: np.ndarray
-    books: np.ndarray
+    balance: np.ndarray
     counts: np.ndarray
 
 
@@ -327,12 +327,12 @@ def unforced(model, state, f0, f1, f_a):
 @kernel(inline=True, borrowed=True)
 def _book_flight(model, state, steps):
     """Book what the modes lost in `steps` steps without force since the snapshot."""
-    state.books[pk.MODAL_DISSIPATED] += _dissipated_in_flight(model, state, model.table, steps)
-    state.books[pk.AIR] += _to_air_in_flight(model.air, model, state, steps)
+    state.balance[pk.MODAL_DISSIPATED] += _dissipated_in_flight(model, state, model.table, steps)
+    state.balance[pk.AIR] += _to_air_in_flight(model.air, model, state, steps)
 
 
 @kernel(inline=True, borrowed=True)
-def settle_books(model, state):
+def settle_balance(model, state):
     """Book the modal dissipation of the step just done. Called before z moves on."""
     if not model.damped:
         return
@@ -346,10 +346,10 @@ def settle_books(model, state):
         steps = step - 1 - counts[pk.FREE_SINCE]
         _book_flight(model, state, steps)
         counts[pk.FREE_SINCE] = -1
-    state.books[pk.MODAL_DISSIPATED] += _dissipated_in_step(
+    state.balance[pk.MODAL_DISSIPATED] += _dissipated_in_step(
         model, state, model.gains, model.table, f0, f1, f_a
     )
-    state.books[pk.AIR] += _to_air_in_step(model.air, model, state, f0, f1, f_a)
+    state.balance[pk.AIR] += _to_air_in_step(model.air, model, state, f0, f1, f_a)
     if quiet:
         for i in range(state.z.shape[1]):
             state.free[0, i] = state.z[0, i]
@@ -358,11 +358,11 @@ def settle_books(model, state):
 
 
 @kernel(borrowed=True)
-def close_books(model, state):
+def close_balance(model, state):
     """Book the last step and the last flight; to be called once, after the last step."""
     if not model.damped or state.counts[pk.STEP] == 0:
         return
-    settle_books(model, state)
+    settle_balance(model, state)
     if state.counts[pk.FREE_SINCE] >= 0:
         flight = state.counts[pk.STEP] - state.counts[pk.FREE_SINCE]
         _book_flight(model, state, flight)
@@ -453,10 +453,10 @@ def _bend_own_spring(model, state, gap, own):
     (m), at once; energy in the contact then (J), at the modal gap `gap`."""
     before = state.body[STORED]
     if own != state.body[OWN]:
-        taken = state.books[pk.PLASTIC_DISSIPATED]
+        taken = state.balance[pk.PLASTIC_DISSIPATED]
         after = yielding.settle(model.law, model, state, gap, 0.0)[1]
-        taken = state.books[pk.PLASTIC_DISSIPATED] - taken
-        state.books[pk.INJECTED] += (after - before) + taken
+        taken = state.balance[pk.PLASTIC_DISSIPATED] - taken
+        state.balance[pk.INJECTED] += (after - before) + taken
         return after
     return before
 
@@ -466,7 +466,7 @@ def step(model, state, command):
     """Advance one step under a commanded actuator force (N); returns the mean contact force (N)."""
     body, counts, g, h = state.body, state.counts, model.gains, model.step_s
     if counts[pk.STEP] > 0:
-        settle_books(model, state)
+        settle_balance(model, state)
     f0, f1, f_act = forces_on_plate(model, state)
     quiet = unforced(model, state, f0, f1, f_act)
     f_a, f_a1 = act.force(model.actuator, body, command)
@@ -565,7 +565,7 @@ def step(model, state, command):
         y += g[elastic.AA1] * f_a1
     modal_gap = sphere - x - own_1
     force_1, body[STORED], root = yielding.settle(model.law, model, state, modal_gap, root)
-    state.books[pk.INJECTED] += f_a * (y - body[MODAL_Y])
+    state.balance[pk.INJECTED] += f_a * (y - body[MODAL_Y])
     if sloped and pushed:
         if model.same_point:
             mean -= g[elastic.PM0] * f_c + g[elastic.PM1] * f_c1
@@ -575,7 +575,7 @@ def step(model, state, command):
             mean += g[elastic.MAA] * f_a + g[elastic.MAA1] * f_a1
             mean -= g[elastic.MAC0] * f_c + g[elastic.MAC1] * f_c1
         # Work of the slope, and of the contact on what the slope bends the spring by.
-        state.books[pk.INJECTED] += f_a1 * (y + body[MODAL_Y] - 2.0 * mean) + 2.0 * bent * f_c
+        state.balance[pk.INJECTED] += f_a1 * (y + body[MODAL_Y] - 2.0 * mean) + 2.0 * bent * f_c
     push = 0.0
     if tail.there(model.tail):
         push_0, push_1 = -f_c, -f_c1

@@ -122,7 +122,7 @@ class DiscreteGradientPlant(Plant):
             free=np.zeros((2, rows, k.LANES)),
             lanes=np.zeros((3, k.LANES)),
             body=np.zeros(pk.BODY_SIZE),
-            books=np.zeros(pk.BOOKS_SIZE),
+            balance=np.zeros(pk.BALANCE_SIZE),
             counts=np.zeros(pk.COUNTS_SIZE, np.int64),
         )
         state.counts[pk.ROWS] = rows

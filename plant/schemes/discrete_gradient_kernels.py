@@ -96,7 +96,7 @@ class PlantState(NamedTuple):
     free: np.ndarray  # z at step counts[FREE_SINCE], while no force acts
     lanes: np.ndarray
     body: np.ndarray
-    books: np.ndarray
+    balance: np.ndarray
     counts: np.ndarray
 
 
@@ -204,7 +204,7 @@ def _dissipated_in_flight(model, state, steps):
 
 
 @kernel
-def settle_books(model, state):
+def settle_balance(model, state):
     """Book the modal dissipation of the step just done. Called before z moves on."""
     if not model.damped:
         return
@@ -215,11 +215,11 @@ def settle_books(model, state):
     if quiet and counts[FREE_SINCE] != _NOT_FREE:
         return
     if counts[FREE_SINCE] != _NOT_FREE:
-        state.books[MODAL_DISSIPATED] += _dissipated_in_flight(
+        state.balance[MODAL_DISSIPATED] += _dissipated_in_flight(
             model, state, step - 1 - counts[FREE_SINCE]
         )
         counts[FREE_SINCE] = _NOT_FREE
-    state.books[MODAL_DISSIPATED] += _dissipated_in_step(model, state, f_contact, f_actuator)
+    state.balance[MODAL_DISSIPATED] += _dissipated_in_step(model, state, f_contact, f_actuator)
     if quiet:
         for i in range(state.z.shape[1]):
             for j in range(LANES):
@@ -263,14 +263,14 @@ def contact_energy(model, state):
 
 
 @kernel
-def close_books(model, state):
+def close_balance(model, state):
     """Book the last step and the last flight; to be called once, after the last step."""
     if not model.damped or state.counts[STEP] == 0:
         return
-    settle_books(model, state)
+    settle_balance(model, state)
     if state.counts[FREE_SINCE] != _NOT_FREE:
         flight = state.counts[STEP] - state.counts[FREE_SINCE]
-        state.books[MODAL_DISSIPATED] += _dissipated_in_flight(model, state, flight)
+        state.balance[MODAL_DISSIPATED] += _dissipated_in_flight(model, state, flight)
 
 
 @kernel
@@ -375,7 +375,7 @@ def step(model, state, f_a):
     """Advance one step under the actuator force `f_a` (N); returns the contact force (N)."""
     body, counts, h = state.body, state.counts, model.step_s
     if counts[STEP] > 0:
-        settle_books(model, state)
+        settle_balance(model, state)
     f_contact, f_actuator = _forces_on_plate(model, state)
     if f_contact != 0.0 or f_actuator != 0.0:
         counts[ROWS] = state.z.shape[1]
@@ -410,12 +410,12 @@ def step(model, state, f_a):
         body[FLIGHT_V] = sphere_speed + f_c * h / model.mass_kg
         counts[FLIGHT_STEP] = counts[STEP] + 1
         counts[CONTACT_STEPS] += 1
-        state.books[CONTACT_IMPULSE] += f_c * h
-        state.books[CONTACT_DISSIPATED] -= f_damping * (sphere - plate - body[XI])
+        state.balance[CONTACT_IMPULSE] += f_c * h
+        state.balance[CONTACT_DISSIPATED] -= f_damping * (sphere - plate - body[XI])
     speed = v + model.speed_gain_ca * f_a - model.speed_gain_cc * f_c
     body[V_P_OF_STEP] = body[V_P]
     actuator = y + model.gain_aa * f_a - model.gain_ac * f_c
-    state.books[INJECTED] += f_a * (actuator - body[XI_A])
+    state.balance[INJECTED] += f_a * (actuator - body[XI_A])
     body[A_P] = (speed - body[V_P]) / h
     body[XI] = sphere - plate
     body[XI_S] = sphere

@@ -77,7 +77,7 @@ class InfinitePlant(Plant):
     def _empty_state(self) -> k.InfiniteState:
         return k.InfiniteState(
             body=np.zeros(k.BODY_SIZE),
-            books=np.zeros(pk.BOOKS_SIZE),
+            balance=np.zeros(pk.BALANCE_SIZE),
             counts=np.zeros(pk.COUNTS_SIZE, np.int64),
         )
 

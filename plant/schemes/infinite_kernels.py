@@ -3,7 +3,7 @@
 The contact point moves with v = F/Z under the force F up on the plate, and has no memory but its
 displacement. The contact force of a step is F_0 + F_1 (2 t/h - 1) as in
 `plant.schemes.collocation_kernels`, found by the same scalar elastic. What goes into the plate, the
-integral of F^2/Z, does not come back: the books have it as modal dissipation.
+integral of F^2/Z, does not come back: the balance counts it as modal dissipation.
 """
 
 from typing import Any, NamedTuple
@@ -38,7 +38,7 @@ class InfiniteState(NamedTuple):
     """What changes: scalars by the indices of `plant.state_kernels`."""
 
     body: np.ndarray
-    books: np.ndarray
+    balance: np.ndarray
     counts: np.ndarray
 
 
@@ -56,7 +56,7 @@ def plate_speed(model, gap, sphere_v, f_a):
 @kernel(borrowed=True)
 def step(model, state, f_a):
     """Advance one step under the actuator force `f_a` (N); returns the mean contact force (N)."""
-    body, counts, books, g = state.body, state.counts, state.books, model.gains
+    body, counts, balance, g = state.body, state.counts, state.balance, model.gains
     h, gravity = model.step_s, model.gravity_m_s2
     sphere_0, before_v, sphere, sphere_v = pk.flight(model, body, counts)
     plate_0 = body[pk.XI_P]
@@ -90,8 +90,10 @@ def step(model, state, f_a):
         plate -= g[elastic.PX0] * f_c + g[elastic.PX1] * f_c1
         sphere, sphere_v = pk.push(model, state, sphere, sphere_v, f_c, f_c1, lost)
     driven = f_a - f_c
-    books[pk.MODAL_DISSIPATED] += h * (driven * driven + f_c1 * f_c1 / 3.0) / model.impedance_n_s_m
-    books[pk.INJECTED] += f_a * (plate - plate_0)
+    balance[pk.MODAL_DISSIPATED] += (
+        h * (driven * driven + f_c1 * f_c1 / 3.0) / model.impedance_n_s_m
+    )
+    balance[pk.INJECTED] += f_a * (plate - plate_0)
     gap = sphere - plate
     body[STORED] = elastic.elastic(model, gap)[1]
     speed = plate_speed(model, gap, sphere_v, f_a)
@@ -122,7 +124,7 @@ def modal_energy(model, state):
 
 
 @kernel(borrowed=True)
-def close_books(model, state):
+def close_balance(model, state):
     """Every step is booked when it is made."""
 
 

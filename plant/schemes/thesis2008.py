@@ -1,7 +1,7 @@
 """The scheme `thesis2008`: sampled Green's functions, and a plant that is driven like `modal`.
 
 See `thesis2008_kernels` for the numerics. They conserve neither momentum nor energy; the
-books say by how much.
+balance says by how much.
 
 Damping parameters of the published scheme from a target coefficient of restitution.
 
@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 
 from plant import state_kernels as pk
-from plant.balance import Books, balance
+from plant.balance import Balance, balance
 from plant.contact.hertz import GRAVITY_M_S2, Contact, Damping
 from plant.one_thread import on_one_thread
 from plant.plant import Plant, PlantSpec
@@ -145,7 +145,7 @@ class ThesisPlant(Plant):
         decay_s = self.model.relaxation_s or 1.0
         return k.ThesisState(
             body=np.zeros(pk.BODY_SIZE),
-            books=np.zeros(pk.BOOKS_SIZE),
+            balance=np.zeros(pk.BALANCE_SIZE),
             counts=np.zeros(k.COUNTS_SIZE, np.int64),
             motion=np.zeros(k.MOTION_SIZE),
             total=np.zeros(steps + 2),
@@ -182,7 +182,7 @@ class ThesisPlant(Plant):
         flight_s = (counts[pk.STEP] - counts[pk.FLIGHT_STEP]) * self.model.step_s
         return float(body[pk.FLIGHT_V] - GRAVITY_M_S2 * flight_s)
 
-    def close_books(self) -> Books:
+    def close_balance(self) -> Balance:
         """Balance of the run. `modal_dissipated_j` is all work on the plate: the published
         numerics have no energy of the plate to ask for. The residuals are large by nature."""
         return balance(

@@ -69,12 +69,12 @@ class ThesisModel(NamedTuple):
 
 
 class ThesisState(NamedTuple):
-    """What changes. `body`, `books` and the first counts as in the modal scheme; `total` and
+    """What changes. `body`, `balance` and the first counts as in the modal scheme; `total` and
     `undamped`: force on the plate with and without damping, `depth`: penetration, one a
     sample of the present impact; `decay`: weights of the relaxation's memory."""
 
     body: np.ndarray
-    books: np.ndarray
+    balance: np.ndarray
     counts: np.ndarray
     motion: np.ndarray
     total: np.ndarray
@@ -291,11 +291,11 @@ def _touch(model, state, n):
 @kernel
 def _book(model, state, f_a):
     """What the present sample's forces do over a step, at the velocities of the sample."""
-    body, books, motion, h = state.body, state.books, state.motion, model.step_s
-    books[pk.CONTACT_IMPULSE] += (motion[ELASTIC] + motion[DAMPING]) * h
-    books[pk.CONTACT_DISSIPATED] -= motion[DAMPING] * motion[REL_V] * h
-    books[pk.INJECTED] += f_a * body[pk.V_P_OF_STEP] * h
-    books[pk.MODAL_DISSIPATED] += (f_a - motion[ELASTIC]) * body[pk.V_P_OF_STEP] * h
+    body, balance, motion, h = state.body, state.balance, state.motion, model.step_s
+    balance[pk.CONTACT_IMPULSE] += (motion[ELASTIC] + motion[DAMPING]) * h
+    balance[pk.CONTACT_DISSIPATED] -= motion[DAMPING] * motion[REL_V] * h
+    balance[pk.INJECTED] += f_a * body[pk.V_P_OF_STEP] * h
+    balance[pk.MODAL_DISSIPATED] += (f_a - motion[ELASTIC]) * body[pk.V_P_OF_STEP] * h
 
 
 @kernel
@@ -304,7 +304,7 @@ def step(model, state, f_a):
     contact force (N) of that sample, damping included.
 
     The sampled convolution lets a force move the plate at once (j = 0), so the plate velocity
-    of a sample is complete only when `f_a` is known. `books[MODAL_DISSIPATED]` takes all work
+    of a sample is complete only when `f_a` is known. `balance[MODAL_DISSIPATED]` takes all work
     on the plate.
     """
     body, counts, motion = state.body, state.counts, state.motion

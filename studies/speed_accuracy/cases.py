@@ -87,7 +87,7 @@ def plant_run(make: type[Plant], what: Problem, step_s: float) -> Run:
         started = time.process_time()
         k.plant_gaps(plant.model, plant.state, every, gaps)
         cpu_s = time.process_time() - started
-        return gaps.copy(), float(plant.close_books().energy_residual), cpu_s
+        return gaps.copy(), float(plant.close_balance().energy_residual), cpu_s
 
     return run
 
@@ -285,6 +285,6 @@ def thesis_run(what: Problem, step_s: float) -> Run:
         started = time.process_time()
         k.plant_gaps(plant.model, plant.state, every, gaps)
         cpu_s = time.process_time() - started
-        return gaps, float(plant.close_books().energy_residual), cpu_s
+        return gaps, float(plant.close_balance().energy_residual), cpu_s
 
     return run

@@ -133,7 +133,7 @@ def plant_outcomes(
             shaken_j = shake(plant, plate_speed_m_s) if plate_speed_m_s else 0.0
             gaps = np.empty(steps)
             k.plant_gaps(plant.model, plant.state, 1, gaps)
-            books = plant.close_books()
+            books = plant.close_balance()
             missing_j = books.energy_residual * books.energy_start_j - shaken_j
             touching = np.concatenate([[False], gaps < 0.0])
             yield Outcome(
@@ -172,7 +172,7 @@ def thesis_contact() -> Iterator[tuple[float, float, float, float]]:
                 raise ValueError(f"the contact does not end within {most} steps")
             tk.step(plant.model, plant.state, 0.0)
             steps += 1
-        books = plant.close_books()
+        books = plant.close_balance()
         length = float(share * steps)
         yield float(share), length, abs(books.energy_residual), abs(books.momentum_residual)
 

@@ -21,7 +21,7 @@ from plant.schemes import discrete_gradient_kernels as whole
 from plant.schemes.discrete_gradient import DiscreteGradientPlant
 
 HalfModel = NamedTuple("HalfModel", list(whole.PlantModel.__annotations__.items()))
-close_books, modal_energy = whole.close_books, whole.modal_energy
+close_balance, modal_energy = whole.close_balance, whole.modal_energy
 
 @kernel(inline=True, borrowed=True)
 def step(model, state, f_a):
@@ -75,7 +75,7 @@ from plant.schemes import collocation_kernels as whole
 from plant.schemes.collocation import CollocationPlant
 
 FourthModel = NamedTuple("FourthModel", list(whole.CollocationModel.__annotations__.items()))
-close_books, modal_energy = whole.close_books, whole.modal_energy
+close_balance, modal_energy = whole.close_balance, whole.modal_energy
 has_slope, yields = whole.has_slope, whole.yields
 
 @kernel(borrowed=True)
@@ -181,7 +181,7 @@ for scheme, row in SCHEMES.items():
             step(plant.model, plant.state, 0.0)
         gaps.append(plant.state.body[pk.XI])
         assert plant.state.counts[pk.CONTACT_STEPS] > 0
-        assert abs(plant.close_books().energy_residual) < 1e-12
+        assert abs(plant.close_balance().energy_residual) < 1e-12
     assert gaps[0] == gaps[1]
 """
 

@@ -83,11 +83,11 @@ def test_energy_and_momentum_are_kept_at_any_step(step_us: float, residual: bool
     what = spec(step_s=step_us * 1e-6, loss_factor=0.0, limit_hz=30e3)
     plant = CollocationPlant(replace(what, residual_flexibility=residual))
     gaps(plant, lambda _: 0.0, 2000)
-    books = plant.close_books()
-    assert books.contact_steps > 0
-    assert abs(books.energy_residual) < 1e-11
-    assert abs(books.momentum_residual) < 1e-11
-    assert books.modal_j + books.kinetic_j + books.gravity_j > 0.0
+    balance = plant.close_balance()
+    assert balance.contact_steps > 0
+    assert abs(balance.energy_residual) < 1e-11
+    assert abs(balance.momentum_residual) < 1e-11
+    assert balance.modal_j + balance.kinetic_j + balance.gravity_j > 0.0
 
 
 @settings(max_examples=300, deadline=None)
@@ -252,6 +252,6 @@ def test_losses_are_booked_where_modes_turn_far_in_a_step(turn: float) -> None:
     plant = CollocationPlant(spec(loss_factor=0.1, step_s=turn / highest, lead_in_s=0.0))
     for _ in range(300):
         step(plant.model, plant.state, 0.0)
-    books = plant.close_books()
-    assert books.modal_dissipated_j > 1e-3 * books.energy_start_j
-    assert abs(books.energy_residual) < 1e-11
+    balance = plant.close_balance()
+    assert balance.modal_dissipated_j > 1e-3 * balance.energy_start_j
+    assert abs(balance.energy_residual) < 1e-11

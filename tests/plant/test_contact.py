@@ -119,15 +119,15 @@ def test_viscous_damping_takes_energy_and_the_books_balance() -> None:
     free = DiscreteGradientPlant(spec(contact=Contact(STIFFNESS), loss_factor=0.0))
     for plant in (damped, free):
         run(plant, 100)
-    books, undamped = damped.close_books(), free.close_books()
+    balance, undamped = damped.close_balance(), free.close_balance()
     # Rounding of 40 contact steps in sums of a few hundred terms.
-    assert abs(books.energy_residual) < 1e-12
-    assert abs(books.momentum_residual) < 1e-12
-    assert books.modal_dissipated_j == 0.0
+    assert abs(balance.energy_residual) < 1e-12
+    assert abs(balance.momentum_residual) < 1e-12
+    assert balance.modal_dissipated_j == 0.0
     assert undamped.contact_dissipated_j == 0.0
-    assert books.contact_dissipated_j > 0.05 * books.energy_start_j
-    left = books.kinetic_j + books.gravity_j + books.modal_j
-    assert left == pytest.approx(books.energy_start_j - books.contact_dissipated_j, rel=1e-12)
+    assert balance.contact_dissipated_j > 0.05 * balance.energy_start_j
+    left = balance.kinetic_j + balance.gravity_j + balance.modal_j
+    assert left == pytest.approx(balance.energy_start_j - balance.contact_dissipated_j, rel=1e-12)
     assert damped.sphere_speed_m_s() < free.sphere_speed_m_s()
 
 

@@ -91,9 +91,9 @@ def test_spectrum_gives_the_energy_that_an_undamped_plate_took(
 ) -> None:
     plant = DiscreteGradientPlant(spec(loss_factor=0.0, actuator_point_m=beside, limit_hz=60e3))
     rows = run(plant, 300, 20.0 * np.sin(np.arange(300) / 9.0))
-    books = plant.close_books()
+    balance = plant.close_balance()
     shares = noise.modal_shares_j(plant.modes, -rows.f_c, rows.f_a, 1e-6)
-    assert np.sum(shares) == pytest.approx(books.modal_j, rel=1e-9)
+    assert np.sum(shares) == pytest.approx(balance.modal_j, rel=1e-9)
 
 
 def test_mobility_of_many_modes_is_that_of_an_infinite_plate() -> None:

@@ -175,8 +175,8 @@ from tests.plant.rigs import run, spec
 for beside in (None, (0.28, 0.25)):
     plant = DiscreteGradientPlant(spec(limit_hz=8e3, actuator_point_m=beside, loss_factor=0.01))
     rows = run(plant, 200, 20.0 * np.sin(np.arange(200) / 9.0))
-    books = vars(plant.close_books())
-    print(json.dumps([rows.xi.tolist(), rows.v_p.tolist(), rows.f_c.tolist(), books]))
+    balance = vars(plant.close_balance())
+    print(json.dumps([rows.xi.tolist(), rows.v_p.tolist(), rows.f_c.tolist(), balance]))
 """
 
 
@@ -206,7 +206,7 @@ def test_discrete_gradient_keeps_the_energy_of_a_stiff_contact_at_short_steps(sh
     plant = DiscreteGradientPlant(replace(base, step_s=share * 2.9e-7, lead_in_s=0.0))
     for _ in range(round(3.0 / share)):
         k.step(plant.model, plant.state, 0.0)
-    books = plant.close_books()
-    assert books.contact_steps > 3
-    assert books.contact_j == 0.0
-    assert abs(books.energy_residual) < 1e-12
+    balance = plant.close_balance()
+    assert balance.contact_steps > 3
+    assert balance.contact_j == 0.0
+    assert abs(balance.energy_residual) < 1e-12

@@ -213,14 +213,14 @@ def test_flight_and_next_impact() -> None:
     assert flight_s == pytest.approx(2 * speed / 9.81, abs=4e-5)  # and the contact before
 
 
-def test_books_show_that_momentum_is_not_conserved() -> None:
+def test_the_balance_shows_that_momentum_is_not_conserved() -> None:
     plant = ThesisPlant(published(), 200)
     for _ in range(100):
         k.step(plant.model, plant.state, 0.0)
-    books = plant.close_books()
-    assert books.contact_impulse_n_s == pytest.approx(1.12e-3, rel=0.01)
-    assert books.momentum_change_n_s == pytest.approx(0.4408, rel=0.01)
-    assert abs(books.momentum_residual) > 0.5
+    balance = plant.close_balance()
+    assert balance.contact_impulse_n_s == pytest.approx(1.12e-3, rel=0.01)
+    assert balance.momentum_change_n_s == pytest.approx(0.4408, rel=0.01)
+    assert abs(balance.momentum_residual) > 0.5
 
 
 # It ends; then in circles of 1, 2, 3 and 4 numbers, and in none.
