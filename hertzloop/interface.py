@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from hertzloop.processes.launcher import RunFailed
     from hertzloop.results.comparison import Comparison, Difference
     from hertzloop.results.spans import RunFigures, SpanFigures
-    from plant.books import Books
+    from plant.balance import Balance
     from recordings.reader import Event, Recording
     from recordings.writer import RecordingError
     from studies.sweeps.design import DesignError
@@ -231,7 +231,7 @@ def _run(
     columns: Mapping[str, np.ndarray],
     values: np.ndarray,
     recording: "Recording | None",
-    books: "Books | BooksMessage",
+    books: "Balance | BooksMessage",
 ) -> Run:
     from hertzloop.results import pacing
     from hertzloop.results.conclusions import why_not_again

@@ -1,1 +1,1 @@
-"""The struck plate: modes, Hertz contact, time-stepping, books of energy and momentum."""
+"""A structure and a falling sphere: modes, contact, time steps, balance of energy and momentum."""

@@ -6,10 +6,11 @@ environment may ask for more.
 
 import os
 from collections.abc import Callable
-from functools import cache, wraps
+from functools import cache, lru_cache, wraps
 from threading import RLock
 from typing import ParamSpec, TypeVar
 
+import numpy as np
 from threadpoolctl import ThreadpoolController
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -51,3 +52,13 @@ def on_one_thread(function: Callable[Given, Result]) -> Callable[Given, Result]:
                 return function(*given, **named)
 
     return alone
+
+
+@lru_cache(maxsize=64)
+@on_one_thread
+def gauss(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes in (-1, 1) and weights, shape (count,) each; exact up to degree 2 count - 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    nodes.setflags(write=False)
+    weights.setflags(write=False)
+    return nodes, weights

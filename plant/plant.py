@@ -1,6 +1,7 @@
-"""A plant made from a description: model arrays, initial state, books at the end."""
+"""The description of a plant, its modes, and what every scheme makes of them."""
 
 import math
+from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
@@ -8,18 +9,14 @@ from typing import Any, Self
 
 import numpy as np
 
-from plant.actuator.mass import mass_loaded
-from plant.actuator.model import IDEAL, Actuator
-from plant.books import Books, balance
+from plant import state_kernels as pk
+from plant.actuator import IDEAL, Actuator, mass_loaded
+from plant.balance import Balance, balance
 from plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
-from plant.schemes import discrete_gradient_kernels as k
-from plant.schemes import sphere_kernels as sphere_k
-from plant.schemes import state_kernels as pk
-from plant.schemes.phi import phi
-from plant.structures.plate import Oscillators, Plate, oscillators
+from plant.structures.modes import Oscillators
+from plant.structures.plate import Plate
 from plant.structures.radiation import air_loss_factor
-from plant.structures.solid_plate import SolidPlate
-from plant.structures.structure import Structure
+from plant.structures.structure import Structure, oscillators
 
 
 @dataclass(frozen=True)
@@ -56,17 +53,15 @@ class PlantSpec:
 
     @cached_property
     def same_point(self) -> bool:
-        """Whether the actuator pushes at the struck point."""
+        """Whether the actuator pushes at the contact point."""
         return self.plate.same_point(self.contact_point_m, self.actuator_point_m)
 
     @property
     def simply_supported(self) -> Plate:
         """The plate, for what is known of a simply supported one only. Raises ValueError."""
-        if isinstance(self.plate, SolidPlate):
-            return self.plate.plate
-        if not isinstance(self.plate, Plate):
+        if self.plate.simply_supported is None:
             raise ValueError(f"not defined for {self.plate}; it takes a simply supported plate")
-        return self.plate
+        return self.plate.simply_supported
 
     @property
     def local_plate(self) -> Plate:
@@ -74,7 +69,7 @@ class PlantSpec:
         if self.plate.local_plate is None:
             raise ValueError(
                 "the impedance of an infinite plate is not known for plate.modes alone; give "
-                "plate.thickness_m, if what is struck is a plate there"
+                "plate.thickness_m, if the structure is a plate at the contact point"
             )
         return self.plate.local_plate
 
@@ -92,7 +87,7 @@ def modes_of(spec: PlantSpec) -> Oscillators:
     the plant has them, and the figures of its runs. `NO_MODES` for an infinite plate with too many.
 
     Raises ValueError for a mass on modes with loss factors of their own, or on a rigid body's,
-    and where air would damp a mode critically, or what is struck is no plate that it is known for.
+    where air would damp a mode critically, and where the structure's radiation is not known.
     """
     if spec.infinite_plate and spec.plate.modes_below(spec.frequency_limit_hz) > MOST_MODES:
         return NO_MODES
@@ -137,14 +132,6 @@ def _in_vacuum(spec: PlantSpec) -> Oscillators:
     return mass_loaded(modes, modes.scale_per_kg, spec.actuator.mass_kg, spring, spec.same_point)
 
 
-def _rows(values: np.ndarray, fill: float = 0.0) -> np.ndarray:
-    """Fill up to whole rows of LANES."""
-    count = -(-len(values) // k.LANES)
-    padded = np.full(count * k.LANES, fill)
-    padded[: len(values)] = values
-    return padded.reshape(count, k.LANES)
-
-
 def damped_frequency(modes: Oscillators) -> tuple[np.ndarray, float | np.ndarray]:
     """Theta of every oscillator (rad/s), and delta/Theta: one number, or one for every oscillator.
 
@@ -159,102 +146,15 @@ def damped_frequency(modes: Oscillators) -> tuple[np.ndarray, float | np.ndarray
     return omega * one_root, (modes.eta / 2.0) / one_root
 
 
-def build_model(spec: PlantSpec, modes: Oscillators) -> k.PlantModel:
-    """Coefficients of one exact step for every oscillator (arrays: rows x LANES).
+class Plant(ABC):
+    """A description as a run needs it: modes, model, state, and a balance at the end.
 
-    Raises ValueError for loss factors that differ from mode to mode.
-    """
-    h = spec.step_s
-    eta, scale = modes.eta, modes.scale_per_kg
-    theta, rho = damped_frequency(modes)
-    if isinstance(eta, np.ndarray) or isinstance(rho, np.ndarray):
-        raise ValueError(
-            "loss factors that differ from mode to mode are known to run.scheme = 'modal' only, "
-            "not to 'discrete_gradient'; take that scheme"
-        )
-    s = (-rho + 1j) * theta
-    turn = np.exp(s * h)
-    # A held force f/Theta moves z by f/Theta (e^(sh) - 1)/s; the rest position is -f/(Theta s).
-    # Written with phi_1: the difference would cancel for slow modes and short steps.
-    grown = scale / theta * h * phi(1, s * h)
-    swing = scale / theta / s * turn  # z minus its rest position, after that step from zero
-    same = spec.same_point
-    b_c, b_a = modes.contact, modes.actuator
-    # At one point z carries the output weight as well, so that the outputs are plain sums.
-    drive_c, drive_a = (b_c * b_c, b_c * b_c) if same else (b_c, b_a)
-    weight_c, weight_a = (np.ones_like(b_c),) * 2 if same else (b_c, b_a)
-
-    def gain(out: np.ndarray, drive: np.ndarray) -> float:
-        return float(np.sum(out * drive * grown.imag))
-
-    def speed_gain(drive: np.ndarray) -> float:
-        return float(np.sum(weight_c * drive * theta * (grown.real - rho * grown.imag)))
-
-    energy = 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c)))
-    loss_rr, loss_ri, loss_ii = _loss_form(theta, rho, h, turn, energy)
-    columns = {
-        k.ROT_RE: turn.real,
-        k.ROT_IM: turn.imag,
-        k.C_RE: drive_c * grown.real,
-        k.C_IM: drive_c * grown.imag,
-        k.THETA: theta,
-        k.A_RE: drive_a * grown.real,
-        k.A_IM: drive_a * grown.imag,
-        k.B_C: weight_c,
-        k.B_A: weight_a,
-        k.ENERGY: energy,
-        k.SWING_C_RE: drive_c * swing.real,
-        k.SWING_C_IM: drive_c * swing.imag,
-        k.SWING_A_RE: drive_a * swing.real,
-        k.SWING_A_IM: drive_a * swing.imag,
-        k.LOSS_RR: loss_rr,
-        k.LOSS_RI: loss_ri,
-        k.LOSS_II: loss_ii,
-    }
-    return k.PlantModel(
-        step_s=h,
-        mass_kg=spec.sphere.mass_kg,
-        gravity_m_s2=GRAVITY_M_S2,
-        stiffness=spec.contact.stiffness,
-        viscous_n_s_m=spec.contact.viscous_n_s_m,
-        hunt_crossley_s_m=spec.contact.hunt_crossley_s_m,
-        same_point=same,
-        damped=eta > 0.0,
-        rho=rho,
-        gain_cc=gain(weight_c, drive_c),
-        gain_ca=gain(weight_c, drive_a),
-        gain_ac=gain(weight_a, drive_c),
-        gain_aa=gain(weight_a, drive_a),
-        speed_gain_cc=speed_gain(drive_c),
-        speed_gain_ca=speed_gain(drive_a),
-        # Padding divides by theta; with no drive it never moves.
-        table=np.stack([_rows(columns[c], float(c == k.THETA)) for c in range(k.COLUMNS)]),
-    )
-
-
-def _loss_form(
-    theta: np.ndarray, rho: float, h: float, turn: np.ndarray, energy: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Energy lost in a step as rr yr^2 + ri yr yi + ii yi^2 of y = yr + i yi at its end."""
-
-    def lost(y_end: complex) -> np.ndarray:
-        y = y_end / turn
-        terms = pk.dissipation(theta, rho, h, y.real, y.imag, turn.real, turn.imag)
-        return np.asarray(energy * terms)
-
-    rr, ii = lost(1.0), lost(1.0j)
-    return rr, lost(1.0 + 1.0j) - rr - ii, ii
-
-
-class Plant:
-    """The second-order scheme `discrete_gradient`: model and state, driven by `kernels.step`.
-
-    Other schemes offer the same attributes and the same kernel signature
-    step(model, state, f_a) -> f_c.
+    A scheme says how a step is made: `kernels` is a module with `step(model, state, f_a) -> f_c`,
+    `close_balance(model, state)` and `modal_energy(model, state)`. Its state has the arrays `body`,
+    `balance` and `counts` of `plant.state_kernels`, and more as it likes.
     """
 
-    scheme = "discrete_gradient"
-    kernels: Any = k
+    kernels: Any
     touch_phase = 0.5  # of a step, from the last sample above the plate to the first touch
 
     def __init__(self, spec: PlantSpec) -> None:
@@ -263,8 +163,17 @@ class Plant:
         self.model: Any = self._build_model()
         self.state = self._initial_state()
 
+    @abstractmethod
     def _build_model(self) -> Any:
-        return build_model(self.spec, self.modes)
+        """What does not change during a run, a NamedTuple of its own type."""
+
+    @abstractmethod
+    def _empty_state(self) -> Any:
+        """The state at the start of a run, but for the sphere."""
+
+    @abstractmethod
+    def contact_energy_j(self) -> float:
+        """Energy stored in the contact at the present step, J."""
 
     def at_start(self, touch_phase: float = 0.5) -> Self:
         """The same plant at the start of a run: model shared, state new."""
@@ -273,28 +182,10 @@ class Plant:
         new.state = new._initial_state()
         return new
 
-    def contact_energy_j(self) -> float:
-        """Energy stored in the contact at the present step, J."""
-        penetration = max(-float(self.state.body[pk.XI]), 0.0)
-        return float(0.4 * self.model.stiffness * penetration**2.5)
-
-    def _empty_state(self) -> Any:
-        rows = self.model.table.shape[1]
-        state = k.PlantState(
-            z=np.zeros((2, rows, k.LANES)),
-            free=np.zeros((2, rows, k.LANES)),
-            lanes=np.zeros((3, k.LANES)),
-            body=np.zeros(pk.BODY_SIZE),
-            books=np.zeros(pk.BOOKS_SIZE),
-            counts=np.zeros(pk.COUNTS_SIZE, np.int64),
-        )
-        state.counts[pk.ROWS] = rows
-        return state
-
     def _initial_state(self) -> Any:
         state = self._empty_state()
         spec = self.spec
-        state.body[pk.FLIGHT_X], state.body[pk.FLIGHT_V] = sphere_k.released(
+        state.body[pk.FLIGHT_X], state.body[pk.FLIGHT_V] = pk.released(
             float(spec.sphere.impact_speed_m_s), GRAVITY_M_S2, float(spec.lead_in_s), spec.step_s,
             float(self.touch_phase),
         )  # fmt: skip
@@ -305,11 +196,11 @@ class Plant:
     def sphere_speed_m_s(self) -> float:
         """Speed of the sphere at the present step, up positive."""
         body, counts = self.state.body, self.state.counts
-        return float(sphere_k.speed_now(GRAVITY_M_S2, self.model.step_s, body, counts))
+        return float(pk.speed_now(GRAVITY_M_S2, self.model.step_s, body, counts))
 
-    def close_books(self) -> Books:
-        """Balance of the run so far; to be called once, at its end. See `balance`."""
-        self.kernels.close_books(self.model, self.state)
+    def close_balance(self) -> Balance:
+        """Energy and momentum of the run so far; to be called once, at its end. See `balance`."""
+        self.kernels.close_balance(self.model, self.state)
         return balance(
             self.model,
             self.state,

@@ -35,7 +35,7 @@ def modes_of_scene(setup: Setup, grid: bool = False) -> ModeTable:
     """
     from plant.plant import air_eta
     from plant.schemes.collocation import residual_m_n
-    from plant.structures.plate import oscillators
+    from plant.structures.structure import oscillators
 
     spec = setup.plant
     if spec.infinite_plate:
@@ -64,13 +64,13 @@ def _on_grid(
     spec: "PlantSpec", limit: float, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     from hertzloop.results.deflection import axes
-    from plant.structures.edged_plate import EdgedPlate
-    from plant.structures.plate import Plate, oscillator_shapes
-    from plant.structures.solid_plate import SolidPlate
+    from plant.structures.structure import oscillator_shapes
 
     what, points = spec.plate, (spec.contact_point_m, spec.actuator_point_m)
-    if not isinstance(what, Plate | EdgedPlate | SolidPlate):
-        raise SceneError("the modes come from a file; take its own grid")
+    if what.size_m is None:
+        if what.mode_table is not None:
+            raise SceneError("the modes come from a file; take its own grid")
+        raise SceneError(f"{what} has no shapes on a grid; leave out --grid")
     if count > _GRID_MODES:
         raise SceneError(
             f"{count} modes are too many for shapes on a grid, the most is {_GRID_MODES}; take a "

@@ -14,6 +14,7 @@ from hertzloop.results.overlay import Overlay, overlay
 from hertzloop.results.stability import StabilityMeter
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
+from plant.schemes.registry import SCHEMES
 from recordings.reader import Recording
 from recordings.replay import as_rerun as rerun_replay
 from recordings.replay import viewer
@@ -205,7 +206,7 @@ def _told(
 def _energies(setup: Setup, own: Overlay, twin: Twin | None, explodes: bool) -> Plot:
     """The ledger as a plot in a unit with readable numbers."""
     # Where the published scheme ends a contact, its sphere jumps.
-    whole = setup.scheme != "thesis2008"
+    whole = SCHEMES[setup.scheme].conserves
     size_j = own.start_j if whole else float(np.max(own.lines["plate"].values, initial=0.0))
     factor, unit = next((f for f in _PREFIXES if size_j >= f[0]), _PREFIXES[-1])
     curves = [

@@ -100,7 +100,7 @@ def calibrate(
     json_file: JsonOption = None,
 ) -> None:
     """Damping parameters of the published scheme for a coefficient of restitution."""
-    from plant.figures import calibration
+    from plant.schemes import thesis2008 as calibration
 
     resolved = scene_from(scene, settings, None)
     check_json(json_file)

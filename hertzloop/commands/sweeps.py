@@ -68,6 +68,7 @@ def sweep(
     json_file: JsonOption = None,
 ) -> None:
     """Simulate a scene over ranges of its keys; a killed sweep goes on with the same command."""
+    from plant.schemes.registry import SCHEMES
     from studies.sweeps import sweep as study
     from studies.sweeps.design import DesignError, make_design
     from studies.sweeps.journal import JournalError
@@ -84,7 +85,7 @@ def sweep(
     check_writable(target.parent)  # for what is unfinished, even where a file may be replaced
     beside = (target.with_name(target.name + end) for end in (".json", ".partial"))
     check_json(json_file, target, *beside)
-    if resolved.scheme == "thesis2008":
+    if not SCHEMES[resolved.scheme].conserves:
         fail(NO_CASE_OF_THESIS, 2)
     if dask is not None:
         _check_scheduler(dask)

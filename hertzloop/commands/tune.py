@@ -91,6 +91,7 @@ def tune(
     """Find the law and parameters that do best under a scene's latency, bits and force limit; a
     killed search goes on with the same command."""
     need("matplotlib", "pymoo")
+    from plant.schemes.registry import SCHEMES
     from studies.latency.study import LAWS
     from studies.sweeps.design import DesignError, check_keys, parse_axis
     from studies.sweeps.evaluate import Tally
@@ -101,7 +102,7 @@ def tune(
 
     check_json(json_file)
     bases = [scene_from(name, settings, seed) for name in scenes or [DEFAULT]]
-    if any(base.scheme == "thesis2008" for base in bases):
+    if any(not SCHEMES[base.scheme].conserves for base in bases):
         fail(NO_CASE_OF_THESIS, 2)
     objectives = tuple(minimise or ("plate_energy_db", "rebound_percent"))
     limits = _limits(at_most or [])

@@ -22,7 +22,7 @@ from hertzloop.scenes.quantities import SENSED
 from hertzloop.setup import Setup
 from hertzloop.setup.setup import PHASE_STREAM
 from jit.object_code import leaves
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
 from sensors.acquisition import NOISE_STREAM
 
 _MODEL, _STATE, _NOISE = range(3)

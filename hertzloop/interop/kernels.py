@@ -11,13 +11,11 @@ import numpy as np
 from hertzloop.loop import kernels as loop
 from jit import kernel
 from jit.by_type import by_type
-from plant.schemes import collocation_kernels as collocation
-from plant.schemes import discrete_gradient_kernels as discrete_gradient
-from plant.schemes import infinite_kernels as infinite
-from plant.schemes import sphere_kernels as sphere
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
+from plant import state_kernels as sphere
+from plant.schemes.registry import offering
 
-# Indices into a unit's energies (J); RESIDUAL: relative, see plant.books.balance.
+# Indices into a unit's energies (J); RESIDUAL: relative, see plant.balance.balance.
 KINETIC, GRAVITY, MODAL, CONTACT, INJECTED, MODAL_LOST, AIR_LOST, TAIL_LOST = range(8)
 CONTACT_LOST, PLASTIC_LOST, RESIDUAL = range(8, 11)
 ENERGIES = 11
@@ -37,34 +35,17 @@ class Unit(NamedTuple):
     lead_s: float
 
 
-@kernel(inline=True, borrowed=True)
-def _in_body(model, state):
-    return state.body[collocation.STORED]
-
-
-@kernel(inline=True, borrowed=True)
-def _in_infinite(model, state):
-    return state.body[infinite.STORED]
-
-
-@kernel(inline=True, borrowed=True)
-def _by_depth(model, state):
-    return 0.4 * model.stiffness * max(-state.body[pk.XI], 0.0) ** 2.5
-
-
-_KNOWN = {
-    collocation.CollocationModel: (collocation, _in_body),
-    discrete_gradient.PlantModel: (discrete_gradient, _by_depth),
-    infinite.InfiniteModel: (infinite, _in_infinite),
-}
-_stored = by_type({model: stored for model, (_, stored) in _KNOWN.items()})
-_close_books = by_type({model: kernels.close_books for model, (kernels, _) in _KNOWN.items()})
-_modal_energy = by_type({model: kernels.modal_energy for model, (kernels, _) in _KNOWN.items()})
+_STORED = offering("contact_energy")
+_stored = by_type(_STORED)
+_close_balance, _modal_energy = (
+    by_type(offering("close_balance")),
+    by_type(offering("modal_energy")),
+)
 
 
 def is_known(model: Any) -> bool:
-    """Whether a plant's model can be exported."""
-    return type(model) in _KNOWN
+    """Whether a plant's model can be exported: its kernels tell all energies."""
+    return type(model) in _STORED
 
 
 @kernel(borrowed=True)
@@ -93,8 +74,8 @@ def balance(unit):
     """The energies at the present step. It closes the books: the run goes on from a copy of the
     state from before."""
     model, state, energies = unit.plant, unit.plant_state, unit.energies
-    books, mass, gravity = state.books, model.mass_kg, model.gravity_m_s2
-    _close_books(model, state)
+    books, mass, gravity = state.balance, model.mass_kg, model.gravity_m_s2
+    _close_balance(model, state)
     speed = sphere.speed_now(gravity, model.step_s, state.body, state.counts)
     energies[KINETIC] = 0.5 * mass * speed * speed
     energies[GRAVITY] = mass * gravity * state.body[pk.XI_S]

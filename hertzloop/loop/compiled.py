@@ -22,9 +22,9 @@ from hertzloop.loop.watchdog import watching
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.setup import Setup
-from plant.books import Books
+from plant import state_kernels as pk
+from plant.balance import Balance
 from plant.plant import Plant
-from plant.schemes import state_kernels as pk
 from plant.time_series import series_under
 from sensors import kernels as sk
 
@@ -63,7 +63,7 @@ class Simulated:
     forces: np.ndarray
     modes: np.ndarray
     delays: np.ndarray
-    books: Books
+    books: Balance
     over: bool
 
 
@@ -101,7 +101,7 @@ def simulate(setup: Setup, impact_only: bool = False, own_plant: Plant | None = 
         controller.forces[:steps],
         modes[:taken],
         delays[:taken],
-        plant.close_books(),
+        plant.close_balance(),
         bool(over),
     )
 

@@ -16,8 +16,8 @@ from bus.lane_kernels import now_ns
 from controller import kernels as ck
 from controller import law_kernels as laws
 from jit import kernel
+from plant import state_kernels as pk
 from plant.figures import answer_kernels as an
-from plant.schemes import state_kernels as pk
 from plant.time_series import record_step
 from sensors import kernels as sk
 

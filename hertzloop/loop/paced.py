@@ -23,7 +23,7 @@ from hertzloop.loop.plant_node import PlantNode
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from jit import kernel
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
 
 # Indices into Pace.counts. START_NS: when step 0 was due; PUT: samples put into the lane; the
 # longest response, lateness of a force and lag of the plant behind the clock; time spent waiting

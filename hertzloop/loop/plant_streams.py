@@ -13,8 +13,9 @@ from bus.streams import StreamFault, versions_here
 from hertzloop.loop import kernels as k
 from hertzloop.loop.events import PlantEvents, log
 from hertzloop.setup import Setup
-from plant.contact.plastic import above_dent_m
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
+from plant.contact.yielding import above_dent_m
+from plant.schemes.registry import SCHEMES
 from plant.time_series import COLUMNS, TRUTH
 
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
@@ -44,7 +45,7 @@ def truth_columns(rows: np.ndarray, setup: Setup, same_point: bool) -> dict[str,
     arrays = dict(zip(TRUTH, rows, strict=True))
     if same_point:
         del arrays["xi_a_m"]
-    if setup.scheme != "modal":
+    if not SCHEMES[setup.scheme].records_slope:
         del arrays["f_c1_n"]
     if setup.actuator.bandwidth_hz is None:
         del arrays["f_a1_n"]
@@ -180,7 +181,7 @@ class PlantStreams:
     def finish(self) -> None:
         """Publish the books and the counts."""
         plant = self.plant
-        closed = plant.close_books()
+        closed = plant.close_balance()
         header = Books(
             **vars(closed),
             frequencies=len(plant.modes.omega),

@@ -13,11 +13,10 @@ import numpy as np
 from hertzloop.results.figures import pieces_of
 from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, V_P, XI_A, Block
 from hertzloop.setup import Setup
+from plant.numerics import phi
 from plant.plant import RIGID_RAD_S, PlantSpec, air_eta
-from plant.schemes.phi import phi
-from plant.structures.edged_plate import EdgedPlate
-from plant.structures.modal_structure import ModalStructure
-from plant.structures.solid_plate import SolidPlate
+from plant.structures.mode_file import ModeTable
+from plant.structures.structure import Structure
 from recordings.reader import Recording
 from recordings.replay.data import Contact, Deflection, Span, contacts_of
 
@@ -103,10 +102,8 @@ def separable_modes(
     )  # fmt: skip
 
 
-def _edged_modes(
-    spec: PlantSpec, plate: EdgedPlate | SolidPlate, x_m: np.ndarray, y_m: np.ndarray
-) -> Modes:
-    """The lower modes of a plate with other edges, or in three dimensions."""
+def _edged_modes(spec: PlantSpec, plate: Structure, x_m: np.ndarray, y_m: np.ndarray) -> Modes:
+    """The lower modes of what has shapes of its own."""
     limit = 2.0 * np.pi * spec.frequency_limit_hz
     modes = plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
     if len(modes.omega) > _MOST_MODES:
@@ -119,14 +116,27 @@ def _edged_modes(
     )  # fmt: skip
 
 
-def _modes_of_file(
-    spec: PlantSpec, structure: ModalStructure
-) -> tuple[np.ndarray, np.ndarray, Modes]:
+def _flat_grid(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray]:
+    """A small grid around the contact, (3,) and (3,), for what has no shapes."""
+    flat = _FLAT_RADII * spec.sphere.radius_m * np.array([-1.0, 0.0, 1.0])
+    return spec.contact_point_m[0] + flat, spec.contact_point_m[1] + flat
+
+
+def _without_shapes(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray, Modes]:
+    """Grid and modes of a structure that has no shapes: it stays flat."""
+    limit = 2.0 * np.pi * spec.frequency_limit_hz
+    modes = spec.plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
+    flat = np.zeros((len(modes.omega), 3, 3))
+    return *_flat_grid(spec), _modes(
+        spec, modes.omega, modes.eta, modes.scale_per_kg, modes.at_contact, modes.at_actuator,
+        (flat,),
+    )  # fmt: skip
+
+
+def _modes_of_file(spec: PlantSpec, table: ModeTable) -> tuple[np.ndarray, np.ndarray, Modes]:
     """Grid and modes of a file; without a grid in it a small one that stays flat."""
-    table = structure.table
     if table.grid is None:
-        flat = _FLAT_RADII * spec.sphere.radius_m * np.array([-1.0, 0.0, 1.0])
-        grid = spec.contact_point_m[0] + flat, spec.contact_point_m[1] + flat
+        grid = _flat_grid(spec)
         shapes = np.zeros((len(table.omega_rad_s), 3, 3))
     else:
         grid, shapes = table.grid[:2], table.grid[2]
@@ -309,12 +319,15 @@ def deflection(
         found = contacts_of(recording.truth.pieces()) if contacts is None else contacts
         frames = frame_steps(recording.truth.samples, [(one.first, one.end) for one in found])
     contact, structure, known = spec.contact_point_m, spec.plate, True
-    if isinstance(structure, ModalStructure):
-        known = structure.table.grid is not None
-        x, y, modes = _modes_of_file(spec, structure)
+    if structure.mode_table is not None:
+        known = structure.mode_table.grid is not None
+        x, y, modes = _modes_of_file(spec, structure.mode_table)
+    elif structure.size_m is None:
+        known = False
+        x, y, modes = _without_shapes(spec)
     else:
         x, y = axes(setup.size_m or (1.0, 1.0), contact, NODES)
-        if isinstance(structure, EdgedPlate | SolidPlate):
+        if structure.separable is None:
             modes = _edged_modes(spec, structure, x, y)
         else:
             modes = separable_modes(spec, x, y, per_axis)

@@ -8,16 +8,13 @@ from hertzloop.results.extremes import Extremes
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from plant.contact.hertz import Sphere
-from plant.contact.strength import Strength
-from plant.figures import criteria
+from plant.contact.yielding import Strength
+from plant.estimates import criteria
+from plant.estimates.plate_theory import KirchhoffError, kirchhoff_error, thickness_number
+from plant.estimates.plate_theory import zener_inelasticity as inelasticity
 from plant.plant import PlantSpec
 from plant.schemes.collocation import flexibility_m_n
-from plant.structures.edged_plate import EdgedPlate
-from plant.structures.modal_structure import ModalStructure
 from plant.structures.plate import Plate
-from plant.structures.plate_theory import KirchhoffError, kirchhoff_error, thickness_number
-from plant.structures.plate_theory import zener_inelasticity as inelasticity
-from plant.structures.solid_plate import SolidPlate
 
 _SQUARE = 1e-3  # difference of the sides up to which a plate is square
 _DIGITS = 3  # of length and force, for what takes an integral that is kept
@@ -132,7 +129,7 @@ class Facts:
     def first_return_s(self) -> float:
         """When bending waves are back from an edge, s."""
         size = self.setup.size_m
-        if self.local is None or size is None or isinstance(self.spec.plate, ModalStructure):
+        if self.local is None or size is None or self.spec.plate.mode_table is not None:
             return math.nan
         point = self.spec.contact_point_m
         return criteria.first_return_s(self.local, size, point, self.run.contact_s)
@@ -145,8 +142,8 @@ class Facts:
     @cached_property
     def revival_s(self) -> float:
         """When a square plate's modes are in phase again, s; zero for what has no such time."""
-        plate = self.spec.plate
-        if not isinstance(plate, Plate) or self.spec.infinite_plate:
+        plate = self.spec.plate.separable
+        if plate is None or self.spec.infinite_plate:
             return 0.0
         x, y = plate.size_m
         return criteria.revival_s(plate, x) if abs(x - y) <= _SQUARE * x else 0.0
@@ -196,13 +193,13 @@ class Facts:
     @property
     def solid(self) -> str:
         """The key that makes the plate an elastic solid, "" if it is none."""
-        return "plate.theory" if isinstance(self.spec.plate, SolidPlate) else ""
+        return "plate.theory" if self.spec.plate.solid else ""
 
     @property
     def air_share(self) -> float:
         """Loss factor by air over the plate's own."""
         plate = self.spec.plate
-        if self.local is None or not isinstance(plate, Plate | EdgedPlate):
+        if self.local is None or plate.solid or plate.mode_table is not None:
             return math.nan
         own = self.local.eta
         return criteria.air_loss_factor(self.local) / own if own else math.inf

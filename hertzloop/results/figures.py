@@ -20,10 +20,9 @@ from hertzloop.results.spans import WholeRunMeter, of_impact
 from hertzloop.results.stability import StabilityMeter
 from hertzloop.results.verdict import PushMeter, saturation_of
 from hertzloop.setup import Setup
-from plant.books import Books as BooksOfRun
+from plant.balance import Balance
 from plant.figures.impacts import Impact
-from plant.structures.edged_plate import EdgedPlate
-from plant.structures.modal_structure import ModalStructure
+from plant.schemes.registry import SCHEMES
 from plant.time_series import TRUTH
 from recordings.columns import Arrays
 from recordings.reader import Recording
@@ -105,7 +104,7 @@ def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> dict[str, An
     stable, asked = StabilityMeter(setup), DemandMeter(spec)
     extremes, push = ExtremesMeter(spec), PushMeter(setup)
     impacts: list[Impact] = []
-    whole = None if setup.scheme == "thesis2008" else WholeRunMeter(spec)
+    whole = WholeRunMeter(spec) if SCHEMES[setup.scheme].conserves else None
     for meter in (stable, asked, extremes, push):
         blocks = meter.through(blocks)
     blocks = whole.through(blocks) if whole else blocks
@@ -129,7 +128,7 @@ def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> dict[str, An
 
 
 def reported(
-    setup: Setup, columns: Arrays, books: Books | BooksOfRun, known: dict[str, Any]
+    setup: Setup, columns: Arrays, books: Books | Balance, known: dict[str, Any]
 ) -> dict[str, Any]:
     """What a verdict needs of a run whose columns of truth are in memory: its figures, what its
     energy balance says, and what else is `known` of it (law, saturation, pacing)."""
@@ -140,7 +139,7 @@ def reported(
     return {**figures_of(setup, stacked(columns)), **known, **more}
 
 
-def yield_of(books: Books | BooksOfRun) -> dict[str, float] | None:
+def yield_of(books: Books | Balance) -> dict[str, float] | None:
     """Dent and energy of a contact that yielded; None of one that did not."""
     if books.dent_m == 0.0:
         return None
@@ -158,17 +157,11 @@ def struck(setup: Setup) -> dict[str, Any]:
     """What is struck: `name`, `closed_form`, and what its modes are worth; see `Reached` and
     `ModalStructure.mobility_ratio`."""
     what = setup.structure
-    found: dict[str, Any] = {"name": str(what), "closed_form": False}
-    if isinstance(what, EdgedPlate):
-        return found | asdict(what.reached)
-    if isinstance(what, ModalStructure):
-        modes = setup.scene.plate.modes
-        return found | {
-            "modes_in_file": len(what.table.omega_rad_s),
-            "sha256": modes.sha256 if modes else "",
-            "mobility_ratio": what.mobility_ratio,
-        }
-    return found | {"name": "a simply supported plate", "closed_form": True}
+    if what.quality is None:
+        return {"name": "a simply supported plate", "closed_form": True}
+    modes = setup.scene.plate.modes
+    of_file = {} if what.mode_table is None else {"sha256": modes.sha256 if modes else ""}
+    return {"name": str(what), "closed_form": False, **what.quality, **of_file}
 
 
 def of_recording(

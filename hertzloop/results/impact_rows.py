@@ -28,11 +28,12 @@ from hertzloop.results.impact_windows import (
 )
 from hertzloop.setup import Setup
 from plant.contact.hertz import GRAVITY_M_S2
-from plant.figures.impact_noise import published_noise
 from plant.figures.impacts import Impact
+from plant.figures.noise import published_noise
 from plant.plant import PlantSpec, modes_of
+from plant.schemes.registry import SCHEMES
 from plant.schemes.thesis2008 import relative_speed_m_s, sampled
-from plant.structures.plate import Oscillators
+from plant.structures.modes import Oscillators
 from plant.time_series import COLUMNS
 
 __all__ = [
@@ -66,7 +67,7 @@ def impacts_of_blocks(
     """The same from rows that come in blocks, in the order of their steps; each impact as soon as
     the next one starts. Where steps are missing, a run ends and another begins. `modes`: those
     among which the energy is divided, if not all of the plate."""
-    if setup.scheme == "thesis2008":
+    if not SCHEMES[setup.scheme].conserves:
         return _published(setup, blocks)
     spec = setup.plant
 

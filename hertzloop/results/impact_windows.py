@@ -11,17 +11,22 @@ from typing import Protocol
 
 import numpy as np
 
-from plant.contact.plastic import dents_m, elastic_n
+from plant.contact.yielding import dents_m, elastic_n
 from plant.figures import answer_kernels as an
 from plant.figures import rows_kernels as k
-from plant.figures.impact_noise import impact_noise
-from plant.figures.impacts import Impact, contacts, impacts, step_work_j
-from plant.figures.noise import ImpactNoise, modal_drive, shares_of_drive_j
-from plant.figures.peaks import peak_force_n, peak_speed_m_s
+from plant.figures.impacts import (
+    Impact,
+    contacts,
+    impacts,
+    peak_force_n,
+    peak_speed_m_s,
+    step_work_j,
+)
+from plant.figures.noise import ImpactNoise, impact_noise, modal_drive, shares_of_drive_j
 from plant.plant import PlantSpec
 from plant.schemes.collocation import damped_tail, flexibility_m_n
 from plant.schemes.infinite import impedance_n_s_m
-from plant.structures.plate import Oscillators
+from plant.structures.modes import Oscillators
 from plant.time_series import COLUMNS, DEEPEST, F_A, F_A1, F_C, F_C1, V_P, XI, XI_A, XI_P, XI_S
 
 # Rows of truth, shape (10, steps).

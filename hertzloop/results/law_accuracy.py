@@ -20,8 +20,7 @@ from hertzloop.results.verify import (
 )
 from hertzloop.setup import Setup
 from plant.plant import PlantSpec
-from plant.structures.plate import Plate
-from plant.structures.solid_plate import SolidPlate
+from plant.schemes.registry import SCHEMES
 
 _FAR = 2.0  # times what is expected: twice the modes hardly change more where the law decides alike
 _MOST_STEPS = 2_000_000  # that are simulated in memory
@@ -76,7 +75,8 @@ def judged(setup: Setup, until_s: float) -> LawAccuracy | None:
     without an impact that ends by then, and where the law stops.
     """
     steps = min(round(until_s / setup.step_s) + 3, setup.steps)
-    if not setup.has_law or setup.scheme == "thesis2008" or steps > _MOST_STEPS:
+    converges = SCHEMES[setup.scheme].converges
+    if not setup.has_law or not converges or steps > _MOST_STEPS:
         return None
     # How long a run lasts may decide about the model of its plate.
     short = setup.on_plate(setup.plate_model).lasting(steps)
@@ -102,7 +102,7 @@ def judged(setup: Setup, until_s: float) -> LawAccuracy | None:
 
 def _twice_the_modes(setup: Setup) -> PlantSpec | None:
     spec = setup.plant
-    if spec.infinite_plate or not isinstance(spec.plate, Plate | SolidPlate):
+    if spec.infinite_plate or spec.plate.simply_supported is None:
         return None
     # Beyond 1/(2 step) is what the steps of a held force put in, which no sample carries.
     limit_hz = min(finer_spec(setup).frequency_limit_hz, 0.5 / setup.step_s)

@@ -24,11 +24,11 @@ from plant.figures.sound import (
     rung_j,
 )
 from plant.plant import MOST_MODES
-from plant.structures.edged_plate import EdgedPlate
-from plant.structures.modal_structure import ModalStructure
+from plant.structures.mode_file import ModeTable
+from plant.structures.modes import NO_PARTICIPATION
 from plant.structures.plate import Plate
 from plant.structures.radiation import air_loss_factor, efficiency_wallace
-from plant.structures.structure import NO_PARTICIPATION, Structure
+from plant.structures.structure import Structure
 
 RATE_HZ = 48_000
 _NODES_A_WAVE = 6.0  # at the highest frequency, of the shorter of both waves
@@ -70,10 +70,11 @@ def radiator_of(setup: Setup) -> Radiator:
     if structure.modes_below(limit_hz) > MOST_MODES:
         raise _too_many(structure.modes_below(limit_hz), limit_hz)
     modes = structure.modes(omega_max, spec.contact_point_m, spec.actuator_point_m)
-    if isinstance(structure, ModalStructure):
-        x, y, shapes = _of_file(structure, omega_max)
+    if structure.mode_table is not None:
+        x, y, shapes = _of_file(structure.mode_table, omega_max)
+    elif structure.size_m is None:
+        raise SceneError(f"nothing can be heard of {structure}, which has no shapes on a grid")
     else:
-        assert isinstance(structure, Plate | EdgedPlate)
         size = setup.size_m or (1.0, 1.0)
         x, y = (_midpoints(length, _spacing(structure, omega_max)) for length in size)
         shapes = structure.on_grid(omega_max, x, y)
@@ -105,22 +106,20 @@ def radiation_loss(structure: Structure, omega: np.ndarray, faces: int = 1) -> n
     """Loss factors by what modes radiate, (modes,): a plate that rings on as in a vacuum radiates
     more than it was given. Zero for what is no simply supported plate, whose efficiencies are not
     known."""
-    if not isinstance(structure, Plate):
+    if structure.separable is None:
         return np.zeros(len(omega))
-    return air_loss_factor(structure, omega / (2.0 * math.pi), faces)
+    return air_loss_factor(structure.separable, omega / (2.0 * math.pi), faces)
 
 
-def _of_file(
-    structure: ModalStructure, omega_max: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    if structure.table.grid is None:
+def _of_file(table: ModeTable, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    if table.grid is None:
         raise SceneError(
             "the file of plate.modes has no shapes on a grid, without which nothing can be heard; "
             "write them into it (hertzloop modes --grid shows how)"
         )
-    x, y, shapes = structure.table.grid
-    below = structure.table.omega_rad_s <= omega_max
-    per_mass = structure.table.per_modal_mass_1_kg[below]
+    x, y, shapes = table.grid
+    below = table.omega_rad_s <= omega_max
+    per_mass = table.per_modal_mass_1_kg[below]
     same = bool(len(per_mass)) and bool(np.all(per_mass == per_mass[0]))
     scale = 1.0 if same else np.sqrt(per_mass)[:, None, None]
     return x, y, shapes[below] * scale
@@ -193,8 +192,8 @@ class Radiated:
 def radiated(setup: Setup, drive: Drive, grid: Grid) -> Radiated | None:
     """The sound energy of a run; None for what is no simply supported plate."""
     spec = setup.plant
-    plate = spec.plate
-    if not isinstance(plate, Plate):
+    plate = spec.plate.separable
+    if plate is None:
         return None
     radiator = radiator_of(setup)
     m, n, _ = plate.mode_numbers(2.0 * math.pi * _limit_hz(setup))

@@ -9,11 +9,11 @@ import numpy as np
 
 from hertzloop.setup import Setup
 from hertzloop.setup.setup import built
+from plant import state_kernels as pk
 from plant.plant import Plant, PlantSpec
-from plant.schemes import state_kernels as pk
 from plant.schemes.infinite import impedance_n_s_m
-from plant.structures.plate import frequencies
-from plant.structures.solid_plate import SolidPlate
+from plant.schemes.registry import SCHEMES
+from plant.structures.structure import frequencies
 from plant.time_series import series_under
 
 _COUNTED = 500_000  # modes; beyond, the full model is only said to be larger
@@ -33,7 +33,7 @@ def chosen_model(setup: Setup) -> dict[str, Any] | None:
     measured now, None where that would take long. None for the published scheme, which always
     has the full model.
     """
-    if setup.scheme == "thesis2008":
+    if not SCHEMES[setup.scheme].limits_modes:
         return None
     spec = setup.plant
     lasts_s, local = setup.infinite_plate_lasts_s, spec.plate.local_plate
@@ -47,7 +47,7 @@ def chosen_model(setup: Setup) -> dict[str, Any] | None:
 
 def _full_model(setup: Setup, spec: PlantSpec) -> dict[str, Any]:
     limit_hz = 0.5 / setup.step_s
-    if isinstance(spec.plate, SolidPlate):
+    if spec.plate.mode_table is None:
         limit_hz = min(limit_hz, spec.plate.highest_hz)
     modes = spec.plate.modes_below(limit_hz)
     full: dict[str, Any] = {

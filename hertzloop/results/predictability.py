@@ -14,6 +14,7 @@ import numpy as np
 from hertzloop.loop.compiled import closed_loop_rows
 from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, impacts_of_blocks
 from hertzloop.setup import Setup
+from plant.schemes.registry import SCHEMES
 
 DISTURBANCE = 1e-9  # of the sphere's speed at the start
 # What rounding does is as if the start differed by 2e-16 to 6e-16 (measured between a processor
@@ -49,7 +50,7 @@ def known_impacts(
     can depend on an impact before, and of the published scheme. `model_error`: relative, of the
     run. A run that was not `in_lock_step` has other impacts than the disturbed one for that reason
     alone: each is known as well as the same one in lock-step."""
-    if len(impacts) < 2 or setup.scheme == "thesis2008":
+    if len(impacts) < 2 or not SCHEMES[setup.scheme].converges:
         return None
     others = _impacts(setup, DISTURBANCE)
     run = [] if in_lock_step else _impacts(setup)[: len(impacts)]
@@ -106,7 +107,7 @@ def errors_of(
 def horizon_step(setup: Setup, tolerance: float) -> int | None:
     """First step at which two processors may differ by more than `tolerance` of a field's largest
     value, None if they agree to the end. Raises SceneError where the scene cannot be simulated."""
-    if setup.scheme == "thesis2008":
+    if not SCHEMES[setup.scheme].converges:
         return None
     allowed = tolerance * DISTURBANCE / ROUNDING
     largest = 0.0 * next(closed_loop_rows(setup))[1][:, 0]

@@ -15,6 +15,7 @@ from hertzloop.results.law import law_line
 from hertzloop.results.left_out import show_left_out
 from hertzloop.results.plate_words import tail_words, theory_words, what_limits
 from hertzloop.results.predictability import errors_of
+from plant.schemes.registry import SCHEMES
 
 _NOISE_ROWS = (
     ("contact time", "contact_time_s", 1e6, "us"),
@@ -120,8 +121,8 @@ def run_table(report: dict[str, Any]) -> Table:
         f"{report['wall_s']:.4g} s, {report['real_time_factor']:.3g} times real time, "
         f"{report['steps'] / max(report['wall_s'], 1e-9):,.0f} steps/s",
     )
-    if report["scheme"] == "thesis2008":
-        table.add_row("scheme", f"{report['scheme']}: published numerics, flaws included")
+    if note := SCHEMES[report["scheme"]].note:
+        table.add_row("scheme", f"{report['scheme']}: {note}")
     if report["demand"]:
         table.add_row("demand on the actuator", demand_words(report["demand"]))
     if report["limiting_pressure"]:
@@ -221,7 +222,7 @@ def demand_words(asked: dict[str, float]) -> str:
 
 def _model_order(report: dict[str, Any]) -> str:
     """What was chosen, what it is expected to cost, and whether that is what was asked."""
-    if report["scheme"] == "thesis2008":
+    if report["model"] is None:  # all modes that the step carries
         limit = report["frequency_limit_hz"] / 1e3
         return f"{report['frequencies']} frequencies up to {limit:.4g} kHz (pi/dt), as published"
     if report["model"]["plate_model"] == "infinite":

@@ -22,18 +22,18 @@ from hertzloop.results.impact_windows import (
     work_j,
 )
 from plant.figures import rows_kernels as k
-from plant.figures.impact_noise import impact_noise
 from plant.figures.impacts import Impact
 from plant.figures.noise import (
     RADIATED_UP_TO_HZ,
     ImpactNoise,
     audible,
     audible_alone,
+    impact_noise,
     modal_drive,
     shares_of_drive_j,
 )
 from plant.plant import PlantSpec, modes_of
-from plant.structures.plate import Oscillators
+from plant.structures.modes import Oscillators
 
 # Of 20 kHz: no oscillator stands for modes further apart than that.
 _BEYOND_AUDIBLE = 1.01

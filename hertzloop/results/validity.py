@@ -3,7 +3,7 @@ contact and the largest deflection.
 
 A row has a name, the formula, a threshold, from where on it is beyond what the model can be (out
 of range), and a sentence with the size. Sources are with the formulas, in
-plant.figures.criteria and plant.structures.plate_theory.
+plant.estimates.criteria and plant.estimates.plate_theory.
 """
 
 import math
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from hertzloop.results.facts import Facts, percent, pressure
-from plant.figures import criteria
+from plant.estimates import criteria
 
 State = Literal["within", "left out", "out of range", "in the model", "not known"]
 _TAKES_ALL = 1.0  # lambda from which on the plate takes all energy, whatever its theory

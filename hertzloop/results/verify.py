@@ -11,11 +11,9 @@ from hertzloop.results.impact_rows import F_A, F_C, XI, consistent_impacts, impa
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.setup.setup import built
+from plant import state_kernels as pk
 from plant.plant import MOST_MODES, Plant, PlantSpec
-from plant.schemes import state_kernels as pk
-from plant.schemes.door import SCHEMES
-from plant.structures.modal_structure import ModalStructure
-from plant.structures.solid_plate import SolidPlate
+from plant.schemes.registry import SCHEMES
 
 _START = [pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]
 _SMALL = 0.01  # of a push, from which on it stores 1e-4 of what it did
@@ -50,10 +48,10 @@ def verify(setup: Setup, rows: np.ndarray) -> Verification | None:
 
 def check_verifiable(setup: Setup) -> None:
     """Raise SceneError where the finer plant cannot be computed."""
-    if setup.scheme == "thesis2008":
+    if not SCHEMES[setup.scheme].converges:
         raise SceneError(
-            "run.scheme = 'thesis2008' does not converge, so there is nothing to verify; take "
-            "'modal' or 'discrete_gradient'"
+            f"run.scheme = '{setup.scheme}' does not converge, so there is nothing to verify; "
+            "take 'modal' or 'discrete_gradient'"
         )
     fine = finer_spec(setup)
     modes = fine.plate.modes_below(fine.frequency_limit_hz)
@@ -71,15 +69,14 @@ def check_verifiable(setup: Setup) -> None:
 def finer_spec(setup: Setup) -> PlantSpec:
     """A scene's plant with half the step and twice the modes, as far as they are known."""
     spec = setup.plant
-    # A file has the modes that it has.
-    limit_hz = spec.frequency_limit_hz * (1.0 if isinstance(spec.plate, ModalStructure) else 2.0)
-    if isinstance(spec.plate, SolidPlate):
-        limit_hz = min(limit_hz, spec.plate.highest_hz)
+    limit_hz = spec.frequency_limit_hz
+    if spec.plate.mode_table is None:  # a file has the modes that it has
+        limit_hz = min(2.0 * limit_hz, spec.plate.highest_hz)
     return replace(
         spec,
         step_s=spec.step_s / 2,
         frequency_limit_hz=limit_hz,
-        residual_flexibility=SCHEMES[setup.scheme].tail,
+        residual_flexibility=SCHEMES[setup.scheme].supports_tail,
         infinite_plate=False,
     )
 

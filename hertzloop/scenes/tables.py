@@ -8,7 +8,8 @@ from pydantic import Field, field_validator
 from hertzloop.scenes.errors import shown
 from hertzloop.scenes.materials import MaterialKey, ModesTable, Table
 from hertzloop.scenes.quantities import SENSED
-from plant.schemes.door import SCHEMES
+from plant.schemes.registry import SCHEMES
+from plant.structures.registry import THEORIES
 
 Point = tuple[float, float]
 # Bounds are far beyond what a laboratory has, and within what the numerics can carry.
@@ -72,7 +73,7 @@ class PlateTable(Table):
     tail: Literal["spring", "damped", "auto"] = "auto"
     """the modes left out as a massless spring or as one damped mode; "auto": damped where
     that is known"""
-    theory: Literal["kirchhoff", "3d", "auto"] = "kirchhoff"
+    theory: Literal[(*THEORIES, "auto")] = "kirchhoff"  # type: ignore[valid-type]
     """a thin plate or a solid; "auto": thin where that is expected to meet run.accuracy, or the
     other is not known"""
 

@@ -9,7 +9,7 @@ from hertzloop.scenes.files import unpacked
 from hertzloop.scenes.materials import MaterialTable, material_called
 from hertzloop.scenes.problems import not_in_three_dimensions
 from hertzloop.scenes.tables import ActuatorTable, ContactTable, PlateTable, SphereTable
-from plant.actuator.model import Actuator
+from plant.actuator import Actuator
 from plant.contact.hertz import (
     Contact,
     Damping,
@@ -18,13 +18,13 @@ from plant.contact.hertz import (
     hertz_stiffness,
     hunt_crossley_parameter,
 )
-from plant.contact.strength import Strength, softer
+from plant.contact.yielding import Strength, softer
+from plant.estimates.plate_theory import KirchhoffError, expected_kirchhoff_error
 from plant.structures.edged_plate import EdgedPlate
 from plant.structures.materials import Material
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.mode_file import read_modes
 from plant.structures.plate import Plate
-from plant.structures.plate_theory import KirchhoffError, expected_kirchhoff_error
 from plant.structures.solid_plate import SolidPlate
 from plant.structures.structure import Point, Structure
 

@@ -13,8 +13,8 @@ from controller.law import Reach
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup.bodies import KEPT, Bodies
 from plant.contact.hertz import rigid_peak_force_n
+from plant.estimates.reflections import Actuation, Reflections, reflections
 from plant.structures.plate import Plate
-from plant.structures.reflections import Actuation, Reflections, reflections
 
 _LONGER = 2.0  # the delay that a law may latch, against the contact without control
 

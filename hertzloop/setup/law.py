@@ -18,7 +18,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup.bodies import KEPT, Bodies
 from plant import time_series as ts
 from plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n
-from plant.contact.plastic import yield_depth_m
+from plant.contact.yielding import yield_depth_m
 from plant.figures.impacts import contacts
 
 _TRIED_N_S_M = (100.0, 1000.0)  # impedances, to see whether a law takes any

@@ -7,15 +7,14 @@ from functools import lru_cache
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup.bodies import KEPT, Bodies
 from plant.contact.hertz import Contact, Sphere, rigid_contact_time_s, rigid_penetration_m
+from plant.estimates.model_order import expected_error, frequency_limit_hz, solid_limit_hz
 from plant.plant import MOST_MODES, PlantSpec
-from plant.schemes.door import SCHEMES
+from plant.schemes.registry import SCHEMES
 from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
-from plant.structures.model_order import expected_error, frequency_limit_hz
-from plant.structures.plate import Plate, frequencies
-from plant.structures.solid_order import solid_limit_hz
+from plant.structures.plate import Plate
 from plant.structures.solid_plate import SolidPlate
-from plant.structures.structure import Structure
+from plant.structures.structure import Structure, frequencies
 
 _STEPS_OF_CONTACT = 10  # at least, for figures worth printing
 NEAREST = 1.0  # wavelengths at the limit between the struck point and an edge, for a damped tail

@@ -6,7 +6,7 @@ from hertzloop.scenes.quantities import SENSED, Expected
 from hertzloop.scenes.tables import SensorsTable
 from hertzloop.setup.bodies import KEPT, Bodies
 from plant.contact.hertz import rigid_contact_time_s, rigid_penetration_m
-from plant.contact.plastic import deepest_rigid_m
+from plant.contact.yielding import deepest_rigid_m
 from sensors.acquisition import SensorSpec
 
 # A law that looks ahead, as `predicted`, watches from twice the flight in its horizon on.

@@ -34,15 +34,14 @@ from hertzloop.setup import law as of_law
 from hertzloop.setup import plate as of_plate
 from hertzloop.setup.sensing import sensor_of
 from plant import time_series as ts
-from plant.actuator.model import Actuator
+from plant.actuator import Actuator
 from plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
+from plant.estimates.model_order import expected_error, expected_solid_error, held_error
+from plant.estimates.plate_theory import KirchhoffError
 from plant.plant import Plant, PlantSpec
-from plant.schemes.door import SCHEMES
 from plant.schemes.infinite import InfinitePlant
+from plant.schemes.registry import SCHEMES
 from plant.schemes.thesis2008 import ThesisPlant
-from plant.structures.model_order import expected_error, held_error
-from plant.structures.plate_theory import KirchhoffError
-from plant.structures.solid_order import expected_solid_error
 from plant.structures.solid_plate import SolidPlate
 from plant.structures.structure import Structure
 from sensors.acquisition import Sensor, SensorSpec

@@ -1,1 +1,1 @@
-"""Figures of impacts: what happened, and how loud it is."""
+"""Figures of impacts: times, speeds, forces and noise."""

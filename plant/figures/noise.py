@@ -10,14 +10,24 @@ from functools import lru_cache
 
 import numpy as np
 
-from plant.contact.hertz import GRAVITY_M_S2
-from plant.figures import spectrum_kernels as k
-from plant.structures.plate import Oscillators
-from plant.structures.radiation import AIR_DENSITY_KG_M3, SOUND_SPEED_M_S
+from plant.contact.hertz import GRAVITY_M_S2, Sphere
+from plant.figures import rows_kernels as k
+from plant.structures.modes import Oscillators
+from plant.structures.plate import Plate
+from plant.structures.radiation import (
+    AIR_DENSITY_KG_M3,
+    SOUND_SPEED_M_S,
+    Efficiency,
+    air_loss_factor,
+    efficiency,
+    efficiency_fahy,
+)
+from plant.structures.structure import Structure, oscillators
 
 RADIATED_UP_TO_HZ = 20e3
 _FASTEST_M_S = 1e100
 _FFT_LENGTH = 1 << 16  # least length of the published sums over frequency, zeros appended
+_EFFICIENCIES: dict[str, Efficiency] = {"": efficiency_fahy, "_maidanik": efficiency}
 
 
 @dataclass(frozen=True)
@@ -244,7 +254,7 @@ def radiated_parts(material_eta: float, air_eta: np.ndarray) -> np.ndarray:
 
 
 def mobility(modes: Oscillators, frequency_hz: np.ndarray) -> np.ndarray:
-    """Point mobility i w lambda sum Phi^2/(w_n^2 (1 + i eta) - w^2) at the struck point.
+    """Point mobility i w lambda sum Phi^2/(w_n^2 (1 + i eta) - w^2) at the contact point.
 
     m/(N s), shape (frequencies,).
     """
@@ -287,3 +297,109 @@ def audible_bins_hz(length: int, step_s: float) -> np.ndarray:
     """Frequencies of the bins up to 20 kHz of a transform of `length` (see `fft_length`)."""
     bins = np.fft.rfftfreq(length, step_s)
     return np.asarray(bins[bins <= RADIATED_UP_TO_HZ])
+
+
+def impact_noise(
+    sphere: Sphere,
+    plate: Structure,
+    modes: Oscillators,
+    shares_j: np.ndarray,
+    work_j: float,
+    plate_speed_max_m_s: float,
+    contact_time_s: float,
+    impact_speed_m_s: float,
+    rebound_speed_m_s: float,
+    faces: int = 1,
+) -> ImpactNoise:
+    """Figures of an impact of the consistent scheme.
+
+    `shares_j`: what every oscillator takes (see `modal_shares_j`) of the forces at contact
+    and actuator from the contact's start until the impact is over, `work_j` their work on the
+    plate, `plate_speed_max_m_s`: the largest at the contact point over the same steps. Radiated
+    energies are nan for any other structure than a simply supported plate, whose efficiencies are
+    known. Without modes (`plant.NO_MODES`) all sums over modes are nan. `faces`: that radiate.
+    """
+    return ImpactNoise(
+        **closed_forms(sphere.radius_m, contact_time_s, impact_speed_m_s, rebound_speed_m_s),
+        transmitted_j=work_j,
+        transmitted_spectrum_j=float(np.sum(shares_j)) if modes.modes else math.nan,
+        plate_speed_max_m_s=plate_speed_max_m_s,
+        **_radiated_j(plate.simply_supported, modes, shares_j, faces),
+    )
+
+
+def _radiated_j(
+    plate: Plate | None, modes: Oscillators, shares_j: np.ndarray, faces: int
+) -> dict[str, float]:
+    """The study's sums of sigma E, and what the modes radiate of their energies E, by fields."""
+    if plate is None or not modes.modes:
+        return dict.fromkeys(_RADIATED, math.nan)
+    audible, weights = _weights(plate, modes, faces)
+    sums = np.sum(shares_j[audible] * weights, axis=1)
+    return dict(zip(_RADIATED, sums.tolist(), strict=True))
+
+
+_RADIATED = [f"{kind}{name}_j" for kind in ("radiated", "sound") for name in _EFFICIENCIES]
+
+
+@lru_cache(maxsize=16)
+def _weights(plate: Plate, modes: Oscillators, faces: int) -> tuple[np.ndarray, np.ndarray]:
+    """Oscillators up to 20 kHz, and what of their energies counts, for all impacts on a plate: a
+    row for each of `_RADIATED`."""
+    frequency = modes.omega / (2.0 * np.pi)
+    heard = audible(modes)
+    weights = [by(plate, frequency)[heard] for by in _EFFICIENCIES.values()]
+    for by in _EFFICIENCIES.values():
+        air_eta = air_loss_factor(plate, frequency, faces, by)
+        weights.append(radiated_parts(plate.eta, air_eta)[heard])
+    return heard, np.array(weights)
+
+
+@lru_cache(maxsize=8)
+def _audible(
+    plate: Plate, point_m: tuple[float, float], omega_max: float, length: int, step_s: float
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Re Y and both radiation efficiencies on the bins of the published sum."""
+    modes = oscillators(plate, point_m, point_m, omega_max)
+    bins = audible_bins_hz(length, step_s)
+    efficiencies = [by(plate, bins) for by in _EFFICIENCIES.values()]
+    return mobility(modes, bins).real, efficiencies
+
+
+def published_noise(
+    sphere: Sphere,
+    plate: Plate,
+    modes: Oscillators,
+    point_m: tuple[float, float],
+    green_v: np.ndarray,
+    elastic_n: np.ndarray,
+    f_a: np.ndarray,
+    step_s: float,
+    impact_speed_m_s: float,
+    relative_speed_m_s: float,
+) -> ImpactNoise:
+    """Figures of an impact as the published study formed them.
+
+    `elastic_n` (contact force without damping) and `f_a` from the sample of the start to the
+    first one after the end, `relative_speed_m_s` there. F = -F_c + F_a without damping; v_p
+    the sampled convolution with `green_v` from t = 0 on; the contact time counts one step more
+    than there are samples, as published.
+    """
+    force = f_a - elastic_n
+    speed = step_s * np.convolve(green_v[: len(force)], force)[: len(force)]
+    rebound = relative_speed_m_s + float(speed[-1])
+    time_s = (len(force) + 1) * step_s
+    shares = modal_shares_j(modes, -elastic_n, f_a, step_s)
+    length = fft_length(len(force))
+    real, efficiencies = _audible(plate, point_m, float(np.pi / step_s), length, step_s)
+    sounds = _radiated_j(plate, modes, shares, 1)
+    radiated, maidanik = binned_energies_j(force, step_s, real, efficiencies)
+    return ImpactNoise(
+        **closed_forms(sphere.radius_m, time_s, impact_speed_m_s, rebound),
+        transmitted_j=float(np.sum(force * speed)) * step_s,
+        transmitted_spectrum_j=float(np.sum(shares)),
+        plate_speed_max_m_s=float(np.max(np.abs(speed))),
+        radiated_j=radiated,
+        radiated_maidanik_j=maidanik,
+        **{name: sounds[name] for name in sounds if name.startswith("sound")},
+    )

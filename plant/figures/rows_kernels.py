@@ -1,6 +1,8 @@
-"""Compiled passes over rows of truth, arrays of shape (steps,), for the figures of impacts."""
+"""Compiled passes over a run's samples: arrays (steps,), for the figures of impacts and spectra."""
 
 import math
+
+import numpy as np
 
 from jit import kernel
 
@@ -9,6 +11,8 @@ INJECTED, MOST, FED, LARGEST, LAST_PUSH, LAST_PLACE = range(6)  # J, J, J, N, N,
 SUMS = 6
 NEXT, SINCE, HELD = range(3)  # steps, -1 for none; whether a last row waits for the next
 COUNTS = 3
+_WHOLE = 4  # steps that a contact has at least, for two whole ones beside each other
+_AT_ONCE = 128  # frequencies, so that their powers of a block stay in the processor's cache
 
 
 @kernel(borrowed=True)
@@ -148,3 +152,122 @@ def first_of(values, wanted):
         if values[i] == wanted:
             return i
     return -1
+
+
+@kernel(inline=True)
+def _highest(mean, slope):
+    """Largest F_0, its index, largest end of the steps' lines, and whether there are slopes."""
+    at, top, sloped = 0, -math.inf, False
+    for i in range(mean.size):
+        if math.isnan(mean[i]):
+            return math.nan, i, math.nan, True
+        if mean[i] > mean[at]:
+            at = i
+        end = mean[i] + abs(slope[i])
+        top = end if end > top or math.isnan(end) else top
+        sloped = sloped or slope[i] != 0.0
+    return mean[at], at, top, sloped
+
+
+@kernel(inline=True)
+def _at(c0, c1, c2, c3, x):
+    return c0 + x * (c1 + x * (c2 + x * c3))
+
+
+@kernel(inline=True)
+def _largest(c0, c1, c2, c3):
+    """Largest value of c0 + c1 x + c2 x^2 + c3 x^3 on [-1, 1]."""
+    most = max(_at(c0, c1, c2, c3, -1.0), _at(c0, c1, c2, c3, 1.0))
+    inner = c2 * c2 - 3.0 * c1 * c3
+    if inner > 0.0:  # both roots of c1 + 2 c2 x + 3 c3 x^2, each without cancellation
+        sum_ = -c2 - math.copysign(math.sqrt(inner), c2)
+        one = c1 / sum_ if sum_ != 0.0 else 0.0
+        other = sum_ / (3.0 * c3) if c3 != 0.0 else math.inf
+        if abs(one) < 1.0:
+            most = max(most, _at(c0, c1, c2, c3, one))
+        if abs(other) < 1.0:
+            most = max(most, _at(c0, c1, c2, c3, other))
+    return most
+
+
+@kernel
+def peak_force(mean, slope, to_cubic):
+    """See plant.figures.impacts.peak_force_n; `to_cubic`: coefficients from F_0, F_1 of two steps
+    beside each other, shape (4, 4)."""
+    highest, at, top, sloped = _highest(mean, slope)
+    if not sloped or math.isnan(highest):
+        return highest
+    if mean.size < _WHOLE:
+        return top
+    most = -math.inf
+    c = np.empty(4)
+    for i in range(max(at - 1, 1), min(at, mean.size - 3) + 1):
+        for row in range(4):
+            c[row] = (
+                to_cubic[row, 0] * mean[i] + to_cubic[row, 1] * slope[i]
+                + to_cubic[row, 2] * mean[i + 1] + to_cubic[row, 3] * slope[i + 1]
+            )  # fmt: skip
+        most = max(most, _largest(c[0], c[1], c[2], c[3]))
+    return most if most > -math.inf else top
+
+
+@kernel
+def peak_size(values):
+    """See plant.figures.impacts.peak_speed_m_s."""
+    at = fastest(values)
+    size = abs(values[at])
+    if not 0 < at < values.size - 1:
+        return size
+    sign = math.copysign(1.0, values[at])
+    left, middle, right = sign * values[at - 1], sign * values[at], sign * values[at + 1]
+    bend = left - 2.0 * middle + right
+    return middle - (right - left) ** 2 / (8.0 * bend) if bend < 0.0 else size
+
+
+@kernel(borrowed=True)
+def nonzero(values):
+    """First index of what is not zero, and the one after the last; 0, 0 where all is."""
+    first, end = 0, values.size
+    while first < end and values[first] == 0.0:
+        first += 1
+    while end > first and values[end - 1] == 0.0:
+        end -= 1
+    return (first, end) if first < end else (0, 0)
+
+
+@kernel(released=True)
+def add_spectrum(force, first, end, powers, delay, factor, found):
+    """Add `factor` `delay` sum over `force[first:end]` of F_n z^n, z = exp(-i w h), to `found`.
+
+    `powers`: real and imaginary part of z^n for n up to a block's length, shape (2, block + 1,
+    frequencies). In blocks, by Horner's rule: from power to power one would lose digits.
+    """
+    block = powers.shape[1] - 1
+    blocks = -(-(end - first) // block)
+    real, imaginary = np.empty(_AT_ONCE), np.empty(_AT_ONCE)
+    for low in range(0, found.size, _AT_ONCE):
+        count = min(_AT_ONCE, found.size - low)
+        re, im = real[:count], imaginary[:count]
+        re[:] = 0.0
+        im[:] = 0.0
+        turn_re, turn_im = powers[0, block, low : low + count], powers[1, block, low : low + count]
+        for b in range(blocks - 1, -1, -1):
+            for j in range(count):
+                turned = re[j] * turn_re[j] - im[j] * turn_im[j]
+                im[j] = re[j] * turn_im[j] + im[j] * turn_re[j]
+                re[j] = turned
+            start = first + b * block
+            for n in range(min(block, end - start)):
+                f = force[start + n]
+                if f == 0.0:
+                    continue
+                power_re, power_im = (
+                    powers[0, n, low : low + count],
+                    powers[1, n, low : low + count],
+                )
+                for j in range(count):
+                    re[j] += f * power_re[j]
+                    im[j] += f * power_im[j]
+        for j in range(count):
+            at = low + j
+            found[at] += factor[at] * (delay[at] * complex(re[j], im[j]))

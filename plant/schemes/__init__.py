@@ -1,1 +1,1 @@
-"""Time-stepping schemes, each a model beside its kernel; `door` picks by the model's type."""
+"""Time-stepping schemes, each a plant beside its kernels; `registry` lists what each supports."""

@@ -6,22 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from plant.actuator import model as actuator
-from plant.contact import solve_kernels as solve
+from plant import actuator
+from plant import state_kernels as pk
+from plant.contact import elastic_kernels as elastic
 from plant.contact.hertz import GRAVITY_M_S2
-from plant.contact.plastic import yielding
-from plant.gauss import gauss
-from plant.one_thread import on_one_thread
+from plant.contact.tail_kernels import DampedTail
+from plant.contact.yielding import yielding
+from plant.numerics import aligned, phi
+from plant.one_thread import gauss, on_one_thread
 from plant.plant import Plant, PlantSpec, air_eta, damped_frequency
 from plant.schemes import collocation_kernels as k
-from plant.schemes import collocation_modes_kernels as c
-from plant.schemes import state_kernels as pk
-from plant.schemes.aligned import aligned
-from plant.schemes.collocation_books_kernels import Air
-from plant.schemes.phi import phi
 from plant.schemes.tail import build, limit_of
-from plant.schemes.tail_kernels import DampedTail
-from plant.structures.plate import Oscillators
+from plant.structures.modes import Oscillators
 
 
 def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
@@ -47,74 +43,84 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
     def speeds(drive: np.ndarray, z: np.ndarray) -> float:
         return float(np.sum(weight_c * drive * (z.real - rho * z.imag)))
 
-    gains = np.zeros(solve.GAINS)
-    gains[solve.PX0], gains[solve.PX1] = (moves(weight_c, drive_c, z) for z in (constant, linear))
-    gains[solve.PV0], gains[solve.PV1] = (speeds(drive_c, z) for z in (constant, linear))
-    gains[solve.PM0], gains[solve.PM1] = (
+    gains = np.zeros(elastic.GAINS)
+    gains[elastic.PX0], gains[elastic.PX1] = (
+        moves(weight_c, drive_c, z) for z in (constant, linear)
+    )
+    gains[elastic.PV0], gains[elastic.PV1] = (speeds(drive_c, z) for z in (constant, linear))
+    gains[elastic.PM0], gains[elastic.PM1] = (
         moves(weight_c, drive_c, z) for z in (mean_constant, mean_linear)
     )
-    gains[solve.CA], gains[solve.VA] = moves(weight_c, drive_a, constant), speeds(drive_a, constant)
-    gains[solve.MA] = moves(weight_c, drive_a, mean_constant)
-    gains[solve.AC0], gains[solve.AC1] = (moves(weight_a, drive_c, z) for z in (constant, linear))
-    gains[solve.AA] = moves(weight_a, drive_a, constant)
-    gains[solve.CA1], gains[solve.VA1] = moves(weight_c, drive_a, linear), speeds(drive_a, linear)
-    gains[solve.MA1], gains[solve.AA1] = (
+    gains[elastic.CA], gains[elastic.VA] = (
+        moves(weight_c, drive_a, constant),
+        speeds(drive_a, constant),
+    )
+    gains[elastic.MA] = moves(weight_c, drive_a, mean_constant)
+    gains[elastic.AC0], gains[elastic.AC1] = (
+        moves(weight_a, drive_c, z) for z in (constant, linear)
+    )
+    gains[elastic.AA] = moves(weight_a, drive_a, constant)
+    gains[elastic.CA1], gains[elastic.VA1] = (
+        moves(weight_c, drive_a, linear),
+        speeds(drive_a, linear),
+    )
+    gains[elastic.MA1], gains[elastic.AA1] = (
         moves(weight_c, drive_a, mean_linear), moves(weight_a, drive_a, linear)
     )  # fmt: skip
-    gains[solve.MAC0], gains[solve.MAC1] = (
+    gains[elastic.MAC0], gains[elastic.MAC1] = (
         moves(weight_a, drive_c, z) for z in (mean_constant, mean_linear)
     )
-    gains[solve.MAA], gains[solve.MAA1] = (
+    gains[elastic.MAA], gains[elastic.MAA1] = (
         moves(weight_a, drive_a, z) for z in (mean_constant, mean_linear)
     )
     tail, of_tail = damped_tail(spec)
     for index, share in of_tail.items():
         gains[index] += share
-    gains[solve.X0] = gains[solve.PX0] + h * h / (2.0 * m)
-    gains[solve.X1] = gains[solve.PX1] - h * h / (6.0 * m)
-    gains[solve.V0], gains[solve.V1] = gains[solve.PV0] + h / m, gains[solve.PV1]
-    gains[solve.M0] = gains[solve.PM0] + h * h / (6.0 * m)
-    gains[solve.M1] = gains[solve.PM1] - h * h / (12.0 * m)
+    gains[elastic.X0] = gains[elastic.PX0] + h * h / (2.0 * m)
+    gains[elastic.X1] = gains[elastic.PX1] - h * h / (6.0 * m)
+    gains[elastic.V0], gains[elastic.V1] = gains[elastic.PV0] + h / m, gains[elastic.PV1]
+    gains[elastic.M0] = gains[elastic.PM0] + h * h / (6.0 * m)
+    gains[elastic.M1] = gains[elastic.PM1] - h * h / (12.0 * m)
     # Oscillators are sorted by frequency. `swing` is for modes of one rho.
     slow = int(np.searchsorted(theta * h, _SLOW)) if isinstance(rho, float) else len(theta)
-    gains[solve.SWING0], gains[solve.SWING1] = (
+    gains[elastic.SWING0], gains[elastic.SWING1] = (
         np.sum((drive_c * (z.real + rho * z.imag) / theta**2)[slow:]) for z in (constant, linear)
     )
     if isinstance(rho, float):
-        gains[solve.MEAN_BY_SWING] = -1.0 / (h * (1.0 + rho * rho))
-    gains[solve.NODE0 :] = solve.at_nodes(gains, h)
+        gains[elastic.MEAN_BY_SWING] = -1.0 / (h * (1.0 + rho * rho))
+    gains[elastic.NODE0 :] = elastic.at_nodes(gains, h)
 
     # Means from z at the end of a step without force: phi_1(x)/e^x = phi_1(-x).
     back = phi(1, -x)
     columns = {
-        c.ROT_RE: turn.real,
-        c.ROT_IM: turn.imag,
-        c.C0_RE: drive_c * constant.real,
-        c.C0_IM: drive_c * constant.imag,
-        c.C1_RE: drive_c * linear.real,
-        c.C1_IM: drive_c * linear.imag,
-        c.OUT: weight_c / theta,
-        c.MEAN_RE: back.real * weight_c / theta,
-        c.MEAN_IM: back.imag * weight_c / theta,
-        c.THETA: theta,
-        c.A_RE: drive_a * constant.real,
-        c.A_IM: drive_a * constant.imag,
-        c.B_C: weight_c,
-        c.B_A: weight_a / theta,
-        c.A1_RE: drive_a * linear.real,
-        c.A1_IM: drive_a * linear.imag,
-        c.MEAN_A_RE: back.real * weight_a / theta,
-        c.MEAN_A_IM: back.imag * weight_a / theta,
-        c.ENERGY: 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c))),
+        k.ROT_RE: turn.real,
+        k.ROT_IM: turn.imag,
+        k.C0_RE: drive_c * constant.real,
+        k.C0_IM: drive_c * constant.imag,
+        k.C1_RE: drive_c * linear.real,
+        k.C1_IM: drive_c * linear.imag,
+        k.OUT: weight_c / theta,
+        k.MEAN_RE: back.real * weight_c / theta,
+        k.MEAN_IM: back.imag * weight_c / theta,
+        k.THETA: theta,
+        k.A_RE: drive_a * constant.real,
+        k.A_IM: drive_a * constant.imag,
+        k.B_C: weight_c,
+        k.B_A: weight_a / theta,
+        k.A1_RE: drive_a * linear.real,
+        k.A1_IM: drive_a * linear.imag,
+        k.MEAN_A_RE: back.real * weight_a / theta,
+        k.MEAN_A_IM: back.imag * weight_a / theta,
+        k.ENERGY: 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c))),
     }
     damped = bool(np.any(np.asarray(modes.eta) > 0.0))
     lost: tuple[dict[int, np.ndarray], dict[int, np.ndarray]] = ({}, {})
     if damped:
-        lost = _losses(s, rho, h, scale, columns[c.ENERGY], drive_c, drive_a)
+        lost = _losses(s, rho, h, scale, columns[k.ENERGY], drive_c, drive_a)
         columns |= lost[0]
         for index, value in lost[1].items():
             gains[index] = np.sum(value)
-    table = aligned(np.stack([columns.get(i, np.zeros_like(theta)) for i in range(c.COLUMNS)]))
+    table = aligned(np.stack([columns.get(i, np.zeros_like(theta)) for i in range(k.COLUMNS)]))
     limit, stiffness = spec.contact.limit, spec.contact.stiffness
     law = None if limit is None else yielding(limit, stiffness)
     return k.CollocationModel(
@@ -141,7 +147,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
 def _air(
     spec: PlantSpec, modes: Oscillators, gains: np.ndarray, table: np.ndarray,
     columns: dict[int, np.ndarray], sums: dict[int, np.ndarray],
-) -> Air | None:  # fmt: skip
+) -> k.Air | None:  # fmt: skip
     """The share of the losses that goes into air, None where no face radiates."""
     if not spec.radiating_faces:
         return None
@@ -149,10 +155,10 @@ def _air(
     gains, table = gains.copy(), table.copy()
     for index, column in columns.items():
         table[index] = share * column
-    table[c.ENERGY] *= share
+    table[k.ENERGY] *= share
     for index, value in sums.items():
         gains[index] = np.sum(share * value)
-    return Air(gains, table)
+    return k.Air(gains, table)
 
 
 def flexibility_m_n(spec: PlantSpec) -> float:
@@ -225,23 +231,23 @@ def _losses(
         return np.asarray(twice * factor * ((moves[a] * moves[b]) @ weights))
 
     columns = {
-        c.LOSS_RR: product("R", "R"), c.LOSS_RI: product("R", "I"), c.LOSS_II: product("I", "I"),
-        c.LOSS_R0: product("R", "0"), c.LOSS_I0: product("I", "0"),
-        c.LOSS_R1: product("R", "1"), c.LOSS_I1: product("I", "1"),
-        c.LOSS_RA: product("R", "A"), c.LOSS_IA: product("I", "A"),
-        c.LOSS_RB: product("R", "B"), c.LOSS_IB: product("I", "B"),
+        k.LOSS_RR: product("R", "R"), k.LOSS_RI: product("R", "I"), k.LOSS_II: product("I", "I"),
+        k.LOSS_R0: product("R", "0"), k.LOSS_I0: product("I", "0"),
+        k.LOSS_R1: product("R", "1"), k.LOSS_I1: product("I", "1"),
+        k.LOSS_RA: product("R", "A"), k.LOSS_IA: product("I", "A"),
+        k.LOSS_RB: product("R", "B"), k.LOSS_IB: product("I", "B"),
     }  # fmt: skip
     sums = {
-        solve.LOSS_00: product("0", "0"),
-        solve.LOSS_01: product("0", "1"),
-        solve.LOSS_11: product("1", "1"),
-        solve.LOSS_0A: product("0", "A"),
-        solve.LOSS_1A: product("1", "A"),
-        solve.LOSS_AA: product("A", "A"),
-        solve.LOSS_0B: product("0", "B"),
-        solve.LOSS_1B: product("1", "B"),
-        solve.LOSS_AB: product("A", "B"),
-        solve.LOSS_BB: product("B", "B"),
+        elastic.LOSS_00: product("0", "0"),
+        elastic.LOSS_01: product("0", "1"),
+        elastic.LOSS_11: product("1", "1"),
+        elastic.LOSS_0A: product("0", "A"),
+        elastic.LOSS_1A: product("1", "A"),
+        elastic.LOSS_AA: product("A", "A"),
+        elastic.LOSS_0B: product("0", "B"),
+        elastic.LOSS_1B: product("1", "B"),
+        elastic.LOSS_AB: product("A", "B"),
+        elastic.LOSS_BB: product("B", "B"),
     }
     return columns, sums
 
@@ -249,7 +255,6 @@ def _losses(
 class CollocationPlant(Plant):
     """The default scheme `modal`: order 4, energy to rounding, driven by its kernels' `step`."""
 
-    scheme = "modal"
     kernels: Any = k
 
     def _build_model(self) -> k.CollocationModel:
@@ -261,7 +266,7 @@ class CollocationPlant(Plant):
             z=aligned(np.zeros((2, modes))),
             free=aligned(np.zeros((2, modes))),
             body=np.zeros(k.BODY_SIZE),
-            books=np.zeros(pk.BOOKS_SIZE),
+            balance=np.zeros(pk.BALANCE_SIZE),
             counts=np.zeros(pk.COUNTS_SIZE, np.int64),
         )
         state.counts[pk.ROWS] = modes

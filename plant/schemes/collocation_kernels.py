@@ -11,34 +11,44 @@ Modes left out act as a massless spring, `flexibility`, in series with the conta
 mode, `tail`, by which the plate's velocity follows a force at once. Signs and
 one pass per step as in `discrete_gradient_kernels`, but z is Theta times the z there: velocity is
 Re z - rho Im z, displacement Im z/Theta. The scalar equations of a step are in
-`plant.contact.solve_kernels`, the passes over the modes in `collocation_modes_kernels`, the
-energies in `collocation_books_kernels`.
+`plant.contact.elastic_kernels`.
 
 Nothing here allocates: arrays are `borrowed`.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
+from numba.extending import overload
 
 from jit import kernel
-from plant.actuator import kernels as act
-from plant.contact import plastic_solve_kernels as contact
-from plant.contact import solve_kernels as solve
-from plant.schemes import collocation_books_kernels as books
-from plant.schemes import collocation_modes_kernels as modes
-from plant.schemes import sphere_kernels as ball
-from plant.schemes import state_kernels as pk
-from plant.schemes import tail_kernels
+from jit.by_type import apart, by_type
+from plant import actuator_kernels as act
+from plant import state_kernels as pk
+from plant.contact import elastic_kernels as elastic
+from plant.contact import tail_kernels as tail
+from plant.contact import yielding_kernels as yielding
 
+# Columns of CollocationModel.table. ROT: e^(s h); C0, C1: change of z by a unit constant force
+# and a unit P(t) at the contact; A: by a constant force at the actuator; OUT, B_A: displacement
+# at contact and actuator by Im z; B_C: velocity at the contact by z; MEAN: mean displacement
+# over the step from z at its end without force.
+ROT_RE, ROT_IM, OUT, C0_RE, C0_IM, C1_RE, C1_IM = range(7)
+MEAN_RE, MEAN_IM, A_RE, A_IM, B_C, B_A, THETA, ENERGY = range(7, 15)
+# Energy lost in a step: a quadratic form of z at its end without forces and F_0, F_1, F_a; the
+# terms without z are summed over all modes, in `gains`.
+LOSS_RR, LOSS_RI, LOSS_II, LOSS_R0, LOSS_I0, LOSS_R1, LOSS_I1, LOSS_RA, LOSS_IA = range(15, 24)
+# The same by the slope F_a1 of a separate actuator's force, and the mean displacement there.
+A1_RE, A1_IM, LOSS_RB, LOSS_IB, MEAN_A_RE, MEAN_A_IM = range(24, 30)
+COLUMNS = 30
 # Further indices into the state's body: displacement and velocity at the contact and
 # displacement at the actuator by the modes alone, energy stored in the contact (J), what the
 # actuator bends the spring of the modes left out by (m), `swing` of `propagate_same_point`
 # (m s; known after steps with force), F_C1 of the step before the last (N).
 MODAL_X, MODAL_V, MODAL_Y, STORED, OWN, SWING, F_C1_BEFORE = range(pk.BODY_SIZE, pk.BODY_SIZE + 7)
 BODY_SIZE = pk.BODY_SIZE + 7
-# What a scheme offers beside `step`.
-close_books, modal_energy = books.close_books, books.modal_energy
 
 
 class CollocationState(NamedTuple):
@@ -47,7 +57,7 @@ class CollocationState(NamedTuple):
     z: np.ndarray  # (2, modes): real and imaginary parts, m/s
     free: np.ndarray  # z at step counts[FREE_SINCE], while no force acts
     body: np.ndarray
-    books: np.ndarray
+    balance: np.ndarray
     counts: np.ndarray
 
 
@@ -66,12 +76,322 @@ class CollocationModel(NamedTuple):
     damped: bool
     rho: float | np.ndarray
     slow: int  # the first modes, whose mean over a step is taken one by one
-    law: Any  # of the contact, plant.contact.plastic_kernels; as the actuator's
+    law: Any  # of the contact, plant.contact.yielding_kernels; as the actuator's
     actuator: Any  # of plant.actuator_kernels; its type decides what is compiled
-    tail: Any  # of plant.schemes.tail_kernels, the same
-    air: Any  # collocation_books_kernels.Air, or None where no face radiates
+    tail: Any  # of plant.contact.tail_kernels, the same
+    air: Any  # Air, or None where no face radiates
     gains: np.ndarray
     table: np.ndarray
+
+
+def of_mode(rho, i):
+    """rho of mode `i`, whether it is one for all modes or each has its own. Which of the two is
+    settled when a pass is compiled: one for all costs nothing."""
+    return rho[i] if isinstance(rho, np.ndarray) else rho
+
+
+@overload(of_mode, inline="always", jit_options={"_nrt": False})
+def _compiled_of_mode(rho, i):
+    if isinstance(rho, types.Array):
+        return lambda rho, i: rho[i]
+    return lambda rho, i: rho
+
+
+@apart
+@kernel(borrowed=True, fused=True, reordered=True)
+def drift(n, z, table, rho):
+    """One step without force of the first `n` modes: displacement and velocity at the point."""
+    x = 0.0
+    v = 0.0
+    for i in range(n):
+        c = table[ROT_RE, i] * z[0, i] - table[ROT_IM, i] * z[1, i]
+        d = table[ROT_RE, i] * z[1, i] + table[ROT_IM, i] * z[0, i]
+        z[0, i] = c
+        z[1, i] = d
+        x += table[OUT, i] * d
+        v += c - of_mode(rho, i) * d
+    return x, v
+
+
+@apart
+@kernel(borrowed=True, fused=True, reordered=True)
+def mean_of_drift(slow, n, z, table, rho):
+    """Mean displacement over the step that `drift` has just made, and `swing` at its end."""
+    mean = 0.0
+    swing = 0.0
+    for i in range(n):
+        mean += table[MEAN_RE, i] * z[1, i] + table[MEAN_IM, i] * z[0, i]
+    for i in range(np.uint64(slow), np.uint64(n)):  # unsigned: no negative index to look for
+        swing += table[OUT, i] * (table[OUT, i] * (z[0, i] + of_mode(rho, 0) * z[1, i]))
+    return mean, swing
+
+
+@apart
+@kernel(borrowed=True, fused=True, reordered=True)
+def propagate_slow(slow, z, table, rho, f0, f1):
+    """Fold f0 + f1 P into the first `slow` modes, propagate one step; displacement, velocity, mean
+    displacement at the point.
+
+    These modes turn so little in a step that a difference of `swing` would be all rounding.
+    """
+    x = 0.0
+    v = 0.0
+    mean = 0.0
+    for i in range(slow):
+        a = z[0, i] + table[C0_RE, i] * f0 + table[C1_RE, i] * f1
+        b = z[1, i] + table[C0_IM, i] * f0 + table[C1_IM, i] * f1
+        c = table[ROT_RE, i] * a - table[ROT_IM, i] * b
+        d = table[ROT_RE, i] * b + table[ROT_IM, i] * a
+        z[0, i] = c
+        z[1, i] = d
+        v += c - of_mode(rho, i) * d
+        x += table[OUT, i] * d
+        mean += table[MEAN_RE, i] * d + table[MEAN_IM, i] * c
+    return x, v, mean
+
+
+@apart
+@kernel(borrowed=True, fused=True, reordered=True)
+def propagate_same_point(slow, n, z, table, rho, f0, f1):
+    """The same for the other awake modes; displacement, velocity, swing at the point.
+
+    `swing` is the sum of (Re z + rho Im z)/Theta^2, which falls by (1 + rho^2) times the time
+    integral of the displacement while no force acts. Only for modes of one rho: where each has its
+    own, all count as slow.
+    """
+    x = 0.0
+    v = 0.0
+    w = 0.0
+    swing = 0.0
+    for i in range(np.uint64(slow), np.uint64(n)):  # unsigned: no negative index to look for
+        a = z[0, i] + table[C0_RE, i] * f0 + table[C1_RE, i] * f1
+        b = z[1, i] + table[C0_IM, i] * f0 + table[C1_IM, i] * f1
+        c = table[ROT_RE, i] * a - table[ROT_IM, i] * b
+        d = table[ROT_RE, i] * b + table[ROT_IM, i] * a
+        z[0, i] = c
+        z[1, i] = d
+        v += c
+        w += d
+        out = table[OUT, i]
+        x += out * d
+        swing += out * (out * (c + of_mode(rho, 0) * d))
+    return x, v - of_mode(rho, 0) * w, swing
+
+
+@apart
+@kernel(borrowed=True, fused=True, reordered=True)
+def propagate_two_points(n, z, table, rho, f0, f1, f_a):
+    """The same with the actuator elsewhere: displacement, velocity, mean displacement over the
+    step at the contact, displacement at the actuator."""
+    x = 0.0
+    v = 0.0
+    m = 0.0
+    y = 0.0
+    for i in range(n):
+        a = z[0, i] + table[C0_RE, i] * f0 + table[C1_RE, i] * f1 + table[A_RE, i] * f_a
+        b = z[1, i] + table[C0_IM, i] * f0 + table[C1_IM, i] * f1 + table[A_IM, i] * f_a
+        c = table[ROT_RE, i] * a - table[ROT_IM, i] * b
+        d = table[ROT_RE, i] * b + table[ROT_IM, i] * a
+        z[0, i] = c
+        z[1, i] = d
+        x += table[OUT, i] * d
+        v += table[B_C, i] * (c - of_mode(rho, i) * d)
+        m += table[MEAN_RE, i] * d + table[MEAN_IM, i] * c
+        y += table[B_A, i] * d
+    return x, v, m, y
+
+
+@apart
+@kernel(borrowed=True, fused=True, reordered=True)
+def dissipated_with_modes(n, z, table, f0, f1):
+    """The terms of a step's loss that depend on z and the force at the contact, J."""
+    lost = 0.0
+    for i in range(n):
+        zr, zi = z[0, i], z[1, i]
+        by_r = table[LOSS_R0, i] * f0 + table[LOSS_R1, i] * f1
+        by_i = table[LOSS_I0, i] * f0 + table[LOSS_I1, i] * f1
+        lost += zr * (table[LOSS_RR, i] * zr + table[LOSS_RI, i] * zi + by_r)
+        lost += zi * (table[LOSS_II, i] * zi + by_i)
+    return lost
+
+
+@apart
+@kernel(borrowed=True, fused=True, reordered=True)
+def weighted(n, z, real, imaginary):
+    """Sum of z by two columns of the table."""
+    total = 0.0
+    for i in range(n):
+        total += real[i] * z[0, i] + imaginary[i] * z[1, i]
+    return total
+
+
+@apart
+@kernel(borrowed=True)
+def fold_slope(n, z, table, f_a1):
+    """Fold the slope of a separate actuator's force into the first `n` modes."""
+    for i in range(n):
+        z[0, i] += table[A1_RE, i] * f_a1
+        z[1, i] += table[A1_IM, i] * f_a1
+
+
+class Air(NamedTuple):
+    """What the modes lose to air: the same table and gains, of that part of their losses."""
+
+    gains: np.ndarray
+    table: np.ndarray
+
+
+@kernel(inline=True, borrowed=True)
+def _dissipated_in_step(model, state, g, table, f0, f1, f_a):
+    """Energy that the modes lost in the step just done, by the losses in gains `g` and `table`, J;
+    forces up on the plate."""
+    count = state.z.shape[1]
+    lost = dissipated_with_modes(count, state.z, table, f0, f1)
+    if f_a != 0.0:
+        lost += f_a * weighted(count, state.z, table[LOSS_RA], table[LOSS_IA])
+    if act.has_slope(model.actuator) and not model.same_point:
+        slope = state.body[pk.F_A1]
+        by_slope = weighted(count, state.z, table[LOSS_RB], table[LOSS_IB])
+        by_slope += g[elastic.LOSS_0B] * f0 + g[elastic.LOSS_1B] * f1 + g[elastic.LOSS_AB] * f_a
+        lost += slope * (by_slope + g[elastic.LOSS_BB] * slope)
+    lost += (
+        g[elastic.LOSS_00] * f0 * f0 + g[elastic.LOSS_01] * f0 * f1 + g[elastic.LOSS_11] * f1 * f1
+    )
+    return lost + f_a * (
+        g[elastic.LOSS_0A] * f0 + g[elastic.LOSS_1A] * f1 + g[elastic.LOSS_AA] * f_a
+    )
+
+
+@kernel(borrowed=True)
+def _dissipated_in_flight(model, state, table, steps):
+    """Energy that the modes lost in `steps` steps without force since the snapshot, J."""
+    lost = 0.0
+    duration = steps * model.step_s
+    for i in range(state.z.shape[1]):
+        th = table[THETA, i]
+        rho = of_mode(model.rho, i)
+        size = math.exp(-rho * th * duration)
+        er = size * math.cos(th * duration)
+        ei = size * math.sin(th * duration)
+        yr, yi = state.free[0, i] / th, state.free[1, i] / th
+        lost += table[ENERGY, i] * pk.dissipation(th, rho, duration, yr, yi, er, ei)
+    return lost
+
+
+@kernel(inline=True, borrowed=True)
+def _no_air(air, model, state, f0, f1, f_a):
+    return 0.0
+
+
+@kernel(inline=True, borrowed=True)
+def _no_air_in_flight(air, model, state, steps):
+    return 0.0
+
+
+@kernel(borrowed=True)
+def _radiated(air, model, state, f0, f1, f_a):
+    return _dissipated_in_step(model, state, air.gains, air.table, f0, f1, f_a)
+
+
+@kernel(borrowed=True)
+def _radiated_in_flight(air, model, state, steps):
+    return _dissipated_in_flight(model, state, air.table, steps)
+
+
+# The parts of both that go into air, known to be none when a caller is compiled.
+_to_air_in_step = by_type({type(None): _no_air, Air: _radiated})
+_to_air_in_flight = by_type({type(None): _no_air_in_flight, Air: _radiated_in_flight})
+
+
+@kernel(inline=True, borrowed=True)
+def forces_on_plate(model, state):
+    """Forces of the last step, up on the plate: F_0, F_1 at the contact, a separate actuator."""
+    body = state.body
+    if model.same_point:
+        if act.has_slope(model.actuator):
+            return body[pk.F_A] - body[pk.F_C], body[pk.F_A1] - body[pk.F_C1], 0.0
+        return body[pk.F_A] - body[pk.F_C], -body[pk.F_C1], 0.0
+    return -body[pk.F_C], -body[pk.F_C1], body[pk.F_A]
+
+
+@kernel(inline=True, borrowed=True)
+def unforced(model, state, f0, f1, f_a):
+    """Whether none of the last step's forces acted."""
+    quiet = f0 == 0.0 and f1 == 0.0 and f_a == 0.0
+    if act.has_slope(model.actuator):
+        return quiet and state.body[pk.F_A1] == 0.0
+    return quiet
+
+
+@kernel(inline=True, borrowed=True)
+def _book_flight(model, state, steps):
+    """Book what the modes lost in `steps` steps without force since the snapshot."""
+    state.balance[pk.MODAL_DISSIPATED] += _dissipated_in_flight(model, state, model.table, steps)
+    state.balance[pk.AIR] += _to_air_in_flight(model.air, model, state, steps)
+
+
+@kernel(inline=True, borrowed=True)
+def settle_balance(model, state):
+    """Book the modal dissipation of the step just done. Called before z moves on."""
+    if not model.damped:
+        return
+    counts = state.counts
+    step = counts[pk.STEP]
+    f0, f1, f_a = forces_on_plate(model, state)
+    quiet = unforced(model, state, f0, f1, f_a)
+    if quiet and counts[pk.FREE_SINCE] >= 0:
+        return
+    if counts[pk.FREE_SINCE] >= 0:
+        steps = step - 1 - counts[pk.FREE_SINCE]
+        _book_flight(model, state, steps)
+        counts[pk.FREE_SINCE] = -1
+    state.balance[pk.MODAL_DISSIPATED] += _dissipated_in_step(
+        model, state, model.gains, model.table, f0, f1, f_a
+    )
+    state.balance[pk.AIR] += _to_air_in_step(model.air, model, state, f0, f1, f_a)
+    if quiet:
+        for i in range(state.z.shape[1]):
+            state.free[0, i] = state.z[0, i]
+            state.free[1, i] = state.z[1, i]
+        counts[pk.FREE_SINCE] = step
+
+
+@kernel(borrowed=True)
+def close_balance(model, state):
+    """Book the last step and the last flight; to be called once, after the last step."""
+    if not model.damped or state.counts[pk.STEP] == 0:
+        return
+    settle_balance(model, state)
+    if state.counts[pk.FREE_SINCE] >= 0:
+        flight = state.counts[pk.STEP] - state.counts[pk.FREE_SINCE]
+        _book_flight(model, state, flight)
+
+
+@kernel(borrowed=True)
+def modal_energy(model, state):
+    """Kinetic and elastic energy of all oscillators and a damped tail at the present step, J."""
+    f0, f1, f_a = forces_on_plate(model, state)
+    table = model.table
+    total = tail.energy(model.tail, state.body)
+    for i in range(state.z.shape[1]):
+        rho = of_mode(model.rho, i)
+        zr = state.z[0, i] + table[C0_RE, i] * f0 + table[C1_RE, i] * f1
+        zi = state.z[1, i] + table[C0_IM, i] * f0 + table[C1_IM, i] * f1
+        if not model.same_point:
+            zr += table[A_RE, i] * f_a
+            zi += table[A_IM, i] * f_a
+            if act.has_slope(model.actuator):
+                zr += table[A1_RE, i] * state.body[pk.F_A1]
+                zi += table[A1_IM, i] * state.body[pk.F_A1]
+        speed = zr - rho * zi
+        total += table[ENERGY, i] * (speed * speed + (1.0 + rho * rho) * zi * zi)
+    return total
+
+
+@kernel(inline=True, borrowed=True)
+def contact_energy(model, state):
+    """Energy stored in the contact and the spring of the modes left out, J."""
+    return state.body[STORED]
 
 
 @kernel(inline=True, borrowed=True)
@@ -83,7 +403,7 @@ def has_slope(model):
 @kernel(inline=True, borrowed=True)
 def yields(model):
     """Whether the contact has a deepest penetration to remember."""
-    return contact.yields(model.law)
+    return yielding.yields(model.law)
 
 
 @kernel(inline=True, borrowed=True)
@@ -105,8 +425,8 @@ def _observe(model, body, sphere, sphere_v, gap, force, root, f_a, f_a1, push):
     penetration; `push`: force on a damped tail at the step's end, N."""
     spring, h = model.flexibility_m_n, model.step_s
     plate, speed = body[MODAL_X], body[MODAL_V]
-    if tail_kernels.there(model.tail):
-        speed += tail_kernels.mobility(model.tail) * push
+    if tail.there(model.tail):
+        speed += tail.mobility(model.tail) * push
     if spring != 0.0:
         if model.same_point:
             plate += spring * f_a
@@ -115,7 +435,7 @@ def _observe(model, body, sphere, sphere_v, gap, force, root, f_a, f_a1, push):
                 speed += 2.0 * spring * f_a1 / h
         if force > 0.0:
             plate -= spring * force
-            by_gap = contact.slope(model.law, model, body, gap, root, sphere_v < speed)
+            by_gap = yielding.slope(model.law, model, body, gap, root, sphere_v < speed)
             speed -= spring * by_gap * (sphere_v - speed)
     body[pk.V_P_OF_STEP] = body[pk.V_P]
     body[pk.A_P] = (speed - body[pk.V_P]) / h
@@ -132,10 +452,10 @@ def _bend_own_spring(model, state, gap, own):
     (m), at once; energy in the contact then (J), at the modal gap `gap`."""
     before = state.body[STORED]
     if own != state.body[OWN]:
-        taken = state.books[pk.PLASTIC_DISSIPATED]
-        after = contact.settle(model.law, model, state, gap, 0.0)[1]
-        taken = state.books[pk.PLASTIC_DISSIPATED] - taken
-        state.books[pk.INJECTED] += (after - before) + taken
+        taken = state.balance[pk.PLASTIC_DISSIPATED]
+        after = yielding.settle(model.law, model, state, gap, 0.0)[1]
+        taken = state.balance[pk.PLASTIC_DISSIPATED] - taken
+        state.balance[pk.INJECTED] += (after - before) + taken
         return after
     return before
 
@@ -145,9 +465,9 @@ def step(model, state, command):
     """Advance one step under a commanded actuator force (N); returns the mean contact force (N)."""
     body, counts, g, h = state.body, state.counts, model.gains, model.step_s
     if counts[pk.STEP] > 0:
-        books.settle_books(model, state)
-    f0, f1, f_act = books.forces_on_plate(model, state)
-    quiet = books.unforced(model, state, f0, f1, f_act)
+        settle_balance(model, state)
+    f0, f1, f_act = forces_on_plate(model, state)
+    quiet = unforced(model, state, f0, f1, f_act)
     f_a, f_a1 = act.force(model.actuator, body, command)
     sloped = act.has_slope(model.actuator)
     pushed = f_a != 0.0 or (sloped and f_a1 != 0.0)
@@ -159,35 +479,31 @@ def step(model, state, command):
     swing = mean = 0.0
     drifts = quiet and model.same_point
     if drifts:
-        x, v = modes.drift(awake, state.z, model.table, model.rho)
+        x, v = drift(awake, state.z, model.table, model.rho)
         y = x
     elif model.same_point:
         slow = model.slow
-        x, v, swing = modes.propagate_same_point(
-            slow, awake, state.z, model.table, model.rho, f0, f1
-        )
-        x_slow, v_slow, mean = modes.propagate_slow(slow, state.z, model.table, model.rho, f0, f1)
+        x, v, swing = propagate_same_point(slow, awake, state.z, model.table, model.rho, f0, f1)
+        x_slow, v_slow, mean = propagate_slow(slow, state.z, model.table, model.rho, f0, f1)
         x += x_slow
         v += v_slow
-        mean += g[solve.MEAN_BY_SWING] * (swing - body[SWING])
+        mean += g[elastic.MEAN_BY_SWING] * (swing - body[SWING])
         y = x
     else:
         if sloped and not quiet:
-            modes.fold_slope(awake, state.z, model.table, body[pk.F_A1])
-        x, v, mean, y = modes.propagate_two_points(
-            awake, state.z, model.table, model.rho, f0, f1, f_act
-        )
-    x_tail, v_tail, mean_tail = tail_kernels.turned(model.tail, body)
-    if tail_kernels.there(model.tail):
+            fold_slope(awake, state.z, model.table, body[pk.F_A1])
+        x, v, mean, y = propagate_two_points(awake, state.z, model.table, model.rho, f0, f1, f_act)
+    x_tail, v_tail, mean_tail = tail.turned(model.tail, body)
+    if tail.there(model.tail):
         x += x_tail
         v += v_tail
-    x += g[solve.CA] * f_a
-    v += g[solve.VA] * f_a
+    x += g[elastic.CA] * f_a
+    v += g[elastic.VA] * f_a
     if sloped:
-        x += g[solve.CA1] * f_a1
-        v += g[solve.VA1] * f_a1
+        x += g[elastic.CA1] * f_a1
+        v += g[elastic.VA1] * f_a1
     gravity = model.gravity_m_s2
-    sphere_0, before_v, sphere, sphere_v = ball.flight(model, body, counts)
+    sphere_0, before_v, sphere, sphere_v = pk.flight(model, body, counts)
     # Modal gaps: without the spring of the modes left out, whose share of F_a is added.
     spring = model.flexibility_m_n if model.same_point else 0.0
     own = spring * f_a
@@ -202,28 +518,28 @@ def step(model, state, command):
     if sloped:
         slope_0 -= 2.0 * bent
         slope -= 2.0 * bent
-    if tail_kernels.there(model.tail) and model.same_point:
-        slope_0 -= h * tail_kernels.mobility(model.tail) * (f_a - f_a1)
+    if tail.there(model.tail) and model.same_point:
+        slope_0 -= h * tail.mobility(model.tail) * (f_a - f_a1)
     f_c = 0.0
     f_c1 = 0.0
     lost = 0.0
     before = _bend_own_spring(model, state, gap_0, own_0)
     body[OWN] = own_1
-    rest = -contact.dent(model.law, body)
+    rest = -yielding.dent(model.law, body)
     touches = gap_0 < rest or free < rest or (slope_0 < 0.0 < slope)
     if drifts and (touches or pushed):
-        mean, swing = modes.mean_of_drift(model.slow, awake, state.z, model.table, model.rho)
+        mean, swing = mean_of_drift(model.slow, awake, state.z, model.table, model.rho)
     root = 0.0
-    if tail_kernels.there(model.tail):
+    if tail.there(model.tail):
         mean += mean_tail
-    mean += g[solve.MA] * f_a
+    mean += g[elastic.MA] * f_a
     if sloped:
-        mean += g[solve.MA1] * f_a1
+        mean += g[elastic.MA1] * f_a1
     if touches:
         free_mean = sphere_0 + 0.5 * h * before_v - h * h * gravity / 6.0 - mean - own
         # A good start for Newton: no jump between steps, the slope extrapolated.
         guess1 = 2.0 * body[pk.F_C1] - body[F_C1_BEFORE]
-        f_c, f_c1, lost, evaluations, root = contact.solve_contact(
+        f_c, f_c1, lost, evaluations, root = yielding.solve_contact(
             model.law,
             model,
             body,
@@ -239,41 +555,41 @@ def step(model, state, command):
         counts[pk.NEWTON_TOTAL] += evaluations
         counts[pk.NEWTON_MAX] = max(counts[pk.NEWTON_MAX], evaluations)
     if f_c != 0.0 or f_c1 != 0.0:
-        x -= g[solve.PX0] * f_c + g[solve.PX1] * f_c1
-        v -= g[solve.PV0] * f_c + g[solve.PV1] * f_c1
-        y -= g[solve.AC0] * f_c + g[solve.AC1] * f_c1
-        sphere, sphere_v = ball.push(model, state, sphere, sphere_v, f_c, f_c1, lost)
-    y = x if model.same_point else y + g[solve.AA] * f_a
+        x -= g[elastic.PX0] * f_c + g[elastic.PX1] * f_c1
+        v -= g[elastic.PV0] * f_c + g[elastic.PV1] * f_c1
+        y -= g[elastic.AC0] * f_c + g[elastic.AC1] * f_c1
+        sphere, sphere_v = pk.push(model, state, sphere, sphere_v, f_c, f_c1, lost)
+    y = x if model.same_point else y + g[elastic.AA] * f_a
     if sloped and not model.same_point:
-        y += g[solve.AA1] * f_a1
+        y += g[elastic.AA1] * f_a1
     modal_gap = sphere - x - own_1
-    force_1, body[STORED], root = contact.settle(model.law, model, state, modal_gap, root)
-    state.books[pk.INJECTED] += f_a * (y - body[MODAL_Y])
+    force_1, body[STORED], root = yielding.settle(model.law, model, state, modal_gap, root)
+    state.balance[pk.INJECTED] += f_a * (y - body[MODAL_Y])
     if sloped and pushed:
         if model.same_point:
-            mean -= g[solve.PM0] * f_c + g[solve.PM1] * f_c1
+            mean -= g[elastic.PM0] * f_c + g[elastic.PM1] * f_c1
         else:
-            real, imaginary = model.table[modes.MEAN_A_IM], model.table[modes.MEAN_A_RE]
-            mean = modes.weighted(awake, state.z, real, imaginary)
-            mean += g[solve.MAA] * f_a + g[solve.MAA1] * f_a1
-            mean -= g[solve.MAC0] * f_c + g[solve.MAC1] * f_c1
+            real, imaginary = model.table[MEAN_A_IM], model.table[MEAN_A_RE]
+            mean = weighted(awake, state.z, real, imaginary)
+            mean += g[elastic.MAA] * f_a + g[elastic.MAA1] * f_a1
+            mean -= g[elastic.MAC0] * f_c + g[elastic.MAC1] * f_c1
         # Work of the slope, and of the contact on what the slope bends the spring by.
-        state.books[pk.INJECTED] += f_a1 * (y + body[MODAL_Y] - 2.0 * mean) + 2.0 * bent * f_c
+        state.balance[pk.INJECTED] += f_a1 * (y + body[MODAL_Y] - 2.0 * mean) + 2.0 * bent * f_c
     push = 0.0
-    if tail_kernels.there(model.tail):
+    if tail.there(model.tail):
         push_0, push_1 = -f_c, -f_c1
         if model.same_point:
             push_0 += f_a
             push_1 += f_a1
-        tail_kernels.pushed(model.tail, state, push_0, push_1)
+        tail.pushed(model.tail, state, push_0, push_1)
         push = push_0 + push_1
-        v -= tail_kernels.mobility(model.tail) * push
+        v -= tail.mobility(model.tail) * push
     body[MODAL_X] = x
     body[MODAL_V] = v
     body[MODAL_Y] = y
-    body[SWING] = swing + g[solve.SWING0] * (f_a - f_c) - g[solve.SWING1] * f_c1
+    body[SWING] = swing + g[elastic.SWING0] * (f_a - f_c) - g[elastic.SWING1] * f_c1
     if sloped:
-        body[SWING] += g[solve.SWING1] * f_a1
+        body[SWING] += g[elastic.SWING1] * f_a1
     _observe(model, body, sphere, sphere_v, modal_gap, force_1, root, f_a, f_a1, push)
     body[pk.F_C] = f_c
     body[F_C1_BEFORE] = body[pk.F_C1]

@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jit import kernel
-from plant.contact.chord_kernels import solve_contact
-from plant.schemes.state_kernels import (
+from plant.state_kernels import (
     A_P,
     CONTACT_DISSIPATED,
     CONTACT_IMPULSE,
@@ -57,6 +56,9 @@ LANES = 48  # oscillators summed side by side; 1104 frequencies are exactly 23 r
 ROT_RE, ROT_IM, C_RE, C_IM, THETA, A_RE, A_IM, B_C, B_A = range(9)
 ENERGY, SWING_C_RE, SWING_C_IM, SWING_A_RE, SWING_A_IM, LOSS_RR, LOSS_RI, LOSS_II = range(9, 17)
 COLUMNS = 17
+_MAX_ITERATIONS = 200  # a bracket of doubles cannot be halved more often
+_NEWTON_ALLOWED = 12  # then bisection takes turns with Newton
+_ROUNDING = 2.0**-51
 _NOT_FREE = -1
 
 
@@ -94,7 +96,7 @@ class PlantState(NamedTuple):
     free: np.ndarray  # z at step counts[FREE_SINCE], while no force acts
     lanes: np.ndarray
     body: np.ndarray
-    books: np.ndarray
+    balance: np.ndarray
     counts: np.ndarray
 
 
@@ -202,7 +204,7 @@ def _dissipated_in_flight(model, state, steps):
 
 
 @kernel
-def settle_books(model, state):
+def settle_balance(model, state):
     """Book the modal dissipation of the step just done. Called before z moves on."""
     if not model.damped:
         return
@@ -213,11 +215,11 @@ def settle_books(model, state):
     if quiet and counts[FREE_SINCE] != _NOT_FREE:
         return
     if counts[FREE_SINCE] != _NOT_FREE:
-        state.books[MODAL_DISSIPATED] += _dissipated_in_flight(
+        state.balance[MODAL_DISSIPATED] += _dissipated_in_flight(
             model, state, step - 1 - counts[FREE_SINCE]
         )
         counts[FREE_SINCE] = _NOT_FREE
-    state.books[MODAL_DISSIPATED] += _dissipated_in_step(model, state, f_contact, f_actuator)
+    state.balance[MODAL_DISSIPATED] += _dissipated_in_step(model, state, f_contact, f_actuator)
     if quiet:
         for i in range(state.z.shape[1]):
             for j in range(LANES):
@@ -254,15 +256,21 @@ def modal_energy(model, state):
     return total
 
 
+@kernel(inline=True, borrowed=True)
+def contact_energy(model, state):
+    """Energy stored in the contact at the present step, J."""
+    return 0.4 * model.stiffness * max(-state.body[XI], 0.0) ** 2.5
+
+
 @kernel
-def close_books(model, state):
+def close_balance(model, state):
     """Book the last step and the last flight; to be called once, after the last step."""
     if not model.damped or state.counts[STEP] == 0:
         return
-    settle_books(model, state)
+    settle_balance(model, state)
     if state.counts[FREE_SINCE] != _NOT_FREE:
         flight = state.counts[STEP] - state.counts[FREE_SINCE]
-        state.books[MODAL_DISSIPATED] += _dissipated_in_flight(model, state, flight)
+        state.balance[MODAL_DISSIPATED] += _dissipated_in_flight(model, state, flight)
 
 
 @kernel
@@ -280,11 +288,94 @@ def _silence(state):
 
 
 @kernel
+def chord(p0, p1):
+    """Mean of p^(3/2) between penetrations p0, p1 >= 0, and its derivative by p1.
+
+    Equals (2/5)(p1^(5/2) - p0^(5/2))/(p1 - p0), written without the difference that
+    would cancel: the discrete gradient of the Hertz potential over s.
+    """
+    a = math.sqrt(p0)
+    b = math.sqrt(p1)
+    if a + b == 0.0:
+        return 0.0, 0.0
+    total = a + b
+    value = 0.4 * (b**4 + b**3 * a + b * b * a * a + b * a**3 + a**4) / total
+    slope = 0.2 * (3.0 * b**3 + 6.0 * b * b * a + 4.0 * b * a * a + 2.0 * a**3) / (total * total)
+    return value, slope
+
+
+@kernel
+def contact_force(model, xi0, xi1):
+    """Force over a step from gap xi0 to xi1 (m), its damping part, and dF/dxi1.
+
+    Elastic part: -(V(xi1) - V(xi0))/(xi1 - xi0) with V = 2/5 s p^(5/2). Viscous part:
+    c (p1 - p0)/h. Hunt-Crossley part: d (V1 - V0)/h. All fall monotonically with xi1.
+    """
+    p0 = max(-xi0, 0.0)
+    p1 = max(-xi1, 0.0)
+    if p0 == 0.0 and p1 == 0.0:
+        return 0.0, 0.0, 0.0
+    mean, mean_slope = chord(p0, p1)
+    slope1 = -1.0 if xi1 < 0.0 else 0.0  # dp1/dxi1
+    if (xi0 < 0.0) == (xi1 < 0.0):
+        share = 1.0  # part of the way that is in contact
+        share_slope = 0.0
+    else:
+        way = xi0 - xi1
+        share = (p1 - p0) / way
+        share_slope = (slope1 + share) / way
+    s = model.stiffness
+    elastic = s * mean * share
+    slope = s * (mean_slope * slope1 * share + mean * share_slope)
+    rate = (p1 - p0) / model.step_s
+    hunt = model.hunt_crossley_s_m * s
+    damping = (model.viscous_n_s_m + hunt * mean) * rate
+    slope += (model.viscous_n_s_m + hunt * mean) * slope1 / model.step_s
+    slope += hunt * mean_slope * slope1 * rate
+    return elastic + damping, damping, slope
+
+
+@kernel
+def solve_contact(model, xi0, xi_free, gain):
+    """Solve xi1 = xi_free + gain F(xi0, xi1) for the force.
+
+    Returns F (N), its damping part (N) and the number of evaluations. The left side minus
+    the right rises monotonically, so [xi_free, xi_free + gain F(xi_free)] brackets the
+    root; Newton steps that leave the bracket, or that take too long, are replaced by
+    bisection, so the loop always ends.
+    """
+    force, damping, slope = contact_force(model, xi0, xi_free)
+    other = xi_free + gain * force
+    low = min(xi_free, other)
+    high = max(xi_free, other)
+    xi1 = xi_free
+    residual = -gain * force
+    for iteration in range(1, _MAX_ITERATIONS):
+        if residual > 0.0:
+            high = min(high, xi1)
+        else:
+            low = max(low, xi1)
+        trial = xi1 - residual / (1.0 - gain * slope)
+        exhausted = False
+        if not low <= trial <= high or (iteration > _NEWTON_ALLOWED and iteration % 2 == 0):
+            trial = 0.5 * (low + high)
+            exhausted = trial <= low or trial >= high  # no double lies in between
+        moved = abs(trial - xi1)
+        xi1 = trial
+        force, damping, slope = contact_force(model, xi0, xi1)
+        residual = xi1 - (xi_free + gain * force)
+        scale = abs(xi1) + abs(xi_free) + abs(gain * force)
+        if abs(residual) <= _ROUNDING * scale or moved == 0.0 or exhausted:
+            return force, damping, iteration + 1
+    return force, damping, _MAX_ITERATIONS
+
+
+@kernel
 def step(model, state, f_a):
     """Advance one step under the actuator force `f_a` (N); returns the contact force (N)."""
     body, counts, h = state.body, state.counts, model.step_s
     if counts[STEP] > 0:
-        settle_books(model, state)
+        settle_balance(model, state)
     f_contact, f_actuator = _forces_on_plate(model, state)
     if f_contact != 0.0 or f_actuator != 0.0:
         counts[ROWS] = state.z.shape[1]
@@ -319,12 +410,12 @@ def step(model, state, f_a):
         body[FLIGHT_V] = sphere_speed + f_c * h / model.mass_kg
         counts[FLIGHT_STEP] = counts[STEP] + 1
         counts[CONTACT_STEPS] += 1
-        state.books[CONTACT_IMPULSE] += f_c * h
-        state.books[CONTACT_DISSIPATED] -= f_damping * (sphere - plate - body[XI])
+        state.balance[CONTACT_IMPULSE] += f_c * h
+        state.balance[CONTACT_DISSIPATED] -= f_damping * (sphere - plate - body[XI])
     speed = v + model.speed_gain_ca * f_a - model.speed_gain_cc * f_c
     body[V_P_OF_STEP] = body[V_P]
     actuator = y + model.gain_aa * f_a - model.gain_ac * f_c
-    state.books[INJECTED] += f_a * (actuator - body[XI_A])
+    state.balance[INJECTED] += f_a * (actuator - body[XI_A])
     body[A_P] = (speed - body[V_P]) / h
     body[XI] = sphere - plate
     body[XI_S] = sphere

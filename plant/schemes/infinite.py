@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from plant.contact import solve_kernels as solve
+from plant import state_kernels as pk
+from plant.contact import elastic_kernels as elastic
 from plant.contact.hertz import GRAVITY_M_S2
 from plant.plant import NO_MODES, Plant, PlantSpec
 from plant.schemes import infinite_kernels as k
-from plant.schemes import state_kernels as pk
 from plant.structures.plate import Plate
 
 
@@ -28,20 +28,20 @@ def impedance_n_s_m(plate: Plate) -> float:
 def build_model(spec: PlantSpec) -> k.InfiniteModel:
     """Coefficients of one step. Raises ValueError when the actuator is not at the contact."""
     if not spec.same_point:
-        raise ValueError("the infinite plate knows a force at the struck point only")
+        raise ValueError("the infinite plate knows a force at the contact point only")
     h, m, z = spec.step_s, spec.sphere.mass_kg, impedance_n_s_m(spec.local_plate)
-    gains = np.zeros(solve.GAINS)
+    gains = np.zeros(elastic.GAINS)
     # Displacement, velocity and mean displacement of plate, then gap, by F_0 and F_1.
-    gains[solve.PX0], gains[solve.PX1] = h / z, 0.0
-    gains[solve.PV0], gains[solve.PV1] = 1.0 / z, 1.0 / z
-    gains[solve.PM0], gains[solve.PM1] = h / (2.0 * z), -h / (6.0 * z)
-    gains[solve.X0] = gains[solve.PX0] + h * h / (2.0 * m)
-    gains[solve.X1] = gains[solve.PX1] - h * h / (6.0 * m)
-    gains[solve.V0], gains[solve.V1] = gains[solve.PV0] + h / m, gains[solve.PV1]
-    gains[solve.M0] = gains[solve.PM0] + h * h / (6.0 * m)
-    gains[solve.M1] = gains[solve.PM1] - h * h / (12.0 * m)
-    gains[solve.CA], gains[solve.VA], gains[solve.MA] = h / z, 1.0 / z, h / (2.0 * z)
-    gains[solve.NODE0 :] = solve.at_nodes(gains, h)
+    gains[elastic.PX0], gains[elastic.PX1] = h / z, 0.0
+    gains[elastic.PV0], gains[elastic.PV1] = 1.0 / z, 1.0 / z
+    gains[elastic.PM0], gains[elastic.PM1] = h / (2.0 * z), -h / (6.0 * z)
+    gains[elastic.X0] = gains[elastic.PX0] + h * h / (2.0 * m)
+    gains[elastic.X1] = gains[elastic.PX1] - h * h / (6.0 * m)
+    gains[elastic.V0], gains[elastic.V1] = gains[elastic.PV0] + h / m, gains[elastic.PV1]
+    gains[elastic.M0] = gains[elastic.PM0] + h * h / (6.0 * m)
+    gains[elastic.M1] = gains[elastic.PM1] - h * h / (12.0 * m)
+    gains[elastic.CA], gains[elastic.VA], gains[elastic.MA] = h / z, 1.0 / z, h / (2.0 * z)
+    gains[elastic.NODE0 :] = elastic.at_nodes(gains, h)
     return k.InfiniteModel(
         step_s=h,
         mass_kg=m,
@@ -63,19 +63,21 @@ class InfinitePlant(Plant):
     Raises ValueError when the actuator is not at the contact.
     """
 
-    scheme = "modal"
     kernels: Any = k
 
     def __init__(self, spec: PlantSpec) -> None:
         self.spec = spec
         self.modes = NO_MODES
-        self.model = build_model(spec)
+        self.model = self._build_model()
         self.state = self._initial_state()
+
+    def _build_model(self) -> k.InfiniteModel:
+        return build_model(self.spec)
 
     def _empty_state(self) -> k.InfiniteState:
         return k.InfiniteState(
             body=np.zeros(k.BODY_SIZE),
-            books=np.zeros(pk.BOOKS_SIZE),
+            balance=np.zeros(pk.BALANCE_SIZE),
             counts=np.zeros(pk.COUNTS_SIZE, np.int64),
         )
 

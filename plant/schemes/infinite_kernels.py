@@ -1,9 +1,9 @@
 """Compiled kernels of the infinite plate: until a reflection returns, a dashpot (Zener 1941).
 
-The struck point moves with v = F/Z under the force F up on the plate, and has no memory but its
+The contact point moves with v = F/Z under the force F up on the plate, and has no memory but its
 displacement. The contact force of a step is F_0 + F_1 (2 t/h - 1) as in
-`plant.schemes.collocation_kernels`, found by the same scalar solve. What goes into the plate, the
-integral of F^2/Z, does not come back: the books have it as modal dissipation.
+`plant.schemes.collocation_kernels`, found by the same scalar elastic. What goes into the plate, the
+integral of F^2/Z, does not come back: the balance counts it as modal dissipation.
 """
 
 from typing import Any, NamedTuple
@@ -11,10 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jit import kernel
-from plant.contact import hertz_kernels as hertz
-from plant.contact import solve_kernels as solve
-from plant.schemes import sphere_kernels as ball
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
+from plant.contact import elastic_kernels as elastic
 
 STORED = pk.BODY_SIZE  # further index into the state's body: energy in the contact, J
 BODY_SIZE = pk.BODY_SIZE + 1
@@ -37,20 +35,20 @@ class InfiniteModel(NamedTuple):
 
 
 class InfiniteState(NamedTuple):
-    """What changes: scalars by the indices of `plant.schemes.state_kernels`."""
+    """What changes: scalars by the indices of `plant.state_kernels`."""
 
     body: np.ndarray
-    books: np.ndarray
+    balance: np.ndarray
     counts: np.ndarray
 
 
 @kernel(inline=True, borrowed=True)
 def plate_speed(model, gap, sphere_v, f_a):
-    """Velocity of the struck point (m/s) at a gap under the contact law and F_a: from
+    """Velocity of the contact point (m/s) at a gap under the contact law and F_a: from
     Z v = F_a - s p^1.5 - D (v - v_sphere), D = c + d s p^1.5."""
     if gap >= 0.0:
         return f_a / model.impedance_n_s_m
-    spring = hertz.elastic(model, gap)[0]
+    spring = elastic.elastic(model, gap)[0]
     damper = model.viscous_n_s_m + model.hunt_crossley_s_m * spring
     return (f_a - spring + damper * sphere_v) / (model.impedance_n_s_m + damper)
 
@@ -58,24 +56,24 @@ def plate_speed(model, gap, sphere_v, f_a):
 @kernel(borrowed=True)
 def step(model, state, f_a):
     """Advance one step under the actuator force `f_a` (N); returns the mean contact force (N)."""
-    body, counts, books, g = state.body, state.counts, state.books, model.gains
+    body, counts, balance, g = state.body, state.counts, state.balance, model.gains
     h, gravity = model.step_s, model.gravity_m_s2
-    sphere_0, before_v, sphere, sphere_v = ball.flight(model, body, counts)
+    sphere_0, before_v, sphere, sphere_v = pk.flight(model, body, counts)
     plate_0 = body[pk.XI_P]
-    plate = plate_0 + g[solve.CA] * f_a
+    plate = plate_0 + g[elastic.CA] * f_a
     gap_0 = sphere_0 - plate_0
     free = sphere - plate
     # The plate's velocity follows the force at once: at the start it is that under the new F_a.
     slope_0 = h * (before_v - plate_speed(model, gap_0, before_v, f_a))
-    slope = h * (sphere_v - g[solve.VA] * f_a)
+    slope = h * (sphere_v - g[elastic.VA] * f_a)
     f_c = 0.0
     f_c1 = 0.0
     lost = 0.0
     if gap_0 < 0.0 or free < 0.0 or (slope_0 < 0.0 < slope):
         sphere_mean = sphere_0 + 0.5 * h * before_v - h * h * gravity / 6.0
-        free_mean = sphere_mean - plate_0 - g[solve.MA] * f_a
+        free_mean = sphere_mean - plate_0 - g[elastic.MA] * f_a
         guess1 = body[pk.F_C1]
-        f_c, f_c1, lost, evaluations, _ = solve.solve_contact(
+        f_c, f_c1, lost, evaluations, _ = elastic.solve_contact(
             model,
             gap_0,
             slope_0,
@@ -89,13 +87,15 @@ def step(model, state, f_a):
         counts[pk.NEWTON_TOTAL] += evaluations
         counts[pk.NEWTON_MAX] = max(counts[pk.NEWTON_MAX], evaluations)
     if f_c != 0.0 or f_c1 != 0.0:
-        plate -= g[solve.PX0] * f_c + g[solve.PX1] * f_c1
-        sphere, sphere_v = ball.push(model, state, sphere, sphere_v, f_c, f_c1, lost)
+        plate -= g[elastic.PX0] * f_c + g[elastic.PX1] * f_c1
+        sphere, sphere_v = pk.push(model, state, sphere, sphere_v, f_c, f_c1, lost)
     driven = f_a - f_c
-    books[pk.MODAL_DISSIPATED] += h * (driven * driven + f_c1 * f_c1 / 3.0) / model.impedance_n_s_m
-    books[pk.INJECTED] += f_a * (plate - plate_0)
+    balance[pk.MODAL_DISSIPATED] += (
+        h * (driven * driven + f_c1 * f_c1 / 3.0) / model.impedance_n_s_m
+    )
+    balance[pk.INJECTED] += f_a * (plate - plate_0)
     gap = sphere - plate
-    body[STORED] = hertz.elastic(model, gap)[1]
+    body[STORED] = elastic.elastic(model, gap)[1]
     speed = plate_speed(model, gap, sphere_v, f_a)
     body[pk.V_P_OF_STEP] = body[pk.V_P]
     body[pk.A_P] = (speed - body[pk.V_P]) / h
@@ -111,6 +111,12 @@ def step(model, state, f_a):
     return f_c
 
 
+@kernel(inline=True, borrowed=True)
+def contact_energy(model, state):
+    """Energy stored in the contact at the present step, J."""
+    return state.body[STORED]
+
+
 @kernel(borrowed=True)
 def modal_energy(model, state):
     """An infinite plate gives nothing back: zero."""
@@ -118,7 +124,7 @@ def modal_energy(model, state):
 
 
 @kernel(borrowed=True)
-def close_books(model, state):
+def close_balance(model, state):
     """Every step is booked when it is made."""
 
 

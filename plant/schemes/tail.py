@@ -15,10 +15,10 @@ import math
 
 import numpy as np
 
-from plant.contact import solve_kernels as solve
-from plant.gauss import gauss
-from plant.schemes.phi import phi
-from plant.schemes.tail_kernels import DampedTail
+from plant.contact import elastic_kernels as elastic
+from plant.contact.tail_kernels import DampedTail
+from plant.numerics import phi
+from plant.one_thread import gauss
 
 _NODES = 24  # of the time integral of the loss, for a turn of up to pi in a step
 _NODES_PER_RADIAN = 0.75
@@ -76,23 +76,23 @@ def build(
         lost=_lost(y, omega_c, s, drive, h, to_y),
     )
     gains = {
-        solve.PX0: constant.imag,
-        solve.PX1: linear.imag,
-        solve.PV0: (s * constant).imag + y,
-        solve.PV1: (s * linear).imag + y,
-        solve.PM0: mean_constant.imag,
-        solve.PM1: mean_linear.imag,
-        solve.START0: y,
-        solve.START1: -y,
+        elastic.PX0: constant.imag,
+        elastic.PX1: linear.imag,
+        elastic.PV0: (s * constant).imag + y,
+        elastic.PV1: (s * linear).imag + y,
+        elastic.PM0: mean_constant.imag,
+        elastic.PM1: mean_linear.imag,
+        elastic.START0: y,
+        elastic.START1: -y,
     }
     if same_point:
         gains |= {
-            solve.CA: gains[solve.PX0],
-            solve.VA: gains[solve.PV0],
-            solve.MA: gains[solve.PM0],
-            solve.CA1: gains[solve.PX1],
-            solve.VA1: gains[solve.PV1],
-            solve.MA1: gains[solve.PM1],
+            elastic.CA: gains[elastic.PX0],
+            elastic.VA: gains[elastic.PV0],
+            elastic.MA: gains[elastic.PM0],
+            elastic.CA1: gains[elastic.PX1],
+            elastic.VA1: gains[elastic.PV1],
+            elastic.MA1: gains[elastic.PM1],
         }
     return tail, gains
 

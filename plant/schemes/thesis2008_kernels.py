@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jit import kernel
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
 
 ALPHA = -1.0 / 3.0
 ADVANCE = -ALPHA
@@ -46,7 +46,7 @@ _TOUCH_M = 1e-300  # above contact, however the last digit falls
 
 class ThesisModel(NamedTuple):
     """What does not change during a run. `green_*`: response of displacement (m/N s),
-    velocity and acceleration at the struck point to a unit impulse, one value a step of
+    velocity and acceleration at the contact point to a unit impulse, one value a step of
     the longest run.
 
     Relaxation: F = (s_rel p - (s_tau/tau) int p(t') exp(-(t - t')/tau) dt') sqrt(p) with
@@ -69,12 +69,12 @@ class ThesisModel(NamedTuple):
 
 
 class ThesisState(NamedTuple):
-    """What changes. `body`, `books` and the first counts as in the modal scheme; `total` and
+    """What changes. `body`, `balance` and the first counts as in the modal scheme; `total` and
     `undamped`: force on the plate with and without damping, `depth`: penetration, one a
     sample of the present impact; `decay`: weights of the relaxation's memory."""
 
     body: np.ndarray
-    books: np.ndarray
+    balance: np.ndarray
     counts: np.ndarray
     motion: np.ndarray
     total: np.ndarray
@@ -224,7 +224,7 @@ def _end_impact(model, state, n, step):
     counts[pk.FLIGHT_STEP] = step
     body[pk.FLIGHT_X] = body[pk.XI]
     body[pk.FLIGHT_V] = speed
-    # It falls back on a plate at rest; one that does not rise at all is struck at once.
+    # It falls back on a plate at rest; one that does not rise at all is hit at once.
     fall_steps = math.ceil(2.0 * speed / (model.gravity_m_s2 * model.step_s))
     counts[NEXT_IMPACT] = step + max(fall_steps, 1)
 
@@ -291,11 +291,11 @@ def _touch(model, state, n):
 @kernel
 def _book(model, state, f_a):
     """What the present sample's forces do over a step, at the velocities of the sample."""
-    body, books, motion, h = state.body, state.books, state.motion, model.step_s
-    books[pk.CONTACT_IMPULSE] += (motion[ELASTIC] + motion[DAMPING]) * h
-    books[pk.CONTACT_DISSIPATED] -= motion[DAMPING] * motion[REL_V] * h
-    books[pk.INJECTED] += f_a * body[pk.V_P_OF_STEP] * h
-    books[pk.MODAL_DISSIPATED] += (f_a - motion[ELASTIC]) * body[pk.V_P_OF_STEP] * h
+    body, balance, motion, h = state.body, state.balance, state.motion, model.step_s
+    balance[pk.CONTACT_IMPULSE] += (motion[ELASTIC] + motion[DAMPING]) * h
+    balance[pk.CONTACT_DISSIPATED] -= motion[DAMPING] * motion[REL_V] * h
+    balance[pk.INJECTED] += f_a * body[pk.V_P_OF_STEP] * h
+    balance[pk.MODAL_DISSIPATED] += (f_a - motion[ELASTIC]) * body[pk.V_P_OF_STEP] * h
 
 
 @kernel
@@ -304,7 +304,7 @@ def step(model, state, f_a):
     contact force (N) of that sample, damping included.
 
     The sampled convolution lets a force move the plate at once (j = 0), so the plate velocity
-    of a sample is complete only when `f_a` is known. `books[MODAL_DISSIPATED]` takes all work
+    of a sample is complete only when `f_a` is known. `balance[MODAL_DISSIPATED]` takes all work
     on the plate.
     """
     body, counts, motion = state.body, state.counts, state.motion

@@ -1,1 +1,1 @@
-"""What is struck: anything linear, given to the plant by its modes."""
+"""Structures: anything linear, given to the plant by its modes."""

@@ -1,22 +1,357 @@
 """Rectangular plate whose edges are clamped, free or simply supported, in any combination."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
-from plant.structures.edge_phases import Waves, shape_along, waves
+from plant.one_thread import on_one_thread
 from plant.structures.materials import Material
+from plant.structures.modes import Modes, Point
 from plant.structures.plate import Plate
-from plant.structures.ritz import LowModes, low_modes
-from plant.structures.structure import Modes, Point
+from plant.structures.registry import Description
+from plant.structures.structure import BaseStructure, Structure
 
 _SHARE = 0.1  # of the accuracy asked for, in k^2 of the modes taken from Ritz's method
 _LEAST = 25  # low modes that are taken however little is asked
 _LOOKED_AT = 0.2  # of the low modes, to find a gap and to compare with the waves
 _TAIL = 4.0  # modes left out are summed one by one up to this multiple of the limit
+_SECONDS_PER_MODE = 7e-5  # of processor time
 _WORDS = {"s": "simply supported", "c": "clamped", "f": "free"}
+ORDERS = {"f": 0, "s": 1, "c": 2}  # what an edge holds: nothing, the deflection, the slope as well
+_FUNCTIONS = 1600  # products of functions; a plate without any symmetry takes a second or two
+_FEWEST = 12  # along an edge
+_FEWER = 3  # functions along each edge, in the basis to compare with
+_RIGID = 1e-3  # of the frequency of a beam as long as the plate
+_ROUNDS = 40
+_STRIP_ROUNDS = 4  # of strip and phase in turn
+_STRIP_FUNCTIONS = 36
+
+
+# Functions of one coordinate that keep the edge conditions of a plate, orthonormal by themselves.
+#
+# (1+xi)^a (1-xi)^b P_k^(2b,2a)(xi) with a, b = 0 on a free edge, 1 on a simply supported and 2 on a
+# clamped one: Jacobi polynomials are orthogonal under just the weight that the square of the edge
+# factor is, so the mass matrix of any number of them is the identity.
+
+
+@dataclass(frozen=True)
+class BeamBasis:
+    """The first `count` functions on 0..length_m between two edges, unit integral of the square."""
+
+    edges: str  # of "csf", at 0 and at the length
+    length_m: float
+    count: int
+
+    def at(self, x_m: np.ndarray, derivative: int = 0) -> np.ndarray:
+        """Values, or first or second derivatives, at places (points,); (points, count)."""
+        xi = 2.0 * np.asarray(x_m, dtype=float) / self.length_m - 1.0
+        values = _functions(self.edges, self.count, xi)[derivative]
+        return np.asarray(values * (2.0 / self.length_m) ** (derivative + 0.5))
+
+    def integrals(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Integrals of f_i'' f_k'', of f_i'' f_k and of f_i' f_k', each (count, count)."""
+        shapes = _integrals(self.edges, self.count)
+        by = 2.0 / self.length_m
+        return shapes[0] * by**4, shapes[1] * by**2, shapes[2] * by**2
+
+
+def _functions(edges: str, count: int, xi: np.ndarray) -> list[np.ndarray]:
+    """Functions of xi in -1..1 and two derivatives, each (points, count)."""
+    a, b = ORDERS[edges[0]], ORDERS[edges[1]]
+    alpha, beta = 2 * b, 2 * a
+    k = np.arange(count)
+    # Norm of Jacobi's polynomials; 2^(alpha + beta + 1) is taken into the exponent as well.
+    norm = (
+        np.exp(
+            (alpha + beta + 1) * np.log(2.0)
+            - np.log(2 * k + alpha + beta + 1)
+            + scipy.special.gammaln(k + alpha + 1)
+            + scipy.special.gammaln(k + beta + 1)
+            - scipy.special.gammaln(k + alpha + beta + 1)
+            - scipy.special.gammaln(k + 1)
+        )
+        ** -0.5
+    )
+    x = xi[:, None]
+    polynomial = [scipy.special.eval_jacobi(k, alpha, beta, x) * norm]
+    for order in (1, 2):
+        factor = norm
+        for j in range(order):
+            factor = factor * 0.5 * (k + alpha + beta + 1 + j)
+        lower = np.maximum(k - order, 0)
+        value = scipy.special.eval_jacobi(lower, alpha + order, beta + order, x)
+        polynomial.append(np.where(k >= order, value * factor, 0.0))
+    left, right = _power(1.0 + x, a), _power(1.0 - x, b)
+    edge = [
+        left[0] * right[0],
+        left[1] * right[0] - left[0] * right[1],
+        left[2] * right[0] - 2.0 * left[1] * right[1] + left[0] * right[2],
+    ]
+    p = polynomial
+    return [
+        edge[0] * p[0],
+        edge[1] * p[0] + edge[0] * p[1],
+        edge[2] * p[0] + 2.0 * edge[1] * p[1] + edge[0] * p[2],
+    ]
+
+
+def _power(u: np.ndarray, n: int) -> list[np.ndarray]:
+    """u^n and its two derivatives, n = 0, 1, 2."""
+    one = np.ones_like(u)
+    return [[one, 0 * u, 0 * u], [u, one, 0 * u], [u * u, 2 * u, 2 * one]][n]
+
+
+@lru_cache(maxsize=32)
+@on_one_thread
+def _integrals(edges: str, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The integrals over -1..1, exact by Gauss's rule."""
+    nodes, weights = np.polynomial.legendre.leggauss(count + 5)
+    value, slope, bend = _functions(edges, count, nodes)
+    by_weight = weights[:, None] * bend
+    return bend.T @ by_weight, by_weight.T @ value, slope.T @ (weights[:, None] * slope)
+
+
+# Low modes of a rectangular plate with any edges by Ritz's method, and how far they converged.
+#
+# Energy of bending 1/2 B' integral of w_xx^2 + w_yy^2 + 2 nu w_xx w_yy + 2 (1 - nu) w_xy^2, on
+# products of the functions of a `BeamBasis`; its eigenvalues are k^4 = w^2 m''/B'.
+# The mass matrix is the identity; scaled to a unit diagonal, the stiffness is as well conditioned
+# as the plate. Between equal edges even and odd functions do not meet: four problems of a quarter
+# the size.
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Modes made of some functions along x and along y: k^2 (modes,), coefficients (functions of
+    x times functions of y, modes)."""
+
+    x: np.ndarray
+    y: np.ndarray
+    squared: np.ndarray
+    coefficients: np.ndarray
+
+
+@dataclass(frozen=True)
+class LowModes:
+    """Modes by rising k^2 (1/m^2), 0 of a rigid plate; `change`: of k^2, relative, against a
+    smaller basis; both (modes,)."""
+
+    squared: np.ndarray
+    change: np.ndarray
+    bases: tuple[BeamBasis, BeamBasis]
+    blocks: tuple[_Block, ...]
+    order: np.ndarray
+
+    @on_one_thread
+    def shapes(self, x_m: np.ndarray, y_m: np.ndarray, count: int) -> np.ndarray:
+        """Shapes of the first `count` modes on a grid, (count, x, y); unit integral of squares."""
+        at_x, at_y = self.bases[0].at(x_m), self.bases[1].at(y_m)
+        found = np.empty((count, len(x_m), len(y_m)))
+        place = np.empty(len(self.order), np.int64)
+        place[self.order] = np.arange(len(self.order))
+        first = 0
+        for block in self.blocks:
+            rows = place[first : first + len(block.squared)]
+            first += len(block.squared)
+            wanted = np.flatnonzero(rows < count)
+            folded = block.coefficients[:, wanted].reshape(len(block.x), len(block.y), -1)
+            half = np.tensordot(at_x[:, block.x], folded, 1)
+            found[rows[wanted]] = np.einsum("xkm,yk->mxy", half, at_y[:, block.y], optimize=True)
+        return found
+
+
+def _counts(size_m: tuple[float, float]) -> tuple[int, int]:
+    """Functions along x and y that resolve the same wavelength: 10 + k l/2 each."""
+    lx, ly = size_m
+    # (10 + k lx/2) (10 + k ly/2) = _FUNCTIONS
+    a, b, c = 0.25 * lx * ly, 5.0 * (lx + ly), 100.0 - _FUNCTIONS
+    k = (-b + math.sqrt(b * b - 4.0 * a * c)) / (2.0 * a)
+    nx, ny = (max(_FEWEST, int(10 + 0.5 * k * length)) for length in size_m)
+    return nx, ny
+
+
+@lru_cache(maxsize=8)
+def low_modes(edges: str, size_m: tuple[float, float], nu: float) -> LowModes:
+    """Modes of a plate, edges as in "csff": at x = 0, x = l_x, y = 0, y = l_y."""
+    nx, ny = _counts(size_m)
+    lx, ly = size_m
+    shift = (math.pi / max(size_m)) ** 4
+    bases = BeamBasis(edges[:2], lx, nx), BeamBasis(edges[2:], ly, ny)
+    blocks, coarse = [], []
+    for x in _families(edges[:2], nx):
+        for y in _families(edges[2:], ny):
+            values, vectors = _solved(bases, x, y, nu, shift)
+            blocks.append(_Block(x, y, np.sqrt(values), vectors))
+            fewer = (x[x < nx - _FEWER], y[y < ny - _FEWER])
+            coarse.append(np.sqrt(_solved(bases, *fewer, nu, shift)[0]))
+    squared = np.concatenate([block.squared for block in blocks])
+    before = np.concatenate([
+        np.pad(fewer, (0, len(block.squared) - len(fewer)), constant_values=math.inf)
+        for fewer, block in zip(coarse, blocks, strict=True)
+    ])  # fmt: skip
+    rigid = squared < _RIGID * math.sqrt(shift)
+    change = np.where(rigid, 0.0, before / np.where(rigid, 1.0, squared) - 1.0)
+    squared[rigid] = 0.0
+    order = np.argsort(squared, kind="stable")
+    return LowModes(squared[order], change[order], bases, tuple(blocks), order)
+
+
+def _families(edges: str, count: int) -> list[np.ndarray]:
+    """Functions that take part together: even and odd ones apart between equal edges."""
+    functions = np.arange(count)
+    return [functions[::2], functions[1::2]] if edges[0] == edges[1] else [functions]
+
+
+@on_one_thread
+def _solved(
+    bases: tuple[BeamBasis, BeamBasis], x: np.ndarray, y: np.ndarray, nu: float, shift: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues k^4 (not below 0), rising, and orthonormal coefficients.
+
+    Solved for 1/(k^4 + shift), of which the low modes have the largest: their rounding is
+    relative to themselves, not to the highest, 1e8 times as large.
+    """
+    (kx, ex, gx), (ky, ey, gy) = (
+        [matrix[np.ix_(part, part)] for matrix in basis.integrals()]
+        for basis, part in zip(bases, (x, y), strict=True)
+    )
+    stiffness = np.kron(kx, np.eye(len(y))) + np.kron(np.eye(len(x)), ky)
+    stiffness += nu * (np.kron(ex, ey.T) + np.kron(ex.T, ey)) + 2.0 * (1.0 - nu) * np.kron(gx, gy)
+    stiffness[np.diag_indices(len(stiffness))] += shift
+    scale = np.sqrt(np.diag(stiffness))
+    lower = scipy.linalg.cholesky(stiffness / np.outer(scale, scale), lower=True)
+    halved = scipy.linalg.solve_triangular(lower, np.diag(1.0 / scale), lower=True)
+    inverse, vectors = np.linalg.eigh(halved @ halved.T)
+    values = np.maximum(1.0 / inverse[::-1] - shift, 0.0)
+    coefficients = scipy.linalg.solve_triangular(lower, vectors[:, ::-1], lower=True, trans="T")
+    coefficients /= scale[:, None]
+    return values, coefficients / np.linalg.norm(coefficients, axis=0)
+
+
+# Modes of a rectangular plate far above its first ones, by the dynamic edge effect (Bolotin 1961).
+#
+# Away from the edges a mode is sin(k_x x + a_x) sin(k_y y + a_y), w = sqrt(B'/m'') (k_x^2 + k_y^2).
+# At an edge a term exp(-kappa x), kappa^2 = k_x^2 + 2 k_y^2, joins it, and both fulfil the edge's
+# two conditions for one phase a, between -pi/2 and 0; a mode has k_x l_x + a_0 + a_1 = m pi, m = 1,
+# 2, ..., and the same along y. A free edge has one mode more for every n, which is nearly straight
+# across the plate or, at higher frequencies, runs along the edge and dies away from it: those
+# follow from the strip between the two edges. What happens in the corners is left out.
+
+
+class _Side(NamedTuple):
+    """Shapes of modes along one coordinate: wave numbers (1/m) and their squares across, or
+    (`strip`) coefficients of a `BeamBasis`, (functions, modes)."""
+
+    k: np.ndarray
+    t_squared: np.ndarray
+    strip: np.ndarray | None = None
+
+    def of(self, kept: np.ndarray) -> "_Side":
+        """The same for some of the modes."""
+        strip = None if self.strip is None else self.strip[:, kept]
+        return _Side(self.k[kept], self.t_squared[kept], strip)
+
+
+class Waves(NamedTuple):
+    """Some modes of the same kind; `squared`: k_x^2 + k_y^2 (1/m^2), (modes,)."""
+
+    squared: np.ndarray
+    along_x: _Side
+    along_y: _Side
+
+    def above(self, least: float) -> "Waves":
+        """The modes with k^2 of `least` and more."""
+        kept = self.squared >= least
+        return Waves(self.squared[kept], self.along_x.of(kept), self.along_y.of(kept))
+
+
+def _phase(edge: str, k: np.ndarray, t2: np.ndarray, nu: float) -> tuple[np.ndarray, np.ndarray]:
+    """Phase and weight of the exponential at an edge, k across it, t2 = t^2 along it."""
+    if edge == "s":
+        return np.zeros_like(k), np.zeros_like(k)
+    kappa = np.sqrt(k * k + 2.0 * t2)
+    if edge == "c":
+        phase = -np.arctan2(k, kappa)
+        return phase, -np.sin(phase)
+    a, b = k * k + nu * t2, k * k + (2.0 - nu) * t2
+    phase = -np.arctan2(k * b * b, kappa * a * a)
+    return phase, a * np.sin(phase) / b
+
+
+def _numbers(count: np.ndarray, edges: str, length: float, k: np.ndarray, t2: np.ndarray,
+             nu: float) -> np.ndarray:  # fmt: skip
+    """The next estimate of the wave number of mode `count` between two edges."""
+    turned = _phase(edges[0], k, t2, nu)[0] + _phase(edges[1], k, t2, nu)[0]
+    return np.asarray((count * np.pi - turned) / length)
+
+
+def waves(edges: str, size_m: tuple[float, float], nu: float, k_max: float) -> list[Waves]:
+    """All modes with k_x^2 + k_y^2 <= k_max^2; the corners' share left out."""
+    (lx, ly), (ex, ey) = size_m, (edges[:2], edges[2:])
+    highest = [np.arange(1.0, int(k_max * length / np.pi) + 2) for length in size_m]
+    m, n = (grid.ravel() for grid in np.meshgrid(*highest, indexing="ij"))
+    kx, ky = m * np.pi / lx, n * np.pi / ly
+    for _ in range(_ROUNDS):
+        kx, ky = _numbers(m, ex, lx, kx, ky * ky, nu), _numbers(n, ey, ly, ky, kx * kx, nu)
+    kept = kx * kx + ky * ky <= k_max * k_max
+    kx, ky = kx[kept], ky[kept]
+    found = [Waves(kx * kx + ky * ky, _Side(kx, ky * ky), _Side(ky, kx * kx))]
+    for squared, across, along in _edge_waves(ex, ey, lx, ly, nu, k_max):
+        found.append(Waves(squared, across, along))
+    for squared, across, along in _edge_waves(ey, ex, ly, lx, nu, k_max):
+        found.append(Waves(squared, along, across))
+    return found
+
+
+@on_one_thread
+def _edge_waves(
+    across: str, along: str, width: float, length: float, nu: float, k_max: float
+) -> list[tuple[np.ndarray, _Side, _Side]]:
+    """For every free edge of `across` the modes that run along it: k^2, shape across, along."""
+    basis = BeamBasis(across, width, _STRIP_FUNCTIONS)
+    bend, mixed, slope = basis.integrals()
+    mixed = mixed + mixed.T
+    n = np.arange(1.0, int(k_max * length / np.pi) + 2)
+    found = []
+    for j in range(across.count("f")):
+        k, t2 = n * np.pi / length, np.zeros(len(n))
+        for _ in range(_STRIP_ROUNDS):
+            for _ in range(_ROUNDS):
+                k = _numbers(n, along, length, k, t2, nu)
+            k2 = (k * k)[:, None, None]
+            strip = bend + k2 * (2.0 * (1.0 - nu) * slope - nu * mixed)
+            values, vectors = np.linalg.eigh(strip + k2 * k2 * np.eye(_STRIP_FUNCTIONS))
+            squared = np.sqrt(np.maximum(values[:, j], 0.0))
+            t2 = np.maximum(squared - k * k, -0.45 * k * k)
+        kept = squared <= k_max * k_max
+        side = _Side(k[kept], k[kept] ** 2, vectors[kept, :, j].T)
+        found.append((squared[kept], side, _Side(k[kept], t2[kept])))
+    return found
+
+
+@on_one_thread
+def shape_along(edges: str, length_m: float, side: _Side, nu: float, x_m: np.ndarray) -> np.ndarray:
+    """Shapes along a coordinate, unit integral of the square; (points, modes)."""
+    x = np.asarray(x_m, dtype=float)
+    if side.strip is not None:
+        return BeamBasis(edges, length_m, len(side.strip)).at(x) @ side.strip
+    k, t2, x = side.k, side.t_squared, x[:, None]
+    (a0, c0), (a1, c1) = (_phase(edge, k, t2, nu) for edge in edges)
+    kappa = np.sqrt(k * k + 2.0 * t2)
+    # sin^2, then what the exponentials add: twice their product with the sine, and their square.
+    norm = 0.5 * length_m + (np.sin(2.0 * a0) + np.sin(2.0 * a1)) / (4.0 * k)
+    for a, c in ((a0, c0), (a1, c1)):
+        norm = norm + 2.0 * c * (k * np.cos(a) + kappa * np.sin(a)) / (k * k + kappa * kappa)
+        norm = norm + c * c / (2.0 * kappa)
+    # Seen from the far edge the sine has the sign of -cos(m pi).
+    far = -np.cos(np.round((k * length_m + a0 + a1) / np.pi) * np.pi) * c1
+    inside = np.sin(k * x + a0) + c0 * np.exp(-kappa * x) + far * np.exp(-kappa * (length_m - x))
+    return np.asarray(inside / np.sqrt(norm))
 
 
 @dataclass(frozen=True)
@@ -31,7 +366,7 @@ class Reached:
 
 
 @dataclass(frozen=True)
-class EdgedPlate:
+class EdgedPlate(BaseStructure):
     """A plate with the edges x = 0, x = l_x, y = 0, y = l_y as named, c, f or s each.
 
     Low modes by Ritz's method as far as it has converged to `accuracy`, those beyond by phases
@@ -62,9 +397,15 @@ class EdgedPlate:
         """l_x and l_y, m."""
         return self.plate.size_m
 
-    def same_point(self, contact_m: Point, actuator_m: Point) -> bool:
-        """Whether the actuator pushes at the struck point."""
-        return contact_m == actuator_m
+    @property
+    def seconds_per_mode(self) -> float:
+        """Processor time of a mode, s."""
+        return _SECONDS_PER_MODE
+
+    @property
+    def quality(self) -> Mapping[str, Any]:
+        """Fields of `Reached`."""
+        return asdict(self.reached)
 
     def modes_below(self, frequency_hz: float) -> float:
         """About how many modes there are up to a frequency, by the modal density."""
@@ -198,3 +539,10 @@ def _beyond(
     if first >= len(every):
         return []
     return [group.above(every[first]) for group in found]
+
+
+def made(description: Description) -> Structure:
+    """A thin plate: in closed form where all edges are simply supported."""
+    if description.edges == "ssss":
+        return description.thin_plate
+    return EdgedPlate(description.thin_plate, description.edges, description.accuracy)

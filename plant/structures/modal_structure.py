@@ -1,14 +1,18 @@
 """Anything linear, known by its modes alone: what a file of modes says, as the plant sees it."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from plant.structures.materials import Material
-from plant.structures.mode_file import ModeTable
+from plant.structures.mode_file import ModeTable, read_modes
+from plant.structures.modes import NO_PARTICIPATION, Modes, Point
 from plant.structures.plate import Plate
-from plant.structures.structure import NO_PARTICIPATION, Modes, Point
+from plant.structures.registry import Description
+from plant.structures.structure import BaseStructure
 
 # The modes' mean mobility over an infinite plate's lies in between, near edges and on ribs too.
 _LEAST_MOBILITY, _MOST_MOBILITY = 1 / 30, 30.0
@@ -16,9 +20,9 @@ _ENOUGH = 8  # modes for a mean
 
 
 @dataclass(frozen=True, eq=False)
-class ModalStructure:
+class ModalStructure(BaseStructure):
     """A structure by the modes of the file `name`. `local_plate` is the plate that it is at the
-    struck point, if it is one, `residual` the flexibility of the modes beyond the file, m/N.
+    contact point, if it is one, `residual` the flexibility of the modes beyond the file, m/N.
 
     Raises ValueError where nothing says that flexibility, and where modes and local plate cannot
     belong together.
@@ -61,12 +65,25 @@ class ModalStructure:
         return float(mean / table.omega_rad_s[-1] * self.local_plate.infinite_plate_impedance_n_s_m)
 
     @property
+    def mode_table(self) -> ModeTable:
+        """The modes of the file."""
+        return self.table
+
+    @property
+    def quality(self) -> Mapping[str, Any]:
+        """How many modes the file has, and `mobility_ratio`."""
+        return {
+            "modes_in_file": len(self.table.omega_rad_s),
+            "mobility_ratio": self.mobility_ratio,
+        }
+
+    @property
     def highest_hz(self) -> float:
         """A limit just above the last mode."""
         return float(self.table.omega_rad_s[-1]) / (2.0 * math.pi) * (1.0 + 1e-9)
 
     def same_point(self, contact_m: Point, actuator_m: Point) -> bool:
-        """Whether the actuator pushes at the struck point: the file says so, not the points."""
+        """Whether the actuator pushes at the contact point: the file says so, not the points."""
         return bool(np.array_equal(self.table.shape_contact, self.table.shape_actuator))
 
     def modes_below(self, frequency_hz: float) -> float:
@@ -107,3 +124,16 @@ class ModalStructure:
             * (table.shape_contact[out] / table.omega_rad_s[out]) ** 2
         )
         return beyond + float(np.sum(terms))
+
+
+def made(description: Description) -> ModalStructure:
+    """The structure of a file of modes; with a thickness it is a plate at the contact point."""
+    assert description.modes is not None
+    name, content = description.modes
+    local = None
+    if description.thickness_m is not None:
+        local = Plate(description.material, (1.0, 1.0), description.thickness_m)  # modes have sizes
+    return ModalStructure(
+        name, read_modes(name, content), description.material, local,
+        description.residual_flexibility_m_n,
+    )  # fmt: skip

@@ -1,7 +1,7 @@
-"""Simply supported rectangular plate, and the modes of any structure reduced to what forces move.
+"""Simply supported rectangular plate of Kirchhoff's theory.
 
-Kirchhoff theory, loss factor eta on every mode: q'' + eta w q' + w^2 q = lambda phi F,
-with phi = sin(m pi x/l_x) sin(n pi y/l_y) and lambda = 4/(m'' l_x l_y).
+Loss factor eta on every mode: q'' + eta w q' + w^2 q = lambda phi F, with phi = sin(m pi x/l_x)
+sin(n pi y/l_y) and lambda = 4/(m'' l_x l_y).
 """
 
 import math
@@ -12,9 +12,9 @@ import numpy as np
 
 from plant.structures import rising_kernels as rising
 from plant.structures.materials import Material
-from plant.structures.structure import Modes, Structure
+from plant.structures.modes import Modes
 
-_SAME_FREQUENCY = 1e-12  # relative; phase error of merging stays below rounding of the sums
+SECONDS_PER_MODE = 1e-5  # of processor time
 _SLICE = 8192  # modes that are sorted together, at most; as many bands
 _TAIL = 16.0  # modes left out are summed one by one up to this multiple of the limit
 
@@ -102,13 +102,58 @@ class Plate:
         along_y = np.sin(np.outer(n, y_m) * (np.pi / self.size_m[1]))
         return np.asarray(along_x[:, :, None] * along_y[:, None, :])
 
+    # What it offers, see `plant.structures.structure`; that module imports this one.
+
     @property
     def local_plate(self) -> "Plate":
         """What a contact feels until reflections return."""
         return self
 
+    @property
+    def simply_supported(self) -> "Plate":
+        """The plate itself."""
+        return self
+
+    @property
+    def separable(self) -> "Plate":
+        """The plate itself: every mode is a product of sines."""
+        return self
+
+    @property
+    def mode_table(self) -> None:
+        """None: modes are computed."""
+        return None
+
+    @property
+    def solid(self) -> bool:
+        """False: the plate is thin."""
+        return False
+
+    @property
+    def highest_hz(self) -> float:
+        """Without limit."""
+        return math.inf
+
+    @property
+    def seconds_per_mode(self) -> float:
+        """Processor time of a mode, s."""
+        return SECONDS_PER_MODE
+
+    @property
+    def quality(self) -> None:
+        """None: the modes are closed forms."""
+        return None
+
+    def residual_inertia_m_n(self, omega_max: float, omega: float) -> float:
+        """Zero."""
+        return 0.0
+
+    def contact_limit_hz(self, radius_m: float) -> float:
+        """Without limit: Kirchhoff's theory knows no width of a contact."""
+        return math.inf
+
     def same_point(self, contact_m: tuple[float, float], actuator_m: tuple[float, float]) -> bool:
-        """Whether the actuator pushes at the struck point."""
+        """Whether the actuator pushes at the contact point."""
         return contact_m == actuator_m
 
     def modes(
@@ -157,141 +202,3 @@ def _sines(most: int, share: float) -> np.ndarray:
 
 def _most(numbers: np.ndarray) -> int:
     return int(np.max(numbers, initial=0))
-
-
-@dataclass(frozen=True, eq=False)
-class Oscillators:
-    """A structure as seen from the contact and the actuator point; all arrays (count,).
-
-    Oscillator i obeys q'' + eta w q' + w^2 q = lambda (contact F_contact + actuator F_actuator)
-    and moves the contact point by contact * q, the actuator point by actuator * q. `eta` is one
-    number, or where loss factors differ one for every oscillator; `scale_per_kg`: lambda.
-    """
-
-    omega: np.ndarray
-    contact: np.ndarray
-    actuator: np.ndarray
-    modes: int  # modes of the structure they stand for, silent ones included
-    eta: float | np.ndarray
-    scale_per_kg: float
-
-
-@dataclass(frozen=True, eq=False)
-class _Groups:
-    """Modes of equal frequency and loss, by what forces at both points move of them.
-
-    `starts`: the first mode of every group, (groups,). `first` and `second`: the shares of every
-    mode in the vectors that the groups move along, (modes,): the first vector belongs to the
-    contact, the second one to what the actuator moves apart from it. `table`: frequency (rad/s)
-    and shapes at contact and actuator of every oscillator, (3, oscillators). `moved` and
-    `elsewhere`: the groups that have the one and the other vector; `order` sorts these together.
-    """
-
-    starts: np.ndarray
-    first: np.ndarray
-    second: np.ndarray
-    table: np.ndarray
-    moved: np.ndarray
-    elsewhere: np.ndarray
-    order: np.ndarray
-
-    @property
-    def place(self) -> np.ndarray:
-        """The first mode of every oscillator's group, (oscillators,)."""
-        return self.starts[np.concatenate([self.moved, self.elsewhere])[self.order]]
-
-    def shapes(self, of_modes: np.ndarray) -> np.ndarray:
-        """Shapes of the oscillators from those of the modes, (modes, ...)."""
-        wide = (-1, *(1,) * (of_modes.ndim - 1))
-        parts = [
-            np.add.reduceat(share.reshape(wide) * of_modes, self.starts)[some]
-            for share, some in ((self.first, self.moved), (self.second, self.elsewhere))
-        ]
-        return np.asarray(np.concatenate(parts)[self.order])
-
-
-def _grouped(modes: Modes, same_point: bool) -> _Groups:
-    """Merge modes of equal frequency and loss, and drop those that neither point moves.
-
-    A group of equal frequency sees two forces only, along the vectors of its shapes at
-    the two points; an orthonormal basis of their span (one vector, or two when the
-    points differ) behaves exactly as the whole group. What is merged already stays as it is, to
-    the last bit.
-    """
-    omega, at_contact, at_actuator = modes.omega, modes.at_contact, modes.at_actuator
-    new = np.diff(omega, prepend=-1.0) > _SAME_FREQUENCY * omega
-    if isinstance(modes.eta, np.ndarray):
-        new |= np.diff(modes.eta, prepend=-1.0) != 0.0
-    starts = np.flatnonzero(new)
-    counts = np.diff(starts, append=len(omega))
-    along = np.sqrt(np.add.reduceat(at_contact * at_contact, starts))
-    moved = along > modes.silent_below
-    sign = np.where(at_contact[starts] < 0.0, -1.0, 1.0)
-    shared = np.add.reduceat(at_actuator * at_contact, starts)
-    shared = np.divide(shared, along, out=np.zeros_like(along), where=moved)
-    alone = moved & (np.add.reduceat(at_contact != 0.0, starts) == 1) & (at_contact[starts] != 0.0)
-    shared = np.where(alone, sign * at_actuator[starts], shared)
-    share = np.divide(shared, along, out=np.zeros_like(along), where=moved)
-    rest = at_actuator - np.repeat(share, counts) * at_contact
-    rest[starts[alone]] = 0.0
-    across = np.sqrt(np.add.reduceat(rest * rest, starts))
-    if same_point:
-        shared, across = along, np.zeros_like(across)
-    elsewhere = across > modes.silent_below
-    one = np.stack([omega[starts], along, shared])[:, moved]
-    other = np.stack([omega[starts], np.zeros_like(across), across])[:, elsewhere]
-    places = np.flatnonzero(moved), np.flatnonzero(elsewhere)
-    order = np.argsort(np.concatenate(places), kind="stable")
-    first, second = (
-        vector / np.repeat(np.where(there, length, np.inf), counts)
-        for vector, there, length in ((at_contact, moved, along), (rest, elsewhere, across))
-    )
-    table = np.concatenate([one, other], axis=1)[:, order]
-    return _Groups(starts, first, second, table, *places, order)
-
-
-def oscillators(
-    structure: Structure,
-    contact_m: tuple[float, float],
-    actuator_m: tuple[float, float],
-    omega_max: float,
-) -> Oscillators:
-    """Reduce the modes below `omega_max` to what forces at two points move; see `_grouped`.
-
-    Raises ValueError when no mode is left.
-    """
-    modes = structure.modes(omega_max, contact_m, actuator_m)
-    groups = _grouped(modes, structure.same_point(contact_m, actuator_m))
-    if not groups.table.shape[1]:
-        raise ValueError(
-            f"no mode below {omega_max / (2 * np.pi):g} Hz moves the contact point; "
-            "take a smaller step or another contact point"
-        )
-    eta = modes.eta[groups.place] if isinstance(modes.eta, np.ndarray) else modes.eta
-    omega, at_contact, at_actuator = groups.table
-    return Oscillators(omega, at_contact, at_actuator, len(modes.omega), eta, modes.scale_per_kg)
-
-
-def oscillator_shapes(
-    structure: Structure,
-    contact_m: tuple[float, float],
-    actuator_m: tuple[float, float],
-    omega_max: float,
-    of_modes: np.ndarray,
-) -> np.ndarray:
-    """Shapes of the `oscillators`, (oscillators, ...), from those of all modes, (modes, ...)."""
-    modes = structure.modes(omega_max, contact_m, actuator_m)
-    return _grouped(modes, structure.same_point(contact_m, actuator_m)).shapes(of_modes)
-
-
-def frequencies(
-    structure: Structure,
-    contact_m: tuple[float, float],
-    actuator_m: tuple[float, float],
-    omega_max: float,
-) -> int:
-    """How many oscillators there are below a limit, zero without any."""
-    try:
-        return len(oscillators(structure, contact_m, actuator_m, omega_max).omega)
-    except ValueError:
-        return 0

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from plant.gauss import gauss
+from plant.one_thread import gauss
 from plant.structures.plate import Plate
 
 AIR_DENSITY_KG_M3 = 1.2

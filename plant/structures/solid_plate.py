@@ -13,15 +13,215 @@ of the half space as well. Contact and actuator are on the same face.
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
+import scipy
 
-from plant.structures.lamb import HIGHEST, LONGEST, Branches, branches
+from plant.one_thread import on_one_thread
 from plant.structures.materials import Material
+from plant.structures.modes import Modes, Point
 from plant.structures.plate import Plate
-from plant.structures.structure import Modes, Point
+from plant.structures.registry import Description
+from plant.structures.structure import BaseStructure
 
+# Largest wave number times contact radius: from pi/2 on the contact in series with what is left of
+# the modes left out is no longer monotone. A law may press four times deeper.
+_WIDEST = 0.25 * math.pi
 _COUNTED = 2000  # wave numbers at which branches are counted
+_ORDER = 12
+HIGHEST = 20.0  # w h/c_T of the table
+LONGEST = 24.0  # k h of the table; beyond it a layer is a half space
+_ABSCISSAE = 1200
+_THIN = 0.08  # k h below which rounding spoils A0, and a series takes its place
+_FITTED = 0.24  # k h up to which that series is fitted
+
+
+# Rayleigh-Lamb branches of an elastic layer: waves in a plate with thickness, free on both faces.
+#
+# At a wave number k the motion in plane U(z) and across W(z) of a layer of thickness h makes pairs
+# of frequency and shape; over k they form branches, of which A0 is bending. In units of h, c_T and
+# the density they depend on k h and Poisson's ratio alone, so each ratio has one table. Energies
+# per area: potential 1/2 int (lambda + 2 mu)(k^2 U^2 + W'^2) - 2 lambda k U W' + mu (U' + k W)^2
+# dz, kinetic 1/2 rho int (U^2 + W^2) w^2 dz; solved on half the thickness by one finite element of
+# order 12 for each of the two families, antisymmetric (U = 0 in the middle plane) and symmetric
+# (W = 0).
+
+
+@dataclass(frozen=True)
+class Branches:
+    """All branches of a Poisson ratio with frequencies up to HIGHEST somewhere, by k h = x.
+
+    `thin`: w h/c_T = thin x^2 of Kirchhoff's plate, `bending_over_thin`: A0's frequency over that;
+    `others`: w h/c_T of the other branches; `participation`: P rho h of all, A0 first, the squared
+    motion of a face over the mass per area that moves with it. `static`: sum P/w^2 of all branches
+    in units of h/mu at the abscissae `x`, what one face gives way under a load on it; `rest`: the
+    integrals of x sum P/w^n, n = 2 and 4, over the branches that are not here and, for all, what is
+    beyond LONGEST; the first less a half space's.
+    """
+
+    thin: float
+    bending_over_thin: Any
+    others: tuple[Any, ...]
+    participation: tuple[Any, ...]
+    x: np.ndarray
+    static: np.ndarray
+    rest: tuple[float, float]
+
+    def omegas(self, x: np.ndarray) -> np.ndarray:
+        """w h/c_T of every branch at k h, (branches, points)."""
+        bending = self.thin * x * x * self.bending_over_thin(x)
+        return np.stack([bending, *(branch(x) for branch in self.others)])
+
+    def weights(self, x: np.ndarray) -> np.ndarray:
+        """P rho h of every branch at k h, (branches, points), never below zero."""
+        return np.maximum(np.stack([branch(x) for branch in self.participation]), 0.0)
+
+    def bending_x(self, omega: float) -> float:
+        """k h of A0 at w h/c_T, the largest of all branches."""
+        return float(
+            scipy.optimize.brentq(
+                lambda x: self.thin * x * x * self.bending_over_thin(x) - omega, 0.0, LONGEST
+            )
+        )
+
+    def left_out(self, omega_c: float) -> tuple[float, float]:
+        """Flexibility at a point of an infinite layer of all branches above w h/c_T = `omega_c`,
+        without that of a half space, which Hertz's contact holds, in units of 1/(mu h); and what
+        their inertia adds to it per squared w h/c_T.
+
+        1/(2 pi) times the integral over x of x sum P/w^n, n = 2 less the half space's 1 - nu, and
+        n = 4. The flexibility is below zero: the modes up to `omega_c` hold a part of the half
+        space. Raises ValueError beyond HIGHEST.
+        """
+        if not omega_c <= HIGHEST:
+            raise ValueError(f"w h/c_T = {omega_c:.3g} is beyond the {HIGHEST:g} of the branches")
+        parts = [(0, self.bending_x(omega_c), LONGEST)]
+        for b, branch in enumerate(self.others, 1):
+            ends = np.concatenate(
+                [[self.x[0]], branch.solve(omega_c, extrapolate=False), [LONGEST]]
+            )
+            parts += [
+                (b, float(start), float(end)) for start, end in pairwise(ends)
+                if branch(0.5 * (start + end)) >= omega_c
+            ]  # fmt: skip
+        static, inertia = (
+            (rest + sum(self._integral(n, *part) for part in parts)) / (2.0 * math.pi)
+            for n, rest in zip((2, 4), self.rest, strict=True)
+        )
+        return static, inertia
+
+    def _integral(self, n: int, b: int, start: float, end: float) -> float:
+        """Of x P/w^n of a branch."""
+
+        def integrand(x: float) -> float:
+            weight = float(self.participation[b](x))
+            if b:
+                return x * weight / float(self.others[b - 1](x)) ** n
+            return x * weight / (self.thin * x * x * float(self.bending_over_thin(x))) ** n
+
+        return float(scipy.integrate.quad(integrand, start, end, epsrel=1e-6, limit=200)[0])
+
+
+def compliance(x: np.ndarray | float, poisson_ratio: float) -> np.ndarray:
+    """Deflection of a face per pressure on it, a wave of k h = x, in units of h/mu; a half space's
+    is (1 - nu)/x."""
+    x = np.asarray(x, dtype=float)
+    # Over cosh^2: the functions themselves overflow.
+    tanh, second = np.tanh(x), 1.0 / np.cosh(np.minimum(x, 300.0)) ** 2
+    return (1.0 - poisson_ratio) / x * (tanh + x * second) / (tanh * tanh - x * x * second)
+
+
+@lru_cache(maxsize=16)
+def branches(poisson_ratio: float) -> Branches:
+    """The table of a Poisson ratio; takes half a second."""
+    nu = poisson_ratio
+    x = np.linspace(math.sqrt(0.02), math.sqrt(LONGEST), _ABSCISSAE) ** 2
+    families = [_solved(x, nu, held) for held in (0, _ORDER + 1)]  # U or W of the middle plane
+    omega, weight = (np.concatenate([f[i] for f in families], axis=1).T for i in (0, 1))
+    kept = np.flatnonzero(omega.min(axis=1) <= HIGHEST)
+    thin = math.sqrt(1.0 / (6.0 * (1.0 - nu)))
+    ratio = omega[0] / (thin * x * x)
+    # A0 is even in k h: 1 + a x^2 + b x^4 below where it is known to rounding.
+    known = (x >= _THIN) & (x <= _FITTED)
+    series = np.polynomial.Polynomial.fit(x[known] ** 2, (ratio[known] - 1.0) / x[known] ** 2, 2)
+    at = np.concatenate([np.linspace(0.0, _THIN, 9)[:-1], x[x >= _THIN]])
+    low = at < _THIN
+    values = np.concatenate([1.0 + at[low] ** 2 * series(at[low] ** 2), ratio[x >= _THIN]])
+    gone = np.delete(np.arange(len(weight)), kept)
+    rest = []
+    for n, less in ((2, 1.0 - nu), (4, 0.0)):
+        density = x * weight / omega**n
+        within = scipy.interpolate.CubicSpline(
+            np.append(0.0, x), np.append(-less, density[gone].sum(axis=0) - less)
+        )
+        # A half space's densities fall as x^(2 - n).
+        beyond = LONGEST * density[:, -1].sum() / (n - 3) if n > 2 else 0.0
+        rest.append(float(within.integrate(0.0, LONGEST)) + float(beyond))
+    return Branches(
+        thin=thin,
+        bending_over_thin=scipy.interpolate.CubicSpline(at, values),
+        others=tuple(scipy.interpolate.CubicSpline(x, omega[b]) for b in kept[1:]),
+        participation=tuple(_monotone(x, weight[b], b == 0) for b in kept),
+        x=x,
+        static=np.sum(weight / omega**2, axis=0),
+        rest=(rest[0], rest[1]),
+    )
+
+
+def _monotone(x: np.ndarray, weight: np.ndarray, bending: bool) -> Any:
+    """Participation between abscissae without overshoot: 1 for A0 and 0 for all others at k = 0."""
+    return scipy.interpolate.PchipInterpolator(
+        np.append(0.0, x), np.append(1.0 if bending else 0.0, weight)
+    )
+
+
+@on_one_thread
+def _solved(x: np.ndarray, nu: float, held: int) -> tuple[np.ndarray, np.ndarray]:
+    """w h/c_T and P rho h of a family's branches at k h, (points, branches).
+
+    Half a layer of thickness 1, mu = rho = 1; unknowns U then W at the nodes from the middle plane,
+    where one of them, `held`, is zero, to the face; the last is W of the face.
+    """
+    value, slope, by = _shapes()
+    lame, n = 2.0 * nu / (1.0 - 2.0 * nu), _ORDER + 1
+    both, bent, mixed = (
+        (a * by) @ b.T for a, b in ((value, value), (slope, slope), (value, slope))
+    )
+    zero = np.zeros_like(both)
+    free = np.delete(np.arange(2 * n), held)
+
+    def matrix(uu: np.ndarray, ww: np.ndarray, uw: np.ndarray) -> np.ndarray:
+        return np.block([[uu, uw], [uw.T, ww]])[np.ix_(free, free)]
+
+    fixed = matrix(bent, (lame + 2.0) * bent, zero)
+    linear = matrix(zero, zero, mixed.T - lame * mixed)
+    square = matrix((lame + 2.0) * both, both, zero)
+    inverse = np.linalg.inv(np.linalg.cholesky(matrix(both, both, zero)))
+    fixed, linear, square = (inverse @ m @ inverse.T for m in (fixed, linear, square))
+    at = x[:, None, None]
+    squared, shapes = np.linalg.eigh(fixed + at * linear + at * at * square)
+    face = np.einsum("i,pib->pb", inverse[:, -1], shapes)
+    # The modal mass of this half is 1; the other half moves as well.
+    return np.sqrt(np.maximum(squared, 0.0)), 0.5 * face**2
+
+
+@lru_cache(maxsize=1)
+@on_one_thread
+def _shapes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Lagrange's polynomials on Gauss-Lobatto nodes of 0..1/2 and their slopes at Gauss's points,
+    (nodes, points), and the weights."""
+    legendre = np.polynomial.Legendre.basis(_ORDER)
+    nodes = np.concatenate([[-1.0], np.sort(legendre.deriv().roots().real), [1.0]])
+    points, by = np.polynomial.legendre.leggauss(_ORDER + 2)
+    # By Legendre's polynomials: the Vandermonde matrix of powers would lose digits.
+    inverse = np.linalg.inv(np.polynomial.legendre.legvander(nodes, _ORDER))
+    value = (np.polynomial.legendre.legvander(points, _ORDER) @ inverse).T
+    derivatives = np.stack(
+        [np.polynomial.Legendre.basis(n).deriv()(points) for n in range(_ORDER + 1)], axis=1
+    )
+    return value, (derivatives @ inverse).T * 4.0, by * 0.25
 
 
 @lru_cache(maxsize=64)
@@ -30,7 +230,7 @@ def _left_out(poisson_ratio: float, omega_c: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class SolidPlate:
+class SolidPlate(BaseStructure):
     """A simply supported plate with thickness; sizes and material are those of `plate`."""
 
     plate: Plate
@@ -73,9 +273,19 @@ class SolidPlate:
         bending = float(self._branches.omegas(np.minimum(x, LONGEST))[0, 0])
         return min(bending * self.unit_rad_s / (2.0 * math.pi), self.highest_hz)
 
-    def same_point(self, contact_m: Point, actuator_m: Point) -> bool:
-        """Whether the actuator pushes at the struck point."""
-        return contact_m == actuator_m
+    @property
+    def simply_supported(self) -> Plate:
+        """The thin plate of the same sizes; waves as short as sound are long in it."""
+        return self.plate
+
+    @property
+    def solid(self) -> bool:
+        """True."""
+        return True
+
+    def contact_limit_hz(self, radius_m: float) -> float:
+        """Up to where waves are long against a contact of this radius, Hz."""
+        return self.frequency_hz(_WIDEST / radius_m)
 
     def modes_below(self, frequency_hz: float) -> float:
         """About how many modes there are up to a frequency, those of all branches, by the area of
@@ -111,7 +321,7 @@ class SolidPlate:
         return unit * inertia * (omega / self.unit_rad_s) ** 2
 
     def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-        """Shapes of the struck face of all modes up to `omega_max`, (modes, x, y)."""
+        """Shapes of the face with the contact of all modes up to `omega_max`, (modes, x, y)."""
         m, n, _, face = self._numbers(omega_max)
         along_x = np.sin(np.outer(m, x_m) * (np.pi / self.size_m[0]))
         along_y = np.sin(np.outer(n, y_m) * (np.pi / self.size_m[1]))
@@ -143,3 +353,8 @@ class SolidPlate:
         return (
             m[mode], n[mode], omega[branch, mode] * self.unit_rad_s, np.sqrt(weight[branch, mode])
         )  # fmt: skip
+
+
+def made(description: Description) -> SolidPlate:
+    """The plate by its sizes."""
+    return SolidPlate(description.thin_plate)

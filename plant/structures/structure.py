@@ -1,50 +1,34 @@
-"""What is struck, as the plant sees it: the modes of something linear, at two points."""
+"""A structure as the plant sees it: the modes of something linear, at two points."""
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+import math
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
 
 from plant.structures.materials import Material
-
-if TYPE_CHECKING:
-    from plant.structures.plate import Plate
-
-Point = tuple[float, float]
-NO_PARTICIPATION = 1e-9  # of a shape's largest value
-
-
-@dataclass(frozen=True)
-class Modes:
-    """Modes by rising frequency, arrays (modes,): q'' + eta w q' + w^2 q = lambda (phi_c F_c +
-    phi_a F_a), the contact moves by phi_c q, the actuator by phi_a q.
-
-    `eta` is one loss factor for all, or an array; `scale_per_kg` is lambda, the inverse modal
-    mass; a shape below `silent_below` is a node. A mode of frequency zero is a rigid body's.
-    """
-
-    omega: np.ndarray
-    eta: float | np.ndarray
-    scale_per_kg: float
-    at_contact: np.ndarray
-    at_actuator: np.ndarray
-    silent_below: float = NO_PARTICIPATION
+from plant.structures.mode_file import ModeTable
+from plant.structures.modes import Modes, Oscillators, Point, grouped
+from plant.structures.plate import SECONDS_PER_MODE, Plate
 
 
 class Structure(Protocol):
-    """Anything linear that a sphere can fall on. What we ship and what a user brings are the same
-    to the plant; points are in m from the structure's corner."""
+    """Anything linear that a sphere can fall on, and what it offers beyond its modes.
+
+    What we ship and what a user brings are the same to the plant. Points are in m from the
+    structure's corner. A class of one's own takes from `BaseStructure` what it does not offer.
+    """
 
     @property
     def material(self) -> Material:
-        """Of the struck surface."""
+        """Material of the surface at the contact point."""
 
     @property
-    def local_plate(self) -> "Plate | None":
+    def local_plate(self) -> Plate | None:
         """The plate that a contact feels until reflections return; None if there is none."""
 
     def same_point(self, contact_m: Point, actuator_m: Point) -> bool:
-        """Whether the actuator pushes at the struck point."""
+        """Whether the actuator pushes at the contact point."""
 
     def modes_below(self, frequency_hz: float) -> float:
         """About how many modes there are up to a frequency."""
@@ -54,3 +38,158 @@ class Structure(Protocol):
 
     def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:
         """Static flexibility of all modes above `omega_max`, m/N, at a point, or (None) about."""
+
+    @property
+    def size_m(self) -> tuple[float, float] | None:
+        """Length and width of the grid that `on_grid` can be asked for, m; None without shapes."""
+
+    def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+        """Shapes of all modes up to `omega_max` on a grid, (modes, x, y). Raises ValueError where
+        `size_m` is None."""
+
+    @property
+    def simply_supported(self) -> Plate | None:
+        """The simply supported plate that it is, thick or thin; None if it is none. Radiation
+        efficiencies are known of these only."""
+
+    @property
+    def separable(self) -> Plate | None:
+        """The plate, if every mode is a product of sines that `mode_numbers` lists: then image
+        sources say when reflections return. None for any other structure."""
+
+    @property
+    def mode_table(self) -> ModeTable | None:
+        """The modes that it was given as, which end; None where modes are computed."""
+
+    @property
+    def solid(self) -> bool:
+        """Whether waves within its thickness are modelled, so that the modes above a limit hold the
+        flexibility that the law of the contact holds as well."""
+
+    @property
+    def highest_hz(self) -> float:
+        """Up to where its modes are known, Hz; inf without limit."""
+
+    @property
+    def fundamental_hz(self) -> float | None:
+        """Frequency of its lowest mode, Hz, where that is known without its modes."""
+
+    @property
+    def seconds_per_mode(self) -> float:
+        """About how much processor time it takes to compute a mode, s."""
+
+    @property
+    def quality(self) -> Mapping[str, Any] | None:
+        """How good its modes are, by name; None of a closed form."""
+
+    def residual_inertia_m_n(self, omega_max: float, omega: float) -> float:
+        """By how much the inertia of all modes above `omega_max` adds to their flexibility at a
+        lower frequency `omega`, m/N; 0 where that is not worth counting."""
+
+    def contact_limit_hz(self, radius_m: float) -> float:
+        """Up to where waves are long against a contact of this radius, Hz; inf where the theory of
+        the structure knows no short waves."""
+
+
+class BaseStructure:
+    """What a structure offers unless it says otherwise: its modes, and nothing else."""
+
+    @property
+    def local_plate(self) -> Plate | None:
+        """See `Structure`; so is the rest."""
+        return None
+
+    def same_point(self, contact_m: Point, actuator_m: Point) -> bool:
+        return contact_m == actuator_m
+
+    @property
+    def size_m(self) -> tuple[float, float] | None:
+        return None
+
+    def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+        raise ValueError(f"{self} has no shapes on a grid")
+
+    @property
+    def simply_supported(self) -> Plate | None:
+        return None
+
+    @property
+    def separable(self) -> Plate | None:
+        return None
+
+    @property
+    def mode_table(self) -> ModeTable | None:
+        return None
+
+    @property
+    def solid(self) -> bool:
+        return False
+
+    @property
+    def highest_hz(self) -> float:
+        return math.inf
+
+    @property
+    def fundamental_hz(self) -> float | None:
+        return None
+
+    @property
+    def seconds_per_mode(self) -> float:
+        return SECONDS_PER_MODE
+
+    @property
+    def quality(self) -> Mapping[str, Any] | None:
+        return None
+
+    def residual_inertia_m_n(self, omega_max: float, omega: float) -> float:
+        return 0.0
+
+    def contact_limit_hz(self, radius_m: float) -> float:
+        return math.inf
+
+
+def oscillators(
+    structure: Structure,
+    contact_m: tuple[float, float],
+    actuator_m: tuple[float, float],
+    omega_max: float,
+) -> Oscillators:
+    """Reduce the modes below `omega_max` to what forces at two points move; see `grouped`.
+
+    Raises ValueError when no mode is left.
+    """
+    modes = structure.modes(omega_max, contact_m, actuator_m)
+    groups = grouped(modes, structure.same_point(contact_m, actuator_m))
+    if not groups.table.shape[1]:
+        raise ValueError(
+            f"no mode below {omega_max / (2 * np.pi):g} Hz moves the contact point; "
+            "take a smaller step or another contact point"
+        )
+    eta = modes.eta[groups.place] if isinstance(modes.eta, np.ndarray) else modes.eta
+    omega, at_contact, at_actuator = groups.table
+    return Oscillators(omega, at_contact, at_actuator, len(modes.omega), eta, modes.scale_per_kg)
+
+
+def oscillator_shapes(
+    structure: Structure,
+    contact_m: tuple[float, float],
+    actuator_m: tuple[float, float],
+    omega_max: float,
+    of_modes: np.ndarray,
+) -> np.ndarray:
+    """Shapes of the `oscillators`, (oscillators, ...), from those of all modes, (modes, ...)."""
+    modes = structure.modes(omega_max, contact_m, actuator_m)
+    return grouped(modes, structure.same_point(contact_m, actuator_m)).shapes(of_modes)
+
+
+def frequencies(
+    structure: Structure,
+    contact_m: tuple[float, float],
+    actuator_m: tuple[float, float],
+    omega_max: float,
+) -> int:
+    """How many oscillators there are below a limit, zero without any."""
+    try:
+        return len(oscillators(structure, contact_m, actuator_m, omega_max).omega)
+    except ValueError:
+        return 0

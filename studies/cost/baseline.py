@@ -23,9 +23,9 @@ from bus.wire import reserved_ports
 from bus.zenoh_port import ZenohPort
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.setup import load
+from plant import state_kernels as pk
 from plant.plant import Plant
-from plant.schemes import state_kernels as pk
-from plant.schemes.collocation import CollocationPlant
+from plant.schemes.registry import SCHEMES
 from studies.cost.strangers import SLOW_S, run_beside
 from studies.speed_accuracy import kernels as k
 
@@ -103,7 +103,7 @@ def step_costs(rounds: int = ROUNDS) -> list[Cost]:
     for scheme, limits in (("modal", settings), ("discrete_gradient", settings[:1])):
         for limit in limits:
             setup = load("aluminium-20mm", [limit, "run.lead_in_s=0", f"run.scheme={scheme}"])
-            make = CollocationPlant if scheme == "modal" else Plant
+            make = SCHEMES[scheme].load()
             count = len(make(setup.plant).modes.omega)
             if not cases:
                 cases[f"two-pass loop, {count} frequencies"] = two_pass_case(count)

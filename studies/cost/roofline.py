@@ -22,9 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.setup import load
-from plant.schemes import collocation_kernels as ck
-from plant.schemes import collocation_modes_kernels as modes
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
+from plant.schemes import collocation_kernels as collocation
+from plant.schemes import collocation_kernels as modes
 from plant.schemes.collocation import CollocationPlant
 from studies.cost import roofline_kernels as rk
 from studies.cost.baseline import in_turn, timed, two_pass_case
@@ -68,8 +68,8 @@ class Case:
     columns: int
     loss_columns: int
     operations: int
-    model: ck.CollocationModel
-    state: ck.CollocationState
+    model: collocation.CollocationModel
+    state: collocation.CollocationState
 
     @property
     def held(self) -> int:

@@ -1,8 +1,8 @@
 """Compiled loops for the roofline of the default scheme's step: the peaks, and its parts alone."""
 
 from jit import kernel
-from plant.schemes import collocation_modes_kernels as modes
-from plant.schemes.door import step
+from plant.schemes import collocation_kernels as modes
+from plant.schemes.registry import step
 
 MULTIPLY_ADDS = 8  # per number and round of `multiply_adds`
 

@@ -19,7 +19,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import F_A, XI, XI_P, consistent_impacts
 from hertzloop.setup import Setup, load
 from hertzloop.setup.setup import built
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
 from plant.time_series import series_under
 from studies.tabular import write_records
 

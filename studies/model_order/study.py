@@ -17,11 +17,11 @@ import numpy as np
 from hertzloop.results.impact_rows import modal_displacement, starting_speed
 from hertzloop.setup.plate import NEAREST
 from plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
+from plant.estimates.model_order import frequency_limit_hz
 from plant.figures.impacts import Impact, impacts
 from plant.plant import PlantSpec
 from plant.schemes.collocation import CollocationPlant
 from plant.structures.materials import MATERIALS
-from plant.structures.model_order import frequency_limit_hz
 from plant.structures.plate import Plate
 from plant.time_series import series_under
 from studies import pictures

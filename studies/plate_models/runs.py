@@ -10,9 +10,9 @@ import numpy as np
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import consistent_impacts
 from hertzloop.setup import Setup, load
+from plant import state_kernels as pk
 from plant.figures.impacts import Impact
 from plant.plant import Plant
-from plant.schemes import state_kernels as pk
 from plant.schemes.collocation import CollocationPlant
 from plant.time_series import series_under
 

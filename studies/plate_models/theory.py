@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 
 from hertzloop.setup import Setup
+from plant.estimates.plate_theory import thickness_number, zener_inelasticity
 from plant.schemes.collocation import CollocationPlant
-from plant.structures.plate_theory import thickness_number, zener_inelasticity
 from studies.plate_models import runs
 
 _OFF = "controller.law=off"

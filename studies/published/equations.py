@@ -9,7 +9,6 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from plant.contact.hertz import tangent_stiffness_n_m
 from plant.figures.short_impact import PointMobility, longhorn_any_j, longhorn_short_j
-from plant.structures.plate import Plate
 from plant.structures.radiation import critical_frequency_hz, maidanik_from_hz
 
 
@@ -57,9 +56,10 @@ def lines(setup: Setup) -> list[Line]:
         Line("", "plate energy of the run", 1e6 * noise.transmitted_j, "uJ"),
         Line("", "... of the kinetic energy", noise.transmitted_j / (0.5 * m * v0**2), ""),
     ]
-    if isinstance(spec.plate, Plate):
+    plate = spec.plate.separable
+    if plate is not None:
         found += [
-            Line("3.13", "not defined below", maidanik_from_hz(spec.plate), "Hz"),
-            Line("3.13", "critical frequency", critical_frequency_hz(spec.plate), "Hz"),
+            Line("3.13", "not defined below", maidanik_from_hz(plate), "Hz"),
+            Line("3.13", "critical frequency", critical_frequency_hz(plate), "Hz"),
         ]
     return found

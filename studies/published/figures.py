@@ -10,8 +10,9 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import F_A, F_C, V_P, XI, XI_S, first_impact
 from hertzloop.setup import Setup, load
 from plant.figures import noise
+from plant.schemes.registry import SCHEMES
 from plant.structures import radiation
-from plant.structures.plate import oscillators
+from plant.structures.structure import oscillators
 from studies import pictures
 from studies.pictures import look
 
@@ -142,7 +143,7 @@ def _bouncing(source: str, law: str) -> tuple[Setup, np.ndarray]:
     """A long run. The published scheme, whose work grows as the square of a contact's steps,
     is followed until the sphere has stayed on the plate for a quarter of the run."""
     setup = load(source)
-    if setup.scheme == "modal":
+    if SCHEMES[setup.scheme].conserves:
         return _run(source, law, f"run.duration_s={_BOUNCES_S}")
     for part in (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1):
         setup, rows = _run(source, law, f"run.duration_s={_BOUNCES_S * part:.6f}")

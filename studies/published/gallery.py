@@ -15,8 +15,8 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import F_A, F_C, V_P, XI, XI_P, XI_S, first_impact
 from hertzloop.setup import Setup, load
 from plant.figures import noise
-from plant.figures.calibration import calibrate_relaxation
-from plant.schemes.thesis2008 import sampled
+from plant.schemes.registry import SCHEMES
+from plant.schemes.thesis2008 import calibrate_relaxation, sampled
 from studies import pictures
 from studies.pictures import look
 from studies.published import appendix, optima, weaknesses
@@ -247,7 +247,7 @@ def _spectra(path: Path) -> Path:
                 impact = first_impact(setup, rows)
                 assert impact is not None
                 # As the study formed them: over the contact. A consistent force may outlast it.
-                beyond = 0 if setup.scheme == "thesis2008" else _BEYOND
+                beyond = _BEYOND if SCHEMES[setup.scheme].conserves else 0
                 contact = np.pad(impact.contact_n, (0, beyond))
                 force = rows[F_A, impact.start : impact.end + beyond] - contact
                 level = np.abs(noise.force_spectrum(force, setup.step_s, f))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import consistent_impacts, first_impact
 from hertzloop.setup import Setup, load
-from plant.figures.calibration import calibrate_viscous
+from plant.schemes.thesis2008 import calibrate_viscous
 
 _LAW = "controller.law=slope_threshold"
 _OFF = "controller.law=off"

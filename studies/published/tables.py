@@ -20,6 +20,7 @@ from hertzloop.results.impact_rows import first_impact
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from plant.figures.noise import ImpactNoise, holmes_j, peak_pressure_pa
+from plant.schemes.registry import SCHEMES
 
 # Figures in the order of the tables, and how they compare two impacts.
 Compare = Callable[[ImpactNoise, ImpactNoise], float]
@@ -137,9 +138,10 @@ def _precomputed(cells: dict[str, str], number: int, t_a_step: float) -> list[st
 def scene_of(row: Row, scheme: str, settings: Iterable[str] = ()) -> Setup:
     """Scene of a row under a scheme. Raises SceneError."""
     name = _MATERIALS[row.material]
-    source = f"thesis-{name}" if scheme == "thesis2008" else f"{name}-20mm"
+    published = not SCHEMES[scheme].conserves
+    source = f"thesis-{name}" if published else f"{name}-20mm"
     keys = [f"sphere.drop_height_m={row.drop_height_m!r}", *row.settings, *settings]
-    if scheme == "thesis2008" and row.parameter_study and name == "aluminium":
+    if published and row.parameter_study and name == "aluminium":
         keys.append(f"contact.viscous_n_s_m={_DAMPED_SIDE_N_S_M}")
     return load(source, keys)
 
@@ -148,7 +150,7 @@ def scene_of(row: Row, scheme: str, settings: Iterable[str] = ()) -> Setup:
 def noise_of(row: Row, scheme: str) -> ImpactNoise | None:
     """Figures of a row's first impact; None if it does not end within the longest run."""
     setup = scene_of(row, scheme)
-    published = scheme == "thesis2008"
+    published = not SCHEMES[scheme].conserves
     longest = _LONGEST_STEPS if published else 16 * setup.steps
     steps = _SHORTEST_STEPS if published else setup.steps
     while steps <= longest:

@@ -22,10 +22,10 @@ from plant.contact.hertz import (
     hertz_stiffness,
     rigid_contact_time_s,
 )
-from plant.figures.calibration import calibrate_relaxation, first_contact
-from plant.plant import Plant, PlantSpec
+from plant.plant import PlantSpec
 from plant.schemes import thesis2008_kernels as k
-from plant.schemes.thesis2008 import ThesisPlant
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
+from plant.schemes.thesis2008 import ThesisPlant, calibrate_relaxation, first_contact
 from studies.published.law_effect import law_effects
 from studies.published.weaknesses_picture import draw
 from studies.tabular import write_records
@@ -113,8 +113,10 @@ def refinement() -> list[Refinement]:
     the step alone.
     """
     found = []
-    for scheme, measure in (("thesis2008", _published_contact), ("modal", _consistent_contact)):
-        finest = _REFERENCE_US if scheme == "modal" else STEPS_US[-1]
+    for scheme, measure, finest in (
+        ("thesis2008", _published_contact, STEPS_US[-1]),
+        ("modal", _consistent_contact, _REFERENCE_US),
+    ):
         reference = measure(finest)[1]
         for step_us in STEPS_US:
             time_us, rebound = measure(step_us)
@@ -145,10 +147,10 @@ def _consistent_contact(step_us: float) -> tuple[float, float]:
 
 def consistent_first_contact(spec: PlantSpec, longest_s: float) -> tuple[float, float]:
     """Contact time (us) and sphere speed (m/s) after the first contact without control."""
+    from plant import state_kernels as pk
     from plant.schemes import discrete_gradient_kernels as discrete_gradient
-    from plant.schemes import state_kernels as pk
 
-    plant = Plant(spec)
+    plant = DiscreteGradientPlant(spec)
     body = plant.state.body
     began = None
     for _ in range(round(longest_s / spec.step_s)):

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Patch
 
+from plant.schemes.registry import SCHEMES
 from studies import pictures
 
 
@@ -29,7 +30,9 @@ def draw(path: Path, steps_us: tuple[float, ...], checks: dict[str, list[Any]]) 
     figure, axes = pictures.sheet(2, 2, width=13.0, height=4.6)
     rows = checks["momentum"]
     ratios = [row.ratio for row in rows]
-    _bars(axes[0, 0], [r.scene for r in rows], ratios, [r.scheme != "modal" for r in rows])
+    _bars(
+        axes[0, 0], [r.scene for r in rows], ratios, [not SCHEMES[r.scheme].conserves for r in rows]
+    )
     axes[0, 0].set(
         title="Does the contact force change the sphere's momentum?", xscale="log", xlim=(1e-5, 2),
         xlabel="contact impulse / momentum change (1 is right)",

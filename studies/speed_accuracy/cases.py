@@ -11,9 +11,9 @@ from scipy.integrate import solve_ivp
 
 from hertzloop.setup import load
 from plant.contact.hertz import rigid_contact_time_s
+from plant.numerics import phi
 from plant.plant import Plant, PlantSpec
 from plant.schemes.collocation import CollocationPlant
-from plant.schemes.phi import phi
 from plant.schemes.thesis2008 import ThesisPlant
 from studies.speed_accuracy import dop853_kernels as dk
 from studies.speed_accuracy import exponential_kernels as ek
@@ -86,7 +86,7 @@ def plant_run(make: type[Plant], what: Problem, step_s: float) -> Run:
         started = time.process_time()
         k.plant_gaps(plant.model, plant.state, every, gaps)
         cpu_s = time.process_time() - started
-        return gaps.copy(), float(plant.close_books().energy_residual), cpu_s
+        return gaps.copy(), float(plant.close_balance().energy_residual), cpu_s
 
     return run
 
@@ -284,6 +284,6 @@ def thesis_run(what: Problem, step_s: float) -> Run:
         started = time.process_time()
         k.plant_gaps(plant.model, plant.state, every, gaps)
         cpu_s = time.process_time() - started
-        return gaps, float(plant.close_books().energy_residual), cpu_s
+        return gaps, float(plant.close_balance().energy_residual), cpu_s
 
     return run

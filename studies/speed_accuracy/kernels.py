@@ -1,8 +1,8 @@
 """Compiled loops that studies measure or compare with."""
 
 from jit import kernel
-from plant.schemes.door import step
-from plant.schemes.state_kernels import XI
+from plant.schemes.registry import step
+from plant.state_kernels import XI
 from studies.speed_accuracy.integrator_kernels import slope
 
 

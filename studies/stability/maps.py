@@ -14,12 +14,13 @@ import numpy as np
 
 from plant.contact.hertz import hertz_stiffness, rigid_contact_time_s
 from plant.plant import Plant, PlantSpec
-from plant.schemes import collocation_kernels as ck
+from plant.schemes import collocation_kernels as collocation
 from plant.schemes import thesis2008_kernels as tk
 from plant.schemes.collocation import CollocationPlant
-from plant.schemes.state_kernels import V_P
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from plant.schemes.thesis2008 import ThesisPlant
-from plant.structures.plate import oscillators
+from plant.state_kernels import V_P
+from plant.structures.structure import oscillators
 from studies.speed_accuracy import integrator_kernels as ik
 from studies.speed_accuracy import kernels as k
 from studies.speed_accuracy.cases import Problem, problem
@@ -33,7 +34,7 @@ from studies.stability.limits import (
 WRONG = 0.01  # of the energy: its balance is lost
 BLOWN = 1.0  # the energy has at least doubled
 _LIMIT_HZ = 30e3  # few modes: what fails below is the contact, not the modes
-_PLANTS = (Plant, CollocationPlant)
+_PLANTS = {"discrete_gradient": DiscreteGradientPlant, "modal": CollocationPlant}
 _PLANT_STEPS = 2000
 _FINE = 500  # steps a contact time
 _PHASES = (0.0, 1.0 / 3.0, 2.0 / 3.0)
@@ -113,7 +114,7 @@ def shake(plant: Plant, speed_m_s: float) -> float:
     body[V_P] = speed_m_s
     if isinstance(plant, CollocationPlant):
         state.z[0, :_SHAKEN_MODES] = each  # z is scaled by Theta there
-        body[ck.MODAL_V] = speed_m_s
+        body[collocation.MODAL_V] = speed_m_s
     else:
         theta = plant.model.table[plant.kernels.THETA].reshape(-1)
         state.z[0].reshape(-1)[:_SHAKEN_MODES] = each / theta[:_SHAKEN_MODES]
@@ -127,17 +128,17 @@ def plant_outcomes(
 ) -> Iterator[Outcome]:  # fmt: skip
     """The energy-keeping schemes over `steps`."""
     for share in shares:
-        for make in _PLANTS:
+        for scheme, make in _PLANTS.items():
             plant = make(replace(spec, step_s=float(share) * contact_time_s(spec)))
             shaken_j = shake(plant, plate_speed_m_s) if plate_speed_m_s else 0.0
             gaps = np.empty(steps)
             k.plant_gaps(plant.model, plant.state, 1, gaps)
-            books = plant.close_books()
+            books = plant.close_balance()
             missing_j = books.energy_residual * books.energy_start_j - shaken_j
             touching = np.concatenate([[False], gaps < 0.0])
             yield Outcome(
                 where,
-                make.scheme,
+                scheme,
                 float(share),
                 missing_j / (books.energy_start_j + shaken_j),
                 books.newton_iterations_max,
@@ -171,7 +172,7 @@ def thesis_contact() -> Iterator[tuple[float, float, float, float]]:
                 raise ValueError(f"the contact does not end within {most} steps")
             tk.step(plant.model, plant.state, 0.0)
             steps += 1
-        books = plant.close_books()
+        books = plant.close_balance()
         length = float(share * steps)
         yield float(share), length, abs(books.energy_residual), abs(books.momentum_residual)
 

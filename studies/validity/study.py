@@ -13,18 +13,17 @@ import numpy as np
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness, tangent_stiffness_n_m
-from plant.contact.plastic import dent_m, force_n, yielding
-from plant.contact.strength import Strength
-from plant.figures import criteria
-from plant.structures.materials import Material
-from plant.structures.plate import Plate
-from plant.structures.plate_theory import (
+from plant.contact.yielding import Strength, dent_m, force_n, yielding
+from plant.estimates import criteria
+from plant.estimates.plate_theory import (
     kirchhoff_error,
     static_difference_m_n,
     thickness_number,
     zener_impact,
     zener_inelasticity,
 )
+from plant.structures.materials import Material
+from plant.structures.plate import Plate
 from studies.tabular import write_rows
 from studies.validity.pictures import draw_map
 

@@ -13,7 +13,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import figures_of_case
 from hertzloop.setup import Setup, load
 from plant.contact.hertz import Limit
-from plant.contact.plastic import dent_m, force_n, yielding
+from plant.contact.yielding import dent_m, force_n, yielding
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full

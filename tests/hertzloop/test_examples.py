@@ -13,7 +13,7 @@ from hertzloop.results.deflection import deflection
 from hertzloop.results.figures import rows_of
 from hertzloop.results.impact_rows import modal_displacement
 from hertzloop.setup import load, parse
-from plant.structures.plate import oscillators
+from plant.structures.structure import oscillators
 from recordings.reader import read
 from studies.sweeps.sweep import read_results
 

@@ -93,3 +93,12 @@ def test_the_users_mistakes(tmp_path: Path) -> None:
     result = call("listen", tmp_path / "a.mcap", "-o", tmp_path, "--at", 0, 0, -1)
     assert result.exit_code == 2
     assert "is not above the plate" in result.output
+
+
+def test_a_plate_in_three_dimensions_is_heard_as_the_thin_one_it_nearly_is() -> None:
+    thin, solid = (
+        listening.radiator_of(load("aluminium-3mm", [*SHORT, f"plate.theory={theory}"]))
+        for theory in ("kirchhoff", "3d")
+    )
+    assert solid.omega[:8] == pytest.approx(thin.omega[:8], rel=1e-2)
+    assert abs(solid.shapes[:8]) == pytest.approx(abs(thin.shapes[:8]), abs=0.02)

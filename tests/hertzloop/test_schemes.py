@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.setup import load
-from plant.schemes.door import SCHEMES
+from plant.schemes.registry import SCHEMES
 from tests.hertzloop.processes import hertzloop
 from tests.tiers import default
 

@@ -7,7 +7,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import figures_of_case
 from hertzloop.setup import load
 from plant.contact.hertz import Contact, Limit
-from plant.contact.plastic import deepest_rigid_m, yielding
+from plant.contact.yielding import deepest_rigid_m, yielding
 
 PREDICTED = ("controller.law=predicted", "run.duration_s=0.0016")
 

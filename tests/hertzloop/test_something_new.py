@@ -1,4 +1,4 @@
-"""A scheme, a quantity and a stream take what docs/architecture.md says, and no line more."""
+"""A scheme, a structure, a quantity and a stream take what docs/architecture.md says, no more."""
 
 import os
 import subprocess
@@ -17,17 +17,17 @@ import sys
 from typing import Any, NamedTuple
 
 from jit import kernel
-from plant.plant import Plant
 from plant.schemes import discrete_gradient_kernels as whole
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 
 HalfModel = NamedTuple("HalfModel", list(whole.PlantModel.__annotations__.items()))
-close_books, modal_energy = whole.close_books, whole.modal_energy
+close_balance, modal_energy = whole.close_balance, whole.modal_energy
 
 @kernel(inline=True, borrowed=True)
 def step(model, state, f_a):
     return whole.step(model, state, 0.5 * f_a)
 
-class HalfPlant(Plant):
+class HalfPlant(DiscreteGradientPlant):
     kernels: Any = sys.modules[__name__]
 
     def _build_model(self):
@@ -36,7 +36,7 @@ class HalfPlant(Plant):
 from tests.hertzloop.with_lines import with_line
 
 with_line(
-    "plant.schemes.door", '    "thesis2008": Scheme(',
+    "plant.schemes.registry", '    "thesis2008": Scheme(',
     '    "half": Scheme("half:HalfPlant", "half:HalfModel"),\\n',
 )
 import numpy as np
@@ -61,6 +61,128 @@ recording = read(Path("a.mcap"))
 assert recording.problems == []
 assert np.array_equal(recording.truth.arrays["xi_m"], found[0])
 assert verify(half, found).penetration < 0.1
+"""
+
+FOURTH_ORDER = """
+from pathlib import Path
+
+Path("fourth.py").write_text('''
+import sys
+from typing import Any, NamedTuple
+
+from jit import kernel
+from plant.schemes import collocation_kernels as whole
+from plant.schemes.collocation import CollocationPlant
+
+FourthModel = NamedTuple("FourthModel", list(whole.CollocationModel.__annotations__.items()))
+close_balance, modal_energy = whole.close_balance, whole.modal_energy
+has_slope, yields = whole.has_slope, whole.yields
+
+@kernel(borrowed=True)
+def step(model, state, f_a):
+    return whole.step(model, state, f_a)
+
+class FourthPlant(CollocationPlant):
+    kernels: Any = sys.modules[__name__]
+
+    def _build_model(self):
+        return FourthModel(*super()._build_model())
+''')
+from tests.hertzloop.with_lines import with_line
+
+with_line(
+    "plant.schemes.registry", '    "thesis2008": Scheme(',
+    '    "fourth": Scheme("fourth:FourthPlant", "fourth:FourthModel", records_slope=True, '
+    'supports_tail=True),\\n',
+)
+import numpy as np
+
+from hertzloop.loop.compiled import simulate
+from hertzloop.loop.inprocess import record_in_process
+from hertzloop.quantities import TRUTH
+from hertzloop.scenes.scene import load
+from recordings.reader import read
+
+scenes = [
+    load("aluminium-3mm", [
+        f"run.scheme={scheme}", "run.duration_s=0.0013", "run.accuracy=0.1",
+        "run.plate_model=modal", "controller.law=off",
+    ])
+    for scheme in ("fourth", "modal")
+]
+found, by_default = (simulate(scene).rows for scene in scenes)
+assert np.array_equal(found, by_default)
+record_in_process(scenes[0], Path("a.mcap"), compiled=True)
+recording = read(Path("a.mcap"))
+assert recording.problems == []
+slope = recording.truth.arrays["f_c1_n"]
+assert np.any(slope != 0.0)
+assert np.array_equal(slope, found[list(TRUTH).index("f_c1_n")])
+"""
+
+STRUCTURE = """
+from pathlib import Path
+
+Path("own.py").write_text('''
+from dataclasses import dataclass
+
+from plant.structures.structure import BaseStructure
+
+@dataclass(frozen=True)
+class Own(BaseStructure):
+    material: object
+    thin: object
+
+    def modes_below(self, frequency_hz):
+        return self.thin.modes_below(frequency_hz)
+
+    def modes(self, omega_max, contact_m, actuator_m):
+        return self.thin.modes(omega_max, contact_m, actuator_m)
+
+    def residual_flexibility_m_n(self, omega_max, point_m=None):
+        return self.thin.residual_flexibility_m_n(omega_max, point_m)
+
+def made(description):
+    return Own(description.material, description.thin_plate)
+''')
+from tests.hertzloop.with_lines import with_line
+
+with_line("plant.structures.registry", '    "modes": Kind(', '    "own": Kind("own:made"),\\n')
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hertzloop.scenes.scene import load
+from plant.plant import modes_of
+from plant.schemes.factory import plant_at_start
+from plant.schemes.registry import SCHEMES, step
+from plant import state_kernels as pk
+from plant.structures.registry import Description, structure
+from tests.plant.rigs import spec
+
+assert load("aluminium-3mm", ["plate.theory=own"]).plate.theory == "own"
+known = spec(limit_hz=20e3)
+thin = known.plate
+described = Description(thin.material, thin.size_m, thin.thickness_m, thin.loss_factor)
+own = replace(known, plate=structure("own", described))
+assert structure("own", described) is own.plate
+assert len(modes_of(own).omega) == len(modes_of(known).omega)
+with pytest.raises(ValueError, match="simply supported plate"):
+    own.simply_supported
+for scheme, row in SCHEMES.items():
+    if not row.supports_edges:
+        continue
+    gaps = []
+    for each in (own, known):
+        each = replace(each, residual_flexibility=row.supports_tail)
+        plant = plant_at_start(each, scheme, 200)
+        for _ in range(200):
+            step(plant.model, plant.state, 0.0)
+        gaps.append(plant.state.body[pk.XI])
+        assert plant.state.counts[pk.CONTACT_STEPS] > 0
+        assert abs(plant.close_balance().energy_residual) < 1e-12
+    assert gaps[0] == gaps[1]
 """
 
 QUANTITY = """
@@ -186,6 +308,17 @@ def test_a_scheme_is_a_file_and_a_row_of_one_table(tmp_path: Path) -> None:
     """Setup, transports and `--verify` follow."""
     # Kernels of its own: other processes could not read those of its types.
     run(SCHEME, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
+
+
+@pytest.mark.full
+def test_a_scheme_of_fourth_order_keeps_its_slope(tmp_path: Path) -> None:
+    """A row says so, whatever the name."""
+    run(FOURTH_ORDER, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
+
+
+def test_a_structure_is_a_file_and_a_row_of_one_table(tmp_path: Path) -> None:
+    """Its modes do in every scheme that supports more than a simply supported plate."""
+    run(STRUCTURE, tmp_path)
 
 
 def test_a_quantity_is_a_row_of_one_table(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from hertzloop.scenes.scene import shipped
 from hertzloop.setup import Setup, load, parse
 from plant.plant import modes_of
 from plant.structures.mode_file import SUFFIXES, write_modes
-from plant.structures.plate import oscillator_shapes
+from plant.structures.structure import oscillator_shapes
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 

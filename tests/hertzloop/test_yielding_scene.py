@@ -19,7 +19,7 @@ from hertzloop.results.report import pressure_words
 from hertzloop.results.verify import verify
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
-from plant.contact.strength import strength
+from plant.contact.yielding import strength
 from plant.structures.materials import MATERIALS
 from recordings.reader import read
 

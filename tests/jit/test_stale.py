@@ -23,7 +23,7 @@ import numpy as np
 print(many_slopes(np.zeros(4), np.ones(1), np.ones(1), 1.0, 1.0, 3))
 print(many_slopes._cache.cache_path, dict(many_slopes.stats.cache_hits))
 """
-# The kernel of a scheme is picked in plant/schemes/door.py, no file named after its kernels.
+# The kernel of a scheme is picked in plant/schemes/registry.py, no file named after its kernels.
 STEPS = """
 import controller.kernels
 from plant.schemes.infinite import InfinitePlant
@@ -79,7 +79,7 @@ def edit(path: Path, pattern: str, new: str) -> None:
     [
         (SLOPES, "studies/speed_accuracy/integrator_kernels.py", r"out\[i\] = y\[n \+ i\]",
          "out[i] = y[n + i] + 7.0"),
-        (STEPS, "plant/schemes/door.py", r"step = by_type\(.*\)", PUSHED),
+        (STEPS, "plant/schemes/registry.py", r"step = by_type\(.*\)", PUSHED),
     ],
 )  # fmt: skip
 def test_an_edited_callee_in_another_file_runs(
@@ -129,7 +129,7 @@ def test_the_digest_sees_all_that_is_compiled_in() -> None:
     sources = kernel_sources()
     assert {
         "plant/schemes/discrete_gradient_kernels.py",
-        "plant/schemes/door.py",
+        "plant/schemes/registry.py",
         "jit/decorator.py",
     } <= set(sources)
     for file, text in sources.items():

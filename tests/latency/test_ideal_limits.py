@@ -12,7 +12,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.cases import figures_of_case
 from hertzloop.results.impact_rows import F_A, XI
 from hertzloop.setup import Setup, load
-from plant.plant import Plant
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 
 # The scheme without a spring for the modes left out, so that the equations are those below.
 KEYS = [
@@ -35,7 +35,7 @@ def continuous() -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """
     of = scene(1000)
     spec = of.plant
-    modes = Plant(spec).modes
+    modes = DiscreteGradientPlant(spec).modes
     drive = modes.scale_per_kg * modes.contact**2
     m, s = spec.sphere.mass_kg, spec.contact.stiffness
     kappa, v_thr, n = of.law_keys.kappa, of.law_keys.v_thr_m_s, len(modes.omega)

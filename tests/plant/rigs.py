@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plant import state_kernels as pk
 from plant.contact.hertz import Contact, Sphere, hertz_stiffness
 from plant.plant import Plant, PlantSpec
 from plant.schemes import discrete_gradient_kernels as k
-from plant.schemes import state_kernels as pk
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from plant.structures.materials import MATERIALS, Material
 from plant.structures.plate import Plate
 
@@ -75,7 +76,9 @@ def rigid(
     step_s: float, contact: Contact, radius_m: float = 0.003, speed_m_s: float = 1.0
 ) -> Plant:
     """A sphere without weight, half a step before it meets an immovable support."""
-    plant = Plant(spec(radius_m=radius_m, material=IMMOVABLE, contact=contact, step_s=step_s))
+    plant = DiscreteGradientPlant(
+        spec(radius_m=radius_m, material=IMMOVABLE, contact=contact, step_s=step_s)
+    )
     plant.model = plant.model._replace(gravity_m_s2=0.0)
     body = plant.state.body
     body[pk.FLIGHT_V] = -speed_m_s

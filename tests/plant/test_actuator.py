@@ -1,4 +1,4 @@
-"""The actuator: its response against closed forms, its mass two ways, books with all of it."""
+"""The actuator: its response against closed forms, its mass two ways, balance with all of it."""
 
 import cmath
 import math
@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from plant.actuator import kernels as act
-from plant.actuator.model import IDEAL, Actuator, build_model
+from plant import actuator_kernels as act
+from plant import state_kernels as pk
+from plant.actuator import IDEAL, Actuator, build_model
 from plant.plant import modes_of
-from plant.schemes import state_kernels as pk
 from plant.schemes.collocation import CollocationPlant
-from plant.schemes.door import step
+from plant.schemes.registry import step
 from tests.plant.rigs import spec
 from tests.plant.test_solution import reference
 
@@ -158,7 +158,7 @@ FORCES = {
 @pytest.mark.parametrize("step_us", [0.1, 1.0, 20.0])
 @pytest.mark.parametrize("force", FORCES)
 @pytest.mark.parametrize("mass_kg", [0.0, 3e-3])
-def test_books_close_with_everything(force: str, mass_kg: float, step_us: float) -> None:
+def test_the_balance_closes_with_everything(force: str, mass_kg: float, step_us: float) -> None:
     random = np.random.default_rng(11)
     push = np.repeat(30.0 * random.standard_normal(50) * (random.random(50) < 0.6), 40)
     actuator = Actuator(**FORCES[force], mass_kg=mass_kg)
@@ -168,8 +168,8 @@ def test_books_close_with_everything(force: str, mass_kg: float, step_us: float)
         )
         what = replace(what, actuator=actuator, residual_flexibility=sprung)
         plant, _ = gaps(what, push)
-        books = plant.close_books()
-        assert books.contact_steps > 0
-        assert abs(books.injected_j) > books.energy_start_j
-        assert abs(books.energy_residual) < 1e-11
-        assert abs(books.momentum_residual) < 1e-11
+        balance = plant.close_balance()
+        assert balance.contact_steps > 0
+        assert abs(balance.injected_j) > balance.energy_start_j
+        assert abs(balance.energy_residual) < 1e-11
+        assert abs(balance.momentum_residual) < 1e-11

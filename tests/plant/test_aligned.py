@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from plant.schemes.aligned import aligned
+from plant.numerics import aligned
 from plant.schemes.collocation import CollocationPlant
 from tests.plant.rigs import spec
 

@@ -9,16 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant.contact import hertz_kernels as hertz
-from plant.contact import solve_kernels as solve
+from plant import state_kernels as pk
+from plant.contact import elastic_kernels as hertz
+from plant.contact import elastic_kernels as solve
 from plant.contact.hertz import Contact, Damping, hertz_stiffness, hunt_crossley_parameter
+from plant.numerics import phi
 from plant.plant import Plant
 from plant.schemes import collocation_kernels as k
-from plant.schemes import collocation_modes_kernels as modes
-from plant.schemes import state_kernels as pk
+from plant.schemes import collocation_kernels as modes
 from plant.schemes.collocation import CollocationPlant, flexibility_m_n
-from plant.schemes.door import step
-from plant.schemes.phi import phi
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
+from plant.schemes.registry import step
 from plant.structures.materials import MATERIALS
 from tests.plant.rigs import spec
 from tests.plant.test_solution import reference
@@ -82,11 +83,11 @@ def test_energy_and_momentum_are_kept_at_any_step(step_us: float, residual: bool
     what = spec(step_s=step_us * 1e-6, loss_factor=0.0, limit_hz=30e3)
     plant = CollocationPlant(replace(what, residual_flexibility=residual))
     gaps(plant, lambda _: 0.0, 2000)
-    books = plant.close_books()
-    assert books.contact_steps > 0
-    assert abs(books.energy_residual) < 1e-11
-    assert abs(books.momentum_residual) < 1e-11
-    assert books.modal_j + books.kinetic_j + books.gravity_j > 0.0
+    balance = plant.close_balance()
+    assert balance.contact_steps > 0
+    assert abs(balance.energy_residual) < 1e-11
+    assert abs(balance.momentum_residual) < 1e-11
+    assert balance.modal_j + balance.kinetic_j + balance.gravity_j > 0.0
 
 
 @settings(max_examples=300, deadline=None)
@@ -212,7 +213,7 @@ def test_modes_left_out_act_as_a_spring() -> None:
 def test_discrete_gradient_and_collocation_agree() -> None:
     """Two schemes of different order, the same modes, a small step."""
     fine = spec(step_s=5e-8, limit_hz=60e3)
-    one, other = Plant(fine), CollocationPlant(fine)
+    one, other = DiscreteGradientPlant(fine), CollocationPlant(fine)
     for _ in range(600):
         step(one.model, one.state, 0.0)
         step(other.model, other.state, 0.0)
@@ -251,6 +252,6 @@ def test_losses_are_booked_where_modes_turn_far_in_a_step(turn: float) -> None:
     plant = CollocationPlant(spec(loss_factor=0.1, step_s=turn / highest, lead_in_s=0.0))
     for _ in range(300):
         step(plant.model, plant.state, 0.0)
-    books = plant.close_books()
-    assert books.modal_dissipated_j > 1e-3 * books.energy_start_j
-    assert abs(books.energy_residual) < 1e-11
+    balance = plant.close_balance()
+    assert balance.modal_dissipated_j > 1e-3 * balance.energy_start_j
+    assert abs(balance.energy_residual) < 1e-11

@@ -8,6 +8,7 @@ from scipy.integrate import quad
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.setup import load
+from plant import state_kernels as pk
 from plant.contact.hertz import (
     Contact,
     Damping,
@@ -17,8 +18,7 @@ from plant.contact.hertz import (
     rigid_peak_force_n,
 )
 from plant.figures.impacts import impacts
-from plant.plant import Plant
-from plant.schemes import state_kernels as pk
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from plant.structures.materials import MATERIALS
 from tests.plant.rigs import rigid, run, spec
 
@@ -115,19 +115,19 @@ def test_impossible_restitutions_are_refused(restitution: float) -> None:
 
 def test_viscous_damping_takes_energy_and_the_books_balance() -> None:
     contact = Contact(STIFFNESS, Damping.VISCOUS, viscous_n_s_m=5.0)
-    damped = Plant(spec(contact=contact, loss_factor=0.0))
-    free = Plant(spec(contact=Contact(STIFFNESS), loss_factor=0.0))
+    damped = DiscreteGradientPlant(spec(contact=contact, loss_factor=0.0))
+    free = DiscreteGradientPlant(spec(contact=Contact(STIFFNESS), loss_factor=0.0))
     for plant in (damped, free):
         run(plant, 100)
-    books, undamped = damped.close_books(), free.close_books()
+    balance, undamped = damped.close_balance(), free.close_balance()
     # Rounding of 40 contact steps in sums of a few hundred terms.
-    assert abs(books.energy_residual) < 1e-12
-    assert abs(books.momentum_residual) < 1e-12
-    assert books.modal_dissipated_j == 0.0
+    assert abs(balance.energy_residual) < 1e-12
+    assert abs(balance.momentum_residual) < 1e-12
+    assert balance.modal_dissipated_j == 0.0
     assert undamped.contact_dissipated_j == 0.0
-    assert books.contact_dissipated_j > 0.05 * books.energy_start_j
-    left = books.kinetic_j + books.gravity_j + books.modal_j
-    assert left == pytest.approx(books.energy_start_j - books.contact_dissipated_j, rel=1e-12)
+    assert balance.contact_dissipated_j > 0.05 * balance.energy_start_j
+    left = balance.kinetic_j + balance.gravity_j + balance.modal_j
+    assert left == pytest.approx(balance.energy_start_j - balance.contact_dissipated_j, rel=1e-12)
     assert damped.sphere_speed_m_s() < free.sphere_speed_m_s()
 
 
@@ -144,7 +144,7 @@ def test_damping_of_a_scene_reaches_the_contact() -> None:
 
 def test_the_faintest_touch_is_a_contact() -> None:
     # A sphere laid on the plate sinks by g h^2/2 = 5e-12 m in its first step.
-    plant = Plant(spec(loss_factor=0.0))
+    plant = DiscreteGradientPlant(spec(loss_factor=0.0))
     plant.state.body[[pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]] = 0.0
     rows = run(plant, 50)
     assert np.all(np.diff(rows.xi) < 0.0)

@@ -7,8 +7,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from plant.contact import chord_kernels as chords
 from plant.contact.hertz import Contact, hunt_crossley_parameter, rigid_contact_time_s
+from plant.schemes import discrete_gradient_kernels as chords
 from plant.schemes import discrete_gradient_kernels as k
 from tests.plant.rigs import rigid
 

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from plant.contact.hertz import Sphere, hertz_stiffness
-from plant.contact.strength import softer, strength
-from plant.figures import criteria
+from plant.contact.yielding import softer, strength
+from plant.estimates import criteria
 from plant.structures.materials import MATERIALS, Material
 from plant.structures.plate import Plate
 

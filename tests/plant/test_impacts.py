@@ -114,10 +114,10 @@ def test_plate_energy_is_the_work_of_both_forces_at_their_points() -> None:
 def test_energies_of_a_run_add_up_to_what_its_plate_took(name: str) -> None:
     scene = load(name, ["run.duration_s=0.02", "plate.loss_factor=0.01"])
     truth = simulate(scene)
-    rows, books = truth.rows, truth.books
+    rows, balance = truth.rows, truth.books
     found = consistent_impacts(scene, rows)
     # Work of both forces is energy in the plate now, or already lost in it.
-    taken = books.modal_j + books.modal_dissipated_j + books.tail_dissipated_j
+    taken = balance.modal_j + balance.modal_dissipated_j + balance.tail_dissipated_j
     assert rows[4][-1] == 0.0  # the last step's work is in no row
     assert rows[5][-1] == 0.0
     assert sum(i.plate_energy_j for i in found) == pytest.approx(taken, rel=3e-5)

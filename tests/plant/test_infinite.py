@@ -1,4 +1,4 @@
-"""The infinite plate: Zener's equation at order 4, books to rounding, modes of a big plate."""
+"""The infinite plate: Zener's equation at order 4, balance to rounding, modes of a big plate."""
 
 import math
 from dataclasses import replace
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from plant import state_kernels as pk
 from plant.contact.hertz import (
     GRAVITY_M_S2,
     Contact,
@@ -16,10 +17,9 @@ from plant.contact.hertz import (
     rigid_contact_time_s,
 )
 from plant.plant import PlantSpec
-from plant.schemes import state_kernels as pk
 from plant.schemes.collocation import CollocationPlant
-from plant.schemes.door import step
 from plant.schemes.infinite import InfinitePlant, impedance_n_s_m
+from plant.schemes.registry import step
 from plant.structures.materials import MATERIALS
 from tests.plant.rigs import IMMOVABLE, spec
 
@@ -92,31 +92,31 @@ def test_zeners_equation_at_order_four(name: str, push_n: float) -> None:
 
 @pytest.mark.parametrize("step_us", [0.1, 1.0, 20.0, 1000.0])
 @pytest.mark.parametrize("name", CONTACTS)
-def test_books_close_at_any_step(name: str, step_us: float) -> None:
+def test_the_balance_closes_at_any_step(name: str, step_us: float) -> None:
     random = np.random.default_rng(5)
     plant = InfinitePlant(spec(contact=CONTACTS[name], step_s=step_us * 1e-6))
     _, _, speed = run(plant, 30.0 * random.standard_normal(400) * (random.random(400) < 0.5))
-    books = plant.close_books()
-    assert abs(books.energy_residual) < 1e-11
-    assert abs(books.momentum_residual) < 1e-13
-    assert books.contact_steps > 0
-    assert books.modal_j == 0.0
+    balance = plant.close_balance()
+    assert abs(balance.energy_residual) < 1e-11
+    assert abs(balance.momentum_residual) < 1e-13
+    assert balance.contact_steps > 0
+    assert balance.modal_j == 0.0
     # What went into the plate is the integral of Z v^2; coarse between the samples.
-    assert books.modal_dissipated_j > 0.0
+    assert balance.modal_dissipated_j > 0.0
     if step_us == 0.1:
         absorbed = plant.model.impedance_n_s_m * float(np.sum(speed**2)) * plant.model.step_s
-        assert books.modal_dissipated_j == pytest.approx(absorbed, rel=1e-2)
-    assert (books.contact_dissipated_j > 0.0) == (name != "undamped")
+        assert balance.modal_dissipated_j == pytest.approx(absorbed, rel=1e-2)
+    assert (balance.contact_dissipated_j > 0.0) == (name != "undamped")
 
 
 @pytest.mark.parametrize("fault", ["impedance_n_s_m", "mass_kg"])
-def test_a_fault_in_mid_contact_opens_the_books(fault: str) -> None:
+def test_a_fault_in_mid_contact_opens_the_balance(fault: str) -> None:
     plant = InfinitePlant(spec())
     run(plant, np.full(15, 10.0))
     assert plant.state.body[pk.F_C] > 10.0
     plant.model = plant.model._replace(**{fault: getattr(plant.model, fault) * 1.0001})
     run(plant, np.full(30, 10.0))
-    assert abs(plant.close_books().energy_residual) > 1e-8
+    assert abs(plant.close_balance().energy_residual) > 1e-8
 
 
 def test_an_immovable_plate_is_rigid() -> None:
@@ -176,5 +176,5 @@ def test_impedance() -> None:
 
 
 def test_an_actuator_elsewhere_is_refused() -> None:
-    with pytest.raises(ValueError, match="struck point only"):
+    with pytest.raises(ValueError, match="contact point only"):
         InfinitePlant(spec(actuator_point_m=(0.2, 0.2)))

@@ -5,13 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plant.plant import Plant, PlantSpec
-from plant.structures.model_order import (
+from plant.estimates.model_order import (
     energy_beyond,
     expected_error,
     frequency_limit_hz,
     held_error,
 )
+from plant.plant import PlantSpec
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from tests.plant.rigs import run, spec
 
 STEP_S = 2.5e-7
@@ -36,7 +37,7 @@ def test_measured_errors_are_what_was_estimated(
     changes: dict, duration_s: float, lowest: float
 ) -> None:
     def gap(limit_hz: float) -> np.ndarray:
-        plant = Plant(spec(step_s=STEP_S, limit_hz=limit_hz, **changes))
+        plant = DiscreteGradientPlant(spec(step_s=STEP_S, limit_hz=limit_hz, **changes))
         return run(plant, round(duration_s / STEP_S)).xi
 
     # Same step, all modes to half the sampling rate: what differs is the modes left out.

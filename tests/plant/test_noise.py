@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plant.figures import noise
-from plant.plant import Plant
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from plant.structures import radiation
 from plant.structures.materials import MATERIALS
 from plant.structures.plate import Plate
@@ -89,17 +89,17 @@ def test_spectrum_of_steps_is_exact() -> None:
 def test_spectrum_gives_the_energy_that_an_undamped_plate_took(
     beside: tuple[float, float] | None,
 ) -> None:
-    plant = Plant(spec(loss_factor=0.0, actuator_point_m=beside, limit_hz=60e3))
+    plant = DiscreteGradientPlant(spec(loss_factor=0.0, actuator_point_m=beside, limit_hz=60e3))
     rows = run(plant, 300, 20.0 * np.sin(np.arange(300) / 9.0))
-    books = plant.close_books()
+    balance = plant.close_balance()
     shares = noise.modal_shares_j(plant.modes, -rows.f_c, rows.f_a, 1e-6)
-    assert np.sum(shares) == pytest.approx(books.modal_j, rel=1e-9)
+    assert np.sum(shares) == pytest.approx(balance.modal_j, rel=1e-9)
 
 
 def test_mobility_of_many_modes_is_that_of_an_infinite_plate() -> None:
     """Mean of Re Y over frequency: 1/(8 sqrt(B' m''))."""
     plate = Plate(MATERIALS["aluminium"], (0.5, 0.37), 0.003, 0.1)
-    plant = Plant(
+    plant = DiscreteGradientPlant(
         spec(limit_hz=100e3, size_m=(0.5, 0.37), contact_point_m=(0.21, 0.163), loss_factor=0.1)
     )
     f = np.linspace(5e3, 20e3, 400)

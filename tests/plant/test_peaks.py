@@ -7,7 +7,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.figures import figures_of
 from hertzloop.results.impact_rows import consistent_impacts
 from hertzloop.setup import load
-from plant.figures.peaks import peak_force_n, peak_speed_m_s
+from plant.figures.impacts import peak_force_n, peak_speed_m_s
 
 FREE = "controller.law=off"
 SHORT = "run.duration_s=0.0012"

@@ -1,4 +1,4 @@
-"""A contact that yields: closed forms, order, books at any step, a spot struck again."""
+"""A contact that yields: closed forms, order, balance at any step, a spot struck again."""
 
 import math
 from dataclasses import replace
@@ -7,13 +7,13 @@ from itertools import product
 import numpy as np
 import pytest
 
-from plant.actuator.model import Actuator
+from plant import state_kernels as pk
+from plant.actuator import Actuator
 from plant.contact.hertz import Contact, Limit, hertz_stiffness
-from plant.contact.plastic import dent_m, force_n, yielding
+from plant.contact.yielding import dent_m, force_n, yielding
 from plant.plant import PlantSpec
-from plant.schemes import state_kernels as pk
 from plant.schemes.collocation import CollocationPlant
-from plant.schemes.door import step
+from plant.schemes.registry import step
 from plant.structures.materials import MATERIALS
 from tests.plant.rigs import IMMOVABLE, spec
 
@@ -69,10 +69,10 @@ def test_restitution_of_a_massive_body(pressure_pa: float, restitution: float) -
     assert formula == pytest.approx(restitution, abs=1e-5)
     found = plant.state.body[pk.FLIGHT_V] / speed
     assert found == pytest.approx(restitution, abs=1e-4)
-    books = plant.close_books()
-    assert books.dent_m > 0.0
+    balance = plant.close_balance()
+    assert balance.dent_m > 0.0
     lost = 0.5 * mass * speed**2 * (1.0 - restitution**2)
-    assert books.plastic_dissipated_j == pytest.approx(lost, rel=1e-3, abs=2e-8)
+    assert balance.plastic_dissipated_j == pytest.approx(lost, rel=1e-3, abs=2e-8)
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.3])
@@ -98,7 +98,7 @@ def test_gap_converges_as_the_fourth_power_of_the_step(pressure_pa: float, dampi
 
 @pytest.mark.full
 @pytest.mark.parametrize("step_us", [0.1, 1.0, 5.0, 20.0, 100.0])
-def test_books_close_at_any_step_with_everything(step_us: float) -> None:
+def test_the_balance_closes_at_any_step_with_everything(step_us: float) -> None:
     random = np.random.default_rng(4)
     push = np.repeat(60.0 * random.standard_normal(25) * (random.random(25) < 0.5), 40)
     contacts = (
@@ -115,18 +115,18 @@ def test_books_close_at_any_step_with_everything(step_us: float) -> None:
             drop_height_m=2e-3,
         )  # fmt: skip
         plant = moved(replace(what, actuator=actuator, residual_flexibility=sprung), 1000, push)
-        books = plant.close_books()
-        assert books.plastic_dissipated_j > 0.0
-        assert books.contact_dissipated_j >= 0.0
-        assert abs(books.energy_residual) < 1e-10
-        assert abs(books.momentum_residual) < 1e-11
+        balance = plant.close_balance()
+        assert balance.plastic_dissipated_j > 0.0
+        assert balance.contact_dissipated_j >= 0.0
+        assert abs(balance.energy_residual) < 1e-10
+        assert abs(balance.momentum_residual) < 1e-11
 
 
 def test_a_spot_struck_again_less_hard_is_elastic_about_its_dent() -> None:
     contact = soft(0.7e9)
     plant = moved(spec(contact=contact, material=IMMOVABLE, step_s=2.5e-7), 320)
     body, model = plant.state.body, plant.model
-    deepest, dent, taken = body[pk.DEEPEST], body[pk.DENT], plant.state.books[4]
+    deepest, dent, taken = body[pk.DEEPEST], body[pk.DENT], plant.state.balance[4]
     assert dent > 1e-6
     # Sent down again, with less than what the first impact gave back.
     sent = -0.9 * body[pk.FLIGHT_V]
@@ -138,7 +138,7 @@ def test_a_spot_struck_again_less_hard_is_elastic_about_its_dent() -> None:
         most = max(most, step(model, plant.state, 0.0))
         lowest = min(lowest, body[pk.XI])
     assert body[pk.DEEPEST] == deepest
-    assert plant.state.books[4] == taken
+    assert plant.state.balance[4] == taken
     assert body[pk.FLIGHT_V] == pytest.approx(-sent, rel=2e-5)
     law = yielding(Limit(0.7e9, RADIUS), STIFFNESS)
     at = force_n(law, STIFFNESS, np.array([-lowest]), np.array([deepest]))[0]
@@ -171,4 +171,4 @@ def test_a_pressure_that_is_never_reached_is_hertz_to_the_bit() -> None:
             forces = [step(plant.model, plant.state, 0.0) for plant in (elastic, never)]
             assert forces[0] == forces[1]
             assert elastic.state.body[pk.XI] == never.state.body[pk.XI]
-        assert never.close_books().dent_m == 0.0
+        assert never.close_balance().dent_m == 0.0

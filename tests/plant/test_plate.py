@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from plant import state_kernels as pk
 from plant.contact.hertz import GRAVITY_M_S2
+from plant.estimates.model_order import expected_error
 from plant.plant import Plant
-from plant.schemes import state_kernels as pk
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from plant.structures.materials import MATERIALS
-from plant.structures.model_order import expected_error
-from plant.structures.plate import Plate, oscillators
+from plant.structures.plate import Plate
+from plant.structures.structure import oscillators
 from tests.plant.brute import all_modes, modal_scale, shape
 from tests.plant.rigs import run, spec
 
@@ -163,7 +165,7 @@ def flying(plant: Plant) -> Plant:
 def test_a_single_mode_decays_in_closed_form() -> None:
     # Limit between the first (59 Hz) and the next mode (295 Hz) that move the centre.
     loss, h = 0.05, 1e-5
-    plant = flying(Plant(spec(limit_hz=200.0, loss_factor=loss, step_s=h)))
+    plant = flying(DiscreteGradientPlant(spec(limit_hz=200.0, loss_factor=loss, step_s=h)))
     assert len(plant.modes.omega) == 1
     omega = float(plant.modes.omega[0])
     steps = round(4 * 2.0 * np.pi / omega / h)
@@ -192,7 +194,7 @@ def test_all_modes_ring_down_in_closed_form(apart: bool) -> None:
     contact = (0.11, 0.2)
     actuator = (0.16, 0.05) if apart else contact
     plant = flying(
-        Plant(
+        DiscreteGradientPlant(
             spec(
                 material="oak", size_m=plate.size_m, thickness_m=plate.thickness_m,
                 contact_point_m=contact, actuator_point_m=actuator, step_s=h, limit_hz=limit,
@@ -218,7 +220,7 @@ def test_all_modes_ring_down_in_closed_form(apart: bool) -> None:
 def test_mobility_of_the_infinite_plate_until_reflections_return() -> None:
     # At 250 kHz and below, waves travel at most 2 sqrt(w) (B'/m'')^(1/4) = 5.5 km/s: 1 m to the
     # edge and back takes 360 us.
-    plant = flying(Plant(spec(size_m=(2.0, 2.0), loss_factor=0.0, limit_hz=250e3)))
+    plant = flying(DiscreteGradientPlant(spec(size_m=(2.0, 2.0), loss_factor=0.0, limit_hz=250e3)))
     rows = run(plant, 200, np.ones(200))
     mobility = 1.0 / plant.spec.plate.infinite_plate_impedance_n_s_m
     assert plant.spec.plate.infinite_plate_impedance_n_s_m == pytest.approx(308.0, abs=0.5)
@@ -249,7 +251,7 @@ def test_impact_on_zeners_plate() -> None:
     t = h * np.arange(1, 120) - 0.5 * h
     gaps, errors, estimates = [], [], []
     for limit_hz in (500e3, 1e6, 2e6):
-        plant = Plant(spec(limit_hz=limit_hz, step_s=h, loss_factor=0.0))
+        plant = DiscreteGradientPlant(spec(limit_hz=limit_hz, step_s=h, loss_factor=0.0))
         gaps.append(run(plant, 120).xi[1:])
         expected = zener(plant, t)
         touching = expected < 0.0

@@ -1,4 +1,4 @@
-"""Radiation: efficiencies in their limits, energy that air takes, and books with air as a sink."""
+"""Radiation: efficiencies in their limits, energy that air takes, and the balance with air."""
 
 import math
 from dataclasses import replace
@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from plant.actuator.model import Actuator
+from plant.actuator import Actuator
 from plant.contact.hertz import Contact, Limit, hertz_stiffness
 from plant.figures import noise
 from plant.plant import PlantSpec, air_eta, modes_of
 from plant.schemes.collocation import CollocationPlant
-from plant.schemes.door import step
+from plant.schemes.registry import step
 from plant.structures import radiation
 from plant.structures.materials import MATERIALS, Material
 from plant.structures.plate import Plate
@@ -121,7 +121,7 @@ PARTS: dict[str, dict[str, Any]] = {
 @pytest.mark.full
 @pytest.mark.parametrize("step_s", [1e-7, 1e-6, 1e-5])
 @pytest.mark.parametrize("name", PARTS)
-def test_books_close_with_air_as_a_sink(name: str, step_s: float) -> None:
+def test_the_balance_closes_with_air_as_a_sink(name: str, step_s: float) -> None:
     limit = min(40e3, 0.45 / step_s)
     what = replace(radiating(**PARTS[name]), step_s=step_s, frequency_limit_hz=limit)
     plant = CollocationPlant(what)
@@ -129,11 +129,11 @@ def test_books_close_with_air_as_a_sink(name: str, step_s: float) -> None:
     push = np.repeat(random.standard_normal(20) * (random.random(20) < 0.6), 40)
     for force in push:
         step(plant.model, plant.state, 20.0 * force)
-    books = plant.close_books()
-    assert abs(books.energy_residual) < 1e-10
-    assert abs(books.momentum_residual) < 1e-10
-    assert books.air_dissipated_j > 0.0
-    assert books.modal_dissipated_j > 0.0
+    balance = plant.close_balance()
+    assert abs(balance.energy_residual) < 1e-10
+    assert abs(balance.momentum_residual) < 1e-10
+    assert balance.air_dissipated_j > 0.0
+    assert balance.modal_dissipated_j > 0.0
 
 
 def test_air_takes_its_share_of_every_mode() -> None:
@@ -148,24 +148,24 @@ def test_air_takes_its_share_of_every_mode() -> None:
     force[0] = 1.0
     for push in force:
         step(plant.model, plant.state, push)
-    books = plant.close_books()
-    assert books.contact_steps == 0
+    balance = plant.close_balance()
+    assert balance.contact_steps == 0
     shares = noise.modal_shares_j(plant.modes, 0.0 * force, force, what.step_s)
     air = air_eta(what, plant.modes.omega)
     # The share is exact, the energy of a mode to its loss factor.
-    gone = books.air_dissipated_j + books.modal_dissipated_j
-    assert gone == pytest.approx(books.injected_j, rel=2e-2)
+    gone = balance.air_dissipated_j + balance.modal_dissipated_j
+    assert gone == pytest.approx(balance.injected_j, rel=2e-2)
     sound = sound_j(plant.modes, shares, 2e-2, air)
-    assert books.air_dissipated_j / gone == pytest.approx(sound / shares.sum(), rel=2e-2)
+    assert balance.air_dissipated_j / gone == pytest.approx(sound / shares.sum(), rel=2e-2)
 
 
 def test_a_plate_without_loss_of_its_own_gives_air_everything() -> None:
     plant = CollocationPlant(replace(radiating(), plate=replace(SMALL, loss_factor=0.0)))
     for _ in range(300):
         step(plant.model, plant.state, 0.0)
-    books = plant.close_books()
-    assert books.air_dissipated_j > 0.0
-    assert abs(books.modal_dissipated_j) < 1e-12 * books.air_dissipated_j
+    balance = plant.close_balance()
+    assert balance.air_dissipated_j > 0.0
+    assert abs(balance.modal_dissipated_j) < 1e-12 * balance.air_dissipated_j
 
 
 def test_a_plate_that_air_would_stop_at_once_is_refused() -> None:

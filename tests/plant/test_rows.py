@@ -8,10 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plant.figures import rows_kernels as rows
-from plant.figures import spectrum_kernels as spectrum
-from plant.figures.impacts import contacts
+from plant.figures.impacts import contacts, peak_force_n, peak_speed_m_s
 from plant.figures.noise import force_spectrum
-from plant.figures.peaks import peak_force_n, peak_speed_m_s
 
 STEP_S = 1e-6
 
@@ -34,8 +32,8 @@ def test_more_contacts_than_there_is_room_for_at_first() -> None:
 def test_ends_of_what_is_not_zero(zeros: tuple[int, int]) -> None:
     inside = [1.0, 0.0, math.nan]
     values = np.array([0.0] * zeros[0] + inside + [0.0] * zeros[1])
-    assert spectrum.nonzero(values) == (zeros[0], zeros[0] + 3)
-    assert spectrum.nonzero(np.zeros(sum(zeros))) == (0, 0)
+    assert rows.nonzero(values) == (zeros[0], zeros[0] + 3)
+    assert rows.nonzero(np.zeros(sum(zeros))) == (0, 0)
 
 
 @pytest.mark.parametrize("first", [0, 1, 63, 500])

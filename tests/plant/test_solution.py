@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from plant import state_kernels as pk
 from plant.contact.hertz import (
     GRAVITY_M_S2,
     Contact,
@@ -21,7 +22,7 @@ from plant.contact.hertz import (
 )
 from plant.plant import Plant, PlantSpec
 from plant.schemes import discrete_gradient_kernels as k
-from plant.schemes import state_kernels as pk
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from plant.structures.materials import MATERIALS
 from tests.plant.brute import all_modes, modal_scale, shape
 from tests.plant.rigs import run, spec
@@ -92,7 +93,7 @@ def test_gap_converges_as_the_step_squared(case: str) -> None:
     force = push if pushed else (lambda _: 0.0)
     errors = []
     for h in STEPS_S:
-        plant = Plant(spec(step_s=h, **changes))
+        plant = DiscreteGradientPlant(spec(step_s=h, **changes))
         steps = round(CONTACT_S / h)
         middle = h * np.arange(steps)  # of each step, in time since first contact
         rows = run(plant, steps, push(middle) * (middle >= 0.0) if pushed else None)
@@ -110,7 +111,7 @@ def test_gap_converges_as_the_step_squared(case: str) -> None:
 
 
 def test_steps_without_force_are_one_rotation() -> None:
-    plant = Plant(spec(loss_factor=0.01, limit_hz=100e3))
+    plant = DiscreteGradientPlant(spec(loss_factor=0.01, limit_hz=100e3))
     state, steps, h = plant.state, 777, plant.model.step_s
     state.body[[pk.FLIGHT_X, pk.XI, pk.XI_S]] = 10.0
     noise = np.random.default_rng(5).standard_normal((2, *state.z.shape[1:])) * 1e-6
@@ -130,9 +131,9 @@ def test_steps_without_force_are_one_rotation() -> None:
 def test_forces_act_from_their_step_on_and_not_before() -> None:
     changed = 150  # in the middle of nothing: after the contact
     force = np.zeros(300)
-    rows = run(Plant(spec(limit_hz=50e3)), 300, force)
+    rows = run(DiscreteGradientPlant(spec(limit_hz=50e3)), 300, force)
     force[changed] = 1.0
-    pushed = run(Plant(spec(limit_hz=50e3)), 300, force)
+    pushed = run(DiscreteGradientPlant(spec(limit_hz=50e3)), 300, force)
     for name in ("xi", "xi_s", "xi_p", "v_p", "f_c"):
         before, after = getattr(rows, name), getattr(pushed, name)
         assert np.array_equal(before[: changed + 1], after[: changed + 1])
@@ -142,7 +143,9 @@ def test_forces_act_from_their_step_on_and_not_before() -> None:
 def test_leaving_out_silent_rows_does_not_change_a_bit() -> None:
     # Oak to 250 kHz: the fastest modes die within milliseconds, the slowest in seconds.
     def oak() -> Plant:
-        return Plant(spec(material="oak", thickness_m=0.01, limit_hz=250e3, radius_m=0.006))
+        return DiscreteGradientPlant(
+            spec(material="oak", thickness_m=0.01, limit_hz=250e3, radius_m=0.006)
+        )
 
     steps = 6000
     optimised, awake = oak(), oak()
@@ -167,12 +170,13 @@ SHORT = """
 import json
 import numpy as np
 from plant.plant import Plant
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from tests.plant.rigs import run, spec
 for beside in (None, (0.28, 0.25)):
-    plant = Plant(spec(limit_hz=8e3, actuator_point_m=beside, loss_factor=0.01))
+    plant = DiscreteGradientPlant(spec(limit_hz=8e3, actuator_point_m=beside, loss_factor=0.01))
     rows = run(plant, 200, 20.0 * np.sin(np.arange(200) / 9.0))
-    books = vars(plant.close_books())
-    print(json.dumps([rows.xi.tolist(), rows.v_p.tolist(), rows.f_c.tolist(), books]))
+    balance = vars(plant.close_balance())
+    print(json.dumps([rows.xi.tolist(), rows.v_p.tolist(), rows.f_c.tolist(), balance]))
 """
 
 
@@ -199,10 +203,10 @@ def test_discrete_gradient_keeps_the_energy_of_a_stiff_contact_at_short_steps(sh
     """A contact of 0.3 us: the slowest mode turns by 1e-6 in a step, where a difference of
     exponentials would cancel."""
     base = spec(contact=Contact(4.4e14), loss_factor=0.0)
-    plant = Plant(replace(base, step_s=share * 2.9e-7, lead_in_s=0.0))
+    plant = DiscreteGradientPlant(replace(base, step_s=share * 2.9e-7, lead_in_s=0.0))
     for _ in range(round(3.0 / share)):
         k.step(plant.model, plant.state, 0.0)
-    books = plant.close_books()
-    assert books.contact_steps > 3
-    assert books.contact_j == 0.0
-    assert abs(books.energy_residual) < 1e-12
+    balance = plant.close_balance()
+    assert balance.contact_steps > 3
+    assert balance.contact_j == 0.0
+    assert abs(balance.energy_residual) < 1e-12

@@ -1,4 +1,4 @@
-"""The modes left out as one damped mode: its closed forms, its books, and what it is worth."""
+"""The modes left out as one damped mode: its closed forms, its balance, and what it is worth."""
 
 import math
 from dataclasses import replace
@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.integrate import simpson
 
-from plant.actuator.model import Actuator
-from plant.contact import solve_kernels as solve
+from plant import state_kernels as pk
+from plant.actuator import Actuator
+from plant.contact import elastic_kernels as solve
 from plant.contact.hertz import Contact, Damping, Limit, hertz_stiffness, hunt_crossley_parameter
 from plant.plant import PlantSpec
-from plant.schemes import state_kernels as pk
 from plant.schemes import tail
 from plant.schemes.collocation import CollocationPlant, damped_tail, residual_m_n
-from plant.schemes.door import step
+from plant.schemes.registry import step
 from plant.structures.materials import MATERIALS
 from plant.time_series import series_under
 from tests.plant.rigs import spec
@@ -71,7 +71,7 @@ def test_what_it_loses_is_what_the_spectrum_of_the_force_says() -> None:
     force = np.zeros(400)
     force[5:9] = 40.0
     series_under(plant, force)
-    books = plant.close_books()
+    balance = plant.close_balance()
     mobility = damped_tail(what)[0]
     assert mobility is not None
     omega_c = tail.limit_of(mobility.mobility_m_ns, residual_m_n(what))
@@ -80,15 +80,17 @@ def test_what_it_loses_is_what_the_spectrum_of_the_force_says() -> None:
     spectrum = 40.0 * np.abs(np.sin(0.5 * omega * length)) / (0.5 * omega)
     density = spectrum**2 * tail.mobility(mobility.mobility_m_ns, omega_c, omega).real / math.pi
     lost = float(np.sum(density) * (omega[1] - omega[0]))
-    assert books.tail_dissipated_j == pytest.approx(lost, rel=2e-3)
-    assert abs(books.energy_residual) < 1e-10
+    assert balance.tail_dissipated_j == pytest.approx(lost, rel=2e-3)
+    assert abs(balance.energy_residual) < 1e-10
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("step_s", [1e-7, 1e-6, 5e-6, 2e-5])
 @pytest.mark.parametrize("name", CONTACTS)
 @pytest.mark.parametrize("beside", [False, True])
-def test_books_close_at_any_step_and_with_anything(step_s: float, name: str, beside: bool) -> None:
+def test_the_balance_closes_at_any_step_and_with_anything(
+    step_s: float, name: str, beside: bool
+) -> None:
     what = tailed(
         contact=CONTACTS[name], step_s=step_s, loss_factor=0.01, drop_height_m=0.05,
         actuator=Actuator(bandwidth_hz=2e5) if name.startswith("yields") else None,
@@ -99,20 +101,20 @@ def test_books_close_at_any_step_and_with_anything(step_s: float, name: str, bes
     random = np.random.default_rng(5)
     force = np.repeat(30.0 * random.standard_normal(40), 1 + steps // 40)[:steps]
     series_under(plant, force)
-    books = plant.close_books()
-    assert books.contact_steps > 0
-    assert books.tail_dissipated_j > 0.0
-    assert abs(books.energy_residual) < 1e-10
-    assert abs(books.momentum_residual) < 1e-10
+    balance = plant.close_balance()
+    assert balance.contact_steps > 0
+    assert balance.tail_dissipated_j > 0.0
+    assert abs(balance.energy_residual) < 1e-10
+    assert abs(balance.momentum_residual) < 1e-10
 
 
-def test_a_wrong_tail_opens_the_books() -> None:
+def test_a_wrong_tail_opens_the_balance() -> None:
     plant = CollocationPlant(tailed())
     for i in range(200):
         step(plant.model, plant.state, 20.0 * (i > 10))
         if i == 15:
             plant.state.body[pk.TAIL_IM] *= 1.001
-    assert abs(plant.close_books().energy_residual) > 1e-8
+    assert abs(plant.close_balance().energy_residual) > 1e-8
 
 
 def test_gap_converges_with_the_step() -> None:

@@ -6,19 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from plant import state_kernels as pk
 from plant.contact.hertz import Contact, Damping, Sphere, hertz_stiffness
-from plant.figures.calibration import (
+from plant.plant import PlantSpec
+from plant.schemes import thesis2008_kernels as k
+from plant.schemes.registry import step
+from plant.schemes.thesis2008 import (
+    ThesisPlant,
     calibrate_relaxation,
     calibrate_viscous,
     first_contact,
+    green_functions,
+    relative_speed_m_s,
     relaxation_stiffness,
     restitution,
 )
-from plant.plant import PlantSpec
-from plant.schemes import state_kernels as pk
-from plant.schemes import thesis2008_kernels as k
-from plant.schemes.door import step
-from plant.schemes.thesis2008 import ThesisPlant, green_functions, relative_speed_m_s
 from plant.structures.materials import MATERIALS
 from plant.structures.plate import Plate
 
@@ -211,14 +213,14 @@ def test_flight_and_next_impact() -> None:
     assert flight_s == pytest.approx(2 * speed / 9.81, abs=4e-5)  # and the contact before
 
 
-def test_books_show_that_momentum_is_not_conserved() -> None:
+def test_the_balance_shows_that_momentum_is_not_conserved() -> None:
     plant = ThesisPlant(published(), 200)
     for _ in range(100):
         k.step(plant.model, plant.state, 0.0)
-    books = plant.close_books()
-    assert books.contact_impulse_n_s == pytest.approx(1.12e-3, rel=0.01)
-    assert books.momentum_change_n_s == pytest.approx(0.4408, rel=0.01)
-    assert abs(books.momentum_residual) > 0.5
+    balance = plant.close_balance()
+    assert balance.contact_impulse_n_s == pytest.approx(1.12e-3, rel=0.01)
+    assert balance.momentum_change_n_s == pytest.approx(0.4408, rel=0.01)
+    assert abs(balance.momentum_residual) > 0.5
 
 
 # It ends; then in circles of 1, 2, 3 and 4 numbers, and in none.
@@ -256,7 +258,7 @@ def test_every_scheme_steps_through_one_function() -> None:
 
 
 def test_what_the_published_scheme_does_not_know() -> None:
-    with pytest.raises(ValueError, match="struck point only"):
+    with pytest.raises(ValueError, match="contact point only"):
         ThesisPlant(replace(published(), actuator_point_m=(0.2, 0.25)), 10)
     contact = Contact(1e10, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=0.1)
     with pytest.raises(ValueError, match="hunt_crossley"):

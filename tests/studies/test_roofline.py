@@ -3,7 +3,7 @@
 import pytest
 
 from hertzloop.commands.bench import roofline_table
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
 from studies.cost import roofline
 from studies.speed_accuracy import kernels as k
 

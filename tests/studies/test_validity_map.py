@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hertzloop.setup import load
-from plant.structures.plate_theory import expected_kirchhoff_error, zener_impact
+from plant.estimates.plate_theory import expected_kirchhoff_error, zener_impact
 from studies.validity import study
 
 

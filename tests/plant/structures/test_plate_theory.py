@@ -5,7 +5,7 @@ import math
 import pytest
 
 from plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
-from plant.structures import plate_theory
+from plant.estimates import plate_theory
 from plant.structures.materials import MATERIALS
 from plant.structures.plate import Plate
 

@@ -11,7 +11,7 @@ from plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness
 from plant.figures.impacts import Impact
 from plant.plant import PlantSpec
 from plant.schemes.collocation import CollocationPlant
-from plant.structures import lamb
+from plant.structures import solid_plate as lamb
 from plant.structures.materials import MATERIALS
 from plant.structures.plate import Plate
 from plant.structures.solid_plate import SolidPlate
@@ -94,7 +94,7 @@ def _impact(
     rows = series_under(plant, np.zeros(160))
     places = modal_displacement(what, rows), starting_speed(what, rows)
     found = impacts_in(what, rows, *places)[0]
-    return found, plant.close_books().energy_residual
+    return found, plant.close_balance().energy_residual
 
 
 # Radius, thickness (m); 3-D against Kirchhoff: rebound over impact speed, plate energy, peak
@@ -132,7 +132,7 @@ def test_limit_of_modes_settles() -> None:
 @pytest.mark.full
 @pytest.mark.parametrize("step_s", [1e-7, 1e-6, 5e-6, 2e-5])
 @pytest.mark.parametrize("pressure_pa", [None, 0.7e9])
-def test_books_close(step_s: float, pressure_pa: float | None) -> None:
+def test_the_balance_closes(step_s: float, pressure_pa: float | None) -> None:
     limit = None if pressure_pa is None else Limit(pressure_pa, 0.003)
     contact = Contact(hertz_stiffness(0.003, STEEL, ALUMINIUM), limit=limit)
     made = PlantSpec(
@@ -144,7 +144,7 @@ def test_books_close(step_s: float, pressure_pa: float | None) -> None:
         steps = round(2e-4 / step_s)
         force = np.where(np.arange(steps) * step_s % 2e-5 < 1e-5, 25.0, -10.0)
         series_under(plant, force)
-        books = plant.close_books()
-        assert books.contact_steps > 0
-        assert abs(books.energy_residual) < 1e-10
-        assert abs(books.momentum_residual) < 1e-10
+        balance = plant.close_balance()
+        assert balance.contact_steps > 0
+        assert abs(balance.energy_residual) < 1e-10
+        assert abs(balance.momentum_residual) < 1e-10

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
+from plant import state_kernels as pk
 from plant.contact.hertz import GRAVITY_M_S2
-from plant.schemes import state_kernels as pk
 
 
 @dataclass(frozen=True)
-class Books:
+class Balance:
     """Energy (J) and momentum (N s) of a run; residuals are relative, see `balance`.
     `tail_dissipated_j` went to the modes left out, where they are a damped mode."""
 
@@ -44,8 +44,8 @@ def balance(
     *,
     modal_j: float,
     contact_j: float,
-) -> Books:
-    """Books of a run that began with the sphere at `start` (m, m/s) and ends at `speed_m_s`.
+) -> Balance:
+    """Balance of a run that began with the sphere at `start` (m, m/s) and ends at `speed_m_s`.
 
     The energy residual is relative to the energy at the start plus the size of what the
     actuator exchanged, the momentum residual to the impulses exchanged.
@@ -55,13 +55,13 @@ def balance(
     kinetic = 0.5 * m * speed_m_s * speed_m_s
     gravity = m * GRAVITY_M_S2 * float(state.body[pk.XI_S])
     lost_modal, lost_contact, injected, impulse, yielded, air, lost_tail = (
-        float(b) for b in state.books
+        float(b) for b in state.balance
     )
     gap = kinetic + gravity + modal_j + contact_j + lost_modal + lost_contact + yielded
     gap = gap + lost_tail - injected - energy
     change = m * (speed_m_s - v0)
     weight = -m * GRAVITY_M_S2 * float(state.counts[pk.STEP]) * model.step_s
-    return Books(
+    return Balance(
         energy_start_j=energy,
         kinetic_j=kinetic,
         gravity_j=gravity,

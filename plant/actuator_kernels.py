@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from jit import kernel
 from jit.by_type import by_type, no, yes
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
 
 # Below this (N) an actuator without command is at rest: 1e-20 of a newton moves nothing, and a
 # number that decays for ever ends in denormal ones, which are slow.

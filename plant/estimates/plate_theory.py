@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from plant.contact.hertz import Contact, Sphere, tangent_stiffness_n_m
-from plant.gauss import gauss
+from plant.one_thread import gauss
 from plant.structures.plate import Plate
 
 # Against an elastic solid, five impacts of R 3 to 20 mm on 1.5 to 10 mm: errors of the plate

@@ -1,7 +1,7 @@
 """How large the effects are that a scene leaves out: closed forms, each with its source.
 
 Lengths in m, times in s, forces in N, speeds in m/s; what is returned is a ratio unless said
-otherwise. Kirchhoff's theory has a module of its own, plant.structures.plate_theory.
+otherwise. Kirchhoff's theory has a module of its own, plant.estimates.plate_theory.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""The books of energy and momentum: closed to rounding, and open as soon as anything is wrong."""
+"""The balance of energy and momentum: closed to rounding, and open as soon as anything is wrong."""
 
 from collections.abc import Callable
 
@@ -7,8 +7,9 @@ import pytest
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.setup import load
+from plant import state_kernels as pk
 from plant.plant import Plant
-from plant.schemes import state_kernels as pk
+from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from tests.plant.rigs import run, spec
 
 # Promised of every run. Rounding grows with the steps in contact: 1e-12 over ten thousand.
@@ -30,41 +31,43 @@ SCENES = {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_books_close(name: str) -> None:
+def test_the_balance_closes(name: str) -> None:
     scene, settings = SCENES[name]
     truth = simulate(load(scene, settings))
-    books, rows = truth.books, truth.rows
-    print(f"{name}: {books.energy_residual:.1e}, {books.momentum_residual:.1e}")
-    assert abs(books.energy_residual) < CLOSED
-    assert abs(books.momentum_residual) < CLOSED
+    balance, rows = truth.books, truth.rows
+    print(f"{name}: {balance.energy_residual:.1e}, {balance.momentum_residual:.1e}")
+    assert abs(balance.energy_residual) < CLOSED
+    assert abs(balance.momentum_residual) < CLOSED
     # Nothing can be gained by damping, and the entries are what the rows say.
-    assert books.modal_dissipated_j >= 0.0
-    assert books.contact_dissipated_j >= 0.0
-    assert books.contact_steps == np.count_nonzero(rows[4])
+    assert balance.modal_dissipated_j >= 0.0
+    assert balance.contact_dissipated_j >= 0.0
+    assert balance.contact_steps == np.count_nonzero(rows[4])
     step_s = load(scene, settings).step_s
-    assert books.contact_impulse_n_s == pytest.approx(rows[4].sum() * step_s, rel=1e-12)
+    assert balance.contact_impulse_n_s == pytest.approx(rows[4].sum() * step_s, rel=1e-12)
     work = float(np.sum(rows[5][:-1] * np.diff(rows[6])))
     # The last step's work shows in no row; with long steps the spring of the modes left out,
     # which xi shows and which takes no energy, is most of the plate.
     if rows[5][-1] == 0.0 and name != "long steps":
         near = 1e-9 if "beside" in name else 2e-2
-        assert books.injected_j == pytest.approx(work, rel=near, abs=1e-15)
+        assert balance.injected_j == pytest.approx(work, rel=near, abs=1e-15)
     if "beside" in name:
-        assert abs(books.injected_j) > 1e-3 * books.energy_start_j  # the actuator did act
+        assert abs(balance.injected_j) > 1e-3 * balance.energy_start_j  # the actuator did act
 
 
-def test_books_close_for_a_random_force_on_a_damped_plate() -> None:
+def test_the_balance_closes_for_a_random_force_on_a_damped_plate() -> None:
     # Flights, contacts and pushes of every length follow each other.
     random = np.random.default_rng(11)
     force = np.repeat(random.standard_normal(80) * (random.random(80) < 0.5), 50)
     for beside in (None, (0.3, 0.21)):
-        plant = Plant(spec(loss_factor=0.05, actuator_point_m=beside, drop_height_m=1e-4))
+        plant = DiscreteGradientPlant(
+            spec(loss_factor=0.05, actuator_point_m=beside, drop_height_m=1e-4)
+        )
         run(plant, len(force), force)
-        books = plant.close_books()
-        assert books.contact_steps > 0
-        assert books.modal_dissipated_j > 0.1 * abs(books.injected_j)
-        assert abs(books.energy_residual) < CLOSED
-        assert abs(books.momentum_residual) < CLOSED
+        balance = plant.close_balance()
+        assert balance.contact_steps > 0
+        assert balance.modal_dissipated_j > 0.1 * abs(balance.injected_j)
+        assert abs(balance.energy_residual) < CLOSED
+        assert abs(balance.momentum_residual) < CLOSED
 
 
 FAULT = 1e-4
@@ -95,11 +98,11 @@ def weaker_plate(plant: Plant) -> None:
 
 
 def less_dissipation(plant: Plant) -> None:
-    plant.state.books[pk.MODAL_DISSIPATED] *= 1.0 - FAULT
+    plant.state.balance[pk.MODAL_DISSIPATED] *= 1.0 - FAULT
 
 
 def forgotten_injection(plant: Plant) -> None:
-    plant.state.books[pk.INJECTED] -= FAULT * abs(plant.state.books[pk.INJECTED])
+    plant.state.balance[pk.INJECTED] -= FAULT * abs(plant.state.balance[pk.INJECTED])
 
 
 FAULTS = [
@@ -109,19 +112,19 @@ FAULTS = [
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_in_mid_contact_opens_the_books(fault: Callable[[Plant], None]) -> None:
-    # Same run, same fault-free books; one part in 10 000 wrong shows far above the promise.
-    plant = Plant(spec(loss_factor=0.05))
+def test_a_fault_in_mid_contact_opens_the_balance(fault: Callable[[Plant], None]) -> None:
+    # Same run, same fault-free balance; one part in 10 000 wrong shows far above the promise.
+    plant = DiscreteGradientPlant(spec(loss_factor=0.05))
     force = np.where(np.arange(200) > 10, 20.0, 0.0)
     run(plant, 15, force[:15])
     assert plant.state.body[pk.F_C] > 10.0
     fault(plant)
     run(plant, 185, force[15:])
-    books = plant.close_books()
-    print(f"{fault.__name__}: {books.energy_residual:.1e}, {books.momentum_residual:.1e}")
+    balance = plant.close_balance()
+    print(f"{fault.__name__}: {balance.energy_residual:.1e}, {balance.momentum_residual:.1e}")
     if fault is none:
-        assert max(abs(books.energy_residual), abs(books.momentum_residual)) < CLOSED
+        assert max(abs(balance.energy_residual), abs(balance.momentum_residual)) < CLOSED
     else:
-        assert abs(books.energy_residual) > 100.0 * CLOSED
+        assert abs(balance.energy_residual) > 100.0 * CLOSED
     if fault is moved_sphere:
-        assert abs(books.momentum_residual) > 100.0 * CLOSED
+        assert abs(balance.momentum_residual) > 100.0 * CLOSED

@@ -11,12 +11,19 @@ operations, each waiting for the last, and a quarter of its time goes with them.
 import math
 
 import numpy as np
+from numba.extending import overload
 
 from jit import kernel
-from plant.contact import hertz_kernels as hertz
-from plant.contact import path_kernels as path
-from plant.schemes import tail_kernels
+from plant.contact import tail_kernels as tail
 
+NODES = 4
+# Gauss-Legendre nodes and weights on (0, 1).
+_half = 0.5 * np.polynomial.legendre.leggauss(NODES)[0] + 0.5
+GAUSS_T = tuple(float(x) for x in _half)
+GAUSS_W = tuple(0.5 * float(x) for x in np.polynomial.legendre.leggauss(NODES)[1])
+GAUSS_P = tuple(3.0 * (2.0 * t - 1.0) for t in GAUSS_T)
+
+NOTHING = (0.0,) * 11
 # Indices into CollocationModel.gains: gap at the end, its velocity, its mean, by F_0 and F_1;
 # then the plate's own displacement and velocity (up per force up on it).
 # CA, VA, MA: the same by F_a; AC0, AC1, AA: displacement at the actuator; LOSS: energy lost.
@@ -32,8 +39,8 @@ LOSS_0B, LOSS_1B, LOSS_AB, LOSS_BB = range(35, 39)
 # START: velocity of the gap right at the start by F_0 and F_1, where the plate answers at once.
 START0, START1 = range(39, 41)
 # By node of Gauss's rule: gap by F_0 and F_1 there.
-NODE0, NODE1 = 41, 41 + path.NODES
-GAINS = 41 + 2 * path.NODES
+NODE0, NODE1 = 41, 41 + NODES
+GAINS = 41 + 2 * NODES
 
 _NEWTON_MOST = 12
 CORRECTIONS = 12
@@ -46,10 +53,185 @@ _SLIGHT = 1e-9  # of the gap: a correction that moves it less needs no second on
 _SOFT = 0.2  # e of `root_penetration` below which its series and one Halley step give 1e-9
 
 
+@kernel(inline=True, borrowed=True, fused=True)
+def root_penetration(model, gap):
+    """y = sqrt(p) of the Hertz penetration p under a modal gap < 0: y^2 + k s y^3 = -gap.
+
+    The spring of the modes left out takes k F = k s y^3 of the approach. Newton, from the series
+    in e = k s sqrt(-gap) where that is small; what is left after a change of 3e-8 is below
+    rounding.
+    """
+    y = math.sqrt(-gap)
+    share = model.flexibility_m_n * model.stiffness
+    if share == 0.0:
+        return y
+    e = share * y
+    if e < 0.25:
+        y *= 1.0 + e * (-0.5 + e * (0.625 + e * (-1.0 + e * (1.8046875 + e * -3.5))))
+    else:
+        y /= math.sqrt(1.0 + e)
+    for _ in range(HALVINGS):
+        change = (y * y * (1.0 + share * y) + gap) / (y * (2.0 + 3.0 * share * y))
+        y -= change
+        if abs(change) <= 3e-8 * y:
+            break
+    return y
+
+
+@kernel(inline=True, borrowed=True, fused=True)
+def elastic(model, gap):
+    """Contact force without damping (N) at a modal gap, the energy in the contact and in the
+    spring of the modes left out (J), and the root of the penetration (m^0.5)."""
+    if gap >= 0.0:
+        return 0.0, 0.0, 0.0
+    y = root_penetration(model, gap)
+    force = model.stiffness * y * y * y
+    return force, force * (0.4 * y * y + 0.5 * model.flexibility_m_n * force), y
+
+
+@kernel(inline=True, borrowed=True, fused=True)
+def elastic_near(model, gap, root):
+    """The same from a root nearby, by one step of Halley's rule, which cubes what is wrong; from
+    nothing if `root` is zero or not near enough."""
+    if root == 0.0 or gap >= 0.0:
+        return elastic(model, gap)
+    share = model.flexibility_m_n * model.stiffness
+    wrong = root * root * (1.0 + share * root) + gap
+    slope = root * (2.0 + 3.0 * share * root)
+    change = wrong * slope / (slope * slope - wrong * (1.0 + 3.0 * share * root))
+    if abs(change) > 3e-6 * root:
+        return elastic(model, gap)
+    y = root - change
+    force = model.stiffness * y * y * y
+    return force, force * (0.4 * y * y + 0.5 * model.flexibility_m_n * force), y
+
+
+@kernel(inline=True, borrowed=True, fused=True)
+def damped_law(model, gap, rate):
+    """Force, its damping part, dF/dgap, dF/drate at a modal gap < 0 and its rate (m/s)."""
+    s = model.stiffness
+    y = root_penetration(model, gap)
+    soft = 2.0 + 3.0 * model.flexibility_m_n * s * y
+    spring = s * y * y * y
+    slope = -3.0 * s * y / soft
+    if model.viscous_n_s_m == 0.0 and model.hunt_crossley_s_m == 0.0:
+        return spring, 0.0, slope, 0.0
+    share = -2.0 / soft  # dp/dgap
+    factor = (model.viscous_n_s_m + model.hunt_crossley_s_m * spring) * share
+    # The change of `share` with the gap is left to Newton's next iteration.
+    return (
+        spring + factor * rate,
+        factor * rate,
+        slope + model.hunt_crossley_s_m * slope * share * rate,
+        factor,
+    )
+
+
+def by_ends(t: float) -> tuple[float, float, float, float, float]:
+    """The quartic of `quartic` at t, by x0, x1, d0, d1 and the mean."""
+    u = 1.0 - t
+    lift = 30.0 * t * t * u * u
+    return (
+        (1.0 + 2.0 * t) * u * u - 0.5 * lift,
+        t * t * (3.0 - 2.0 * t) - 0.5 * lift,
+        t * u * u - lift / 12.0,
+        lift / 12.0 - t * t * u,
+        lift,
+    )
+
+
+BY_X0, BY_X1, BY_D0, BY_D1, BY_MEAN = zip(*(by_ends(t) for t in GAUSS_T), strict=True)
+
+
+@kernel(inline=True, borrowed=True, fused=True)
+def quartic(t, x0, x1, d0, d1, q):
+    """Gap and its derivative by t at t in (0, 1): ends, end slopes, excess of the mean."""
+    u = 1.0 - t
+    gap = (
+        (1.0 + 2.0 * t) * u * u * x0 + t * t * (3.0 - 2.0 * t) * x1
+        + t * u * u * d0 - t * t * u * d1 + 30.0 * t * t * u * u * q
+    )  # fmt: skip
+    slope = (
+        6.0 * t * u * (x1 - x0) + u * (1.0 - 3.0 * t) * d0 + t * (3.0 * t - 2.0) * d1
+        + 60.0 * t * u * (u - t) * q
+    )  # fmt: skip
+    return gap, slope
+
+
+@kernel(borrowed=True, fused=True)
+def crossing(negative, positive, x0, x1, d0, d1, q):
+    """Where the quartic changes sign between t = negative (gap < 0) and t = positive."""
+    for _ in range(HALVINGS):
+        middle = 0.5 * (negative + positive)
+        if middle == negative or middle == positive:
+            break
+        if quartic(middle, x0, x1, d0, d1, q)[0] < 0.0:
+            negative = middle
+        else:
+            positive = middle
+    return negative
+
+
+@kernel(inline=True, borrowed=True, fused=True)
+def touching_part(x0, x1, d0, d1, q):
+    """The part (from, to) of the step that is in contact; from = to if none is."""
+    if x0 < 0.0 and x1 < 0.0:
+        return 0.0, 1.0
+    if x0 < 0.0:
+        return 0.0, crossing(0.0, 1.0, x0, x1, d0, d1, q)
+    if x1 < 0.0:
+        return crossing(1.0, 0.0, x0, x1, d0, d1, q), 1.0
+    if d0 < 0.0 and d1 > 0.0:  # it may dip in and out again
+        lowest, at = 0.0, -1.0
+        for i in range(1, 16):
+            gap = quartic(i / 16.0, x0, x1, d0, d1, q)[0]
+            if gap < lowest:
+                lowest, at = gap, i / 16.0
+        if at > 0.0:
+            return (
+                crossing(at, 0.0, x0, x1, d0, d1, q), crossing(at, 1.0, x0, x1, d0, d1, q)
+            )  # fmt: skip
+    return 0.0, 0.0
+
+
+@kernel(inline=True, borrowed=True, fused=True)
+def gap_at_node(i, x0, x1, d0, d1, mean):
+    """Gap at node `i` of Gauss's rule."""
+    return BY_X0[i] * x0 + BY_X1[i] * x1 + BY_D0[i] * d0 + BY_D1[i] * d1 + BY_MEAN[i] * mean
+
+
+def added(sums, w, t, force, damping, slope, by_gap, by_slope):
+    """Sums of a projection on linear functions - F_0, F_1, what damping takes (J), derivatives of
+    F_0 and F_1 by x1, d1, the mean and d0 - with a node at t of weight `w` more, whose force (N)
+    goes by the gap and its slope.
+
+    Becomes part of its caller before that is compiled, which settles whether products and sums
+    may be contracted.
+    """
+    f0, f1, lost, f0_x, f0_d, f0_m, f1_x, f1_d, f1_m, f0_s, f1_s = sums
+    u = 1.0 - t
+    by_q = by_gap * (30.0 * t * t * u * u) + by_slope * (60.0 * t * u * (u - t))
+    by_x = by_gap * t * t * (3.0 - 2.0 * t) + by_slope * 6.0 * t * u - 0.5 * by_q
+    by_d = -by_gap * t * t * u + by_slope * t * (3.0 * t - 2.0) + by_q / 12.0
+    by_s = by_gap * t * u * u + by_slope * u * (1.0 - 3.0 * t) - by_q / 12.0
+    p = 3.0 * (2.0 * t - 1.0)
+    return (
+        f0 + w * force, f1 + w * p * force, lost - w * damping * slope,
+        f0_x + w * by_x, f0_d + w * by_d, f0_m + w * by_q,
+        f1_x + w * p * by_x, f1_d + w * p * by_d, f1_m + w * p * by_q,
+        f0_s + w * by_s, f1_s + w * p * by_s,
+    )  # fmt: skip
+
+
+@overload(added, inline="always", jit_options={"_nrt": False})
+def _compiled_added(sums, w, t, force, damping, slope, by_gap, by_slope):
+    return added
+
+
 def at_nodes(gains: np.ndarray, step_s: float) -> np.ndarray:
     """Gap at the nodes by F_0 and by F_1 (m/N), shape (2 nodes,): `gains` from NODE0 on."""
-    x, d, mean = np.array(path.BY_X1), step_s * np.array(path.BY_D1), np.array(path.BY_MEAN)
-    start = step_s * np.array(path.BY_D0)
+    x, d, mean = np.array(BY_X1), step_s * np.array(BY_D1), np.array(BY_MEAN)
+    start = step_s * np.array(BY_D0)
     return np.concatenate([
         x * gains[X0] + d * gains[V0] + mean * gains[M0] + start * gains[START0],
         x * gains[X1] + d * gains[V1] + mean * gains[M1] + start * gains[START1],
@@ -59,7 +241,7 @@ def at_nodes(gains: np.ndarray, step_s: float) -> np.ndarray:
 @kernel(inline=True, borrowed=True, fused=True)
 def slope_at_start(model, d0, f0, f1):
     """Slope of the gap right at the start of a step (m a step) from that without its force."""
-    if tail_kernels.there(model.tail):
+    if tail.there(model.tail):
         return d0 + model.step_s * (model.gains[START0] * f0 + model.gains[START1] * f1)
     return d0
 
@@ -69,19 +251,19 @@ def _project(model, x0, x1, d0, d1, mean):
     """Projection of the law along the quartic: F_0, F_1, what damping takes (J), and the
     derivatives of F_0 and F_1 by x1, d1, the mean and (only with a damped tail) d0."""
     q = mean - 0.5 * (x0 + x1) - (d0 - d1) / 12.0
-    start, end = path.touching_part(x0, x1, d0, d1, q)
-    sums = path.NOTHING
+    start, end = touching_part(x0, x1, d0, d1, q)
+    sums = NOTHING
     if start == end:
         return sums
     h = model.step_s
-    for i in range(path.NODES):
-        t = start + (end - start) * path.GAUSS_T[i]
-        w = (end - start) * path.GAUSS_W[i]
-        gap, slope = path.quartic(t, x0, x1, d0, d1, q)
+    for i in range(NODES):
+        t = start + (end - start) * GAUSS_T[i]
+        w = (end - start) * GAUSS_W[i]
+        gap, slope = quartic(t, x0, x1, d0, d1, q)
         if gap >= 0.0:
             continue
-        force, damping, by_gap, by_rate = hertz.damped_law(model, gap, slope / h)
-        sums = path.added(sums, w, t, force, damping, slope, by_gap, by_rate / h)
+        force, damping, by_gap, by_rate = damped_law(model, gap, slope / h)
+        sums = added(sums, w, t, force, damping, slope, by_gap, by_rate / h)
     return sums
 
 
@@ -90,11 +272,11 @@ def _chord(model, x0, x1):
     """Discrete gradient between two modal gaps, damping included, and damping's part (N)."""
     if x0 >= 0.0 and x1 >= 0.0:
         return 0.0, 0.0
-    a = hertz.root_penetration(model, x0) if x0 < 0.0 else 0.0
-    b = hertz.root_penetration(model, x1) if x1 < 0.0 else 0.0
+    a = root_penetration(model, x0) if x0 < 0.0 else 0.0
+    b = root_penetration(model, x1) if x1 < 0.0 else 0.0
     s, share = model.stiffness, model.flexibility_m_n * model.stiffness
     if (x0 < 0.0) != (x1 < 0.0):
-        force = (hertz.elastic(model, x1)[1] - hertz.elastic(model, x0)[1]) / (x0 - x1)
+        force = (elastic(model, x1)[1] - elastic(model, x0)[1]) / (x0 - x1)
     else:
         five = b**4 + b**3 * a + b * b * a * a + b * a**3 + a**4
         six = five * b + a**5
@@ -137,18 +319,18 @@ def _solve_inside(model, x0, d0, free_x, free_d, free_mean, guess0, guess1):
     share = model.flexibility_m_n * s
     f0, f1 = guess0, guess1
     # While Newton works on the force the processor finds a root to start from when it is known.
-    root = hertz.elastic(model, free_x + g[X0] * f0 + g[X1] * f1)[2]
+    root = elastic(model, free_x + g[X0] * f0 + g[X1] * f1)[2]
     for evaluation in range(1, _NEWTON_MOST):
         p0 = p1 = 0.0
         a = d = 1.0
         b = c = 0.0
         highest = max(x0, free_x + g[X0] * f0 + g[X1] * f1)
         lowest = min(x0, free_x + g[X0] * f0 + g[X1] * f1)
-        for i in range(path.NODES):
+        for i in range(NODES):
             gap = (
-                path.BY_X0[i] * x0 + path.BY_X1[i] * free_x
-                + path.BY_D0[i] * d0 + path.BY_D1[i] * free_d
-                + path.BY_MEAN[i] * free_mean + (g[NODE0 + i] * f0 + g[NODE1 + i] * f1)
+                BY_X0[i] * x0 + BY_X1[i] * free_x
+                + BY_D0[i] * d0 + BY_D1[i] * free_d
+                + BY_MEAN[i] * free_mean + (g[NODE0 + i] * f0 + g[NODE1 + i] * f1)
             )  # fmt: skip
             highest = max(highest, gap)
             lowest = min(lowest, gap)
@@ -162,8 +344,8 @@ def _solve_inside(model, x0, d0, free_x, free_d, free_mean, guess0, guess1):
             y -= wrong * rise * part  # Halley's rule
             force = s * y * y * y
             slope = -3.0 * s * y * y * rise * part
-            w = path.GAUSS_W[i]
-            p = path.GAUSS_P[i]
+            w = GAUSS_W[i]
+            p = GAUSS_P[i]
             p0 += w * force
             p1 += w * p * force
             by0 = w * slope * g[NODE0 + i]
@@ -181,7 +363,7 @@ def _solve_inside(model, x0, d0, free_x, free_d, free_mean, guess0, guess1):
         f0 -= c0
         f1 -= c1
         moved = 0.0
-        for i in range(path.NODES):
+        for i in range(NODES):
             moved = max(moved, abs(g[NODE0 + i] * c0 + g[NODE1 + i] * c1))
         if moved <= -_NEAR * highest:
             return f0, f1, evaluation, root
@@ -205,7 +387,7 @@ def _solve_anywhere(model, x0, d0, free_x, free_d, free_mean, guess0, guess1):
         b = -(f0_x * g[X1] + f0_d * h * g[V1] + f0_m * g[M1])
         c = -(f1_x * g[X0] + f1_d * h * g[V0] + f1_m * g[M0])
         d = 1.0 - (f1_x * g[X1] + f1_d * h * g[V1] + f1_m * g[M1])
-        if tail_kernels.there(model.tail):
+        if tail.there(model.tail):
             a -= f0_s * h * g[START0]
             b -= f0_s * h * g[START1]
             c -= f1_s * h * g[START0]
@@ -269,7 +451,7 @@ def _balance(model, x0, free_x, free_mean, f0, f1, lost, before, root):
         x1 = free_x + g[X0] * f0 + g[X1] * f1
         mean = free_mean + g[M0] * f0 + g[M1] * f1
         way, bend = x1 - x0, x1 + x0 - 2.0 * mean
-        force, after, root = hertz.elastic_near(model, x1, root)
+        force, after, root = elastic_near(model, x1, root)
         wrong = f0 * way + f1 * bend + (after - before) + lost
         size = abs(f0 * way) + abs(f1 * bend) + after + before
         if abs(wrong) <= ROUNDING * size or abs(wrong) >= last:

@@ -1,6 +1,6 @@
 """Compiled kernels of the modes left out as one damped mode; see `plant.schemes.tail`.
 
-Displacement at the struck point is Im z, z' = s z + g F with a complex g, F the force up on the
+Displacement at the contact point is Im z, z' = s z + g F with a complex g, F the force up on the
 plate. As Im g = Y, the point's velocity follows the force at once by Y F, on top of Im(s z).
 The tail of a model is a `DampedTail`, or None: there is none, or it is a spring.
 """
@@ -11,7 +11,7 @@ import numpy as np
 
 from jit import kernel
 from jit.by_type import by_type
-from plant.schemes import state_kernels as pk
+from plant import state_kernels as pk
 
 
 class DampedTail(NamedTuple):
@@ -60,7 +60,7 @@ def _pushed(tail, state, f0, f1):
     lost = a * (q[0] * a + q[1] * b + q[2] * f0 + q[3] * f1)
     lost += b * (q[4] * b + q[5] * f0 + q[6] * f1)
     lost += f0 * (q[7] * f0 + q[8] * f1) + q[9] * f1 * f1
-    state.books[pk.TAIL_DISSIPATED] += lost
+    state.balance[pk.TAIL_DISSIPATED] += lost
     body[pk.TAIL_RE] = a + (tail.by_0_re * f0 + tail.by_1_re * f1)
     body[pk.TAIL_IM] = b + (tail.by_0_im * f0 + tail.by_1_im * f1)
 

@@ -7,19 +7,17 @@ stays on the line is linear; only one that turns, or changes between them, is pu
 from pieces. The deepest penetration is that within the step: with that of its ends a step
 that turns would be of second order.
 
-The contact's law is a `plastic_kernels.Yielding`, or None: elastic.
+The contact's law is a `Yielding`, or None: elastic.
 """
 
 import math
+from typing import Any, NamedTuple
 
 from jit import kernel
 from jit.by_type import by_type, no, yes
-from plant.contact import hertz_kernels as hertz
-from plant.contact import path_kernels as path
-from plant.contact import plastic_kernels as plastic
-from plant.contact import solve_kernels as solve
-from plant.schemes import state_kernels as pk
-from plant.schemes import tail_kernels
+from plant import state_kernels as pk
+from plant.contact import elastic_kernels as elastic
+from plant.contact import tail_kernels as tail
 
 _HALVINGS = 60
 _NEWTON_MOST = 14
@@ -27,13 +25,116 @@ _TIGHT = 1e-9  # of the force
 _ON_LINE = 1.0 - 1e-12  # of the deepest approach: there the line begins
 
 
+class Yielding(NamedTuple):
+    """Penetration (m), force (N) and energy (J) of first yield, and the line's rise (N/m)."""
+
+    delta_m: float
+    force_n: float
+    rise_n_m: float
+    energy_j: float
+
+
+class Curve(NamedTuple):
+    """A Hertz contact as `elastic_kernels` wants it."""
+
+    step_s: float
+    stiffness: float
+    flexibility_m_n: float
+    viscous_n_s_m: float
+    hunt_crossley_s_m: float
+    gains: Any
+    tail: Any
+
+
+@kernel(inline=True, borrowed=True)
+def load(law, p):
+    """Force on the line, N."""
+    return law.force_n + law.rise_n_m * (p - law.delta_m)
+
+
+@kernel(inline=True, borrowed=True)
+def curve_of(law, stiffness, deepest):
+    """Stiffness (N/m^1.5) and dent (m) of the curve that belongs to a deepest penetration."""
+    if deepest <= law.delta_m:
+        return stiffness, 0.0
+    most = load(law, deepest)
+    again = stiffness * math.sqrt(stiffness * deepest * math.sqrt(deepest) / most)
+    return again, deepest - (most / again) ** (2.0 / 3.0)
+
+
+@kernel(inline=True, borrowed=True)
+def taken(law, deepest, dent):
+    """What yielding took until a deepest penetration, J."""
+    if deepest <= law.delta_m:
+        return 0.0
+    way = deepest - law.delta_m
+    work = law.energy_j + way * (law.force_n + 0.5 * law.rise_n_m * way)
+    return work - 0.4 * load(law, deepest) * (deepest - dent)
+
+
+@kernel(inline=True, borrowed=True)
+def hertz_curve(model, stiffness):
+    """The contact on a curve of `stiffness`, without its dent."""
+    return Curve(
+        model.step_s,
+        stiffness,
+        model.flexibility_m_n,
+        model.viscous_n_s_m,
+        model.hunt_crossley_s_m,
+        model.gains,
+        model.tail,
+    )
+
+
+@kernel(inline=True, borrowed=True)
+def approach(law, model, p):
+    """Approach at a penetration on the line, m."""
+    return p + model.flexibility_m_n * load(law, p)
+
+
+@kernel(inline=True, borrowed=True)
+def penetration(law, model, approach):
+    """Penetration at an approach on the line, m."""
+    start = law.delta_m + model.flexibility_m_n * law.force_n
+    return law.delta_m + (approach - start) / (1.0 + model.flexibility_m_n * law.rise_n_m)
+
+
+@kernel(borrowed=True)
+def work(law, model, gap, deepest):
+    """Force (N) at a gap and W (J) for a deepest penetration before it, which it may pass."""
+    spring = model.flexibility_m_n
+    if -gap >= approach(law, model, deepest):
+        p = penetration(law, model, -gap)
+        force, way = load(law, p), p - law.delta_m
+        done = law.energy_j + way * (law.force_n + 0.5 * law.rise_n_m * way)
+        return force, done + 0.5 * spring * force * force
+    stiffness, dent = curve_of(law, model.stiffness, deepest)
+    force, stored, _ = elastic.elastic(hertz_curve(model, stiffness), gap + dent)
+    return force, stored + taken(law, deepest, dent)
+
+
+@kernel(inline=True, borrowed=True)
+def at(law, model, gap, rate, curve, dent, on_line):
+    """Force, its damping part, dF/dgap and dF/drate on the line, or on a curve."""
+    if not on_line:
+        if gap + dent >= 0.0:
+            return 0.0, 0.0, 0.0, 0.0
+        return elastic.damped_law(curve, gap + dent, rate)
+    spring = load(law, penetration(law, model, -gap))
+    share = -1.0 / (1.0 + model.flexibility_m_n * law.rise_n_m)
+    slope = law.rise_n_m * share
+    factor = (model.viscous_n_s_m + model.hunt_crossley_s_m * spring) * share
+    by_gap = slope + model.hunt_crossley_s_m * slope * share * rate
+    return spring + factor * rate, factor * rate, by_gap, factor
+
+
 @kernel(borrowed=True)
 def _crossing(level, low, high, x0, x1, d0, d1, q):
     """Where the quartic passes `level` between t = low and t = high."""
-    falls = path.quartic(low, x0, x1, d0, d1, q)[0] > level
+    falls = elastic.quartic(low, x0, x1, d0, d1, q)[0] > level
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if (path.quartic(middle, x0, x1, d0, d1, q)[0] > level) == falls:
+        if (elastic.quartic(middle, x0, x1, d0, d1, q)[0] > level) == falls:
             low = middle
         else:
             high = middle
@@ -48,7 +149,7 @@ def _turning(x0, x1, d0, d1, q):
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        if path.quartic(middle, x0, x1, d0, d1, q)[1] < 0.0:
+        if elastic.quartic(middle, x0, x1, d0, d1, q)[1] < 0.0:
             low = middle
         else:
             high = middle
@@ -60,14 +161,14 @@ def _add(law, model, sums, begin, end, x0, x1, d0, d1, q, curve, dent, on_line):
     """Add a piece of the step to the projection: F_0, F_1, loss, derivatives of F_0 and F_1 by
     x1, d1, the mean and d0."""
     if end > begin:
-        for i in range(path.NODES):
-            t = begin + (end - begin) * path.GAUSS_T[i]
-            w = (end - begin) * path.GAUSS_W[i]
-            gap, slope = path.quartic(t, x0, x1, d0, d1, q)
-            force, damping, by_gap, by_rate = plastic.at(
+        for i in range(elastic.NODES):
+            t = begin + (end - begin) * elastic.GAUSS_T[i]
+            w = (end - begin) * elastic.GAUSS_W[i]
+            gap, slope = elastic.quartic(t, x0, x1, d0, d1, q)
+            force, damping, by_gap, by_rate = at(
                 law, model, gap, slope / model.step_s, curve, dent, on_line
             )
-            sums = path.added(sums, w, t, force, damping, slope, by_gap, by_rate / model.step_s)
+            sums = elastic.added(sums, w, t, force, damping, slope, by_gap, by_rate / model.step_s)
     return sums
 
 
@@ -76,13 +177,13 @@ def _project(law, model, body, x0, x1, d0, d1, mean):
     """Projection of the law along the quartic, as `_add`, and the deepest penetration in it."""
     q = mean - 0.5 * (x0 + x1) - (d0 - d1) / 12.0
     deepest, dent = body[pk.DEEPEST], body[pk.DENT]
-    curve = plastic.hertz_curve(model, body[pk.CURVE])
-    sums = path.NOTHING
-    level = plastic.approach(law, model, deepest)
+    curve = hertz_curve(model, body[pk.CURVE])
+    sums = elastic.NOTHING
+    level = approach(law, model, deepest)
     turn = _turning(x0, x1, d0, d1, q)
-    lowest = path.quartic(turn, x0, x1, d0, d1, q)[0]
+    lowest = elastic.quartic(turn, x0, x1, d0, d1, q)[0]
     if -lowest <= level:
-        begin, end = path.touching_part(x0 + dent, x1 + dent, d0, d1, q)
+        begin, end = elastic.touching_part(x0 + dent, x1 + dent, d0, d1, q)
         sums = _add(law, model, sums, begin, end, x0, x1, d0, d1, q, curve, dent, False)
         return sums, deepest
     begin = 0.0
@@ -93,12 +194,12 @@ def _project(law, model, body, x0, x1, d0, d1, mean):
         line = _crossing(-level, begin, turn, x0, x1, d0, d1, q)
     sums = _add(law, model, sums, begin, line, x0, x1, d0, d1, q, curve, dent, False)
     sums = _add(law, model, sums, line, turn, x0, x1, d0, d1, q, curve, dent, True)
-    deepest = plastic.penetration(law, model, -lowest)
-    stiffness, dent = plastic.curve_of(law, model.stiffness, deepest)
+    deepest = penetration(law, model, -lowest)
+    stiffness, dent = curve_of(law, model.stiffness, deepest)
     end = 1.0
     if x1 + dent > 0.0:
         end = _crossing(-dent, turn, 1.0, x0, x1, d0, d1, q)
-    after = plastic.hertz_curve(model, stiffness)
+    after = hertz_curve(model, stiffness)
     sums = _add(law, model, sums, turn, end, x0, x1, d0, d1, q, after, dent, False)
     return sums, deepest
 
@@ -110,21 +211,21 @@ def _pieces(law, model, body, x0, d0, free_x, free_d, free_mean, guess0, guess1)
     g, h = model.gains, model.step_s
     f0, f1, lost, deepest = guess0, guess1, 0.0, body[pk.DEEPEST]
     for evaluation in range(1, _NEWTON_MOST + 1):
-        x1 = free_x + g[solve.X0] * f0 + g[solve.X1] * f1
-        d1 = free_d + h * (g[solve.V0] * f0 + g[solve.V1] * f1)
-        mean = free_mean + g[solve.M0] * f0 + g[solve.M1] * f1
-        start = solve.slope_at_start(model, d0, f0, f1)
+        x1 = free_x + g[elastic.X0] * f0 + g[elastic.X1] * f1
+        d1 = free_d + h * (g[elastic.V0] * f0 + g[elastic.V1] * f1)
+        mean = free_mean + g[elastic.M0] * f0 + g[elastic.M1] * f1
+        start = elastic.slope_at_start(model, d0, f0, f1)
         sums, deepest = _project(law, model, body, x0, x1, start, d1, mean)
         p0, p1, lost, f0_x, f0_d, f0_m, f1_x, f1_d, f1_m, f0_s, f1_s = sums
-        a = 1.0 - (f0_x * g[solve.X0] + f0_d * h * g[solve.V0] + f0_m * g[solve.M0])
-        b = -(f0_x * g[solve.X1] + f0_d * h * g[solve.V1] + f0_m * g[solve.M1])
-        c = -(f1_x * g[solve.X0] + f1_d * h * g[solve.V0] + f1_m * g[solve.M0])
-        d = 1.0 - (f1_x * g[solve.X1] + f1_d * h * g[solve.V1] + f1_m * g[solve.M1])
-        if tail_kernels.there(model.tail):
-            a -= f0_s * h * g[solve.START0]
-            b -= f0_s * h * g[solve.START1]
-            c -= f1_s * h * g[solve.START0]
-            d -= f1_s * h * g[solve.START1]
+        a = 1.0 - (f0_x * g[elastic.X0] + f0_d * h * g[elastic.V0] + f0_m * g[elastic.M0])
+        b = -(f0_x * g[elastic.X1] + f0_d * h * g[elastic.V1] + f0_m * g[elastic.M1])
+        c = -(f1_x * g[elastic.X0] + f1_d * h * g[elastic.V0] + f1_m * g[elastic.M0])
+        d = 1.0 - (f1_x * g[elastic.X1] + f1_d * h * g[elastic.V1] + f1_m * g[elastic.M1])
+        if tail.there(model.tail):
+            a -= f0_s * h * g[elastic.START0]
+            b -= f0_s * h * g[elastic.START1]
+            c -= f1_s * h * g[elastic.START0]
+            d -= f1_s * h * g[elastic.START1]
         det = a * d - b * c
         if not det > 0.0:
             break
@@ -142,14 +243,14 @@ def _line(law, model, x0, d0, free_x, free_d, free_mean):
     """F_0 and F_1 of a step that stays on the line, without damping: two linear equations."""
     g, h = model.gains, model.step_s
     rise = law.rise_n_m / (1.0 + model.flexibility_m_n * law.rise_n_m)
-    level = plastic.load(law, plastic.penetration(law, model, 0.0))
+    level = load(law, penetration(law, model, 0.0))
     p0, p1 = level, 0.0
     a = d = 1.0
     b = c = 0.0
-    for i in range(path.NODES):
-        gap = path.gap_at_node(i, x0, free_x, d0, free_d, free_mean)
-        w, p = path.GAUSS_W[i], path.GAUSS_P[i]
-        n0, n1 = g[solve.NODE0 + i], g[solve.NODE1 + i]
+    for i in range(elastic.NODES):
+        gap = elastic.gap_at_node(i, x0, free_x, d0, free_d, free_mean)
+        w, p = elastic.GAUSS_W[i], elastic.GAUSS_P[i]
+        n0, n1 = g[elastic.NODE0 + i], g[elastic.NODE1 + i]
         p0 -= rise * w * gap
         p1 -= rise * w * p * gap
         a += rise * w * n0
@@ -158,27 +259,37 @@ def _line(law, model, x0, d0, free_x, free_d, free_mean):
         d += rise * w * p * n1
     det = a * d - b * c
     f0, f1 = (d * p0 - b * p1) / det, (a * p1 - c * p0) / det
-    return f0, f1, free_d + h * (g[solve.V0] * f0 + g[solve.V1] * f1)
+    return f0, f1, free_d + h * (g[elastic.V0] * f0 + g[elastic.V1] * f1)
 
 
 @kernel(borrowed=True)
 def _balance(law, model, x0, free_x, free_mean, f0, f1, lost, before, deepest):
-    """Least change of F_0, F_1 that closes the step's energy: `solve_kernels.balance` with the
+    """Least change of F_0, F_1 that closes the step's energy: that of `elastic_kernels` with the
     work of a contact that yields. `before`: that work at the start, J."""
     g = model.gains
     last = math.inf
-    for _ in range(solve.CORRECTIONS):
-        x1 = free_x + g[solve.X0] * f0 + g[solve.X1] * f1
-        mean = free_mean + g[solve.M0] * f0 + g[solve.M1] * f1
+    for _ in range(elastic.CORRECTIONS):
+        x1 = free_x + g[elastic.X0] * f0 + g[elastic.X1] * f1
+        mean = free_mean + g[elastic.M0] * f0 + g[elastic.M1] * f1
         way, bend = x1 - x0, x1 + x0 - 2.0 * mean
-        force, after = plastic.work(law, model, x1, deepest)
+        force, after = work(law, model, x1, deepest)
         wrong = f0 * way + f1 * bend + (after - before) + lost
         size = abs(f0 * way) + abs(f1 * bend) + after + before
-        if abs(wrong) <= solve.ROUNDING * size or abs(wrong) >= last:
-            return f0, f1, abs(wrong) <= solve.BALANCED * size
+        if abs(wrong) <= elastic.ROUNDING * size or abs(wrong) >= last:
+            return f0, f1, abs(wrong) <= elastic.BALANCED * size
         last = abs(wrong)
-        by0 = way + f0 * g[solve.X0] + f1 * (g[solve.X0] - 2.0 * g[solve.M0]) - force * g[solve.X0]
-        by1 = bend + f0 * g[solve.X1] + f1 * (g[solve.X1] - 2.0 * g[solve.M1]) - force * g[solve.X1]
+        by0 = (
+            way
+            + f0 * g[elastic.X0]
+            + f1 * (g[elastic.X0] - 2.0 * g[elastic.M0])
+            - force * g[elastic.X0]
+        )
+        by1 = (
+            bend
+            + f0 * g[elastic.X1]
+            + f1 * (g[elastic.X1] - 2.0 * g[elastic.M1])
+            - force * g[elastic.X1]
+        )
         norm = by0 * by0 + by1 * by1
         if norm == 0.0:
             return f0, f1, wrong == 0.0
@@ -190,12 +301,12 @@ def _balance(law, model, x0, free_x, free_mean, f0, f1, lost, before, deepest):
 @kernel(borrowed=True)
 def _chord(law, model, x0, x1, before, deepest):
     """Discrete gradient between two gaps, damping included, and damping's part (N)."""
-    force, after = plastic.work(law, model, x1, deepest)
+    force, after = work(law, model, x1, deepest)
     if x1 != x0:
         force = (after - before) / (x0 - x1)
     # The spring takes its share of the approach: what is left is the change of penetration.
-    start = plastic.work(law, model, x0, deepest)[0]
-    end = plastic.work(law, model, x1, deepest)[0]
+    start = work(law, model, x0, deepest)[0]
+    end = work(law, model, x1, deepest)[0]
     spring = model.flexibility_m_n
     rate = (min(x0, 0.0) - min(x1, 0.0) - spring * (end - start)) / model.step_s
     if start == 0.0 and end == 0.0:
@@ -207,7 +318,7 @@ def _chord(law, model, x0, x1, before, deepest):
 @kernel(borrowed=True)
 def _solve_chord(law, model, x0, free_x, before, deepest):
     """Constant force over the step by the discrete gradient, by bisection: always ends."""
-    gain = model.gains[solve.X0]
+    gain = model.gains[elastic.X0]
     reach = _chord(law, model, x0, free_x, before, deepest)[0]
     low, high = min(0.0, reach), max(0.0, reach)
     for _ in range(_HALVINGS + 30):
@@ -225,28 +336,28 @@ def _solve_chord(law, model, x0, free_x, before, deepest):
 
 @kernel(borrowed=True)
 def _solve(law, model, body, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
-    """`solve_kernels.solve_contact` of a contact that yields; leaves the deepest penetration of
+    """`elastic_kernels.solve_contact` of a contact that yields; leaves the deepest penetration of
     the step in body[REACHED]."""
     g, h = model.gains, model.step_s
     deepest, dent = body[pk.DEEPEST], body[pk.DENT]
-    level = plastic.approach(law, model, deepest)
+    level = approach(law, model, deepest)
     body[pk.REACHED] = deepest
     evaluations = 0
     on_line = -x0 >= _ON_LINE * level and d0 < 0.0
     damped = model.viscous_n_s_m != 0.0 or model.hunt_crossley_s_m != 0.0
     if not on_line:
-        f0, f1, lost, evaluations, root = solve.solve_contact(
-            plastic.hertz_curve(model, body[pk.CURVE]), x0 + dent, d0, free_x + dent, free_d,
+        f0, f1, lost, evaluations, root = elastic.solve_contact(
+            hertz_curve(model, body[pk.CURVE]), x0 + dent, d0, free_x + dent, free_d,
             free_mean + dent, before, guess0, guess1,
         )  # fmt: skip
-        x1 = free_x + g[solve.X0] * f0 + g[solve.X1] * f1
-        d1 = free_d + h * (g[solve.V0] * f0 + g[solve.V1] * f1)
+        x1 = free_x + g[elastic.X0] * f0 + g[elastic.X1] * f1
+        d1 = free_d + h * (g[elastic.V0] * f0 + g[elastic.V1] * f1)
         lowest = min(x0, x1)
-        start = solve.slope_at_start(model, d0, f0, f1)
+        start = elastic.slope_at_start(model, d0, f0, f1)
         if start < 0.0 < d1:
-            mean = free_mean + g[solve.M0] * f0 + g[solve.M1] * f1
+            mean = free_mean + g[elastic.M0] * f0 + g[elastic.M1] * f1
             q = mean - 0.5 * (x0 + x1) - (start - d1) / 12.0
-            lowest = path.quartic(_turning(x0, x1, start, d1, q), x0, x1, start, d1, q)[0]
+            lowest = elastic.quartic(_turning(x0, x1, start, d1, q), x0, x1, start, d1, q)[0]
         if -lowest <= level:
             return f0, f1, lost, evaluations, root
         guess0, guess1 = f0, f1
@@ -264,10 +375,10 @@ def _solve(law, model, body, x0, d0, free_x, free_d, free_mean, before, guess0, 
         )
         evaluations += more
         # On a line to the end of the step the deepest point is where the balance puts it.
-        d1 = free_d + h * (g[solve.V0] * f0 + g[solve.V1] * f1)
+        d1 = free_d + h * (g[elastic.V0] * f0 + g[elastic.V1] * f1)
         if d1 <= 0.0:
             reached = deepest
-    work = before + plastic.taken(law, deepest, dent)
+    work = before + taken(law, deepest, dent)
     if done:
         f0, f1, done = _balance(law, model, x0, free_x, free_mean, f0, f1, lost, work, reached)
     if not done:
@@ -285,14 +396,14 @@ def _settle(law, model, state, gap, root):
     took. Force (N), energy in contact and spring (J), root of the penetration above the dent."""
     body = state.body
     deepest = max(body[pk.DEEPEST], body[pk.REACHED])
-    if -gap > plastic.approach(law, model, deepest):
-        deepest = plastic.penetration(law, model, -gap)
+    if -gap > approach(law, model, deepest):
+        deepest = penetration(law, model, -gap)
     if deepest > body[pk.DEEPEST]:
         body[pk.DEEPEST] = deepest
-        body[pk.CURVE], body[pk.DENT] = plastic.curve_of(law, model.stiffness, deepest)
-        state.books[pk.PLASTIC_DISSIPATED] = plastic.taken(law, deepest, body[pk.DENT])
+        body[pk.CURVE], body[pk.DENT] = curve_of(law, model.stiffness, deepest)
+        state.balance[pk.PLASTIC_DISSIPATED] = taken(law, deepest, body[pk.DENT])
         root = 0.0
-    return hertz.elastic_near(plastic.hertz_curve(model, body[pk.CURVE]), gap + body[pk.DENT], root)
+    return elastic.elastic_near(hertz_curve(model, body[pk.CURVE]), gap + body[pk.DENT], root)
 
 
 @kernel(inline=True, borrowed=True)
@@ -302,7 +413,7 @@ def _dent(law, body):
 
 @kernel(inline=True, borrowed=True)
 def _slope(law, model, body, gap, root, approaching):
-    if approaching and -gap >= _ON_LINE * plastic.approach(law, model, body[pk.DEEPEST]):
+    if approaching and -gap >= _ON_LINE * approach(law, model, body[pk.DEEPEST]):
         return -law.rise_n_m / (1.0 + model.flexibility_m_n * law.rise_n_m)
     s = body[pk.CURVE]
     return -3.0 * s * root / (2.0 + 3.0 * model.flexibility_m_n * s * root)
@@ -321,19 +432,19 @@ def _hertz_slope(law, model, body, gap, root, approaching):
 
 @kernel(inline=True, borrowed=True)
 def _elastic(law, model, body, x0, d0, free_x, free_d, free_mean, before, guess0, guess1):
-    return solve.solve_contact(model, x0, d0, free_x, free_d, free_mean, before, guess0, guess1)
+    return elastic.solve_contact(model, x0, d0, free_x, free_d, free_mean, before, guess0, guess1)
 
 
 @kernel(inline=True, borrowed=True)
 def _settle_elastic(law, model, state, gap, root):
-    return hertz.elastic_near(model, gap, root)
+    return elastic.elastic_near(model, gap, root)
 
 
 # Each by the type of the law, known when a caller is compiled. Whether it can yield; what is left
 # of the contact (m), below which there is none; dF/dgap at a modal gap; the force of a step; its
 # end.
-yields = by_type({type(None): no, plastic.Yielding: yes})
-dent = by_type({type(None): _no_dent, plastic.Yielding: _dent})
-slope = by_type({type(None): _hertz_slope, plastic.Yielding: _slope})
-solve_contact = by_type({type(None): _elastic, plastic.Yielding: _solve})
-settle = by_type({type(None): _settle_elastic, plastic.Yielding: _settle})
+yields = by_type({type(None): no, Yielding: yes})
+dent = by_type({type(None): _no_dent, Yielding: _dent})
+slope = by_type({type(None): _hertz_slope, Yielding: _slope})
+solve_contact = by_type({type(None): _elastic, Yielding: _solve})
+settle = by_type({type(None): _settle_elastic, Yielding: _settle})

@@ -1,0 +1,70 @@
+"""The functions of exponential integrators, and arrays as a processor wants them."""
+
+import math
+from functools import cache
+
+import numpy as np
+
+from jit import kernel
+from jit.by_type import fused
+
+_SERIES_TERMS = 24  # 1/24! is below rounding for |x| <= 1
+_BLOCK = 256  # numbers that are followed together, in the processor's nearest memory
+_LINE = 8  # numbers
+
+
+@kernel(borrowed=True)
+def series(x_re, x_im, terms, re, im):
+    """Sum of terms[i] x^i by Horner's rule for complex x, shape (numbers,), into `re` and `im`;
+    products are rounded as NumPy rounds those of complex numbers."""
+    for first in range(0, re.size, _BLOCK):
+        end = min(first + _BLOCK, re.size)
+        # Parts, whose indices need no second look: that is what lets vectors be formed.
+        a, b, u, v = x_re[first:end], x_im[first:end], re[first:end], im[first:end]
+        u[:] = terms[-1]
+        v[:] = 0.0
+        for at in range(terms.size - 2, -1, -1):
+            term = terms[at]
+            for i in range(u.size):
+                across, along = -(v[i] * b[i]), v[i] * a[i]
+                v[i] = fused(u[i], b[i], along)
+                u[i] = fused(u[i], a[i], across) + term
+
+
+@cache
+def _terms(k: int) -> np.ndarray:
+    """1/(i + k)!, of the series' terms."""
+    return np.array([1.0 / math.factorial(i + k) for i in range(_SERIES_TERMS)])
+
+
+def phi(k: int, x: np.ndarray) -> np.ndarray:
+    """phi_k of a complex array, k = 0, 1, 2, ...; to rounding also near zero, where the
+    definition cancels; same shape."""
+    if k == 0:
+        return np.exp(x)
+    large = np.abs(x) > 1.0
+    found, near = np.empty(x.shape, complex), x[~large]
+    of_near = np.empty(len(near), complex)
+    parts = np.empty((2, len(near)))
+    series(near.real.copy(), near.imag.copy(), _terms(k), *parts)
+    of_near.real, of_near.imag = parts
+    found[~large] = of_near
+    if len(near) < x.size:
+        far = x[large]
+        direct = np.exp(far) - sum(far**i / math.factorial(i) for i in range(k))
+        found[large] = direct / far**k
+    return found
+
+
+def aligned(values: np.ndarray) -> np.ndarray:
+    """A copy of an array of floats, C-contiguous, at the start of a cache line.
+
+    Elsewhere, which is where NumPy puts large ones, every vector of eight would be read from two
+    lines, and how fast a run is would depend on where its arrays happened to lie.
+    """
+    room = np.empty(values.size + _LINE)
+    address = room.__array_interface__["data"][0]  # `ctypes` takes longer
+    first = -(address // room.itemsize) % _LINE
+    placed = room[first : first + values.size].reshape(values.shape)
+    placed[...] = values
+    return placed

@@ -1,0 +1,134 @@
+"""The scheme `discrete_gradient`: order 2, a contact force that is constant over a step."""
+
+from typing import Any
+
+import numpy as np
+
+from plant import state_kernels as pk
+from plant.contact.hertz import GRAVITY_M_S2
+from plant.numerics import phi
+from plant.plant import Plant, PlantSpec, damped_frequency
+from plant.schemes import discrete_gradient_kernels as k
+from plant.structures.modes import Oscillators
+
+
+def _rows(values: np.ndarray, fill: float = 0.0) -> np.ndarray:
+    """Fill up to whole rows of LANES."""
+    count = -(-len(values) // k.LANES)
+    padded = np.full(count * k.LANES, fill)
+    padded[: len(values)] = values
+    return padded.reshape(count, k.LANES)
+
+
+def build_model(spec: PlantSpec, modes: Oscillators) -> k.PlantModel:
+    """Coefficients of one exact step for every oscillator (arrays: rows x LANES).
+
+    Raises ValueError for loss factors that differ from mode to mode.
+    """
+    h = spec.step_s
+    eta, scale = modes.eta, modes.scale_per_kg
+    theta, rho = damped_frequency(modes)
+    if isinstance(eta, np.ndarray) or isinstance(rho, np.ndarray):
+        raise ValueError(
+            "loss factors that differ from mode to mode are known to run.scheme = 'modal' only, "
+            "not to 'discrete_gradient'; take that scheme"
+        )
+    s = (-rho + 1j) * theta
+    turn = np.exp(s * h)
+    # A held force f/Theta moves z by f/Theta (e^(sh) - 1)/s; the rest position is -f/(Theta s).
+    # Written with phi_1: the difference would cancel for slow modes and short steps.
+    grown = scale / theta * h * phi(1, s * h)
+    swing = scale / theta / s * turn  # z minus its rest position, after that step from zero
+    same = spec.same_point
+    b_c, b_a = modes.contact, modes.actuator
+    # At one point z carries the output weight as well, so that the outputs are plain sums.
+    drive_c, drive_a = (b_c * b_c, b_c * b_c) if same else (b_c, b_a)
+    weight_c, weight_a = (np.ones_like(b_c),) * 2 if same else (b_c, b_a)
+
+    def gain(out: np.ndarray, drive: np.ndarray) -> float:
+        return float(np.sum(out * drive * grown.imag))
+
+    def speed_gain(drive: np.ndarray) -> float:
+        return float(np.sum(weight_c * drive * theta * (grown.real - rho * grown.imag)))
+
+    energy = 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c)))
+    loss_rr, loss_ri, loss_ii = _loss_form(theta, rho, h, turn, energy)
+    columns = {
+        k.ROT_RE: turn.real,
+        k.ROT_IM: turn.imag,
+        k.C_RE: drive_c * grown.real,
+        k.C_IM: drive_c * grown.imag,
+        k.THETA: theta,
+        k.A_RE: drive_a * grown.real,
+        k.A_IM: drive_a * grown.imag,
+        k.B_C: weight_c,
+        k.B_A: weight_a,
+        k.ENERGY: energy,
+        k.SWING_C_RE: drive_c * swing.real,
+        k.SWING_C_IM: drive_c * swing.imag,
+        k.SWING_A_RE: drive_a * swing.real,
+        k.SWING_A_IM: drive_a * swing.imag,
+        k.LOSS_RR: loss_rr,
+        k.LOSS_RI: loss_ri,
+        k.LOSS_II: loss_ii,
+    }
+    return k.PlantModel(
+        step_s=h,
+        mass_kg=spec.sphere.mass_kg,
+        gravity_m_s2=GRAVITY_M_S2,
+        stiffness=spec.contact.stiffness,
+        viscous_n_s_m=spec.contact.viscous_n_s_m,
+        hunt_crossley_s_m=spec.contact.hunt_crossley_s_m,
+        same_point=same,
+        damped=eta > 0.0,
+        rho=rho,
+        gain_cc=gain(weight_c, drive_c),
+        gain_ca=gain(weight_c, drive_a),
+        gain_ac=gain(weight_a, drive_c),
+        gain_aa=gain(weight_a, drive_a),
+        speed_gain_cc=speed_gain(drive_c),
+        speed_gain_ca=speed_gain(drive_a),
+        # Padding divides by theta; with no drive it never moves.
+        table=np.stack([_rows(columns[c], float(c == k.THETA)) for c in range(k.COLUMNS)]),
+    )
+
+
+def _loss_form(
+    theta: np.ndarray, rho: float, h: float, turn: np.ndarray, energy: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Energy lost in a step as rr yr^2 + ri yr yi + ii yi^2 of y = yr + i yi at its end."""
+
+    def lost(y_end: complex) -> np.ndarray:
+        y = y_end / turn
+        terms = pk.dissipation(theta, rho, h, y.real, y.imag, turn.real, turn.imag)
+        return np.asarray(energy * terms)
+
+    rr, ii = lost(1.0), lost(1.0j)
+    return rr, lost(1.0 + 1.0j) - rr - ii, ii
+
+
+class DiscreteGradientPlant(Plant):
+    """Model and state of the second-order scheme, driven by its kernels' `step`."""
+
+    kernels: Any = k
+
+    def _build_model(self) -> Any:
+        return build_model(self.spec, self.modes)
+
+    def _empty_state(self) -> k.PlantState:
+        rows = self.model.table.shape[1]
+        state = k.PlantState(
+            z=np.zeros((2, rows, k.LANES)),
+            free=np.zeros((2, rows, k.LANES)),
+            lanes=np.zeros((3, k.LANES)),
+            body=np.zeros(pk.BODY_SIZE),
+            balance=np.zeros(pk.BALANCE_SIZE),
+            counts=np.zeros(pk.COUNTS_SIZE, np.int64),
+        )
+        state.counts[pk.ROWS] = rows
+        return state
+
+    def contact_energy_j(self) -> float:
+        """Energy stored in the contact at the present step, J."""
+        penetration = max(-float(self.state.body[pk.XI]), 0.0)
+        return float(0.4 * self.model.stiffness * penetration**2.5)

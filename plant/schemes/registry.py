@@ -1,0 +1,131 @@
+"""The one table of schemes: where each is, what it supports, and one `step` for all.
+
+A compiled caller is specialised to the scheme by the type of the model, so the choice costs
+nothing per step.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module
+from typing import Any
+
+from jit.by_type import by_type, no
+from plant.schemes import infinite_kernels as infinite
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """Where a scheme is, as "module:Class", and what it supports.
+
+    `plant`: its plant, a `plant.plant.Plant`, and `model`: the model of that, in the file of its
+    kernels. `infinite_plate`: its plant without modes, "" where it has none.
+    """
+
+    plant: str
+    model: str
+    infinite_plate: str = ""
+
+    # What its samples are.
+    records_slope: bool = False  # the contact force changes within a step: truth has its slope
+    converges: bool = True  # to the exact motion as steps become shorter
+    conserves: bool = True  # energy and momentum, which the figures of impacts rest on
+    note: str = ""  # what a reader of results has to know of it
+
+    # How its plant is made.
+    limits_modes: bool = True  # as many modes as the accuracy needs; else all up to 1/(2 step)
+    keeps_history: bool = False  # its plant has to be told the number of steps
+    most_steps: int | None = None  # of a run
+
+    # What a scene may ask for.
+    dampings: frozenset[str] = frozenset({"none", "viscous", "hunt_crossley"})  # of the contact
+    supports_edges: bool = True  # structures other than a simply supported plate
+    supports_separate_actuator: bool = True  # a force beside the contact point
+    supports_touch_phase: bool = True  # a touch between two samples
+    supports_tail: bool = False  # the modes left out as a spring, or as one damped mode
+    supports_solid: bool = False  # a plate in three dimensions
+    supports_yield: bool = False  # a contact that yields
+    supports_radiation: bool = False  # modes that are damped by air
+    supports_actuator_dynamics: bool = False  # bandwidth, mass and limit of the actuator
+    supports_mode_losses: bool = False  # loss factors that differ from mode to mode
+
+    @property
+    def supports_infinite_plate(self) -> bool:
+        """Whether it has a plant without modes."""
+        return bool(self.infinite_plate)
+
+    @property
+    def tail(self) -> bool:
+        """The same as `supports_tail`."""
+        return self.supports_tail
+
+    def load(self) -> Any:
+        """The class of the plant."""
+        return _loaded(self.plant)
+
+    def load_infinite(self) -> Any:
+        """The class of the plant without modes. Raises ValueError where there is none."""
+        if not self.infinite_plate:
+            raise ValueError(f"{self.plant} has no plant without modes")
+        return _loaded(self.infinite_plate)
+
+    @cached_property
+    def kernels(self) -> Any:
+        """The module of its kernels."""
+        return import_module(self.model.split(":")[0])
+
+    @property
+    def model_class(self) -> type:
+        """The class of the model."""
+        found: type = getattr(self.kernels, self.model.split(":")[1])
+        return found
+
+
+def _loaded(place: str) -> Any:
+    module, name = place.split(":")
+    return getattr(import_module(module), name)
+
+
+_AT = "plant.schemes"
+SCHEMES = {
+    "modal": Scheme(
+        f"{_AT}.collocation:CollocationPlant", f"{_AT}.collocation_kernels:CollocationModel",
+        infinite_plate=f"{_AT}.infinite:InfinitePlant", records_slope=True,
+        supports_tail=True, supports_solid=True, supports_yield=True, supports_radiation=True,
+        supports_actuator_dynamics=True, supports_mode_losses=True,
+    ),
+    "discrete_gradient": Scheme(
+        f"{_AT}.discrete_gradient:DiscreteGradientPlant",
+        f"{_AT}.discrete_gradient_kernels:PlantModel",
+    ),
+    "thesis2008": Scheme(
+        f"{_AT}.thesis2008:ThesisPlant", f"{_AT}.thesis2008_kernels:ThesisModel",
+        converges=False, conserves=False, note="published numerics, flaws included",
+        limits_modes=False, keeps_history=True, most_steps=500_000,
+        dampings=frozenset({"none", "viscous", "relaxation"}), supports_edges=False,
+        supports_separate_actuator=False, supports_touch_phase=False,
+    ),
+}  # fmt: skip
+
+
+_MODELS = {row.model_class: row.kernels for row in SCHEMES.values()}
+_MODELS[infinite.InfiniteModel] = infinite
+# Advance one step: model, state, commanded actuator force (N) -> contact force (N).
+step = by_type({model: kernels.step for model, kernels in _MODELS.items()})
+
+
+def offering(name: str) -> dict[type, Any]:
+    """A function of kernels by the class of their model, for the schemes that have it."""
+    return {
+        model: getattr(kernels, name)
+        for model, kernels in _MODELS.items()
+        if hasattr(kernels, name)
+    }
+
+
+def _known(name: str) -> Any:
+    """A property of models, False for schemes whose kernels have no such function."""
+    return by_type(dict.fromkeys(_MODELS, no) | offering(name))
+
+
+# Whether the actuator's force can change within a step, and whether the contact can yield.
+has_slope, yields = _known("has_slope"), _known("yields")

@@ -1,0 +1,104 @@
+"""What every scheme shares: its state by index, the sphere in flight, a mode in free vibration."""
+
+import math
+
+from jit import kernel
+
+# Indices into a state's body (m, m/s, N).
+# V_P: plate velocity at the end of the last step, before the forces of the next one act; A_P: mean
+# acceleration over the last step, the change of V_P by its length.
+# V_P_OF_STEP: plate velocity at the start of the last step, as a scheme knows it once that
+# step's forces are known.
+# F_C1: slope of the contact force over the last step, F_C + F_C1 (2 t/h - 1); F_A1: of F_A.
+# ACTUATOR_F, ACTUATOR_RATE: force of an actuator of second order and its rate over w, N.
+XI, XI_S, XI_P, V_P, A_P, F_C, F_A, XI_A, FLIGHT_X, FLIGHT_V, V_P_OF_STEP, F_C1 = range(12)
+# DEEPEST: penetration so far of a contact that yields, REACHED: in this step; CURVE (N/m^1.5)
+# and DENT: see plant.contact.yielding_kernels.
+# TAIL: state of the modes left out (m), see plant.contact.tail_kernels.
+F_A1, ACTUATOR_F, ACTUATOR_RATE, DEEPEST, REACHED, CURVE, DENT, TAIL_RE, TAIL_IM = range(12, 21)
+BODY_SIZE = 21
+# Indices into a state's balance (J, N s).
+# AIR: the part of MODAL_DISSIPATED that is radiated.
+MODAL_DISSIPATED, CONTACT_DISSIPATED, INJECTED, CONTACT_IMPULSE, PLASTIC_DISSIPATED, AIR = range(6)
+TAIL_DISSIPATED = 6
+BALANCE_SIZE = 7
+# Indices into a state's counts.
+STEP, FLIGHT_STEP, NEWTON_TOTAL, NEWTON_MAX, CONTACT_STEPS, FREE_SINCE, ROWS = range(7)
+COUNTS_SIZE = 7
+
+# In flight a row of oscillators below this (m) is set to zero and left out: far below
+# anything a double can show, and it avoids denormal numbers, which are 50 times slower.
+SILENT_M = 1e-60
+LOOK_EVERY = 64  # steps
+
+
+@kernel
+def dissipation(theta, rho, duration, yr, yi, er, ei):
+    """2 * integral of 2 delta v^2 over `duration`, v = Theta Re((1 + i rho) y exp(s t)).
+
+    y is z minus its rest position at the start, (er, ei) = exp(s duration). Times modal
+    mass/2: joules.
+    """
+    delta = rho * theta
+    norm = er * er + ei * ei
+    cr = yr - rho * yi
+    ci = yi + rho * yr
+    # v^2 = Theta^2/2 (|c|^2 exp(-2 delta t) + Re(c^2 exp(2 s t)))
+    steady = (cr * cr + ci * ci) * (1.0 - norm)
+    # integral of exp(2 s t) = (e^2 - 1)/(2 s), s = -delta + i theta
+    nr = er * er - ei * ei - 1.0
+    ni = 2.0 * er * ei
+    mod = 2.0 * (delta * delta + theta * theta)
+    ir = (-nr * delta + ni * theta) / mod
+    ii = (-ni * delta - nr * theta) / mod
+    qr = cr * cr - ci * ci
+    qi = 2.0 * cr * ci
+    return theta * theta * (steady + 2.0 * delta * (qr * ir - qi * ii))
+
+
+@kernel(inline=True, borrowed=True)
+def flight(model, body, counts):
+    """Height (m) and velocity (m/s) at the start and, free of contact, at the end of the step;
+    ballistic since FLIGHT_STEP."""
+    h, gravity = model.step_s, model.gravity_m_s2
+    t = (counts[STEP] + 1 - counts[FLIGHT_STEP]) * h
+    sphere = body[FLIGHT_X] + t * (body[FLIGHT_V] - 0.5 * gravity * t)
+    sphere_v = body[FLIGHT_V] - gravity * t
+    t0 = t - h
+    sphere_0 = body[FLIGHT_X] + t0 * (body[FLIGHT_V] - 0.5 * gravity * t0)
+    return sphere_0, sphere_v + gravity * h, sphere, sphere_v
+
+
+@kernel(inline=True, borrowed=True)
+def push(model, state, sphere, sphere_v, f_c, f_c1, lost):
+    """Let the contact force F_0 + F_1 (2 t/h - 1) of the step act, of which damping takes `lost`
+    (J): the height and velocity at its end, from where flight goes on, with the balance."""
+    body, counts, h = state.body, state.counts, model.step_s
+    sphere += h * h / model.mass_kg * (0.5 * f_c - f_c1 / 6.0)
+    sphere_v += h / model.mass_kg * f_c
+    body[FLIGHT_X] = sphere
+    body[FLIGHT_V] = sphere_v
+    counts[FLIGHT_STEP] = counts[STEP] + 1
+    counts[CONTACT_STEPS] += 1
+    state.balance[CONTACT_IMPULSE] += f_c * h
+    state.balance[CONTACT_DISSIPATED] += lost
+    return sphere, sphere_v
+
+
+@kernel
+def released(speed, gravity, lead_s, step_s, touch_phase):
+    """Height (m) and velocity (m/s, up) of a sphere `lead_s` before it hits a plate at rest at
+    `speed`, or at its release, if that is later; see plant.plant.PlantSpec for the touch phase."""
+    fall_s = speed / gravity
+    lead = lead_s
+    if lead > 0.0:
+        lead = min((math.floor(lead / step_s) + touch_phase) * step_s, fall_s)
+    # Going back in time from the impact: height v t - g t^2/2, speed -(v - g t).
+    return lead * (speed - 0.5 * gravity * lead), gravity * lead - speed
+
+
+@kernel
+def speed_now(gravity, step_s, body, counts):
+    """Velocity of the sphere at the present step, m/s, up positive."""
+    flight_s = (counts[STEP] - counts[FLIGHT_STEP]) * step_s
+    return body[FLIGHT_V] - gravity * flight_s

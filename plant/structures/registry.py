@@ -1,0 +1,74 @@
+"""The one table of structures: how each is made of what a scene says, and what fits it."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import import_module
+from typing import Any
+
+from plant.structures.materials import Material
+from plant.structures.plate import Plate
+from plant.structures.structure import Structure
+
+
+@dataclass(frozen=True)
+class Description:
+    """What a scene says of a structure, in SI units; None is not said.
+
+    `edges`: c, f or s (clamped, free, simply supported) at x = 0, x = l_x, y = 0, y = l_y.
+    `accuracy`: relative error that modes by an approximation may have. `modes`: name and content of
+    a file of modes; `residual_flexibility_m_n`: static flexibility of those not in it, m/N.
+    """
+
+    material: Material
+    size_m: tuple[float, float] | None = None
+    thickness_m: float | None = None
+    loss_factor: float | None = None
+    edges: str = "ssss"
+    accuracy: float = 1e-3
+    modes: tuple[str, bytes] | None = None
+    residual_flexibility_m_n: float | None = None
+
+    @property
+    def thin_plate(self) -> Plate:
+        """A simply supported thin plate of these sizes. Raises ValueError without sizes."""
+        if self.size_m is None or self.thickness_m is None:
+            raise ValueError("a plate needs plate.size_m and plate.thickness_m; give both")
+        return Plate(self.material, self.size_m, self.thickness_m, self.loss_factor)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How a structure is made, and what it supports.
+
+    `make`: a function of a `Description`, as "module:function"; it raises ValueError for what does
+    not make such a structure. `theory`: whether it is a plate by its sizes, which a scene takes by
+    this name as its `plate.theory`.
+    """
+
+    make: str
+    theory: bool = True
+    supports_edges: bool = False  # other than simply supported ones
+    supports_contact_damping: bool = True
+    supports_actuator_mass: bool = True
+    supports_tail: bool = True  # the modes left out as one damped mode
+    solid: bool = False  # needs a scheme that supports solids
+
+
+STRUCTURES = {
+    "kirchhoff": Kind("plant.structures.edged_plate:made", supports_edges=True),
+    "3d": Kind(
+        "plant.structures.solid_plate:made", supports_contact_damping=False,
+        supports_actuator_mass=False, supports_tail=False, solid=True,
+    ),
+    "modes": Kind("plant.structures.modal_structure:made", theory=False),
+}  # fmt: skip
+THEORIES = tuple(name for name, kind in STRUCTURES.items() if kind.theory)
+
+
+@lru_cache(maxsize=64)
+def structure(kind: str, description: Description) -> Structure:
+    """The structure of a kind, one for all runs of the same description. Raises ValueError."""
+    module, name = STRUCTURES[kind].make.split(":")
+    make: Any = getattr(import_module(module), name)
+    found: Structure = make(description)
+    return found
