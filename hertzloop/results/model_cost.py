@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from hertzloop.setup import Setup
-from hertzloop.setup.setup import built
 from plant import state_kernels as pk
 from plant.plant import Plant, PlantSpec
+from plant.schemes.factory import built
 from plant.schemes.infinite import impedance_n_s_m
 from plant.schemes.registry import SCHEMES
 from plant.structures.structure import frequencies

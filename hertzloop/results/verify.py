@@ -10,9 +10,9 @@ from hertzloop.loop.compiled import finer_loop
 from hertzloop.results.impact_rows import F_A, F_C, XI, consistent_impacts, impacts_of_rows
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
-from hertzloop.setup.setup import built
 from plant import state_kernels as pk
 from plant.plant import MOST_MODES, Plant, PlantSpec
+from plant.schemes.factory import built
 from plant.schemes.registry import SCHEMES
 
 _START = [pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]

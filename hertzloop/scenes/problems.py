@@ -9,6 +9,7 @@ from hertzloop.scenes.errors import shortened
 from hertzloop.scenes.materials import MaterialTable, material_called
 from hertzloop.scenes.quantities import SENSED
 from plant.contact.hertz import GRAVITY_M_S2
+from plant.schemes.registry import SCHEMES
 
 if TYPE_CHECKING:
     from controller.loading.law import Law
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     )
 
 _MAX_STEPS = 20_000_000
-_MAX_THESIS_STEPS = 500_000
 _EDGE = 1e-4  # of a side; nearer to it a point force moves no mode by more than rounding
 _MIDDLE = 0.5  # touch phase of a run that says nothing else
 _NARROWEST = 1e-12  # range of a converter, in the unit of its quantity
@@ -152,10 +152,10 @@ def _phase_problems(scene: _Uncontrolled) -> list[str]:
         return []
     phase = f"run.touch_phase = {run.touch_phase!r}"
     fall_s = math.sqrt(2.0 * scene.sphere.drop_height_m / GRAVITY_M_S2)
-    if run.scheme == "thesis2008":
+    if not SCHEMES[run.scheme].supports_touch_phase:
         return [
-            f"{phase} is not known to run.scheme = 'thesis2008', whose touch is a sample; leave it "
-            "out, or take the scheme 'modal'"
+            f"{phase} is not known to run.scheme = '{run.scheme}', whose touch is a sample; leave "
+            f"it out, or take the scheme {_supporting('supports_touch_phase')}"
         ]
     if not scene.step_s <= run.lead_in_s < fall_s - scene.step_s:
         return [
@@ -206,10 +206,11 @@ def _beyond_simply_supported(scene: _Uncontrolled) -> list[str]:
             f"{words} does not fit plate.radiation = '{plate.radiation}': efficiencies are known "
             "of a simply supported plate only; leave one of them out"
         )
-    if scene.run.scheme == "thesis2008":
+    if not SCHEMES[scene.run.scheme].supports_edges:
         found.append(
-            f"{words} does not fit run.scheme = 'thesis2008', which knows a simply supported plate "
-            f"only; leave {key} out, or take the scheme 'modal'"
+            f"{words} does not fit run.scheme = '{scene.run.scheme}', which knows a simply "
+            f"supported plate only; leave {key} out, or take the scheme "
+            f"{_supporting('supports_edges')}"
         )
     if scene.run.plate_model == "infinite" and plate.modes is not None:
         found.append(
@@ -254,12 +255,18 @@ def _plate_in_words(scene: _Uncontrolled) -> str:
     return f"plate.material = '{shortened(name)}'" if name else "the plate's material"
 
 
-def _only_modal(scheme: str, plate_model: str, key: str) -> list[str]:
-    """The sentence on a key that only the modes of the default scheme know."""
-    if scheme != "modal":
+def _supporting(capability: str) -> str:
+    """Names of the schemes that support something, quoted."""
+    names = [f"'{name}'" for name, row in SCHEMES.items() if getattr(row, capability)]
+    return " or ".join(names)
+
+
+def _needs(capability: str, scheme: str, plate_model: str, key: str) -> list[str]:
+    """The sentence on a key that needs a capability of the scheme, and modes."""
+    if not getattr(SCHEMES[scheme], capability):
         return [
-            f"{key} is known to run.scheme = 'modal' only, not to '{scheme}'; leave the "
-            "key out, or take that scheme"
+            f"{key} is known to run.scheme = {_supporting(capability)} only, not to '{scheme}'; "
+            "leave the key out, or take that scheme"
         ]
     if plate_model == "infinite":
         return [
@@ -278,7 +285,7 @@ def not_in_three_dimensions(
 ) -> list[str]:
     """What does not fit a plate in three dimensions."""
     asked = "plate.theory = '3d'"
-    found = _only_modal(scheme, plate_model, asked)
+    found = _needs("supports_solid", scheme, plate_model, asked)
     only = f"does not fit {asked}, which knows a simply supported plate only"
     if plate.modes is not None:
         found.append(f"plate.modes of {plate.modes.file} {only}; take 'kirchhoff'")
@@ -316,17 +323,21 @@ def _tail_problems(scene: _Uncontrolled) -> list[str]:
             f"plate.tail = 'damped' does not fit actuator.mass_kg = {scene.actuator.mass_kg:g} at "
             "the struck point, where the modes left out move the mass; take 'spring' or 'auto'"
         ]
-    return _only_modal(scene.run.scheme, scene.run.plate_model, "plate.tail = 'damped'")
+    asked = "plate.tail = 'damped'"
+    return _needs("supports_tail", scene.run.scheme, scene.run.plate_model, asked)
 
 
 def _scheme_problems(scene: _Uncontrolled) -> list[str]:
     """What the chosen scheme and model of the plate do not know."""
     found = []
-    contact = scene.contact
+    contact, run = scene.contact, scene.run
+    scheme = SCHEMES[run.scheme]
+
+    def needs(capability: str, key: str) -> list[str]:
+        return _needs(capability, run.scheme, run.plate_model, key)
+
     if contact.plasticity != "none":
-        found += _only_modal(
-            scene.run.scheme, scene.run.plate_model, f"contact.plasticity = '{contact.plasticity}'"
-        )
+        found += needs("supports_yield", f"contact.plasticity = '{contact.plasticity}'")
         plate = material_called(scene.plate.material, scene.materials or ())
         if contact.limiting_pressure_pa is None and plate.hardness_pa is plate.yield_pa is None:
             found.append(
@@ -338,52 +349,46 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
     for key in ("bandwidth_hz", "mass_kg", "force_limit_n"):
         value = getattr(scene.actuator, key)
         if value is not None:
-            found += _only_modal(
-                scene.run.scheme, scene.run.plate_model, f"actuator.{key} = {value:g}"
-            )
+            found += needs("supports_actuator_dynamics", f"actuator.{key} = {value:g}")
     found += _tail_problems(scene)
     if scene.plate.theory == "3d":
         found += not_in_three_dimensions(
-            scene.plate, contact, scene.actuator, scene.run.scheme, scene.run.plate_model
+            scene.plate, contact, scene.actuator, run.scheme, run.plate_model
         )
     if scene.plate.radiating_faces:
-        found += _only_modal(
-            scene.run.scheme, scene.run.plate_model, f"plate.radiation = '{scene.plate.radiation}'"
-        )
+        found += needs("supports_radiation", f"plate.radiation = '{scene.plate.radiation}'")
     point = scene.plate.actuator_point_m
     found += _beyond_simply_supported(scene)
-    if scene.run.plate_model == "infinite":
-        if scene.run.scheme != "modal":
+    apart = point is not None and point != scene.plate.contact_point_m
+    if run.plate_model == "infinite":
+        if not scheme.supports_infinite_plate:
             found.append(
-                "run.plate_model = 'infinite' is known to run.scheme = 'modal' only, not to "
-                f"'{scene.run.scheme}'; take that scheme, or plate_model 'auto'"
+                f"run.plate_model = 'infinite' is known to run.scheme = "
+                f"{_supporting('supports_infinite_plate')} only, not to '{run.scheme}'; take that "
+                "scheme, or plate_model 'auto'"
             )
-        if point is not None and point != scene.plate.contact_point_m:
+        if apart:
             found.append(
-                f"plate.actuator_point_m = {list(point)} does not fit run.plate_model = "
+                f"plate.actuator_point_m = {list(point or ())} does not fit run.plate_model = "
                 "'infinite', which knows a force at the struck point only; leave the key out, or "
                 "take plate_model 'auto'"
             )
-    if scene.run.scheme != "thesis2008":
-        if scene.contact.damping == "relaxation":
-            found.append(
-                "contact.damping = 'relaxation' is known to run.scheme = 'thesis2008' only; take "
-                "'none', 'viscous' or 'hunt_crossley', or that scheme"
-            )
-        return found
-    if scene.contact.damping == "hunt_crossley":
+    if contact.damping not in scheme.dampings:
+        known = ", ".join(f"'{name}'" for name in sorted(scheme.dampings))
+        others = [f"'{name}'" for name, row in SCHEMES.items() if contact.damping in row.dampings]
         found.append(
-            "contact.damping = 'hunt_crossley' is not known to run.scheme = 'thesis2008'; take "
-            "'none', 'viscous' or 'relaxation', or the scheme 'modal'"
+            f"contact.damping = '{contact.damping}' is not known to run.scheme = '{run.scheme}'; "
+            f"take one of {known}, or the scheme {' or '.join(others)}"
         )
-    if point is not None and point != scene.plate.contact_point_m:
+    if apart and not scheme.supports_separate_actuator:
         found.append(
-            f"plate.actuator_point_m = {list(point)} does not fit run.scheme = 'thesis2008', which "
-            "knows a force at the struck point only; leave the key out, or take the scheme 'modal'"
+            f"plate.actuator_point_m = {list(point or ())} does not fit run.scheme = "
+            f"'{run.scheme}', which knows a force at the struck point only; leave the key out, or "
+            f"take the scheme {_supporting('supports_separate_actuator')}"
         )
-    if scene.steps > _MAX_THESIS_STEPS:
+    if scheme.most_steps is not None and scene.steps > scheme.most_steps:
         found.append(
-            f"run.duration_s = {scene.run.duration_s:g} makes {scene.steps} steps; run.scheme = "
-            f"'thesis2008' takes up to {_MAX_THESIS_STEPS}, as the work grows with their square"
+            f"run.duration_s = {run.duration_s:g} makes {scene.steps} steps; run.scheme = "
+            f"'{run.scheme}' takes up to {scheme.most_steps}, as the work grows with their square"
         )
     return found

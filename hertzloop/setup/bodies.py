@@ -20,13 +20,11 @@ from plant.contact.hertz import (
 )
 from plant.contact.yielding import Strength, softer
 from plant.estimates.plate_theory import KirchhoffError, expected_kirchhoff_error
-from plant.structures.edged_plate import EdgedPlate
 from plant.structures.materials import Material
-from plant.structures.modal_structure import ModalStructure
-from plant.structures.mode_file import read_modes
+from plant.structures.modes import Point
 from plant.structures.plate import Plate
-from plant.structures.solid_plate import SolidPlate
-from plant.structures.structure import Point, Structure
+from plant.structures.registry import Description, structure
+from plant.structures.structure import Structure
 
 KEPT = 16  # results of a stage; a structure's modes can be large
 
@@ -106,6 +104,10 @@ def bodies_of(
     sphere = Sphere(of_sphere, sphere_table.radius_m, sphere_table.drop_height_m)
     weaker = softer(of_plate, of_sphere)
     contact = _contact(contact_table, sphere, of_plate, weaker)
+    try:
+        description = _described(plate, of_plate, accuracy)
+    except ValueError as error:
+        raise SceneError(str(error)) from error
     theory = plate.theory
     if theory == "auto":
         thin_only = not_in_three_dimensions(
@@ -113,12 +115,16 @@ def bodies_of(
         )
         theory = "kirchhoff"
         if not thin_only:
-            expected = expected_kirchhoff_error(sphere, _thin_plate(plate, of_plate), contact)
+            expected = expected_kirchhoff_error(sphere, description.thin_plate, contact)
             theory = "kirchhoff" if expected.largest <= accuracy else "3d"
     contact_point, actuator_point = plate.points_m
+    try:
+        struck = structure("modes" if plate.modes else theory, description)
+    except ValueError as error:
+        raise SceneError(str(error)) from error
     return Bodies(
         sphere=sphere,
-        structure=_structure(plate, of_plate, theory, accuracy),
+        structure=struck,
         contact=contact,
         actuator=Actuator(
             actuator_table.bandwidth_hz,
@@ -134,39 +140,18 @@ def bodies_of(
     )
 
 
-def _thin_plate(table: PlateTable, material: Material) -> Plate:
-    assert table.size_m is not None
-    assert table.thickness_m is not None
-    return Plate(material, table.size_m, table.thickness_m, table.loss_factor)
-
-
-def _structure(table: PlateTable, material: Material, theory: str, accuracy: float) -> Structure:
+def _described(table: PlateTable, material: Material, accuracy: float) -> Description:
     modes = table.modes
-    if modes is not None:
-        try:
-            return _modal(
-                modes.file, modes.sha256, modes.content, material, table.thickness_m,
-                table.residual_flexibility_m_n,
-            )  # fmt: skip
-        except ValueError as error:
-            raise SceneError(str(error)) from error
-    plate = _thin_plate(table, material)
-    if table.edges in (None, "ssss"):
-        return SolidPlate(plate) if theory == "3d" else plate
-    return EdgedPlate(plate, table.edges, accuracy)
-
-
-@lru_cache(maxsize=KEPT)
-def _modal(
-    file: str, sha256: str, content: str, material: Material,
-    thickness_m: float | None, residual: float | None,
-) -> ModalStructure:  # fmt: skip
-    """One structure for all runs of the same modes."""
-    local = None
-    if thickness_m is not None:
-        local = Plate(material, (1.0, 1.0), thickness_m)  # its size is in the modes
-    return ModalStructure(
-        file, read_modes(file, unpacked(file, sha256, content)), material, local, residual
+    content = None if modes is None else unpacked(modes.file, modes.sha256, modes.content)
+    return Description(
+        material=material,
+        size_m=table.size_m,
+        thickness_m=table.thickness_m,
+        loss_factor=table.loss_factor,
+        edges=table.edges or "ssss",
+        accuracy=accuracy,
+        modes=None if modes is None or content is None else (modes.file, content),
+        residual_flexibility_m_n=table.residual_flexibility_m_n,
     )
 
 

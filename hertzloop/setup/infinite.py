@@ -14,7 +14,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup.bodies import KEPT, Bodies
 from plant.contact.hertz import rigid_peak_force_n
 from plant.estimates.reflections import Actuation, Reflections, reflections
-from plant.structures.plate import Plate
+from plant.schemes.registry import SCHEMES
 
 _LONGER = 2.0  # the delay that a law may latch, against the contact without control
 
@@ -32,18 +32,19 @@ def possible(bodies: Bodies, scheme: str, reach: Reach) -> bool:
     """Whether the infinite plate can stand for the modes at all: reflections are known of simply
     supported edges, and a force of more than the contact's own has no known limit."""
     bounded = reach.force_n < math.inf or reach.share <= 1.0
-    supported = isinstance(bodies.structure, Plate)
+    supported = bodies.structure.separable is not None
     ideal = bodies.actuator.ideal and bodies.contact.limit is None
-    known = scheme == "modal" and ideal and not bodies.radiating_faces
+    known = SCHEMES[scheme].supports_infinite_plate and ideal and not bodies.radiating_faces
     return known and bodies.same_point and bounded and supported
 
 
 @lru_cache(maxsize=KEPT)
 def reflections_of(bodies: Bodies) -> Reflections:
     """When reflections return to the contact point. Raises SceneError where that is not known."""
-    if not isinstance(bodies.structure, Plate):
+    plate = bodies.structure.separable
+    if plate is None:
         raise SceneError(f"reflections are not known for {bodies.structure}")
-    return reflections(bodies.sphere, bodies.structure, bodies.contact, bodies.contact_point_m)
+    return reflections(bodies.sphere, plate, bodies.contact, bodies.contact_point_m)
 
 
 def error(

@@ -10,22 +10,14 @@ from plant.contact.hertz import Contact, Sphere, rigid_contact_time_s, rigid_pen
 from plant.estimates.model_order import expected_error, frequency_limit_hz, solid_limit_hz
 from plant.plant import MOST_MODES, PlantSpec
 from plant.schemes.registry import SCHEMES
-from plant.structures.edged_plate import EdgedPlate
-from plant.structures.modal_structure import ModalStructure
-from plant.structures.plate import Plate
-from plant.structures.solid_plate import SolidPlate
 from plant.structures.structure import Structure, frequencies
 
 _STEPS_OF_CONTACT = 10  # at least, for figures worth printing
 NEAREST = 1.0  # wavelengths at the limit between the struck point and an edge, for a damped tail
 _LOWEST_TAIL = 0.5  # of the last mode's frequency, for that from which on a damped tail stands
-# Largest wave number times contact radius in three dimensions: from pi/2 on the contact in series
-# with what is left of the modes left out is no longer monotone. A law may press four times deeper.
-_WIDEST = 0.25 * math.pi
 _MOST_BELOW = 0.5  # of the contact's own flexibility
 _LEAST_SHARE = 0.99  # of the frequency limit, for the lowest mode
-# Processor time of a mode, of one of a plate with edges, and of a pair of modes under a mass, s.
-_MODE_S, _EDGED_MODE_S, _MASS_S = 1e-5, 7e-5, 5e-8
+_MASS_S = 5e-8  # processor time of a pair of modes under a mass, s
 _TOLD_S, _MOST_S = 2.0, 60.0  # of processor time for the modes: said, and refused
 _FEWEST_PERIODS = 1.5  # of the limit in a contact
 
@@ -47,7 +39,7 @@ def described(
     step_s = step_ns * 1e-9
     _check_step(bodies, step_ns)
     limit, damped = _limit_hz(bodies, tail, scheme, step_s, accuracy)
-    if isinstance(bodies.structure, ModalStructure):
+    if bodies.structure.mode_table is not None:
         limit = min(bodies.structure.highest_hz, 0.5 / step_s)
     return PlantSpec(
         sphere=bodies.sphere,
@@ -58,7 +50,7 @@ def described(
         step_s=step_s,
         frequency_limit_hz=limit,
         lead_in_s=lead_in_s,
-        residual_flexibility=SCHEMES[scheme].tail,
+        residual_flexibility=SCHEMES[scheme].supports_tail,
         damped_tail=damped,
         actuator=bodies.actuator,
         radiating_faces=bodies.radiating_faces,
@@ -68,7 +60,7 @@ def described(
 @lru_cache(maxsize=KEPT)
 def with_modes(spec: PlantSpec, step_ns: int, scheme: str, accuracy: float) -> PlantSpec:
     """The plant with the modes of its structure. Raises SceneError if they are none or too many."""
-    if isinstance(spec.plate, ModalStructure):
+    if spec.plate.mode_table is not None:
         _check_reach(spec.plate, spec.sphere, spec.contact, spec.frequency_limit_hz)
     else:
         _check_modes(spec, step_ns, scheme, accuracy)
@@ -79,12 +71,11 @@ def with_modes(spec: PlantSpec, step_ns: int, scheme: str, accuracy: float) -> P
 @lru_cache(maxsize=KEPT)
 def without_edges(spec: PlantSpec, step_ns: int) -> PlantSpec:
     """The plant with an infinite plate. Raises SceneError for one with no modes below its limit."""
-    if isinstance(spec.plate, Plate):
-        _check_lowest(spec.plate, spec.frequency_limit_hz, step_ns)
+    _check_lowest(spec.plate, spec.frequency_limit_hz, step_ns)
     return replace(spec, residual_flexibility=False, damped_tail=False, infinite_plate=True)
 
 
-def widest_limit_hz(plate: SolidPlate, sphere: Sphere, contact: Contact) -> float:
+def widest_limit_hz(plate: Structure, sphere: Sphere, contact: Contact) -> float:
     """Up to where modes can be taken along in three dimensions, Hz: where the branches end, or the
     contact is as wide as the waves. Raises SceneError where that leaves out the impact."""
     m, v = sphere.mass_kg, sphere.impact_speed_m_s
@@ -93,11 +84,12 @@ def widest_limit_hz(plate: SolidPlate, sphere: Sphere, contact: Contact) -> floa
     if contact.limit is not None:  # as wide as if yielding took all energy
         taken = 2.0 * m * v * v * sphere.radius_m / (math.pi * contact.limit.pressure_pa)
         radius = max(radius, taken**0.25)
-    limit = min(plate.highest_hz, plate.frequency_hz(_WIDEST / radius))
+    limit = min(plate.highest_hz, plate.contact_limit_hz(radius))
     if limit * rigid_contact_time_s(m, contact.stiffness, v) < _FEWEST_PERIODS:
-        thick = plate.plate.thickness_m
+        local = plate.local_plate
+        thick = f"plate.thickness_m = {local.thickness_m:g}" if local else str(plate)
         raise SceneError(
-            f"plate.theory = '3d' with plate.thickness_m = {thick:g} and a contact of radius "
+            f"plate.theory = '3d' with {thick} and a contact of radius "
             f"{radius:.2g} m: waves as short as the impact makes are no longer than the contact "
             "is wide, and Hertz's contact is not known there; take a smaller sphere, a lower "
             "drop, or 'kirchhoff'"
@@ -105,7 +97,7 @@ def widest_limit_hz(plate: SolidPlate, sphere: Sphere, contact: Contact) -> floa
     return limit
 
 
-def _check_below_zero(structure: ModalStructure, sphere: Sphere, contact: Contact) -> None:
+def _check_below_zero(structure: Structure, sphere: Sphere, contact: Contact) -> None:
     """Refuse a residual flexibility below zero, of the modes of a solid, where it does not fit."""
     left_out = structure.residual_flexibility_m_n(2.0 * math.pi * structure.highest_hz)
     if left_out >= 0.0:
@@ -132,7 +124,7 @@ def _damped_tail(bodies: Bodies, asked: str, scheme: str, step_s: float, limit_h
     begins, without a mass on the contact point. Raises SceneError.
     """
     plate = bodies.structure
-    if asked == "spring" or not SCHEMES[scheme].tail or isinstance(plate, SolidPlate):
+    if asked == "spring" or not SCHEMES[scheme].supports_tail or plate.solid:
         return False
     if plate.local_plate is None:
         if asked == "auto":
@@ -141,7 +133,7 @@ def _damped_tail(bodies: Bodies, asked: str, scheme: str, step_s: float, limit_h
             f"plate.tail = 'damped' needs the mobility of a plate, which is not known for {plate}; "
             "give plate.thickness_m if it is a plate where it is struck, or take 'spring'"
         )
-    if isinstance(plate, ModalStructure) and plate.residual_flexibility_m_n(math.inf) < 0.0:
+    if plate.mode_table is not None and plate.residual_flexibility_m_n(math.inf) < 0.0:
         if asked == "auto":
             return False
         raise SceneError(
@@ -157,7 +149,7 @@ def _damped_tail(bodies: Bodies, asked: str, scheme: str, step_s: float, limit_h
 def _goes_on(plate: Structure, step_s: float) -> bool:
     """Whether what the modes of a file leave out is about as flexible as a plate above them: with
     more of it the damped mode would stand for modes that are there."""
-    if not isinstance(plate, ModalStructure) or plate.local_plate is None:
+    if plate.mode_table is None or plate.local_plate is None:
         return True
     last = 2.0 * math.pi * min(plate.highest_hz, 0.5 / step_s)
     most = plate.local_plate.residual_flexibility_m_n(_LOWEST_TAIL * last)
@@ -168,7 +160,7 @@ def wavelengths_to_edge(bodies: Bodies, limit_hz: float) -> float:
     """How far the contact point is from the nearest edge, in lengths of bending waves at a limit;
     inf where modes come from a file and no edge is known."""
     plate = bodies.structure
-    if isinstance(plate, ModalStructure) or plate.local_plate is None:
+    if plate.mode_table is not None or plate.local_plate is None:
         return math.inf
     return plate.local_plate.wavelengths_to_edge(bodies.contact_point_m, limit_hz)
 
@@ -191,14 +183,20 @@ def _limit_hz(
 ) -> tuple[float, bool]:
     """Up to where modes are taken along (Hz), and whether a damped mode stands for those beyond."""
     sphere, plate, contact = bodies.sphere, bodies.structure, bodies.contact
-    if scheme == "thesis2008":  # all modes to pi/dt
+    if not SCHEMES[scheme].limits_modes:
         return 0.5 / step_s, False
-    if isinstance(plate, SolidPlate):
+    if plate.solid:
         highest = min(0.5 / step_s, widest_limit_hz(plate, sphere, contact))
         return solid_limit_hz(sphere, plate, contact, highest, accuracy), False
     limits = [
         frequency_limit_hz(
-            sphere, plate, contact, step_s, accuracy, spring=SCHEMES[scheme].tail, damped=damped
+            sphere,
+            plate,
+            contact,
+            step_s,
+            accuracy,
+            spring=SCHEMES[scheme].supports_tail,
+            damped=damped,
         )
         for damped in (False, True)
     ]
@@ -206,9 +204,7 @@ def _limit_hz(
     return limits[damped], damped
 
 
-def _check_reach(
-    structure: ModalStructure, sphere: Sphere, contact: Contact, limit_hz: float
-) -> None:
+def _check_reach(structure: Structure, sphere: Sphere, contact: Contact, limit_hz: float) -> None:
     """Refuse modes that leave out all of an impact, or a solid's with what does not fit those."""
     _check_below_zero(structure, sphere, contact)
     if expected_error(sphere, structure, contact, limit_hz, spring=True) < 1.0:
@@ -228,11 +224,12 @@ def _sizes(plate: Structure) -> str:
     return f"plate.size_m = {list(local.size_m)} with plate.thickness_m = {local.thickness_m:g}"
 
 
-def _check_lowest(plate: Plate, limit_hz: float, step_ns: int) -> None:
-    """Raise SceneError for a plate with no modes up to a frequency."""
-    if not plate.fundamental_hz < _LEAST_SHARE * limit_hz:
+def _check_lowest(plate: Structure, limit_hz: float, step_ns: int) -> None:
+    """Raise SceneError for a structure with no modes up to a frequency, where that is known."""
+    lowest = plate.fundamental_hz
+    if lowest is not None and not lowest < _LEAST_SHARE * limit_hz:
         raise SceneError(
-            f"{_sizes(plate)} has its lowest mode at {plate.fundamental_hz:.3g} Hz, beyond the "
+            f"{_sizes(plate)} has its lowest mode at {lowest:.3g} Hz, beyond the "
             f"{limit_hz:.3g} Hz that the run carries; take a larger or thinner plate, or a smaller "
             f"run.step_ns (now {step_ns})"
         )
@@ -241,12 +238,11 @@ def _check_lowest(plate: Plate, limit_hz: float, step_ns: int) -> None:
 def _check_modes(spec: PlantSpec, step_ns: int, scheme: str, accuracy: float) -> None:
     """Raise SceneError for a plate with no modes up to its limit, or too many."""
     plate, limit_hz = spec.plate, spec.frequency_limit_hz
-    if isinstance(plate, Plate):
-        _check_lowest(plate, limit_hz, step_ns)
+    _check_lowest(plate, limit_hz, step_ns)
     modes = plate.modes_below(limit_hz)
     if modes > MOST_MODES:
-        published = scheme == "thesis2008"
-        less = "another scheme" if published else f"more run.accuracy than {accuracy:g}"
+        limited = SCHEMES[scheme].limits_modes
+        less = f"more run.accuracy than {accuracy:g}" if limited else "another scheme"
         raise SceneError(
             f"{_sizes(plate)} has about {modes:.2g} modes up to {limit_hz:.3g} Hz, the most is "
             f"{MOST_MODES}; take a smaller or thicker plate, or {less}"
@@ -258,7 +254,7 @@ def build_s(spec: PlantSpec) -> float:
     if spec.infinite_plate:
         return 0.0
     modes = spec.plate.modes_below(spec.frequency_limit_hz)
-    found = modes * (_EDGED_MODE_S if isinstance(spec.plate, EdgedPlate) else _MODE_S)
+    found = modes * spec.plate.seconds_per_mode
     if spec.actuator.mass_kg > 0.0 and _MASS_S * modes**2 > _TOLD_S:
         limit = 2.0 * math.pi * spec.frequency_limit_hz
         felt = frequencies(spec.plate, spec.contact_point_m, spec.actuator_point_m, limit)

@@ -39,10 +39,8 @@ from plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
 from plant.estimates.model_order import expected_error, expected_solid_error, held_error
 from plant.estimates.plate_theory import KirchhoffError
 from plant.plant import Plant, PlantSpec
-from plant.schemes.infinite import InfinitePlant
+from plant.schemes.factory import plant_at_start
 from plant.schemes.registry import SCHEMES
-from plant.schemes.thesis2008 import ThesisPlant
-from plant.structures.solid_plate import SolidPlate
 from plant.structures.structure import Structure
 from sensors.acquisition import Sensor, SensorSpec
 
@@ -354,7 +352,7 @@ class Setup:
         spec = self.plant
         if spec.infinite_plate:
             return self.infinite_plate_error
-        if isinstance(spec.plate, SolidPlate):
+        if spec.plate.solid:
             return expected_solid_error(
                 spec.sphere, spec.plate, spec.contact, spec.frequency_limit_hz
             )
@@ -467,13 +465,11 @@ class Setup:
 
     # The parts at the start of a run.
 
-    def start_plant(self, spec: PlantSpec | None = None) -> Plant | ThesisPlant:
+    def start_plant(self, spec: PlantSpec | None = None) -> Plant:
         """The plant at the start of the run, or that of another description `spec` by the same
         scheme. Raises SceneError for what the scheme does not know."""
         try:
-            if self.scheme == "thesis2008":
-                return ThesisPlant(spec or self.plant, self.steps)
-            return built(spec or self.plant, self.scheme).at_start(self.touch_phase)
+            return plant_at_start(spec or self.plant, self.scheme, self.steps, self.touch_phase)
         except ValueError as error:
             raise SceneError(str(error)) from error
 
@@ -558,12 +554,6 @@ def parse(text: str, settings: Iterable[str] = (), **more: Any) -> Setup:
     return Setup(parse_scene(text, settings, **more))
 
 
-@lru_cache(maxsize=8)
-def built(spec: PlantSpec, scheme: str) -> Plant:
-    """A plant whose model is shared by all runs of the same description."""
-    return InfinitePlant(spec) if spec.infinite_plate else SCHEMES[scheme].load()(spec)
-
-
 @lru_cache(maxsize=_KEPT_TABLES)
 def _run_with(run: RunTable, key: str, value: str | float) -> RunTable:
     """One table for all cases that ask for the same: what is kept by tables is found faster."""
@@ -573,7 +563,7 @@ def _run_with(run: RunTable, key: str, value: str | float) -> RunTable:
 @lru_cache(maxsize=16)
 def _uncontrolled_force_n(free: Setup) -> tuple[np.ndarray | None, float]:
     """The force, None of a contact that lasts too long; how long it was followed, s."""
-    published = free.scheme == "thesis2008"
+    published = not SCHEMES[free.scheme].conserves
     steps, lead_s = _FIRST_STEPS, free.lead_in_s
     while steps <= (_MOST_PUBLISHED if published else _MOST_STEPS):
         short = free._with_run("duration_s", lead_s + steps * free.step_s)

@@ -18,8 +18,8 @@ from controller.loading.registry import find
 from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import F_A, XI, XI_P, consistent_impacts
 from hertzloop.setup import Setup, load
-from hertzloop.setup.setup import built
 from plant import state_kernels as pk
+from plant.schemes.factory import built
 from plant.time_series import series_under
 from studies.tabular import write_records
 

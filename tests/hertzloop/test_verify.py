@@ -10,8 +10,8 @@ from hertzloop.results.impact_rows import F_A, F_C, XI, consistent_impacts
 from hertzloop.results.verify import _START, Verification, finer_spec, past_first_impact, verify
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
-from hertzloop.setup.setup import built
 from plant.plant import Plant
+from plant.schemes.factory import built
 from plant.time_series import series_under
 
 SHORT = ["run.duration_s=0.0015", "controller.law=off"]
