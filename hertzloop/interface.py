@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from recordings.writer import RecordingError
     from studies.sweeps.design import DesignError
     from studies.sweeps.pool import SweepFailed
-    from studies.tuning.record import Found
+    from studies.tuning.tune import Found
 
 __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "Impact", "ImpactNoise",

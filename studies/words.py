@@ -1,5 +1,11 @@
 """What figures and keys are called in pictures: words with units, never names of columns."""
 
+import csv
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple, fields
+from pathlib import Path
+from typing import Any
+
 FIGURES = {
     "plate_energy_db": "plate energy (dB)", "radiated_db": "radiated energy (dB)",
     "plate_speed_db": "largest plate speed (dB)", "pressure_db": "pressure bound (dB)",
@@ -29,3 +35,17 @@ def against_none(figure: str) -> str:
 def law(name: str) -> str:
     """A law's name in words."""
     return name.replace("_", " ")
+
+
+def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+    """One line a row under a header."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def write_records(path: Path, records: Sequence[Any]) -> None:
+    """Instances of one dataclass, at least one, a line each; the fields are the columns."""
+    names = [field.name for field in fields(records[0])]
+    write_rows(path, names, (astuple(record) for record in records))

@@ -22,7 +22,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT
 
 if TYPE_CHECKING:
-    from studies.latency.study import Critical
+    from studies.latency import Critical
 
 
 def latency(
@@ -46,7 +46,7 @@ def latency(
 ) -> None:
     """Maps of every figure over latency, bits, sampling, gain; what latency each law survives. When
     killed, it goes on with the same command."""
-    from studies.latency import study as study
+    from studies import latency as study
 
     check_json(json_file)
     scenes: Sequence[study.Named] | None = None

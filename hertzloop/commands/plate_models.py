@@ -13,9 +13,10 @@ def plate_models(
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for the numbers.")],
 ) -> None:
     """What thickness does to an impact, what the modes left out cost, and what both models take."""
-    from studies.plate_models import tail, theory
-    from studies.plate_models.runs import shown
-    from studies.tabular import write_records
+    from studies import plate_models as tail
+    from studies import plate_models as theory
+    from studies.plate_models import shown
+    from studies.words import write_records
 
     with results_in(folder, "modal"):
         effects, errors, costs = theory.effects(), tail.errors(), tail.cost()

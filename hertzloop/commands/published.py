@@ -51,7 +51,7 @@ def _columns(title: str, headings: list[str], text: int) -> Table:
 def optima(folder: OutOption = None, json_file: JsonOption = None) -> None:
     """Tables 5.3 to 5.7 searched again over the study's grid of 184 forces, in three plants."""
     from studies.published import optima as study
-    from studies.tabular import write_records
+    from studies.words import write_records
 
     check_json(json_file)
     if folder:
@@ -132,7 +132,7 @@ def equations(
     scene: SceneArgument = "aluminium-3mm", settings: SetOption = None, json_file: JsonOption = None
 ) -> None:
     """Equations 3.1, 3.3, 3.8b and the limits of 3.13 for a scene's first impact, no control."""
-    from studies.published import equations as study
+    from studies.published import appendix as study
 
     resolved = scene_from(scene, settings, None)
     check_json(json_file)

@@ -24,7 +24,7 @@ def real(
     json_file: JsonOption = None,
 ) -> None:
     """What each law does in an ideal plant, and where contact, plate, actuator, sensor are real."""
-    from studies.real import study
+    from studies import real as study
     from studies.sweeps.pool import SweepFailed
 
     check_json(json_file)

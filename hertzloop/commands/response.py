@@ -18,7 +18,7 @@ def response(
     """How long the answers of a paced run took, and what they had."""
     from hertzloop.results import pacing
     from recordings.writer import RecordingError
-    from studies.response import picture
+    from studies import response as picture
 
     check_json(json_file)
     recording = read_or_fail(file)

@@ -9,7 +9,7 @@ from hertzloop.commands.options import compile_first, make_folder
 from hertzloop.commands.terminal import Table, err, fail, if_interrupted
 
 if TYPE_CHECKING:
-    from studies.sweeps.kept import Kept
+    from studies.sweeps.journal import Kept
 
 
 def numbers(title: str, headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
@@ -40,8 +40,7 @@ def results_in(folder: Path, *schemes: str) -> Iterator[None]:
 def resumable(folder: Path, name: str, header: dict[str, Any]) -> "Iterator[Kept]":
     """Work on many cases that goes on where an earlier start of it was cut short, if one was;
     `header` says what decides the cases. Ends the command where they cannot be finished."""
-    from studies.sweeps.journal import JournalError
-    from studies.sweeps.kept import kept
+    from studies.sweeps.journal import JournalError, kept
     from studies.sweeps.pool import SweepFailed
 
     try:

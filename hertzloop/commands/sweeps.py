@@ -70,12 +70,11 @@ def sweep(
     """Simulate a scene over ranges of its keys; a killed sweep goes on with the same command."""
     from plant.schemes.registry import SCHEMES
     from studies.sweeps import sweep as study
-    from studies.sweeps.design import DesignError, make_design
+    from studies.sweeps.design import KEY as PHASE
+    from studies.sweeps.design import DesignError, grouped, make_design
+    from studies.sweeps.design import phases as spread_evenly
     from studies.sweeps.journal import JournalError
-    from studies.sweeps.phases import KEY as PHASE
-    from studies.sweeps.phases import grouped
-    from studies.sweeps.phases import phases as spread_evenly
-    from studies.sweeps.summary import SHOWN, counted
+    from studies.sweeps.sweep import SHOWN, counted
 
     resolved = scene_from(scene, settings, seed)
     target = out_file or Path(f"{resolved.name}-sweep.parquet")
@@ -191,7 +190,7 @@ def _check_scheduler(address: str) -> None:
 
 def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     """Where each figure is least and largest."""
-    from studies.sweeps.summary import extremes
+    from studies.sweeps.sweep import extremes
 
     table = Table(title="Against no control")
     for heading in ("figure", "least", "at", "largest", "at"):
@@ -203,7 +202,7 @@ def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
 
 def _spreads(groups: list[dict[str, Any]], keys: list[str]) -> Table:
     """Mean and range over the touch phase, a setting of the other keys a row."""
-    from studies.sweeps.summary import SHOWN, short
+    from studies.sweeps.sweep import SHOWN, short
 
     table = Table(title="Over touch phases: mean (least to most)")
     for heading in (*(key.split(".")[-1] for key in keys), *SHOWN[:2]):
@@ -225,8 +224,7 @@ def check(
     """Run cases of a sweep again as processes over zenoh; exit 0 if all bytes are the same."""
     from studies.sweeps.evaluate import not_run
     from studies.sweeps.replay_cases import Checked, replay_cases
-    from studies.sweeps.summary import counted
-    from studies.sweeps.sweep import check_laws, code_version, read_results
+    from studies.sweeps.sweep import check_laws, code_version, counted, read_results
 
     check_json(json_file)
     try:

@@ -32,7 +32,7 @@ from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text
 from hertzloop.setup import Setup
 
 if TYPE_CHECKING:
-    from studies.tuning.record import Found, Tuned
+    from studies.tuning.tune import Found, Tuned
 
 _MOST_ROWS = 15
 _PARTS = ("mean", "least", "most")  # of a spread over touch phases
@@ -92,13 +92,13 @@ def tune(
     killed search goes on with the same command."""
     need("matplotlib", "pymoo")
     from plant.schemes.registry import SCHEMES
-    from studies.latency.study import LAWS
+    from studies.latency import LAWS
     from studies.sweeps.design import DesignError, check_keys, parse_axis
     from studies.sweeps.evaluate import Tally
     from studies.sweeps.pool import local_pool
     from studies.sweeps.sweep import code_version
     from studies.tuning import tune as study
-    from studies.tuning.record import Tuned
+    from studies.tuning.tune import Tuned
 
     check_json(json_file)
     bases = [scene_from(name, settings, seed) for name in scenes or [DEFAULT]]
@@ -235,9 +235,9 @@ def _key(setting: str) -> str:
 def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Setup]) -> None:
     """Settings as CSV, all that was found as JSON, the chart, and every scene with the best
     setting; ends the command where they cannot be written."""
-    from studies.tabular import write_rows
     from studies.tuning.pictures import draw_front
-    from studies.tuning.record import write_tuned
+    from studies.tuning.tune import write_tuned
+    from studies.words import write_rows
 
     name = _file_name(names)
     best, objectives = tuned.front, tuple(tuned.objectives)

@@ -58,7 +58,7 @@ def validity_map(
     settings: SetOption = None,
 ) -> None:
     """Which theory and effects matter, over radius and thickness, for a scene's materials."""
-    from studies.validity import study
+    from studies import validity as study
 
     resolved = scene_from(scene, settings, None)
     make_folder(folder)

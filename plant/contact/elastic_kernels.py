@@ -14,7 +14,7 @@ import numpy as np
 from numba.extending import overload
 
 from jit import kernel
-from plant.contact import tail_kernels as tail
+from plant.contact import tail_kernels
 
 NODES = 4
 # Gauss-Legendre nodes and weights on (0, 1).
@@ -241,7 +241,7 @@ def at_nodes(gains: np.ndarray, step_s: float) -> np.ndarray:
 @kernel(inline=True, borrowed=True, fused=True)
 def slope_at_start(model, d0, f0, f1):
     """Slope of the gap right at the start of a step (m a step) from that without its force."""
-    if tail.there(model.tail):
+    if tail_kernels.there(model.tail):
         return d0 + model.step_s * (model.gains[START0] * f0 + model.gains[START1] * f1)
     return d0
 
@@ -387,7 +387,7 @@ def _solve_anywhere(model, x0, d0, free_x, free_d, free_mean, guess0, guess1):
         b = -(f0_x * g[X1] + f0_d * h * g[V1] + f0_m * g[M1])
         c = -(f1_x * g[X0] + f1_d * h * g[V0] + f1_m * g[M0])
         d = 1.0 - (f1_x * g[X1] + f1_d * h * g[V1] + f1_m * g[M1])
-        if tail.there(model.tail):
+        if tail_kernels.there(model.tail):
             a -= f0_s * h * g[START0]
             b -= f0_s * h * g[START1]
             c -= f1_s * h * g[START0]

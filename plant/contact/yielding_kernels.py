@@ -17,7 +17,7 @@ from jit import kernel
 from jit.by_type import by_type, no, yes
 from plant import state_kernels as pk
 from plant.contact import elastic_kernels as elastic
-from plant.contact import tail_kernels as tail
+from plant.contact import tail_kernels
 
 _HALVINGS = 60
 _NEWTON_MOST = 14
@@ -221,7 +221,7 @@ def _pieces(law, model, body, x0, d0, free_x, free_d, free_mean, guess0, guess1)
         b = -(f0_x * g[elastic.X1] + f0_d * h * g[elastic.V1] + f0_m * g[elastic.M1])
         c = -(f1_x * g[elastic.X0] + f1_d * h * g[elastic.V0] + f1_m * g[elastic.M0])
         d = 1.0 - (f1_x * g[elastic.X1] + f1_d * h * g[elastic.V1] + f1_m * g[elastic.M1])
-        if tail.there(model.tail):
+        if tail_kernels.there(model.tail):
             a -= f0_s * h * g[elastic.START0]
             b -= f0_s * h * g[elastic.START1]
             c -= f1_s * h * g[elastic.START0]

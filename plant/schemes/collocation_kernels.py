@@ -28,7 +28,7 @@ from jit.by_type import apart, by_type
 from plant import actuator_kernels as act
 from plant import state_kernels as pk
 from plant.contact import elastic_kernels as elastic
-from plant.contact import tail_kernels as tail
+from plant.contact import tail_kernels
 from plant.contact import yielding_kernels as yielding
 
 # Columns of CollocationModel.table. ROT: e^(s h); C0, C1: change of z by a unit constant force
@@ -372,7 +372,7 @@ def modal_energy(model, state):
     """Kinetic and elastic energy of all oscillators and a damped tail at the present step, J."""
     f0, f1, f_a = forces_on_plate(model, state)
     table = model.table
-    total = tail.energy(model.tail, state.body)
+    total = tail_kernels.energy(model.tail, state.body)
     for i in range(state.z.shape[1]):
         rho = of_mode(model.rho, i)
         zr = state.z[0, i] + table[C0_RE, i] * f0 + table[C1_RE, i] * f1
@@ -425,8 +425,8 @@ def _observe(model, body, sphere, sphere_v, gap, force, root, f_a, f_a1, push):
     penetration; `push`: force on a damped tail at the step's end, N."""
     spring, h = model.flexibility_m_n, model.step_s
     plate, speed = body[MODAL_X], body[MODAL_V]
-    if tail.there(model.tail):
-        speed += tail.mobility(model.tail) * push
+    if tail_kernels.there(model.tail):
+        speed += tail_kernels.mobility(model.tail) * push
     if spring != 0.0:
         if model.same_point:
             plate += spring * f_a
@@ -493,8 +493,8 @@ def step(model, state, command):
         if sloped and not quiet:
             fold_slope(awake, state.z, model.table, body[pk.F_A1])
         x, v, mean, y = propagate_two_points(awake, state.z, model.table, model.rho, f0, f1, f_act)
-    x_tail, v_tail, mean_tail = tail.turned(model.tail, body)
-    if tail.there(model.tail):
+    x_tail, v_tail, mean_tail = tail_kernels.turned(model.tail, body)
+    if tail_kernels.there(model.tail):
         x += x_tail
         v += v_tail
     x += g[elastic.CA] * f_a
@@ -518,8 +518,8 @@ def step(model, state, command):
     if sloped:
         slope_0 -= 2.0 * bent
         slope -= 2.0 * bent
-    if tail.there(model.tail) and model.same_point:
-        slope_0 -= h * tail.mobility(model.tail) * (f_a - f_a1)
+    if tail_kernels.there(model.tail) and model.same_point:
+        slope_0 -= h * tail_kernels.mobility(model.tail) * (f_a - f_a1)
     f_c = 0.0
     f_c1 = 0.0
     lost = 0.0
@@ -530,7 +530,7 @@ def step(model, state, command):
     if drifts and (touches or pushed):
         mean, swing = mean_of_drift(model.slow, awake, state.z, model.table, model.rho)
     root = 0.0
-    if tail.there(model.tail):
+    if tail_kernels.there(model.tail):
         mean += mean_tail
     mean += g[elastic.MA] * f_a
     if sloped:
@@ -576,14 +576,14 @@ def step(model, state, command):
         # Work of the slope, and of the contact on what the slope bends the spring by.
         state.balance[pk.INJECTED] += f_a1 * (y + body[MODAL_Y] - 2.0 * mean) + 2.0 * bent * f_c
     push = 0.0
-    if tail.there(model.tail):
+    if tail_kernels.there(model.tail):
         push_0, push_1 = -f_c, -f_c1
         if model.same_point:
             push_0 += f_a
             push_1 += f_a1
-        tail.pushed(model.tail, state, push_0, push_1)
+        tail_kernels.pushed(model.tail, state, push_0, push_1)
         push = push_0 + push_1
-        v -= tail.mobility(model.tail) * push
+        v -= tail_kernels.mobility(model.tail) * push
     body[MODAL_X] = x
     body[MODAL_V] = v
     body[MODAL_Y] = y

@@ -3,8 +3,8 @@
 from dataclasses import asdict
 
 from studies.cost.baseline import exchange_costs, loop_costs, step_costs, stranger_costs
+from studies.cost.cases import mode_file_costs
 from studies.cost.links import certificate_costs, link_costs, opening_costs
-from studies.cost.structures import mode_file_costs
 
 
 def measure() -> dict[str, list[dict[str, object]]]:

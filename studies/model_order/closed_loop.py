@@ -22,7 +22,7 @@ from hertzloop.setup import Setup, load
 from plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n, rigid_penetration_m
 from plant.plant import PlantSpec
 from studies.model_order.study import drawn, material_name, random_spec
-from studies.tabular import write_records
+from studies.words import write_records
 
 REQUESTS = (1e-3, 1e-4)
 _PARTS = 4  # of a step, in the reference

@@ -21,7 +21,7 @@ from hertzloop.setup import Setup, load
 from plant import state_kernels as pk
 from plant.schemes.factory import built
 from plant.time_series import series_under
-from studies.tabular import write_records
+from studies.words import write_records
 
 REQUESTS = (1e-2, 1e-3, 1e-4)
 _MOST_MODES = 10_000.0  # up to 1/step: keeps a scene within seconds

@@ -25,7 +25,7 @@ from plant.structures.materials import MATERIALS
 from plant.structures.plate import Plate
 from plant.time_series import series_under
 from studies import pictures
-from studies.tabular import write_records
+from studies.words import write_records
 
 Found = TypeVar("Found")
 REQUESTS = (1e-2, 1e-3, 1e-4)

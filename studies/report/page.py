@@ -1,13 +1,16 @@
 """One self-contained HTML page of a run."""
 
 import base64
+import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import jinja2
 import numpy as np
+from matplotlib.figure import Figure
 
 from controller.loading.registry import shipped as shipped_laws
 from hertzloop.commands.listen import heard_of
@@ -22,11 +25,95 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from recordings.reader import Recording
 from recordings.replay.as_rerun import Shown
-from recordings.replay.data import Deflection
+from recordings.replay.data import Curve, Deflection, Plot, extremes
 from recordings.replay.scene3d import with_unit
 from recordings.writer import RecordingError
-from studies.report import charts
-from studies.report.templates import template
+from studies import pictures
+
+_POINTS = 1500  # a curve
+_STYLES = {"F_a": 2, "F_c": 1, "measured": 4, "fed": 2, "contact": 1, "plate": 3}
+
+
+def around_first_contact(shown: Shown) -> str:
+    """Gap, forces, plate velocity and energies around the first contact."""
+    before, after = shown.when.zoom_ns
+    span = (shown.when.still_ns - before, shown.when.still_ns + after)
+    return _sheet(shown.plots, span, "simulated time (ms)")
+
+
+def whole_run(shown: Shown) -> str:
+    """The same over all of the run."""
+    truth = shown.recording.truth
+    first, last = (int(truth.step_at(at)) * truth.step_ns for at in (0, truth.samples - 1))
+    return _sheet(shown.plots, (first, last), "simulated time (ms)")
+
+
+def spectra(shown: Shown) -> str:
+    """Level of the plate velocity."""
+    sheet, axes = pictures.sheet(1, 1, width=10.0, height=2.8)
+    ax = axes[0, 0]
+    for i, found in enumerate(shown.told.spectra):
+        ax.semilogx(found.frequency_hz, found.level_db, label=found.label, **pictures.look(i))
+    ax.set(
+        xlabel="frequency (Hz)", ylabel="level in 1/12 octaves\n(dB re 1 m/s)",
+        title="Plate velocity at the contact, whole run",
+    )  # fmt: skip
+    _legend(ax)
+    return svg(sheet)
+
+
+def _sheet(plots: list[Plot], span_ns: tuple[int, int], label: str) -> str:
+    lines = -(-len(plots) // 2)
+    sheet, axes = pictures.sheet(lines, 2, width=10.0, height=2.4)
+    for ax, plot in zip(axes.ravel(), plots, strict=False):
+        for curve in plot.curves:
+            _draw(ax, curve, span_ns)
+        ax.set(title=plot.title, xlabel=label, xlim=tuple(1e-6 * t for t in span_ns))
+        if plot.most is not None:
+            ax.set_ylim(-plot.most, plot.most)
+        _legend(ax)
+    for ax in axes.ravel()[len(plots) :]:
+        ax.remove()
+    return svg(sheet)
+
+
+def _draw(ax: Any, curve: Curve, span_ns: tuple[int, int]) -> None:
+    times, values = curve.time_ns, curve.values
+    a, b = np.searchsorted(times, span_ns)
+    if b - a >= len(times) - 1 and curve.overview is not None:  # all of it, evenly
+        times, values = times[curve.overview], values[curve.overview]
+    else:
+        times, values = times[a : b + 1], values[a : b + 1]
+    if not len(values) or not np.isfinite(values).any():
+        return
+    chosen = extremes(np.nan_to_num(values), _POINTS)
+    style = pictures.look(_STYLES.get(curve.name, 0))
+    style = {"color": "#888888", "linestyle": "--", "linewidth": 1.1} if curve.faint else style
+    ax.plot(1e-6 * times[chosen], values[chosen], label=curve.label or curve.name, **style)
+
+
+def _legend(ax: Any) -> None:
+    """Beside the axes, where it hides nothing."""
+    ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=7)
+
+
+def svg(sheet: Figure) -> str:
+    """The figure as an SVG element, without the document around it."""
+    text = io.StringIO()
+    sheet.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    whole = text.getvalue()
+    return whole[whole.index("<svg") :]
+
+
+def template(name: str) -> jinja2.Template:
+    """One of the templates beside this file; a word that it lacks is an error."""
+    settings = jinja2.Environment(
+        loader=jinja2.PackageLoader("studies.report", ""),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    return settings.get_template(name)
+
 
 _FRAMES = 240
 _LEVELS = 127  # of a deflection, each way
@@ -59,9 +146,9 @@ def page_of(recording: Recording) -> str:
         verdict=found["verdict"],
         neglected=sentences_of(found["validity"]),
         tables=_tables(found, free, not unstable),
-        around=charts.around_first_contact(shown) if shown.contacts else "",
-        whole=charts.whole_run(shown),
-        spectra=charts.spectra(shown) if shown.told.spectra else "",
+        around=around_first_contact(shown) if shown.contacts else "",
+        whole=whole_run(shown),
+        spectra=spectra(shown) if shown.told.spectra else "",
         flat="" if shown.deflection.known else "The file of modes has no shapes: drawn flat.",
         animation=json.dumps(_animation(shown)),
         sounds=sounds,

@@ -9,9 +9,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from hertzloop.results.cases import Span
 from hertzloop.scenes.errors import SceneError, shortened, shown
 from hertzloop.scenes.text import toml_value
 from hertzloop.setup import Setup
+from studies.sweeps.evaluate import Pool, Rows, evaluate
 
 Kind = Literal["grid", "lhs", "sobol"]
 _MOST_CASES = 10_000_000
@@ -204,3 +206,66 @@ def _check_ends(setup: Setup, design: Design) -> None:
                 except SceneError as error:
                     said = f"--over {shortened(axis.key)}, value {shown(value)}"
                     raise SceneError(f"{said}: {error}") from error
+
+
+KEY = "run.touch_phase"
+_FEW = 5
+
+
+def phases(count: int = _FEW) -> tuple[float, ...]:
+    """Phases spread evenly over a step, its middle among an odd number of them."""
+    return tuple(round((i + 0.5) / count, 6) for i in range(count))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Mean, least and largest value of a figure; nan where a phase has none."""
+
+    mean: float
+    least: float
+    most: float
+
+    def __str__(self) -> str:
+        return f"{self.mean:.2f} ({self.least:.2f} to {self.most:.2f})"
+
+
+def spread_of(values: Any) -> Spread:
+    """Of one figure at all phases."""
+    found = np.asarray(values, dtype=float)
+    with np.errstate(invalid="ignore"):
+        return Spread(float(np.mean(found)), float(np.min(found)), float(np.max(found)))
+
+
+def at_all(case: dict[str, Any], count: int = _FEW) -> list[dict[str, Any]]:
+    """A case at every phase."""
+    return [case | {KEY: phase} for phase in phases(count)]
+
+
+def spread_over(
+    pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]], figures: tuple[str, ...],
+    count: int = _FEW,
+) -> list[dict[str, Spread]]:  # fmt: skip
+    """The spread of some figures of cases."""
+    rows = evaluate(pool, setup, span, [c for case in cases for c in at_all(case, count)])
+    groups = [rows[i : i + count] for i in range(0, len(rows), count)]
+    return [_spreads(group, figures) for group in groups]
+
+
+def _spreads(rows: Rows, figures: tuple[str, ...]) -> dict[str, Spread]:
+    def value(row: dict[str, Any], name: str) -> float:
+        return np.nan if row["status"] or row[name] is None else float(row[name])
+
+    return {name: spread_of([value(row, name) for row in rows]) for name in figures}
+
+
+def grouped(rows: Rows, keys: list[str], figures: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Rows of a sweep that differ in phase only, taken together: the other `keys`, and the spread
+    of `figures`, in the order in which they come."""
+    others = [key for key in keys if key != KEY]
+    found: dict[str, Rows] = {}
+    for row in rows:
+        found.setdefault(repr([row[key] for key in others]), []).append(row)
+    return [
+        {key: group[0][key] for key in others} | _spreads(group, figures)
+        for group in found.values()
+    ]

@@ -4,6 +4,7 @@ import json
 import logging
 import os
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
@@ -23,7 +24,7 @@ from hertzloop.scenes.text import toml_value
 from hertzloop.setup import Setup
 from jit.cache import code_digest
 from studies.sweeps.design import Design
-from studies.sweeps.evaluate import chunked, not_run, run_chunk
+from studies.sweeps.evaluate import Rows, chunked, not_run, run_chunk
 from studies.sweeps.journal import Journal
 from studies.sweeps.pool import SweepFailed, local_cores, local_pool
 
@@ -267,3 +268,39 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             if isinstance(row[key], str):
                 row[key] = toml_value(row[key])
     return rows, header
+
+
+SHOWN = ("plate_energy_db", "rebound_percent", "radiated_db", "plate_speed_db", "pressure_db")
+
+
+def counted(rows: Rows, column: str) -> dict[str, int]:
+    """How many cases have each of the names in a column of `CaseFigures`."""
+    names = (name for row in rows for name in (row[column] or "").split(", ") if name)
+    return dict(Counter(names).most_common())
+
+
+def known(rows: Rows, figure: str) -> Rows:
+    """The cases that have a figure."""
+    return [row for row in rows if row[figure] is not None and row[figure] == row[figure]]
+
+
+def extremes(rows: Rows, keys: list[str]) -> list[list[str]]:
+    """Where each figure is least and largest: its name, the least, its keys, the largest, its
+    keys, in words."""
+    found = []
+    for figure in SHOWN:
+        having = known(rows, figure)
+        if not having:
+            continue
+        ends = [pick(having, key=lambda row: row[figure]) for pick in (min, max)]
+        where = [
+            ", ".join(f"{key.split('.')[-1]} {short(row[key])}" for key in keys) for row in ends
+        ]
+        least, most = (f"{row[figure]:.2f}" for row in ends)
+        found.append([figure, least, where[0], most, where[1]])
+    return found
+
+
+def short(value: Any) -> str:
+    """A value of a key in four digits."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -5,7 +5,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from studies import pictures, words
-from studies.tuning.record import Found
+from studies.tuning.tune import Found
 
 
 def draw_front(

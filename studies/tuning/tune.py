@@ -4,9 +4,11 @@ One objective: differential evolution; several: NSGA-II (Deb et al. 2002), both 
 Over a set of scenes the worst of them counts, objective by objective.
 """
 
+import json
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,11 +24,67 @@ from controller.loading.registry import find, resolve, shipped
 from hertzloop.results.cases import Span
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
-from studies.sweeps.design import Axis, Design, DesignError, fitted
+from studies.sweeps.design import Axis, Design, DesignError, Spread, at_all, fitted, spread_over
 from studies.sweeps.evaluate import Pool, evaluate
-from studies.sweeps.phases import Spread, at_all, spread_over
 from studies.sweeps.sweep import work_of
-from studies.tuning.record import Found
+
+
+@dataclass(frozen=True)
+class Found:
+    """A setting and what it gives: values by key, objectives by name (the worst of the scenes),
+    and their `spreads` over the touch phase (of the scene with the worst mean), where known."""
+
+    values: dict[str, Any]
+    figures: dict[str, float]
+    spreads: dict[str, Spread] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """Settings that no other beats, the published one, and what was asked for: scenes as TOML,
+    figures, the span, limits, the command that finds them again."""
+
+    scenes: Sequence[str]
+    objectives: Sequence[str]
+    span: str
+    at_most: Mapping[str, float]
+    front: list[Found]
+    published: Found
+    verdict: Sequence[str]
+    failed: int
+    command: str
+    versions: str
+
+
+def write_tuned(path: Path, tuned: Tuned) -> None:
+    """Write a JSON file. Raises OSError."""
+    data = asdict(tuned)
+    for found in (*data["front"], data["published"]):
+        for spread in found["spreads"].values():  # JSON knows no nan
+            spread.update({k: None if math.isnan(v) else v for k, v in spread.items()})
+    text = json.dumps({"tuned": data}, indent=2, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def read_tuned(path: Path) -> Tuned:
+    """Raises ValueError for another kind of file."""
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))["tuned"]
+        front = [_found(one) for one in data.pop("front")]
+        return Tuned(front=front, published=_found(data.pop("published")), **data)
+    except FileNotFoundError as error:
+        raise ValueError(f"there are no results {path}") from error
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise ValueError(f"{path} holds no results of a tuning: {error}") from error
+
+
+def _found(data: dict[str, Any]) -> Found:
+    spreads = {
+        name: Spread(**{k: math.nan if v is None else v for k, v in spread.items()})
+        for name, spread in data["spreads"].items()
+    }
+    return Found(data["values"], data["figures"], spreads)
+
 
 OBJECTIVES = (
     "plate_energy_db", "rebound_percent", "radiated_db", "plate_speed_db", "pressure_db",

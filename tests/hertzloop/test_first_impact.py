@@ -21,8 +21,8 @@ from hertzloop.results.spans import SpanFigures, changes_db
 from hertzloop.setup import Setup, load
 from plant.figures import answer_kernels as an
 from recordings.reader import read
-from studies.latency.study import Named, critical
-from studies.real.study import energies_of
+from studies.latency import Named, critical
+from studies.real import energies_of
 from studies.report.page import page_of
 from studies.report.results import page_of_results
 from studies.sweeps.evaluate import evaluate, run_chunk

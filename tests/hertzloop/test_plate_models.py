@@ -22,8 +22,8 @@ from hertzloop.setup import load
 from plant.structures.mode_file import write_modes
 from plant.structures.solid_plate import SolidPlate
 from recordings.reader import read
-from studies.plate_models import tail
-from studies.plate_models import theory as thickness
+from studies import plate_models
+from studies import plate_models as thickness
 
 SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]
 SOLID = [*SHORT, "plate.theory=3d"]
@@ -76,7 +76,7 @@ def test_a_spring_with_a_damper_takes_more_modes_and_expects_more() -> None:
 # Errors of the plate energy and of the rebound with a spring and with a damped mode, from an
 # independent solver.
 def test_errors_of_both_tails() -> None:
-    found = tail.errors(("3 mm, e 0.7", "3 mm, e 0.2", "3 mm, law at -0.6"))
+    found = plate_models.errors(("3 mm, e 0.7", "3 mm, e 0.2", "3 mm, law at -0.6"))
     by_case = {(t.case, t.limit_khz): t for t in found}
     for key, spring, damped, digits in (
         (("3 mm, e 0.7", 250.0), -3.4e-3, 1.0e-5, 1e-5),

@@ -134,7 +134,7 @@ def test_parts_of_extreme_scenes_can_be_built_and_run(name: str, data: st.DataOb
     if found is None or found.controller.law == "precomputed":
         return
     try:
-        spec = resolve(found).start_plant()
+        spec = resolve(found).plant
         if spec.plate.modes_below(spec.frequency_limit_hz) > 30_000:
             return  # could be built, but not within the time of a test
         run = simulate(resolve(found))

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from studies.latency.study import SCENES, Critical, critical
+from studies.latency import SCENES, Critical, critical
 from studies.sweeps.evaluate import Pool
 from studies.sweeps.pool import local_pool
 

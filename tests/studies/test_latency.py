@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
 from hertzloop.setup import load
-from studies.latency import study as study
+from studies import latency as study
 from studies.sweeps.evaluate import Pool
 from studies.sweeps.pool import local_pool
 

@@ -12,10 +12,9 @@ from typer.testing import CliRunner
 from hertzloop.commands.cli import app
 from hertzloop.results.cases import figures_of_case
 from hertzloop.setup import load
-from studies.latency.study import Named, critical
-from studies.sweeps.design import Axis
+from studies.latency import Named, critical
+from studies.sweeps.design import KEY, Axis, phases, spread_of
 from studies.sweeps.evaluate import Pool
-from studies.sweeps.phases import KEY, phases, spread_of
 from studies.sweeps.pool import local_pool
 from studies.tuning import tune
 

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from hertzloop.commands.pictures import Run
 from studies import pictures, words
-from studies.latency.pictures import draw_maps, round_above
+from studies.latency import draw_maps, round_above
 from studies.tuning.pictures import draw_front
-from studies.tuning.record import Found
+from studies.tuning.tune import Found
 
 
 @pytest.fixture

@@ -9,9 +9,9 @@ import pytest
 
 from hertzloop.commands.real import _critical, _table
 from hertzloop.results.cases import figures_of_case
-from studies.latency.study import Named, critical
-from studies.real import study
-from studies.sweeps.phases import phases
+from studies import real as study
+from studies.latency import Named, critical
+from studies.sweeps.design import phases
 from studies.sweeps.pool import local_pool
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.

@@ -12,9 +12,9 @@ import pytest
 
 from hertzloop.results.cases import Span
 from hertzloop.setup import load
-from studies.latency import study as latency
+from studies import latency
 from studies.sweeps.evaluate import Numbered, Pool, Rows, evaluate
-from studies.sweeps.kept import Kept, kept
+from studies.sweeps.journal import Kept, kept
 from studies.sweeps.pool import local_pool
 from tests.studies.sweeping import COARSE, command, wait_until
 

@@ -8,7 +8,7 @@ import pytest
 from studies.speed_accuracy import cases as cases
 from studies.speed_accuracy import integrator_kernels as ik
 from studies.speed_accuracy import study as study
-from studies.speed_accuracy.chart import draw
+from studies.speed_accuracy.study import draw
 
 
 @pytest.fixture(scope="module")

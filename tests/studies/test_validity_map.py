@@ -8,7 +8,7 @@ import pytest
 
 from hertzloop.setup import load
 from plant.estimates.plate_theory import expected_kirchhoff_error, zener_impact
-from studies.validity import study
+from studies import validity as study
 
 
 def bodies(radius_m: float, thickness_m: float) -> study.Bodies:

@@ -12,7 +12,7 @@ from typing import Any
 
 from hertzloop.setup import Setup
 from studies import pictures, words
-from studies.latency.study import (
+from studies.latency import (
     LAWS,
     SCENES,
     Energies,
@@ -23,10 +23,10 @@ from studies.latency.study import (
     over_phases,
     survived_us,
 )
+from studies.sweeps.design import Spread, at_all, spread_of
 from studies.sweeps.evaluate import Pool, evaluate
-from studies.sweeps.phases import Spread, at_all, spread_of
 from studies.sweeps.pool import local_pool
-from studies.tabular import write_rows
+from studies.words import write_rows
 
 TRIED = (*LAWS, "dent_threshold")
 PLANTS = ("ideal", "real")

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.results.pacing import SHARES, Responses, time_words
-from studies import pictures, tabular
+from studies import pictures, words
 
 _A_BAR = 4  # classes
 
@@ -54,4 +54,4 @@ def write_table(path: Path, responses: Responses) -> None:
         (f"{responses.ends_us[at]:.6g}", f"{responses.answers[at]:.0f}")
         for at in np.flatnonzero(responses.answers)
     ]
-    tabular.write_rows(path, ("response_us_below", "answers"), rows)
+    words.write_rows(path, ("response_us_below", "answers"), rows)

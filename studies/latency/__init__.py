@@ -1,1 +1,0 @@
-"""How much latency and how few bits a law survives."""

@@ -1,1 +1,0 @@
-"""What the laws do in a plant as it is built, beside the ideal one."""

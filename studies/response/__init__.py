@@ -1,1 +1,0 @@
-"""Response times of a paced run."""

@@ -1,1 +1,0 @@
-"""Which theory and which effects matter, over radius and thickness."""
