@@ -3,6 +3,10 @@
 A process takes a second or two until it can run a case, in which this one runs a thousand. So this
 one begins at once, starts the others where what is left is worth it, and gives them only what they
 are about to begin; the rest stays within its own reach.
+
+loky 3.7 was tried instead of `concurrent.futures`. It waits without end for the rest of an answer
+whose worker has died, and during Ctrl-C for that of one that hangs. A worker that is at work when
+its parent is killed runs on. The tests of this pool ask for the opposite.
 """
 
 import os
