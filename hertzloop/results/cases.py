@@ -10,8 +10,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from controller.law import ACTING
-from hertzloop.first_impact import quiet_steps
-from hertzloop.loop.compiled import LawStopped, Simulated, simulate
+from hertzloop.loop.compiled import LawStopped, Simulated, quiet_steps, simulate
 from hertzloop.results.extremes import ExtremesMeter
 from hertzloop.results.facts import Facts
 from hertzloop.results.impact_rows import impacts_of_rows

@@ -6,7 +6,7 @@ from itertools import islice
 
 import numpy as np
 
-from hertzloop.first_impact import answer_of
+from hertzloop.loop.compiled import answer_of
 from hertzloop.results.impact_windows import (
     F_A,
     F_A1,
