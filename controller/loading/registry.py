@@ -48,6 +48,8 @@ def _entry_points() -> dict[str, str]:
 def resolve(reference: str, folder: Path | None = None) -> str:
     """A reference with the whole path of its file: in `folder`, else in the working folder. Raises
     LawError for a file's name without its ending."""
+    if reference in shipped():  # the cases of a sweep ask again and again
+        return reference
     match = _FILE.fullmatch(reference)
     tried = [*([folder] if folder else []), Path.cwd()]
     if not match:
