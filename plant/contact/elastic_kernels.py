@@ -2,7 +2,9 @@
 
 Given gap, velocity and mean of the gap as they would be without contact force, and what a unit
 F_0 and F_1 change of them (`gains`), find the contact force F_0 + F_1 (2 t/h - 1) of the step.
-See `plant.schemes.collocation_kernels` for the modes and the idea.
+See `plant.schemes.collocation_kernels` for the modes and the idea. In the order of this file: the
+Hertz contact in series with the spring of the modes left out; the gap within the step, a quartic
+through its ends and its mean; the solve by Newton's method, and its balance of energy.
 
 Products and sums may be contracted to multiply-adds: what is solved here is one long chain of
 operations, each waiting for the last, and a quarter of its time goes with them.

@@ -7,6 +7,10 @@ stays on the line is linear; only one that turns, or changes between them, is pu
 from pieces. The deepest penetration is that within the step: with that of its ends a step
 that turns would be of second order.
 
+The law itself is in `plant.contact.yielding`. The approach a = p + k F is the negative of a modal
+gap: the penetration, and what the spring of the modes left out takes. The work done on the contact
+is W = U + D, stored energy and what yielding took; D is a function of the deepest penetration.
+
 The contact's law is a `Yielding`, or None: elastic.
 """
 

@@ -1,4 +1,4 @@
-"""Compiled kernels of the plant: exact modal propagation and the discrete-gradient contact.
+"""Compiled kernels of `discrete_gradient`: exact modal propagation, discrete-gradient contact.
 
 Conventions. Step k runs from time k h to (k+1) h; forces are held over a step. The
 contact force F_c > 0 pushes the sphere up and the plate down, the actuator force F_a > 0

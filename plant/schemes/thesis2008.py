@@ -3,12 +3,11 @@
 See `thesis2008_kernels` for the numerics. They conserve neither momentum nor energy; the
 balance says by how much.
 
-Damping parameters of the published scheme from a target coefficient of restitution.
-
-Restitution here is that of the study's tables: relative velocity at the end of the contact
-over impact speed. The end falls on a sample, so restitution jumps where a change of the
-parameter moves the end by one sample; where the target lies inside a jump, the side that
-comes closer is taken.
+The functions at the end find damping parameters of this scheme from a target coefficient of
+restitution. Restitution here is that of the study's tables: relative velocity at the end of the
+contact over impact speed. The end falls on a sample, so restitution jumps where a change of the
+parameter moves the end by one sample; where the target lies inside a jump, the side that comes
+closer is taken.
 """
 
 import math
