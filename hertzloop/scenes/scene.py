@@ -4,6 +4,7 @@ import copy
 import difflib
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -13,6 +14,7 @@ from pydantic import Field, ValidationError, ValidationInfo, model_validator
 from controller.law import WHOLE_STEPS
 from controller.loading.law import Law, LawError
 from controller.loading.registry import find, resolve
+from controller.loading.registry import shipped as shipped_laws
 from hertzloop.scenes.changed_tables import changed_tables, drop_unread, relabel
 from hertzloop.scenes.controller_table import (
     ControllerTable,
@@ -89,7 +91,7 @@ class Scene(Table):
 
     def without_control(self) -> "Scene":
         """The same scene with the law switched off."""
-        return self.model_copy(update={"controller": self.controller.switched_off()})
+        return self.replaced(controller=_switched_off(self.controller))
 
     @property
     def law(self) -> Law:
@@ -222,10 +224,16 @@ def parse(
 
 def vary(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """A scene with other values of some keys, "table.key": value. Raises SceneError."""
-    tables = changed_tables(scene, values)
-    if tables is not None:
-        found = scene.model_copy(update=tables)
-        if not problems(found):
+    found = _by_tables(scene, values)
+    if found is not None:
+        return found
+    law = values.get("controller.law")
+    if len(values) > 1 and law in shipped_laws():
+        # The cases of a sweep name the same few laws again and again.
+        with_law = _with_law(scene, law)
+        others = {key: value for key, value in values.items() if key != "controller.law"}
+        found = None if with_law is None else _by_tables(with_law, others)
+        if found is not None:
             return found
     data = _opened(scene, {key.split(".")[0] for key in values})
     drop_unread(data, values)
@@ -241,6 +249,29 @@ def vary(scene: Scene, values: Mapping[str, Any]) -> Scene:
         _put(data, key, value)
     _take_in(data, Path())
     return _checked(data)
+
+
+def _by_tables(scene: Scene, values: Mapping[str, Any]) -> Scene | None:
+    """The scene with tables that were checked before; None where that does not do."""
+    tables = changed_tables(scene, values)
+    if tables is None:
+        return None
+    found = scene.replaced(**tables)
+    return None if problems(found) else found
+
+
+@lru_cache(maxsize=64)
+def _with_law(scene: Scene, law: str) -> Scene | None:
+    """The scene under another shipped law; None if that does not fit it."""
+    try:
+        return vary(scene, {"controller.law": law})
+    except SceneError:
+        return None
+
+
+@lru_cache(maxsize=64)
+def _switched_off(table: ControllerTable) -> ControllerTable:
+    return table.switched_off()
 
 
 _READ_TOGETHER = {"sensors", "controller"}  # the one may have to name what the other works on

@@ -22,12 +22,20 @@ from controller.loading.law import Law, LawError
 from controller.loading.registry import shipped as shipped_laws
 from hertzloop.scenes.controller_table import ControllerTable
 from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.materials import MaterialTable
 from hertzloop.scenes.problems import not_in_three_dimensions
 from hertzloop.scenes.scene import Scene, grain_of, to_toml
 from hertzloop.scenes.scene import load as load_scene
 from hertzloop.scenes.scene import parse as parse_scene
 from hertzloop.scenes.scene import vary as vary_scene
-from hertzloop.scenes.tables import RunTable, SensorsTable
+from hertzloop.scenes.tables import (
+    ActuatorTable,
+    ContactTable,
+    PlateTable,
+    RunTable,
+    SensorsTable,
+    SphereTable,
+)
 from hertzloop.setup import bodies as stage_1
 from hertzloop.setup import infinite
 from hertzloop.setup import law as of_law
@@ -159,8 +167,8 @@ class Setup:
 
     def toml_with_law(self, reference: str) -> str:
         """Return the scene as TOML with another reference to the same law."""
-        control = self.scene.controller.model_copy(update={"law": reference})
-        return to_toml(self.scene.model_copy(update={"controller": control}))
+        control = self.scene.controller.replaced(law=reference)
+        return to_toml(self.scene.replaced(controller=control))
 
     def in_steps(self, time_us: float) -> int:
         """Return a time in whole steps."""
@@ -521,22 +529,20 @@ class Setup:
 
     def _with_run(self, key: str, value: str | float) -> "Setup":
         run = _run_with(self.scene.run, key, value)
-        return Setup(self.scene.model_copy(update={"run": run}))
+        return Setup(self.scene.replaced(run=run))
 
     def renamed(self, name: str) -> "Setup":
         """Return the same setup under another name."""
-        return Setup(self.scene.model_copy(update={"name": name}))
+        return Setup(self.scene.replaced(name=name))
 
     def plain(self) -> "Setup":
         """Return the setup without control, converters, seed and names: one for all setups whose
         plant alone behaves in the same way."""
-        off = self.scene.without_control()
-        run = off.run.model_copy(update={"seed": 0, "touch_phase": self.touch_phase})
-        plain = {
-            "sensors": _PLAIN_SENSORS, "controller": _NO_CONTROL, "run": run,
-            "name": "plain", "shows": "",
-        }  # fmt: skip
-        return Setup(off.model_copy(update=plain))
+        scene = self.scene
+        return _plain(
+            scene.sphere, scene.plate, scene.contact, scene.actuator, scene.materials, scene.run,
+            self.touch_phase,
+        )  # fmt: skip
 
 
 def resolve(scene: Scene) -> Setup:
@@ -555,9 +561,34 @@ def parse(text: str, settings: Iterable[str] = (), **more: Any) -> Setup:
 
 
 @lru_cache(maxsize=_KEPT_TABLES)
+def _plain(
+    sphere: SphereTable,
+    plate: PlateTable,
+    contact: ContactTable,
+    actuator: ActuatorTable,
+    materials: tuple[MaterialTable, ...] | None,
+    run: RunTable,
+    touch_phase: float,
+) -> Setup:
+    scene = Scene.model_construct(
+        name="plain",
+        shows="",
+        materials=materials,
+        sphere=sphere,
+        plate=plate,
+        contact=contact,
+        sensors=_PLAIN_SENSORS,
+        controller=_NO_CONTROL,
+        actuator=actuator,
+        run=run.replaced(seed=0, touch_phase=touch_phase),
+    )
+    return Setup(scene)
+
+
+@lru_cache(maxsize=_KEPT_TABLES)
 def _run_with(run: RunTable, key: str, value: str | float) -> RunTable:
     """One table for all cases that ask for the same: what is kept by tables is found faster."""
-    return run.model_copy(update={key: value})
+    return run.replaced(**{key: value})
 
 
 @lru_cache(maxsize=16)
