@@ -121,7 +121,8 @@ def _laws(rounds: int, json_file: Path | None) -> None:
 
 
 def _exported(rounds: int, json_file: Path | None) -> None:
-    from hertzloop.interop.library import CompileFault, NoCompiler
+    from hertzloop.interop.library import NoCompiler
+    from hertzloop.interop.objects import CompileFault
     from studies.cost import exported
 
     compile_first()

@@ -64,7 +64,7 @@ def export_plant(
     from hertzloop.interop import library
     from hertzloop.interop.fmu import write_fmu
     from hertzloop.interop.image import image
-    from hertzloop.interop.library import CompileFault, is_compiled
+    from hertzloop.interop.objects import CompileFault, is_compiled
     from jit.object_code import outline
 
     try:

@@ -57,7 +57,7 @@ def new(
 
 
 def _resource(name: str) -> str:
-    return (resources.files("controller") / "door" / "start" / name).read_text("utf-8")
+    return (resources.files("controller") / "loading" / "start" / name).read_text("utf-8")
 
 
 def _text(kind: str, file: Path) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.interop.kernels import ENERGIES, Unit, is_known
-from hertzloop.interop.library import needed
+from hertzloop.interop.objects import needed
 from hertzloop.loop import kernels as loop
 from hertzloop.loop.plant_streams import empty_window
 from hertzloop.results.impact_windows import F_A, F_C

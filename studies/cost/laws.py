@@ -55,7 +55,7 @@ def _copied(path: Path, more: str = "") -> Path:
 
 def _built(folder: Path) -> Path:
     """The law in C as a library in `folder`."""
-    header = resources.files("controller") / "door" / "start" / "hertzloop_law.h"
+    header = resources.files("controller") / "loading" / "start" / "hertzloop_law.h"
     (folder / "hertzloop_law.h").write_text(header.read_text("utf-8"), encoding="utf-8")
     library, source = folder / "mine.so", folder / "mine.c"
     source.write_text(Path(__file__).with_name(f"{LAW}.c").read_text("utf-8"), encoding="utf-8")

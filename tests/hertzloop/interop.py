@@ -9,7 +9,8 @@ import pytest
 
 from hertzloop.interop.environment import VALUES
 from hertzloop.interop.image import image
-from hertzloop.interop.library import HOST, write_folder
+from hertzloop.interop.library import write_folder
+from hertzloop.interop.objects import HOST
 from hertzloop.setup import Setup, load
 
 SHORT = ("run.duration_s=0.002", "run.plate_model=modal")

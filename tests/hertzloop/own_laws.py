@@ -6,7 +6,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
-HEADER = ROOT / "controller" / "door" / "start" / "hertzloop_law.h"
+HEADER = ROOT / "controller" / "loading" / "start" / "hertzloop_law.h"
 SHORT = "run.duration_s=0.0016"
 
 # A share of the contact force; `{line}` comes before the command is returned.

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from hertzloop.commands.cli import app
 from hertzloop.interop.fmu import write_fmu
 from hertzloop.interop.image import image
-from hertzloop.interop.library import HOST
+from hertzloop.interop.objects import HOST
 from hertzloop.loop.compiled import Simulated, simulate
 from tests.hertzloop.interop import NOISY, SHORT, needs_cc, scene_of
 

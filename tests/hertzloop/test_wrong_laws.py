@@ -209,7 +209,7 @@ def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
 
 def test_a_loop_without_end_before_any_sample(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the file itself, and in what it prepares."""
-    monkeypatch.setattr("controller.loading.patience.PATIENCE_S", 0.2)
+    monkeypatch.setattr("controller.loading.callbacks.PATIENCE_S", 0.2)
     monkeypatch.setattr("hertzloop.processes.law_trial._PREPARED_S", 0.2)
     (here / "mine.py").write_text("while True:\n    try: x = 1\n    except Exception: pass\n")
     with pytest.raises(SceneError, match=r"was not loaded within 0.2 s; does a loop of it never"):
@@ -224,7 +224,7 @@ def test_a_loop_without_end_before_any_sample(here: Path, monkeypatch: pytest.Mo
 
 
 def test_a_module_is_loaded_with_the_same_care(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("controller.loading.patience.PATIENCE_S", 0.2)
+    monkeypatch.setattr("controller.loading.callbacks.PATIENCE_S", 0.2)
     monkeypatch.syspath_prepend(here)
     (here / "endless_law.py").write_text("while True:\n    pass\n")
     with pytest.raises(LawError, match=r"was not loaded within 0.2 s"):

@@ -195,7 +195,7 @@ def test_a_full_disk_leaves_no_half_of_a_file(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("recordings.export.tables._table", full)
+    monkeypatch.setattr("recordings.export._table", full)
     result = call("export", file, "-o", tmp_path / "x.csv")
     assert result.exit_code == 1
     assert "No space left on device" in result.output

@@ -1,0 +1,109 @@
+"""Object code of a plant's kernels for a processor, compiled once for all plants of one type.
+
+Numba compiles for one processor a process, so that happens in a process of its own.
+"""
+
+import hashlib
+import os
+import pickle
+import secrets
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jit.cache import cache_folder
+
+if TYPE_CHECKING:
+    from hertzloop.interop.kernels import Unit
+
+HOST = "host"
+# Instructions of the levels of x86-64 as a C compiler calls them; LLVM adds what goes without
+# saying where these are.
+_LEVELS = {
+    "x86-64": (),
+    "x86-64-v2": ("ssse3", "sse4.1", "sse4.2", "popcnt"),
+    "x86-64-v3": ("avx", "avx2", "bmi", "bmi2", "fma"),
+    "x86-64-v4": ("avx512f", "avx512bw", "avx512cd", "avx512dq", "avx512vl"),
+}
+_MORE = ("avx512vbmi", "avx512ifma", "avx512vnni", "avx512bitalg", "avx512vpopcntdq", "gfni")
+
+
+class CompileFault(RuntimeError):
+    """The kernels could not be compiled for another program."""
+
+
+def needed(cpu: str) -> list[str]:
+    """Instructions beyond plain x86-64 that code for this processor takes."""
+    if cpu == HOST:
+        import llvmlite.binding as ll
+
+        here = ll.get_host_cpu_features()
+        known = [name for names in (*_LEVELS.values(), _MORE) for name in names]
+        return [name for name in known if here.get(name, False)]
+    levels = list(_LEVELS)
+    return [name for level in levels[: levels.index(cpu) + 1] for name in _LEVELS[level]]
+
+
+def _kept(outline: "Unit", cpu: str) -> Path:
+    from numba import typeof
+
+    what = f"{typeof(outline)}\n{cpu}\n{needed(cpu)}"
+    return cache_folder() / f"plant-{hashlib.sha256(what.encode()).hexdigest()[:24]}.o"
+
+
+def is_compiled(outline: "Unit", cpu: str) -> bool:
+    """Whether the object code is there from an earlier call."""
+    return _kept(outline, cpu).exists()
+
+
+def plant_object(outline: "Unit", cpu: str) -> bytes:
+    """Object code of `release`, `advance` and `balance` of a unit with these types. Raises
+    CompileFault."""
+    kept = _kept(outline, cpu)
+    if kept.exists():
+        return kept.read_bytes()
+    environment = {**os.environ, "NUMBA_DISABLE_INTEL_SVML": "1"}
+    if cpu != HOST:
+        environment |= {"NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": ""}
+    made = kept.with_suffix(f".{secrets.token_hex(8)}")
+    done = subprocess.run(
+        [sys.executable, "-m", __spec__.name, made],
+        input=pickle.dumps(outline), env=environment, capture_output=True,
+    )  # fmt: skip
+    if done.returncode != 0:
+        last = done.stderr.decode(errors="replace").strip().splitlines()
+        raise CompileFault(f"the kernels did not compile for {cpu}: {last[-1] if last else '?'}")
+    made.replace(kept)
+    return kept.read_bytes()
+
+
+def _compile(outline: "Unit") -> bytes:
+    from numba import float64, intp, typeof
+
+    from hertzloop.interop import kernels as k
+    from jit.object_code import assembler, object_code
+
+    assembled = assembler(typeof(outline))
+    released, advanced, balanced = k.release, k.advance, k.balance
+
+    def release(words: Any, drop_height_m: float, touch_phase: float) -> None:
+        released(assembled(words), drop_height_m, touch_phase)
+
+    def advance(words: Any, command: float, steps: int) -> None:
+        advanced(assembled(words), command, steps)
+
+    def balance(words: Any) -> None:
+        balanced(assembled(words))
+
+    return object_code(
+        {
+            "hertzloop_kernel_release": (release, (intp, float64, float64)),
+            "hertzloop_kernel_advance": (advance, (intp, float64, intp)),
+            "hertzloop_kernel_balance": (balance, (intp,)),
+        }
+    )
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_bytes(_compile(pickle.load(sys.stdin.buffer)))
