@@ -53,11 +53,6 @@ class Scheme:
         """Whether it has a plant without modes."""
         return bool(self.infinite_plate)
 
-    @property
-    def tail(self) -> bool:
-        """The same as `supports_tail`."""
-        return self.supports_tail
-
     def load(self) -> Any:
         """The class of the plant."""
         return _loaded(self.plant)
