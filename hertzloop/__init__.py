@@ -20,31 +20,33 @@ __all__ = [
     "scene_names", "simulate", "sweep", "tune", "vary",
 ]  # fmt: skip
 if TYPE_CHECKING:
-    from hertzloop.interface import BusError as BusError
-    from hertzloop.interface import Comparison as Comparison
-    from hertzloop.interface import DesignError as DesignError
-    from hertzloop.interface import Difference as Difference
-    from hertzloop.interface import Impact as Impact
-    from hertzloop.interface import ImpactNoise as ImpactNoise
-    from hertzloop.interface import RecordingError as RecordingError
-    from hertzloop.interface import Run as Run
-    from hertzloop.interface import RunFailed as RunFailed
-    from hertzloop.interface import RunFigures as RunFigures
-    from hertzloop.interface import Scene as Scene
-    from hertzloop.interface import SceneError as SceneError
-    from hertzloop.interface import SpanFigures as SpanFigures
-    from hertzloop.interface import StreamFault as StreamFault
-    from hertzloop.interface import SweepFailed as SweepFailed
-    from hertzloop.interface import compare as compare
-    from hertzloop.interface import load as load
-    from hertzloop.interface import modes as modes
-    from hertzloop.interface import read as read
-    from hertzloop.interface import run as run
-    from hertzloop.interface import scene_names as scene_names
-    from hertzloop.interface import simulate as simulate
-    from hertzloop.interface import sweep as sweep
-    from hertzloop.interface import tune as tune
-    from hertzloop.interface import vary as vary
+    from hertzloop.interface import (
+        BusError,
+        Comparison,
+        DesignError,
+        Difference,
+        Impact,
+        ImpactNoise,
+        RecordingError,
+        Run,
+        RunFailed,
+        RunFigures,
+        Scene,
+        SceneError,
+        SpanFigures,
+        StreamFault,
+        SweepFailed,
+        compare,
+        load,
+        modes,
+        read,
+        run,
+        scene_names,
+        simulate,
+        sweep,
+        tune,
+        vary,
+    )
 
 
 def __getattr__(name: str) -> Any:

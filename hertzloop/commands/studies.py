@@ -162,7 +162,7 @@ def speed_accuracy(
     quick: Annotated[bool, typer.Option("--quick", help="Two scenes, fewer rounds.")] = False,
 ) -> None:
     """Error against CPU time of every scheme, on the same equations, in one run."""
-    from studies.speed_accuracy import study as study
+    from studies.speed_accuracy import study
 
     with results_in(folder, "modal"):
         points = study.run(folder, quick)
@@ -179,8 +179,7 @@ def model_order(
 ) -> None:
     """Whether the automatic choice of modes meets its accuracy on random scenes, and its cost; the
     same of whole scenes with losses in the contact, without and with a law."""
-    from studies.model_order import closed_loop
-    from studies.model_order import study as study
+    from studies.model_order import closed_loop, study
 
     with results_in(folder, "modal"):
         compile_first(load(DEFAULT, ["plate.tail=spring"]))
@@ -221,7 +220,7 @@ def stability(
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for charts and numbers.")],
 ) -> None:
     """Where each scheme and the closed loop blow up or lose their energy balance."""
-    from studies.stability import study as study
+    from studies.stability import study
 
     with results_in(folder, "modal"):
         found = study.run(folder)

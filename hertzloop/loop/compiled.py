@@ -23,7 +23,7 @@ from hertzloop.scenes.quantities import SENSED
 from hertzloop.setup import Setup
 from plant import state_kernels as pk
 from plant.balance import Balance
-from plant.figures.answer_kernels import Answer, answer
+from plant.figures.rows_kernels import Answer, answer
 from plant.plant import Plant
 from plant.time_series import series_under
 from sensors import kernels as sk

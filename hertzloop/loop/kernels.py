@@ -17,7 +17,7 @@ from controller import kernels as ck
 from controller import law_kernels as laws
 from jit import kernel
 from plant import state_kernels as pk
-from plant.figures import answer_kernels as an
+from plant.figures import rows_kernels as an
 from plant.time_series import record_step
 from sensors import kernels as sk
 

@@ -131,7 +131,7 @@ def latched_us(setup: Setup, run: Simulated) -> float:
 def figures_of_case(setup: Setup, span: Span = "impact") -> CaseFigures:
     """Simulate a scene and compare it with the same without control.
 
-    `span`: "impact" for the first impact (see `plant.figures.answer_kernels`), "run" for all.
+    `span`: "impact" for the first impact (see `plant.figures.rows_kernels`), "run" for all.
     Raises SceneError for the published scheme, for a run without contact, and for a law that
     fails; UnstableLoop, also where the law fails since the loop has run away.
     """

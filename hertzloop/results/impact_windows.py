@@ -1,6 +1,6 @@
 """Rows of truth cut at the starts of impacts as they come, however long a run lasts.
 
-The figures of an impact reach as far as `plant.figures.answer_kernels` says; they are summed over
+The figures of an impact reach as far as `plant.figures.rows_kernels` says; they are summed over
 pieces of at most `PIECE` steps, counted from the impact's start, so that neither how a run comes in
 blocks nor what follows the impact counts.
 """
@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from plant.contact.yielding import dents_m, elastic_n
-from plant.figures import answer_kernels as an
+from plant.figures import rows_kernels as an
 from plant.figures import rows_kernels as k
 from plant.figures.impacts import (
     Impact,

@@ -44,7 +44,7 @@ _APART = 1 << 10  # steps without force between two parts of a force's spectrum
 class SpanFigures:
     """Figures of the first impact, or of all impacts of a run, SI units.
 
-    The first impact lasts as `plant.figures.answer_kernels` says, the run from its first touch to
+    The first impact lasts as `plant.figures.rows_kernels` says, the run from its first touch to
     its end. `contact_time_s`, `impact_speed_m_s`: of the first contact; `rebound_*`: after the last
     contact of the span. `plate_energy_j`: work of contact and actuator force on the plate;
     `plate_speed_max_m_s`: at the contact point. `radiated_j`: sum of sigma E up to 20 kHz, the

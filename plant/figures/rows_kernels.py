@@ -1,6 +1,7 @@
 """Compiled passes over a run's samples: arrays (steps,), for the figures of impacts and spectra."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -271,3 +272,78 @@ def add_spectrum(force, first, end, powers, delay, factor, found):
         for j in range(count):
             at = low + j
             found[at] += factor[at] * (delay[at] * complex(re[j], im[j]))
+
+
+# Indices into the counts: steps since the first touch; one past the last step of contact or answer;
+# from where on silence counts; whether the sphere has left, has come back, and whether it is over.
+STEP, END, BUSY, LEFT, BACK, OVER = range(6)
+_BACK = 0.5  # of the largest gap
+
+
+class Answer(NamedTuple):
+    """An impact that is followed step by step; `quiet_steps` below zero: none is.
+
+    `blur_m`: by how much a sample of the gap may be too small; inf where samples are no gap.
+    `widest_m`, shape (1,): largest gap since the sphere has left.
+    """
+
+    quiet_steps: int
+    line_steps: int
+    blur_m: float
+    counts: np.ndarray
+    widest_m: np.ndarray
+
+
+def answer(quiet_steps: int, line_steps: int = 0, blur_m: float = math.inf) -> Answer:
+    """An impact before its first touch."""
+    counts, widest_m = np.zeros(6, np.int64), np.full(1, -math.inf)
+    return Answer(quiet_steps, line_steps, blur_m, counts, widest_m)
+
+
+@kernel(inline=True, borrowed=True)
+def is_silent(impact):
+    """Whether nothing has touched or pushed for so long, and nothing from before is on its way."""
+    counts = impact.counts
+    return counts[LEFT] == 1 and counts[STEP] - counts[BUSY] >= impact.quiet_steps
+
+
+@kernel(inline=True, borrowed=True)
+def follow(impact, f_c, f_a, gap):
+    """Take a step: its contact force and actuator force (N), and the gap at its start (m)."""
+    counts = impact.counts
+    if counts[OVER] == 1 or (f_c == 0.0 and counts[STEP] == 0):
+        return
+    if f_c != 0.0:
+        if counts[LEFT] == 1:
+            counts[OVER] = 1
+            return
+        counts[END] = counts[STEP] + 1
+        counts[BUSY] = counts[END] + impact.line_steps
+    else:
+        counts[LEFT] = 1
+        silent = is_silent(impact)
+        impact.widest_m[0] = max(impact.widest_m[0], gap)
+        if silent and gap < _BACK * impact.widest_m[0]:
+            counts[BACK] = 1
+        if f_a != 0.0:
+            if silent and counts[BACK] == 1:
+                counts[OVER] = 1
+                return
+            counts[END] = counts[STEP] + 1
+            counts[BUSY] = max(counts[BUSY], counts[END])
+    counts[STEP] += 1
+
+
+@kernel(borrowed=True)
+def follow_rows(impact, f_c, f_a, gap):
+    """Take steps, arrays of shape (steps,)."""
+    for i in range(f_c.size):
+        follow(impact, f_c[i], f_a[i], gap[i])
+
+
+@kernel(inline=True, borrowed=True)
+def keeps(impact, level, value):
+    """Whether a promise of no force while samples stay above `level` holds until the sphere has
+    come back; `value`: the latest sample."""
+    below = level + impact.blur_m < _BACK * impact.widest_m[0]
+    return value > level and (level == -math.inf or below)

@@ -4,30 +4,101 @@ Machines are shared and noisy, so all cases of a group are measured in turn, rou
 round, and each is set against a yardstick measured in the same rounds.
 """
 
+import json
 import multiprocessing
+import os
+import signal
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from multiprocessing.synchronize import Event
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import zenoh
 
-from bus.port import PeerLost
+from bus.port import BusError, PeerLost
 from bus.sockets import mesh_endpoints, on_loopback
 from bus.streams import CONTROLLER, PLANT, ROLES, Envelope
-from bus.wire import reserved_ports
+from bus.wire import LOOPBACK, reserved_ports
 from bus.zenoh_port import ZenohPort
-from hertzloop.one_run import RunOptions, Transport, run_scene
-from hertzloop.setup import load
+from hertzloop.one_run import RunOptions, Transport, record, run_scene
+from hertzloop.setup import Setup, load
 from plant import state_kernels as pk
 from plant.plant import Plant
 from plant.schemes.registry import SCHEMES
-from studies.cost.strangers import SLOW_S, run_beside
-from studies.speed_accuracy import kernels as k
+from studies.speed_accuracy import integrator_kernels as ik
+
+SLOW_S = 0.5  # that the slow one takes for a message
+
+
+def _listen(urls: list[str], pause_s: float, ready: Event) -> None:
+    """Hear everything, then take `pause_s` for every message, or stop for ever if that is 0."""
+    config = zenoh.Config()
+    settings: dict[str, object] = {
+        "scouting/multicast/enabled": False,
+        "listen/endpoints": [],
+        "connect/endpoints": urls,
+        "connect/retry": {"period_init_ms": 20, "period_max_ms": 50},
+    }
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    heard = threading.Event()
+
+    def hear(sample: zenoh.Sample) -> None:
+        heard.set()
+        time.sleep(pause_s)
+
+    session = zenoh.open(config)
+    kept = session.declare_subscriber("hertzloop/**", zenoh.handlers.Callback(hear, indirect=False))
+    ready.set()
+    heard.wait()
+    if not pause_s:
+        os.kill(os.getpid(), signal.SIGSTOP)
+    while kept:
+        time.sleep(1.0)
+
+
+@contextmanager
+def _stranger(ports: list[int], pause_s: float | None) -> Iterator[None]:
+    """A process that listens at all three roles; None: nobody. Raises BusError."""
+    if pause_s is None:
+        yield
+        return
+    context = multiprocessing.get_context("spawn")
+    ready = context.Event()
+    urls = [f"tcp/{LOOPBACK}:{port}" for port in ports]
+    process = context.Process(target=_listen, args=(urls, pause_s, ready), daemon=True)
+    process.start()
+    try:
+        while not ready.wait(0.1):
+            if not process.is_alive():
+                raise BusError("the listener that a run was to be beside did not start")
+        yield
+    finally:
+        process.kill()
+        process.join()
+
+
+def run_beside(setup: Setup, pause_s: float | None) -> Callable[[], float]:
+    """A measurement: us per step of a run over zenoh beside such a stranger."""
+
+    def measure() -> float:
+        with (
+            reserved_ports(3) as ports,
+            _stranger(ports, pause_s),
+            TemporaryDirectory() as folder,
+        ):
+            options = RunOptions(Transport.ZENOH, endpoints=on_loopback(ports))
+            stats = record(setup, Path(folder) / "a.mcap", options)
+        return float(stats["wall_s"]) * 1e6 / setup.steps
+
+    return measure
+
 
 ROUNDS = 9
 _STEPS = 600
@@ -74,16 +145,16 @@ def timed(work: Callable[[], object], units: int) -> float:
 
 def plant_case(plant: Plant, *, contact: bool) -> Callable[[], float]:
     """Steps within the first contact, or in flight over a plate that still rings."""
-    k.plant_steps(plant.model, plant.state, 0.0, 100)
+    ik.plant_steps(plant.model, plant.state, 0.0, 100)
     if not contact:
         plant.state.body[pk.FLIGHT_X] += 1.0
-        k.plant_steps(plant.model, plant.state, 0.0, 2)
+        ik.plant_steps(plant.model, plant.state, 0.0, 2)
     kept = [array.copy() for array in plant.state]
 
     def measure() -> float:
         for array, value in zip(plant.state, kept, strict=True):
             array[:] = value
-        return timed(lambda: k.plant_steps(plant.model, plant.state, 0.0, _STEPS), _STEPS)
+        return timed(lambda: ik.plant_steps(plant.model, plant.state, 0.0, _STEPS), _STEPS)
 
     return measure
 
@@ -91,7 +162,7 @@ def plant_case(plant: Plant, *, contact: bool) -> Callable[[], float]:
 def two_pass_case(frequencies: int) -> Callable[[], float]:
     z, grown = np.zeros(frequencies, complex), np.full(frequencies, 1e-6 + 1e-6j)
     turn = np.exp(1j * np.linspace(0.01, 3.0, frequencies))
-    return lambda: timed(lambda: k.two_pass_steps(z, turn, grown, _STEPS), _STEPS)
+    return lambda: timed(lambda: ik.two_pass_steps(z, turn, grown, _STEPS), _STEPS)
 
 
 def step_costs(rounds: int = ROUNDS) -> list[Cost]:

@@ -29,7 +29,7 @@ from plant.schemes import collocation_kernels as modes
 from plant.schemes.collocation import CollocationPlant
 from plant.schemes.registry import step
 from studies.cost.baseline import in_turn, timed, two_pass_case
-from studies.speed_accuracy import kernels as k
+from studies.speed_accuracy import integrator_kernels as ik
 
 MULTIPLY_ADDS = 8  # per number and round of `multiply_adds`
 
@@ -173,10 +173,10 @@ def cases(scene: str, accuracy: str, before: int, _: int) -> dict[str, Case]:
     ):
         wanted = [f"run.accuracy={accuracy}", "run.lead_in_s=0", *settings]
         plant = CollocationPlant(load(scene, wanted).plant)
-        k.plant_steps(plant.model, plant.state, 0.0, before)
+        ik.plant_steps(plant.model, plant.state, 0.0, before)
         if what == "flight":
             plant.state.body[pk.FLIGHT_X] += 1.0
-            k.plant_steps(plant.model, plant.state, 0.0, 2)
+            ik.plant_steps(plant.model, plant.state, 0.0, 2)
         found[f"{what}, {scene.removeprefix('aluminium-')}, {accuracy}"] = Case(
             *numbers, plant.model, plant.state
         )

@@ -18,7 +18,7 @@ from hertzloop.results.impact_rows import first_impact
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from plant.contact.hertz import tangent_stiffness_n_m
-from plant.figures.short_impact import PointMobility, longhorn_any_j, longhorn_short_j
+from plant.figures.sound import PointMobility, longhorn_any_j, longhorn_short_j
 from plant.structures.radiation import critical_frequency_hz, maidanik_from_hz
 from studies.published import tables
 

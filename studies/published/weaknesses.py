@@ -4,6 +4,7 @@ Four checks without control: contact impulse against momentum change; contact ti
 as the step shrinks; Newton's iterations under relaxation damping; the sign of its force.
 """
 
+import math
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
@@ -14,8 +15,8 @@ from matplotlib.patches import Patch
 
 from hertzloop.commands.terminal import Table
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import F_C, first_impact
-from hertzloop.setup import load
+from hertzloop.results.impact_rows import F_C, consistent_impacts, first_impact
+from hertzloop.setup import Setup, load
 from plant.contact.hertz import (
     GRAVITY_M_S2,
     Contact,
@@ -28,10 +29,77 @@ from plant.plant import PlantSpec
 from plant.schemes import thesis2008_kernels as k
 from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from plant.schemes.registry import SCHEMES
-from plant.schemes.thesis2008 import ThesisPlant, calibrate_relaxation, first_contact
+from plant.schemes.thesis2008 import (
+    ThesisPlant,
+    calibrate_relaxation,
+    calibrate_viscous,
+    first_contact,
+)
 from studies import pictures
-from studies.published.law_effect import law_effects
 from studies.words import write_records
+
+_LAW = "controller.law=slope_threshold"
+_OFF = "controller.law=off"
+_LASTS = "run.duration_s=0.06"  # all contacts of the first arrival
+
+
+@dataclass(frozen=True)
+class LawEffect:
+    """kappa = 0.8, v_thr = -0.25 m/s without latency, against no control.
+
+    Speeds: of the sphere when it leaves for good (consistent: after the last contact within
+    60 ms); energies: work on the plate in all these contacts.
+    """
+
+    sphere: str
+    scheme: str
+    leaves_m_s: float
+    without_m_s: float
+    height_percent: float
+    plate_mj: float
+    without_mj: float
+    plate_db: float
+
+
+def law_effects() -> list[LawEffect]:
+    """Both spheres, both schemes."""
+    found = []
+    for radius_mm in (3, 20):
+        radius = f"sphere.radius_m={radius_mm / 1000}"
+        spec = load("thesis-aluminium", [radius]).plant
+        damping = calibrate_viscous(spec, spec.plate.material.restitution)
+        published = [radius, f"contact.viscous_n_s_m={damping!r}"]
+        for source, settings, measure in (
+            ("thesis-aluminium", published, _published),
+            (f"aluminium-{radius_mm}mm", [_LASTS], _consistent),
+        ):
+            speed, energy = measure(load(source, [*settings, _LAW]))
+            speed_0, energy_0 = measure(load(source, [*settings, _OFF]))
+            found.append(
+                LawEffect(
+                    sphere=f"R = {radius_mm} mm",
+                    scheme=load(source).scheme,
+                    leaves_m_s=speed,
+                    without_m_s=speed_0,
+                    height_percent=100.0 * (speed / speed_0) ** 2,
+                    plate_mj=1e3 * energy,
+                    without_mj=1e3 * energy_0,
+                    plate_db=10.0 * math.log10(energy / energy_0),
+                )
+            )
+    return found
+
+
+def _published(setup: Setup) -> tuple[float, float]:
+    impact = first_impact(setup, simulate(setup).rows)
+    if impact is None or not impact.ended:
+        raise ValueError(f"{setup.name}: the first contact does not end within the run")
+    return impact.noise.next_impact_speed_m_s, impact.noise.transmitted_j
+
+
+def _consistent(setup: Setup) -> tuple[float, float]:
+    found = consistent_impacts(setup, simulate(setup).rows)
+    return found[-1].rebound_speed_m_s, sum(impact.plate_energy_j for impact in found)
 
 
 def _bars(axes: Any, labels: list[str], values: list[float], published: list[bool]) -> None:

@@ -15,11 +15,7 @@ from plant.numerics import phi
 from plant.plant import Plant, PlantSpec
 from plant.schemes.collocation import CollocationPlant
 from plant.schemes.thesis2008 import ThesisPlant
-from studies.speed_accuracy import dop853_kernels as dk
-from studies.speed_accuracy import exponential_kernels as ek
-from studies.speed_accuracy import gauss_kernels as gk
 from studies.speed_accuracy import integrator_kernels as ik
-from studies.speed_accuracy import kernels as k
 
 SAMPLE_S = 4e-6
 
@@ -84,7 +80,7 @@ def plant_run(make: type[Plant], what: Problem, step_s: float) -> Run:
         for array, value in zip(plant.state, kept, strict=True):
             array[:] = value
         started = time.process_time()
-        k.plant_gaps(plant.model, plant.state, every, gaps)
+        ik.plant_gaps(plant.model, plant.state, every, gaps)
         cpu_s = time.process_time() - started
         return gaps.copy(), float(plant.close_balance().energy_residual), cpu_s
 
@@ -170,7 +166,7 @@ def dop853_run(what: Problem, tolerance: float) -> Run:
     def run() -> tuple[np.ndarray, float, float]:
         state, gaps = what.start(), np.empty(what.samples)
         started = time.process_time()
-        dk.dop853(
+        ik.dop853(
             state, *what.arguments, SAMPLE_S, gaps, tolerance, 1e-6 * tolerance, 1e-6, False
         )  # fmt: skip
         cpu_s = time.process_time() - started
@@ -193,7 +189,7 @@ def quadratised_run(what: Problem, step_s: float) -> Run:
         z, gaps = np.zeros((2, len(omega))), np.empty(what.samples)
         body = np.array([0.0, -what.spec.sphere.impact_speed_m_s, 0.0, 0.0])
         started = time.process_time()
-        ek.quadratised(
+        ik.quadratised(
             z, body, table, gain, what.spec.contact.stiffness, mass, step_s, every, gaps
         )  # fmt: skip
         cpu_s = time.process_time() - started
@@ -210,14 +206,14 @@ def convolution_run(what: Problem, step_s: float) -> Run:
     omega, mass = np.sqrt(what.omega2), what.spec.sphere.mass_kg
     speed = what.spec.sphere.impact_speed_m_s
     response, force = np.zeros(steps + 1), np.zeros(steps + 1)
-    ek.sampled_response(omega, what.drive, mass, step_s, response)
+    ik.sampled_response(omega, what.drive, mass, step_s, response)
 
     def run() -> tuple[np.ndarray, float, float]:
         gaps, state = np.empty(what.samples), what.start()
         started = time.process_time()
-        ek.convolution(response, force, speed, what.spec.contact.stiffness, step_s, every, gaps)
+        ik.convolution(response, force, speed, what.spec.contact.stiffness, step_s, every, gaps)
         cpu_s = time.process_time() - started
-        ek.state_after(omega, what.drive, force, step_s, mass, speed, state)
+        ik.state_after(omega, what.drive, force, step_s, mass, speed, state)
         return gaps, what.drift(state), cpu_s
 
     return run
@@ -264,7 +260,7 @@ def collocation_run(
         speed = -spec.sphere.impact_speed_m_s
         body = np.array([height_m, speed, height_m, speed])
         started = time.process_time()
-        gk.collocation(
+        ik.collocation(
             z, body, omega, times, turns, changes, gains, speed_gains, stiffness, scale_s, every,
             gaps,
         )  # fmt: skip
@@ -282,7 +278,7 @@ def thesis_run(what: Problem, step_s: float) -> Run:
         plant = ThesisPlant(replace(what.spec, step_s=step_s), every * what.samples)
         gaps = np.empty(what.samples)
         started = time.process_time()
-        k.plant_gaps(plant.model, plant.state, every, gaps)
+        ik.plant_gaps(plant.model, plant.state, every, gaps)
         cpu_s = time.process_time() - started
         return gaps, float(plant.close_balance().energy_residual), cpu_s
 

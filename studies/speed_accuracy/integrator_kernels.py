@@ -9,8 +9,11 @@ v_s), shape (2 modes + 2,), on by `steps` steps of h, and writes the gap after e
 import math
 
 import numpy as np
+from scipy.integrate._ivp import dop853_coefficients as _hairer
 
 from jit import kernel
+from plant.schemes.registry import step
+from plant.state_kernels import XI
 
 GRAVITY = 9.81
 
@@ -231,3 +234,579 @@ def alpha_method(y, omega2, drive, stiffness, mass, h, steps, every, gaps, alpha
         force = force_1
         if (k + 1) % every == 0:
             gaps[(k + 1) // every - 1] = y[2 * n] - plate
+
+
+@kernel(borrowed=True)
+def plant_steps(model, state, f_a, count):
+    """`count` plant steps under the same actuator force."""
+    for _ in range(count):
+        step(model, state, f_a)
+
+
+@kernel
+def two_pass_steps(z, turn, grown, count):
+    """The obvious loop, as a yardstick: predict with one pass over all oscillators, then
+    apply the force with a second one. Arrays are complex, shape (frequencies,)."""
+    x = 0.0
+    for _ in range(count):
+        x = 0.0
+        for i in range(z.size):
+            z[i] *= turn[i]
+            x += z[i].imag
+        force = 1.0 - x
+        for i in range(z.size):
+            z[i] += grown[i] * force
+    return x
+
+
+@kernel(borrowed=True)
+def plant_gaps(model, state, every, gaps):
+    """Step without control; the gap after every `every` steps."""
+    for i in range(gaps.size):
+        for _ in range(every):
+            step(model, state, 0.0)
+        gaps[i] = state.body[XI]
+
+
+@kernel
+def many_slopes(y, omega2, drive, stiffness, mass, count):
+    """The right-hand side of the modal equations, `count` times."""
+    total = 0.0
+    for i in range(count):
+        total += slope(0.0, y, omega2, drive, stiffness, mass + 1e-9 * i)[0]
+    return total
+
+
+@kernel(inline=True)
+def _root_slope(stiffness, gap):
+    """Slope of psi = sqrt(2 V), V = 2/5 s p^(5/2), by the gap."""
+    return -1.25 * math.sqrt(0.8 * stiffness * math.sqrt(max(-gap, 0.0)))
+
+
+@kernel(fused=True, reordered=True)
+def _turn(z, table, force):
+    """Fold the force of the last step in and propagate by one; displacement at the point."""
+    x = 0.0
+    for i in range(z.shape[1]):
+        a = z[0, i] - table[2, i] * force
+        b = z[1, i] - table[3, i] * force
+        c = table[0, i] * a - table[1, i] * b
+        d = table[0, i] * b + table[1, i] * a
+        z[0, i] = c
+        z[1, i] = d
+        x += d
+    return x
+
+
+@kernel
+def quadratised(z, body, table, gain, stiffness, mass, h, every, gaps):
+    """Non-iterative contact by a quadratised potential (Ducceschi and Bilbao 2019).
+
+    V = psi^2/2 with psi a state of its own: psi_1 = psi_0 + g (xi_1 - xi_0), F = -g (psi_0 +
+    psi_1)/2, and g = dpsi/dxi half-way to the gap without force. With xi_1 = xi_free + gain F the
+    force is the solution of one linear equation. What is kept to rounding is the energy with
+    psi^2/2 in place of the contact's; psi itself drifts from sqrt(2 V).
+
+    z: (2, modes); table: (4, modes), turn and change of z by a unit force over a step; body: sphere
+    displacement and velocity, gap, psi.
+    """
+    force = 0.0
+    for k in range(every * gaps.size):
+        free = body[0] + h * (body[1] - 0.5 * h * GRAVITY) - _turn(z, table, force)
+        way = free - body[2]
+        slope = _root_slope(stiffness, body[2] + 0.5 * way)
+        force = -slope * (body[3] + 0.5 * slope * way) / (1.0 + 0.5 * slope * slope * gain)
+        gap = free + gain * force
+        body[3] += slope * (gap - body[2])
+        body[0] += h * (body[1] + 0.5 * h * (force / mass - GRAVITY))
+        body[1] += h * (force / mass - GRAVITY)
+        body[2] = gap
+        if (k + 1) % every == 0:
+            gaps[(k + 1) // every - 1] = gap
+    for i in range(z.shape[1]):
+        z[0, i] -= table[2, i] * force
+        z[1, i] -= table[3, i] * force
+
+
+@kernel(fused=True, reordered=True)
+def _weighed(kernel, force, count, offset):
+    total = 0.0
+    for j in range(count):
+        total += kernel[offset + j] * force[j]
+    return total
+
+
+@kernel
+def convolution(response, force, speed, stiffness, h, every, gaps):
+    """Gap as a direct sum over all past forces, by the trapezoidal rule.
+
+    response: gap per impulse on it, sphere and plate together, at (n - 1) h ... h, 0, shape (n,)
+    with n = steps + 1, so that every sum runs forward; it is zero at 0, so the newest force needs
+    no equation. force: out, shape (n,), N. Work grows with the square of the steps.
+    """
+    n = response.size
+    force[0] = 0.0
+    for k in range(1, n):
+        t = k * h
+        gap = -t * (speed + 0.5 * GRAVITY * t)
+        gap += h * _weighed(response, force, k, n - 1 - k)  # force[0] is zero: no half weight
+        force[k] = hertz(stiffness, gap)
+        if k % every == 0:
+            gaps[k // every - 1] = gap
+
+
+@kernel
+def sampled_response(omega, drive, mass, h, response):
+    """The convolution's response at (n - 1) h ... 0 into `response`, m/(N s)."""
+    n = response.size
+    for k in range(n):
+        response[n - 1 - k] = k * h / mass
+    for i in range(omega.size):
+        c, s = math.cos(omega[i] * h), math.sin(omega[i] * h)
+        x, y = 1.0, 0.0
+        share = drive[i] / omega[i]
+        for k in range(n):
+            response[n - 1 - k] += share * y
+            x, y = c * x - s * y, c * y + s * x
+
+
+@kernel
+def state_after(omega, drive, force, h, mass, speed, y):
+    """State at the end of `convolution`: y = (q, q', x_s, v_s), by the same trapezoidal rule."""
+    n, modes = force.size, omega.size
+    for i in range(modes):
+        c, s = math.cos(omega[i] * h), math.sin(omega[i] * h)
+        re, im = 0.0, 0.0
+        for k in range(n):
+            weight = 0.5 if k == n - 1 else 1.0
+            re, im = c * re - s * im + weight * force[k], c * im + s * re
+        y[i] = -h * drive[i] / omega[i] * im
+        y[modes + i] = -h * drive[i] * re
+    t = (n - 1) * h
+    y[2 * modes] = -t * (speed + 0.5 * GRAVITY * t)
+    y[2 * modes + 1] = -speed - GRAVITY * t
+    for k in range(n):
+        weight = 0.5 if k == n - 1 else 1.0
+        y[2 * modes] += h * (n - 1 - k) * h * force[k] / mass
+        y[2 * modes + 1] += h * weight * force[k] / mass
+
+
+_NEWTON_MOST = 50
+_BETA = 2.0 / 3.0
+
+
+@kernel(fused=True, reordered=True)
+def _ahead(z, turn):
+    """Displacement at the point after the free turn `turn`, (2, modes)."""
+    x = 0.0
+    for i in range(z.shape[1]):
+        x += turn[0, i] * z[1, i] + turn[1, i] * z[0, i]
+    return x
+
+
+@kernel(fused=True, reordered=True)
+def _advance(z, turn):
+    for i in range(z.shape[1]):
+        c = turn[0, i] * z[0, i] - turn[1, i] * z[1, i]
+        z[1, i] = turn[0, i] * z[1, i] + turn[1, i] * z[0, i]
+        z[0, i] = c
+
+
+@kernel(fused=True, reordered=True)
+def _push(z, change, force):
+    for i in range(z.shape[1]):
+        z[0, i] -= change[0, i] * force
+        z[1, i] -= change[1, i] * force
+
+
+@kernel(fused=True, reordered=True)
+def _speed(z, omega):
+    v = 0.0
+    for i in range(z.shape[1]):
+        v += omega[i] * z[0, i]
+    return v
+
+
+@kernel
+def _meet_of_stages(free, gain, stiffness, force, gap, work):
+    """Forces (s,) at the nodes, F_i = s max(-gap_i, 0)^1.5, gap = free + gain F, by Newton; `gap`
+    (s + 1,) out. `work`: (s, s + 1)."""
+    s = force.size
+    for _ in range(_NEWTON_MOST):
+        for i in range(s + 1):
+            gap[i] = free[i]
+            for j in range(s):
+                gap[i] += gain[i, j] * force[j]
+        for i in range(s):
+            root = math.sqrt(max(-gap[i], 0.0))
+            for j in range(s):
+                work[i, j] = 1.5 * stiffness * root * gain[i, j]
+            work[i, i] += 1.0
+            work[i, s] = stiffness * root**3 - force[i]
+        for c in range(s):  # Gauss; the diagonal leads
+            for i in range(c + 1, s):
+                part = work[i, c] / work[c, c]
+                for j in range(c, s + 1):
+                    work[i, j] -= part * work[c, j]
+        change, size = 0.0, 0.0
+        for i in range(s - 1, -1, -1):
+            for j in range(i + 1, s):
+                work[i, s] -= work[i, j] * work[j, s]
+            work[i, s] /= work[i, i]
+            force[i] += work[i, s]
+            change = max(change, abs(work[i, s]))
+            size = max(size, abs(force[i]))
+        if change <= 1e-14 * size:
+            break
+    for i in range(s + 1):
+        gap[i] = free[i]
+        for j in range(s):
+            gap[i] += gain[i, j] * force[j]
+
+
+@kernel
+def collocation(
+    z, body, omega, times, turns, changes, gains, speed_gains, stiffness, scale_s, every, gaps
+):  # fmt: skip
+    """Run gaps.size times `every` steps; returns the number of sub-steps.
+
+    body: sphere displacement, velocity; gap and its velocity. For each level l of halving: times
+    (levels, s + 1), turns (levels, s + 1, 2, modes), changes (levels, s, 2, modes) of z over a
+    step by unit force at a node, gains (levels, s + 1, s) of the gap, speed_gains
+    (levels, s) of the sphere's velocity. `scale_s`: T.
+    """
+    levels, s = gains.shape[0], gains.shape[2]
+    force, gap, free = np.zeros(s), np.zeros(s + 1), np.zeros(s + 1)
+    work = np.zeros((s, s + 1))
+    units = 1 << (levels - 1)  # of the shortest sub-step in a step
+    h = times[0, s]
+    count = 0
+    for k in range(every * gaps.size):
+        at = 0
+        while at < units:
+            level = 0
+            while at % (units >> level) != 0:  # sub-steps lie on the grid of their length
+                level += 1
+            below = body[2] < 0.0 or (body[2] == 0.0 and body[3] < 0.0)
+            if below and body[2] == 0.0:
+                level = levels - 1
+            elif below:
+                tau = -body[2] / max(abs(body[3]), 1e-300)
+                longest = h * min(1.0, (tau / scale_s) ** _BETA)
+                while level < levels - 1 and times[level, s] > longest:
+                    level += 1
+            while True:
+                for i in range(s + 1):
+                    t = times[level, i]
+                    free[i] = body[0] + t * (body[1] - 0.5 * t * GRAVITY)
+                    free[i] -= _ahead(z, turns[level, i])
+                    gap[i] = free[i]
+                    force[i % s] = 0.0
+                if below or gap.min() < 0.0:
+                    _meet_of_stages(free, gains[level], stiffness, force, gap, work)
+                one_sided = gap.max() <= 0.0 if below else gap.min() >= 0.0
+                # The touch and the end belong into the shortest sub-step.
+                if one_sided or level == levels - 1:
+                    break
+                level += 1
+            _advance(z, turns[level, s])
+            t = times[level, s]
+            body[0] += t * (body[1] - 0.5 * t * GRAVITY)
+            body[1] -= t * GRAVITY
+            for j in range(s):
+                if force[j] != 0.0:
+                    _push(z, changes[level, j], force[j])
+                    body[1] += speed_gains[level, j] * force[j]
+            plate = z[1].sum()
+            body[0] = gap[s] + plate
+            body[2] = gap[s]
+            body[3] = body[1] - _speed(z, omega)
+            at += units >> level
+            count += 1
+        if (k + 1) % every == 0:
+            gaps[(k + 1) // every - 1] = body[2]
+    return count
+
+
+STAGES, EXTENDED = 12, 16
+_C = np.ascontiguousarray(_hairer.C)
+_A = np.ascontiguousarray(_hairer.A)
+_AA = _A @ _A
+_D = np.ascontiguousarray(_hairer.D)
+# Rows of END: weights of the accelerations (without and with one more factor of h) in the velocity
+# and displacement at the end and in both error estimates of each.
+_b = np.append(_hairer.B, np.zeros(EXTENDED - STAGES))
+_e3, _e5 = (np.append(e, np.zeros(EXTENDED - STAGES - 1)) for e in (_hairer.E3, _hairer.E5))
+_V, _Q, _E3V, _E3Q, _E5V, _E5Q = range(6)
+_END = np.ascontiguousarray([_b, _b @ _A, _e3, _e3 @ _A, _e5, _e5 @ _A])
+_END[abs(_END) < 1e-13] = 0.0
+_AA[abs(_AA) < 1e-13] = 0.0
+_SAFETY, _LEAST, _MOST = 0.9, 0.2, 10.0  # change of the step, as in SciPy
+# Stages that the displacement of a stage takes up, padded with stage 0 of weight 0.
+_WIDTH = 10
+_TERMS = np.zeros((EXTENDED, _WIDTH), np.int64)
+_WEIGHTS = np.zeros((EXTENDED, _WIDTH))
+for _i in range(EXTENDED):
+    _used = np.flatnonzero(_AA[_i])
+    _TERMS[_i, : len(_used)] = _used
+    _WEIGHTS[_i, : len(_used)] = _AA[_i, _used]
+_USED = np.count_nonzero(_AA, axis=1)
+
+
+@kernel(fused=True, reordered=True)
+def _stage_3(q, v, omega2, drive, out, a, b, c, wa, wb, wc, t, push):
+    """out = q + t v - omega2 (wa a + wb b + wc c) - push drive; its sum, and that of omega2 out."""
+    x = 0.0
+    f = 0.0
+    for i in range(q.size):
+        turned = wa * a[i] + wb * b[i] + wc * c[i]
+        new = q[i] + t * v[i] - omega2[i] * turned - push * drive[i]
+        out[i] = new
+        x += new
+        f += omega2[i] * new
+    return x, f
+
+
+@kernel(fused=True, reordered=True)
+def _stage_6(q, v, omega2, drive, out, a, b, c, d, e, g, w, t, push):
+    """The same of six stages, weights `w`."""
+    x = 0.0
+    f = 0.0
+    wa, wb, wc, wd, we, wg = w[0], w[1], w[2], w[3], w[4], w[5]
+    for i in range(q.size):
+        turned = wa * a[i] + wb * b[i] + wc * c[i] + wd * d[i] + we * e[i] + wg * g[i]
+        new = q[i] + t * v[i] - omega2[i] * turned - push * drive[i]
+        out[i] = new
+        x += new
+        f += omega2[i] * new
+    return x, f
+
+
+@kernel(fused=True, reordered=True)
+def _stage_10(q, v, omega2, drive, out, k, w, t, push, terms):
+    """The same of ten stages, rows `terms` of k."""
+    x = 0.0
+    f = 0.0
+    a, b, c, d, e = k[terms[0]], k[terms[1]], k[terms[2]], k[terms[3]], k[terms[4]]
+    g, p, m, n, o = k[terms[5]], k[terms[6]], k[terms[7]], k[terms[8]], k[terms[9]]
+    w0, w1, w2, w3, w4 = w[0], w[1], w[2], w[3], w[4]
+    w5, w6, w7, w8, w9 = w[5], w[6], w[7], w[8], w[9]
+    for i in range(q.size):
+        turned = w0 * a[i] + w1 * b[i] + w2 * c[i] + w3 * d[i] + w4 * e[i]
+        turned += w5 * g[i] + w6 * p[i] + w7 * m[i] + w8 * n[i] + w9 * o[i]
+        new = q[i] + t * v[i] - omega2[i] * turned - push * drive[i]
+        out[i] = new
+        x += new
+        f += omega2[i] * new
+    return x, f
+
+
+@kernel
+def _stage(s, y_v, omega2, drive, k, h, force):
+    """Stage `s` of the plate: sums of its displacements and of omega2 times them. `force`:
+    contact forces of the stages so far, N."""
+    push = 0.0
+    for j in range(s):
+        push += _AA[s, j] * force[j]
+    push *= h * h
+    terms = _TERMS[s]
+    w = h * h * _WEIGHTS[s]
+    t = _C[s] * h
+    if _USED[s] <= 3:
+        a, b, c = k[terms[0]], k[terms[1]], k[terms[2]]
+        return _stage_3(k[0], y_v, omega2, drive, k[s], a, b, c, w[0], w[1], w[2], t, push)
+    if _USED[s] <= 6:
+        a, b, c, d, e, g = (
+            k[terms[0]], k[terms[1]], k[terms[2]], k[terms[3]], k[terms[4]], k[terms[5]]
+        )  # fmt: skip
+        return _stage_6(k[0], y_v, omega2, drive, k[s], a, b, c, d, e, g, w, t, push)
+    return _stage_10(k[0], y_v, omega2, drive, k[s], k, w, t, push, terms)
+
+
+@kernel(fused=True, reordered=True)
+def _end(v, omega2, drive, k, v1, h, weights, push, rtol, atol):
+    """State at the end of a step into k[12], v1. Sums of displacement, velocity and omega2
+    times displacement, and of the squares of both weighed error estimates over h."""
+    q, q1 = k[0], k[STAGES]
+    a3, a4, a5, a6, a7 = k[3], k[4], k[5], k[6], k[7]
+    a8, a9, a10, a11 = k[8], k[9], k[10], k[11]
+    x = 0.0
+    u = 0.0
+    f = 0.0
+    five = 0.0
+    three = 0.0
+    w = weights[_Q]
+    q0, q5, q6, q7, q8, q9, q10 = w[0], w[5], w[6], w[7], w[8], w[9], w[10]
+    by_force = push[_Q]
+    for i in range(q.size):
+        by_q = q0 * q[i] + q5 * a5[i] + q6 * a6[i] + q7 * a7[i] + q8 * a8[i]
+        by_q += q9 * a9[i] + q10 * a10[i]
+        q_new = q[i] + h * v[i] - h * h * (omega2[i] * by_q + drive[i] * by_force)
+        q1[i] = q_new
+        x += q_new
+        f += omega2[i] * q_new
+    w = weights[_V]
+    v0, v5, v6, v7, v8, v9, v10, v11 = w[0], w[5], w[6], w[7], w[8], w[9], w[10], w[11]
+    by_force = push[_V]
+    for i in range(q.size):
+        by_v = v0 * q[i] + v5 * a5[i] + v6 * a6[i] + v7 * a7[i] + v8 * a8[i]
+        by_v += v9 * a9[i] + v10 * a10[i] + v11 * a11[i]
+        v_new = v[i] - h * (omega2[i] * by_v + drive[i] * by_force)
+        v1[i] = v_new
+        u += v_new
+    w, e = weights[_E5V], weights[_E3V]
+    v0, v5, v6, v7, v8, v9, v10, v11 = w[0], w[5], w[6], w[7], w[8], w[9], w[10], w[11]
+    s0, s5, s6, s7, s8, s9, s10, s11 = e[0], e[5], e[6], e[7], e[8], e[9], e[10], e[11]
+    push_5, push_3 = push[_E5V], push[_E3V]
+    for i in range(q.size):
+        by_5 = v0 * q[i] + v5 * a5[i] + v6 * a6[i] + v7 * a7[i] + v8 * a8[i]
+        by_5 += v9 * a9[i] + v10 * a10[i] + v11 * a11[i]
+        by_3 = s0 * q[i] + s5 * a5[i] + s6 * a6[i] + s7 * a7[i] + s8 * a8[i]
+        by_3 += s9 * a9[i] + s10 * a10[i] + s11 * a11[i]
+        scale = 1.0 / (atol + rtol * max(abs(v[i]), abs(v1[i])))
+        by_5 = (omega2[i] * by_5 + drive[i] * push_5) * scale
+        by_3 = (omega2[i] * by_3 + drive[i] * push_3) * scale
+        five += by_5 * by_5
+        three += by_3 * by_3
+    w, e = weights[_E5Q], weights[_E3Q]
+    q0, q3, q4, q5, q6, q7, q8 = w[0], w[3], w[4], w[5], w[6], w[7], w[8]
+    q9, q10 = w[9], w[10]
+    r0, r3, r4, r5, r6, r7, r8 = e[0], e[3], e[4], e[5], e[6], e[7], e[8]
+    r9, r10 = e[9], e[10]
+    push_5, push_3 = push[_E5Q], push[_E3Q]
+    for i in range(q.size):
+        by_5 = q0 * q[i] + q3 * a3[i] + q4 * a4[i] + q5 * a5[i] + q6 * a6[i]
+        by_5 += q7 * a7[i] + q8 * a8[i] + q9 * a9[i] + q10 * a10[i]
+        by_3 = r0 * q[i] + r3 * a3[i] + r4 * a4[i] + r5 * a5[i] + r6 * a6[i]
+        by_3 += r7 * a7[i] + r8 * a8[i] + r9 * a9[i] + r10 * a10[i]
+        scale = h / (atol + rtol * max(abs(q[i]), abs(q1[i])))
+        by_5 = (omega2[i] * by_5 + drive[i] * push_5) * scale
+        by_3 = (omega2[i] * by_3 + drive[i] * push_3) * scale
+        five += by_5 * by_5
+        three += by_3 * by_3
+    return x, u, f, five, three
+
+
+@kernel
+def _interpolate(x, h, gap, gap_1, rates):
+    """Gap at the part x of a step, from the gap at its ends and its rates at all stages."""
+    change = gap_1 - gap
+    y = 0.0
+    for i in range(7):
+        row = 3 - i
+        if row >= 0:
+            part = 0.0
+            for j in range(EXTENDED):
+                part += _D[row, j] * rates[j]
+            part *= h
+        elif row == -1:
+            part = 2.0 * change - h * (rates[STAGES] + rates[0])
+        elif row == -2:
+            part = h * rates[0] - change
+        else:
+            part = change
+        y += part
+        y *= x if i % 2 == 0 else 1.0 - x
+    return gap + y
+
+
+@kernel
+def dop853(y, omega2, drive, stiffness, mass, every_s, gaps, rtol, atol, first_step_s, same_step):
+    """Integrate over gaps.size times `every_s` s; gap at the end of each into `gaps` (m).
+
+    `same_step`: keep the first step whatever the error, for tests of the order. Returns accepted
+    and rejected steps and evaluations of the right-hand side; all -1 if the step vanishes.
+    """
+    n = omega2.size
+    k = np.empty((EXTENDED, n))
+    k[0] = y[:n]
+    v, v1 = y[n : 2 * n].copy(), np.empty(n)
+    force, sphere_a, gap_a = np.zeros(EXTENDED), np.zeros(EXTENDED), np.zeros(EXTENDED)
+    rates, push = np.zeros(EXTENDED), np.zeros(6)
+    moved = drive.sum()
+    x_s, v_s = y[2 * n], y[2 * n + 1]
+    gap = x_s - k[0].sum()
+    rate = v_s - v.sum()
+    bent = (omega2 * k[0]).sum()
+    t, h, sample = 0.0, first_step_s, 0
+    end = every_s * gaps.size
+    accepted, rejected, evaluations = 0, 0, 1
+    after_rejection = False
+    while sample < gaps.size:
+        last = t + h >= end * (1.0 - 1e-12)
+        if last:
+            h = end - t
+        for s in range(EXTENDED - 3):
+            if s == 0:
+                gap_s = gap
+            elif s < STAGES:
+                plate, bent = _stage(s, v, omega2, drive, k, h, force)
+                sphere = x_s + _C[s] * h * v_s
+                for j in range(s):
+                    sphere += h * h * _AA[s, j] * sphere_a[j]
+                gap_s = sphere - plate
+            else:
+                for i in range(6):
+                    push[i] = 0.0
+                    for j in range(STAGES):
+                        push[i] += _END[i, j] * force[j]
+                plate, speed, bent, five, three = _end(
+                    v, omega2, drive, k, v1, h, _END, push, rtol, atol
+                )
+                x_1, v_1 = x_s + h * v_s, v_s
+                parts = np.zeros(4)
+                for j in range(STAGES):
+                    x_1 += h * h * _END[_Q, j] * sphere_a[j]
+                    v_1 += h * _END[_V, j] * sphere_a[j]
+                    for i in range(4):
+                        parts[i] += _END[2 + i, j] * sphere_a[j]
+                scale_v = atol + rtol * max(abs(v_s), abs(v_1))
+                scale_q = (atol + rtol * max(abs(x_s), abs(x_1))) / h
+                five += (parts[2] / scale_v) ** 2 + (parts[3] / scale_q) ** 2
+                three += (parts[0] / scale_v) ** 2 + (parts[1] / scale_q) ** 2
+                gap_s = x_1 - plate
+            force[s] = hertz(stiffness, gap_s)
+            sphere_a[s] = force[s] / mass - GRAVITY
+            gap_a[s] = sphere_a[s] + bent + moved * force[s]
+        evaluations += STAGES
+        error = 0.0
+        if five != 0.0 or three != 0.0:
+            error = h * five / math.sqrt((five + 0.01 * three) * (2 * n + 2))
+        if not (error < 1.0 or same_step):
+            h *= max(_LEAST, _SAFETY * error**-0.125)
+            rejected += 1
+            after_rejection = True
+            if not h > 1e-16 * end:
+                return -1, -1, -1
+            bent = gap_a[0] - sphere_a[0] - moved * force[0]
+            continue
+        if last or t + h >= every_s * (sample + 1):
+            for s in range(STAGES + 1, EXTENDED):
+                plate, bent_s = _stage(s, v, omega2, drive, k, h, force)
+                sphere = x_s + _C[s] * h * v_s
+                for j in range(s):
+                    sphere += h * h * _AA[s, j] * sphere_a[j]
+                force[s] = hertz(stiffness, sphere - plate)
+                sphere_a[s] = force[s] / mass - GRAVITY
+                gap_a[s] = sphere_a[s] + bent_s + moved * force[s]
+            evaluations += EXTENDED - STAGES - 1
+            for s in range(EXTENDED):
+                rates[s] = rate
+                for j in range(s):
+                    rates[s] += h * _A[s, j] * gap_a[j]
+            while sample < gaps.size and (last or every_s * (sample + 1) <= t + h):
+                x = (every_s * (sample + 1) - t) / h
+                gaps[sample] = _interpolate(x, h, gap, gap_s, rates)
+                sample += 1
+        t += h
+        k[0] = k[STAGES]
+        v, v1 = v1, v
+        x_s, v_s, gap, rate = x_1, v_1, gap_s, v_1 - speed
+        accepted += 1
+        if not same_step:
+            factor = min(_MOST, _SAFETY * error**-0.125) if error > 0.0 else _MOST
+            h *= min(1.0, factor) if after_rejection else factor
+        after_rejection = False
+    y[:n], y[n : 2 * n] = k[0], v
+    y[2 * n], y[2 * n + 1] = x_s, v_s
+    return accepted, rejected, evaluations

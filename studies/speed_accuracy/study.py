@@ -19,9 +19,8 @@ from plant.schemes.collocation import CollocationPlant
 from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from plant.schemes.registry import SCHEMES
 from studies import pictures
-from studies.speed_accuracy import cases as cases
+from studies.speed_accuracy import cases
 from studies.speed_accuracy import integrator_kernels as ik
-from studies.speed_accuracy import kernels as k
 from studies.words import write_records
 
 # The default scheme is in both rows, as series 0.
@@ -165,11 +164,11 @@ def measure(name: str, duration_s: float, rounds: int, limit_s: float) -> list[P
 def slope_cost_s(what: cases.Problem) -> float:
     """CPU time of one compiled right-hand side, without the way into it from Python."""
     state = what.start()
-    k.many_slopes(state, *what.arguments, 10)
+    ik.many_slopes(state, *what.arguments, 10)
     best = math.inf
     for _ in range(5):
         started = time.process_time()
-        k.many_slopes(state, *what.arguments, 4000)
+        ik.many_slopes(state, *what.arguments, 4000)
         best = min(best, (time.process_time() - started) / 4000)
     return best
 

@@ -16,8 +16,8 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.results.impact_rows import consistent_impacts
 from hertzloop.setup import load
 from studies import pictures
-from studies.stability import limits as limits
-from studies.stability import maps as maps
+from studies.stability import limits
+from studies.stability import limits as maps
 from studies.words import write_records, write_rows
 
 _BALANCED = ("modal", "discrete_gradient")

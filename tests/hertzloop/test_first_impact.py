@@ -19,7 +19,7 @@ from hertzloop.results.impact_rows import F_A, impacts_of_rows
 from hertzloop.results.report import noise_rows
 from hertzloop.results.spans import SpanFigures, changes_db
 from hertzloop.setup import Setup, load
-from plant.figures import answer_kernels as an
+from plant.figures import rows_kernels as an
 from recordings.reader import read
 from studies.latency import Named, critical
 from studies.real import energies_of

@@ -112,7 +112,7 @@ def test_a_folder_above_that_others_write_to_is_refused(tmp_path: Path) -> None:
 
 ATTACKED = """
 import hertzloop
-from studies.speed_accuracy.exponential_kernels import _root_slope as k
+from studies.speed_accuracy.integrator_kernels import _root_slope as k
 k(1e9, -1e-6)
 print(k._cache.cache_path)
 """

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 # A caller in one file, its callee in another; numba first, nothing of hertzloop.
 SLOPES = """
 import numba
-from studies.speed_accuracy.kernels import many_slopes
+from studies.speed_accuracy.integrator_kernels import many_slopes
 import numpy as np
 print(many_slopes(np.zeros(4), np.ones(1), np.ones(1), 1.0, 1.0, 3))
 print(many_slopes._cache.cache_path, dict(many_slopes.stats.cache_hits))
@@ -27,7 +27,7 @@ print(many_slopes._cache.cache_path, dict(many_slopes.stats.cache_hits))
 STEPS = """
 import controller.kernels
 from plant.schemes.infinite import InfinitePlant
-from studies.speed_accuracy.kernels import plant_steps
+from studies.speed_accuracy.integrator_kernels import plant_steps
 from tests.plant.rigs import spec
 plant = InfinitePlant(spec())
 plant_steps(plant.model, plant.state, 0.0, 3)

@@ -7,8 +7,8 @@ import pytest
 
 from hertzloop.setup import load
 from studies.cost import baseline, exchange, links, replay
+from studies.cost.baseline import run_beside
 from studies.cost.cases import mode_file_costs
-from studies.cost.strangers import run_beside
 
 
 @pytest.mark.full

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from studies.model_order import study as study
+from studies.model_order import study
 
 
 def test_requests_are_met_on_random_scenes(tmp_path: Path) -> None:

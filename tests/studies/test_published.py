@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
 from hertzloop.setup import load
-from plant.figures.short_impact import PointMobility, longhorn_any_j, longhorn_short_j
+from plant.figures.sound import PointMobility, longhorn_any_j, longhorn_short_j
 from studies.published import appendix, gallery, optima, tables
 
 

@@ -5,7 +5,7 @@ import pytest
 from hertzloop.commands.bench import roofline_table
 from plant import state_kernels as pk
 from studies.cost import roofline
-from studies.speed_accuracy import kernels as k
+from studies.speed_accuracy import integrator_kernels as ik
 
 
 def test_shares_name_what_was_measured() -> None:
@@ -28,7 +28,7 @@ def test_cases_are_in_contact_and_in_flight(scene: tuple[str, str, int, int]) ->
     for name, case in roofline.cases(*scene).items():
         state = case.state._replace(**{n: a.copy() for n, a in case.state._asdict().items()})
         before = state.counts[pk.CONTACT_STEPS]
-        k.plant_steps(case.model, state, 0.0, count)
+        ik.plant_steps(case.model, state, 0.0, count)
         steps = state.counts[pk.CONTACT_STEPS] - before
         assert steps == (0 if name.startswith("flight") else count)
         assert abs(state.z).max() > 0.0  # the plate rings

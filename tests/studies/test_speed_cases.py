@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from studies.speed_accuracy import cases as cases
-from studies.speed_accuracy import dop853_kernels as dk
-from studies.speed_accuracy import exponential_kernels as ek
+from studies.speed_accuracy import cases
 from studies.speed_accuracy import integrator_kernels as ik
 
 
@@ -42,7 +40,7 @@ def smooth() -> tuple[np.ndarray, tuple]:
 def test_dop853_has_order_8() -> None:
     def run(h: float) -> np.ndarray:
         y, arguments = smooth()
-        dk.dop853(y, *arguments, 0.032, np.empty(1), 1.0, 1.0, h, True)
+        ik.dop853(y, *arguments, 0.032, np.empty(1), 1.0, 1.0, h, True)
         return y
 
     found = orders(run, (2e-3, 1e-3, 5e-4, 2.5e-4))  # below, rounding
@@ -55,7 +53,7 @@ def test_dop853_dense_output_has_order_7() -> None:
     def run(h: float) -> np.ndarray:
         y, arguments = smooth()
         gaps = np.empty(13)
-        dk.dop853(y, *arguments, 0.032 / 13, gaps, 1.0, 1.0, h, True)
+        ik.dop853(y, *arguments, 0.032 / 13, gaps, 1.0, 1.0, h, True)
         return gaps
 
     assert np.all(orders(run, (4e-3, 2e-3, 1e-3)) > 6.5)
@@ -70,7 +68,7 @@ def test_dop853_is_scipys_step_for_step(small: cases.Problem, tolerance: float) 
         method="DOP853", t_eval=t, rtol=tolerance, atol=1e-6 * tolerance, first_step=1e-6,
     )  # fmt: skip
     state, gaps = small.start(), np.empty(small.samples)
-    taken, refused, evaluations = dk.dop853(
+    taken, refused, evaluations = ik.dop853(
         state, *small.arguments, cases.SAMPLE_S, gaps, tolerance, 1e-6 * tolerance, 1e-6, False
     )
     assert taken >= 10
@@ -86,7 +84,7 @@ def test_dop853_is_scipys_step_for_step(small: cases.Problem, tolerance: float) 
 def test_dop853_says_that_a_step_vanishes() -> None:
     y, arguments = smooth()
     y[0] = math.nan
-    assert dk.dop853(y, *arguments, 1.0, np.empty(1), 1e-6, 1e-9, 1e-3, False) == (-1, -1, -1)
+    assert ik.dop853(y, *arguments, 1.0, np.empty(1), 1e-6, 1e-9, 1e-3, False) == (-1, -1, -1)
 
 
 def test_slow_solver_is_cut_off(small: cases.Problem) -> None:
@@ -118,7 +116,7 @@ def collocation_errors(
     """Largest errors of the gap, relative, over a contact with its touch and its end."""
     state, exact = small.start(), np.empty(small.samples)
     state[-2] = height_m
-    dk.dop853(state, *small.arguments, cases.SAMPLE_S, exact, 1e-13, 1e-19, 1e-6, False)
+    ik.dop853(state, *small.arguments, cases.SAMPLE_S, exact, 1e-13, 1e-19, 1e-6, False)
     assert exact[1] < 0.0 < exact[10]
     runs = [cases.collocation_run(small, h, stages, levels, height_m) for h in steps]
     return np.array([np.abs(run()[0] - exact).max() for run in runs]) / -exact.min()
@@ -165,7 +163,7 @@ def quadratised(
     table = np.ascontiguousarray([turn.real, turn.imag, change.real, change.imag])
     gain = change.imag.sum() + 0.5 * h * h / mass
     z, body, gaps = np.zeros((2, 3)), body.copy(), np.empty(steps)
-    ek.quadratised(z, body, table, gain, stiffness, mass, h, 1, gaps)
+    ik.quadratised(z, body, table, gain, stiffness, mass, h, 1, gaps)
     return gaps, body, np.concatenate([z[1], omega * z[0]])
 
 

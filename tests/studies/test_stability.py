@@ -10,10 +10,8 @@ from plant.plant import Plant
 from plant.schemes.collocation import CollocationPlant
 from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from studies.speed_accuracy import integrator_kernels as ik
-from studies.speed_accuracy import kernels as k
-from studies.stability import limits as limits
-from studies.stability import maps as maps
-from studies.stability import study as study
+from studies.stability import limits, study
+from studies.stability import limits as maps
 
 BALANCED = ("modal", "discrete_gradient")
 
@@ -117,7 +115,7 @@ def shaken_error(make: type[Plant], step_s: float) -> float:
     what, plant = maps.problem_of(spec), make(spec)
     energy_j = maps.shake(plant, speed)
     gaps, expected = np.empty(steps), np.empty(4 * steps)
-    k.plant_gaps(plant.model, plant.state, 1, gaps)
+    ik.plant_gaps(plant.model, plant.state, 1, gaps)
     y = what.start()
     at_rest_j = float(ik.energy(y, *what.arguments))
     modes = len(what.omega2)
