@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hertzloop.analysis.impacts import F_A, F_C, V_P, XI, XI_P, XI_S
 from hertzloop.elsewhere.library import C
-from hertzloop.results.impact_windows import F_A, F_C, V_P, XI, XI_P, XI_S
 
 # hertzloop_values and hertzloop_energies of hertzloop_plant.h.
 VALUES = np.dtype(

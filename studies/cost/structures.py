@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hertzloop.commands.modes import modes_of_scene
+from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.setup import load
 from plant.schemes.collocation import CollocationPlant
 from plant.structures.mode_file import ModeTable, write_modes

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.results.cases import Span, figures_of_case
+from hertzloop.analysis.cases import Span, figures_of_case
 from hertzloop.setup import Setup, load
 from plant.contact.hertz import rigid_contact_time_s
 from studies.latency.pictures import draw_chance, draw_maps

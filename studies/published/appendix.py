@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from controller.laws.precomputed import mobility_force_n
+from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import first_impact
 from studies.published import tables
 
 TABLE = Path(__file__).parent / "table_a1.csv"

@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
+from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import first_impact
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from plant.contact.hertz import tangent_stiffness_n_m

@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
+from hertzloop.analysis.impacts import consistent_impacts, first_impact
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import consistent_impacts, first_impact
 from hertzloop.setup import Setup, load
 from plant.figures.calibration import calibrate_viscous
 

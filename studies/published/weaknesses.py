@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.commands.terminal import Table
+from hertzloop.analysis.impacts import F_C, first_impact
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import F_C, first_impact
 from hertzloop.setup import load
+from hertzloop.views.format import Table
 from plant.contact.hertz import (
     GRAVITY_M_S2,
     Contact,

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hertzloop.results import what_ran
 from hertzloop.setup import Setup, parse
+from hertzloop.views import provenance
 from studies import words
 from studies.report import results_charts as charts
 from studies.report.charts import svg
@@ -73,7 +73,7 @@ def _page(title: str, lines: list[str], **more: Any) -> str:
 
 
 def _ran(setup: Setup) -> str:
-    return f"{what_ran.bodies(setup)}; {what_ran.control(setup)}"
+    return f"{provenance.bodies(setup)}; {provenance.control(setup)}"
 
 
 def _page_of_sweep(path: Path) -> str:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import consistent_impacts
 from hertzloop.setup import load
 from studies.stability import limits as limits
 from studies.stability import maps as maps

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from hertzloop.results.cases import Span
+from hertzloop.analysis.cases import Span
 from studies.sweeps.evaluate import Numbered, Pool, Rows, chunked
 from studies.sweeps.journal import Journal
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.results.cases import Span
+from hertzloop.analysis.cases import Span
 from hertzloop.setup import Setup
 from studies.sweeps.evaluate import Pool, Rows, evaluate
 

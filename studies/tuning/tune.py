@@ -19,7 +19,7 @@ from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 from controller.door.law import LawError
 from controller.door.registry import find, resolve, shipped
 from controller.law import About
-from hertzloop.results.cases import Span
+from hertzloop.analysis.cases import Span
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from studies.sweeps.design import Axis, Design, DesignError, fitted

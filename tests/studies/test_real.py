@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.analysis.cases import figures_of_case
 from hertzloop.commands.real import _critical, _table
-from hertzloop.results.cases import figures_of_case
 from studies.latency.study import Named, critical
 from studies.real import study
 from studies.sweeps.phases import phases
