@@ -5,7 +5,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,18 +13,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from bus.sockets import own_folder
-from hertzloop.results.labelled import (
-    FORCE_LABEL,
-    HELD,
-    cases_of,
-    labelled,
-    sensed_label,
-    truth_of,
-)
 from hertzloop.scenes import scene as scenes
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import Scene, shipped, vary
 from hertzloop.setup import Setup, resolve
+from hertzloop.views.labelled import FORCE_LABEL, HELD, cases_of, labelled, sensed_label, truth_of
 from plant.figures.impacts import Impact
 from plant.figures.noise import ImpactNoise
 from plant.time_series import TRUTH
@@ -35,10 +28,11 @@ if TYPE_CHECKING:
     from bus.messages_pb2 import Books as BooksMessage
     from bus.port import BusError
     from bus.streams import StreamFault
+    from hertzloop.analysis.figures import Ran
+    from hertzloop.analysis.spans import Comparison, Difference, RunFigures, SpanFigures
+    from hertzloop.analysis.trust import NotAgain
     from hertzloop.one_run import RunOptions
     from hertzloop.processes.launcher import RunFailed
-    from hertzloop.results.comparison import Comparison, Difference
-    from hertzloop.results.spans import RunFigures, SpanFigures
     from plant.balance import Balance
     from recordings.reader import Event, Recording
     from recordings.writer import RecordingError
@@ -56,13 +50,13 @@ __all__ = [
 # Names that are loaded when they are used: a script that only simulates needs none of them.
 _LATER = {
     "BusError": "bus.port",
-    "Comparison": "hertzloop.results.comparison",
+    "Comparison": "hertzloop.analysis.spans",
     "DesignError": "studies.sweeps.design",
-    "Difference": "hertzloop.results.comparison",
+    "Difference": "hertzloop.analysis.spans",
     "RecordingError": "recordings.writer",
     "RunFailed": "hertzloop.processes.launcher",
-    "RunFigures": "hertzloop.results.spans",
-    "SpanFigures": "hertzloop.results.spans",
+    "RunFigures": "hertzloop.analysis.spans",
+    "SpanFigures": "hertzloop.analysis.spans",
     "StreamFault": "bus.streams",
     "SweepFailed": "studies.sweeps.pool",
 }
@@ -100,26 +94,33 @@ class Run:
     events: "list[Event]"
     path: Path | None = None
     pacing: dict[str, Any] | None = None
-    _report: Callable[[], dict[str, Any]] = field(default=dict, repr=False, compare=False)
+    _ran: Callable[[], "Ran"] | None = field(default=None, repr=False, compare=False)
+    _not_again: "NotAgain | None" = field(default=None, repr=False, compare=False)
 
     @cached_property
-    def _reported(self) -> dict[str, Any]:
-        return self._report()
+    def _judged(self) -> "Ran":
+        assert self._ran is not None
+        return self._ran()
 
     @property
     def figures(self) -> "RunFigures":
         """Figures of the first impact and of the whole run, as `run` and `inspect` print them."""
-        from hertzloop.results.comparison import figures_in
+        from hertzloop.analysis.spans import RunFigures
 
-        return figures_in(self._reported)
+        found = self._judged.figures
+        return RunFigures(found.first_impact, found.whole_run)
 
     @cached_property
     def verdict(self) -> list[str]:
         """What the run comes to, in the sentences of `hertzloop run`. This simulates the same run
         without control."""
-        from hertzloop.one_run import verdict_of
+        from hertzloop.analysis.figures import free_figures
+        from hertzloop.analysis.verdict import conclusions
+        from hertzloop.views.sentences import verdict_sentences
 
-        return verdict_of(resolve(self.scene), self._reported)
+        setup = resolve(self.scene)
+        found = conclusions(setup, self._judged, free_figures(setup), self._not_again)
+        return verdict_sentences(found.verdict)
 
     def without_control(self) -> "Run":
         """The same run with the law off, on the same model of the plate, simulated on the spot."""
@@ -185,9 +186,9 @@ def run(
 
 def _check_pace(setup: Setup, options: "RunOptions") -> None:
     """Raise SceneError for a run that cannot be by the wall clock."""
-    from hertzloop.commands.warmup import ensure_compiled
     from hertzloop.loop.paced import check_pace
     from hertzloop.one_run import Transport
+    from hertzloop.processes.warmup import ensure_compiled
 
     assert options.pace is not None
     if options.transport is not Transport.ZENOH:
@@ -208,7 +209,7 @@ def _check_pace(setup: Setup, options: "RunOptions") -> None:
 def read(recording: str | Path) -> Run:
     """A recording as a run. Raises RecordingError if it is damaged, no recording, or its scene
     cannot be simulated here."""
-    from hertzloop.results.figures import rows_of
+    from hertzloop.analysis.recorded import rows_of
     from recordings.reader import read as read_file
     from recordings.writer import RecordingError
 
@@ -233,27 +234,29 @@ def _run(
     recording: "Recording | None",
     books: "Balance | BooksMessage",
 ) -> Run:
-    from hertzloop.results import pacing
-    from hertzloop.results.conclusions import why_not_again
-    from hertzloop.results.figures import reported
-    from hertzloop.results.impact_rows import impacts_of_rows
-    from hertzloop.results.law import law_of
-    from hertzloop.results.verdict import saturation_of
+    from hertzloop.analysis.figures import Ran, figures_of
+    from hertzloop.analysis.impacts import impacts_of_rows
+    from hertzloop.analysis.recorded import law_of, pacing_of, stacked
+    from hertzloop.analysis.trust import why_not_again
+    from hertzloop.analysis.verdict import saturation_of
+    from hertzloop.views.data import pacing_as_json
 
     step_s = setup.step_s
     sampled_s = np.arange(len(values)) * setup.every_steps * step_s
     label = sensed_label(setup.quantity)
     found = impacts_of_rows(setup, rows)
     truth = truth_of(columns, step_s)
-    known: dict[str, Any] = {
-        "scene_law": setup.law_reference, "saturation": None, "pacing": None, "why_not": ""
-    }  # fmt: skip
+    law, not_again, saturation, pacing = setup.law_reference, None, None, None
     if recording is not None:
-        known = law_of(recording) | {
-            "saturation": saturation_of(recording.events),
-            "pacing": pacing.of(recording),
-            "why_not": why_not_again(recording),
-        }
+        law, not_again = law_of(recording).scene_law or "", why_not_again(recording)
+        saturation, pacing = saturation_of(recording.events), pacing_of(recording)
+
+    def ran() -> Ran:
+        return Ran(
+            figures_of(setup, stacked(dict(columns))), law, setup.expected_error,
+            books.injected_j, books.dent_m, pacing is not None, saturation,
+        )  # fmt: skip
+
     force = None
     if recording is not None:
         commanded = recording.force.arrays.get("force_n", np.empty(0))
@@ -269,23 +272,26 @@ def _run(
         momentum_residual=books.momentum_residual,
         events=recording.events if recording is not None else [],
         path=recording.path if recording is not None else None,
-        pacing=known["pacing"],
-        _report=partial(reported, setup, dict(columns), books, known),
+        pacing=pacing_as_json(pacing),
+        _ran=ran,
+        _not_again=not_again,
     )
 
 
 def compare(a: "Run | RunFigures", b: "Run | RunFigures") -> "Comparison":
     """Compare the figures of two runs; `print` shows the table of `hertzloop compare --figures`."""
-    from hertzloop.results.comparison import compared
+    from hertzloop.analysis.spans import compared
+    from hertzloop.views.inspection import PrintedComparison
 
-    return compared(*(one.figures if isinstance(one, Run) else one for one in (a, b)))
+    found = compared(*(one.figures if isinstance(one, Run) else one for one in (a, b)))
+    return PrintedComparison(found.rows)
 
 
 def modes(scene: Scene) -> "xr.Dataset":
     """The modes that a scene's plant computes with, a Dataset over `mode` with the columns of the
     file that `hertzloop modes` writes. Raises SceneError."""
-    from hertzloop.commands.modes import modes_of_scene
-    from hertzloop.results.labelled import modes_of
+    from hertzloop.analysis.deflection import modes_of_scene
+    from hertzloop.views.labelled import modes_of
 
     return modes_of(modes_of_scene(resolve(scene)))
 

@@ -6,13 +6,15 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from hertzloop.analysis.figures import free_figures
+from hertzloop.analysis.impacts import through_first_contact
+from hertzloop.analysis.recorded import blocks_of
+from hertzloop.analysis.trust import verify
+from hertzloop.analysis.verdict import judge
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.processes.launcher import Launcher
-from hertzloop.results import figures
-from hertzloop.results.conclusions import conclusions
-from hertzloop.results.impact_rows import through_first_contact
-from hertzloop.results.verify import as_json, verify
 from hertzloop.setup import Setup
+from hertzloop.views.data import run_as_json, verification_as_json
 from recordings.compare import first_difference
 from recordings.reader import holds_a_run, read
 from recordings.writer import RecordingError
@@ -103,18 +105,14 @@ def run_scene(
         )
     if recorded.problems:
         raise RecordingError(f"{recording}: {recorded.problems[0]}")
-    without = setup.uncontrolled()
-    free = None
-    if without != setup:
-        free = figures.figures_of(without, without.free_series())
     verified = None
     if options.verify:
-        rows = through_first_contact(figures.blocks_of(recorded))
+        rows = through_first_contact(blocks_of(recorded))
         verified = verify(setup, rows)
-    report = figures.run_report(
+    report = run_as_json(
         setup,
         recorded,
-        free,
+        judge(setup, recorded, free_figures(setup)),
         transport=options.transport.value,
         wall_s=stats["wall_s"],
         exchanges=int(stats["exchanges"]),
@@ -125,17 +123,8 @@ def run_scene(
         report["repeats"] = str(options.repeat)
         report["differs"] = first_difference(read(options.repeat), recorded)
     if options.verify:
-        report["verification"] = as_json(verified)
+        report["verification"] = verification_as_json(verified)
     return report
-
-
-def verdict_of(setup: Setup, report: dict[str, Any]) -> list[str]:
-    """The verdict on a run by its `figures.reported`. This simulates the run without control."""
-    without = setup.uncontrolled()
-    if without != setup:
-        free = figures.figures_of(without, without.free_series())
-        report = report | {"uncontrolled": free}
-    return list(conclusions(setup, report, report["saturation"], report["why_not"])["verdict"])
 
 
 def what_is_kept(recording: Path, since_s: float) -> str:

@@ -7,19 +7,20 @@ a comment in the code nor the last bits of a processor make a difference.
 
 import json
 import math
+import subprocess
+import sys
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from hertzloop.commands import replaying
-from hertzloop.commands.pictures import MORE
+from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.results.impact_rows import first_impact
 from hertzloop.scenes.text import DEFAULT
 from hertzloop.setup import load
+from hertzloop.views import replaying
 from recordings.reader import read
 from recordings.replay.as_rerun import Shown
 
@@ -29,6 +30,43 @@ _SHORT_3MM = "run.duration_s=0.0016"
 _SHORT_20MM = "run.duration_s=0.009"
 
 Case = tuple[str, tuple[str, ...]]  # scene and what is changed
+
+
+@dataclass(frozen=True)
+class Run:
+    """A scene, what of it is changed, and the pace if it has one."""
+
+    scene: str
+    changed: tuple[str, ...] = ()
+    pace: float | None = None
+
+    def record(self, file: Path) -> None:
+        """Record it: in one compiled call, a paced one as processes. Raises RuntimeError."""
+        if self.pace is None:
+            record_in_process(load(self.scene, self.changed), file, compiled=True)
+            return
+        settings = [word for key in self.changed for word in ("--set", key)]
+        command = [sys.executable, "-m", "hertzloop", "run", self.scene, *settings]
+        command += ["--pace", str(self.pace), "--out", str(file)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise RuntimeError(f"the paced run failed: {done.stderr.strip()}")
+
+
+_SHORT_14MS = "run.duration_s=0.014"
+_OTHER = ("controller.law=shifted_threshold", "controller.kappa=0.9", "controller.v_thr_m_s=-0.9")
+_FEEDBACK = "controller.law=velocity_feedback"
+MORE = {
+    "comparison": [
+        Run("aluminium-20mm", (_SHORT_14MS,)), Run("aluminium-20mm", (_SHORT_14MS, *_OTHER))
+    ],
+    "unstable": [
+        Run("aluminium-20mm", (_FEEDBACK, "controller.kappa=0.4", "run.duration_s=0.013"))
+    ],
+    "paced": [
+        Run("aluminium-3mm", (_FEEDBACK, "controller.kappa=0.1", "run.duration_s=0.003"), 0.003)
+    ],
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from hertzloop.results.cases import Span, figures_of_case
+from hertzloop.analysis.cases import Span, figures_of_case
 from hertzloop.setup import Setup, load
 from plant.contact.hertz import rigid_contact_time_s
 from studies import pictures, words

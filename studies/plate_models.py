@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import consistent_impacts
 from hertzloop.setup import Setup, load
 from plant import state_kernels as pk
 from plant.estimates.plate_theory import thickness_number, zener_inelasticity

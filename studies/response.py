@@ -1,18 +1,20 @@
 """Picture and numbers of the response times of a paced run."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from hertzloop.results.pacing import SHARES, Responses, time_words
+from hertzloop.analysis.recorded import SHARES, Pacing, Responses
+from hertzloop.views.format import time_words
 from studies import pictures, words
 
 _A_BAR = 4  # classes
 
 
-def draw(path: Path, responses: Responses, found: dict[str, Any]) -> None:
-    """Answers by response time, and the share that took longer; `found` as of `pacing.of`."""
+def draw(path: Path, responses: Responses, found: Pacing) -> None:
+    """Answers by response time, and the share that took longer; the run has a `clock`."""
+    clock = found.clock
+    assert clock is not None
     sheet, axes = pictures.sheet(1, 2, width=10.0, height=3.6)
     ends, answers = responses.ends_us, responses.answers
     there = np.flatnonzero(answers)
@@ -37,14 +39,12 @@ def draw(path: Path, responses: Responses, found: dict[str, Any]) -> None:
         right.annotate(f"{name} {time_words(at)}", (at, 1.0 - share), xytext=(4, 4),
                        textcoords="offset points", fontsize=7)  # fmt: skip
     for ax in (left, right):
-        ax.axvline(found["slack_us"], color="black", linestyle="--", linewidth=0.8,
-                   label=f"{time_words(found['slack_us'])} that the pace leaves")  # fmt: skip
+        ax.axvline(clock.slack_us, color="black", linestyle="--", linewidth=0.8,
+                   label=f"{time_words(clock.slack_us)} that the pace leaves")  # fmt: skip
         ax.set_xscale("log")
         ax.set_xlabel("from a sample to its answer (us)")
         ax.legend()
-    sheet.suptitle(
-        f"Pace {found['pace']:g}: {found['late_forces']:,} of {found['steps']:,} forces late"
-    )
+    sheet.suptitle(f"Pace {clock.pace:g}: {found.late_forces:,} of {found.steps:,} forces late")
     pictures.save(sheet, path)
 
 

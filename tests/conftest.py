@@ -53,7 +53,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 _COMPILE = """
 import sys
-from hertzloop.commands.warmup import ensure_compiled
+from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.__main__ import collect_rarely
 from hertzloop.setup import load
@@ -112,7 +112,7 @@ def _alone(name: str) -> Iterator[None]:
 @pytest.fixture(scope="session")
 def warm_kernels() -> None:
     """Compiled kernels, for tests whose processes must not spend their time on compiling."""
-    from hertzloop.commands.warmup import ensure_compiled
+    from hertzloop.processes.warmup import ensure_compiled
 
     with _alone(".tests"):
         ensure_compiled(lambda: None)

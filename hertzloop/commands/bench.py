@@ -14,7 +14,8 @@ from hertzloop.commands.options import (
     compile_first,
     write_json,
 )
-from hertzloop.commands.terminal import Table, fail, out
+from hertzloop.commands.terminal import fail, out
+from hertzloop.views.format import Table
 
 What = Literal["costs", "exchange", "laws", "exported", "cases", "replay"]
 

@@ -119,7 +119,7 @@ def run(
     check_recording(recording, overwrite, read=inputs)
     check_json(json_file, recording)
     if verify:
-        from hertzloop.results.verify import check_verifiable
+        from hertzloop.analysis.trust import check_verifiable
 
         try:
             check_verifiable(resolved)
@@ -142,7 +142,7 @@ def run(
     from hertzloop.processes import fork_server
     from hertzloop.processes.launcher import RunFailed
     from hertzloop.processes.observer import observer_beside
-    from hertzloop.results import report
+    from hertzloop.views import run as report
     from recordings.writer import RecordingError
 
     endpoints = on_loopback([port, port + 1, port + 2]) if port else None

@@ -29,7 +29,7 @@ def export(
 ) -> None:
     """Write a recording's samples for other tools: one MCAP message a sample for Foxglove and
     PlotJuggler, or Parquet, CSV, NPZ, HDF5 with units."""
-    from hertzloop.results.labelled import export_labels
+    from hertzloop.views.labelled import export_labels
     from recordings.export import FORMATS, Samples
     from recordings.export import export as write
     from recordings.replay.data import scene_value

@@ -17,9 +17,10 @@ from hertzloop.commands.options import (
     write_json,
 )
 from hertzloop.commands.study_frame import results_in, resumable
-from hertzloop.commands.terminal import Table, fail, out, progress
+from hertzloop.commands.terminal import fail, out, progress
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT
+from hertzloop.views.format import Table
 
 if TYPE_CHECKING:
     from studies.latency import Critical

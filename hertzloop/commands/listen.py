@@ -1,24 +1,15 @@
 """The command that lets a run be heard."""
 
 import math
-from collections.abc import Iterable
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-import numpy as np
 import typer
 
 from hertzloop.commands.options import JsonOption, check_json, make_folder, write_json
 from hertzloop.commands.recordings import FileArgument, read_or_fail
-from hertzloop.commands.terminal import Table, err, fail, out
-
-if TYPE_CHECKING:
-    from hertzloop.results.impact_rows import Block
-    from hertzloop.results.listening import Heard
-    from hertzloop.setup import Setup
-    from recordings.reader import Recording
-
+from hertzloop.commands.terminal import err, fail, out
+from hertzloop.views.format import Table
 
 _ENERGIES = {
     "sound_energy_j": "sound energy, half sphere",
@@ -50,8 +41,9 @@ def listen(
 ) -> None:
     """Sound pressure of a run at a listener's point, with and without control, as WAV files on the
     same scale: the plate's modes in a rigid baffle, up to 20 kHz."""
-    from hertzloop.commands.replaying import scene_of
+    from hertzloop.analysis.listening import heard_of
     from hertzloop.scenes.errors import SceneError
+    from hertzloop.views.replaying import scene_of
     from recordings.writer import RecordingError
 
     if not at[2] > 0.0:
@@ -69,51 +61,6 @@ def listen(
         fail(f"cannot write into {folder}: {error.strerror}", 1)
     _show(data)
     write_json(json_file, data)
-
-
-def heard_of(
-    recording: "Recording",
-    setup: "Setup",
-    folder: Path,
-    at: tuple[float, float, float],
-    slow: float,
-    tail_s: float,
-    energy: bool = False,
-) -> dict[str, Any]:
-    """Write the sounds; what was heard. Raises RecordingError, SceneError, OSError."""
-    from hertzloop.results import listening
-    from hertzloop.results.figures import pieces_of
-
-    grid = listening.grid_of(setup, tail_s, slow)
-    size = setup.size_m or (0.0, 0.0)
-    place = np.array([0.5 * size[0] + at[0], 0.5 * size[1] + at[1], at[2]])
-    recorded = pieces_of(recording)
-    runs: dict[str, Iterable[Block]] = {"without-control": recorded}
-    if setup.has_law:
-        free = setup.without_control().free_series()
-        runs = {"with-control": recorded, "without-control": free}
-    heard: dict[Path, Heard] = {}
-    data: dict[str, Any] = {"at_m": list(at), "slow": slow, "tail_s": tail_s, "runs": {}}
-    for name, blocks in runs.items():
-        path = folder / f"{recording.path.stem}-{name}.wav"
-        drive = listening.drive_of(setup, blocks)
-        heard[path] = listening.listen(setup, drive, place, grid)
-        data["runs"][name] = {
-            "file": str(path),
-            "peak_pa": heard[path].peak_pa,
-            "exposure_pa2_s": heard[path].exposure_pa2_s,
-            "level_db": _level(heard[path].exposure_pa2_s),
-        }
-        if energy:
-            found = listening.radiated(setup, drive, grid)
-            data["runs"][name] |= asdict(found) if found else {}
-    data["full_scale_pa"] = listening.write_wavs(heard)
-    return data
-
-
-def _level(exposure_pa2_s: float) -> float:
-    """Sound exposure level, dB re (20 uPa)^2 1 s."""
-    return 10.0 * math.log10(exposure_pa2_s / 4e-10) if exposure_pa2_s > 0.0 else -math.inf
 
 
 def _show(data: dict[str, Any]) -> None:

@@ -7,10 +7,11 @@ import typer
 
 from hertzloop import __version__
 from hertzloop.commands.hosts import write_keys
-from hertzloop.commands.terminal import Table, fail, out, styled
+from hertzloop.commands.terminal import fail, out
 from hertzloop.scenes.errors import shown
 from hertzloop.scenes.scene import DEFAULT, shipped, shipped_text
 from hertzloop.setup import load
+from hertzloop.views.format import Table, styled
 
 
 def scenes(

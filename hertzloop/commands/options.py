@@ -91,7 +91,7 @@ def scene_from(
     where whoever started the command has done so."""
     try:
         setup = load(source, settings or (), seed)
-        from hertzloop.commands.warmup import anything_compiled
+        from hertzloop.processes.warmup import anything_compiled
         from hertzloop.setup.plate import build_words
 
         if not anything_compiled():
@@ -287,7 +287,7 @@ def _strict(data: Any) -> Any:
 
 def compile_first(*scenes: Setup, paced: bool = False) -> None:
     """Compile what scenes run, see `ensure_compiled`; ends the command if one cannot be built."""
-    from hertzloop.commands.warmup import ensure_compiled
+    from hertzloop.processes.warmup import ensure_compiled
 
     try:
         ensure_compiled(announce_compilation, *scenes, paced=paced)

@@ -4,7 +4,6 @@ run, a paced one."""
 import shutil
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
@@ -14,47 +13,8 @@ import typer
 from hertzloop.commands.options import make_folder
 from hertzloop.commands.terminal import fail, out
 
-
-@dataclass(frozen=True)
-class Run:
-    """A scene, what of it is changed, and the pace if it has one."""
-
-    scene: str
-    changed: tuple[str, ...] = ()
-    pace: float | None = None
-
-    def record(self, file: Path) -> None:
-        """Record it: in one compiled call, a paced one as processes."""
-        from hertzloop.loop.inprocess import record_in_process
-        from hertzloop.setup import load
-
-        if self.pace is None:
-            record_in_process(load(self.scene, self.changed), file, compiled=True)
-            return
-        settings = [word for key in self.changed for word in ("--set", key)]
-        command = [sys.executable, "-m", "hertzloop", "run", self.scene, *settings]
-        command += ["--pace", str(self.pace), "--out", str(file)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode:
-            fail(f"the paced run failed: {done.stderr.strip()}", 1)
-
-
 _REPORT = "report"
 _BROWSERS = ("chromium", "chromium-browser", "chrome")
-_SHORT = "run.duration_s=0.014"
-_OTHER = ("controller.law=shifted_threshold", "controller.kappa=0.9", "controller.v_thr_m_s=-0.9")
-_FEEDBACK = "controller.law=velocity_feedback"
-MORE = {
-    "comparison": [
-        Run("aluminium-20mm", (_SHORT,)), Run("aluminium-20mm", (_SHORT, *_OTHER))
-    ],
-    "unstable": [
-        Run("aluminium-20mm", (_FEEDBACK, "controller.kappa=0.4", "run.duration_s=0.013"))
-    ],
-    "paced": [
-        Run("aluminium-3mm", (_FEEDBACK, "controller.kappa=0.1", "run.duration_s=0.003"), 0.003)
-    ],
-}  # fmt: skip
 
 
 def pictures(
@@ -75,10 +35,11 @@ def pictures(
     """Pictures of the replay: every shipped scene over itself without control, two laws compared,
     an unstable run, a paced one; --only report: the page of a run. No screen needed; a quarter of
     a minute each."""
-    from hertzloop.commands import replaying
     from hertzloop.scenes.scene import shipped
+    from hertzloop.views import replaying
     from recordings.reader import read
     from recordings.writer import RecordingError
+    from studies.drawn import MORE, Run
 
     if documented:
         _documented(folder, only, note)
@@ -93,7 +54,10 @@ def pictures(
             files = []
             for i, run in enumerate(wanted[name]):
                 files.append(Path(temporary) / f"{run.scene}{'-other' * i}.mcap")
-                run.record(files[-1])
+                try:
+                    run.record(files[-1])
+                except RuntimeError as error:
+                    fail(str(error), 1)
             first, *others = (read(file) for file in files)
             try:
                 picture = folder / f"replay-{name}.png"
@@ -131,6 +95,7 @@ def _documented(folder: Path, only: list[str] | None, note: bool) -> None:
 def _photograph_report(picture: Path) -> None:
     """The top of the page of the scene `aluminium-3mm`, by Chromium."""
     from recordings.reader import read
+    from studies.drawn import Run
     from studies.report.page import page_of
 
     browser = next(filter(None, map(shutil.which, _BROWSERS)), None)

@@ -16,8 +16,9 @@ from hertzloop.commands.options import (
     scene_from,
     write_json,
 )
-from hertzloop.commands.terminal import Table, fail, out, progress
+from hertzloop.commands.terminal import fail, out, progress
 from hertzloop.scenes.errors import SceneError
+from hertzloop.views.format import Table
 
 # What no program can find in the study, and why.
 LEFT_OUT = (
@@ -34,7 +35,7 @@ OutOption = Annotated[
 
 
 def _ready(*schemes: str) -> None:
-    from hertzloop.commands.warmup import of_scheme
+    from hertzloop.processes.warmup import of_scheme
 
     for scheme in schemes:
         compile_first(of_scheme(scheme))

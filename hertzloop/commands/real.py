@@ -10,7 +10,8 @@ import typer
 
 from hertzloop.commands.options import JsonOption, check_json, write_json
 from hertzloop.commands.study_frame import results_in
-from hertzloop.commands.terminal import Table, fail, out, progress
+from hertzloop.commands.terminal import fail, out, progress
+from hertzloop.views.format import Table
 
 _WANTED_DB = (0.1, 3.0)  # less than the first is no help
 

@@ -72,7 +72,7 @@ def inspect(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Streams, counts, gaps, scene and figures of a recording; exit 1 if something is missing."""
-    from hertzloop.results import inspection
+    from hertzloop.views import inspection
     from recordings.writer import RecordingError
 
     check_json(json_file, law_file)
@@ -92,7 +92,7 @@ def inspect(
 def _write_law(recording: "Recording", file: Path, overwrite: bool) -> None:
     """Write the text of the law that ran; ends the command if there is none, or it cannot be
     written."""
-    from hertzloop.results.law import text_of_law
+    from hertzloop.views.provenance import text_of_law
     from recordings.writer import RecordingError
 
     check_output(file, overwrite, "--law", [recording.path])
@@ -166,7 +166,9 @@ def compare(
 
 def _compare_figures(left: "Recording", right: "Recording", json_file: Path | None) -> None:
     """Print the figures of two recordings side by side."""
-    from hertzloop.results import comparison, inspection
+    from hertzloop.analysis.spans import compared
+    from hertzloop.views import inspection
+    from hertzloop.views.data import comparison_as_json, figures_in
 
     both = []
     for recording in (left, right):
@@ -175,21 +177,21 @@ def _compare_figures(left: "Recording", right: "Recording", json_file: Path | No
             why = [*data["problems"], "there is no contact in it"][0]
             fail(f"{recording.path} has no figures: {why}", 1)
         both.append(data)
-    found = comparison.compared(*(comparison.figures_in(data) for data in both))
+    found = compared(*(figures_in(data) for data in both))
     for letter, data in zip("AB", both, strict=True):
         out.print(
             f"{letter}: {data['file']}, scene {data['scene']}, law {data['scene_law']}",
             soft_wrap=True, markup=False,
         )  # fmt: skip
-    out.print(comparison.table(found))
+    out.print(inspection.comparison_table(found))
     named = {name: data["file"] for name, data in zip("ab", both, strict=True)}
-    write_json(json_file, {**named, "figures": comparison.as_json(found)})
+    write_json(json_file, {**named, "figures": comparison_as_json(found)})
 
 
 def _horizon(recording: "Recording", tolerance: float) -> int | None:
     """Step up to which the recorded run can be the same on another processor, None for the end, or
     where its scene cannot be simulated here."""
-    from hertzloop.results.predictability import horizon_step
+    from hertzloop.analysis.trust import horizon_step
     from hertzloop.scenes.errors import SceneError
     from hertzloop.setup import parse
 
@@ -236,7 +238,7 @@ def replay(
     compared = read_or_fail(other, keep=True) if other else None
 
     # Here and not above: Rerun takes a second to load, and only a replay needs it.
-    from hertzloop.commands import replaying
+    from hertzloop.views import replaying
     from recordings.writer import RecordingError
 
     if save is None and screenshot is None and not replaying.has_display():

@@ -16,17 +16,19 @@ def response(
     json_file: JsonOption = None,
 ) -> None:
     """How long the answers of a paced run took, and what they had."""
-    from hertzloop.results import pacing
+    from hertzloop.analysis.recorded import pacing_of, responses_of
+    from hertzloop.views.data import pacing_as_json
+    from hertzloop.views.sentences import pacing_sentences
     from recordings.writer import RecordingError
     from studies import response as picture
 
     check_json(json_file)
     recording = read_or_fail(file)
     try:
-        responses, found = pacing.responses_of(recording), pacing.of(recording)
+        responses, found = responses_of(recording), pacing_of(recording)
     except RecordingError as error:
         fail(str(error), 1)
-    if responses is None or found is None:
+    if responses is None or found is None or found.clock is None:
         fail(f"{file} has no response times; those of 'hertzloop run --pace' have", 2)
     make_folder(folder)
     try:
@@ -34,7 +36,7 @@ def response(
         picture.write_table(folder / "response.csv", responses)
     except OSError as error:
         fail(f"cannot write {error.filename}: {error.strerror}", 1)
-    for sentence in pacing.sentences(found):
+    for sentence in pacing_sentences(found):
         out.print(sentence, soft_wrap=True)
     out.print(f"written: {folder}/response.png and .csv", soft_wrap=True)
-    write_json(json_file, found)
+    write_json(json_file, pacing_as_json(found) or {})

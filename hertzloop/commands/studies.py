@@ -20,10 +20,11 @@ from hertzloop.commands.plate_models import plate_models
 from hertzloop.commands.real import real
 from hertzloop.commands.response import response
 from hertzloop.commands.study_frame import numbers, results_in
-from hertzloop.commands.terminal import Table, err, fail, out, progress
+from hertzloop.commands.terminal import err, fail, out, progress
 from hertzloop.commands.validity import validity_map
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.setup import load
+from hertzloop.views.format import Table
 
 SchemeName = Literal["thesis2008", "modal"]
 
@@ -40,7 +41,7 @@ def tables(
     json_file: JsonOption = None,
 ) -> None:
     """Compute every row of a published table again, beside what was published."""
-    from hertzloop.commands.warmup import of_scheme
+    from hertzloop.processes.warmup import of_scheme
     from studies.published import tables as study
 
     check_folder(out_file)

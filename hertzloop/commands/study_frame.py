@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hertzloop.commands.options import compile_first, make_folder
-from hertzloop.commands.terminal import Table, err, fail, if_interrupted
+from hertzloop.commands.terminal import err, fail, if_interrupted
+from hertzloop.views.format import Table
 
 if TYPE_CHECKING:
     from studies.sweeps.journal import Kept
@@ -25,7 +26,7 @@ def numbers(title: str, headings: Iterable[str], rows: Iterable[Iterable[str]]) 
 @contextmanager
 def results_in(folder: Path, *schemes: str) -> Iterator[None]:
     """A study that writes into `folder`, which is made, with the kernels of `schemes` ready."""
-    from hertzloop.commands.warmup import of_scheme
+    from hertzloop.processes.warmup import of_scheme
 
     make_folder(folder)
     for scheme in schemes:

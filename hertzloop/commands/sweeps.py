@@ -25,10 +25,11 @@ from hertzloop.commands.options import (
     scene_from,
     write_json,
 )
-from hertzloop.commands.terminal import Table, err, fail, if_interrupted, out, progress, styled
+from hertzloop.commands.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
+from hertzloop.views.format import Table, styled
 
 
 def sweep(

@@ -2,62 +2,21 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from itertools import chain
 from typing import Any, NoReturn
 
 import typer
-from rich.console import Console, ConsoleOptions, RenderResult
-from rich.measure import Measurement
+from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table as RichTable
-from rich.text import Text
 from typer.core import TyperGroup
 
 from hertzloop.extras import sentence_on
 from hertzloop.processes.signals import INTERRUPTED, on_interrupt
+from hertzloop.views.format import styled
 
 # Text is text: what is shown comes from scenes, files and other processes, and a name such as
 # [red] or 0:100:1 has no meaning here. What is to have a style says so with `styled`.
 out = Console(highlight=False, emoji=False, markup=False)
 err = Console(stderr=True, highlight=False, emoji=False, markup=False)
-
-
-class Table(RichTable):
-    """A table of which no cell is cut: it keeps all words whole where they fit side by side, and
-    breaks long ones where they do not."""
-
-    def __init__(self, *headings: str, title: str | None = None, show_header: bool = True) -> None:
-        super().__init__(title=title, title_justify="left", show_header=show_header)
-        for heading in headings:
-            self.add_column(heading)
-
-    def add_column(self, *args: Any, **options: Any) -> None:
-        """Add a column; see rich."""
-        super().add_column(*args, **{"overflow": "fold", **options})
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        """Give every column its longest word and let the narrowest grow first; where even these
-        words do not fit, break those of the widest columns first, so that numbers stay whole."""
-        sizes = [
-            [Measurement.get(console, options, cell) for cell in (column.header, *column.cells)]
-            for column in self.columns
-        ]
-        least = [max(size.minimum for size in column) for column in sizes]
-        most = [max(size.maximum for size in column) for column in sizes]
-        room = options.max_width - 3 * len(sizes) - 1  # padding and rules
-        levels = range(max(most, default=1), 0, -1)
-        grown = ([min(b, max(a, level)) for a, b in zip(least, most, strict=True)]
-                 for level in levels)  # fmt: skip
-        broken = ([min(a, level) for a in least] for level in levels)
-        widths = next((w for w in chain(grown, broken) if sum(w) <= room), [1] * len(sizes))
-        for column, width in zip(self.columns, widths, strict=True):
-            column.width = width
-        yield from super().__rich_console__(console, options)
-
-
-def styled(*pieces: str | tuple[str, str]) -> Text:
-    """Text of pieces, each a string or (string, style)."""
-    return Text.assemble(*pieces)
 
 
 def fail(sentence: str, code: int) -> NoReturn:

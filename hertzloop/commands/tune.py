@@ -25,11 +25,12 @@ from hertzloop.commands.options import (
     write_json,
 )
 from hertzloop.commands.study_frame import resumable
-from hertzloop.commands.terminal import Table, fail, out, progress
+from hertzloop.commands.terminal import fail, out, progress
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text
 from hertzloop.setup import Setup
+from hertzloop.views.format import Table
 
 if TYPE_CHECKING:
     from studies.tuning.tune import Found, Tuned

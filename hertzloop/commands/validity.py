@@ -33,21 +33,23 @@ def validity(
     check_json(json_file)
     compile_first(resolved)
 
-    from hertzloop.results import left_out
+    from hertzloop.analysis.validity import State, neglected_of_scene
+    from hertzloop.views.effects import effects_as_json, show_left_out, table_of
 
     try:
-        found = left_out.of_scene(resolved)
+        neglected = neglected_of_scene(resolved)
     except SceneError as error:
         fail(str(error), 2)
-    if not found["stable"]:
+    found = {"stable": neglected.stable, **effects_as_json(neglected)}
+    if not neglected.stable:
         out.print("The closed loop is unstable: what else it leaves out would say nothing.")
     elif not found["validity"]:
         out.print("No contact within the run, so nothing is left out of one.")
     else:
-        out.print(left_out.table_of(found["validity"]))
-        left_out.show_left_out(out, found["validity"])
+        out.print(table_of(found["validity"]))
+        show_left_out(out, found["validity"])
         for finding in found["validity"]:
-            if finding["state"] == "not known":
+            if finding["state"] == State.NOT_KNOWN:
                 out.print(f"Not known: {finding['sentence']}.", soft_wrap=True)
     write_json(json_file, {"scene": resolved.name, **found})
 

@@ -13,10 +13,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from hertzloop.analysis.impacts import F_A, F_C, V_P, XI, XI_P, XI_S
 from hertzloop.interop.image import image
 from hertzloop.interop.library import C, write_library
 from hertzloop.interop.objects import HOST
-from hertzloop.results.impact_windows import F_A, F_C, V_P, XI, XI_P, XI_S
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from plant.contact.hertz import rigid_penetration_m

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.analysis.impacts import F_A, F_C
 from hertzloop.interop.kernels import ENERGIES, Unit, is_known
 from hertzloop.interop.objects import needed
 from hertzloop.loop import kernels as loop
 from hertzloop.loop.plant_streams import empty_window
-from hertzloop.results.impact_windows import F_A, F_C
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.setup import Setup

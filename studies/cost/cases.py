@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hertzloop.commands.modes import modes_of_scene
+from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.loop.compiled import IN_LOOP
 from hertzloop.setup import load
 from plant.schemes.collocation import CollocationPlant

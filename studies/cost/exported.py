@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
+from hertzloop.analysis.impacts import F_C
 from hertzloop.interop.environment import Driven, build, drive
 from hertzloop.interop.image import image
 from hertzloop.interop.library import write_folder
 from hertzloop.loop.compiled import Simulated, simulate
-from hertzloop.results.impact_rows import F_C
 from hertzloop.setup import load
 
 

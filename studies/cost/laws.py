@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from controller.loading.registry import SHIPPED
-from hertzloop.results.cases import figures_of_case
+from hertzloop.analysis.cases import figures_of_case
 from hertzloop.setup import Setup, load
 from studies.sweeps.design import Axis
 from studies.sweeps.evaluate import Pool, evaluate

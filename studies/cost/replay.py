@@ -7,9 +7,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
 
-from hertzloop.commands import replaying
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.setup import load
+from hertzloop.views import replaying
 from recordings.reader import read
 from recordings.replay import as_rerun
 from recordings.replay.viewer import ViewerError, frame_times_ms

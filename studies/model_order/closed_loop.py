@@ -2,9 +2,9 @@
 
 The first impact of whole scenes, half of them with a damper in the contact, half with a contact
 that yields, each without and with a law: changes of gap, rebound speed and plate energy as in
-`hertzloop.results.verify`, loop closed, against a quarter of the step and all modes up to twice the
-sampling frequency. (Twice the modes of the tightest request end near the sampling frequency,
-where the steps of a held force have a line; that would test the reference.)
+`hertzloop.analysis.trust.verify`, loop closed, against a quarter of the step and all modes up to
+twice the sampling frequency. (Twice the modes of the tightest request end near the sampling
+frequency, where the steps of a held force have a line; that would test the reference.)
 """
 
 import math
@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.analysis import trust as law_accuracy
+from hertzloop.analysis.trust import Verification, against, finer_spec
 from hertzloop.loop.compiled import simulate
-from hertzloop.results import law_accuracy
-from hertzloop.results.verify import Verification, against, finer_spec
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n, rigid_penetration_m

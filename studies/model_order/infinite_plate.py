@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from controller.loading.registry import find
+from hertzloop.analysis.impacts import F_A, XI, XI_P, consistent_impacts
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import F_A, XI, XI_P, consistent_impacts
 from hertzloop.setup import Setup, load
 from plant import state_kernels as pk
 from plant.schemes.factory import built

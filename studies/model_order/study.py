@@ -14,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from hertzloop.results.impact_rows import modal_displacement, starting_speed
+from hertzloop.analysis.impacts import modal_displacement, starting_speed
 from hertzloop.setup.plate import NEAREST
 from plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
 from plant.estimates.model_order import frequency_limit_hz

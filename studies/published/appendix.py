@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from controller.laws.precomputed import mobility_force_n
+from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import first_impact
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from plant.contact.hertz import tangent_stiffness_n_m

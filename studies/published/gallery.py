@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hertzloop.analysis.impacts import F_A, F_C, V_P, XI, XI_P, XI_S, first_impact
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import F_A, F_C, V_P, XI, XI_P, XI_S, first_impact
 from hertzloop.setup import Setup, load
 from plant.figures import noise
 from plant.schemes.registry import SCHEMES

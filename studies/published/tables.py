@@ -15,8 +15,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from controller.laws.precomputed import SHAPES
+from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import first_impact
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from plant.figures.noise import ImpactNoise, holmes_j, peak_pressure_pa

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Patch
 
-from hertzloop.commands.terminal import Table
+from hertzloop.analysis.impacts import F_C, consistent_impacts, first_impact
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import F_C, consistent_impacts, first_impact
 from hertzloop.setup import Setup, load
+from hertzloop.views.format import Table
 from plant.contact.hertz import (
     GRAVITY_M_S2,
     Contact,

@@ -13,16 +13,21 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from controller.loading.registry import shipped as shipped_laws
-from hertzloop.commands.listen import heard_of
-from hertzloop.commands.replaying import prepare, scene_of
-from hertzloop.results import figures, report, what_ran
-from hertzloop.results.conclusions import why_not_again
-from hertzloop.results.impacts_table import headings, impact_rows
-from hertzloop.results.law import law_line, law_of, ran_as_announced, text_of_law
-from hertzloop.results.left_out import sentences_of
-from hertzloop.results.predictability import errors_of
+from hertzloop.analysis.figures import free_figures
+from hertzloop.analysis.listening import heard_of
+from hertzloop.analysis.recorded import law_of
+from hertzloop.analysis.trust import errors_of, why_not_again
+from hertzloop.analysis.verdict import judge
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
+from hertzloop.views import provenance
+from hertzloop.views import run as report
+from hertzloop.views.data import judged_as_json, known_in
+from hertzloop.views.effects import sentences_of
+from hertzloop.views.provenance import text_of_law
+from hertzloop.views.replaying import prepare, scene_of
+from hertzloop.views.run import headings, impact_rows
+from hertzloop.views.sentences import law_line
 from recordings.reader import Recording
 from recordings.replay.as_rerun import Shown
 from recordings.replay.data import Curve, Deflection, Plot, extremes
@@ -129,11 +134,9 @@ class _Sound:
 def page_of(recording: Recording) -> str:
     """The page. Raises RecordingError if the recording cannot be read or replayed."""
     setup, shown = scene_of(recording), prepare(recording, drawn="Dashed")
-    free = None
-    if shown.told.twin is not None:
-        without = setup.uncontrolled()
-        free = figures.figures_of(without, without.free_series())
-    found = figures.of_recording(setup, recording, free, why_not_again(recording))
+    without = free_figures(setup) if shown.told.twin is not None else None
+    found = judged_as_json(judge(setup, recording, without, why_not_again(recording)))
+    free = found.get("uncontrolled")
     unstable = found["stability"]["unstable"]
     sounds, silent = _sounds(recording, setup)
     law, law_text, lawless = _law(recording)
@@ -182,7 +185,7 @@ def _tables(found: dict[str, Any], free: dict[str, Any] | None, compare: bool) -
     compare = compare and free is not None
     rows = report.noise_rows(
         [run["noise"][0] for run in runs], compare,
-        [errors_of(each, 0, "noise_errors") for each in digits],
+        [errors_of(known_in(each), 0, "noise_errors") for each in digits],
     )  # fmt: skip
     columns = ["figure of the first impact", *names, *(["change"] if compare else [])]
     tables = [_Table(columns, rows, [])]
@@ -257,10 +260,10 @@ def _sounds(recording: Recording, setup: Setup) -> tuple[list[_Sound], str]:
 def _again(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, list[str]]:
     """How to come to the same samples, in words and as commands."""
     file, ran = recording.path.name, law_of(recording)
-    (name, changed), saved = what_ran.closest_shipped(setup), "# the scene below, saved"
+    (name, changed), saved = provenance.closest_shipped(setup), "# the scene below, saved"
     again = f"{recording.path.stem}-again.mcap"
-    if not ran_as_announced(ran):
-        own = ran["law"] or "not named by the controller"
+    if not ran.as_announced:
+        own = ran.law or "not named by the controller"
         return (
             f"The forces came from a controller outside hertzloop; its law: {own}. Start that "
             "controller and these two processes, each in a terminal of its own, in any order.",
@@ -276,8 +279,8 @@ def _again(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, lis
     if name == setup.name and not changed:
         return same, [f"hertzloop run {name} --seed {setup.seed}"]
     run, first = f"hertzloop run {setup.name}.toml", []
-    if ran["law"] not in shipped_laws() and has_text:
-        law = str(ran["law"]).partition(":")
+    if ran.law not in shipped_laws() and has_text:
+        law = str(ran.law).partition(":")
         first = [f"hertzloop inspect {file} --law {law[0]}"]
         run += f" --set controller.law={''.join(law)}"
     return same, [*first, f"{run} --out {again}    {saved}", f"hertzloop compare {again} {file}"]

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from hertzloop.results import what_ran
 from hertzloop.scenes.keys import unit_of
 from hertzloop.setup import Setup, parse
+from hertzloop.views import provenance
 from studies import pictures, words
 from studies.latency import round_above
 from studies.report.page import svg, template
@@ -176,7 +176,7 @@ def _page(title: str, lines: list[str], **more: Any) -> str:
 
 
 def _ran(setup: Setup) -> str:
-    return f"{what_ran.bodies(setup)}; {what_ran.control(setup)}"
+    return f"{provenance.bodies(setup)}; {provenance.control(setup)}"
 
 
 def _page_of_sweep(path: Path) -> str:

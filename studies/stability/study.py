@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import consistent_impacts
 from hertzloop.setup import load
 from studies import pictures
 from studies.stability import limits

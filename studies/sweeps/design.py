@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from hertzloop.results.cases import Span
+from hertzloop.analysis.cases import Span
 from hertzloop.scenes.errors import SceneError, shortened, shown
 from hertzloop.scenes.text import toml_value
 from hertzloop.setup import Setup

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import Any
 
-from hertzloop.results.cases import UNSTABLE, CaseFigures, Span, case_in_parts, together
+from hertzloop.analysis.cases import UNSTABLE, CaseFigures, Span, case_in_parts, together
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
 

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
 
-from hertzloop.results.cases import Span
+from hertzloop.analysis.cases import Span
 from studies.sweeps.evaluate import Numbered, Pool, Rows, chunked
 
 

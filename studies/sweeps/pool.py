@@ -25,8 +25,8 @@ from multiprocessing.queues import SimpleQueue
 from typing import Any
 
 from controller.loading.registry import shipped
+from hertzloop.analysis.cases import Span
 from hertzloop.processes.signals import deaf_to_the_terminal, interrupts_held_back
-from hertzloop.results.cases import Span
 from hertzloop.setup import Setup
 from studies.sweeps.evaluate import Numbered, Pool, Rows, run_cases, run_chunk, scene_of
 

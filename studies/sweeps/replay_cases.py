@@ -10,10 +10,10 @@ import numpy as np
 
 from bus.port import BusError
 from bus.streams import StreamFault
+from hertzloop.analysis.cases import digest_of
+from hertzloop.analysis.recorded import rows_of
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.processes.launcher import RunFailed
-from hertzloop.results.cases import digest_of
-from hertzloop.results.figures import rows_of
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
 from recordings.reader import read

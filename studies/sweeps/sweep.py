@@ -18,7 +18,7 @@ import pyarrow.parquet
 
 from controller.loading.law import LawError
 from controller.loading.registry import find, resolve
-from hertzloop.results.cases import CaseFigures, Span
+from hertzloop.analysis.cases import CaseFigures, Span
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.text import toml_value
 from hertzloop.setup import Setup

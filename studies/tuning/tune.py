@@ -21,7 +21,7 @@ from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 from controller.law import About
 from controller.loading.law import LawError
 from controller.loading.registry import find, resolve, shipped
-from hertzloop.results.cases import Span
+from hertzloop.analysis.cases import Span
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from studies.sweeps.design import Axis, Design, DesignError, Spread, at_all, fitted, spread_over

@@ -7,14 +7,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from hertzloop.analysis.cases import figures_of_case
+from hertzloop.analysis.deflection import deflection
+from hertzloop.analysis.figures import figures_of
+from hertzloop.analysis.impacts import F_A, F_A1, XI_P, consistent_impacts
+from hertzloop.analysis.recorded import rows_of
+from hertzloop.analysis.trust import verify
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.results.cases import figures_of_case
-from hertzloop.results.deflection import deflection
-from hertzloop.results.figures import figures_of, rows_of
-from hertzloop.results.impact_rows import F_A, F_A1, XI_P, consistent_impacts
-from hertzloop.results.verify import verify
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from recordings.reader import read
@@ -105,14 +106,14 @@ def test_the_recording_holds_the_force_and_the_command(tmp_path: Path) -> None:
 
 def test_demand_of_the_ideal_law() -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.0013"])
-    asked = figures_of(scene, simulate(scene).rows)["demand"]
+    asked = figures_of(scene, simulate(scene).rows).demand
     assert asked is not None
-    assert 65.0 < asked["force_n"] < 75.0
-    assert 5.0 < asked["power_w"] < 15.0
-    assert asked["slew_n_s"] == pytest.approx(8.4e6, rel=0.05)
-    assert asked["delay_s"] == 0.0
+    assert 65.0 < asked.force_n < 75.0
+    assert 5.0 < asked.power_w < 15.0
+    assert asked.slew_n_s == pytest.approx(8.4e6, rel=0.05)
+    assert asked.delay_s == 0.0
     off = load("aluminium-3mm", ["run.duration_s=0.0013", "controller.law=off"])
-    assert figures_of(off, simulate(off).rows)["demand"] is None
+    assert figures_of(off, simulate(off).rows).demand is None
 
 
 def test_run_and_inspect_print_the_demand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

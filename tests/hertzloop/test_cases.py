@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from hertzloop.analysis import cases
+from hertzloop.analysis.cases import figures_of_case
+from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import Simulated, simulate
-from hertzloop.results import cases
-from hertzloop.results.cases import figures_of_case
-from hertzloop.results.impact_rows import consistent_impacts
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 

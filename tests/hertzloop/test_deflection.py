@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hertzloop.analysis.deflection import deflection, forces_on_plate, frame_steps
+from hertzloop.analysis.impacts import modal_displacement
+from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.results.deflection import deflection, forces_on_plate, frame_steps
-from hertzloop.results.figures import rows_of
-from hertzloop.results.impact_rows import modal_displacement
 from hertzloop.setup import Setup, load
 from plant.plant import PlantSpec
 from recordings.reader import Recording, read

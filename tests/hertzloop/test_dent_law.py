@@ -9,8 +9,8 @@ import pytest
 from controller.law import About
 from controller.laws.dent_threshold import contact_force, dent
 from controller.loading.registry import find
+from hertzloop.analysis.cases import figures_of_case
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.cases import figures_of_case
 from hertzloop.setup import Setup, load
 from plant.contact.hertz import Limit
 from plant.contact.yielding import dent_m, force_n, yielding

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.results.deflection import deflection
-from hertzloop.results.figures import rows_of
-from hertzloop.results.impact_rows import modal_displacement
+from hertzloop.analysis.deflection import deflection
+from hertzloop.analysis.impacts import modal_displacement
+from hertzloop.analysis.recorded import rows_of
 from hertzloop.setup import load, parse
 from plant.structures.structure import oscillators
 from recordings.reader import read

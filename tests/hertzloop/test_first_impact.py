@@ -12,13 +12,13 @@ from typer.testing import CliRunner
 
 import hertzloop
 from controller.loading.registry import shipped
+from hertzloop.analysis.cases import CaseFigures, figures_of_case
+from hertzloop.analysis.impacts import F_A, impacts_of_rows
+from hertzloop.analysis.spans import SpanFigures, changes_db
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.cases import CaseFigures, figures_of_case
-from hertzloop.results.impact_rows import F_A, impacts_of_rows
-from hertzloop.results.report import noise_rows
-from hertzloop.results.spans import SpanFigures, changes_db
 from hertzloop.setup import Setup, load
+from hertzloop.views.run import noise_rows
 from plant.figures import rows_kernels as an
 from recordings.reader import read
 from studies.latency import Named, critical

@@ -6,9 +6,9 @@ from dataclasses import asdict
 import numpy as np
 import pytest
 
+from hertzloop.analysis import impacts as impact_windows
+from hertzloop.analysis.impacts import Block, RowsOfImpact, impacts_of_blocks, impacts_of_rows
 from hertzloop.loop.compiled import simulate
-from hertzloop.results import impact_windows
-from hertzloop.results.impact_rows import Block, RowsOfImpact, impacts_of_blocks, impacts_of_rows
 from hertzloop.setup import load
 
 SCENES = {

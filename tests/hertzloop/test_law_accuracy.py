@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from hertzloop.analysis.trust import against, finer_spec, judged
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.law_accuracy import judged
-from hertzloop.results.verify import against, finer_spec
 from hertzloop.setup import Setup, load
+from hertzloop.views.sentences import law_accuracy_sentence
 
 # A threshold that the slope passes within the error of the modes at 1e-3, between two samples.
 NEAR = [
@@ -33,8 +33,8 @@ def test_a_threshold_within_the_error_is_said() -> None:
     assert (found.delay_us, found.finer_delay_us) == (6.0, 7.0)
     assert found.by_modes.largest > 10.0 * found.asked
     assert not found.kept
-    assert "the law then latches 7 us, not 6 us" in found.sentence
-    assert "penetration of the first impact by 2.3 % (asked: 0.1 %)" in found.sentence
+    assert "the law then latches 7 us, not 6 us" in law_accuracy_sentence(found)
+    assert "penetration of the first impact by 2.3 % (asked: 0.1 %)" in law_accuracy_sentence(found)
 
 
 @pytest.mark.full
@@ -69,7 +69,7 @@ def test_what_moves_without_another_decision_is_said_too() -> None:
     assert found is not None
     assert found.delay_us == found.finer_delay_us
     assert not found.kept
-    assert "latches" not in found.sentence
+    assert "latches" not in law_accuracy_sentence(found)
     true = against(scene, simulate(scene).rows, finer_spec(scene))
     assert true is not None
     assert found.by_modes.largest == pytest.approx(true.largest, rel=0.1)

@@ -7,10 +7,15 @@ import pytest
 from rich.console import Console
 
 from bus.messages_pb2 import RunEnd, SetUp
+from hertzloop.analysis.figures import free_figures
+from hertzloop.analysis.recorded import law_of
+from hertzloop.analysis.verdict import judge
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.results import figures, inspection, report
-from hertzloop.results.law import law_line, law_of
 from hertzloop.setup import load
+from hertzloop.views import inspection
+from hertzloop.views import run as report
+from hertzloop.views.data import run_as_json
+from hertzloop.views.sentences import law_line
 from recordings.reader import Recording, read
 
 SCENE = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
@@ -48,9 +53,8 @@ def test_a_run_that_another_law_made(tmp_path: Path) -> None:
     assert law_line(law_of(recorded)) == "slope_threshold"
     foreign = recorded.ends["controller"].set_up
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
-    nothing: dict = {"impacts": [], "noise": []}
-    data = figures.run_report(SCENE, recorded, nothing, transport="zenoh", wall_s=1.0, exchanges=1)
-    data["uncontrolled"] = nothing
+    judged = judge(SCENE, recorded, free_figures(SCENE))
+    data = run_as_json(SCENE, recorded, judged, transport="zenoh", wall_s=1.0, exchanges=1)
     said = "[b]mine[/b] 7 (the scene says slope_threshold)"
     for show in (
         lambda console: inspection.show(console, recorded, inspection.summary(recorded)),

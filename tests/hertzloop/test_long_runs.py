@@ -6,17 +6,17 @@ import sys
 import numpy as np
 import pytest
 
+from hertzloop.analysis import impacts as impact_windows
+from hertzloop.analysis.figures import figures_of
+from hertzloop.analysis.impacts import impacts_of_rows, through_first_contact
 from hertzloop.loop.compiled import simulate
-from hertzloop.results import impact_windows
-from hertzloop.results.figures import figures_of
-from hertzloop.results.impact_rows import impacts_of_rows, through_first_contact
 from hertzloop.setup import load
 from tests.hertzloop.test_impact_windows import in_blocks
 
 FIGURES = """
 import resource, sys
-from hertzloop.results import impact_windows
-from hertzloop.results.figures import figures_of
+from hertzloop.analysis import impacts as impact_windows
+from hertzloop.analysis.figures import figures_of
 from hertzloop.setup import load
 impact_windows.PIECE = 1 << 16  # so that a short run is a long one
 scene = load("sylomer-20mm", ["controller.law=off", "run.duration_s=" + sys.argv[1]])
@@ -54,17 +54,18 @@ def test_figures_of_blocks_are_those_of_the_whole(
     scene = load(name, [*keys, f"controller.law={law}", "sensors.quantity=auto"])
     rows = simulate(scene).rows
     whole = figures_of(scene, rows)
-    assert len(whole["impacts"]) > 1
-    assert figures_of(scene, in_blocks(rows, 900))["impacts"] == whole["impacts"]
+    assert len(whole.impacts) > 1
+    assert figures_of(scene, in_blocks(rows, 900)).impacts == whole.impacts
     monkeypatch.setattr(impact_windows, "PIECE", piece)
     found = figures_of(scene, in_blocks(rows, 900))
     for kind in ("impacts", "noise"):
-        assert len(found[kind]) == len(whole[kind])
-        for mine, theirs in zip(found[kind], whole[kind], strict=True):
-            assert mine == pytest.approx(theirs, rel=1e-9)
-    mine, theirs = ({**one["stability"], "since_s": 0.0} for one in (found, whole))
+        ours, others = getattr(found, kind), getattr(whole, kind)
+        assert len(ours) == len(others)
+        for mine, theirs in zip(ours, others, strict=True):
+            assert vars(mine) == pytest.approx(vars(theirs), rel=1e-9)
+    mine, theirs = ({**vars(one.stability), "since_s": 0.0} for one in (found, whole))
     assert mine == pytest.approx(theirs, rel=1e-9)
-    assert found["stability"]["since_s"] == whole["stability"]["since_s"]
+    assert found.stability.since_s == whole.stability.since_s
 
 
 def test_rows_through_the_first_contact() -> None:

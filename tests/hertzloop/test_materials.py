@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.results.cases import figures_of_case
+from hertzloop.analysis.cases import figures_of_case
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load, parse
 from plant.structures.materials import MATERIALS, Material

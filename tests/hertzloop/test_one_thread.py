@@ -9,7 +9,7 @@ from threading import Event
 import pytest
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
-from hertzloop.results.cases import figures_of_case
+from hertzloop.analysis.cases import figures_of_case
 from hertzloop.setup import load
 from plant import one_thread
 from plant.one_thread import on_one_thread
@@ -17,7 +17,7 @@ from plant.one_thread import on_one_thread
 SETTINGS = ["run.duration_s=0.002", "run.accuracy=0.05", "plate.edges=cffs"]
 SCRIPT = f"""
 import numpy  # before hertzloop can ask for one thread
-from hertzloop.results.cases import figures_of_case
+from hertzloop.analysis.cases import figures_of_case
 from hertzloop.setup import load
 from threadpoolctl import threadpool_info
 print(max(found["num_threads"] for found in threadpool_info()))

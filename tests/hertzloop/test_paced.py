@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 from bus.streams import PLANT, StreamFault
 from bus.wire import Packed
+from hertzloop.analysis.recorded import class_ends_ns, pacing_of, responses_of
 from hertzloop.commands.cli import app
 from hertzloop.loop import paced as paced_loop
 from hertzloop.loop.answers import Repeat, repeat_of
@@ -25,9 +26,9 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import LateForces
 from hertzloop.loop.paced import PacedPlantNode, check_pace
 from hertzloop.loop.plant_node import PlantNode
-from hertzloop.results import pacing
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
+from hertzloop.views.run import show_pacing
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 from recordings.recorder import Recorder
@@ -39,7 +40,7 @@ FEEDBACK = ["controller.law=velocity_feedback", "controller.kappa=0.1", "run.acc
 
 @pytest.fixture(scope="session", autouse=True)
 def warm_paced_kernels(warm_kernels: None) -> None:
-    from hertzloop.commands.warmup import ensure_compiled
+    from hertzloop.processes.warmup import ensure_compiled
 
     ensure_compiled(lambda: None, paced=True)
 
@@ -79,10 +80,11 @@ def test_with_time_to_spare_it_is_the_run_in_lock_step(lane: bool, tmp_path: Pat
     assert pair.stats is not None
     assert pair.stats.wall_s >= 1.17  # the last of 60 steps begins then
     assert pair.stats.lane == ("JOINED" if lane else "")
-    told = pacing.of(recorded(pair, tmp_path / "paced.mcap"))
+    told = pacing_of(recorded(pair, tmp_path / "paced.mcap"))
     assert told is not None
-    assert told["slack_us"] == pytest.approx(420_000.0)
-    assert told["answers_in_time"] == 1.0
+    assert told.clock is not None
+    assert told.clock.slack_us == pytest.approx(420_000.0)
+    assert told.clock.answers_in_time == 1.0
     found = pair.samples()
     assert found.pop("truth.held_steps")
     assert found == {
@@ -98,13 +100,14 @@ def test_late_forces_repeat_to_the_bit(lane: bool, tmp_path: Path) -> None:
     scene = feedback()
     first = recorded(paced(scene, 0.1, lane).run(), tmp_path / "paced.mcap")
     assert not first.problems
-    found = pacing.of(first)
+    found = pacing_of(first)
     assert found is not None
     held = first.truth.arrays["held_steps"]
-    assert found["late_forces"] == np.count_nonzero(held) > 100
+    assert found.late_forces == np.count_nonzero(held) > 100
     rows = np.split(held > 0, np.flatnonzero(np.diff(held > 0)) + 1)
-    assert found["longest_row"] == max(len(row) for row in rows if row[0])
-    assert found["answers"] == first.daq.samples - 1  # but the one in lock-step
+    assert found.longest_row == max(len(row) for row in rows if row[0])
+    assert found.clock is not None
+    assert found.clock.answers == first.daq.samples - 1  # but the one in lock-step
     repeat = repeat_of(first)
     again = repeated(scene, repeat, not lane)
     assert again.fault == again.controller_fault == ""
@@ -167,13 +170,14 @@ def test_a_row_of_late_forces_is_counted_and_numbered(tmp_path: Path) -> None:
     pair.controller.work = pause  # type: ignore[method-assign]
     first = recorded(pair.run(), tmp_path / "paced.mcap")
     assert slept.is_set()
-    found = pacing.of(first)
+    found = pacing_of(first)
     assert found is not None
-    assert found["longest_row"] > 500
-    assert found["response_us"]["max"] > 90_000
+    assert found.longest_row > 500
+    assert found.clock is not None
+    assert found.clock.response_us["max"] > 90_000
     late = [e.message for e in first.events if e.message.startswith("late force")]
     assert len(late) <= 3
-    assert re.match(rf"late forces? ([0-9]+ to )?{found['late_forces']}:", late[-1])
+    assert re.match(rf"late forces? ([0-9]+ to )?{found.late_forces}:", late[-1])
 
 
 def test_a_silent_controller_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -214,12 +218,13 @@ class TestProcesses:
 
     @pytest.mark.full
     def test_late_forces(self, folder: Path) -> None:
-        found = pacing.of(read(folder / "paced.mcap"))
+        found = pacing_of(read(folder / "paced.mcap"))
         assert found is not None
-        assert found["pace"] == 0.01
-        assert found["longest_row"] > 500
-        assert found["response_us"]["max"] > 80_000
-        assert found["response_us"]["p50"] <= found["response_us"]["p99.9"]
+        assert found.clock is not None
+        assert found.clock.pace == 0.01
+        assert found.longest_row > 500
+        assert found.clock.response_us["max"] > 80_000
+        assert found.clock.response_us["p50"] <= found.clock.response_us["p99.9"]
 
     def test_repeated(self, folder: Path) -> None:
         again = folder / "again.mcap"
@@ -303,7 +308,7 @@ def test_events_do_not_depend_on_how_a_run_is_cut() -> None:
 )  # fmt: skip
 def test_what_was_not_the_same_is_red(differs: str, said: str) -> None:
     console = Console(file=io.StringIO(), force_terminal=True, color_system="standard")
-    pacing.show(console, {"repeats": "a.mcap", "differs": differs})
+    show_pacing(console, {"repeats": "a.mcap", "differs": differs})
     assert isinstance(console.file, io.StringIO)
     assert console.file.getvalue().startswith(said)
 
@@ -312,7 +317,7 @@ def test_what_is_no_histogram(tmp_path: Path) -> None:
     """A file may hold anything."""
     recording = recorded(paced(feedback("run.duration_s=0.00002"), 0.01).run(), tmp_path / "a.mcap")
     assert recording.pacing is not None
-    assert pacing.responses_of(recording) is not None
+    assert responses_of(recording) is not None
     header, answers = recording.pacing.header, recording.pacing.arrays["answers"]
     wrong: list[tuple[str, Any]] = [
         ("pace", float("nan")), ("pace", 0.0), ("pace", float("inf")), ("classes_an_octave", 0),
@@ -323,17 +328,17 @@ def test_what_is_no_histogram(tmp_path: Path) -> None:
         spoiled.CopyFrom(header)
         setattr(spoiled, field, value)
         recording.pacing = Packed(spoiled, {"answers": answers})
-        found = pacing.of(recording)
+        found = pacing_of(recording)
         assert found is not None
-        assert found["pace"] is None
+        assert found.clock is None
     for values in (np.empty(0), np.zeros(9), np.array([1.0, -1.0]), np.array([np.inf]),
                    np.ones(10**6)):  # fmt: skip
         recording.pacing = Packed(header, {"answers": values})
-        assert pacing.responses_of(recording) is None
+        assert responses_of(recording) is None
 
 
 def test_classes_of_response_times() -> None:
-    ends = pacing.class_ends_ns(paced_loop.CLASSES, paced_loop.CLASSES_AN_OCTAVE)
+    ends = class_ends_ns(paced_loop.CLASSES, paced_loop.CLASSES_AN_OCTAVE)
     starts = np.concatenate([[0], ends[:-1]])
     for ns in [*range(200), *(int(1.07**i) for i in range(80, 400))]:
         at = paced_loop.class_of(ns)

@@ -8,17 +8,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from hertzloop.analysis.cases import figures_of_case
+from hertzloop.analysis.deflection import deflection, modes_of_scene
+from hertzloop.analysis.recorded import rows_of
+from hertzloop.analysis.trust import verify
 from hertzloop.commands.cli import app
-from hertzloop.commands.modes import modes_of_scene
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.results.cases import figures_of_case
-from hertzloop.results.deflection import deflection
-from hertzloop.results.figures import rows_of
-from hertzloop.results.plate_words import what_limits
-from hertzloop.results.verify import verify
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
+from hertzloop.views.run import what_limits
 from plant.structures.mode_file import write_modes
 from plant.structures.solid_plate import SolidPlate
 from recordings.reader import read

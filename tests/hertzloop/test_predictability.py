@@ -1,27 +1,23 @@
 """Later impacts: how far what was before is magnified, and how far runs can be compared."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from hertzloop.analysis.figures import figures_of
+from hertzloop.analysis.trust import CHAOTIC, errors_of, horizon_step, known_impacts
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import closed_loop_rows, simulate
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.results.digits import known_digits
-from hertzloop.results.figures import figures_of
-from hertzloop.results.impacts_table import headings, impact_rows
-from hertzloop.results.predictability import (
-    CHAOTIC,
-    as_dicts,
-    errors_of,
-    horizon_step,
-    known_impacts,
-)
-from hertzloop.results.report import noise_rows
 from hertzloop.setup import load
+from hertzloop.views.data import figures_as_json
+from hertzloop.views.format import known_digits
+from hertzloop.views.run import headings, impact_rows, noise_rows
+from plant.figures.impacts import Impact
 from recordings.compare import first_difference
 from recordings.reader import read
 
@@ -36,7 +32,7 @@ def test_rows_in_blocks_are_those_of_the_run() -> None:
 
 
 def test_every_bounce_of_a_light_ball_magnifies_what_was_before() -> None:
-    impacts = figures_of(FOUR, simulate(FOUR).rows)["impacts"]
+    impacts = figures_of(FOUR, simulate(FOUR).rows).impacts
     known = known_impacts(FOUR, impacts, 1e-3)
     assert known is not None
     grown = [each.amplification for each in known]
@@ -44,16 +40,16 @@ def test_every_bounce_of_a_light_ball_magnifies_what_was_before() -> None:
     assert grown[1] > 50.0 * grown[0]
     assert grown[2] > 50.0 * grown[1]
     # At the accuracy of the scene nothing is left of the third's rebound.
-    assert known[1].errors["rebound_speed_m_s"] < impacts[1]["rebound_speed_m_s"]
-    assert known[2].errors["rebound_speed_m_s"] > impacts[2]["rebound_speed_m_s"]
+    assert known[1].errors["rebound_speed_m_s"] < impacts[1].rebound_speed_m_s
+    assert known[2].errors["rebound_speed_m_s"] > impacts[2].rebound_speed_m_s
 
 
 def test_late_forces_are_no_chaos() -> None:
     """A paced run differs from its lock-step by far more than by what its bounces magnify."""
     scene = load("aluminium-3mm", ["run.duration_s=0.15"])
     figures = figures_of(scene, simulate(scene).rows)
-    impacts, noise = figures["impacts"], figures["noise"]
-    paced = [{name: 1.01 * value for name, value in impact.items()} for impact in impacts]
+    impacts, noise = figures.impacts, figures.noise
+    paced = [Impact(*(1.01 * value for value in vars(impact).values())) for impact in impacts]
     assert known_impacts(scene, paced, 1e-3, in_lock_step=False) == known_impacts(
         scene, impacts, 1e-3, noise=noise
     )
@@ -79,11 +75,11 @@ def test_what_is_without_control_has_its_digits_where_the_loop_explodes(tmp_path
 def test_the_error_of_the_second_impact_is_what_more_modes_change() -> None:
     scene = load("aluminium-3mm", ["run.duration_s=0.15"])
     finer = load("aluminium-3mm", ["run.duration_s=0.15", "run.accuracy=1e-4"])
-    one, other = (figures_of(s, simulate(s).rows)["impacts"] for s in (scene, finer))
+    one, other = (figures_of(s, simulate(s).rows).impacts for s in (scene, finer))
     known = known_impacts(scene, one, 1e-3)
     assert known is not None
     for key, error in known[1].errors.items():
-        assert abs(one[1][key] - other[1][key]) < 2.0 * error, key
+        assert abs(vars(one[1])[key] - vars(other[1])[key]) < 2.0 * error, key
 
 
 def test_no_table_shows_digits_that_another_does_not() -> None:
@@ -92,14 +88,14 @@ def test_no_table_shows_digits_that_another_does_not() -> None:
                 "controller.latency_us=5", "sensors.bits=12"]  # fmt: skip
     scene = load("aluminium-3mm", settings)
     found = figures_of(scene, simulate(scene).rows)
-    known = as_dicts(known_impacts(scene, found["impacts"], 0.02, noise=found["noise"]))
+    known = known_impacts(scene, found.impacts, 0.02, noise=found.noise)
     assert known is not None
-    assert known[0]["amplification"] > CHAOTIC
-    impact, noise = found["impacts"][0], found["noise"][0]
-    assert impact["plate_energy_j"] == pytest.approx(noise["transmitted_j"])
-    row = dict(
-        zip(headings(found["impacts"]), impact_rows(found["impacts"], known)[0][0], strict=True)
-    )
+    assert known[0].amplification > CHAOTIC
+    impact, noise = found.impacts[0], vars(found.noise[0])
+    assert impact.plate_energy_j == pytest.approx(noise["transmitted_j"])
+    shown = figures_as_json(found)["impacts"]
+    rows, _ = impact_rows(shown, [asdict(each) for each in known])
+    row = dict(zip(headings(shown), rows[0], strict=True))
     cells = dict(noise_rows([noise], False, [errors_of(known, 0, "noise_errors")]))
     assert cells["transmitted energy, in time"].removesuffix(" uJ") == row["into the plate (uJ)"]
     assert row["into the plate (uJ)"].startswith(("about", "unknown"))
@@ -107,7 +103,7 @@ def test_no_table_shows_digits_that_another_does_not() -> None:
 
 def test_a_heavy_ball_is_predictable() -> None:
     scene = load("aluminium-20mm", ["controller.law=off", "run.duration_s=0.012"])
-    known = known_impacts(scene, figures_of(scene, simulate(scene).rows)["impacts"], 1e-3)
+    known = known_impacts(scene, figures_of(scene, simulate(scene).rows).impacts, 1e-3)
     assert known is not None
     assert len(known) == 6
     assert max(each.amplification for each in known) < CHAOTIC

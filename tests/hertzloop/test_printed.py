@@ -12,12 +12,12 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
-from hertzloop.commands.terminal import Table
 from hertzloop.one_run import RunOptions, Transport, run_scene
-from hertzloop.results import report as tables
-from hertzloop.results.impacts_table import impacts_table
-from hertzloop.results.left_out import table_of
 from hertzloop.setup import load
+from hertzloop.views import run as tables
+from hertzloop.views.effects import table_of
+from hertzloop.views.format import Table
+from hertzloop.views.run import impacts_table
 
 ROOT = Path(__file__).parents[2]
 UNITS = {
@@ -193,4 +193,4 @@ def test_every_table_is_one_that_cuts_nothing() -> None:
         for path in (ROOT / folder).rglob("*.py")
         if "rich.table" in path.read_text(encoding="utf-8")
     ]
-    assert own == [ROOT / "hertzloop" / "commands" / "terminal.py"]
+    assert own == [ROOT / "hertzloop" / "views" / "format.py"]

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from hertzloop.analysis.figures import figures_of
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.figures import figures_of
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 
@@ -17,8 +17,7 @@ SHORT = "run.duration_s=0.0016"
 
 def noise_of(*settings: str) -> dict[str, float]:
     scene = load("aluminium-3mm", [SHORT, *settings])
-    noise: dict[str, float] = figures_of(scene, simulate(scene).rows)["noise"][0]
-    return noise
+    return vars(figures_of(scene, simulate(scene).rows).noise[0])
 
 
 def test_what_is_radiated_beside_the_figure_of_the_study() -> None:

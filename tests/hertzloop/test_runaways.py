@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from hertzloop.analysis.cases import UNSTABLE, UnstableLoop, figures_of_case
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.cases import UNSTABLE, UnstableLoop, figures_of_case
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from studies.sweeps.evaluate import not_run, run_case

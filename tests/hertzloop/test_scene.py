@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hertzloop.analysis.cases import figures_of_case
+from hertzloop.analysis.figures import figures_of
+from hertzloop.analysis.listening import radiator_of
+from hertzloop.analysis.trust import check_verifiable
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.cases import figures_of_case
-from hertzloop.results.figures import figures_of
-from hertzloop.results.listening import radiator_of
-from hertzloop.results.verify import check_verifiable
 from hertzloop.scenes.scene import (
     DEFAULT,
     Scene,
@@ -276,13 +276,14 @@ def test_an_infinite_plate_may_be_of_any_size() -> None:
     found = figures_of(resolve(scene), simulate(resolve(scene)).rows)
     usual = load("aluminium-3mm", short)
     expected = figures_of(resolve(usual), simulate(resolve(usual)).rows)
-    assert found["impacts"] == expected["impacts"]
-    sums = {name for name, value in found["noise"][0].items() if math.isnan(value)}
+    assert found.impacts == expected.impacts
+    sums = {name for name, value in vars(found.noise[0]).items() if math.isnan(value)}
     assert sums == {"transmitted_spectrum_j", "radiated_j", "radiated_maidanik_j", "sound_j",
                     "sound_maidanik_j"}  # fmt: skip
-    assert not any(math.isnan(value) for value in expected["noise"][0].values())
+    assert not any(math.isnan(value) for value in vars(expected.noise[0]).values())
     case = figures_of_case(resolve(scene), "run")
-    assert case.plate_energy_j == expected["whole_run"]["plate_energy_j"]
+    assert expected.whole_run is not None
+    assert case.plate_energy_j == expected.whole_run.plate_energy_j
     # Without plate_model it is found to do, and what needs the modes says so.
     assert resolve(load("aluminium-3mm", [*huge, short[0]])).plant.infinite_plate
     with pytest.raises(SceneError, match=r"--verify needs about 2.1e\+07 modes"):

@@ -9,8 +9,8 @@ import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from hertzloop.analysis.figures import figures_of
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.figures import figures_of
 from hertzloop.scenes.errors import _limits
 from hertzloop.scenes.scene import Scene, SceneError, load, parse, shipped, toml_value
 from hertzloop.setup import resolve

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from hertzloop.analysis.cases import figures_of_case
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.cases import figures_of_case
 from hertzloop.setup import load
 from plant.contact.hertz import Contact, Limit
 from plant.contact.yielding import deepest_rigid_m, yielding

@@ -164,7 +164,7 @@ def test_every_key_varied_gives_what_is_resolved_anew(name: str) -> None:
 
 
 def test_a_structure_by_its_modes_is_varied_as_well(tmp_path: Path) -> None:
-    from hertzloop.commands.modes import modes_of_scene
+    from hertzloop.analysis.deflection import modes_of_scene
 
     short = ["run.duration_s=0.0012", "run.accuracy=0.1", "run.plate_model=modal"]
     path = tmp_path / "m.npz"

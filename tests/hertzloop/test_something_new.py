@@ -43,7 +43,7 @@ import numpy as np
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.results.verify import verify
+from hertzloop.analysis.trust import verify
 from hertzloop.setup import load
 from recordings.reader import read
 
@@ -200,7 +200,7 @@ import numpy as np
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.processes.law_trial import try_law
-from hertzloop.results.labelled import export_labels
+from hertzloop.views.labelled import export_labels
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from recordings.reader import read

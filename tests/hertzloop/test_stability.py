@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from controller.loading.registry import shipped as shipped_laws
+from hertzloop.analysis import meters as stability
+from hertzloop.analysis.cases import UnstableLoop, figures_of_case
+from hertzloop.analysis.impacts import F_A, XI_A, XI_P
+from hertzloop.analysis.meters import UNSTABLE, Stability
 from hertzloop.loop.compiled import simulate
-from hertzloop.results import stability
-from hertzloop.results.cases import UnstableLoop, figures_of_case
-from hertzloop.results.impact_rows import F_A, XI_A, XI_P
-from hertzloop.results.stability import UNSTABLE, Stability
 from hertzloop.scenes.scene import shipped
 from hertzloop.setup import Setup, load
 from tests.hertzloop.processes import hertzloop

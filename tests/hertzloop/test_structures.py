@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 import hertzloop
-from hertzloop.commands.modes import modes_of_scene
-from hertzloop.commands.warmup import ensure_compiled
+from hertzloop.analysis.cases import figures_of_case
+from hertzloop.analysis.deflection import deflection, modes_of_scene
+from hertzloop.analysis.impacts import first_impact, modal_displacement
+from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.one_run import RunOptions, Transport, run_scene
-from hertzloop.results.cases import figures_of_case
-from hertzloop.results.deflection import deflection
-from hertzloop.results.figures import rows_of
-from hertzloop.results.impact_rows import first_impact, modal_displacement
+from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import shipped
 from hertzloop.setup import Setup, load, parse

@@ -5,9 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from hertzloop.analysis.cases import figures_of_case
+from hertzloop.analysis.impacts import XI
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.cases import figures_of_case
-from hertzloop.results.impact_rows import XI
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from plant.contact.hertz import GRAVITY_M_S2

@@ -7,17 +7,17 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from hertzloop.analysis.cases import figures_of_case
+from hertzloop.analysis.validity import ROWS, neglected_of_scene
 from hertzloop.commands.cli import app
-from hertzloop.results import left_out
-from hertzloop.results.cases import figures_of_case
-from hertzloop.results.validity import ROWS
 from hertzloop.setup import load
+from hertzloop.views.effects import effects_as_json
 
 SHORT = ("run.duration_s=0.0013", "controller.law=off")
 
 
 def found(name: str, *settings: str) -> dict[str, dict[str, Any]]:
-    data = left_out.of_scene(load(name, settings))
+    data = effects_as_json(neglected_of_scene(load(name, settings)))
     return {finding["name"]: finding for finding in data["validity"]}
 
 
@@ -135,18 +135,19 @@ def test_run_inspect_validity_and_sweep_tell_the_same(
 
 
 def test_an_unstable_loop_and_a_run_without_contact_have_none() -> None:
-    unstable = left_out.of_scene(
+    unstable = neglected_of_scene(
         load("aluminium-20mm", ["controller.law=velocity_feedback", "controller.kappa=0.4"])
     )
-    assert not unstable["stable"]
-    assert not unstable["validity"]
-    early = left_out.of_scene(load("aluminium-3mm", ["run.duration_s=0.0005"]))
-    assert early == {"stable": True, "validity": [], "warnings": []}
+    assert not unstable.stable
+    assert not unstable.findings
+    early = neglected_of_scene(load("aluminium-3mm", ["run.duration_s=0.0005"]))
+    assert early.stable
+    assert effects_as_json(early) == {"validity": [], "warnings": []}
 
 
 def test_a_case_names_what_it_leaves_out() -> None:
     case = figures_of_case(load("aluminium-3mm"))
     assert case.out_of_range == "yield"
     assert "plate theory (energy)" in case.leaves_out.split(", ")
-    names = [row.name for row in ROWS]
+    names = [row.effect for row in ROWS]
     assert len(set(names)) == len(names)

@@ -1,14 +1,22 @@
 """A run ends in words: whether control helped, in what, why not, and what spoils the figures."""
 
 import json
+from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
+from hertzloop.analysis.figures import Figures, Ran, Saturation
+from hertzloop.analysis.meters import Push, Stability
+from hertzloop.analysis.trust import Known, NotAgain, Obstacle, Predictability
+from hertzloop.analysis.validity import Neglected
+from hertzloop.analysis.verdict import saturation_of, verdict
 from hertzloop.commands.cli import app
-from hertzloop.results.verdict import saturation_of, verdict
+from hertzloop.views.sentences import verdict_sentences
+from plant.figures.impacts import Impact
+from plant.figures.noise import ImpactNoise
 from recordings.reader import Event
 
 
@@ -82,24 +90,45 @@ def test_an_unstable_loop_is_all_there_is_to_say(tmp_path: Path) -> None:
     assert not any(sentence.startswith("Control") for sentence in said)
 
 
+def impact(plate_energy_j: float) -> Impact:
+    return Impact(0.0, 30e-6, 1.0, 1.0, 100.0, plate_energy_j, 0.1)
+
+
+def noise(radiated_j: float) -> ImpactNoise:
+    known = {"radiated_j": radiated_j, "plate_speed_max_m_s": 0.1, "rebound_height_m": 0.01}
+    return ImpactNoise(**{field.name: known.get(field.name, 1.0) for field in fields(ImpactNoise)})
+
+
+STABLE = Stability(False, False, None, 0.0, 0.0, 0.0, 0.0)
+
+
+def figures(impacts: Sequence[Impact], sounds: Sequence[ImpactNoise], push: Push) -> Figures:
+    """Figures of a run of which no more is known than these."""
+    return Figures(
+        list(impacts), list(sounds), None, None, True, STABLE, None, push, Neglected(None)
+    )
+
+
+def said_of(
+    impacts: Sequence[Impact], sounds: Sequence[ImpactNoise], free: Figures,
+    known: Predictability | None = None, saturation: Saturation | None = None,
+) -> list[str]:  # fmt: skip
+    push = Push(1e-6, 0.0)
+    ran = Ran(figures(impacts, sounds, push), "mine", 1e-3, -1e-6, saturation=saturation)
+    return verdict_sentences(verdict(ran, free, known))
+
+
 def test_the_words_follow_the_figures() -> None:
-    impact = {"plate_energy_j": 1e-4, "duration_s": 30e-6}
-    noise = {"radiated_j": 1e-5, "plate_speed_max_m_s": 0.1, "rebound_height_m": 0.01}
-    report: dict[str, Any] = {
-        "scene_law": "mine", "last_contact_ended": True,
-        "stability": {"unstable": False, "pumps": False},
-        "push": {"after_touch_s": 1e-6, "apart": 0.0}, "injected_j": -1e-6, "yield": None,
-        "impacts": [impact], "noise": [noise],
-        "uncontrolled": {"impacts": [impact], "noise": [noise]},
-    }  # fmt: skip
-    assert verdict(report, None) == ["Control hardly changes the plate energy."]
-    report["impacts"] = [impact | {"plate_energy_j": 2e-4}]
-    report["noise"] = [noise | {"radiated_j": 1e-6}]
-    assert verdict(report, None) == [
+    free = figures([impact(1e-4)], [noise(1e-5)], Push(1e-6, 0.0))
+    assert said_of([impact(1e-4)], [noise(1e-5)], free) == [
+        "Control hardly changes the plate energy."
+    ]
+    assert said_of([impact(2e-4)], [noise(1e-6)], free) == [
         "Control does harm: plate energy +3.0 dB, radiated energy -10.0 dB."
     ]
-    report["impacts"] = [impact, impact | {"plate_energy_j": -0.9e-4}]
-    said = verdict(report, {"times": 2, "since_s": 1e-3})
+    said = said_of(
+        [impact(1e-4), impact(-0.9e-4)], [noise(1e-6)], free, saturation=Saturation(2, 1e-3)
+    )
     assert said[0] == (
         "Control helps: plate energy -10.0 dB over all contacts, radiated energy -10.0 dB "
         "(first impact)."
@@ -108,30 +137,20 @@ def test_the_words_follow_the_figures() -> None:
 
 
 def test_what_is_not_predictable_is_not_added_up() -> None:
-    first, second = ({"plate_energy_j": e, "duration_s": 3e-5} for e in (1e-4, 1e-5))
-    free = {"impacts": [first, second], "noise": []}
-    report: dict[str, Any] = {
-        "scene_law": "mine", "last_contact_ended": True, "push": {"after_touch_s": 0.0, "apart": 0},
-        "stability": {"unstable": False, "pumps": False}, "injected_j": 0.0, "yield": None,
-        "impacts": [first | {"plate_energy_j": 5e-5}, second | {"plate_energy_j": 9e-5}],
-        "noise": [], "uncontrolled": free,
-    }  # fmt: skip
+    free = figures([impact(1e-4), impact(1e-5)], [], Push(0.0, 0.0))
 
-    def known(*errors_j: float) -> list[dict[str, Any]]:
-        return [
-            {"amplification": 1.0 if e == 0.0 else 1e3, "errors": {"plate_energy_j": e},
-             "noise_errors": {}}
-            for e in errors_j
-        ]  # fmt: skip
+    def known(*errors_j: float) -> list[Known]:
+        return [Known(1.0 if e == 0.0 else 1e3, {"plate_energy_j": e}, {}) for e in errors_j]
 
-    def said(controlled: Any, why_not: str = "") -> str:
-        known_of = {"controlled": controlled, "uncontrolled": known(0.0, 0.0), "why_not": why_not}
-        return verdict(report | {"predictability": known_of}, None)[0]
+    def said(controlled: list[Known] | None, not_again: NotAgain | None = None) -> str:
+        known_of = Predictability(1e-3, controlled, known(0.0, 0.0), not_again)
+        return said_of([impact(5e-5), impact(9e-5)], [], free, known_of)[0]
 
     assert said(known(0.0, 0.0)) == "Control does harm: plate energy +1.0 dB over all contacts."
     later = "Control helps: plate energy -3.0 dB (first impact; later ones are not predictable)."
     assert said(known(0.0, 4e-5)) == later
-    assert "whether later ones are predictable is not known" in said(None, "it is foreign")
+    foreign = NotAgain(Obstacle.NOT_HERE, error="it is foreign")
+    assert "whether later ones are predictable is not known" in said(None, foreign)
     assert "plate energy -3 dB (first" in said(known(1e-5, 4e-5))
     assert said(known(9e-5, 4e-5)).startswith("Whether control helps is not predictable")
 
@@ -158,4 +177,4 @@ def test_a_gap_out_of_range_counts_while_it_matters(
     events = [Event(int(1e6 * ms), "plant", 3, message) for ms, message in enumerate(said, 1)]
     events.append(Event(0, "controller", 3, f"v_p {LEFT}"))
     found = saturation_of(events)
-    assert (found and (found["times"], pytest.approx(found["since_s"] * 1e3))) == expected
+    assert (found and (found.times, pytest.approx(found.since_s * 1e3))) == expected

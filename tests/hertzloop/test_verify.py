@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hertzloop.analysis.impacts import F_A, F_C, XI, consistent_impacts
+from hertzloop.analysis.trust import _START, Verification, finer_spec, past_first_impact, verify
 from hertzloop.loop.compiled import finer_loop, simulate
-from hertzloop.results.impact_rows import F_A, F_C, XI, consistent_impacts
-from hertzloop.results.verify import _START, Verification, finer_spec, past_first_impact, verify
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from plant.plant import Plant

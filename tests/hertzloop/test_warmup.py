@@ -14,8 +14,8 @@ from numba.core import event
 from bus.streams import CONTROLLER, PLANT, RECORDER
 from bus.zenoh_port import ZenohPort
 from controller.controller import Controller
-from hertzloop.commands import warmup
 from hertzloop.loop.plant_node import PlantNode
+from hertzloop.processes import warmup
 from hertzloop.processes.roles import BusAddress, run_controller, run_recorder
 from hertzloop.setup import Setup, load
 from recordings.reader import read
@@ -65,7 +65,7 @@ def test_each_kind_of_plant_is_compiled_once(ran: list[Setup]) -> None:
 SCRIPT = """
 import sys
 from pathlib import Path
-from hertzloop.commands.warmup import ensure_compiled
+from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.setup import load
 from jit.cache import noticed

@@ -8,17 +8,16 @@ import pytest
 from typer.testing import CliRunner
 
 import hertzloop
+from hertzloop.analysis.cases import figures_of_case
+from hertzloop.analysis.impacts import DEEPEST, XI, consistent_impacts
+from hertzloop.analysis.recorded import rows_of
+from hertzloop.analysis.trust import verify
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.results.cases import figures_of_case
-from hertzloop.results.figures import rows_of
-from hertzloop.results.impact_rows import XI, consistent_impacts
-from hertzloop.results.impact_windows import DEEPEST
-from hertzloop.results.report import pressure_words
-from hertzloop.results.verify import verify
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
+from hertzloop.views.run import pressure_words
 from plant.contact.yielding import strength
 from plant.structures.materials import MATERIALS
 from recordings.reader import read

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from hertzloop.analysis.cases import figures_of_case
+from hertzloop.analysis.impacts import F_A, XI
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.cases import figures_of_case
-from hertzloop.results.impact_rows import F_A, XI
 from hertzloop.setup import Setup, load
 from plant.schemes.discrete_gradient import DiscreteGradientPlant
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from hertzloop.analysis.cases import figures_of_case
+from hertzloop.analysis.impacts import F_A
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.cases import figures_of_case
-from hertzloop.results.impact_rows import F_A
 from hertzloop.setup import load
 
 KEYS = ["run.duration_s=0.0013", "run.accuracy=0.05", "controller.v_thr_m_s=-0.6"]

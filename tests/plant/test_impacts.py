@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.impact_rows import consistent_impacts
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from plant.contact.hertz import GRAVITY_M_S2

@@ -12,7 +12,7 @@ from mcap.opcode import Opcode
 from rich.console import Console
 
 import recordings.writer
-from hertzloop.results import inspection
+from hertzloop.views import inspection
 from recordings.columns import SAMPLED
 from recordings.compare import first_difference
 from recordings.reader import Recording, read

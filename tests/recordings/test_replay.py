@@ -12,12 +12,12 @@ import PIL.Image
 import pytest
 from typer.testing import CliRunner, Result
 
-from hertzloop.commands import replaying
+from hertzloop.analysis.impacts import V_P
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.inprocess import record_in_process
-from hertzloop.results.impact_rows import V_P
 from hertzloop.setup import load
+from hertzloop.views import replaying
 from recordings import writer
 from recordings.reader import Recording, Stream, read
 from recordings.replay import as_rerun as replay

@@ -10,9 +10,9 @@ import rerun as rr
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hertzloop.commands import replaying
 from hertzloop.loop.inprocess import record_in_process
 from hertzloop.setup import load
+from hertzloop.views import replaying
 from recordings.reader import read
 from recordings.replay import as_rerun, scene3d
 from recordings.replay.data import Deflection

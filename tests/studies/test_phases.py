@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from hertzloop.analysis.cases import figures_of_case
 from hertzloop.commands.cli import app
-from hertzloop.results.cases import figures_of_case
 from hertzloop.setup import load
 from studies.latency import Named, critical
 from studies.sweeps.design import KEY, Axis, phases, spread_of

@@ -8,8 +8,9 @@ import pytest
 import typer
 from matplotlib.figure import Figure
 
-from hertzloop.commands.pictures import Run
+from hertzloop.commands.pictures import pictures as take_pictures
 from studies import pictures, words
+from studies.drawn import MORE, Run
 from studies.latency import draw_maps, round_above
 from studies.tuning.pictures import draw_front
 from studies.tuning.tune import Found
@@ -98,10 +99,12 @@ def test_every_objective_has_words() -> None:
 
 
 def test_a_run_for_a_picture_that_fails_says_why(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    failing = Run("aluminium-3mm", ("controller.kappa=much",), 0.003)
+    monkeypatch.setitem(MORE, "paced", [failing])
     with pytest.raises(typer.Exit) as ended:
-        Run("aluminium-3mm", ("controller.kappa=much",), 0.003).record(tmp_path / "a.mcap")
+        take_pictures(tmp_path, ["paced"])
     assert ended.value.exit_code == 1
     said = " ".join(capsys.readouterr().err.split())
     assert "the paced run failed: error: " in said

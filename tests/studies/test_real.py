@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.analysis.cases import figures_of_case
 from hertzloop.commands.real import _critical, _table
-from hertzloop.results.cases import figures_of_case
 from studies import real as study
 from studies.latency import Named, critical
 from studies.sweeps.design import phases

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from hertzloop.results.cases import Span
+from hertzloop.analysis.cases import Span
 from hertzloop.setup import load
 from studies import latency
 from studies.sweeps.evaluate import Numbered, Pool, Rows, evaluate

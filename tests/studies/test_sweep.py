@@ -10,10 +10,10 @@ import pyarrow.parquet
 import pytest
 from typer.testing import CliRunner
 
+from hertzloop.analysis.cases import UNSTABLE, figures_of_case
+from hertzloop.analysis.impacts import first_impact
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.cases import UNSTABLE, figures_of_case
-from hertzloop.results.impact_rows import first_impact
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from studies.sweeps import evaluate

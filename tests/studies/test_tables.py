@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from hertzloop.analysis.figures import figures_of
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
-from hertzloop.results.figures import figures_of
 from hertzloop.setup import load
 from studies.published import tables
 
@@ -46,10 +46,10 @@ def test_parameter_study_rows() -> None:
 
 def test_a_table_has_the_figures_of_its_scene() -> None:
     row = tables.parse_row({"kappa": "0.8", "v_thr_m_s": "-0.25"}, 1)
-    noise = figures_of(*_run("thesis-aluminium"))["noise"][0]
+    noise = figures_of(*_run("thesis-aluminium")).noise[0]
     found = tables.noise_of(row, "thesis2008")
     assert found is not None
-    assert vars(found) == noise
+    assert found == noise
 
 
 def _run(source: str):  # type: ignore[no-untyped-def]

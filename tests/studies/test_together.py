@@ -4,8 +4,8 @@ from collections.abc import Generator
 
 import pytest
 
-from hertzloop.results import cases as parts
-from hertzloop.results.cases import together
+from hertzloop.analysis import cases as parts
+from hertzloop.analysis.cases import together
 from hertzloop.setup import load
 from studies.sweeps import evaluate
 

@@ -8,8 +8,8 @@ import pytest
 from typer.testing import CliRunner
 
 from controller.loading.registry import find, shipped
+from hertzloop.analysis.cases import figures_of_case
 from hertzloop.commands.cli import app
-from hertzloop.results.cases import figures_of_case
 from hertzloop.setup import Setup, load
 from studies.sweeps.design import Axis
 from studies.sweeps.evaluate import Pool

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hertzloop.results.impact_windows import impacts_in, modal_displacement, starting_speed
+from hertzloop.analysis.impacts import impacts_in, modal_displacement, starting_speed
 from plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness
 from plant.figures.impacts import Impact
 from plant.plant import PlantSpec

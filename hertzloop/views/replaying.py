@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 
 from bus.streams import LAST_NS
-from hertzloop.results import pacing, what_ran
-from hertzloop.results.deflection import deflection
-from hertzloop.results.figures import pieces_of
-from hertzloop.results.overlay import Overlay, overlay
-from hertzloop.results.stability import StabilityMeter
+from hertzloop.analysis.curves import Overlay, overlay
+from hertzloop.analysis.deflection import deflection
+from hertzloop.analysis.meters import StabilityMeter
+from hertzloop.analysis.recorded import pacing_of, pieces_of
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
+from hertzloop.views import provenance
+from hertzloop.views.sentences import pacing_sentences
 from plant.schemes.registry import SCHEMES
 from recordings.reader import Recording
 from recordings.replay import as_rerun as rerun_replay
@@ -131,7 +132,7 @@ def _beside(
     twin, shift_ns = _twin(recording, contacts, theirs, found, "A", "B")
     lines = [
         f"A: {recording.path.name}. B, faint: {other.path.name}",
-        *what_ran.compared(setup, theirs),
+        *provenance.compared(setup, theirs),
     ]
     if shift_ns:
         lines.append(f"B is moved by {shift_ns * 1e-6:+.3f} ms: first contacts begin together.")
@@ -180,10 +181,10 @@ def _told(
     begin = int(truth.step_at(0))
     spans = [(begin + a, begin + b) for a, b in near]
     own = overlay(setup, blocks, _ENERGIES, truth.samples, spans)
-    described = what_ran.description(setup, recording)
+    described = provenance.description(setup, recording)
     told = [*described[:2], *lines, *described[2:]]
-    if paced := pacing.of(recording):
-        told += pacing.sentences(paced)[:2]
+    if paced := pacing_of(recording):
+        told += pacing_sentences(paced)[:2]
     since_s, until_ns = meter.result().since_s, LAST_NS
     if since_s is not None:
         until_ns = round(since_s * 1e9)

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hertzloop.results.figures import pieces_of
-from hertzloop.results.impact_rows import F_A, F_A1, F_C, F_C1, V_P, XI_A, Block
+from hertzloop.analysis.impacts import F_A, F_A1, F_C, F_C1, V_P, XI_A, Block
+from hertzloop.analysis.recorded import pieces_of
+from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from plant.numerics import phi
 from plant.plant import RIGID_RAD_S, PlantSpec, air_eta
@@ -340,3 +341,59 @@ def deflection(
         w = np.tensordot(states, modes.shapes[0], 1)
     times_ns = recording.truth.step_at(frames[: len(states)]) * recording.truth.step_ns
     return Deflection(times_ns, x, y, w, contact, known)
+
+
+_NODES = 441  # of the grid, about
+_GRID_MODES = 1200  # at most that many modes go onto a grid
+
+
+def modes_of_scene(setup: Setup, grid: bool = False) -> ModeTable:
+    """Return the modes that a scene's plant computes with, up to its limit: those of equal
+    frequency merged, without those that no force moves. With `grid`: their shapes on a grid, too.
+
+    The same run with them gives the same bytes. Raises SceneError.
+    """
+    from plant.plant import air_eta
+    from plant.schemes.collocation import residual_m_n
+    from plant.structures.structure import oscillators
+
+    spec = setup.plant
+    if spec.infinite_plate:
+        raise SceneError(
+            "the scene takes an infinite plate, which has no modes; set run.plate_model = 'modal'"
+        )
+    limit = 2.0 * np.pi * spec.frequency_limit_hz
+    points = spec.contact_point_m, spec.actuator_point_m
+    try:
+        modes = oscillators(spec.plate, *points, limit)
+    except ValueError as error:
+        raise SceneError(str(error)) from error
+    count = len(modes.omega)
+    return ModeTable(
+        modes.omega,
+        modes.eta + air_eta(spec, modes.omega),
+        np.full(count, modes.scale_per_kg),
+        modes.contact,
+        modes.actuator,
+        residual_m_n(spec),
+        _on_grid(spec, limit, count) if grid else None,
+    )
+
+
+def _on_grid(
+    spec: "PlantSpec", limit: float, count: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    from plant.structures.structure import oscillator_shapes
+
+    what, points = spec.plate, (spec.contact_point_m, spec.actuator_point_m)
+    if what.size_m is None:
+        if what.mode_table is not None:
+            raise SceneError("the modes come from a file; take its own grid")
+        raise SceneError(f"{what} has no shapes on a grid; leave out --grid")
+    if count > _GRID_MODES:
+        raise SceneError(
+            f"{count} modes are too many for shapes on a grid, the most is {_GRID_MODES}; take a "
+            "larger run.accuracy"
+        )
+    x, y = axes(what.size_m, points[0], _NODES)
+    return x, y, oscillator_shapes(what, *points, limit, what.on_grid(limit, x, y))

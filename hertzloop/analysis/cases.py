@@ -10,23 +10,22 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from controller.law import ACTING
-from hertzloop.loop.compiled import LawStopped, Simulated, quiet_steps, simulate
-from hertzloop.results.extremes import ExtremesMeter
-from hertzloop.results.facts import Facts
-from hertzloop.results.impact_rows import impacts_of_rows
-from hertzloop.results.spans import (
+from hertzloop.analysis.impacts import impacts_of_rows
+from hertzloop.analysis.meters import ExtremesMeter, Stability, StabilityMeter
+from hertzloop.analysis.spans import (
     SpanFigures,
     WholeRunMeter,
     audible_modes,
     changes_db,
     of_impact,
 )
-from hertzloop.results.stability import Stability, StabilityMeter
-from hertzloop.results.validity import State, names_by_state
+from hertzloop.analysis.validity import Facts, State, findings, names_by_state
+from hertzloop.loop.compiled import LawStopped, Simulated, quiet_steps, simulate
 from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
 from hertzloop.setup import Setup
 from plant.figures.impacts import Impact
 from plant.figures.rows_kernels import all_finite, first_of
+from plant.schemes.registry import SCHEMES
 
 Span = Literal["impact", "run"]
 Result = TypeVar("Result")
@@ -51,7 +50,7 @@ class CaseFigures:
     or "infinite", what the scene's run.plate_model came to: with this value `hertzloop run` gives
     the same figures.
     `leaves_out`, `out_of_range`: names of indicators above their threshold, and by far (see
-    hertzloop.results.validity). `digest`: of all samples and rows of truth of the `steps` steps.
+    hertzloop.analysis.validity). `digest`: of all samples and rows of truth of the `steps` steps.
     """
 
     plate_energy_db: float
@@ -80,7 +79,7 @@ class CaseFigures:
 
 def digest_of(rows: np.ndarray, samples: np.ndarray) -> str:
     """Fingerprint of rows of truth, shape (10, steps), and samples (values, or codes)."""
-    total = hashlib.blake2b(digest_size=16)
+    total = hashlib.sha256()
     for row in (*rows, samples):
         total.update(np.ascontiguousarray(row))
     return total.hexdigest()
@@ -154,7 +153,7 @@ def together(cases: Sequence[Generator[None, None, Result]]) -> list[Result]:
 
 def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures]:
     """`figures_of_case`, which pauses between its parts unless its rows are many."""
-    if setup.scheme == "thesis2008":
+    if not SCHEMES[setup.scheme].conserves:
         raise SceneError(NO_CASE_OF_THESIS)
     try:
         setup, run = _follow(setup, span)
@@ -200,8 +199,8 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures
         delay_us=latched_us(setup, run),
         energy_residual=books.energy_residual,
         plate_model=setup.plate_model_asked,
-        leaves_out=left_out.get("left out", ""),
-        out_of_range=left_out.get("out of range", ""),
+        leaves_out=left_out.get(State.LEFT_OUT, ""),
+        out_of_range=left_out.get(State.OUT_OF_RANGE, ""),
         steps=run.rows.shape[1],
         digest=digest_of(run.rows, run.samples),
     )
@@ -231,8 +230,8 @@ def _uncontrolled(setup: Setup, span: Span) -> SpanFigures:
 def _left_out(setup: Setup, rows: np.ndarray, impacts: list[Impact]) -> dict[State, str]:
     spec, setup = setup.plant, setup.lasting(rows.shape[1])
     meter = ExtremesMeter(spec)
-    meter.feed(rows)
-    return names_by_state(Facts(setup, spec, meter.result(impacts)))
+    meter.feed(0, rows)
+    return names_by_state(findings(Facts(setup, spec, meter.result(impacts))))
 
 
 def _figures(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanFigures, list[Impact], int]:
@@ -250,7 +249,7 @@ def _figures(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanFigures, l
     if span == "impact":
         return of_impact(found[0]), impacts, found[0].over
     meter = WholeRunMeter(spec)
-    meter.feed(rows)
+    meter.feed(0, rows)
     whole = meter.result(impacts)
     assert whole is not None
     return whole, impacts, rows.shape[1]

@@ -3,13 +3,15 @@
 import math
 import wave
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from hertzloop.results.deflection import force_blocks
-from hertzloop.results.impact_rows import Block
+from hertzloop.analysis.deflection import force_blocks
+from hertzloop.analysis.impacts import Block
+from hertzloop.analysis.recorded import pieces_of
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from plant.figures.noise import RADIATED_UP_TO_HZ, SOUND_SPEED_M_S
@@ -29,6 +31,7 @@ from plant.structures.modes import NO_PARTICIPATION
 from plant.structures.plate import Plate
 from plant.structures.radiation import air_loss_factor, efficiency_wallace
 from plant.structures.structure import Structure
+from recordings.reader import Recording
 
 RATE_HZ = 48_000
 _NODES_A_WAVE = 6.0  # at the highest frequency, of the shorter of both waves
@@ -240,3 +243,45 @@ def write_wavs(heard: dict[Path, Heard]) -> float:
             file.setframerate(RATE_HZ)
             file.writeframes(samples.tobytes())
     return full_pa
+
+
+def heard_of(
+    recording: Recording,
+    setup: Setup,
+    folder: Path,
+    at: tuple[float, float, float],
+    slow: float,
+    tail_s: float,
+    energy: bool = False,
+) -> dict[str, Any]:
+    """Write the sounds; what was heard. Raises RecordingError, SceneError, OSError."""
+    grid = grid_of(setup, tail_s, slow)
+    size = setup.size_m or (0.0, 0.0)
+    place = np.array([0.5 * size[0] + at[0], 0.5 * size[1] + at[1], at[2]])
+    recorded = pieces_of(recording)
+    runs: dict[str, Iterable[Block]] = {"without-control": recorded}
+    if setup.has_law:
+        free = setup.without_control().free_series()
+        runs = {"with-control": recorded, "without-control": free}
+    heard: dict[Path, Heard] = {}
+    data: dict[str, Any] = {"at_m": list(at), "slow": slow, "tail_s": tail_s, "runs": {}}
+    for name, blocks in runs.items():
+        path = folder / f"{recording.path.stem}-{name}.wav"
+        drive = drive_of(setup, blocks)
+        heard[path] = listen(setup, drive, place, grid)
+        data["runs"][name] = {
+            "file": str(path),
+            "peak_pa": heard[path].peak_pa,
+            "exposure_pa2_s": heard[path].exposure_pa2_s,
+            "level_db": _level(heard[path].exposure_pa2_s),
+        }
+        if energy:
+            found = radiated(setup, drive, grid)
+            data["runs"][name] |= asdict(found) if found else {}
+    data["full_scale_pa"] = write_wavs(heard)
+    return data
+
+
+def _level(exposure_pa2_s: float) -> float:
+    """Sound exposure level, dB re (20 uPa)^2 1 s."""
+    return 10.0 * math.log10(exposure_pa2_s / 4e-10) if exposure_pa2_s > 0.0 else -math.inf

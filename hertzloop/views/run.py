@@ -1,21 +1,108 @@
-"""Tables on the terminal."""
+"""A run on the terminal: its tables and sentences."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rich.console import Console
 from rich.text import Text
 
-from hertzloop.commands.terminal import Table, styled
-from hertzloop.results import pacing
-from hertzloop.results.digits import LEGEND, UNKNOWN, change_db, known_digits
-from hertzloop.results.impacts_table import energy_unit, impacts_table
-from hertzloop.results.law import law_line
-from hertzloop.results.left_out import show_left_out
-from hertzloop.results.plate_words import tail_words, theory_words, what_limits
-from hertzloop.results.predictability import errors_of
+from hertzloop.analysis.spans import change_db
+from hertzloop.analysis.trust import errors_of
+from hertzloop.views.data import known_in, law_in, pacing_in
+from hertzloop.views.effects import show_left_out
+from hertzloop.views.format import LEGEND, UNKNOWN, Table, about, known_digits, styled
+from hertzloop.views.sentences import UNSTABLE, law_line, pacing_sentences
 from plant.schemes.registry import SCHEMES
+
+_SHOWN = 12  # impacts in a table; --json has them all
+# Heading, key, factor and usual format.
+_COLUMNS = (
+    ("start (ms)", "start_s", 1e3, ".4f"),
+    ("duration (us)", "duration_s", 1e6, ".2f"),
+    ("impact (m/s)", "impact_speed_m_s", 1.0, ".4f"),
+    ("rebound (m/s)", "rebound_speed_m_s", 1.0, ".4f"),
+    ("peak force (N)", "peak_force_n", 1.0, ".4g"),
+    ("into the plate ({unit})", "plate_energy_j", 0.0, ".4g"),  # factor: see `energy_unit`
+    ("plate, at most (m/s)", "plate_speed_max_m_s", 1.0, ".4g"),
+)
+
+
+def headings(impacts: list[dict[str, float]]) -> list[str]:
+    """Return the headings of the columns, with the unit that suits the energies."""
+    _, unit = energy_unit(impact["plate_energy_j"] for impact in impacts[:_SHOWN])
+    return [heading.format(unit=unit) for heading, *_ in _COLUMNS]
+
+
+def impacts_table(
+    title: str,
+    impacts: list[dict[str, float]],
+    known: list[dict[str, Any]] | None = None,
+    why_not: str = "",
+) -> Table:
+    """Impacts, one a row; see `impact_rows`."""
+    table = Table(title=title)
+    for heading in headings(impacts):
+        table.add_column(heading, justify="right")
+    rows, notes = impact_rows(impacts, known, why_not)
+    for row in rows:
+        table.add_row(*row)
+    table.caption = "; ".join(notes) or None
+    return table
+
+
+def energy_unit(energies_j: Iterable[float]) -> tuple[float, str]:
+    """Return the factor from J and the unit in which four digits of energies need no exponent."""
+    large = max((abs(energy) for energy in energies_j), default=0.0) >= 1e-2
+    return (1e3, "mJ") if large else (1e6, "uJ")
+
+
+def impact_rows(
+    impacts: list[dict[str, float]], known: list[dict[str, Any]] | None = None, why_not: str = ""
+) -> tuple[list[list[str]], list[str]]:
+    """Rows of the table below `headings`, and notes on them.
+
+    Args:
+        impacts: Fields as in `Impact`.
+        known: Fields as in `Known`, one for each impact: one that depends chaotically on those
+            before it has its predictable digits, and none are listed once there are none.
+        why_not: Why nothing is known of the digits, where that is so.
+    """
+    rows: list[list[str]] = []
+    notes: list[str] = []
+    to_unit, _ = energy_unit(impact["plate_energy_j"] for impact in impacts[:_SHOWN])
+    digits = known_in(known)
+    for i, impact in enumerate(impacts[:_SHOWN]):
+        errors = errors_of(digits, i)
+        cells = [
+            known_digits(
+                impact[key] * (factor or to_unit), form, errors.get(key, 0.0) * (factor or to_unit)
+            )
+            for _, key, factor, form in _COLUMNS
+        ]
+        if all(cell == UNKNOWN for cell in cells):
+            notes.append(f"impacts from number {i + 1} on are not predictable")
+            break
+        rows.append(cells)
+    else:
+        if len(impacts) > _SHOWN:
+            notes.append(f"and {len(impacts) - _SHOWN} more; --json has them all")
+    if digits is not None and any(each.chaotic for each in digits[: len(rows)]):
+        grown = digits[min(1, len(digits) - 1)].amplification
+        notes.insert(
+            0,
+            "only predictable digits are shown: the second impact magnifies the model's error "
+            f"{about(grown)} times",
+        )
+        if any(UNKNOWN in row for row in rows):
+            notes.append(LEGEND)
+    if why_not and len(impacts) > 1:
+        notes.append(
+            "digits as recorded: how many are predictable after the first impact is not known, "
+            f"since {why_not}"
+        )
+    return rows, notes
+
 
 _NOISE_ROWS = (
     ("contact time", "contact_time_s", 1e6, "us"),
@@ -114,7 +201,7 @@ def run_table(report: dict[str, Any]) -> Table:
     table.add_row(
         "scene, seed, transport", f"{report['scene']}, {report['seed']}, {report['transport']}"
     )
-    table.add_row("law really run", styled(law_line(report)))
+    table.add_row("law really run", styled(law_line(law_in(report))))
     table.add_row("steps", f"{report['steps']:,}")
     table.add_row(
         "wall time of the loop",
@@ -279,14 +366,13 @@ def _infinite_plate(report: dict[str, Any]) -> str:
     )
 
 
-def show_verdict(console: Console, said: list[str]) -> None:
+def show_verdict(console: Console, data: dict[str, Any]) -> None:
     """What a run comes to, in sentences."""
-    for sentence in said:
-        head, colon, rest = sentence.partition("UNSTABLE:")
-        words = (
-            styled((f"{head}{colon}", "bold red"), rest) if colon else styled((sentence, "bold"))
-        )
-        console.print(words, soft_wrap=True)
+    for i, sentence in enumerate(data["verdict"]):
+        text = styled((sentence, "bold"))
+        if i == 0 and data["stability"]["unstable"]:
+            text = styled((UNSTABLE, "bold red"), sentence[len(UNSTABLE) :])
+        console.print(text, soft_wrap=True)
 
 
 def _verification_line(report: dict[str, Any]) -> Text:
@@ -310,7 +396,7 @@ def print_run(console: Console, report: dict[str, Any]) -> None:
     noise, free = report["noise"], report["uncontrolled"]
     known = report["predictability"]
     own, other = known["controlled"], known["uncontrolled"]
-    errors = [errors_of(each, 0, "noise_errors") for each in (own, other)]
+    errors = [errors_of(known_in(each), 0, "noise_errors") for each in (own, other)]
     if controlled:
         console.print(impacts_table("Impacts with control", report["impacts"], own))
         console.print(impacts_table("The same without control", free["impacts"], other))
@@ -325,8 +411,8 @@ def print_run(console: Console, report: dict[str, Any]) -> None:
     show_left_out(console, report["validity"])
     if "verification" in report:
         console.print(_verification_line(report))
-    show_verdict(console, report["verdict"])
-    pacing.show(console, report)
+    show_verdict(console, report)
+    show_pacing(console, report)
     console.print(
         styled(
             "Recording: ",
@@ -336,3 +422,52 @@ def print_run(console: Console, report: dict[str, Any]) -> None:
         ),
         soft_wrap=True,
     )
+
+
+def theory_words(found: dict[str, Any]) -> str:
+    """Which theory a run took, and why."""
+    size = f"Kirchhoff's theory may cost {found['kirchhoff_error']['largest']:.1g}"
+    if found["chosen"] == "3d":
+        loud = "; a force that jumps has no limit as modes are added: give actuator.bandwidth_hz"
+        return f"three dimensions; {size}{loud if found['jumps'] else ''}"
+    if found["why_not_3d"]:
+        return f"Kirchhoff; {size}, but {found['why_not_3d']}"
+    return f"Kirchhoff; {size}, no more than asked"
+
+
+def tail_words(found: dict[str, float]) -> str:
+    """What stands for the modes left out where that is no spring."""
+    words, away = (
+        f"one damped mode took {found['lost_j'] * 1e6:.3g} uJ",
+        found["wavelengths_to_edge"],
+    )
+    if away >= found["needed"]:
+        return words
+    return f"{words}; not known so close to an edge, {away:.2g} of {found['needed']:g} wavelengths"
+
+
+def what_limits(report: dict[str, Any]) -> str:
+    """Why a run expects more error than was asked for, in words."""
+    if report["theory"] and report["theory"]["chosen"] == "3d":
+        return "all that this step, or a contact as wide as the waves, allows"
+    if "modes_in_file" in report["struck"]:
+        return "all that the file has"
+    if report["frequency_limit_hz"] < (1.0 - 1e-9) * report["model"]["full"]["frequency_limit_hz"]:
+        return (
+            "the law's force is held from sample to sample, and its steps cost that, not the "
+            "modes; a smaller run.step_ns or actuator.bandwidth_hz makes them smaller"
+        )
+    return "all that this step can carry, a smaller run.step_ns carries more"
+
+
+def show_pacing(console: Console, data: dict[str, Any]) -> None:
+    """Print what is to be said of pace and repetition in a report, if anything."""
+    paced = pacing_in(data)
+    for sentence in pacing_sentences(paced) if paced else ():
+        console.print(styled(sentence), soft_wrap=True)
+    if "repeats" in data:
+        differs = data["differs"]
+        said = f"not the run in {data['repeats']}: {differs}" if differs else (
+            f"the same bytes as in {data['repeats']}"
+        )  # fmt: skip
+        console.print(styled((f"Repeated: {said}.", "red" if differs else "bold")), soft_wrap=True)

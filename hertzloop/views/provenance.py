@@ -2,12 +2,13 @@
 
 from typing import Any
 
-from hertzloop.results.law import law_line, law_of
+from hertzloop.analysis.recorded import law_of
 from hertzloop.scenes.keys import unit_of
 from hertzloop.scenes.text import shipped
 from hertzloop.setup import Setup, load
-from plant.structures.modal_structure import ModalStructure
+from hertzloop.views.sentences import law_line, law_words
 from recordings.reader import Recording
+from recordings.writer import RecordingError
 
 _NOT_NAMED = ("name", "shows", "plate.modes.content")  # the content has its digest beside it
 _LONGEST = 40  # characters of a value
@@ -48,7 +49,7 @@ def bodies(setup: Setup) -> str:
     """Such as "3 mm steel on 3 mm aluminium"."""
     ball = f"R = {1e3 * setup.sphere.radius_m:g} mm, {_material(setup, 'sphere')}"
     structure = setup.structure
-    if isinstance(structure, ModalStructure) or structure.local_plate is None:
+    if structure.mode_table is not None or structure.local_plate is None:
         return f"{ball}, on a structure from a file of modes"
     return f"{ball}, on {1e3 * structure.local_plate.thickness_m:g} mm {_material(setup, 'plate')}"
 
@@ -96,7 +97,7 @@ def description(setup: Setup, recording: Recording) -> list[str]:
     name, changed = closest_shipped(setup)
     lines = [bodies(setup) + f", drop {1e3 * setup.sphere.drop_height_m:g} mm", control(setup)]
     ran = law_of(recording)
-    if ran["law"] and ran["law"] != setup.law_reference:
+    if ran.law and ran.law != setup.law_reference:
         lines.append(f"Law that really ran: {law_line(ran)}")
     if changed:
         listed = [f"{key} = {_value(own)} ({_value(theirs)})" for key, own, theirs in changed[:8]]
@@ -122,3 +123,19 @@ def _value(value: Any) -> str:
         return "not there"
     text = f"{value:g}" if isinstance(value, float) else str(value)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+
+
+def text_of_law(recording: Recording) -> str:
+    """Text of the law that ran. Raises RecordingError where the recording does not hold it."""
+    ran = law_of(recording)
+    if not recording.law_source:
+        raise RecordingError(
+            f"the recording holds no text of its law, {law_line(ran)}: a compiled law has none"
+        )
+    if ran.law and not ran.as_announced:
+        raise RecordingError(
+            f"the recording holds no text of the law that ran, {law_words(ran.law, None)}: its "
+            "controller is another program. The law of the scene did not run: "
+            f"{law_words(ran.scene_law, None)}"
+        )
+    return recording.law_source

@@ -22,14 +22,14 @@ def anything_compiled() -> bool:
 
 def of_scheme(scheme: str) -> "Setup":
     """A scene that runs the kernels of a scheme."""
-    from hertzloop.scenes.scene import DEFAULT
+    from hertzloop.scenes.text import DEFAULT
     from hertzloop.setup import load
 
     return load(_OF_SCHEME.get(scheme, DEFAULT), [f"run.scheme={scheme}"])
 
 
 def _default() -> list["Setup"]:
-    from hertzloop.scenes.scene import DEFAULT
+    from hertzloop.scenes.text import DEFAULT
     from hertzloop.setup import load
 
     return [load(DEFAULT, [f"run.plate_model={model}"]) for model in ("modal", "infinite")]
@@ -77,10 +77,10 @@ def _moment_of(setup: "Setup") -> "Setup":
 
 def _run(setup: "Setup", folder: Path) -> None:
     """A run through each port compiles every kernel that any of them calls."""
+    from hertzloop.analysis.figures import figures_of
+    from hertzloop.analysis.model import chosen_model
     from hertzloop.loop.compiled import simulate
     from hertzloop.loop.inprocess import record_in_process
-    from hertzloop.results.figures import figures_of
-    from hertzloop.results.model_cost import chosen_model
 
     record_in_process(setup, folder / "a.mcap", compiled=False)
     record_in_process(setup, folder / "b.mcap", compiled=True)

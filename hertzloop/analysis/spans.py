@@ -1,26 +1,26 @@
 """Figures of a span of a run, its first impact or the whole of it, and what control changes."""
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
 import numpy as np
 
-from hertzloop.results.impact_windows import (
+from hertzloop.analysis.impacts import (
     F_A,
     F_A1,
     F_C,
     F_C1,
     PIECE,
     V_P,
-    Block,
     RowsOfImpact,
     modal_displacement,
     starting_speed,
     work_j,
 )
+from hertzloop.analysis.meters import Meter
 from plant.figures import rows_kernels as k
 from plant.figures.impacts import Impact
 from plant.figures.noise import (
@@ -124,7 +124,7 @@ def audible_modes(spec: PlantSpec) -> Oscillators:
     return audible_alone(modes_of(spec))
 
 
-class WholeRunMeter:
+class WholeRunMeter(Meter):
     """Follows a run of a consistent scheme from its first touch on, over rows of truth that come
     in blocks. It sums over pieces that are counted from there."""
 
@@ -137,14 +137,8 @@ class WholeRunMeter:
         self._work_j = self._speed_max = 0.0
         self._drive: np.ndarray | float = 0.0
 
-    def through(self, blocks: Iterable[Block]) -> Iterator[Block]:
-        """The same blocks, followed as they pass."""
-        for first, rows in blocks:
-            self.feed(rows)
-            yield first, rows
-
-    def feed(self, rows: np.ndarray) -> None:
-        """Take the next rows, shape (10, steps)."""
+    def feed(self, first: int, rows: np.ndarray) -> None:
+        """Take the next rows, shape (10, steps), from step `first` on."""
         if not self._touched:
             touching = np.flatnonzero(rows[F_C])
             self._touched = bool(len(touching))
@@ -194,3 +188,66 @@ class WholeRunMeter:
             )  # fmt: skip
         self._before = piece[:, -1:].copy()
         self._done += piece.shape[1]
+
+
+def change_db(
+    value: float,
+    reference: float,
+    factor: float = 10.0,
+    error: float = 0.0,
+    reference_error: float = 0.0,
+) -> tuple[float, float]:
+    """A ratio in dB, nan where there is none, and its error by those of both numbers."""
+    change = decibels(value, reference, factor)
+    if math.isnan(change):
+        return math.nan, math.nan
+    wrong = error / abs(value) + reference_error / abs(reference)
+    return change, factor / math.log(10.0) * wrong
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One figure of two runs, SI units: `b_to_a` in `unit`, "dB" of energies and amplitudes, "%"
+    of other quantities, "" of a count. It is nan where no ratio is defined."""
+
+    span: str
+    figure: str
+    a: float
+    b: float
+    b_to_a: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All figures of two runs: those of the first impact, then those of the whole run."""
+
+    rows: tuple[Difference, ...]
+
+
+def compared(a: RunFigures, b: RunFigures) -> Comparison:
+    """Compare the spans that both runs have."""
+    return Comparison(tuple(_rows(a, b)))
+
+
+def _rows(a: RunFigures, b: RunFigures) -> Iterator[Difference]:
+    for span in (f.name for f in fields(RunFigures)):
+        one, other = getattr(a, span), getattr(b, span)
+        if one is None or other is None:
+            continue
+        for figure in (f.name for f in fields(SpanFigures)):
+            yield _difference(span, figure, getattr(one, figure), getattr(other, figure))
+
+
+def _difference(span: str, figure: str, a: float, b: float) -> Difference:
+    if figure in DECIBELS:
+        return Difference(span, figure, a, b, decibels(b, a, DECIBELS[figure]), "dB")
+    if figure == "contacts":
+        return Difference(span, figure, a, b, b - a, "")
+    change = 100.0 * (b / a - 1.0) if a else float("nan")
+    return Difference(span, figure, a, b, change, "%")
+
+
+def predictable(value: float, error: float) -> bool:
+    """Whether any digit of a number is, by its largest absolute error; 0 where all digits are."""
+    return error == 0.0 or error < abs(value)

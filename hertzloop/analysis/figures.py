@@ -1,0 +1,97 @@
+"""Figures of a run from its rows of truth."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hertzloop.analysis.impacts import Block, impacts_of_blocks
+from hertzloop.analysis.meters import (
+    Demand,
+    DemandMeter,
+    ExtremesMeter,
+    Push,
+    PushMeter,
+    Stability,
+    StabilityMeter,
+)
+from hertzloop.analysis.spans import SpanFigures, WholeRunMeter, of_impact
+from hertzloop.analysis.validity import Neglected, neglected
+from hertzloop.setup import Setup
+from plant.figures.impacts import Impact
+from plant.figures.noise import ImpactNoise
+from plant.schemes.registry import SCHEMES
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures of a run: its impacts and as many noise figures; those of its first impact and of the
+    whole run, None without a contact, the latter also of the published scheme; whether the last
+    contact ended; the loop's stability, what it asks of the actuator and when that pushes, None of
+    one that never does; the effects that the run neglects, none of an unstable loop."""
+
+    impacts: list[Impact]
+    noise: list[ImpactNoise]
+    first_impact: SpanFigures | None
+    whole_run: SpanFigures | None
+    last_contact_ended: bool
+    stability: Stability
+    demand: Demand | None
+    push: Push | None
+    neglected: Neglected
+
+
+@dataclass(frozen=True)
+class Saturation:
+    """How often samples were out of the converter's range where it matters, and since when."""
+
+    times: int
+    since_s: float
+
+
+@dataclass(frozen=True)
+class Ran:
+    """A run to be judged: its figures, and what is known of it besides. `injected_j`: the
+    actuator's share of the plate energy; `dent_m`: what a contact that yields leaves, 0 without;
+    `late`: whether forces came too late, so that not the law alone decided."""
+
+    figures: Figures
+    scene_law: str | None
+    expected_error: float | None
+    injected_j: float = 0.0
+    dent_m: float = 0.0
+    late: bool = False
+    saturation: Saturation | None = None
+
+
+def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Figures:
+    """Figures of a run from rows of truth, at once or in blocks."""
+    blocks = [(0, rows)] if isinstance(rows, np.ndarray) else rows
+    spec = setup.plant
+    stable, asked = StabilityMeter(setup), DemandMeter(spec)
+    extremes, push = ExtremesMeter(spec), PushMeter(setup)
+    whole = WholeRunMeter(spec) if SCHEMES[setup.scheme].conserves else None
+    for meter in (stable, asked, extremes, push, whole):
+        blocks = meter.through(blocks) if meter else blocks
+    impacts: list[Impact] = []
+    noise: list[ImpactNoise] = []
+    first, ended = None, True
+    with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
+        for found in impacts_of_blocks(setup, blocks):
+            first = first or of_impact(found)
+            impacts.append(found.impact)
+            noise.append(found.noise)
+            ended = found.ended
+        total = whole.result(impacts) if whole else None
+    stability = stable.result()
+    effects = Neglected(None, stable=False)
+    demand, pushed = asked.result(), push.result()
+    if not stability.unstable:
+        effects = neglected(setup, extremes.result(impacts))
+    return Figures(impacts, noise, first, total, ended, stability, demand, pushed, effects)
+
+
+def free_figures(setup: Setup) -> Figures | None:
+    """Figures of the same run without control, simulated here; None of a setup without a law."""
+    without = setup.uncontrolled()
+    return None if without == setup else figures_of(without, without.free_series())

@@ -1,0 +1,171 @@
+"""Which model of the plate a run took, what that saves against the full one, and what it cost."""
+
+import math
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bus.messages_pb2 import Books
+from hertzloop.setup import Setup
+from hertzloop.setup.plate import NEAREST
+from plant import state_kernels as pk
+from plant.balance import Balance
+from plant.estimates.plate_theory import KirchhoffError
+from plant.plant import Plant, PlantSpec
+from plant.schemes.factory import built
+from plant.schemes.infinite import impedance_n_s_m
+from plant.schemes.registry import SCHEMES
+from plant.structures.structure import frequencies
+from plant.time_series import series_under
+
+_COUNTED = 500_000  # modes; beyond, the full model is only said to be larger
+_TIMED = 4_000  # frequencies that can be built and timed within 0.3 s
+_LIFT_M = 1e3  # keeps the sphere off the plate
+_ROUNDS, _STEPS = 5, 1_000  # of the timing, both models in turn
+
+
+@dataclass(frozen=True)
+class FullModel:
+    """What all modes up to `frequency_limit_hz`, pi/dt, would have cost: about how many `modes` and
+    how many `frequencies` they are (None if too many to count), the `frequency_ratio` to those
+    chosen (None for an infinite plate), and the `measured_ratio` of the time for a step under
+    force, measured now, None where that would take long."""
+
+    frequency_limit_hz: float
+    modes: float
+    frequencies: int | None = None
+    frequency_ratio: float | None = None
+    measured_ratio: float | None = None
+
+
+@dataclass(frozen=True)
+class PlateModel:
+    """`plate_model`: "modal" or "infinite", with `impedance_n_s_m` of the infinite plate and
+    `infinite_until_s`, the time of the run until which it does (None where it does not for a whole
+    contact)."""
+
+    plate_model: str
+    impedance_n_s_m: float | None
+    infinite_until_s: float | None
+    full: FullModel
+
+
+@dataclass(frozen=True)
+class Tail:
+    """What the modes left out took where they are a damped mode, and how many wavelengths at the
+    limit the contact point is from an edge."""
+
+    lost_j: float
+    wavelengths_to_edge: float
+    needed: float
+
+
+@dataclass(frozen=True)
+class Theory:
+    """The theory of the plate, what was asked, and what Kirchhoff's may cost."""
+
+    asked: str
+    chosen: str
+    kirchhoff_error: KirchhoffError
+    jumps: bool
+    why_not_3d: str | None
+
+
+@dataclass(frozen=True)
+class Yield:
+    """Dent and energy of a contact that yielded."""
+
+    dent_m: float
+    dissipated_j: float
+
+
+@dataclass(frozen=True)
+class Radiation:
+    """Faces of the plate that radiate, and what air took over the run."""
+
+    faces: int
+    dissipated_j: float
+
+
+def chosen_model(setup: Setup) -> PlateModel | None:
+    """The plate's model of a run, and what the full one would have cost. None for the published
+    scheme, which always has the full model."""
+    if not SCHEMES[setup.scheme].limits_modes:
+        return None
+    spec = setup.plant
+    lasts_s, local = setup.infinite_plate_lasts_s, spec.plate.local_plate
+    return PlateModel(
+        plate_model="infinite" if spec.infinite_plate else "modal",
+        impedance_n_s_m=impedance_n_s_m(local) if local else None,
+        infinite_until_s=setup.first_touch_s + lasts_s if lasts_s else None,
+        full=_full_model(setup, spec),
+    )
+
+
+def _full_model(setup: Setup, spec: PlantSpec) -> FullModel:
+    limit_hz = 0.5 / setup.step_s
+    if spec.plate.mode_table is None:
+        limit_hz = min(limit_hz, spec.plate.highest_hz)
+    modes = spec.plate.modes_below(limit_hz)
+    if modes > _COUNTED:
+        return FullModel(limit_hz, modes)
+
+    def count(up_to_hz: float) -> int:
+        omega = 2.0 * math.pi * up_to_hz
+        return frequencies(spec.plate, spec.contact_point_m, spec.actuator_point_m, omega)
+
+    found, ratio, measured = count(limit_hz), None, None
+    if not spec.infinite_plate:
+        ratio = found / count(spec.frequency_limit_hz)
+    if found <= _TIMED:
+        whole = replace(spec, frequency_limit_hz=limit_hz, infinite_plate=False)
+        chosen = built(spec, setup.scheme)
+        measured = _ratio(built(whole, setup.scheme), chosen)
+    return FullModel(limit_hz, modes, found, ratio, measured)
+
+
+def _ratio(full: Plant, chosen: Plant) -> float:
+    """Time of a step under an actuator force, the one's against the other's: least of some rounds
+    in which they take turns. (In flight a damped plate's modes fall silent and cost nothing.)"""
+    plants = [full.at_start(), chosen.at_start()]
+    for plant in plants:
+        plant.state.body[[pk.FLIGHT_X, pk.XI, pk.XI_S]] += _LIFT_M
+    least = [math.inf, math.inf]
+    force = np.ones(_STEPS)
+    for _ in range(_ROUNDS):
+        for i, plant in enumerate(plants):
+            started = time.perf_counter()
+            series_under(plant, force)
+            least[i] = min(least[i], time.perf_counter() - started)
+    return least[0] / least[1]
+
+
+def tail_of(setup: Setup, books: Books) -> Tail | None:
+    """The modes left out; None where they are a spring, or none are."""
+    if not setup.plant.damped_tail:
+        return None
+    return Tail(books.tail_dissipated_j, setup.wavelengths_to_edge, NEAREST)
+
+
+def theory_of(setup: Setup) -> Theory | None:
+    """The theory of the plate; None for a plate that is not made from its sizes."""
+    if setup.structure.mode_table is not None:
+        return None
+    jumps = setup.has_law and setup.actuator.bandwidth_hz is None
+    return Theory(
+        setup.scene.plate.theory, setup.theory, setup.thin_plate_error, jumps, setup.why_not_solid
+    )
+
+
+def yield_of(books: Books | Balance | None) -> Yield | None:
+    """None of a contact that did not yield, and of a run that did not end."""
+    if books is None or books.dent_m == 0.0:
+        return None
+    return Yield(books.dent_m, books.plastic_dissipated_j)
+
+
+def radiation_of(setup: Setup, books: Books) -> Radiation | None:
+    """None where air takes nothing."""
+    faces = setup.bodies.radiating_faces
+    return Radiation(faces, books.air_dissipated_j) if faces else None

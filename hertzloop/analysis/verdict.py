@@ -1,0 +1,271 @@
+"""What a run comes to: whether control helped, in what, why not; what spoils the figures."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from hertzloop.analysis.figures import Figures, Ran, Saturation, figures_of
+from hertzloop.analysis.model import Yield, yield_of
+from hertzloop.analysis.recorded import LawRan, Pacing, blocks_of, law_of, pacing_of
+from hertzloop.analysis.spans import change_db, predictable
+from hertzloop.analysis.trust import (
+    LawAccuracy,
+    NotAgain,
+    Predictability,
+    errors_of,
+    law_accuracy,
+    predictability,
+)
+from hertzloop.setup import Setup
+from recordings.reader import Event, Recording
+
+HARDLY_DB = 0.1
+_MUCH = 0.1  # share of the push, or of the contact, that is worth a word
+_HARDLY_SHARE = 0.02  # of a rebound's height
+_FROM_NOTHING = 1e3  # times as high: what is divided by lies within the model's error
+_DECIBELS = {"radiated_j": 10.0, "plate_speed_max_m_s": 20.0}
+
+
+class Outcome(Enum):
+    """What control does to the plate energy."""
+
+    IDLE = auto()  # the law never pushed
+    UNPREDICTABLE = auto()
+    HELPS = auto()
+    HARMS = auto()
+    HARDLY = auto()
+
+
+class Over(Enum):
+    """Contacts that a change of the plate energy is of."""
+
+    ONLY = auto()  # both runs have one
+    ALL = auto()
+    FIRST = auto()  # later ones are not predictable
+    FIRST_KNOWN = auto()  # whether later ones are predictable is not known
+
+
+@dataclass(frozen=True)
+class Change:
+    """By how much control changes another figure of the first impact, in dB, the rebound height in
+    per cent of that without control; its error; `from_nothing`: there was next to none."""
+
+    figure: str
+    value: float
+    error: float
+    better: bool
+    from_nothing: bool = False
+
+
+@dataclass(frozen=True)
+class Reasons:
+    """Why control does not help, each None where it is no reason: time from touch to first force
+    and its share of the contact without control, share of the push while nothing touches, energy
+    that the actuator puts in, dent that a law takes for penetration."""
+
+    after_touch_s: float | None = None
+    late_share: float | None = None
+    apart: float | None = None
+    injected_j: float | None = None
+    dent_m: float | None = None
+
+
+@dataclass(frozen=True)
+class Control:
+    """What control changes: the plate energy in dB with its error, over which contacts, and other
+    figures of the first impact; `reasons` where it does not help; `once`: both runs have one
+    impact."""
+
+    outcome: Outcome
+    energy_db: float = 0.0
+    error_db: float = 0.0
+    over: Over = Over.ONLY
+    changes: tuple[Change, ...] = ()
+    reasons: Reasons | None = None
+    once: bool = True
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a run comes to. `control`: None where there is nothing to compare with; `law_accuracy`:
+    of a law that does not let the run keep its accuracy."""
+
+    ran: Ran
+    control: Control | None
+    law_accuracy: LawAccuracy | None = None
+
+
+@dataclass(frozen=True)
+class Conclusions:
+    """What the figures of a run come to."""
+
+    predictability: Predictability
+    law_accuracy: LawAccuracy | None
+    verdict: Verdict
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A recorded run with all of its figures, those of the same without control (None if it is that
+    itself), and what they come to."""
+
+    law: LawRan
+    ran: Ran
+    yielded: Yield | None
+    requested_accuracy: float
+    pacing: Pacing | None
+    free: Figures | None
+    conclusions: Conclusions
+
+
+def judge(
+    setup: Setup, recording: Recording, free: Figures | None, not_again: NotAgain | None = None
+) -> Judged:
+    """All figures of a recorded run, and what they come to.
+
+    Args:
+        setup: The setup of the run, whose closed loop is simulated again.
+        recording: The run.
+        free: Figures of the same run without control, None if it is that itself.
+        not_again: Why the closed loop cannot be simulated again, where that is so.
+    """
+    books, law, pacing = recording.books, law_of(recording), pacing_of(recording)
+    ran = Ran(
+        figures_of(setup, blocks_of(recording)),
+        law.scene_law,
+        books.expected_error if books else None,
+        injected_j=books.injected_j if books else 0.0,
+        dent_m=books.dent_m if books else 0.0,
+        late=pacing is not None,
+        saturation=saturation_of(recording.events),
+    )
+    found = conclusions(setup, ran, free, not_again)
+    return Judged(law, ran, yield_of(books), setup.accuracy, pacing, free, found)
+
+
+def conclusions(
+    setup: Setup, ran: Ran, free: Figures | None, not_again: NotAgain | None = None
+) -> Conclusions:
+    """What the figures of a run come to; arguments as for `judge`."""
+    known = predictability(setup, ran, free, not_again)
+    accuracy = None if ran.late or not_again else law_accuracy(setup, ran.figures)
+    return Conclusions(known, accuracy, verdict(ran, free, known, accuracy))
+
+
+def verdict(
+    ran: Ran,
+    free: Figures | None = None,
+    known: Predictability | None = None,
+    accuracy: LawAccuracy | None = None,
+) -> Verdict:
+    """What a run comes to; without the figures of the same run without control (`free`) on that
+    alone which spoils its own."""
+    control, figures = None, ran.figures
+    comparable = bool(figures.impacts) and not figures.stability.unstable
+    if comparable and free is not None and free.impacts and ran.scene_law != "off":
+        control = _control(ran, free, known)
+    return Verdict(ran, control, accuracy if accuracy and not accuracy.kept else None)
+
+
+def _control(ran: Ran, free: Figures, known: Predictability | None) -> Control:
+    """Whether control helped, in what, and why not."""
+    figures = ran.figures
+    if figures.push is None:
+        return Control(Outcome.IDLE)
+    once = len(figures.impacts) == len(free.impacts) == 1
+    energy, error, over = _plate_energy(figures, free, known)
+    if error > HARDLY_DB and not predictable(energy, error):
+        return Control(Outcome.UNPREDICTABLE)
+    outcome = Outcome.HARDLY
+    if energy < -HARDLY_DB:
+        outcome = Outcome.HELPS
+    elif energy > HARDLY_DB:
+        outcome = Outcome.HARMS
+    reasons = None
+    if outcome is not Outcome.HELPS:
+        reasons = _reasons(ran, free.impacts[0].duration_s)
+    changes = tuple(_changes(figures, free, known))
+    return Control(outcome, energy, error, over, changes, reasons, once)
+
+
+def _plate_energy(
+    figures: Figures, free: Figures, known: Predictability | None
+) -> tuple[float, float, Over]:
+    """Change of the plate energy (dB), its error, and over what: all contacts, or the first one
+    where later ones are not predictable to the digit that is printed."""
+    sums, errors, whole = [], [], []
+    digits = (known.controlled, known.uncontrolled) if known else (None, None)
+    for found, of in zip((figures, free), digits, strict=True):
+        sums.append([impact.plate_energy_j for impact in found.impacts])
+        run = found.whole_run  # None of the published scheme
+        whole.append(run.plate_energy_j if run else sum(sums[-1]))
+        errors.append([errors_of(of, i).get("plate_energy_j", 0.0) for i in range(len(sums[-1]))])
+    energy, error = change_db(whole[0], whole[1], 10.0, sum(errors[0]), sum(errors[1]))
+    if len(sums[0]) == len(sums[1]) == 1:
+        return energy, error, Over.ONLY
+    if known and known.not_again:
+        over = Over.FIRST_KNOWN
+    elif error <= HARDLY_DB:
+        return energy, error, Over.ALL
+    else:
+        over = Over.FIRST
+    return *change_db(sums[0][0], sums[1][0], 10.0, errors[0][0], errors[1][0]), over
+
+
+def _changes(figures: Figures, free: Figures, known: Predictability | None) -> Iterable[Change]:
+    """Other figures of the first impact that are better or worse."""
+    if not figures.noise or not free.noise:
+        return
+    with_, without = vars(figures.noise[0]), vars(free.noise[0])
+    wrong, other = (
+        errors_of(of, 0, "noise_errors")
+        for of in ((known.controlled, known.uncontrolled) if known else (None, None))
+    )
+    for key, factor in _DECIBELS.items():
+        change, error = change_db(
+            with_[key], without[key], factor, wrong.get(key, 0.0), other.get(key, 0.0)
+        )
+        if abs(change) > HARDLY_DB and predictable(change, error):
+            yield Change(key, change, error, change < 0.0)
+    key = "rebound_height_m"
+    height, before = with_[key], without[key]
+    if before > 0.0 and abs(height / before - 1.0) > _HARDLY_SHARE:
+        error = (wrong.get(key, 0.0) + other.get(key, 0.0) * height / before) / before
+        share, error = 100.0 * height / before, 100.0 * error
+        if predictable(share, error):
+            from_nothing = height > _FROM_NOTHING * before
+            yield Change(key, share, error, height < before, from_nothing)
+
+
+def _reasons(ran: Ran, contact_s: float) -> Reasons:
+    """What the rows say of the reasons."""
+    push = ran.figures.push
+    assert push is not None
+    late = push.after_touch_s / contact_s
+    mistaken = ran.dent_m != 0.0 and "dent" not in (ran.scene_law or "")
+    return Reasons(
+        after_touch_s=push.after_touch_s if late > _MUCH else None,
+        late_share=late if late > _MUCH else None,
+        apart=push.apart if push.apart > _MUCH else None,
+        injected_j=ran.injected_j if ran.injected_j > 0.0 else None,
+        dent_m=ran.dent_m if mistaken else None,
+    )
+
+
+def saturation_of(events: Iterable[Event]) -> Saturation | None:
+    """How often, and since when, samples were out of the converter's range where it matters, by a
+    recording's events: a gap during a contact, anything else at any time. None if never."""
+    since_ns: list[int] = []
+    touching = out = counted = False
+    for event in events:
+        if event.name != "plant":
+            continue
+        if event.message.startswith("contact "):
+            touching = event.message.endswith("began")
+        elif event.message.endswith("converter's range"):
+            out, counted = "left the" in event.message, False
+        matters = touching or not event.message.startswith("xi ")
+        if out and matters and not counted:
+            since_ns.append(event.time_ns)
+            counted = True
+    return Saturation(len(since_ns), since_ns[0] * 1e-9) if since_ns else None

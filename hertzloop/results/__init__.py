@@ -1,1 +1,0 @@
-"""From rows of truth to impacts, figures and reports."""

@@ -1,0 +1,189 @@
+"""A run as plain data: what `--json` writes, and what the tables show."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from typing import Any
+
+from hertzloop.analysis.figures import Figures
+from hertzloop.analysis.model import chosen_model, radiation_of, tail_of, theory_of
+from hertzloop.analysis.recorded import Clock, LawRan, Pacing
+from hertzloop.analysis.spans import Comparison, RunFigures, SpanFigures
+from hertzloop.analysis.trust import Known, LawAccuracy, Predictability, Verification
+from hertzloop.analysis.verdict import Judged
+from hertzloop.setup import Setup
+from hertzloop.views.effects import effects_as_json
+from hertzloop.views.sentences import verdict_sentences, why_not_words
+from recordings.reader import Recording
+
+_CLOCK = [f.name for f in fields(Clock)]
+_MISSED = [f.name for f in fields(Pacing)]
+
+
+def _fields(found: Any) -> dict[str, Any] | None:
+    return None if found is None else asdict(found)
+
+
+def figures_as_json(found: Figures) -> dict[str, Any]:
+    """`impacts` and `noise`, a dictionary each; `first_impact`, `whole_run`, `stability`, `demand`
+    and `push`; `validity` and `warnings` as in `effects_as_json`."""
+    return {
+        "impacts": [asdict(one) for one in found.impacts],
+        "noise": [asdict(one) for one in found.noise],
+        "first_impact": _fields(found.first_impact),
+        "whole_run": _fields(found.whole_run),
+        "last_contact_ended": found.last_contact_ended,
+        "stability": asdict(found.stability),
+        "demand": _fields(found.demand),
+        "push": _fields(found.push),
+        **effects_as_json(found.neglected),
+    }
+
+
+def figures_in(report: Mapping[str, Any]) -> RunFigures:
+    """The figures in what `run --json` or `inspect --json` writes."""
+    spans = {span: report[span] and SpanFigures(**report[span])
+             for span in ("first_impact", "whole_run")}  # fmt: skip
+    return RunFigures(**spans)
+
+
+def law_in(report: Mapping[str, Any]) -> LawRan:
+    """The law in it."""
+    return LawRan(**{f.name: report[f.name] for f in fields(LawRan)})
+
+
+def pacing_as_json(found: Pacing | None) -> dict[str, Any] | None:
+    """Missed deadlines of a paced or repeated run, and what the clock said of a paced one."""
+    if found is None:
+        return None
+    data = asdict(found)
+    clock, is_repeat = data.pop("clock"), data.pop("is_repeat")
+    return data | (clock or {"pace": None, "is_repeat": is_repeat})
+
+
+def pacing_in(report: Mapping[str, Any]) -> Pacing | None:
+    """What `pacing_as_json` has written into a report."""
+    data = report.get("pacing")
+    if not data:
+        return None
+    clock = None if data["pace"] is None else Clock(**{key: data[key] for key in _CLOCK})
+    missed = {key: value for key, value in data.items() if key in _MISSED}
+    return Pacing(**({"is_repeat": False} | missed), clock=clock)
+
+
+def predictability_as_json(found: Predictability) -> dict[str, Any]:
+    """Fields as in `Predictability`; `why_not` in words."""
+    return {
+        "disturbance": found.disturbance,
+        "model_error": found.model_error,
+        "controlled": _known(found.controlled),
+        "uncontrolled": _known(found.uncontrolled),
+        "why_not": why_not_words(found.not_again),
+    }
+
+
+def _known(found: list[Known] | None) -> list[dict[str, Any]] | None:
+    return None if found is None else [asdict(each) for each in found]
+
+
+def known_in(found: list[dict[str, Any]] | None) -> list[Known] | None:
+    """What is known of the impacts of a run, from what `predictability_as_json` writes."""
+    return None if found is None else [Known(**each) for each in found]
+
+
+def verification_as_json(found: Verification | None) -> dict[str, float] | None:
+    """Fields as in `Verification`, and the largest change."""
+    return None if found is None else {**asdict(found), "largest": found.largest}
+
+
+def _law_accuracy(found: LawAccuracy | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    return {**asdict(found), "largest": found.by_modes.largest, "kept": found.kept}
+
+
+def comparison_as_json(found: Comparison) -> list[dict[str, Any]]:
+    """A dictionary for each figure, with fields as in `Difference`."""
+    return [asdict(row) for row in found.rows]
+
+
+def judged_as_json(found: Judged) -> dict[str, Any]:
+    """All figures of a recorded run, and what they come to."""
+    ran, ends = found.ran, found.conclusions
+    data = {
+        **asdict(found.law),
+        "injected_j": ran.injected_j,
+        "yield": _fields(found.yielded),
+        "expected_error": ran.expected_error,
+        "requested_accuracy": found.requested_accuracy,
+        **figures_as_json(ran.figures),
+        "pacing": pacing_as_json(found.pacing),
+    }
+    if found.free is not None:
+        data["uncontrolled"] = figures_as_json(found.free)
+    return data | {
+        "predictability": predictability_as_json(ends.predictability),
+        "law_accuracy": _law_accuracy(ends.law_accuracy),
+        "verdict": verdict_sentences(ends.verdict),
+    }
+
+
+def struck(setup: Setup) -> dict[str, Any]:
+    """What is struck: `name`, `closed_form`, and what its modes are worth; see `Reached` and
+    `ModalStructure.mobility_ratio`."""
+    what = setup.structure
+    if what.quality is None:
+        return {"name": "a simply supported plate", "closed_form": True}
+    modes = setup.scene.plate.modes
+    of_file = {} if what.mode_table is None else {"sha256": modes.sha256 if modes else ""}
+    return {"name": str(what), "closed_form": False, **what.quality, **of_file}
+
+
+def _theory(setup: Setup) -> dict[str, Any] | None:
+    found = theory_of(setup)
+    if found is None:
+        return None
+    error = found.kirchhoff_error
+    return asdict(found) | {"kirchhoff_error": error._asdict() | {"largest": error.largest}}
+
+
+def run_as_json(
+    setup: Setup,
+    recording: Recording,
+    judged: Judged,
+    *,
+    transport: str,
+    wall_s: float,
+    exchanges: int,
+    lane: str = "",
+    realtime: str = "",
+) -> dict[str, Any]:
+    """Everything that `run --json` writes."""
+    books = recording.books
+    if books is None:
+        raise ValueError("the recording has no books: the run did not end")
+    return {
+        "scene": setup.name,
+        "seed": setup.seed,
+        "transport": transport,
+        "scheme": setup.scheme,
+        "steps": setup.steps,
+        "wall_s": wall_s,
+        "real_time_factor": setup.duration_s / wall_s if wall_s else math.inf,
+        "exchanges": exchanges,
+        "lane": lane,
+        "realtime": realtime,
+        "residuals": {"momentum": books.momentum_residual, "energy": books.energy_residual},
+        "tail": _fields(tail_of(setup, books)),
+        "theory": _theory(setup),
+        "limiting_pressure": setup.limiting_pressure,
+        "radiation": _fields(radiation_of(setup, books)),
+        "frequencies": books.frequencies,
+        "frequency_limit_hz": books.frequency_limit_hz,
+        "model": _fields(chosen_model(setup)),
+        "struck": struck(setup),
+        "newton_iterations_max": books.newton_iterations_max,
+        "recording": str(recording.path),
+        "uncontrolled": figures_as_json(judged.free or judged.ran.figures),
+        **judged_as_json(judged),
+    }

@@ -1,0 +1,105 @@
+"""Tables, styles and numbers as text, each number with the digits that are predictable."""
+
+import math
+from itertools import chain
+from typing import Any
+
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.measure import Measurement
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from hertzloop.analysis.spans import predictable
+
+UNKNOWN = "unknown"  # in the place of a number without a predictable digit
+LEGEND = f"{UNKNOWN}: not predictable"
+_PLAIN = 7  # digits before the decimal point that are written without an exponent
+
+
+class Table(RichTable):
+    """A table of which no cell is cut: it keeps all words whole where they fit side by side, and
+    breaks long ones where they do not."""
+
+    def __init__(self, *headings: str, title: str | None = None, show_header: bool = True) -> None:
+        super().__init__(title=title, title_justify="left", show_header=show_header)
+        for heading in headings:
+            self.add_column(heading)
+
+    def add_column(self, *args: Any, **options: Any) -> None:
+        """Add a column; see rich."""
+        super().add_column(*args, **{"overflow": "fold", **options})
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        """Give every column its longest word and let the narrowest grow first; where even these
+        words do not fit, break those of the widest columns first, so that numbers stay whole."""
+        sizes = [
+            [Measurement.get(console, options, cell) for cell in (column.header, *column.cells)]
+            for column in self.columns
+        ]
+        least = [max(size.minimum for size in column) for column in sizes]
+        most = [max(size.maximum for size in column) for column in sizes]
+        room = options.max_width - 3 * len(sizes) - 1  # padding and rules
+        levels = range(max(most, default=1), 0, -1)
+        grown = ([min(b, max(a, level)) for a, b in zip(least, most, strict=True)]
+                 for level in levels)  # fmt: skip
+        broken = ([min(a, level) for a in least] for level in levels)
+        widths = next((w for w in chain(grown, broken) if sum(w) <= room), [1] * len(sizes))
+        for column, width in zip(self.columns, widths, strict=True):
+            column.width = width
+        yield from super().__rich_console__(console, options)
+
+
+def styled(*pieces: str | tuple[str, str]) -> Text:
+    """Text of pieces, each a string or (string, style)."""
+    return Text.assemble(*pieces)
+
+
+def known_digits(value: float, form: str, error: float = 0.0) -> str:
+    """Write a number with the digits that its error leaves.
+
+    Args:
+        value: The number.
+        form: Format specification of a number without error.
+        error: Largest absolute error; 0 where all digits are predictable.
+
+    Returns:
+        The number as `form` has it or with fewer digits, "about 100" where digits before the
+        decimal point are not predictable, `UNKNOWN` where none is.
+    """
+    usual = f"{value:{form}}"
+    if error == 0.0:
+        return usual
+    if not predictable(value, error):
+        return UNKNOWN
+    whole = math.floor(math.log10(abs(value)))
+    digits = max(whole - math.floor(math.log10(error)), 1)
+    # `#` keeps the zeros that are known.
+    sign = "+" if form.startswith("+") else ""
+    known = f"{value:{sign}#.{digits}g}".replace(".e", "e").removesuffix(".")
+    shown = min(known, usual, key=lambda text: sum(c.isdigit() for c in text.partition("e")[0]))
+    return about(value, digits, sign) if shown is known and whole >= digits else shown
+
+
+def about(value: float, digits: int = 2, sign: str = "") -> str:
+    """A rounded number in words, e.g. "about 300"; 0 digits before the point are no news."""
+    rounded = float(f"{value:.{digits}g}")
+    plain = abs(rounded) < 10.0**_PLAIN
+    return f"about {rounded:{sign},.0f}" if plain else f"about {rounded:{sign}.{digits}g}"
+
+
+def percent(share: float) -> str:
+    """A share with the two digits that an estimate has."""
+    return f"{100.0 * share:.2g} %"
+
+
+def pressure(pascal: float) -> str:
+    """A pressure in words."""
+    return f"{pascal * 1e-9:.3g} GPa" if pascal >= 1e8 else f"{pascal * 1e-6:.3g} MPa"
+
+
+def time_words(us: float) -> str:
+    """A time to two digits."""
+    for unit, length in (("s", 1e6), ("ms", 1e3)):
+        if us >= length:
+            return f"{float(f'{us / length:.2g}'):g} {unit}"
+    return f"{float(f'{us:.2g}'):g} us"

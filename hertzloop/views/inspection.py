@@ -1,0 +1,223 @@
+"""What a recording holds, and how two differ: for `hertzloop inspect` and `compare`."""
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.text import Text
+
+from hertzloop.analysis.figures import Ran, figures_of
+from hertzloop.analysis.model import yield_of
+from hertzloop.analysis.recorded import NEEDED_FIELDS, blocks_of, law_of, pacing_of
+from hertzloop.analysis.spans import Comparison, Difference
+from hertzloop.analysis.trust import errors_of, predictability, why_not_again
+from hertzloop.analysis.verdict import saturation_of, verdict
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import parse
+from hertzloop.views.data import (
+    figures_as_json,
+    known_in,
+    law_in,
+    pacing_as_json,
+    predictability_as_json,
+)
+from hertzloop.views.effects import show_left_out
+from hertzloop.views.format import Table, styled
+from hertzloop.views.run import (
+    demand_words,
+    impacts_table,
+    noise_table,
+    show_pacing,
+    show_verdict,
+    yield_words,
+)
+from hertzloop.views.sentences import law_line, verdict_sentences
+from recordings.reader import Recording
+
+
+def summary(recording: Recording) -> dict[str, Any]:
+    """Streams, counts, problems, scene, books and impacts as plain data."""
+    streams = {
+        name: {
+            "messages": stream.messages,
+            "samples": stream.samples,
+            "first_step": stream.first_step,
+            "fields": sorted(stream.arrays),
+        }
+        for name, stream in (
+            ("daq", recording.daq), ("force", recording.force), ("truth", recording.truth)
+        )
+    }  # fmt: skip
+    data: dict[str, Any] = {
+        "file": str(recording.path),
+        "complete": not recording.problems,
+        "problems": recording.problems,
+        "scene": recording.metadata.get("scene", ""),
+        "seed": _number(recording, "seed"),
+        "steps": _number(recording, "steps"),
+        "streams": streams,
+        "other_messages": recording.others,
+        "events": [
+            {"time_s": e.time_ns * 1e-9, "name": e.name, "message": e.message}
+            for e in recording.events
+        ],
+        "scene_toml": recording.scene_toml,
+        **asdict(law_of(recording)),
+    }
+    if recording.books is not None:
+        data["residuals"] = {
+            "momentum": recording.books.momentum_residual,
+            "energy": recording.books.energy_residual,
+        }
+        found = yield_of(recording.books)
+        data["yield"] = asdict(found) if found else None
+    pacing = pacing_of(recording)
+    data["pacing"] = pacing_as_json(pacing)
+    figures, problem = _figures(recording, late=pacing is not None)
+    data |= figures
+    if problem:
+        data["problems"] = [*recording.problems, problem]
+        data["complete"] = False
+    return data
+
+
+def _number(recording: Recording, key: str) -> int:
+    """A number of the run's description, 0 where there is none."""
+    try:
+        return int(recording.metadata.get(key, "0"))
+    except ValueError:
+        return 0
+
+
+def _figures(recording: Recording, late: bool) -> tuple[dict[str, Any], str]:
+    """Impacts, noise, stability and demand, and why there are none. What a file says of itself may
+    be anything: numbers that no figures follow from are one more thing wrong with it, not with us.
+    """
+    nothing: dict[str, Any] = {"impacts": [], "noise": [], "first_impact": None,
+                               "whole_run": None, "stability": None, "demand": None,
+                               "validity": [], "warnings": [], "push": None,
+                               "last_contact_ended": True, "predictability": None,
+                               "verdict": []}  # fmt: skip
+    truth = recording.truth
+    try:
+        setup = parse(recording.scene_toml, recorded=True)
+        if truth.samples and setup.step_ns != truth.step_ns:
+            steps = f"{truth.step_ns} ns, those of its scene {setup.step_ns} ns"
+            return nothing, f"stream 'truth' has steps of {steps}"
+        lacking = NEEDED_FIELDS - set(truth.arrays)
+        if truth.samples and lacking:
+            return nothing, f"stream 'truth' has no {', '.join(sorted(lacking))}"
+        with np.errstate(all="ignore"):
+            books, law = recording.books, law_of(recording).scene_law
+            ran = Ran(
+                figures_of(setup, blocks_of(recording)), law,
+                books.expected_error if books else None, late=late,
+                saturation=saturation_of(recording.events),
+            )  # fmt: skip
+            known = predictability(setup, ran, None, why_not_again(recording))
+            found = figures_as_json(ran.figures)
+            return found | {
+                "predictability": predictability_as_json(known),
+                "verdict": verdict_sentences(verdict(ran, known=known)),
+            }, ""
+    except (SceneError, RecursionError) as error:
+        return nothing, f"the scene inside cannot be read: {error}{recording.other_version}"
+    except (ArithmeticError, ValueError) as error:
+        return nothing, f"no figures follow from what was recorded: {error}"
+
+
+def show(console: Console, recording: Recording, data: dict[str, Any]) -> None:
+    """Print a summary."""
+    title = f"{data['file']}: scene {data['scene']}, seed {data['seed']}"
+    table = Table(title=title)
+    for heading in ("stream", "messages", "samples", "fields"):
+        table.add_column(heading, justify="left" if heading in ("stream", "fields") else "right")
+    for name, stream in data["streams"].items():
+        counts = (f"{stream['messages']:,}", f"{stream['samples']:,}")
+        row = (*counts, ", ".join(stream["fields"]))
+        table.add_row(f"/{name}", *row)
+    table.add_row("/events", f"{len(data['events']):,}", "", "")
+    console.print(table)
+    if data["other_messages"]:
+        console.print(f"Passed over: {data['other_messages']:,} messages of other topics.")
+    console.print(styled("Law really run: ", law_line(law_in(data))), soft_wrap=True)
+    known = data["predictability"] or {"controlled": None, "why_not": ""}
+    own = known["controlled"]
+    console.print(impacts_table("Impacts", data["impacts"], own, known["why_not"]))
+    if data["noise"]:
+        errors = [errors_of(known_in(own), 0, "noise_errors")]
+        console.print(noise_table([("", data["noise"][0])], errors=errors))
+    if data["demand"]:
+        console.print(f"Demand on the actuator: {demand_words(data['demand'])}.")
+    if data.get("yield"):
+        console.print(f"Yield: {yield_words(data['yield'])}.")
+    show_left_out(console, data["validity"])
+    show_verdict(console, data)
+    show_pacing(console, data)
+    if "residuals" in data:
+        console.print(
+            f"Residuals: energy {data['residuals']['energy']:.1e}, "
+            f"momentum {data['residuals']['momentum']:.1e} (relative)"
+        )
+    for problem in data["problems"]:
+        console.print(styled(("missing or damaged:", "red"), f" {problem}"), soft_wrap=True)
+    if not data["problems"]:
+        console.print("Complete: every announced message is here.")
+
+
+_SPANS = {"first_impact": "first impact", "whole_run": "whole run"}
+# Words, factor and unit of a figure.
+_SHOWN = {
+    "contacts": ("contacts", 1.0, ""),
+    "contact_time_s": ("contact time, first contact", 1e6, "us"),
+    "impact_speed_m_s": ("impact speed", 1.0, "m/s"),
+    "rebound_speed_m_s": ("rebound speed", 1.0, "m/s"),
+    "rebound_height_m": ("rebound height", 1e3, "mm"),
+    "peak_force_n": ("peak force", 1.0, "N"),
+    "plate_energy_j": ("plate energy", 1e6, "uJ"),
+    "plate_speed_max_m_s": ("largest plate speed", 1.0, "m/s"),
+    "radiated_j": ("sigma E to 20 kHz, eq. 3.12 (study)", 1e6, "uJ"),
+    "sound_j": ("radiated to 20 kHz, eq. 3.12", 1e6, "uJ"),
+    "longhorn_j": ("acceleration noise, Longhorn", 1e6, "uJ"),
+    "holmes_j": ("acceleration noise, Holmes", 1e6, "uJ"),
+    "peak_pressure_pa": ("peak pressure bound at 1 m", 1.0, "Pa"),
+}
+
+
+def comparison_table(found: Comparison) -> Table:
+    """The figures of both runs with their units, and the change from A to B."""
+    shown = Table(title="Figures of A and B, and the change from A to B")
+    shown.add_column("figure")
+    for heading in ("A", "B", "change"):
+        shown.add_column(heading, justify="right")
+    span = ""
+    for row in found.rows:
+        if row.span != span:
+            span = row.span
+            shown.add_section()
+            shown.add_row(Text(_SPANS[span], style="bold"), "", "", "")
+        words, factor, unit = _SHOWN[row.figure]
+        values = [_with_unit(value, factor, unit) for value in (row.a, row.b)]
+        shown.add_row(words, *values, _change(row))
+    return shown
+
+
+def _with_unit(value: float, factor: float, unit: str) -> str:
+    return "not defined" if value != value else f"{value * factor:.4g} {unit}".strip()
+
+
+def _change(row: Difference) -> str:
+    if row.b_to_a != row.b_to_a:
+        return ""
+    return f"{row.b_to_a:+z.2f} {row.unit}" if row.unit else f"{row.b_to_a:+z.0f}"
+
+
+class PrintedComparison(Comparison):
+    """A comparison that prints as its table."""
+
+    def __str__(self) -> str:
+        console = Console(width=100)
+        with console.capture() as caught:
+            console.print(comparison_table(self))
+        return caught.get()
