@@ -16,9 +16,10 @@ import typer
 
 from bus import LEAVING
 from hertzloop.commands import bench as bench_command
-from hertzloop.commands import conformance as conformance_command
 from hertzloop.commands import export as export_command
-from hertzloop.commands import export_plant as export_plant_command
+from hertzloop.commands import export as export_plant_command
+from hertzloop.commands import latency as validity_command
+from hertzloop.commands import laws as conformance_command
 from hertzloop.commands import laws as law_commands
 from hertzloop.commands import listen as listen_command
 from hertzloop.commands import listing as listing_commands
@@ -26,13 +27,12 @@ from hertzloop.commands import modes as modes_command
 from hertzloop.commands import pictures as pictures_command
 from hertzloop.commands import published as published_commands
 from hertzloop.commands import recordings as recording_commands
-from hertzloop.commands import report_page
+from hertzloop.commands import recordings as report_page
 from hertzloop.commands import roles as role_commands
+from hertzloop.commands import roles as watch_command
 from hertzloop.commands import studies as study_commands
 from hertzloop.commands import sweeps as sweep_commands
 from hertzloop.commands import tune as tune_command
-from hertzloop.commands import validity as validity_command
-from hertzloop.commands import watch as watch_command
 from hertzloop.commands.options import (
     FastLaneOption,
     HorizonOption,

@@ -2,17 +2,23 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from controller.loading.registry import shipped as shipped_laws
 from hertzloop.commands.options import (
     JsonOption,
+    SceneArgument,
+    SeedOption,
     SetOption,
     check_json,
     check_law,
+    compile_first,
+    make_folder,
     scene_from,
     write_json,
 )
@@ -122,3 +128,140 @@ def _survival_table(scene: str, found: "list[Critical]") -> Table:
         )  # fmt: skip
     table.caption = "in brackets: least to most over touch phases"
     return table
+
+
+_WANTED_DB = (0.1, 3.0)  # less than the first is no help
+
+
+def real(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for picture and numbers.")],
+    quick: Annotated[bool, typer.Option("--quick", help="The 3 mm sphere alone.")] = False,
+    scenes: Annotated[
+        list[str] | None, typer.Option("--scene", help="One of the scenes alone; several times.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """What each law does in an ideal plant, and where contact, plate, actuator, sensor are real."""
+    from studies import real as study
+    from studies.sweeps.pool import SweepFailed
+
+    check_json(json_file)
+    known = [named.name for named in study.SCENES]
+    names = tuple(dict.fromkeys(scenes or (known[:2] if quick else known)))
+    for name in names:
+        if name not in known:
+            fail(f"--scene {name} is none of {', '.join(known)}", 2)
+    try:
+        with results_in(folder, "modal"), progress("real", 100) as advance:
+            found = study.run(folder, names, lambda done, of: advance(round(100 * done / of)))
+    except SweepFailed as error:
+        fail(str(error), 1)
+    for scene in names:
+        out.print(_table(scene, [e for e in found if e.scene == scene]))
+    for scene in names:
+        out.print(f"{scene}, real plant, off the plate at every touch phase:")
+        for wanted_db, us in product(_WANTED_DB, study.LATENCIES_US):
+            mine = (e for e in found if (e.scene, e.plant) == (scene, "real"))
+            laws = [e.law for e in mine if e.takes_off(us, wanted_db)]
+            out.print(
+                f"  {wanted_db:g} dB or more at {us} us: {', '.join(laws) or 'none'}",
+                soft_wrap=True,
+            )
+    changed = " ".join(f"--set {key}={value}" for key, value in study.REAL.items())
+    noise = f"noise of {study.NOISE:g} of the converter's range (noise_rms in real.csv)"
+    out.print(
+        f"real: {changed}, and {noise}; without contact.plasticity and plate.theory where the "
+        "scene's contact has a damper",
+        soft_wrap=True,
+    )
+    out.print(f"written: {folder}/real.png and .csv", soft_wrap=True)
+    write_json(json_file, {"effects": [asdict(e) for e in found], "real": study.REAL})
+
+
+def _critical(e: Any) -> str:
+    """A critical latency with its range over touch phases."""
+
+    def one(x: float) -> str:
+        return "never" if math.isnan(x) else f"> {e.tried_us:.0f}" if math.isinf(x) else f"{x:.0f}"
+
+    least, most = one(e.least_us), one(e.most_us)
+    return least if least == most else f"{least} to {most}"
+
+
+def _table(scene: str, found: list[Any]) -> Table:
+    """Ideal and real plant side by side, a line a law and plant."""
+    from studies import words
+
+    table = Table(title=f"{scene}: plate energy (dB), mean (range) over phases")
+    for heading in ("law", "plant"):
+        table.add_column(heading)
+    for latency_us in found[0].energies:
+        table.add_column(f"at {latency_us} us", justify="right")
+    table.add_column("helps up to (us)", justify="right")
+    for heading in ("bits", "to 0.5 dB"):
+        table.add_column(heading, justify="right")
+    for e in found:
+        energies = ["unstable" if math.isnan(s.mean) else str(s) for s in e.energies.values()]
+        bits = ("none" if math.isnan(x) else f"{x:.0f}" for x in (e.critical_bits, e.settled_bits))
+        table.add_row(words.law(e.law), e.plant, *energies, _critical(e), *bits)
+    return table
+
+
+def validity(
+    scene: SceneArgument = DEFAULT,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    json_file: JsonOption = None,
+) -> None:
+    """What a scene leaves out, every indicator with its size, threshold and formula."""
+
+    resolved = scene_from(scene, settings, seed)
+    check_json(json_file)
+    compile_first(resolved)
+
+    from hertzloop.analysis.validity import State, neglected_of_scene
+    from hertzloop.views.effects import effects_as_json, show_left_out, table_of
+
+    try:
+        neglected = neglected_of_scene(resolved)
+    except SceneError as error:
+        fail(str(error), 2)
+    found = {"stable": neglected.stable, **effects_as_json(neglected)}
+    if not neglected.stable:
+        out.print("The closed loop is unstable: what else it leaves out would say nothing.")
+    elif not found["validity"]:
+        out.print("No contact within the run, so nothing is left out of one.")
+    else:
+        out.print(table_of(found["validity"]))
+        show_left_out(out, found["validity"])
+        for finding in found["validity"]:
+            if finding["state"] == State.NOT_KNOWN:
+                out.print(f"Not known: {finding['sentence']}.", soft_wrap=True)
+    write_json(json_file, {"scene": resolved.name, **found})
+
+
+def validity_map(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for picture and numbers.")],
+    scene: SceneArgument = DEFAULT,
+    settings: SetOption = None,
+) -> None:
+    """Which theory and effects matter, over radius and thickness, for a scene's materials."""
+    from studies import validity as study
+
+    resolved = scene_from(scene, settings, None)
+    make_folder(folder)
+    try:
+        sizes = study.run(resolved, folder)
+    except SceneError as error:
+        fail(str(error), 2)
+    except OSError as error:
+        fail(f"cannot write into {folder}: {error.strerror}", 1)
+    for name, size in sizes.items():
+        shares = (f"{100.0 * (size > level).mean():.0f} %" for level in (1e-3, 1e-1))
+        out.print("{}: above 0.1 % in {} of the map, above 10 % in {}".format(name, *shares))
+    out.print(f"written: {folder}/validity.png and .csv", soft_wrap=True)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(validity)

@@ -1,11 +1,19 @@
 """Commands of single processes, for terminals or hosts of their own: plant, controller, record."""
 
+import contextlib
+import json
+import re
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
 from hertzloop.commands.options import (
+    LARGEST_PORT,
     ConfigOption,
     ConnectOption,
     FastLaneOption,
@@ -21,15 +29,218 @@ from hertzloop.commands.options import (
     SetOption,
     TimeoutOption,
     WaitOption,
+    check_output,
     check_pace,
     check_recording,
     scene_from,
 )
-from hertzloop.commands.process_frame import bus_address, framed, progress_reporter, where
 from hertzloop.commands.recordings import read_or_fail, repeat_or_fail
-from hertzloop.commands.terminal import err, out
+from hertzloop.commands.terminal import err, fail, out
 from hertzloop.processes.realtime import Wanted
+from hertzloop.processes.signals import (
+    INTERRUPTED,
+    end_with_the_launcher,
+    on_interrupt,
+    raise_when_ended,
+)
 from hertzloop.scenes.scene import DEFAULT
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+    from hertzloop.processes.roles import BusAddress
+
+# Of the kinds that zenoh comes with here.
+_ENDPOINT = re.compile(
+    r"unixsock-stream/\S+|(?:tcp|tls|quic|udp|ws)/[^\s?#]+:[0-9]{1,9}(?:[?#]\S+)?"
+)
+_PORT = re.compile(r"(?:tcp|tls|quic|udp|ws)/[^\s?#]+:(?P<port>[0-9]+)(?:[?#]|$)")
+
+
+@contextmanager
+def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
+    """Frame of a process of a run: yields a function that reports to a launcher (`machine`).
+
+    Faults are reported too, or told to a person; then the command ends with exit code 1, or
+    130 if it was interrupted. A report says whether the fault is another role's (`others`),
+    which roles were missing (`lost`), and when that was found (`at_s`).
+    """
+    from bus.port import BusError, EndedByOther, PeerLost
+    from bus.streams import StreamFault
+    from recordings.writer import RecordingError
+
+    def tell(**what: object) -> None:
+        if machine:
+            with suppress(BrokenPipeError):  # the launcher is gone, and cannot be told
+                print(json.dumps(what), flush=True)
+
+    def interrupted(sentence: str) -> NoReturn:
+        sentence = sentence or f"{role} was interrupted"
+        tell(fault=sentence)
+        if not machine:
+            err.print(sentence, markup=False)
+        raise typer.Exit(INTERRUPTED)
+
+    raise_when_ended()
+    if machine:
+        end_with_the_launcher()
+    try:
+        with on_interrupt(interrupted):
+            yield tell
+    except (BusError, StreamFault, RecordingError) as error:
+        missed: dict[str, object] = {}
+        if isinstance(error, PeerLost):
+            missed = {"lost": list(error.roles), "at_s": error.at_s}
+        others = isinstance(error, PeerLost | EndedByOther)
+        tell(fault=str(error), others=others, **missed)
+        if not machine:
+            fail(str(error), 1)
+        raise typer.Exit(1) from None
+
+
+def bus_address(
+    role: str,
+    name: str,
+    listen: list[str] | None,
+    connect: list[str] | None,
+    config: Path | None,
+    timeout: float,
+    wait: float,
+) -> "BusAddress":
+    """Address from the options of a command, else from `config`, else on loopback.
+
+    Ends the command if an endpoint or `config` is none.
+    """
+    from bus.port import BusError
+    from bus.zenoh_config import endpoints_named, names_endpoints
+    from hertzloop.processes.roles import BASE_PORT, BusAddress, default_endpoints
+
+    check_endpoints("--listen", listen)
+    check_endpoints("--connect", connect)
+    own, others = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
+    try:
+        if config:
+            own = [] if names_endpoints(config, "listen") else own
+            others = [] if names_endpoints(config, "connect") else others
+            for endpoint in endpoints_named(config):
+                _check_port(f"--zenoh-config: {config}: '{endpoint}'", endpoint)
+    except BusError as error:
+        fail(f"--zenoh-config: {error}", 2)
+    return BusAddress(name, listen or own, connect or others, config, timeout, wait)
+
+
+def check_endpoints(option: str, endpoints: list[str] | None) -> None:
+    """End the command if what an option gives is no endpoint."""
+    from bus.sockets import too_long
+    from hertzloop.processes.roles import BASE_PORT
+
+    for endpoint in endpoints or []:
+        found = _ENDPOINT.fullmatch(endpoint)
+        if not found:
+            example = f"tcp/127.0.0.1:{BASE_PORT}"
+            fail(f"{option} '{endpoint}' is no endpoint; write e.g. {example}", 2)
+        _check_port(f"{option} '{endpoint}'", endpoint)
+        if too_long(endpoint):
+            fail(f"the path of '{endpoint}' is too long for a socket; Linux takes 107 bytes", 2)
+
+
+def _check_port(named: str, endpoint: str) -> None:
+    """End the command if an endpoint's port, if it has one, cannot be."""
+    found = _PORT.search(endpoint)
+    if found and int(found["port"]) > LARGEST_PORT:
+        fail(f"{named} has no port up to {LARGEST_PORT}", 2)
+
+
+def where(address: "BusAddress") -> str:
+    """Where a role listens, in words."""
+    return ", ".join(address.listen) or f"the endpoints of {address.config_file}"
+
+
+def progress_reporter(tell: Callable[..., None]) -> Callable[[int], None]:
+    """Report progress at most ten times a second."""
+
+    last = [0.0]
+
+    def report(step: int) -> None:
+        now = time.monotonic()
+        if now - last[0] > 0.1:
+            last[0] = now
+            tell(step=step)
+
+    return report
+
+
+def watch(
+    name: NameOption = "hertzloop",
+    connect: ConnectOption = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Write an .rrd file instead.", metavar="F.rrd")
+    ] = None,
+    overwrite: OverwriteOption = False,
+    machine: MachineOption = False,
+) -> None:
+    """Watch a run while it goes on: a few samples of every millisecond. It never slows the run;
+    what this side does not take in time is dropped."""
+    import rerun as rr
+    import zenoh
+
+    from bus.port import PeerLost
+    from bus.wire import MessageError
+    from hertzloop.processes.observer import truth_blocks
+    from hertzloop.processes.roles import BASE_PORT
+    from recordings.replay import viewer
+
+    check_endpoints("--connect", connect)
+    if save is not None:
+        if save.suffix != ".rrd":
+            fail(f"--save {save} does not end in .rrd, which is what it writes", 2)
+        check_output(save, overwrite, "--save")
+    elif not viewer.has_display():
+        fail("there is no screen to watch on; --save F.rrd writes a file for the Rerun viewer", 2)
+    where = connect or [f"tcp/127.0.0.1:{port}" for port in range(BASE_PORT, BASE_PORT + 3)]
+    raise_when_ended()
+    ended: list[str] = []
+    stream, shown, why, code = rr.RecordingStream("hertzloop live"), 0, "", 0
+    try:
+        with _shown_in(stream, save):
+            stream.send_blueprint(viewer.live_blueprint())
+            err.print(f"watching run '{name}'")
+            try:
+                with on_interrupt(ended.append):  # what was seen until now is kept
+                    for payload in truth_blocks(name, where, machine):
+                        with contextlib.suppress(MessageError):  # a stranger's
+                            shown += viewer.send_block(stream, payload)
+                if ended:
+                    why, code = "interrupted", INTERRUPTED
+            except PeerLost as error:
+                why, code = str(error), 1
+    except (zenoh.ZError, viewer.ViewerError, OSError) as error:
+        fail(f"cannot watch: {error}", 1)
+    out.print(f"watched: {shown:,} samples", soft_wrap=True)
+    if why:
+        kept = f"; what was seen until now is in {save}" if save else ""
+        err.print(f"{why}{kept}", soft_wrap=True)
+        raise typer.Exit(code)
+
+
+@contextlib.contextmanager
+def _shown_in(stream: "rr.RecordingStream", save: Path | None) -> Iterator[None]:
+    """A file, or a viewer that stays open when the run has ended."""
+    from bus.wire import reserved_ports
+    from recordings.replay import viewer
+
+    if save is not None:
+        memory = stream.memory_recording()
+        yield
+        save.write_bytes(memory.drain_as_bytes())
+        return
+    with reserved_ports(1) as [port]:
+        command = [str(viewer.executable()), "--bind", "127.0.0.1", "--port", str(port)]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True, **quiet)  # type: ignore[call-overload]
+        stream.connect_grpc(f"rerun+http://127.0.0.1:{port}/proxy")
+        yield
+        stream.flush()
 
 
 def say_profile(stats: dict[str, Any]) -> None:

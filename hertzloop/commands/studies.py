@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from hertzloop.commands.latency import latency
+from hertzloop.commands.latency import latency, real, validity_map
 from hertzloop.commands.options import (
     JsonOption,
     SceneArgument,
@@ -13,18 +13,84 @@ from hertzloop.commands.options import (
     check_folder,
     check_json,
     compile_first,
+    make_folder,
     scene_from,
     write_json,
 )
-from hertzloop.commands.plate_models import plate_models
-from hertzloop.commands.real import real
-from hertzloop.commands.response import response
+from hertzloop.commands.recordings import FileArgument, read_or_fail
 from hertzloop.commands.study_frame import numbers, results_in
 from hertzloop.commands.terminal import err, fail, out, progress
-from hertzloop.commands.validity import validity_map
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.setup import load
 from hertzloop.views.format import Table
+
+
+def plate_models(
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for the numbers.")],
+) -> None:
+    """What thickness does to an impact, what the modes left out cost, and what both models take."""
+    from studies import plate_models as tail
+    from studies import plate_models as theory
+    from studies.plate_models import shown
+    from studies.words import write_records
+
+    with results_in(folder, "modal"):
+        effects, errors, costs = theory.effects(), tail.errors(), tail.cost()
+        write_records(folder / "plate_theory.csv", effects)
+        write_records(folder / "plate_tail.csv", errors)
+    out.print(numbers(
+        "Three dimensions against Kirchhoff: changes, the most expected, modes, us a step",
+        ("impact", "kh", "lambda", "energy", "rebound", "peak", "time", "most",
+         "modes", "3-D", "us", "times"),
+        ((e.case, f"{e.k_h:.2f}", f"{e.inelasticity:.2g}", shown(e.plate_energy), shown(e.rebound),
+          shown(e.peak_force), shown(e.contact_time), f"{e.expected:.1e}", str(e.frequencies),
+          str(e.frequencies_3d), f"{e.step_us:.3g}", f"{e.times_as_long:.2f}") for e in effects),
+    ))  # fmt: skip
+    out.print(numbers(
+        "Modes left out: error of plate energy (of rebound)",
+        ("impact", "limit kHz", "spring", "damped mode", "it took"),
+        ((t.case, f"{t.limit_khz:g}", f"{shown(t.spring_energy)} ({shown(t.spring_rebound)})",
+          f"{shown(t.damped_energy)} ({shown(t.damped_rebound)})", f"{t.tail_share:.1e}")
+         for t in errors),
+    ))  # fmt: skip
+    for name, step_us, ratio in costs:
+        out.print(f"{name}: a step of {step_us:.3g} us takes {ratio:.3f} times as long")
+    residual = max(*(e.residual for e in effects), *(t.residual for t in errors))
+    out.print(f"books of energy and momentum: {residual:.1e} at most")
+    out.print(f"written: {folder}/plate_theory.csv and plate_tail.csv", soft_wrap=True)
+
+
+def response(
+    file: FileArgument,
+    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder for picture and numbers.")],
+    json_file: JsonOption = None,
+) -> None:
+    """How long the answers of a paced run took, and what they had."""
+    from hertzloop.analysis.recorded import pacing_of, responses_of
+    from hertzloop.views.data import pacing_as_json
+    from hertzloop.views.sentences import pacing_sentences
+    from recordings.writer import RecordingError
+    from studies import response as picture
+
+    check_json(json_file)
+    recording = read_or_fail(file)
+    try:
+        responses, found = responses_of(recording), pacing_of(recording)
+    except RecordingError as error:
+        fail(str(error), 1)
+    if responses is None or found is None or found.clock is None:
+        fail(f"{file} has no response times; those of 'hertzloop run --pace' have", 2)
+    make_folder(folder)
+    try:
+        picture.draw(folder / "response.png", responses, found)
+        picture.write_table(folder / "response.csv", responses)
+    except OSError as error:
+        fail(f"cannot write {error.filename}: {error.strerror}", 1)
+    for sentence in pacing_sentences(found):
+        out.print(sentence, soft_wrap=True)
+    out.print(f"written: {folder}/response.png and .csv", soft_wrap=True)
+    write_json(json_file, pacing_as_json(found) or {})
+
 
 SchemeName = Literal["thesis2008", "modal"]
 

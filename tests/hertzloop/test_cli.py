@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from hertzloop.commands.cli import app
-from hertzloop.commands.process_frame import check_endpoints
+from hertzloop.commands.roles import check_endpoints
 from recordings.reader import read
 from tests.hertzloop.processes import hertzloop
 

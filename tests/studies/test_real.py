@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.commands.real import _critical, _table
+from hertzloop.commands.latency import _critical, _table
 from studies import real as study
 from studies.latency import Named, critical
 from studies.sweeps.design import phases
