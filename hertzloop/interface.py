@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from hertzloop.analysis.trust import NotAgain
     from hertzloop.one_run import RunOptions
     from hertzloop.processes.launcher import RunFailed
-    from plant.balance import Balance
+    from plant.plant import Balance
     from recordings.reader import Event, Recording
     from recordings.writer import RecordingError
     from studies.sweeps.design import DesignError
     from studies.sweeps.pool import SweepFailed
-    from studies.tuning.tune import Found
+    from studies.tuning import Found
 
 __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "Impact", "ImpactNoise",
@@ -342,9 +342,9 @@ def tune(
     `over`: ranges of keys other than a law's usual ones; `at_most`: largest values of figures.
     Raises DesignError, SceneError, SweepFailed.
     """
+    from studies import tuning as study
     from studies.sweeps.design import as_axis
     from studies.sweeps.pool import local_pool
-    from studies.tuning import tune as study
 
     bases = [resolve(one) for one in ([scene] if isinstance(scene, Scene) else scene)]
     given = tuple(as_axis(key, values) for key, values in (over or {}).items())

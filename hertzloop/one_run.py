@@ -11,7 +11,7 @@ from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.recorded import blocks_of
 from hertzloop.analysis.trust import verify
 from hertzloop.analysis.verdict import judge
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.processes.launcher import Launcher
 from hertzloop.setup import Setup
 from hertzloop.views.data import run_as_json, verification_as_json

@@ -16,8 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from hertzloop.analysis.impacts import first_impact
-from hertzloop.loop.compiled import simulate
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.scenes.text import DEFAULT
 from hertzloop.setup import load
 from hertzloop.views import replaying

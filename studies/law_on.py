@@ -5,8 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from hertzloop.analysis.recorded import SHARES, Pacing, Responses
 from hertzloop.setup import Setup, parse
+from hertzloop.views.format import time_words
 from recordings.reader import Recording
+from studies import pictures, words
 from studies.pictures import look, save, sheet
 
 _AROUND_STEPS = 100  # shown before and after the first difference
@@ -59,3 +62,52 @@ def draw(found: Comparison, names: tuple[str, str], path: Path) -> Path:
         axes[1, 0].axvline(1e6 * found.step_s * at, color="0.5", linewidth=0.8)
         axes[1, 0].set_title(f"around the first difference, step {at}")
     return save(figure, path)
+
+
+_A_BAR = 4  # classes
+
+
+def draw_response(path: Path, responses: Responses, found: Pacing) -> None:
+    """Answers by response time, and the share that took longer; the run has a `clock`."""
+    clock = found.clock
+    assert clock is not None
+    sheet, axes = pictures.sheet(1, 2, width=10.0, height=3.6)
+    ends, answers = responses.ends_us, responses.answers
+    there = np.flatnonzero(answers)
+    shown = slice(int(there[0]), int(there[-1]) + 1)
+    left, right = axes[0]
+    # Bars of four classes; those of single ones are too thin to be told apart.
+    bars = np.add.reduceat(answers, np.arange(0, len(answers), _A_BAR))
+    tops = np.append(ends[_A_BAR - 1 :: _A_BAR], ends[-1])[: len(bars)]
+    feet = np.concatenate([[ends[0] / 2.0], tops[:-1]])
+    left.bar(feet, bars, tops - feet, align="edge", color=pictures.COLOURS[0])
+    left.set_xlim(ends[shown][0] / 1.5, ends[shown][-1] * 1.5)
+    left.set_yscale("log")
+    left.set_ylabel("answers")
+    longer = 1.0 - np.cumsum(answers) / np.sum(answers)
+    right.step(ends[shown], longer[shown], where="post", color=pictures.COLOURS[0])
+    right.set_yscale("log")
+    right.set_ylim(0.5 / np.sum(answers), 1.0)
+    right.set_ylabel("share that took longer")
+    for name, share in SHARES.items():
+        at = responses.within_us(share)
+        right.plot(at, 1.0 - share, "o", color=pictures.COLOURS[1])
+        right.annotate(f"{name} {time_words(at)}", (at, 1.0 - share), xytext=(4, 4),
+                       textcoords="offset points", fontsize=7)  # fmt: skip
+    for ax in (left, right):
+        ax.axvline(clock.slack_us, color="black", linestyle="--", linewidth=0.8,
+                   label=f"{time_words(clock.slack_us)} that the pace leaves")  # fmt: skip
+        ax.set_xscale("log")
+        ax.set_xlabel("from a sample to its answer (us)")
+        ax.legend()
+    sheet.suptitle(f"Pace {clock.pace:g}: {found.late_forces:,} of {found.steps:,} forces late")
+    pictures.save(sheet, path)
+
+
+def write_table(path: Path, responses: Responses) -> None:
+    """The classes that are not empty, as CSV."""
+    rows = [
+        (f"{responses.ends_us[at]:.6g}", f"{responses.answers[at]:.0f}")
+        for at in np.flatnonzero(responses.answers)
+    ]
+    words.write_rows(path, ("response_us_below", "answers"), rows)

@@ -17,7 +17,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness, tangent_stiffness_n_m
 from plant.contact.yielding import Strength, dent_m, force_n, yielding
-from plant.estimates import criteria
+from plant.estimates import plate_theory as criteria
 from plant.estimates.plate_theory import (
     kirchhoff_error,
     static_difference_m_n,

@@ -2,18 +2,20 @@
 
 import ctypes
 import math
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, Field, create_model
 
-from controller.law import About, Keys
-from controller.loading.bound import BoundLaw
-from controller.loading.compiled import FUNCTIONS, Packed
+from controller.law import ACTING, WATCHING, About, Keys
+from controller.loading.bound import BoundLaw, python_functions
+from controller.loading.compiled import FUNCTIONS, Packed, pack, state_of
 from controller.loading.law import ABOUT_FIELDS, Law, LawError
 
 _ABI = 1
@@ -133,3 +135,188 @@ def _why(path: Path, error: OSError) -> str:
     if head[4:6] != ours[4:6] or head[18:20] != ours[18:20]:
         return "it was built for another processor architecture than this one"
     return str(error).removeprefix(f"{path}: ")
+
+
+_REAL = ("Real", "Float64")
+# Names of an input that say what is sensed; a quantity of one's own is asked for in the scene.
+_QUANTITIES = ("xi", "v_p", "acceleration", "contact_force")
+_INPUTS, _OUTPUT = (*_QUANTITIES, "sample"), "force"  # where a unit has more than one
+
+
+@dataclass(frozen=True)
+class UnitLaw(Law):
+    """A law in an FMU; `home` is its model description."""
+
+    @cached_property
+    def _parameters(self) -> dict[str, Any]:
+        """Variables by the scene key that sets them."""
+        return {re.sub(r"\W", "_", v.name): v for v in _real(self.home, "parameter")}
+
+    @cached_property
+    def keys(self) -> type[BaseModel]:
+        """Its scene keys: its real parameters, with their bounds."""
+        fields: dict[str, Any] = {}
+        for key, variable in self._parameters.items():
+            low, high = (None if bound is None else float(bound) for bound in
+                         (variable.min, variable.max))  # fmt: skip
+            said = variable.description or "of the unit"
+            if variable.unit:
+                said += f" ({variable.unit})"
+            info = Field(float(variable.start or 0.0), ge=low, le=high, description=said)
+            fields[key] = (float, info)
+        return create_model("Parameters", __base__=Keys, **fields)
+
+    @property
+    def senses(self) -> str:
+        """The quantity that its input is called by; any for another name."""
+        name = _chosen(self.home, "input", _INPUTS, str(self.path)).name
+        return name if name in _QUANTITIES else "any"
+
+    def bound_to(self, constants: Any, ahead: bool = True) -> BoundLaw:
+        """The law with given constants; it knows nothing ahead."""
+        return BoundUnit(self, constants)
+
+    def started_with(self, constants: Any) -> dict[int, float]:
+        """Values of its parameters by their references."""
+        named = self._parameters.items()
+        return {v.valueReference: float(getattr(constants, key)) for key, v in named}
+
+
+class BoundUnit(BoundLaw):
+    """The same with its constants: an instance that is made at the first sample of a run."""
+
+    def __init__(self, law: UnitLaw, constants: Any) -> None:
+        packed = pack(constants._asdict())
+        state: Packed = state_of(None)
+        self._instance = _Instance(law, constants)
+        held = python_functions(self._instance, constants, state.dtype, ("command",), self.ended)
+        addresses = {
+            name: ctypes.cast(function, ctypes.c_void_p).value or 0
+            for name, function in held.items()
+        }
+        super().__init__(law.name, addresses, packed, state, held)
+
+    def explain(self, samples: np.ndarray, index: int) -> str:
+        """One sentence on what the unit said last, or did."""
+        return f"the law {self.name}, at sample {index}, {self._instance.said}"
+
+
+@dataclass
+class _Instance:
+    """A running unit. Its state is inside of it: a run's samples have to come in order."""
+
+    law: UnitLaw
+    constants: Any
+    said: str = ""  # the first that went wrong: more samples follow before a run ends
+    _unit: Any = None
+    _done: int = 0
+    _held: Any = None
+    _at: dict[str, int] = field(default_factory=dict)
+
+    def command(self, p: Any, s: Any, samples: np.ndarray, i: int) -> float:
+        """The command (N) after sample i."""
+        try:
+            if i == 0:
+                self._begin()
+            elif i != self._done:
+                raise RuntimeError(f"sample {i} came after {self._done} samples")
+            unit, step_s = self._unit, self.constants.sample_s
+            _set(unit, {self._at["input"]: float(samples[i])})
+            unit.doStep(i * step_s, step_s)
+            force = _get(unit, self._at["output"])
+        except Exception as error:
+            self.said = self.said or f"failed: {error}"
+            raise
+        self._done = i + 1
+        if not math.isfinite(force):
+            self.said = self.said or f"commanded {force} N"
+        s.mode = ACTING if force != 0.0 else WATCHING
+        return force
+
+    def _begin(self) -> None:
+        """The unit at the start of a run."""
+        self.said = ""
+        if self._unit is None:
+            self._make()
+        else:
+            self._unit.reset()
+        unit = self._unit
+        _set(unit, self.law.started_with(self.constants))
+        if hasattr(unit, "setupExperiment"):  # of FMI 2.0
+            unit.setupExperiment(startTime=0.0)
+        unit.enterInitializationMode()
+        unit.exitInitializationMode()
+
+    def _make(self) -> None:
+        import fmpy
+
+        about, path = self.law.home, str(self.law.path)
+        self._held = TemporaryDirectory(prefix="hertzloop-")
+        fmpy.extract(path, self._held.name)
+        self._at = {
+            "input": _chosen(about, "input", _INPUTS, path).valueReference,
+            "output": _chosen(about, "output", (_OUTPUT,), path).valueReference,
+        }
+        self._unit = fmpy.instantiate_fmu(
+            self._held.name, about, "CoSimulation", logger=lambda *words: None
+        )
+
+
+def unit_law(path: Path, digest: str) -> UnitLaw:
+    """The law in an FMU. Raises LawError."""
+    try:
+        import fmpy
+    except ModuleNotFoundError:
+        raise LawError(f"the law {path} needs FMPy: pip install 'hertzloop[fmu]'") from None
+    try:
+        about = fmpy.read_model_description(str(path))
+        platforms = fmpy.supported_platforms(str(path))
+    except Exception as error:
+        said = " ".join(str(error).split())
+        raise LawError(f"the law {path} is no co-simulation unit: {said}") from error
+    if about.fmiVersion == "1.0" or about.coSimulation is None:
+        raise LawError(
+            f"the law {path} is for FMI {about.fmiVersion}"
+            f"{'' if about.coSimulation else ', model exchange'}; it has to be for co-simulation, "
+            "2.0 or 3.0"
+        )
+    if fmpy.platform not in platforms:
+        raise LawError(
+            f"the law {path} was built for {', '.join(platforms) or 'no platform'}, not for "
+            f"{fmpy.platform}"
+        )
+    _chosen(about, "input", _INPUTS, str(path))
+    _chosen(about, "output", (_OUTPUT,), str(path))
+    return UnitLaw(path.name, path, "", digest, about)
+
+
+def _real(about: Any, causality: str) -> list[Any]:
+    """Real variables, one number each, of a causality."""
+    return [
+        v for v in about.modelVariables
+        if v.causality == causality and v.type in _REAL and not v.dimensions
+    ]  # fmt: skip
+
+
+def _chosen(about: Any, causality: str, names: tuple[str, ...], path: str) -> Any:
+    """The only variable of a causality, or the only one of these names. Raises LawError."""
+    found = _real(about, causality)
+    named = found if len(found) == 1 else [v for v in found if v.name in names]
+    if len(named) != 1:
+        there = ", ".join(v.name for v in found) or "none"
+        raise LawError(
+            f"the law {path} has the real {causality}s {there}; it has to have one, or one called "
+            f"{' or '.join(names)}"
+        )
+    return named[0]
+
+
+def _set(unit: Any, values: dict[int, float]) -> None:
+    put = getattr(unit, "setFloat64", None) or unit.setReal
+    if values:
+        put(list(values), list(values.values()))
+
+
+def _get(unit: Any, reference: int) -> float:
+    get = getattr(unit, "getFloat64", None) or unit.getReal
+    return float(get([reference])[0])

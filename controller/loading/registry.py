@@ -17,8 +17,8 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
-from controller.loading import callbacks
-from controller.loading.callbacks import Overdue, given_up_in_time
+from controller.loading import bound as callbacks
+from controller.loading.bound import Overdue, given_up_in_time
 from controller.loading.law import Law, LawError, check_home, said_of
 
 _ENDINGS = (".py", ".so", ".dylib", ".fmu", ".c")
@@ -135,7 +135,7 @@ def _loaded_file(
         raise LawError(f"the law {path} is not Python: {error}") from error
     _check_digest(str(path), found, digest)
     if path.suffix == ".fmu":
-        from controller.loading.unit import unit_law
+        from controller.loading.library import unit_law
 
         return unit_law(path, found)
     if path.suffix != ".py":

@@ -10,9 +10,8 @@ from bus.messages_pb2 import Books
 from hertzloop.setup import Setup
 from hertzloop.setup.plate import NEAREST
 from plant import state_kernels as pk
-from plant.balance import Balance
 from plant.estimates.plate_theory import KirchhoffError
-from plant.plant import Plant, PlantSpec
+from plant.plant import Balance, Plant, PlantSpec
 from plant.schemes.factory import built
 from plant.schemes.infinite import impedance_n_s_m
 from plant.schemes.registry import SCHEMES

@@ -22,7 +22,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from plant.contact.hertz import Sphere
 from plant.contact.yielding import Strength
-from plant.estimates import criteria
+from plant.estimates import plate_theory as criteria
 from plant.estimates.plate_theory import KirchhoffError, kirchhoff_error, thickness_number
 from plant.estimates.plate_theory import zener_inelasticity as inelasticity
 from plant.plant import PlantSpec

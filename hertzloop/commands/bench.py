@@ -65,7 +65,8 @@ def bench(
 def _costs(json_file: Path | None) -> None:
     from bus.port import BusError
     from hertzloop.processes.launcher import RunFailed
-    from studies.cost import groups, roofline
+    from studies.cost import links as groups
+    from studies.cost import roofline
 
     compile_first()
     try:
@@ -122,7 +123,7 @@ def _laws(rounds: int, json_file: Path | None) -> None:
 
 
 def _exported(rounds: int, json_file: Path | None) -> None:
-    from hertzloop.interop.library import NoCompiler
+    from hertzloop.interop.fmu import NoCompiler
     from hertzloop.interop.objects import CompileFault
     from studies.cost import exported
 

@@ -23,13 +23,13 @@ from hertzloop.commands import laws as conformance_command
 from hertzloop.commands import laws as law_commands
 from hertzloop.commands import listen as listen_command
 from hertzloop.commands import listing as listing_commands
-from hertzloop.commands import modes as modes_command
+from hertzloop.commands import listing as modes_command
 from hertzloop.commands import pictures as pictures_command
-from hertzloop.commands import published as published_commands
 from hertzloop.commands import recordings as recording_commands
 from hertzloop.commands import recordings as report_page
 from hertzloop.commands import roles as role_commands
 from hertzloop.commands import roles as watch_command
+from hertzloop.commands import studies as published_commands
 from hertzloop.commands import studies as study_commands
 from hertzloop.commands import sweeps as sweep_commands
 from hertzloop.commands import tune as tune_command
@@ -189,10 +189,10 @@ role_commands.register(app)
 recording_commands.register(app)
 study_commands.register(app)
 app.command()(bench_command.bench)
-published_commands.register(app)
+published_commands.register_published(app)
 sweep_commands.register(app)
 law_commands.register(app)
-modes_command.register(app)
+modes_command.register_modes(app)
 validity_command.register(app)
 app.command()(export_command.export)
 app.command()(export_plant_command.export_plant)

@@ -109,7 +109,7 @@ def export_plant(
         check_output(out_path, overwrite, read=files_of(resolved, scene, *(settings or [])))
     elif os.path.isdir(out_path) and any(out_path.iterdir()) and not overwrite:
         fail(f"the folder {out_path} is not empty; choose another, or allow it with --overwrite", 2)
-    from hertzloop.interop import library
+    from hertzloop.interop import fmu as library
     from hertzloop.interop.fmu import write_fmu
     from hertzloop.interop.image import image
     from hertzloop.interop.objects import CompileFault, is_compiled

@@ -270,7 +270,7 @@ def recover(
     overwrite: OverwriteOption = False,
 ) -> None:
     """Make a whole file of a recording that was cut off, so that any MCAP tool opens it."""
-    from recordings.recovery import recover as recover_file
+    from recordings.reader import recover as recover_file
     from recordings.writer import RecordingError
 
     whole = out_file or file.with_name(f"{file.stem}-recovered.mcap")

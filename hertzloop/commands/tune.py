@@ -33,7 +33,7 @@ from hertzloop.setup import Setup
 from hertzloop.views.format import Table
 
 if TYPE_CHECKING:
-    from studies.tuning.tune import Found, Tuned
+    from studies.tuning import Found, Tuned
 
 _MOST_ROWS = 15
 _PARTS = ("mean", "least", "most")  # of a spread over touch phases
@@ -93,13 +93,13 @@ def tune(
     killed search goes on with the same command."""
     need("matplotlib", "pymoo")
     from plant.schemes.registry import SCHEMES
+    from studies import tuning as study
     from studies.latency import LAWS
     from studies.sweeps.design import DesignError, check_keys, parse_axis
     from studies.sweeps.evaluate import Tally
     from studies.sweeps.pool import local_pool
     from studies.sweeps.sweep import code_version
-    from studies.tuning import tune as study
-    from studies.tuning.tune import Tuned
+    from studies.tuning import Tuned
 
     check_json(json_file)
     bases = [scene_from(name, settings, seed) for name in scenes or [DEFAULT]]
@@ -236,8 +236,7 @@ def _key(setting: str) -> str:
 def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Setup]) -> None:
     """Settings as CSV, all that was found as JSON, the chart, and every scene with the best
     setting; ends the command where they cannot be written."""
-    from studies.tuning.pictures import draw_front
-    from studies.tuning.tune import write_tuned
+    from studies.tuning import draw_front, write_tuned
     from studies.words import write_rows
 
     name = _file_name(names)
@@ -314,7 +313,7 @@ def _table(best: "list[Found]", reference: "Found", objectives: tuple[str, ...])
 
 def _winner(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> "Found | None":
     """The setting that beats the published one; None if there is none."""
-    from studies.tuning.tune import better_than
+    from studies.tuning import better_than
 
     return better_than(reference, best, objectives[0], objectives[1 if objectives[1:] else 0])
 

@@ -14,8 +14,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from hertzloop.analysis.impacts import F_A, F_C, V_P, XI, XI_P, XI_S
+from hertzloop.interop.fmu import C, write_library
 from hertzloop.interop.image import image
-from hertzloop.interop.library import C, write_library
 from hertzloop.interop.objects import HOST
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup

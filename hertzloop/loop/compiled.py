@@ -3,29 +3,30 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from bus.messages_pb2 import ForceBlock
-from bus.port import BusError, Port, Publisher, new_run_id
-from bus.streams import StreamFault
+from bus.port import BusError, InProcessBus, InProcessPort, Port, Publisher, new_run_id
+from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
 from controller import kernels as ck
 from controller import law_kernels as laws
 from controller.loading.bound import LawFault
 from hertzloop.loop import kernels as k
-from hertzloop.loop.controller_node import set_up_by
+from hertzloop.loop.controller_node import ControllerNode, set_up_by
 from hertzloop.loop.events import ControllerEvents
-from hertzloop.loop.plant_node import LoopStats
+from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.loop.plant_streams import BLOCK_STEPS, PlantStreams, empty_window
 from hertzloop.loop.watchdog import watching
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.setup import Setup
 from plant import state_kernels as pk
-from plant.balance import Balance
 from plant.figures.rows_kernels import Answer, answer
-from plant.plant import Plant
+from plant.plant import Balance, Plant
 from plant.time_series import series_under
+from recordings.writer import Recorder, RecordingError
 from sensors import kernels as sk
 
 _QUIET_S = 1e-4  # silence after which a law that pushes again has begun anew
@@ -249,3 +250,58 @@ def finer_loop(setup: Setup, plant: Plant, steps: int, parts_of_step: int) -> np
                 rows.append(series_under(plant, force))
                 seen[i] = float(plant.state.body[at])
     return np.concatenate(rows, axis=1)
+
+
+def record_in_process(
+    setup: Setup,
+    recording: Path,
+    *,
+    compiled: bool,
+    horizon: int | None = None,
+    overwrite: bool = False,
+    on_progress: Callable[[int], None] = lambda step: None,
+) -> LoopStats:
+    """Run a scene in this process and record it; `compiled` takes the one-call loop.
+
+    Raises BusError, StreamFault or RecordingError; the recording is closed and readable then.
+    """
+    recorder = Recorder(recording, overwrite)
+    bus = InProcessBus()
+    InProcessPort(bus, RECORDER, recorder.handle)
+
+    gave_up: list[StreamFault] = []
+
+    def messages() -> int:
+        return sum(counter.messages for counter in list(recorder.counters.values()))
+
+    try:
+        with watching(setup, messages, recorder.close, "messages"):
+            if compiled:
+                ports = (InProcessPort(bus, PLANT), InProcessPort(bus, CONTROLLER))
+                stats = run_compiled(setup, *ports, on_progress)
+            else:
+                plant_port = InProcessPort(bus, PLANT)
+                node: ControllerNode | None = None
+
+                def to_controller(envelope: Envelope) -> None:
+                    if node is None or gave_up:
+                        return
+                    try:
+                        node.handle(envelope)
+                    except StreamFault as error:  # the plant has to hear of it, as from afar
+                        gave_up.append(error)
+                        node.fail(str(error))
+
+                node = ControllerNode(InProcessPort(bus, CONTROLLER, to_controller))
+                plant = PlantNode(setup, plant_port, horizon, on_progress=on_progress)
+                stats = plant.run()
+        recorder.reconcile()
+        if gave_up:
+            raise gave_up[0]
+    except (BusError, StreamFault, RecordingError, KeyboardInterrupt) as error:
+        recorder.close(fault=str(error) or "interrupted")
+        if gave_up and error is not gave_up[0]:
+            raise gave_up[0] from error
+        raise
+    recorder.close()
+    return stats

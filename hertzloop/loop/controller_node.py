@@ -21,8 +21,8 @@ from bus.streams import (
 from bus.wire import Packed
 from controller.controller import Controller, Reply
 from controller.loading.bound import LawFault
+from hertzloop.loop.answers import LaneAnswers
 from hertzloop.loop.events import ControllerEvents
-from hertzloop.loop.lane_offer import LaneAnswers
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
 from hertzloop.setup.law import idle

@@ -30,8 +30,7 @@ from hertzloop.processes.signals import (
 )
 from hertzloop.setup import Setup
 from jit.cache import noticed
-from recordings.recorder import Recorder
-from recordings.writer import RecordingError
+from recordings.writer import Recorder, RecordingError
 
 if TYPE_CHECKING:
     from hertzloop.loop.controller_node import ControllerNode

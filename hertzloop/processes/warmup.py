@@ -79,8 +79,7 @@ def _run(setup: "Setup", folder: Path) -> None:
     """A run through each port compiles every kernel that any of them calls."""
     from hertzloop.analysis.figures import figures_of
     from hertzloop.analysis.model import chosen_model
-    from hertzloop.loop.compiled import simulate
-    from hertzloop.loop.inprocess import record_in_process
+    from hertzloop.loop.compiled import record_in_process, simulate
 
     record_in_process(setup, folder / "a.mcap", compiled=False)
     record_in_process(setup, folder / "b.mcap", compiled=True)
@@ -90,7 +89,7 @@ def _run(setup: "Setup", folder: Path) -> None:
 
 
 def _run_paced(setup: "Setup", folder: Path) -> None:
-    from bus.inprocess import InProcessBus, InProcessPort
+    from bus.port import InProcessBus, InProcessPort
     from bus.streams import PLANT
     from hertzloop.loop.paced import PacedPlantNode
 

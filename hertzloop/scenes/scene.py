@@ -31,8 +31,14 @@ from hertzloop.scenes.errors import (
     shown,
     table_of,
 )
-from hertzloop.scenes.files import open_material, take_in
-from hertzloop.scenes.materials import MaterialTable, Table, check_materials, material_called
+from hertzloop.scenes.materials import (
+    MaterialTable,
+    Table,
+    check_materials,
+    material_called,
+    open_material,
+    take_in,
+)
 from hertzloop.scenes.problems import problems
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.scenes.tables import (

@@ -5,8 +5,7 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.files import unpacked
-from hertzloop.scenes.materials import MaterialTable, material_called
+from hertzloop.scenes.materials import MaterialTable, material_called, unpacked
 from hertzloop.scenes.problems import not_in_three_dimensions
 from hertzloop.scenes.tables import ActuatorTable, ContactTable, PlateTable, SphereTable
 from plant.actuator import Actuator

@@ -37,10 +37,10 @@ from hertzloop.scenes.tables import (
     SphereTable,
 )
 from hertzloop.setup import bodies as stage_1
-from hertzloop.setup import infinite
 from hertzloop.setup import law as of_law
+from hertzloop.setup import plate as infinite
 from hertzloop.setup import plate as of_plate
-from hertzloop.setup.sensing import sensor_of
+from hertzloop.setup.law import sensor_of
 from plant import time_series as ts
 from plant.actuator import Actuator
 from plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere

@@ -1,4 +1,4 @@
-"""Compiled kernels of the modes left out as one damped mode; see `plant.schemes.tail`.
+"""Compiled kernels of the modes left out as one damped mode; see `plant.schemes.collocation`.
 
 Displacement at the contact point is Im z, z' = s z + g F with a complex g, F the force up on the
 plate. As Im g = Y, the point's velocity follows the force at once by Y F, on top of Im(s z).

@@ -20,10 +20,9 @@ import numpy as np
 import scipy
 
 from plant import state_kernels as pk
-from plant.balance import Balance, balance
 from plant.contact.hertz import GRAVITY_M_S2, Contact, Damping
 from plant.one_thread import on_one_thread
-from plant.plant import Plant, PlantSpec
+from plant.plant import Balance, Plant, PlantSpec, balance
 from plant.schemes import thesis2008_kernels as k
 from plant.structures.modes import Oscillators
 from plant.structures.plate import Plate

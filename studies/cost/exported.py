@@ -14,8 +14,8 @@ import numpy as np
 
 from hertzloop.analysis.impacts import F_C
 from hertzloop.interop.environment import Driven, build, drive
+from hertzloop.interop.fmu import write_folder
 from hertzloop.interop.image import image
-from hertzloop.interop.library import write_folder
 from hertzloop.loop.compiled import Simulated, simulate
 from hertzloop.setup import load
 

@@ -22,7 +22,7 @@ from hertzloop.setup import Setup, load
 from studies.sweeps.design import Axis
 from studies.sweeps.evaluate import Pool, evaluate
 from studies.sweeps.pool import local_pool
-from studies.tuning.tune import tune
+from studies.tuning import tune
 
 LAW = "slope_threshold"
 # A law in C does not say how far its force reaches, so the plate has its modes for all of them.

@@ -7,13 +7,28 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
 from pathlib import Path
 
 from bus.sockets import on_loopback, own_endpoints
 from bus.streams import PLANT, ROLES
 from bus.wire import LOOPBACK, reserved_ports
 from bus.zenoh_port import ZenohPort
-from studies.cost.baseline import NAME, ROUNDS, Cost, Meets, in_turn, on_ports, over_zenoh, timed
+from studies.cost.baseline import (
+    NAME,
+    ROUNDS,
+    Cost,
+    Meets,
+    exchange_costs,
+    in_turn,
+    loop_costs,
+    on_ports,
+    over_zenoh,
+    step_costs,
+    stranger_costs,
+    timed,
+)
+from studies.cost.cases import mode_file_costs
 
 _OPENED = 3
 _PAUSE_S = 0.05  # after a session: what closes it must not be counted with the next
@@ -84,3 +99,17 @@ def certificate_costs(rounds: int = ROUNDS) -> list[Cost]:
         ports = list(range(1, 1 + len(ROLES)))  # nobody listens there
         cases = {"TLS, certificates": lambda: timed(lambda: _certified(Path(folder), ports), 1)}
         return in_turn(cases, rounds)
+
+
+def measure() -> dict[str, list[dict[str, object]]]:
+    """Costs by group, as plain data."""
+    groups = {
+        "plant step (us)": step_costs(),
+        "plate by its modes (us per step)": mode_file_costs(),
+        "exchange (us per round trip of 100 B)": exchange_costs(),
+        "ways on one host (us per round trip of 100 B)": link_costs(),
+        "opening a port (us)": opening_costs() + certificate_costs(),
+        "whole loop (us per step)": loop_costs(),
+        "beside strangers (us per step)": stranger_costs(),
+    }
+    return {name: [asdict(cost) for cost in costs] for name, costs in groups.items()}

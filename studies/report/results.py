@@ -19,8 +19,7 @@ from studies.latency import round_above
 from studies.report.page import svg, template
 from studies.sweeps.evaluate import Rows, not_run
 from studies.sweeps.sweep import SHOWN, counted, extremes, known, read_results, short
-from studies.tuning.pictures import front
-from studies.tuning.tune import Tuned, read_tuned
+from studies.tuning import Tuned, front_sheet, read_tuned
 
 _MOST_KEYS = 6
 _MOST_FIGURES = 3
@@ -271,7 +270,7 @@ def _page_of_tuned(tuned: Tuned) -> str:
         f"Lowered: {', '.join(names)}{limits}; figures of {_SPANS[tuned.span]}{worst}.",
         *tuned.verdict,
     ]
-    picture = front("", tuned.front, tuned.published, objectives)
+    picture = front_sheet("", tuned.front, tuned.published, objectives)
     return _page(
         title,
         lines,

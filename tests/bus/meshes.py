@@ -1,6 +1,6 @@
 """All three roles in one process, joined in-process or by zenoh."""
 
-from bus.inprocess import InProcessBus, InProcessPort
+from bus.port import InProcessBus, InProcessPort
 from bus.streams import CONTROLLER, PLANT, RECORDER
 from bus.zenoh_port import ZenohPort
 

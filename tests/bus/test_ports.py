@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from bus import wire
-from bus.inprocess import InProcessBus, InProcessPort
 from bus.messages_pb2 import TruthBlock
-from bus.port import PeerLost, Port
+from bus.port import InProcessBus, InProcessPort, PeerLost, Port
 from bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Envelope
 from tests.bus.meshes import ABSENCE_S, PATIENCE_S, ROLES, in_process_mesh, zenoh_mesh
 from tests.ports import free_ports

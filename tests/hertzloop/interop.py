@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hertzloop.interop.environment import VALUES
+from hertzloop.interop.fmu import write_folder
 from hertzloop.interop.image import image
-from hertzloop.interop.library import write_folder
 from hertzloop.interop.objects import HOST
 from hertzloop.setup import Setup, load
 

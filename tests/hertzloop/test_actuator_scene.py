@@ -14,8 +14,7 @@ from hertzloop.analysis.impacts import F_A, F_A1, XI_P, consistent_impacts
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.analysis.trust import verify
 from hertzloop.commands.cli import app
-from hertzloop.loop.compiled import simulate
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from recordings.reader import read

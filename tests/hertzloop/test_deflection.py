@@ -9,7 +9,7 @@ import pytest
 from hertzloop.analysis.deflection import deflection, forces_on_plate, frame_steps
 from hertzloop.analysis.impacts import modal_displacement
 from hertzloop.analysis.recorded import rows_of
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import Setup, load
 from plant.plant import PlantSpec
 from recordings.reader import Recording, read

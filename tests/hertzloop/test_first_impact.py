@@ -26,7 +26,7 @@ from studies.real import energies_of
 from studies.report.page import page_of
 from studies.report.results import page_of_results
 from studies.sweeps.evaluate import evaluate, run_chunk
-from studies.tuning.tune import best_of
+from studies.tuning import best_of
 from tests.hertzloop.own_laws import ECHO
 
 # Three contacts, 1.3 ms apart at first: a law that sees one coming pushes before it.

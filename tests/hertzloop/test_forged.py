@@ -19,11 +19,11 @@ from bus.messages_pb2 import DaqBlock, Hello
 from bus.port import PeerLost
 from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decode
 from bus.zenoh_port import ZenohPort
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.loop.inprocess import record_in_process
 from hertzloop.setup import load
 from recordings.reader import read
-from recordings.recorder import Recorder
+from recordings.writer import Recorder
 from tests.hertzloop.processes import finish, start
 from tests.ports import free_ports
 

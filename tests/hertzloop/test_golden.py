@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import parse
 from recordings.compare import first_difference
 from recordings.reader import read

@@ -12,7 +12,7 @@ pytest.importorskip("cryptography")
 from bus.streams import CONTROLLER, PLANT, RECORDER
 from bus.zenoh_config import common_name, secured
 from hertzloop.certificates import Authority, in_base64
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import load
 from recordings.compare import first_difference
 from recordings.reader import read

@@ -15,8 +15,8 @@ import pytest
 from bus import lane, lane_kernels, wire
 from bus.messages_pb2 import Hello
 from bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
+from hertzloop.loop.answers import LaneAnswers
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.loop.lane_offer import LaneAnswers
 from hertzloop.one_run import RunOptions, run_scene
 from hertzloop.setup import Setup, load
 from recordings.compare import first_difference

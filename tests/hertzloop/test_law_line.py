@@ -10,7 +10,7 @@ from bus.messages_pb2 import RunEnd, SetUp
 from hertzloop.analysis.figures import free_figures
 from hertzloop.analysis.recorded import law_of
 from hertzloop.analysis.verdict import judge
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import load
 from hertzloop.views import inspection
 from hertzloop.views import run as report

@@ -11,7 +11,7 @@ from typer.testing import CliRunner, Result
 
 from hertzloop.analysis import listening
 from hertzloop.commands.cli import app
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import load
 
 SHORT = ["run.duration_s=0.004", "run.accuracy=0.05", "plate.size_m=[0.2, 0.16]",

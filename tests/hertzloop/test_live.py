@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import load
 from recordings.compare import first_difference
 from recordings.reader import read

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop import one_run as hertzloop_run
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_node import LoopStats
 from hertzloop.one_run import RunOptions, Transport, run_scene, what_is_kept
 from hertzloop.setup import Setup, load

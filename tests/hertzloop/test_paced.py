@@ -31,7 +31,7 @@ from hertzloop.setup import Setup, load
 from hertzloop.views.run import show_pacing
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
-from recordings.recorder import Recorder
+from recordings.writer import Recorder
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.processes import child_of, finish, grown_to, hertzloop, start, wait_for
 

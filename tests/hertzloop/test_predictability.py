@@ -11,8 +11,7 @@ from typer.testing import CliRunner
 from hertzloop.analysis.figures import figures_of
 from hertzloop.analysis.trust import CHAOTIC, errors_of, horizon_step, known_impacts
 from hertzloop.commands.cli import app
-from hertzloop.loop.compiled import closed_loop_rows, simulate
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import closed_loop_rows, record_in_process, simulate
 from hertzloop.setup import load
 from hertzloop.views.data import figures_as_json
 from hertzloop.views.format import known_digits

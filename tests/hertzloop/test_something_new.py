@@ -42,7 +42,7 @@ with_line(
 import numpy as np
 
 from hertzloop.loop.compiled import simulate
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.analysis.trust import verify
 from hertzloop.setup import load
 from recordings.reader import read
@@ -98,7 +98,7 @@ with_line(
 import numpy as np
 
 from hertzloop.loop.compiled import simulate
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.quantities import TRUTH
 from hertzloop.scenes.scene import load
 from recordings.reader import read
@@ -198,7 +198,7 @@ from pathlib import Path
 import numpy as np
 
 from hertzloop.loop.compiled import simulate
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.processes.law_trial import try_law
 from hertzloop.views.labelled import export_labels
 from hertzloop.scenes.errors import SceneError
@@ -262,7 +262,7 @@ import numpy as np
 
 from bus.streams import RECORDER, SUBSCRIPTIONS
 from hertzloop.loop import kernels as k
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_streams import PlantStreams
 from hertzloop.setup import load
 from recordings.compare import first_difference

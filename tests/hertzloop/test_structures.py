@@ -10,7 +10,7 @@ from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.deflection import deflection, modes_of_scene
 from hertzloop.analysis.impacts import first_impact, modal_displacement
 from hertzloop.analysis.recorded import rows_of
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.one_run import RunOptions, Transport, run_scene
 from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.scenes.errors import SceneError

@@ -11,8 +11,7 @@ from bus.messages_pb2 import Hello, SetUp
 from bus.streams import STREAMS, Envelope, StreamFault, other_version
 from hertzloop import __version__, interface
 from recordings.reader import read
-from recordings.recorder import Recorder
-from recordings.writer import RecordingError, RecordingWriter
+from recordings.writer import Recorder, RecordingError, RecordingWriter
 from tests.bus.tapes import plant_says
 from tests.hertzloop.exchange import exchange
 from tests.hertzloop.processes import hertzloop

@@ -13,8 +13,7 @@ from hertzloop.analysis.impacts import DEEPEST, XI, consistent_impacts
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.analysis.trust import verify
 from hertzloop.commands.cli import app
-from hertzloop.loop.compiled import simulate
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.views.run import pressure_words

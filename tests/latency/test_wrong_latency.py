@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from controller.controller import Controller
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import Setup, load
 from recordings.compare import first_difference
 from recordings.reader import Recording, read

@@ -6,7 +6,7 @@ import pytest
 
 from plant.contact.hertz import Sphere, hertz_stiffness
 from plant.contact.yielding import softer, strength
-from plant.estimates import criteria
+from plant.estimates import plate_theory as criteria
 from plant.structures.materials import MATERIALS, Material
 from plant.structures.plate import Plate
 

@@ -12,7 +12,7 @@ from plant.actuator import Actuator
 from plant.contact import elastic_kernels as solve
 from plant.contact.hertz import Contact, Damping, Limit, hertz_stiffness, hunt_crossley_parameter
 from plant.plant import PlantSpec
-from plant.schemes import tail
+from plant.schemes import collocation as tail
 from plant.schemes.collocation import CollocationPlant, damped_tail, residual_m_n
 from plant.schemes.registry import step
 from plant.structures.materials import MATERIALS
@@ -41,19 +41,19 @@ def tailed(limit_hz: float = 125e3, actuator: Actuator | None = None, **changes)
 
 def test_mobility_below_the_limit_is_the_continuum_that_was_left_out() -> None:
     omega = OMEGA_C * np.array([0.02, 0.05, 0.1])
-    found = tail.mobility(Y, OMEGA_C, omega)
+    found = tail.tail_mobility(Y, OMEGA_C, omega)
     wanted = Y / math.pi * np.log((OMEGA_C + omega) / (OMEGA_C - omega))
     # Exact in w and w^3: what differs is of order w^5.
     assert np.all(abs(found.imag / wanted - 1.0) < 0.5 * (omega / OMEGA_C) ** 4)
     assert np.all(found.real < 0.2 * Y * (omega / OMEGA_C) ** 4)
-    everywhere = tail.mobility(Y, OMEGA_C, np.geomspace(1e-3, 1e3, 200) * OMEGA_C)
+    everywhere = tail.tail_mobility(Y, OMEGA_C, np.geomspace(1e-3, 1e3, 200) * OMEGA_C)
     assert np.all(everywhere.real > 0.0)  # passive
     assert everywhere[-1] == pytest.approx(Y, rel=1e-2)
 
 
 @pytest.mark.parametrize("step_s", [1e-7, 1e-6, 5e-6])
 def test_steps_answer_an_impulse_by_the_closed_form(step_s: float) -> None:
-    made, gains = tail.build(Y, OMEGA_C, step_s, True)
+    made, gains = tail.build_tail(Y, OMEGA_C, step_s, True)
     a, b = 0.25 * math.pi * OMEGA_C, OMEGA_C * math.sqrt(3.0 - (math.pi / 4.0) ** 2)
     # Displacement by a force of 1 N held over a step, at its end: the integral of the response
     # exp(-a t) (Y cos b t + B sin b t).
@@ -74,11 +74,13 @@ def test_what_it_loses_is_what_the_spectrum_of_the_force_says() -> None:
     balance = plant.close_balance()
     mobility = damped_tail(what)[0]
     assert mobility is not None
-    omega_c = tail.limit_of(mobility.mobility_m_ns, residual_m_n(what))
+    omega_c = tail.tail_limit(mobility.mobility_m_ns, residual_m_n(what))
     omega = np.linspace(0.0, 4e9, 400_001)[1:]
     length = 4e-6
     spectrum = 40.0 * np.abs(np.sin(0.5 * omega * length)) / (0.5 * omega)
-    density = spectrum**2 * tail.mobility(mobility.mobility_m_ns, omega_c, omega).real / math.pi
+    density = (
+        spectrum**2 * tail.tail_mobility(mobility.mobility_m_ns, omega_c, omega).real / math.pi
+    )
     lost = float(np.sum(density) * (omega[1] - omega[0]))
     assert balance.tail_dissipated_j == pytest.approx(lost, rel=2e-3)
     assert abs(balance.energy_residual) < 1e-10

@@ -26,8 +26,7 @@ import recordings.writer
 from recordings.chunks import inner_records, message_of, unpacked
 from recordings.columns import SAMPLED
 from recordings.compare import first_difference
-from recordings.reader import Recording, read
-from recordings.recovery import recover
+from recordings.reader import Recording, read, recover
 from recordings.writer import RecordingError
 from tests.faults import page
 from tests.recordings.damaging import DAMAGES

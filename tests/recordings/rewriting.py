@@ -13,7 +13,7 @@ from mcap.stream_reader import StreamReader
 from bus import wire
 from bus.messages_pb2 import RunEnd
 from bus.streams import STREAMS
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import Setup, load
 from recordings.reader import read
 from recordings.writer import RecordingWriter

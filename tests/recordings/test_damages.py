@@ -10,8 +10,7 @@ from mcap.opcode import Opcode
 
 import recordings.chunks
 from recordings.intake import in_order
-from recordings.reader import Source, read
-from recordings.recovery import recover
+from recordings.reader import Source, read, recover
 from recordings.writer import RecordingError
 from tests.recordings.damages import (
     DAMAGES,

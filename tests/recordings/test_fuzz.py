@@ -15,8 +15,7 @@ import recordings.writer
 from hertzloop.views import inspection
 from recordings.columns import SAMPLED
 from recordings.compare import first_difference
-from recordings.reader import Recording, read
-from recordings.recovery import recover
+from recordings.reader import Recording, read, recover
 from recordings.writer import RecordingError
 from tests.recordings.damaging import DAMAGES, lying
 from tests.recordings.rewriting import Sent, messages, record

@@ -8,8 +8,7 @@ from mcap.reader import make_reader
 
 from bus.messages_pb2 import TruthBlock
 from hertzloop.setup import parse
-from recordings.reader import read
-from recordings.recovery import recover
+from recordings.reader import read, recover
 
 OLDER = Path(__file__).parent / "older"
 NO_CHECKSUM = (

@@ -9,8 +9,7 @@ import pytest
 from bus.messages_pb2 import Hello, RunEnd
 from bus.streams import LAST_NS, Envelope, StreamFault
 from recordings.reader import read
-from recordings.recorder import Recorder
-from recordings.writer import RecordingError, RecordingWriter
+from recordings.writer import Recorder, RecordingError, RecordingWriter
 from tests.bus.tapes import SCENE, changed, controller_says, places, plant_says
 
 

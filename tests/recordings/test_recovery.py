@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import load
 from recordings.compare import first_difference
-from recordings.reader import read
-from recordings.recovery import recover
+from recordings.reader import read, recover
 from recordings.writer import RecordingError
 
 

@@ -14,8 +14,7 @@ from typer.testing import CliRunner, Result
 
 from hertzloop.analysis.impacts import V_P
 from hertzloop.commands.cli import app
-from hertzloop.loop.compiled import simulate
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.setup import load
 from hertzloop.views import replaying
 from recordings import writer

@@ -10,7 +10,7 @@ import rerun as rr
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import load
 from hertzloop.views import replaying
 from recordings.reader import read

@@ -17,10 +17,8 @@ from bus.messages_pb2 import Hello
 from bus.streams import Envelope, StreamFault
 from recordings import columns, intake
 from recordings.chunks import MAGIC, RECORD_BYTES
-from recordings.reader import read
-from recordings.recorder import Recorder
-from recordings.recovery import recover
-from recordings.writer import RecordingError, RecordingWriter
+from recordings.reader import read, recover
+from recordings.writer import Recorder, RecordingError, RecordingWriter
 from tests.bus.tapes import plant_says
 from tests.recordings.rewriting import messages, record
 

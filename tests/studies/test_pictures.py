@@ -12,8 +12,7 @@ from hertzloop.commands.pictures import pictures as take_pictures
 from studies import pictures, words
 from studies.drawn import MORE, Run
 from studies.latency import draw_maps, round_above
-from studies.tuning.pictures import draw_front
-from studies.tuning.tune import Found
+from studies.tuning import Found, draw_front
 
 
 @pytest.fixture
@@ -91,7 +90,7 @@ def test_a_front_is_labelled_in_words_beside_its_points(saved: list[Figure]) -> 
 
 
 def test_every_objective_has_words() -> None:
-    from studies.tuning.tune import OBJECTIVES
+    from studies.tuning import OBJECTIVES
 
     for figure in OBJECTIVES:
         assert "_" not in words.against_none(figure)

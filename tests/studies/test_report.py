@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from hertzloop.commands.cli import app
-from hertzloop.loop.inprocess import record_in_process
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import load
 from recordings.reader import read
 from tests.hertzloop.own_laws import write_law

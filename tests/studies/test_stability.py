@@ -9,9 +9,10 @@ import pytest
 from plant.plant import Plant
 from plant.schemes.collocation import CollocationPlant
 from plant.schemes.discrete_gradient import DiscreteGradientPlant
+from studies import stability as limits
+from studies import stability as maps
+from studies import stability as study
 from studies.speed_accuracy import integrator_kernels as ik
-from studies.stability import limits, study
-from studies.stability import limits as maps
 
 BALANCED = ("modal", "discrete_gradient")
 

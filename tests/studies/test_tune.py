@@ -11,10 +11,10 @@ from controller.loading.registry import find, shipped
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.commands.cli import app
 from hertzloop.setup import Setup, load
+from studies import tuning as study
 from studies.sweeps.design import Axis
 from studies.sweeps.evaluate import Pool
 from studies.sweeps.pool import local_pool
-from studies.tuning import tune as study
 
 KAPPA = (Axis("controller.kappa", (), -0.5, 1.5),)
 BOTH = ("plate_energy_db", "rebound_percent")

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pymoo.algorithms.moo.nsga2 import NSGA2
@@ -24,9 +24,13 @@ from controller.loading.registry import find, resolve, shipped
 from hertzloop.analysis.cases import Span
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
+from studies import words
 from studies.sweeps.design import Axis, Design, DesignError, Spread, at_all, fitted, spread_over
 from studies.sweeps.evaluate import Pool, evaluate
 from studies.sweeps.sweep import work_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -306,3 +310,35 @@ def better_than(reference: Found, found: list[Found], gain: str, keep: str) -> F
     allowed = [f for f in found if f.figures[keep] <= reference.figures[keep]]
     best = min(allowed, key=lambda f: f.figures[gain], default=None)
     return best if best and best.figures[gain] < reference.figures[gain] else None
+
+
+def draw_front(
+    path: Path, title: str, best: list[Found], reference: Found, objectives: tuple[str, ...]
+) -> None:
+    """Write the Pareto front as PNG."""
+    from studies import pictures
+
+    pictures.save(front_sheet(title, best, reference, objectives), path)
+
+
+def front_sheet(
+    title: str, best: list[Found], reference: Found, objectives: tuple[str, ...]
+) -> "Figure":
+    """The settings found, law by law, over the first two objectives (or over their number)."""
+    from studies import pictures
+
+    sheet, axes = pictures.sheet(1, 1, width=8.5, height=4.2)
+    ax = axes[0, 0]
+    x, y = objectives[0], objectives[1] if len(objectives) > 1 else objectives[0]
+    for i, law in enumerate(dict.fromkeys(f.values["controller.law"] for f in best)):
+        mine = [f for f in best if f.values["controller.law"] == law]
+        look = pictures.look(i, marked=True) | {"linestyle": ""}
+        ax.plot(
+            [f.figures[x] for f in mine], [f.figures[y] for f in mine], label=words.law(law), **look
+        )
+    ax.plot(
+        reference.figures[x], reference.figures[y], "k*", markersize=13, label="published setting"
+    )
+    ax.set(xlabel=words.against_none(x), ylabel=words.against_none(y), title=title)
+    sheet.legend(loc="outside right upper")
+    return sheet

@@ -1,1 +1,0 @@
-"""Where schemes, and the closed loop, fail."""
