@@ -15,10 +15,12 @@ from hertzloop.analysis.recorded import pieces_of
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from plant.plant import RIGID_RAD_S, PlantSpec, air_eta
+from plant.schemes.collocation import residual_m_n
 from plant.schemes.phi import phi
 from plant.structures.edged_plate import EdgedPlate
 from plant.structures.modal_structure import ModalStructure
 from plant.structures.mode_file import ModeTable
+from plant.structures.plate import Plate, oscillator_shapes, oscillators
 from plant.structures.solid_plate import SolidPlate
 from recordings.reader import Recording
 from recordings.replay.data import Deflection
@@ -342,10 +344,6 @@ def modes_of_scene(setup: Setup, grid: bool = False) -> ModeTable:
 
     The same run with them gives the same bytes. Raises SceneError.
     """
-    from plant.plant import air_eta
-    from plant.schemes.collocation import residual_m_n
-    from plant.structures.plate import oscillators
-
     spec = setup.plant
     if spec.infinite_plate:
         raise SceneError(
@@ -370,13 +368,8 @@ def modes_of_scene(setup: Setup, grid: bool = False) -> ModeTable:
 
 
 def _on_grid(
-    spec: "PlantSpec", limit: float, count: int
+    spec: PlantSpec, limit: float, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    from hertzloop.results.deflection import axes
-    from plant.structures.edged_plate import EdgedPlate
-    from plant.structures.plate import Plate, oscillator_shapes
-    from plant.structures.solid_plate import SolidPlate
-
     what, points = spec.plate, (spec.contact_point_m, spec.actuator_point_m)
     if not isinstance(what, Plate | EdgedPlate | SolidPlate):
         raise SceneError("the modes come from a file; take its own grid")
