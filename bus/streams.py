@@ -34,6 +34,7 @@ class Stream:
     heard: str = ""
     compared: bool = False  # its samples must be the same in every repeat of a run
     once: bool = False  # one message a run
+    recorded_as: type[Message] | None = None  # schema in the recording, if another
 
 
 STREAMS = {
@@ -43,8 +44,15 @@ STREAMS = {
         Stream("daq", PLANT, messages.DaqBlock, "/daq", CONTROLLER, compared=True),
         Stream("truth", PLANT, messages.TruthBlock, "/truth", compared=True),
         Stream("force", CONTROLLER, messages.ForceBlock, "/force", PLANT, compared=True),
-        Stream("events/plant", PLANT, Log, "/events", compared=True),
-        Stream("events/controller", CONTROLLER, Log, "/events", compared=True),
+        Stream("events/plant", PLANT, messages.Event, "/events", compared=True, recorded_as=Log),
+        Stream(
+            "events/controller",
+            CONTROLLER,
+            messages.Event,
+            "/events",
+            compared=True,
+            recorded_as=Log,
+        ),
         Stream("books", PLANT, messages.Books, "/books", once=True),
         Stream("end/plant", PLANT, messages.RunEnd, "/end", CONTROLLER, once=True),
         Stream("end/controller", CONTROLLER, messages.RunEnd, "/end", PLANT, once=True),
@@ -155,7 +163,7 @@ class Checker:
         refuse_not_finite(name, sequence, header, block.arrays)
         if isinstance(header, Hello):
             self._check_length(header)
-        elif isinstance(header, Log):
+        elif isinstance(header, messages.Event):
             self._check_event(name, sequence, header)
         elif isinstance(header, RunEnd) and header.role != STREAMS[name].publisher:
             raise StreamFault(
@@ -239,7 +247,7 @@ class Checker:
         self.announced = hello
         self._check_within(self.latest_event_ns)
 
-    def _check_event(self, name: str, sequence: int | None, event: Log) -> None:
+    def _check_event(self, name: str, sequence: int | None, event: messages.Event) -> None:
         time_ns = event.timestamp.seconds * 10**9 + event.timestamp.nanos
         if not 0 <= time_ns <= LAST_NS or not 0 <= event.timestamp.nanos < 10**9:
             raise StreamFault(

@@ -13,8 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from jit import kernel as compiled
 
-IDLE, WATCHING, ACTING, SPENT = range(4)  # what `s.mode` of a law can say
-MODES = ("idle", "watching", "acting", "spent")
+IDLE, WATCHING, ACTING, SPENT = range(4)  # `s.mode` of a law; `bus/events.py` names them
 NO_PROMISE = math.inf  # a quiet level that no sample stays above
 WHOLE_STEPS = "whole steps"  # marks a key that has to be a whole number of steps
 

@@ -14,11 +14,13 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Message, Metadata
 
 from bus import streams as bus_streams
+from bus.events import Fact, fact_of
 from bus.messages_pb2 import Books, Hello, RunEnd
 from bus.streams import CONTROLLER, LAST_NS, PLANT, STREAMS, Counter, Envelope
 from bus.wire import MessageError, Packed, not_finite
 from recordings.chunks import Damaged, Record, channel_of, inner_records, message_of
 from recordings.columns import SAMPLED, Arrays, Refused, Track
+from recordings.older_events import older_fact
 from recordings.writer import (
     LAW_ATTACHMENT,
     RESULT_METADATA,
@@ -37,12 +39,14 @@ _KINDS = {topic: next(s for s in STREAMS.values() if s.topic == topic) for topic
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """A foxglove.Log: simulated time in ns, publisher ("plant", "controller"), level, text."""
+    """Simulated time in ns, publisher ("plant", "controller"), level as in foxglove.Log, the
+    sentence for people, and the fact for programs."""
 
     time_ns: int
     name: str
     level: int
     message: str
+    fact: Fact = field(default=Fact(), compare=False)  # the sentence is made of it
 
 
 class Taken(NamedTuple):
@@ -227,10 +231,11 @@ class Intake:
             raise Refused(f"an event of {told} ns is recorded at {message.log_time} ns")
         if len(self.events) >= MOST_EVENTS:
             raise Refused(f"there are more than {MOST_EVENTS} events")
-        if self.text + len(log.message) + len(log.name) > MOST_TEXT:
+        self.text += len(log.message) + len(log.name) + len(log.quantity)
+        if self.text > MOST_TEXT:
             raise Refused(f"the events have more than {MOST_TEXT} characters")
-        self.text += len(log.message) + len(log.name)
-        self.events.append(Event(told, sys.intern(log.name), log.level, log.message))
+        fact = fact_of(log) if log.kind else older_fact(log.name, log.message)
+        self.events.append(Event(told, sys.intern(log.name), log.level, log.message, fact))
 
     def reconcile(self) -> None:
         """Compare what came with what the roles announced, and with the length of the run."""

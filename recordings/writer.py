@@ -107,7 +107,7 @@ class RecordingWriter:
             # part of the file that names them is lost.
             for topic in TOPICS:
                 entry = next(s for s in STREAMS.values() if s.topic == topic)
-                schema = register_schema(self._begun(), entry.message)
+                schema = register_schema(self._begun(), entry.recorded_as or entry.message)
                 self._channels[topic] = self._begun().register_channel(
                     topic=topic, message_encoding="protobuf", schema_id=schema
                 )

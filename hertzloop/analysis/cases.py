@@ -4,6 +4,7 @@ import hashlib
 import math
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import lru_cache
 from typing import Literal, TypeVar
 
@@ -32,7 +33,14 @@ Result = TypeVar("Result")
 # After the lead-in; four times as many until the impact is over. A run that is over ends before.
 _FIRST_STEPS = 2048
 _FEW_BYTES = 1 << 18  # of rows of truth, of which several cases fit a cache
-UNSTABLE = "the closed loop is unstable"  # how the reason of such a case begins
+
+
+class CaseState(StrEnum):
+    """What became of a case."""
+
+    FIGURES = "figures"
+    UNSTABLE = "unstable"  # it was run, but its figures would say nothing
+    NOT_RUN = "not run"
 
 
 class UnstableLoop(SceneError):
@@ -214,7 +222,7 @@ def _bounded(setup: Setup, rows: np.ndarray) -> Stability:
     if found.unstable:
         times = found.most_injected
         raise UnstableLoop(
-            f"{UNSTABLE}: the actuator exchanges "
+            "the closed loop is unstable: the actuator exchanges "
             + (f"{times:.3g} times the" if math.isfinite(times) else "no finite multiple of the")
             + " energy of the impact"
         )

@@ -16,8 +16,9 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from plant.numerics import phi
 from plant.plant import RIGID_RAD_S, PlantSpec, air_eta
+from plant.schemes.collocation import residual_m_n
 from plant.structures.mode_file import ModeTable
-from plant.structures.structure import Structure
+from plant.structures.structure import Structure, oscillator_shapes, oscillators
 from recordings.reader import Recording
 from recordings.replay.data import Contact, Deflection, Span, contacts_of
 
@@ -353,10 +354,6 @@ def modes_of_scene(setup: Setup, grid: bool = False) -> ModeTable:
 
     The same run with them gives the same bytes. Raises SceneError.
     """
-    from plant.plant import air_eta
-    from plant.schemes.collocation import residual_m_n
-    from plant.structures.structure import oscillators
-
     spec = setup.plant
     if spec.infinite_plate:
         raise SceneError(
@@ -381,10 +378,8 @@ def modes_of_scene(setup: Setup, grid: bool = False) -> ModeTable:
 
 
 def _on_grid(
-    spec: "PlantSpec", limit: float, count: int
+    spec: PlantSpec, limit: float, count: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    from plant.structures.structure import oscillator_shapes
-
     what, points = spec.plate, (spec.contact_point_m, spec.actuator_point_m)
     if what.size_m is None:
         if what.mode_table is not None:

@@ -2,7 +2,7 @@
 length of that contact and the largest deflection.
 
 A row has an effect, the formula, a threshold, and from where on it is beyond what the model can be
-(out of range). Sources are with the formulas, in plant.figures.criteria and
+(out of range). Sources are with the formulas, in plant.estimates.plate_theory and
 plant.structures.plate_theory. The sentence on an effect is in hertzloop.views.effects.
 """
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum, auto
 
+from bus.messages_pb2 import EventKind
 from hertzloop.analysis.figures import Figures, Ran, Saturation, figures_of
 from hertzloop.analysis.model import Yield, yield_of
 from hertzloop.analysis.recorded import LawRan, Pacing, blocks_of, law_of, pacing_of
@@ -256,15 +257,17 @@ def saturation_of(events: Iterable[Event]) -> Saturation | None:
     """How often, and since when, samples were out of the converter's range where it matters, by a
     recording's events: a gap during a contact, anything else at any time. None if never."""
     since_ns: list[int] = []
-    touching = out = counted = False
+    touching = out = counted = of_gap = False
     for event in events:
         if event.name != "plant":
             continue
-        if event.message.startswith("contact "):
-            touching = event.message.endswith("began")
-        elif event.message.endswith("converter's range"):
-            out, counted = "left the" in event.message, False
-        matters = touching or not event.message.startswith("xi ")
+        kind = event.fact.kind
+        if kind in (EventKind.CONTACT_BEGAN, EventKind.CONTACT_ENDED):
+            touching = kind == EventKind.CONTACT_BEGAN
+        elif kind in (EventKind.RANGE_LEFT, EventKind.RANGE_REGAINED):
+            out, counted = kind == EventKind.RANGE_LEFT, False
+            of_gap = event.fact.quantity == "xi"
+        matters = touching or not of_gap
         if out and matters and not counted:
             since_ns.append(event.time_ns)
             counted = True

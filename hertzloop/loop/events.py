@@ -1,4 +1,4 @@
-"""Events of a run as foxglove.Log messages, derived from streams block by block.
+"""Events of a run, derived from streams block by block.
 
 They depend on samples only, never on how a stream was cut into blocks.
 """
@@ -9,17 +9,12 @@ from typing import Any
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from controller.law import ACTING, IDLE, MODES
+from bus.events import event
+from bus.messages_pb2 import Event, EventKind
+from controller.law import ACTING, IDLE
 from hertzloop.setup import Setup
 
 _SPAN = 1000  # steps
-
-
-def log(name: str, step: int, step_ns: int, text: str, level: Any = Log.INFO) -> Log:
-    """An event of publisher `name` at a simulated step."""
-    message = Log(level=level, name=name, message=text)
-    message.timestamp.FromNanoseconds(step * step_ns)
-    return message
 
 
 def _changes(flags: np.ndarray, before: bool) -> np.ndarray:
@@ -27,7 +22,7 @@ def _changes(flags: np.ndarray, before: bool) -> np.ndarray:
     return np.flatnonzero(np.diff(flags.astype(np.int8), prepend=np.int8(before)))
 
 
-Found = tuple[int, str, Any]  # step, words, level
+Found = tuple[int, Any, dict[str, Any]]  # step, level, fact
 
 
 class LateForces:
@@ -52,18 +47,18 @@ class LateForces:
         late = np.flatnonzero(held)
         number, self._numbered = self._numbered + 1, self._numbered + len(late)
         last = first + len(held) - 1
-        if len(late) == 1:
-            step = first + int(late[0])
-            acted = step - int(held[late[0]])
-            text = f"late force {number}: the force of step {acted} acted in step {step}"
-            return last, text, Log.WARNING
         rows = np.split(late, np.flatnonzero(np.diff(late) > 1) + 1)
-        text = (
-            f"late forces {number} to {self._numbered}: in {len(late)} of steps {first} to {last}, "
-            f"older ones acted in {len(rows)} rows of at most {max(map(len, rows))} steps, the "
-            f"oldest {int(np.max(held))} steps old"
-        )
-        return last, text, Log.WARNING
+        alone = len(late) == 1
+        return last, Log.WARNING, {
+            "kind": EventKind.FORCES_LATE,
+            "number": number,
+            "last_number": self._numbered,
+            "from_step": first + int(late[0]) if alone else first,
+            "to_step": first + int(late[0]) if alone else last,
+            "late_rows": len(rows),
+            "longest_row": max(map(len, rows)),
+            "oldest_steps": int(np.max(held)),
+        }  # fmt: skip
 
 
 class PlantEvents:
@@ -83,27 +78,28 @@ class PlantEvents:
         first_sample: int,
         clipped: np.ndarray,
         held: np.ndarray | None = None,
-    ) -> Iterator[Log]:
+    ) -> Iterator[Event]:
         """Events of a block by rising step; `gap` above the dent that there is, m; `held` as in
         LateForces."""
         touching = gap < 0.0
         found: list[Found] = []
         for i in _changes(touching, self._touching):
             self._contacts += int(touching[i])
-            text = "began" if touching[i] else "ended"
-            found.append((first_step + int(i), f"contact {self._contacts} {text}", Log.INFO))
+            kind = EventKind.CONTACT_BEGAN if touching[i] else EventKind.CONTACT_ENDED
+            fact = {"kind": kind, "number": self._contacts}
+            found.append((first_step + int(i), Log.INFO, fact))
         flags = clipped.astype(bool)
         for i in _changes(flags, self._clipped):
-            text = "left the converter's range" if flags[i] else "is back in the converter's range"
+            kind = EventKind.RANGE_LEFT if flags[i] else EventKind.RANGE_REGAINED
             level = Log.WARNING if flags[i] else Log.INFO
             step = (first_sample + int(i)) * self._every
-            found.append((step, f"{self._quantity} {text}", level))
+            found.append((step, level, {"kind": kind, "quantity": self._quantity}))
         self._touching = bool(touching[-1]) if len(touching) else self._touching
         self._clipped = bool(flags[-1]) if len(flags) else self._clipped
         if held is not None:
             found += self._late.of(first_step, held)
-        for step, text, level in sorted(found, key=lambda event: event[0]):
-            yield log("plant", step, self._step_ns, text, level)
+        for step, level, fact in sorted(found, key=lambda found: found[0]):
+            yield event("plant", step, self._step_ns, level, **fact)
 
 
 class ControllerEvents:
@@ -114,18 +110,13 @@ class ControllerEvents:
         self._latches = setup.law.latches
         self._mode = IDLE
 
-    def of(self, first_sample: int, modes: np.ndarray, delays: np.ndarray) -> Iterator[Log]:
+    def of(self, first_sample: int, modes: np.ndarray, delays: np.ndarray) -> Iterator[Event]:
         """Events of a block of samples."""
         changed = np.flatnonzero(np.diff(modes, prepend=self._mode))
         for i in changed:
             old, self._mode = self._mode, int(modes[i])
-            text = f"law {_name(old)} -> {_name(self._mode)}"
+            fact: dict[str, Any] = {"mode_before": old, "mode": self._mode}
             if self._mode == ACTING and self._latches:
-                delay_us = delays[i] * self._every * self._step_ns / 1000
-                text += f", threshold crossed, delay {delay_us:g} us"
-            yield log("controller", (first_sample + int(i)) * self._every, self._step_ns, text)
-
-
-def _name(mode: int) -> str:
-    """A mode in words; a law may have more than those that have a name."""
-    return MODES[mode] if 0 <= mode < len(MODES) else f"mode {mode}"
+                fact["delay_ns"] = int(delays[i]) * self._every * self._step_ns
+            step = (first_sample + int(i)) * self._every
+            yield event("controller", step, self._step_ns, kind=EventKind.LAW_MODE, **fact)

@@ -7,11 +7,12 @@ from contextlib import suppress
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from bus.messages_pb2 import Books, DaqBlock, Hello, TruthBlock
+from bus.events import event
+from bus.messages_pb2 import Books, DaqBlock, EventKind, Hello, TruthBlock
 from bus.port import BusError, Publisher
 from bus.streams import StreamFault, versions_here
 from hertzloop.loop import kernels as k
-from hertzloop.loop.events import PlantEvents, log
+from hertzloop.loop.events import PlantEvents
 from hertzloop.setup import Setup
 from plant import state_kernels as pk
 from plant.contact.yielding import above_dent_m
@@ -166,14 +167,14 @@ class PlantStreams:
         # Flags of samples up to here; a later sample belongs to the next block.
         flags = np.concatenate([np.empty(0, np.uint8), *self._clipped])
         share = -(-end // self.sensor.spec.every_steps) - self._flags_first
-        for event in self._events.of(
+        for told in self._events.of(
             first,
             above_dent_m(self.plant.spec.contact, rows[0], rows[9]),
             self._flags_first,
             flags[:share],
             held,
         ):
-            self.publisher.send("events/plant", event)
+            self.publisher.send("events/plant", told)
         self._clipped, self._flags_first = [flags[share:]], self._flags_first + share
         self.window.truth[:, : taken - end] = self.window.truth[:, end - first : taken - first]
         counts[k.TRUTH_FIRST], self._next_s = end, time.monotonic() + self._every_s
@@ -195,11 +196,14 @@ class PlantStreams:
         """Publish what is there and why it ends here; a dead bus is no second fault, nor is a
         block that holds the fault itself. Where one of the run is gone, the end is told to the
         others all the same."""
-        event = log("plant", self.step, self.setup.step_ns, sentence, Log.FATAL)
+        told = event(
+            "plant", self.step, self.setup.step_ns, Log.FATAL,
+            kind=EventKind.RUN_FAILED, message=sentence,
+        )  # fmt: skip
         last_words: tuple[Callable[[], object], ...] = (
             self.send_samples,
             self.send_truth,
-            lambda: self.publisher.send("events/plant", event),
+            lambda: self.publisher.send("events/plant", told),
         )
         with suppress(BusError):
             for say in last_words:

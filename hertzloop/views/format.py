@@ -9,8 +9,6 @@ from rich.measure import Measurement
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from hertzloop.analysis.spans import predictable
-
 UNKNOWN = "unknown"  # in the place of a number without a predictable digit
 LEGEND = f"{UNKNOWN}: not predictable"
 _PLAIN = 7  # digits before the decimal point that are written without an exponent
@@ -69,7 +67,7 @@ def known_digits(value: float, form: str, error: float = 0.0) -> str:
     usual = f"{value:{form}}"
     if error == 0.0:
         return usual
-    if not predictable(value, error):
+    if not error < abs(value):  # as `predictable` of analysis has it
         return UNKNOWN
     whole = math.floor(math.log10(abs(value)))
     digits = max(whole - math.floor(math.log10(error)), 1)

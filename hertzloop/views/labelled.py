@@ -52,8 +52,8 @@ def truth_of(columns: Mapping[str, np.ndarray], step_s: float) -> xr.Dataset:
 def cases_of(rows: list[dict[str, Any]], keys: list[str], header: Mapping[str, Any]) -> xr.Dataset:
     """Rows of a sweep as a Dataset over `case`; the varied scene keys are coordinates.
 
-    Figures that a case does not have are nan; `status` says why. Units are in the names, as in
-    the file of the sweep.
+    Figures that a case does not have are nan; `status` says why, `state` in a word. Units are in
+    the names, as in the file of the sweep.
     """
     names = [name for name in rows[0] if name not in ("case", *keys)] if rows else []
     data = {name: ("case", [_number(row[name]) for row in rows]) for name in names}

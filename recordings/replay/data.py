@@ -1,6 +1,5 @@
 """What a replay shows, as plain arrays: contacts, thinned curves, states, plate frames."""
 
-import re
 import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -8,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from bus.events import mode_name
+from bus.messages_pb2 import EventKind
 from bus.streams import LAST_NS
 from recordings.columns import Arrays, Stream
 from recordings.reader import Recording
@@ -375,11 +376,10 @@ def law_states(recording: Recording) -> list[tuple[int, str]]:
     end = recording.ends.get("controller")
     states: list[tuple[int, str]] = []
     for event in recording.events:
-        change = re.match(r"law (\w+) -> (\w+)", event.message)
-        if event.name == "controller" and change:
+        if event.name == "controller" and event.fact.kind == EventKind.LAW_MODE:
             if not states:
-                states.append((0, change[1]))
-            states.append((event.time_ns, change[2]))
+                states.append((0, mode_name(event.fact.mode_before)))
+            states.append((event.time_ns, mode_name(event.fact.mode)))
     if not states and end and end.set_up.law not in ("", law):
         return [(0, "not told")]
     return states or [(0, "off" if law == "off" else "idle")]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from hertzloop.analysis.cases import CaseState
 from hertzloop.scenes.keys import unit_of
 from hertzloop.setup import Setup, parse
 from hertzloop.views import provenance
@@ -185,7 +186,7 @@ def _page_of_sweep(path: Path) -> str:
     keys = [axis["key"] for axis in design["axes"]]
     figures = [f for f in SHOWN if any(row[f] is not None for row in rows)]
     lacking = not_run(rows)
-    unstable = sum(bool(row["status"]) for row in rows) - len(lacking)
+    unstable = sum(row["state"] == CaseState.UNSTABLE for row in rows)
     warnings = [f"{len(lacking)} cases could not be run: {lacking[0]['status']}"] if lacking else []
     if unstable:
         warnings.append(f"{unstable} of {len(rows)} cases are unstable and have no figures")

@@ -5,7 +5,14 @@ from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import Any
 
-from hertzloop.analysis.cases import UNSTABLE, CaseFigures, Span, case_in_parts, together
+from hertzloop.analysis.cases import (
+    CaseFigures,
+    CaseState,
+    Span,
+    UnstableLoop,
+    case_in_parts,
+    together,
+)
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
 
@@ -34,8 +41,8 @@ def run_chunk(scene_toml: str, span: Span, numbered: Numbered) -> Rows:
 
 
 def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[dict[str, Any]]:
-    """Rows of cases as they come: their number, the varied keys, the figures, and `status`, empty
-    if all is well."""
+    """Rows of cases as they come: their number, the varied keys, the figures, `status`, a sentence
+    on why there are none, empty if all is well, and `state`, as in `CaseState`."""
     alike = all(key.startswith(_BESIDE_PLANT) for _, values in numbered for key in values)
     some = _TOGETHER if alike else 1  # plants of several cases would not all be kept
     for at in range(0, len(numbered), some):
@@ -48,10 +55,12 @@ def _row(
     row: dict[str, Any] = {"case": number, **values}
     try:
         figures = yield from case_in_parts(setup.vary(values), span)
-        return row | vars(figures) | {"status": ""}
+        return row | vars(figures) | {"status": "", "state": CaseState.FIGURES.value}
     except Exception as error:  # one case must not end the others
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
-        return row | dict.fromkeys(f.name for f in fields(CaseFigures)) | {"status": status}
+        state = CaseState.UNSTABLE if isinstance(error, UnstableLoop) else CaseState.NOT_RUN
+        why = {"status": status, "state": state.value}
+        return row | dict.fromkeys(f.name for f in fields(CaseFigures)) | why
 
 
 def run_case(setup: Setup, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:
@@ -61,7 +70,15 @@ def run_case(setup: Setup, span: Span, number: int, values: dict[str, Any]) -> d
 
 def not_run(rows: Rows) -> Rows:
     """Rows of cases that could not be run; one that is unstable was, though it has no figures."""
-    return [row for row in rows if row["status"] and not row["status"].startswith(UNSTABLE)]
+    return [row for row in rows if row["state"] == CaseState.NOT_RUN]
+
+
+def older_state(status: str | None) -> str:
+    """The state of a case from results of a version that wrote `status` alone."""
+    if not status:
+        return CaseState.FIGURES.value
+    unstable = status.startswith("the closed loop is unstable")
+    return (CaseState.UNSTABLE if unstable else CaseState.NOT_RUN).value
 
 
 @dataclass

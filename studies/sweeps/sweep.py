@@ -18,13 +18,13 @@ import pyarrow.parquet
 
 from controller.loading.law import LawError
 from controller.loading.registry import find, resolve
-from hertzloop.analysis.cases import CaseFigures, Span
+from hertzloop.analysis.cases import CaseFigures, CaseState, Span
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.text import toml_value
 from hertzloop.setup import Setup
 from jit.cache import code_digest
 from studies.sweeps.design import Design
-from studies.sweeps.evaluate import Rows, chunked, not_run, run_chunk
+from studies.sweeps.evaluate import Rows, chunked, not_run, older_state, run_chunk
 from studies.sweeps.journal import Journal
 from studies.sweeps.pool import SweepFailed, local_cores, local_pool
 
@@ -49,7 +49,7 @@ class Outcome:
     @property
     def unstable(self) -> int:
         """Number of cases that were run but have no figures, since the loop explodes."""
-        return sum(bool(row["status"]) for row in self.rows) - len(self.not_run)
+        return sum(row["state"] == CaseState.UNSTABLE for row in self.rows)
 
 
 def code_version() -> str:
@@ -255,8 +255,12 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             table = pyarrow.csv.read_csv(path)
             header = json.loads(_beside(path).read_text(encoding="utf-8"))
         keys = [axis["key"] for axis in header["design"]["axes"]]
-        rows = table.select(["case", *keys, *(f.name for f in fields(CaseFigures)), "status"])
-        rows = rows.to_pylist()
+        columns = ["case", *keys, *(f.name for f in fields(CaseFigures)), "status"]
+        columns += ["state"] if "state" in table.column_names else []
+        rows = [
+            {**row, "state": row.get("state") or older_state(row["status"])}
+            for row in table.select(columns).to_pylist()
+        ]
         for name in ("scene_toml", "span", "versions"):
             header[name]
     except KeyError as error:

@@ -5,10 +5,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from bus import wire
-from bus.messages_pb2 import Books, DaqBlock, ForceBlock, Hello, SetUp, TruthBlock
+from bus.messages_pb2 import Books, DaqBlock, Event, ForceBlock, Hello, SetUp, TruthBlock
 from bus.port import Publisher
 from bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
 
@@ -51,7 +50,7 @@ def plant_says(blocks: int = 3, every_steps: int = 1) -> list[Envelope]:
         publisher.send("daq", daq, {"code": np.arange(4)})
         rows = np.zeros(4 * every_steps)
         publisher.send("truth", TruthBlock(first_step=step, step_ns=1000), {"xi_m": rows})
-        publisher.send("events/plant", Log(message=f"event {i}"))
+        publisher.send("events/plant", Event(message=f"event {i}"))
     publisher.send("books", Books(kinetic_j=1.0))
     publisher.end()
     return tape.sent
@@ -76,6 +75,6 @@ def controller_says(blocks: int = 3) -> list[Envelope]:
     for i in range(blocks):
         force = ForceBlock(first_step=4 * i, step_ns=1000, samples_seen=4 * (i + 1))
         publisher.send("force", force, {"force_n": np.ones(4)})
-        publisher.send("events/controller", Log(message=f"mode {i}"))
+        publisher.send("events/controller", Event(message=f"mode {i}"))
     publisher.end(set_up=SetUp(scene_toml=SCENE))
     return tape.sent

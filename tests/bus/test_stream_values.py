@@ -5,10 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from bus import wire
-from bus.messages_pb2 import Books, ForceBlock, TruthBlock
+from bus.messages_pb2 import Books, Event, ForceBlock, TruthBlock
 from bus.port import Publisher
 from bus.streams import CONTROLLER, PLANT, StreamFault
 from tests.bus.checking import refused
@@ -56,8 +55,8 @@ def test_what_has_no_limit_may_be_infinite() -> None:
     Publisher(Tape(PLANT), RUN).send("books", Books(expected_error=math.inf))
 
 
-def event_at(seconds: int, nanos: int) -> Log:
-    message = Log(message="an event")
+def event_at(seconds: int, nanos: int) -> Event:
+    message = Event(message="an event")
     message.timestamp.seconds, message.timestamp.nanos = seconds, nanos
     return message
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop.analysis.cases import UNSTABLE, UnstableLoop, figures_of_case
+from hertzloop.analysis.cases import CaseState, UnstableLoop, figures_of_case
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
-from studies.sweeps.evaluate import not_run, run_case
+from studies.sweeps.evaluate import not_run, older_state, run_case
 from tests.hertzloop.own_laws import write_law
 
 RUN = ["run.accuracy=0.05", "run.duration_s=0.004"]
@@ -25,7 +25,8 @@ def test_a_runaway_is_an_unstable_case(law: str, kappa: float) -> None:
     with pytest.raises(UnstableLoop, match="the closed loop is unstable: the actuator exchanges"):
         figures_of_case(scene, "run")
     row = run_case(scene, "run", 0, {})
-    assert row["status"].startswith(UNSTABLE)
+    assert row["state"] == CaseState.UNSTABLE == older_state(row["status"])
+    assert row["status"].startswith("the closed loop is unstable")
     assert not not_run([row])
     with pytest.raises(SceneError, match=f"the law {law}, at sample .*, commanded -?inf N"):
         simulate(scene)  # as a single run says
@@ -39,6 +40,7 @@ def test_a_law_that_is_wrong_fails_its_case(
     row = run_case(load("aluminium-3mm", [*RUN, "controller.law=mine.py"]), "run", 0, {})
     assert "at sample 1030" in row["status"]
     assert not_run([row]) == [row]
+    assert row["state"] == CaseState.NOT_RUN == older_state(row["status"])
 
 
 def test_sweeps_count_runaways_as_unstable(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from hertzloop.commands.cli import app
 from hertzloop.views.sentences import verdict_sentences
 from plant.figures.impacts import Impact
 from plant.figures.noise import ImpactNoise
+from recordings.older_events import older_fact
 from recordings.reader import Event
 
 
@@ -174,7 +175,8 @@ def test_a_gap_out_of_range_counts_while_it_matters(
     said: list[str], expected: tuple[int, int] | None
 ) -> None:
     """Once each time that it leaves, however many contacts pass until it is back."""
-    events = [Event(int(1e6 * ms), "plant", 3, message) for ms, message in enumerate(said, 1)]
-    events.append(Event(0, "controller", 3, f"v_p {LEFT}"))
+    facts = [older_fact("plant", sentence) for sentence in said]
+    events = [Event(int(1e6 * ms), "plant", 3, "...", fact) for ms, fact in enumerate(facts, 1)]
+    events.append(Event(0, "controller", 3, "...", older_fact("plant", f"v_p {LEFT}")))
     found = saturation_of(events)
     assert (found and (found.times, pytest.approx(found.since_s * 1e3))) == expected

@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
 from bus import wire
-from bus.messages_pb2 import RunEnd
+from bus.messages_pb2 import Event, RunEnd
 from bus.streams import STREAMS
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import Setup, load
@@ -57,7 +56,7 @@ def messages(path: Path) -> list[Sent]:
                 kind = next(s.message for s in STREAMS.values() if s.topic == topic)
                 block = wire.decode(kind, record.data)
                 stream = topic[1:]
-                if isinstance(block.header, Log):
+                if isinstance(block.header, Event):
                     stream = f"events/{block.header.name}"
                 elif isinstance(block.header, RunEnd):
                     stream = f"end/{block.header.role}"

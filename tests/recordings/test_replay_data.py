@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bus.messages_pb2 import RunEnd, SetUp
+from bus.events import Fact
+from bus.messages_pb2 import EventKind, RunEnd, SetUp
 from recordings import columns
 from recordings.reader import Event, Recording, Stream
 from recordings.replay import blueprint, data, scene3d
@@ -145,9 +146,9 @@ def test_moments_stay_within_a_run_of_few_steps(
 
 def test_states_of_the_law_come_from_its_events() -> None:
     events = [
-        Event(1_000, "controller", 2, "law idle -> watching"),
-        Event(1_500, "plant", 2, "contact 1 began"),
-        Event(2_000, "controller", 2, "law watching -> acting, threshold crossed, delay 11 us"),
+        Event(1_000, "controller", 2, "...", Fact(EventKind.LAW_MODE, mode_before=0, mode=1)),
+        Event(1_500, "plant", 2, "...", Fact(EventKind.CONTACT_BEGAN, 1)),
+        Event(2_000, "controller", 2, "...", Fact(EventKind.LAW_MODE, mode_before=1, mode=2)),
     ]
     recording = Recording(Path("a.mcap"), events=events)
     assert replay_data.law_states(recording) == [

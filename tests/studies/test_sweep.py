@@ -10,7 +10,7 @@ import pyarrow.parquet
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop.analysis.cases import UNSTABLE, figures_of_case
+from hertzloop.analysis.cases import CaseState, figures_of_case
 from hertzloop.analysis.impacts import first_impact
 from hertzloop.commands.cli import app
 from hertzloop.loop.compiled import simulate
@@ -168,9 +168,10 @@ def test_random_cases_have_the_same_bytes_over_the_bus(transport: str) -> None:
     design = Design(axes, "lhs", 24, 5)
     rows = [evaluate.run_case(scene, "impact", i, v) for i, v in enumerate(design.cases())]
     # Feedback of the velocity 3 us late is unstable on one of the balls, which then has no figures.
-    unstable = [row["status"] for row in rows if row["status"]]
+    unstable = [row for row in rows if row["status"]]
     assert len(unstable) == 1
-    assert unstable[0].startswith(UNSTABLE)
+    assert unstable[0]["state"] == CaseState.UNSTABLE
+    assert unstable[0]["status"].startswith("the closed loop is unstable")
     rows = [row for row in rows if not row["status"]]
     assert {row["plate_model"] for row in rows} == {"modal", "infinite"}
     header = study.header_of(scene, design, "impact")

@@ -1,0 +1,76 @@
+"""Events of a run: typed facts with the sentence that a person reads, in one message.
+
+The sentences are made here and nowhere else, and no program reads them: a fact is in the fields.
+"""
+
+import sys
+from typing import Any, NamedTuple
+
+from foxglove_schemas_protobuf.Log_pb2 import Log
+
+from bus.messages_pb2 import Event, EventKind
+
+MODES = ("idle", "watching", "acting", "spent")  # of a law; it may have more
+
+
+class Fact(NamedTuple):
+    """What programs read of an event."""
+
+    kind: EventKind = EventKind.SENTENCE
+    number: int = 0
+    quantity: str = ""
+    mode_before: int = 0
+    mode: int = 0
+
+
+def fact_of(event: Event) -> Fact:
+    """The typed part of an event."""
+    quantity = sys.intern(event.quantity)
+    return Fact(event.kind, event.number, quantity, event.mode_before, event.mode)
+
+
+def event(name: str, step: int, step_ns: int, level: Any = Log.INFO, **fact: Any) -> Event:
+    """An event of publisher `name` at a simulated step; `fact`: fields of `Event`."""
+    message = Event(level=level, name=name, **fact)
+    message.timestamp.FromNanoseconds(step * step_ns)
+    message.message = message.message or sentence(message)
+    return message
+
+
+def sentence(event: Event) -> str:
+    """An event in words."""
+    match event.kind:
+        case EventKind.CONTACT_BEGAN:
+            return f"contact {event.number} began"
+        case EventKind.CONTACT_ENDED:
+            return f"contact {event.number} ended"
+        case EventKind.RANGE_LEFT:
+            return f"{event.quantity} left the converter's range"
+        case EventKind.RANGE_REGAINED:
+            return f"{event.quantity} is back in the converter's range"
+        case EventKind.FORCES_LATE:
+            return _late(event)
+        case EventKind.LAW_MODE:
+            words = f"law {mode_name(event.mode_before)} -> {mode_name(event.mode)}"
+            if event.HasField("delay_ns"):
+                words += f", threshold crossed, delay {event.delay_ns / 1000:g} us"
+            return words
+    return str(event.message)
+
+
+def _late(event: Event) -> str:
+    first, last, oldest = event.from_step, event.to_step, event.oldest_steps
+    if event.number == event.last_number:
+        acted = first - oldest
+        return f"late force {event.number}: the force of step {acted} acted in step {first}"
+    count = event.last_number - event.number + 1
+    return (
+        f"late forces {event.number} to {event.last_number}: in {count} of steps {first} to "
+        f"{last}, older ones acted in {event.late_rows} rows of at most {event.longest_row} steps, "
+        f"the oldest {oldest} steps old"
+    )
+
+
+def mode_name(mode: int) -> str:
+    """A law's mode in words; a law may have more than those that have a name."""
+    return MODES[mode] if 0 <= mode < len(MODES) else f"mode {mode}"
