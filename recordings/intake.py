@@ -46,7 +46,7 @@ class Event:
     name: str
     level: int
     message: str
-    fact: Fact = field(default=Fact(), compare=False)  # the sentence is made of it
+    fact: Fact = field(default=Fact(), repr=False)
 
 
 class Taken(NamedTuple):

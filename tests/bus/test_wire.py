@@ -236,7 +236,9 @@ def test_the_generated_module_is_up_to_date(tmp_path: Path) -> None:
 
     root = Path(messages_pb2.__file__).parents[1]
     out = tmp_path / "messages.binpb"
-    words = ["protoc", f"-I{root}", f"--descriptor_set_out={out}", "bus/messages.proto"]
+    known = Path(protoc.__file__).parent / "_proto"  # google/protobuf/timestamp.proto
+    words = ["protoc", f"-I{root}", f"-I{known}", f"--descriptor_set_out={out}"]
+    words += ["bus/messages.proto"]
     assert protoc.main(words) == 0
     fresh = FileDescriptorSet.FromString(out.read_bytes()).file[0]
     present = FileDescriptorProto.FromString(messages_pb2.DESCRIPTOR.serialized_pb)

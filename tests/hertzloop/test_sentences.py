@@ -18,13 +18,13 @@ from hertzloop.commands.cli import app
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from recordings.compare import first_difference
-from recordings.intake import Event as Recorded
 from recordings.older_events import older_fact
 from recordings.reader import Recording, read
 from recordings.replay.data import law_states
 from studies.sweeps.design import Axis, Design
 from studies.sweeps.evaluate import run_cases
 from studies.sweeps.sweep import Outcome, header_of, read_results, write_results
+from tests.recordings.rewriting import Sent, rewrite
 
 SHORT = ["run.duration_s=0.0015", "run.accuracy=0.1"]
 RUNS = {
@@ -165,9 +165,22 @@ def test_a_law_has_the_modes_that_have_names() -> None:
     assert {name: events.MODES.index(name) for name in events.MODES} == numbers
 
 
-def test_an_event_is_what_it_was_to_who_compares() -> None:
-    """The sentence is made of the fact, so that a recording without facts may be the same run."""
-    fact = events.Fact(EventKind.CONTACT_BEGAN, 1)
-    assert Recorded(5, "plant", 2, "contact 1 began", fact) == Recorded(
-        5, "plant", 2, "contact 1 began"
-    )
+def test_who_compares_sees_other_facts_and_not_that_there_are_none(tmp_path: Path) -> None:
+    """A recording of an earlier version may be the same run."""
+    usual, _ = recorded("out of range", tmp_path / "usual")
+
+    def without_fact(sent: Sent) -> None:
+        if isinstance(sent.header, Event):
+            for field in ("kind", "number", "quantity", "mode_before", "mode", "delay_ns"):
+                sent.header.ClearField(field)
+
+    def with_another(sent: Sent) -> None:
+        if isinstance(sent.header, Event) and sent.header.kind == EventKind.RANGE_LEFT:
+            sent.header.quantity = "v_p"
+
+    older = read(rewrite(usual.path, tmp_path / "older.mcap", without_fact))
+    assert first_difference(usual, older) is None
+    assert saturation_of(older.events) == saturation_of(usual.events)
+    assert law_states(older) == law_states(usual)
+    lying = read(rewrite(usual.path, tmp_path / "lying.mcap", with_another))
+    assert "events of the plant differ first" in (first_difference(usual, lying) or "")

@@ -299,11 +299,10 @@ def test_a_replay_ends_where_samples_are_missing(
     whole, damaged, rrd = (tmp_path / name for name in ("whole.mcap", "damaged.mcap", "a.rrd"))
     record_in_process(load("aluminium-3mm", SCENE), whole, compiled=True)
     content = bytearray(whole.read_bytes())
-    content[len(content) // 2] ^= 1
+    content[len(content) * 2 // 5] ^= 1  # amid the second of three blocks of truth
     damaged.write_bytes(content)
     kept = read(damaged)
-    holes = [kept.truth, kept.force, kept.daq]
-    assert any(stream.resumed for stream in holes)
+    assert any(stream.resumed for stream in (kept.truth, kept.force, kept.daq))
     part = kept.truth.before_a_hole()
     assert part.samples == (kept.truth.resumed or [(kept.truth.samples, 0)])[0][0]
     assert len(part.arrays["xi_m"]) == len(part.time_ns) == part.samples
