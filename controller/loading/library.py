@@ -14,7 +14,8 @@ import numpy as np
 from pydantic import BaseModel, Field, create_model
 
 from controller.law import ACTING, WATCHING, About, Keys
-from controller.loading.bound import BoundLaw, python_functions
+from controller.loading.bound import BoundLaw
+from controller.loading.callbacks import python_functions
 from controller.loading.compiled import FUNCTIONS, Packed, pack, state_of
 from controller.loading.law import ABOUT_FIELDS, Law, LawError
 

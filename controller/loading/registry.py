@@ -17,8 +17,8 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
-from controller.loading import bound as callbacks
-from controller.loading.bound import Overdue, given_up_in_time
+from controller.loading import callbacks
+from controller.loading.callbacks import Overdue, given_up_in_time
 from controller.loading.law import Law, LawError, check_home, said_of
 
 _ENDINGS = (".py", ".so", ".dylib", ".fmu", ".c")

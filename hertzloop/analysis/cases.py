@@ -90,7 +90,7 @@ def digest_of(rows: np.ndarray, samples: np.ndarray) -> str:
     total = hashlib.sha256()
     for row in (*rows, samples):
         total.update(np.ascontiguousarray(row))
-    return total.hexdigest()
+    return total.hexdigest()[:32]
 
 
 def _follow(setup: Setup, span: Span) -> tuple[Setup, Simulated]:

@@ -11,7 +11,8 @@ import numpy as np
 from bus.sockets import own_folder
 from controller.controller import Controller, LineSpec
 from controller.law import About
-from controller.loading.bound import BoundLaw, BoundPython, LawFault, Overdue, given_up_in_time
+from controller.loading.bound import BoundLaw, BoundPython, LawFault
+from controller.loading.callbacks import Overdue, given_up_in_time
 from controller.loading.compiled import compiled_abreast
 from controller.loading.law import LawError
 from controller.loading.registry import shipped

@@ -16,71 +16,17 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-import mosaik_api_v3
-
 from bus import lane
-from bus import lane_kernels as lane_k
 from bus.messages_pb2 import Hello, LaneOffer
 from bus.wire import reserved_ports
-from jit import kernel
 from studies.cost.baseline import child, in_turn, over_zenoh, timed
-
-
-@kernel(released=True)
-def ask(lane, first, count):
-    """One sample out, one force back, `count` times; the first sample that was not answered in
-    time."""
-    for i in range(first, first + count):
-        lane_k.put_sample(lane, i, 1.0)
-        if not lane_k.wait_for_answer(lane):
-            return i
-        lane_k.take_answer(lane)
-    return first + count
-
-
-@kernel(released=True)
-def echo(lane, first, count):
-    """The other end: samples answered until the first one that does not come in time."""
-    for i in range(first, first + count):
-        if not lane_k.wait_for_sample(lane, i):
-            return i
-        if not lane_k.wait_for_room(lane):
-            return i
-        lane_k.put_answer(lane, i + 1, lane_k.sample_value(lane, i), 0.0)
-    return first + count
-
+from studies.cost.exchange_kernels import ask, echo
 
 META = {
     "api_version": "3.0",
     "type": "time-based",
     "models": {"End": {"public": True, "params": [], "attrs": ["value"]}},
 }
-
-
-class End(mosaik_api_v3.Simulator):
-    """Gives the value that it was given, at every step."""
-
-    def __init__(self) -> None:
-        super().__init__(META)
-        self.value = 0.0
-
-    def init(self, sid: str, time_resolution: float = 1.0, **_: Any) -> dict[str, Any]:
-        """What it is."""
-        return self.meta
-
-    def create(self, num: int, model: str, **_: Any) -> list[dict[str, Any]]:
-        """Its one entity."""
-        return [{"eid": "end", "type": model}]
-
-    def step(self, time: int, inputs: dict[str, Any], max_advance: int) -> int:
-        """Take the other's value."""
-        for given in inputs.get("end", {}).values():
-            self.value = float(next(iter(given.values())))
-        return time + 1
-
-    def get_data(self, outputs: dict[str, list[str]]) -> dict[str, Any]:
-        """Give it."""
-        return {"end": {"value": self.value}}
 
 
 _TRIPS, _LANE_TRIPS, _ROUNDS = 300, 30_000, 7
@@ -257,7 +203,7 @@ def _mosaik() -> Iterator[Callable[[], float]]:
     logger.disable("mosaik")
 
     def trips() -> None:
-        module = "studies.cost.exchange:End"
+        module = "studies.cost.mosaik_ends:End"
         world = mosaik.World({"End": {"python": module}}, skip_greetings=True)
         plant, law = (world.start("End").End() for _ in range(2))
         world.connect(plant, law, "value")

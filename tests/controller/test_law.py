@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bus.events import MODES
 from controller.controller import Controller, LineSpec
-from controller.law import MODES
 from tests.controller import reference
 from tests.controller.drive import SLOPE, commands, drive
 from tests.controller.specs import LawSpec

@@ -1,0 +1,35 @@
+"""The published law with the slope of a line through the last samples: less troubled by noise."""
+
+from pydantic import Field
+
+from controller.law import About, Reach
+from controller.laws import slope_threshold
+from controller.laws.slope_threshold import (  # noqa: F401
+    State,
+    command,
+    command_ahead,
+    known_ahead,
+    latches,
+    quiet_level,
+)
+
+
+class Parameters(slope_threshold.Parameters):
+    """Scene keys."""
+
+    window_samples: int = Field(4, ge=2, le=1000, description="samples that the line goes through")
+
+
+def prepare(keys, about: About) -> slope_threshold.Constants:
+    """Constants of the published law, with a longer window."""
+    return slope_threshold.prepare(keys, about, keys.window_samples)
+
+
+def reach(keys) -> Reach:
+    """A share of the contact force."""
+    return Reach(share=abs(keys.kappa))
+
+
+def tune(about: About) -> dict[str, tuple[float, float]]:
+    """Ranges that `tune` searches."""
+    return slope_threshold.tune(about) | {"window_samples": (2, 12)}
