@@ -22,7 +22,7 @@ from bus.streams import PLANT, StreamFault
 from bus.wire import Packed
 from hertzloop.analysis.recorded import class_ends_ns, pacing_of, responses_of
 from hertzloop.commands.cli import app
-from hertzloop.loop import paced as paced_loop
+from hertzloop.loop import pace_kernels
 from hertzloop.loop.answers import Repeat, repeat_of
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import LateForces
@@ -341,9 +341,9 @@ def test_what_is_no_histogram(tmp_path: Path) -> None:
 
 
 def test_classes_of_response_times() -> None:
-    ends = class_ends_ns(paced_loop.CLASSES, paced_loop.CLASSES_AN_OCTAVE)
+    ends = class_ends_ns(pace_kernels.CLASSES, pace_kernels.CLASSES_AN_OCTAVE)
     starts = np.concatenate([[0], ends[:-1]])
     for ns in [*range(200), *(int(1.07**i) for i in range(80, 400))]:
-        at = paced_loop.class_of(ns)
+        at = pace_kernels.class_of(ns)
         assert starts[at] <= ns < ends[at]
     assert np.max((ends - starts)[64:] / starts[64:]) <= 1 / 32
