@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from hertzloop.analysis.figures import Ran
     from hertzloop.analysis.spans import Comparison, Difference, RunFigures, SpanFigures
     from hertzloop.analysis.trust import NotAgain
-    from hertzloop.one_run import RunOptions
-    from hertzloop.processes.launcher import RunFailed
+    from hertzloop.processes.launcher import RunFailed, RunOptions
     from plant.plant import Balance
     from recordings.reader import Event, Recording
     from recordings.writer import RecordingError
@@ -170,7 +169,7 @@ def run(
     for no force; without, processes are in lock-step. Raises SceneError, RunFailed, BusError,
     StreamFault or RecordingError with one sentence.
     """
-    from hertzloop.one_run import RunOptions, Transport, record
+    from hertzloop.processes.launcher import RunOptions, Transport, record
 
     options = RunOptions(Transport(transport), overwrite=overwrite, horizon=horizon, pace=pace)
     if pace is not None:
@@ -187,7 +186,7 @@ def run(
 def _check_pace(setup: Setup, options: "RunOptions") -> None:
     """Raise SceneError for a run that cannot be by the wall clock."""
     from hertzloop.loop.paced import check_pace
-    from hertzloop.one_run import Transport
+    from hertzloop.processes.launcher import Transport
     from hertzloop.processes.warmup import ensure_compiled
 
     assert options.pace is not None

@@ -138,11 +138,11 @@ def run(
     from bus.port import BusError
     from bus.sockets import on_loopback, own_endpoints
     from bus.streams import StreamFault
-    from hertzloop.one_run import RunOptions, Transport, run_scene, what_is_kept
     from hertzloop.processes import fork_server
-    from hertzloop.processes.launcher import RunFailed
+    from hertzloop.processes.launcher import RunFailed, RunOptions, Transport, what_is_kept
     from hertzloop.processes.observer import observer_beside
     from hertzloop.views import run as report
+    from hertzloop.views.data import run_scene
     from recordings.writer import RecordingError
 
     endpoints = on_loopback([port, port + 1, port + 2]) if port else None

@@ -10,15 +10,18 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 from bus.presence import LONGEST_S
 from bus.sockets import mesh_endpoints, own_endpoints, own_folder
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
+from hertzloop.loop.compiled import record_in_process
 from hertzloop.processes import fork_server
 from hertzloop.processes.signals import Interrupted, ending_signals, how_ended
 from hertzloop.setup import Setup
+from recordings.reader import holds_a_run
 
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled
 _GRACE_S = 6.0  # for the others to notice a fault, close their files and leave the bus
@@ -252,3 +255,75 @@ def _most_precise(failed: list[Child]) -> Child:
             timed_out.add(child.role)
     last = [child for child in believed.values() if not believed.keys() & set(child.lost)]
     return min(last or believed.values(), key=lambda child: len(child.lost), default=failed[0])
+
+
+class Transport(StrEnum):
+    """Three ways to run the same closed loop."""
+
+    ZENOH = "zenoh"
+    INPROCESS = "inprocess"
+    COMPILED = "compiled"
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How to run a scene; but for `pace`, nothing here changes a sample. See the command line."""
+
+    transport: Transport = Transport.ZENOH
+    overwrite: bool = False
+    horizon: int | None = None
+    endpoints: Sequence[str] | None = None
+    name: str | None = None
+    timeout_s: float = 5.0
+    verify: bool = False
+    fast_lane: bool = True
+    realtime: str = "off"
+    pace: float | None = None  # simulated over wall time; None: in lock-step
+    repeat: Path | None = None  # a recording whose forces act, late ones as late as there
+
+
+def record(
+    setup: Setup,
+    recording: Path,
+    options: RunOptions,
+    on_progress: Callable[[int], None] = lambda step: None,
+) -> dict[str, Any]:
+    """Run and record a scene; wall time and exchanges of the loop.
+
+    Raises RunFailed, BusError, StreamFault or RecordingError with one sentence; SceneError for
+    parts that cannot be built, before there is a file.
+    """
+    setup.check()
+    if options.transport is Transport.ZENOH:
+        with Launcher(
+            setup,
+            recording,
+            overwrite=options.overwrite,
+            horizon=options.horizon,
+            endpoints=options.endpoints,
+            name=options.name,
+            timeout_s=options.timeout_s,
+            fast_lane=options.fast_lane,
+            realtime=options.realtime,
+            pace=options.pace,
+            repeat=options.repeat,
+        ) as processes:
+            return processes.wait(on_progress)
+    loop = record_in_process(
+        setup,
+        recording,
+        compiled=options.transport is Transport.COMPILED,
+        horizon=options.horizon,
+        overwrite=options.overwrite,
+        on_progress=on_progress,
+    )
+    return dict(vars(loop))
+
+
+def what_is_kept(recording: Path, since_s: float) -> str:
+    """What a person finds of a run that was started at `since_s` (seconds since the epoch) and
+    did not end."""
+    # Until something comes to replace it, an existing file is kept.
+    if holds_a_run(recording) and recording.stat().st_mtime >= since_s:
+        return f"what was recorded until now is in {recording}"
+    return "nothing was recorded"

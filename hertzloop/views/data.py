@@ -1,20 +1,25 @@
 """A run as plain data: what `--json` writes, and what the tables show."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
+from pathlib import Path
 from typing import Any
 
-from hertzloop.analysis.figures import Figures
+from hertzloop.analysis.figures import Figures, free_figures
+from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.model import chosen_model, radiation_of, tail_of, theory_of
-from hertzloop.analysis.recorded import Clock, LawRan, Pacing
+from hertzloop.analysis.recorded import Clock, LawRan, Pacing, blocks_of
 from hertzloop.analysis.spans import Comparison, RunFigures, SpanFigures
-from hertzloop.analysis.trust import Known, LawAccuracy, Predictability, Verification
-from hertzloop.analysis.verdict import Judged
+from hertzloop.analysis.trust import Known, LawAccuracy, Predictability, Verification, verify
+from hertzloop.analysis.verdict import Judged, judge
+from hertzloop.processes.launcher import RunOptions, record
 from hertzloop.setup import Setup
 from hertzloop.views.effects import effects_as_json
 from hertzloop.views.sentences import verdict_sentences, why_not_words
-from recordings.reader import Recording
+from recordings.compare import first_difference
+from recordings.reader import Recording, read
+from recordings.writer import RecordingError
 
 _CLOCK = [f.name for f in fields(Clock)]
 _MISSED = [f.name for f in fields(Pacing)]
@@ -187,3 +192,41 @@ def run_as_json(
         "uncontrolled": figures_as_json(judged.free or judged.ran.figures),
         **judged_as_json(judged),
     }
+
+
+def run_scene(
+    setup: Setup,
+    recording: Path,
+    options: RunOptions,
+    on_progress: Callable[[int], None] = lambda step: None,
+) -> dict[str, Any]:
+    """Run and record a scene; the report that `run --json` writes. Raises as `record`."""
+    stats = record(setup, recording, options, on_progress)
+    recorded = read(recording)
+    if recorded.metadata.get("run_id") != stats["run_id"]:
+        raise RecordingError(
+            f"{recording} holds run {recorded.metadata.get('run_id')}, not {stats['run_id']} that "
+            "was started here: another run has replaced it"
+        )
+    if recorded.problems:
+        raise RecordingError(f"{recording}: {recorded.problems[0]}")
+    verified = None
+    if options.verify:
+        rows = through_first_contact(blocks_of(recorded))
+        verified = verify(setup, rows)
+    report = run_as_json(
+        setup,
+        recorded,
+        judge(setup, recorded, free_figures(setup)),
+        transport=options.transport.value,
+        wall_s=stats["wall_s"],
+        exchanges=int(stats["exchanges"]),
+        lane=stats["lane"],
+        realtime=stats.get("realtime", ""),
+    )
+    if options.repeat:
+        report["repeats"] = str(options.repeat)
+        report["differs"] = first_difference(read(options.repeat), recorded)
+    if options.verify:
+        report["verification"] = verification_as_json(verified)
+    return report

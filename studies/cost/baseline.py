@@ -26,8 +26,9 @@ from bus.sockets import mesh_endpoints, on_loopback
 from bus.streams import CONTROLLER, PLANT, ROLES, Envelope
 from bus.wire import LOOPBACK, reserved_ports
 from bus.zenoh_port import ZenohPort
-from hertzloop.one_run import RunOptions, Transport, record, run_scene
+from hertzloop.processes.launcher import RunOptions, Transport, record
 from hertzloop.setup import Setup, load
+from hertzloop.views.data import run_scene
 from plant import state_kernels as pk
 from plant.plant import Plant
 from plant.schemes.registry import SCHEMES

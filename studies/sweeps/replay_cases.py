@@ -12,10 +12,10 @@ from bus.port import BusError
 from bus.streams import StreamFault
 from hertzloop.analysis.cases import digest_of
 from hertzloop.analysis.recorded import rows_of
-from hertzloop.one_run import RunOptions, Transport, run_scene
-from hertzloop.processes.launcher import RunFailed
+from hertzloop.processes.launcher import RunFailed, RunOptions, Transport
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
+from hertzloop.views.data import run_scene
 from recordings.reader import read
 from recordings.writer import RecordingError
 

@@ -12,8 +12,9 @@ import pytest
 import hertzloop
 from hertzloop import interface
 from hertzloop.loop.compiled import simulate
-from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.setup import resolve
+from hertzloop.views.data import run_scene
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"

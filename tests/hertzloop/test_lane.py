@@ -17,8 +17,9 @@ from bus.messages_pb2 import Hello
 from bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
 from hertzloop.loop.answers import LaneAnswers
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.one_run import RunOptions, run_scene
+from hertzloop.processes.launcher import RunOptions
 from hertzloop.setup import Setup, load
+from hertzloop.views.data import run_scene
 from recordings.compare import first_difference
 from recordings.reader import read
 from tests.hertzloop.lanes import Pair

@@ -15,8 +15,9 @@ import psutil
 import pytest
 
 from bus import lane, lane_kernels
-from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.setup import load
+from hertzloop.views.data import run_scene
 from recordings.reader import read
 from tests.hertzloop.processes import finish, grown_to, start, wait_for
 from tests.ports import free_ports

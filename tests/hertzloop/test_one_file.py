@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop import one_run as hertzloop_run
+from hertzloop.processes import launcher
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_node import LoopStats
-from hertzloop.one_run import RunOptions, Transport, run_scene, what_is_kept
+from hertzloop.processes.launcher import RunOptions, Transport, what_is_kept
 from hertzloop.setup import Setup, load
+from hertzloop.views.data import run_scene
 from recordings.reader import read
 from recordings.writer import RecordingError, RecordingWriter
 from tests.hertzloop.processes import LONG, finish, grown_to, hertzloop, start, wait_for
@@ -87,7 +88,7 @@ def test_a_report_is_of_the_run_that_was_started(
         record_in_process(scene, path, compiled=True, overwrite=True)
         return stats
 
-    monkeypatch.setattr(hertzloop_run, "record_in_process", replaced)
+    monkeypatch.setattr(launcher, "record_in_process", replaced)
     with pytest.raises(RecordingError, match="another run has replaced it"):
         run_scene(
             load("aluminium-3mm", SHORT),

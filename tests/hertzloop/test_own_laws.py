@@ -13,10 +13,11 @@ from bus.streams import CONTROLLER
 from controller.law import Reach
 from controller.loading.registry import find, shipped
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.scenes import controller_table
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load, parse, resolve
+from hertzloop.views.data import run_scene
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 from studies.sweeps.evaluate import run_case

@@ -12,9 +12,10 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
-from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.setup import load
 from hertzloop.views import run as tables
+from hertzloop.views.data import run_scene
 from hertzloop.views.effects import table_of
 from hertzloop.views.format import Table
 from hertzloop.views.run import impacts_table

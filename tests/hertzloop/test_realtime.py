@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.one_run import RunOptions, run_scene
 from hertzloop.processes import realtime
+from hertzloop.processes.launcher import RunOptions
 from hertzloop.setup import load
+from hertzloop.views.data import run_scene
 from tests.hertzloop.processes import hertzloop
 
 ROOT = Path(__file__).parents[2]

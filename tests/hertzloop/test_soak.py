@@ -12,8 +12,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.setup import Setup
+from hertzloop.views.data import run_scene
 from tests.hertzloop.processes import EVENTUALLY_S, wait_for
 from tests.hertzloop.short_runs import scene
 

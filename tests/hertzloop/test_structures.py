@@ -11,11 +11,12 @@ from hertzloop.analysis.deflection import deflection, modes_of_scene
 from hertzloop.analysis.impacts import first_impact, modal_displacement
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.compiled import record_in_process
-from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import shipped
 from hertzloop.setup import Setup, load, parse
+from hertzloop.views.data import run_scene
 from plant.plant import modes_of
 from plant.structures.mode_file import SUFFIXES, write_modes
 from plant.structures.structure import oscillator_shapes

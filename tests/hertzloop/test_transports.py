@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.setup import Setup, load
+from hertzloop.views.data import run_scene
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 from tests.tiers import default

@@ -11,9 +11,10 @@ import pytest
 from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
-from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
+from hertzloop.views.data import run_scene
 from recordings.compare import first_difference
 from recordings.reader import Recording, read
 

@@ -66,7 +66,8 @@ SCRIPT = """
 import sys
 from pathlib import Path
 from hertzloop.processes.warmup import ensure_compiled
-from hertzloop.one_run import RunOptions, Transport, run_scene
+from hertzloop.processes.launcher import RunOptions, Transport
+from hertzloop.views.data import run_scene
 from hertzloop.setup import load
 from jit.cache import noticed
 
