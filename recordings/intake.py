@@ -1,6 +1,7 @@
 """What of a file's messages belongs to its run, in their order; the rest is named."""
 
 import heapq
+import re
 import sys
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,13 +15,12 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Message, Metadata
 
 from bus import streams as bus_streams
-from bus.events import Fact, fact_of
-from bus.messages_pb2 import Books, Hello, RunEnd
+from bus.events import MODES, Fact, fact_of
+from bus.messages_pb2 import Books, EventKind, Hello, RunEnd
 from bus.streams import CONTROLLER, LAST_NS, PLANT, STREAMS, Counter, Envelope
 from bus.wire import MessageError, Packed, not_finite
 from recordings.chunks import Damaged, Record, channel_of, inner_records, message_of
 from recordings.columns import SAMPLED, Arrays, Refused, Track
-from recordings.older_events import older_fact
 from recordings.writer import (
     LAW_ATTACHMENT,
     RESULT_METADATA,
@@ -360,3 +360,31 @@ def in_order(numbers: Sequence[Mapping[str, int]]) -> list[int]:
             if not waits[follows]:
                 heapq.heappush(ready, follows)
     return order
+
+
+_OF_PLANT = (
+    (EventKind.CONTACT_BEGAN, re.compile(r"contact (?P<number>[0-9]{1,18}) began")),
+    (EventKind.CONTACT_ENDED, re.compile(r"contact (?P<number>[0-9]{1,18}) ended")),
+    (EventKind.RANGE_LEFT, re.compile(r"(?P<quantity>\w+) left the converter's range")),
+    (EventKind.RANGE_REGAINED, re.compile(r"(?P<quantity>\w+) is back in the converter's range")),
+)
+_LAW = re.compile(r"law (mode )?(\w+) -> (mode )?(\w+)(, .*)?")
+
+
+def older_fact(name: str, message: str) -> Fact:
+    """The fact in an event of an earlier version; of another sentence, that no more is known."""
+    if name == "controller" and (change := _LAW.fullmatch(message)):
+        before, mode = _mode(change[2]), _mode(change[4])
+        if before is not None and mode is not None:
+            return Fact(EventKind.LAW_MODE, mode_before=before, mode=mode)
+    for kind, pattern in _OF_PLANT if name == "plant" else ():
+        if found := pattern.fullmatch(message):
+            said = found.groupdict()
+            return Fact(kind, int(said.get("number", 0)), said.get("quantity", ""))
+    return Fact()
+
+
+def _mode(said: str) -> int | None:
+    if said in MODES:
+        return MODES.index(said)
+    return int(said) if re.fullmatch(r"-?[0-9]{1,18}", said) else None

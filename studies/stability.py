@@ -28,7 +28,7 @@ from plant.state_kernels import V_P
 from plant.structures.structure import oscillators
 from studies import pictures
 from studies.speed_accuracy import integrator_kernels as ik
-from studies.speed_accuracy.cases import Problem, problem
+from studies.speed_accuracy.study import Problem, problem
 from studies.words import write_records, write_rows
 
 Kernel = tuple[Callable[..., None], tuple[float, ...]]

@@ -15,16 +15,16 @@ from typing import Annotated, cast
 import typer
 
 from bus import LEAVING
-from hertzloop.commands import bench as bench_command
 from hertzloop.commands import export as export_command
 from hertzloop.commands import export as export_plant_command
+from hertzloop.commands import latency as bench_command
 from hertzloop.commands import latency as validity_command
 from hertzloop.commands import laws as conformance_command
 from hertzloop.commands import laws as law_commands
 from hertzloop.commands import listen as listen_command
 from hertzloop.commands import listing as listing_commands
 from hertzloop.commands import listing as modes_command
-from hertzloop.commands import pictures as pictures_command
+from hertzloop.commands import recordings as pictures_command
 from hertzloop.commands import recordings as recording_commands
 from hertzloop.commands import recordings as report_page
 from hertzloop.commands import roles as role_commands
@@ -34,6 +34,7 @@ from hertzloop.commands import studies as study_commands
 from hertzloop.commands import sweeps as sweep_commands
 from hertzloop.commands import tune as tune_command
 from hertzloop.commands.options import (
+    Commands,
     FastLaneOption,
     HorizonOption,
     JsonOption,
@@ -49,12 +50,15 @@ from hertzloop.commands.options import (
     check_pace,
     check_recording,
     compile_first,
+    fail,
     files_of,
+    if_interrupted,
+    out,
+    progress,
     scene_from,
     write_json,
 )
 from hertzloop.commands.recordings import read_or_fail, repeat_or_fail, scene_to_run
-from hertzloop.commands.terminal import Commands, fail, if_interrupted, out, progress
 from hertzloop.processes.signals import raise_when_ended
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT

@@ -15,12 +15,14 @@ from hertzloop.commands.options import (
     check_output,
     check_reachable,
     check_writable,
+    err,
+    fail,
     files_of,
     make_folder,
+    out,
     scene_from,
 )
 from hertzloop.commands.recordings import FileArgument, read_or_fail
-from hertzloop.commands.terminal import err, fail, out
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 

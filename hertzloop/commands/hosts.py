@@ -7,8 +7,7 @@ import re
 from pathlib import Path
 
 from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
-from hertzloop.commands.options import LARGEST_PORT, make_folder
-from hertzloop.commands.terminal import fail, out
+from hertzloop.commands.options import LARGEST_PORT, fail, make_folder, out
 
 _EXAMPLE = "plant=10.0.0.1,controller=10.0.0.2,recorder=10.0.0.3"
 _NAME = re.compile(r"(?!-)[A-Za-z0-9-]{1,63}(\.(?!-)[A-Za-z0-9-]{1,63})*")

@@ -21,9 +21,11 @@ from hertzloop.commands.options import (
     check_output,
     check_picture,
     compile_first,
+    err,
+    fail,
+    out,
     write_json,
 )
-from hertzloop.commands.terminal import err, fail, out
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, shipped_text, toml_value
 

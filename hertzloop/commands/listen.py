@@ -6,9 +6,16 @@ from typing import Annotated, Any
 
 import typer
 
-from hertzloop.commands.options import JsonOption, check_json, make_folder, write_json
+from hertzloop.commands.options import (
+    JsonOption,
+    check_json,
+    err,
+    fail,
+    make_folder,
+    out,
+    write_json,
+)
 from hertzloop.commands.recordings import FileArgument, read_or_fail
-from hertzloop.commands.terminal import err, fail, out
 from hertzloop.views.format import Table
 
 _ENERGIES = {

@@ -13,10 +13,11 @@ from hertzloop.commands.options import (
     SceneArgument,
     SetOption,
     check_output,
+    fail,
     files_of,
+    out,
     scene_from,
 )
-from hertzloop.commands.terminal import fail, out
 from hertzloop.scenes.errors import SceneError, shown
 from hertzloop.scenes.scene import DEFAULT, shipped, shipped_text
 from hertzloop.setup import load

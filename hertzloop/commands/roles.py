@@ -32,10 +32,12 @@ from hertzloop.commands.options import (
     check_output,
     check_pace,
     check_recording,
+    err,
+    fail,
+    out,
     scene_from,
 )
 from hertzloop.commands.recordings import read_or_fail, repeat_or_fail
-from hertzloop.commands.terminal import err, fail, out
 from hertzloop.processes.realtime import Wanted
 from hertzloop.processes.signals import (
     INTERRUPTED,

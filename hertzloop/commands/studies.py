@@ -14,13 +14,16 @@ from hertzloop.commands.options import (
     check_folder,
     check_json,
     compile_first,
+    err,
+    fail,
     make_folder,
+    out,
+    progress,
     scene_from,
     write_json,
 )
 from hertzloop.commands.recordings import FileArgument, read_or_fail
 from hertzloop.commands.study_frame import numbers, results_in
-from hertzloop.commands.terminal import err, fail, out, progress
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.setup import load
@@ -349,7 +352,7 @@ def _columns(title: str, headings: list[str], text: int) -> Table:
 
 def optima(folder: OutOption = None, json_file: JsonOption = None) -> None:
     """Tables 5.3 to 5.7 searched again over the study's grid of 184 forces, in three plants."""
-    from studies.published import optima as study
+    from studies.published import tables as study
     from studies.words import write_records
 
     check_json(json_file)
@@ -358,7 +361,7 @@ def optima(folder: OutOption = None, json_file: JsonOption = None) -> None:
     _ready("thesis2008", "modal")
     configs = study.grid()
     with progress("optima", len(configs) * len(study.PLANTS)) as advance:
-        found = study.compute(configs, study.PLANTS, advance)
+        found = study.compute_optima(configs, study.PLANTS, advance)
     best, rows = study.optima(configs, found), study.listed(configs, found)
     for plant in dict.fromkeys(b.plant for b in best):
         table = _columns(

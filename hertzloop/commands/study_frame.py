@@ -5,8 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hertzloop.commands.options import compile_first, make_folder
-from hertzloop.commands.terminal import err, fail, if_interrupted
+from hertzloop.commands.options import compile_first, err, fail, if_interrupted, make_folder
 from hertzloop.views.format import Table
 
 if TYPE_CHECKING:

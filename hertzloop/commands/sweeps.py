@@ -21,11 +21,15 @@ from hertzloop.commands.options import (
     check_writable,
     compile_first,
     end_if_not_run,
+    err,
+    fail,
     files_of,
+    if_interrupted,
+    out,
+    progress,
     scene_from,
     write_json,
 )
-from hertzloop.commands.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS

@@ -20,12 +20,14 @@ from hertzloop.commands.options import (
     check_writable,
     compile_first,
     end_if_not_run,
+    fail,
     make_folder,
+    out,
+    progress,
     scene_from,
     write_json,
 )
 from hertzloop.commands.study_frame import resumable
-from hertzloop.commands.terminal import fail, out, progress
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text

@@ -17,8 +17,9 @@ from plant.structures import radiation
 from plant.structures.structure import oscillators
 from studies import pictures
 from studies.pictures import look
-from studies.published import optima, weaknesses
 from studies.published import tables as appendix
+from studies.published import tables as optima
+from studies.published import weaknesses
 
 PLATES = ("aluminium", "oak", "sylomer")
 _OFF, _ON = "controller.law=off", "controller.law=slope_threshold"

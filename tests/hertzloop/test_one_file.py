@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.processes import launcher
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_node import LoopStats
+from hertzloop.processes import launcher
 from hertzloop.processes.launcher import RunOptions, Transport, what_is_kept
 from hertzloop.setup import Setup, load
 from hertzloop.views.data import run_scene

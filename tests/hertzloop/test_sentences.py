@@ -18,7 +18,7 @@ from hertzloop.commands.cli import app
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from recordings.compare import first_difference
-from recordings.older_events import older_fact
+from recordings.intake import older_fact
 from recordings.reader import Recording, read
 from recordings.replay.data import law_states
 from studies.sweeps.design import Axis, Design

@@ -17,7 +17,7 @@ from hertzloop.commands.cli import app
 from hertzloop.views.sentences import verdict_sentences
 from plant.figures.impacts import Impact
 from plant.figures.noise import ImpactNoise
-from recordings.older_events import older_fact
+from recordings.intake import older_fact
 from recordings.reader import Event
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from hertzloop.setup import load
-from studies.cost import baseline, exchange, links, replay
+from studies.cost import baseline, exchange, links
+from studies.cost import exported as replay
 from studies.cost.baseline import run_beside
 from studies.cost.cases import mode_file_costs
 
@@ -49,7 +50,7 @@ def test_a_run_beside_a_stranger(pause_s: float | None) -> None:
 
 @pytest.mark.full
 def test_a_replay_and_its_frames() -> None:
-    found = replay.measure(rounds=1, duration_s=0.0016)
+    found = replay.measure_replay(rounds=1, duration_s=0.0016)
     assert found.steps == 1600
     assert found.megabytes > 0
     if "no graphics driver" in found.no_frames and "CI" not in os.environ:

@@ -8,7 +8,7 @@ import pytest
 import typer
 from matplotlib.figure import Figure
 
-from hertzloop.commands.pictures import pictures as take_pictures
+from hertzloop.commands.recordings import pictures as take_pictures
 from studies import pictures, words
 from studies.drawn import MORE, Run
 from studies.latency import draw_maps, round_above

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hertzloop.commands.bench import roofline_table
+from hertzloop.commands.latency import roofline_table
 from plant import state_kernels as pk
 from studies.cost import roofline
 from studies.speed_accuracy import integrator_kernels as ik

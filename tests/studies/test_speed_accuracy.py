@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studies.speed_accuracy import cases, study
 from studies.speed_accuracy import integrator_kernels as ik
+from studies.speed_accuracy import study
+from studies.speed_accuracy import study as cases
 from studies.speed_accuracy.study import draw
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from studies.speed_accuracy import cases
 from studies.speed_accuracy import integrator_kernels as ik
+from studies.speed_accuracy import study as cases
 
 
 @pytest.fixture(scope="module")
