@@ -16,8 +16,7 @@ from typing import Literal
 import numpy as np
 
 from hertzloop.analysis.impacts import F_C
-from hertzloop.interop.environment import Driven, build, drive
-from hertzloop.interop.fmu import write_folder
+from hertzloop.interop.fmu import Driven, build, drive, write_folder
 from hertzloop.interop.image import image
 from hertzloop.loop.compiled import Simulated, record_in_process, simulate
 from hertzloop.setup import load

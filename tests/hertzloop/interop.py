@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.interop.environment import VALUES
-from hertzloop.interop.fmu import write_folder
+from hertzloop.interop.fmu import VALUES, write_folder
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
 from hertzloop.setup import Setup, load

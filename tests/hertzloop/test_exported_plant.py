@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 
 from hertzloop.commands.cli import app
 from hertzloop.interop import image as images
-from hertzloop.interop.environment import build, drive
-from hertzloop.interop.fmu import EXAMPLE
+from hertzloop.interop.fmu import EXAMPLE, build, drive
 from hertzloop.loop.compiled import simulate
 from plant.time_series import series_under
 from studies.cost.exported import same_bytes
