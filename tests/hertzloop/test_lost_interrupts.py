@@ -4,8 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+# A shell's background job ignores SIGINT from the start.
 CALL = """
 import ctypes, signal, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
 call = ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))
 """
 HEARD = """
