@@ -15,7 +15,7 @@ from hertzloop.interop.fmu import ENERGIES, VALUES, write_library
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
+from hertzloop.setup import Resolvable, Setup, resolve
 from plant.contact.hertz import rigid_penetration_m
 
 _AHEAD = 20  # samples before the first touch
@@ -37,9 +37,10 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
 
     def __init__(
-        self, setup: Setup, num_envs: int = 64, *, limit_n: float | None = None,
+        self, scene: Resolvable, num_envs: int = 64, *, limit_n: float | None = None,
         scale: float | None = None,
     ) -> None:  # fmt: skip
+        setup = resolve(scene)
         about = setup.about_bodies
         if scale is None and setup.quantity != "xi":
             raise SceneError(

@@ -1,5 +1,5 @@
 """From a scene to everything that a run is made of."""
 
-from hertzloop.setup.setup import Setup, load, parse, resolve
+from hertzloop.setup.setup import Resolvable, Setup, load, parse, resolve
 
-__all__ = ["Setup", "load", "parse", "resolve"]
+__all__ = ["Resolvable", "Setup", "load", "parse", "resolve"]

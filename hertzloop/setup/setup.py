@@ -545,9 +545,12 @@ class Setup:
         )  # fmt: skip
 
 
-def resolve(scene: Scene) -> Setup:
+Resolvable = Scene | Setup  # what a user may hand over
+
+
+def resolve(scene: Resolvable) -> Setup:
     """Return the setup of a scene; its stages are evaluated as they are read."""
-    return Setup(scene)
+    return scene if isinstance(scene, Setup) else Setup(scene)
 
 
 def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> Setup:

@@ -99,7 +99,7 @@ import numpy as np
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.compiled import record_in_process
-from hertzloop.quantities import TRUTH
+from plant.time_series import TRUTH
 from hertzloop.scenes.scene import load
 from recordings.reader import read
 

@@ -61,7 +61,7 @@ def test_a_contact_with_a_damper_keeps_its_loss() -> None:
     """It has no third dimension, and would lose twice with yield."""
     oak = next(named for named in study.SCENES if named.name == "oak-20mm")
     scene = study.plant_of(oak, "real")
-    assert scene.contact.damping == "hunt_crossley"
+    assert scene.scene.contact.damping == "hunt_crossley"
     assert scene.contact.plasticity == "none"
     assert scene.scene.plate.theory == "kirchhoff"
     assert scene.actuator.bandwidth_hz == 300e3
