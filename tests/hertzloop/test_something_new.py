@@ -97,10 +97,9 @@ with_line(
 )
 import numpy as np
 
-from hertzloop.loop.compiled import simulate
-from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.setup import load
 from plant.time_series import TRUTH
-from hertzloop.scenes.scene import load
 from recordings.reader import read
 
 scenes = [

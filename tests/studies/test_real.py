@@ -62,7 +62,7 @@ def test_a_contact_with_a_damper_keeps_its_loss() -> None:
     oak = next(named for named in study.SCENES if named.name == "oak-20mm")
     scene = study.plant_of(oak, "real")
     assert scene.scene.contact.damping == "hunt_crossley"
-    assert scene.contact.plasticity == "none"
+    assert scene.scene.contact.plasticity == "none"
     assert scene.scene.plate.theory == "kirchhoff"
     assert scene.actuator.bandwidth_hz == 300e3
 
