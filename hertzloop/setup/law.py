@@ -1,4 +1,4 @@
-"""Third and seventh stage: how far the law's force may go; the law with its constants."""
+"""Stages 3, 6 and 7: the law's reach, sensor and line, the law with its constants."""
 
 import math
 from collections.abc import Hashable

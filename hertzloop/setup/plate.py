@@ -1,4 +1,9 @@
-"""Second stage: up to which frequency modes are taken along, and what stands for the rest."""
+"""Stages 2 and 4: the modes up to a frequency, what stands for the rest, and the infinite plate.
+
+Until reflections return from the edges, the contact point of a thin plate is a dashpot. Image
+sources say when they return; how much they matter depends on the force that the law may give, so
+stage 4 needs the law's reach (stage 3).
+"""
 
 import math
 from dataclasses import dataclass, replace
@@ -295,7 +300,7 @@ _LONGER = 2.0  # the delay that a law may latch, against the contact without con
 
 
 @dataclass(frozen=True)
-class Line:
+class Smoothness:
     """What the line from sensor to actuator does to the smoothness of a force: whether it is
     `smooth`, that is without steps and losses, and its latency (s)."""
 
@@ -303,7 +308,7 @@ class Line:
     latency_s: float
 
 
-def possible(bodies: Bodies, scheme: str, reach: Reach) -> bool:
+def infinite_plate_possible(bodies: Bodies, scheme: str, reach: Reach) -> bool:
     """Whether the infinite plate can stand for the modes at all: reflections are known of simply
     supported edges, and a force of more than the contact's own has no known limit."""
     bounded = reach.force_n < math.inf or reach.share <= 1.0
@@ -322,12 +327,12 @@ def reflections_of(bodies: Bodies) -> Reflections:
     return reflections(bodies.sphere, plate, bodies.contact, bodies.contact_point_m)
 
 
-def error(
-    bodies: Bodies, scheme: str, reach: Reach, line: Line, step_s: float, until_s: float
+def infinite_plate_error(
+    bodies: Bodies, scheme: str, reach: Reach, line: Smoothness, step_s: float, until_s: float
 ) -> float:
     """Error that an infinite plate is expected to have at `until_s` after the first touch, relative
     to the penetration or the plate energy; inf where that is not known."""
-    if until_s <= 0.0 or not possible(bodies, scheme, reach):
+    if until_s <= 0.0 or not infinite_plate_possible(bodies, scheme, reach):
         return math.inf
     found = reflections_of(bodies)
     if not found.contact_s <= until_s:
@@ -335,19 +340,19 @@ def error(
     return found.error(until_s, step_s, _actuation(bodies, reach, line, found))
 
 
-def lasts_s(
-    bodies: Bodies, scheme: str, reach: Reach, line: Line, step_s: float, accuracy: float
+def infinite_plate_lasts_s(
+    bodies: Bodies, scheme: str, reach: Reach, line: Smoothness, step_s: float, accuracy: float
 ) -> float:
     """How long after the first touch an infinite plate meets the accuracy, s; zero where it does
     not do so for a whole contact."""
-    if not possible(bodies, scheme, reach):
+    if not infinite_plate_possible(bodies, scheme, reach):
         return 0.0
     found = reflections_of(bodies)
     lasts = found.lasts_s(accuracy, step_s, _actuation(bodies, reach, line, found))
     return lasts if lasts >= found.contact_s else 0.0
 
 
-def _actuation(bodies: Bodies, reach: Reach, line: Line, found: Reflections) -> Actuation:
+def _actuation(bodies: Bodies, reach: Reach, line: Smoothness, found: Reflections) -> Actuation:
     """What the actuator may do.
 
     A law that copies the contact force is as smooth as that, unless the line from sensor to

@@ -2,9 +2,8 @@
 
 The stages form a straight line: bodies -> contact -> reach of the law -> plate model -> plant ->
 sensor -> what the law may know -> law. Every stage is a plain function of the tables and numbers
-that it reads (`bodies`, `plate`, `infinite`, `sensing` and `law` in this package), and
-keeps its latest results by these. So a `Setup` that differs in one key shares all stages that do
-not read this key.
+that it reads, in `bodies`, `plate` or `law` of this package, and keeps its latest results by these.
+So a `Setup` that differs in one key shares all stages that do not read this key.
 """
 
 import math
@@ -36,11 +35,9 @@ from hertzloop.scenes.tables import (
     SensorsTable,
     SphereTable,
 )
-from hertzloop.setup import bodies as stage_1
+from hertzloop.setup import bodies as of_bodies
 from hertzloop.setup import law as of_law
-from hertzloop.setup import plate as infinite
 from hertzloop.setup import plate as of_plate
-from hertzloop.setup.law import sensor_of
 from plant import time_series as ts
 from plant.actuator import Actuator
 from plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
@@ -177,10 +174,10 @@ class Setup:
     # Stage 1: bodies and contact.
 
     @cached_property
-    def bodies(self) -> stage_1.Bodies:
+    def bodies(self) -> of_bodies.Bodies:
         """Sphere, structure, contact and actuator."""
         scene, run = self.scene, self.scene.run
-        return stage_1.bodies_of(
+        return of_bodies.bodies_of(
             scene.sphere, scene.plate, scene.contact, scene.actuator, scene.materials,
             run.scheme, run.plate_model, run.accuracy,
         )  # fmt: skip
@@ -218,12 +215,12 @@ class Setup:
     @property
     def thin_plate_error(self) -> KirchhoffError:
         """What Kirchhoff's theory is expected to cost the first impact."""
-        return stage_1.thin_plate_error(self.bodies)
+        return of_bodies.thin_plate_error(self.bodies)
 
     @property
     def limiting_pressure(self) -> dict[str, Any] | None:
         """Pressure at which the contact yields, and where it comes from; None if it does not."""
-        return stage_1.limiting_pressure(self.bodies, self.scene.contact)
+        return of_bodies.limiting_pressure(self.bodies, self.scene.contact)
 
     @cached_property
     def first_touch_s(self) -> float:
@@ -244,14 +241,10 @@ class Setup:
     def why_not_solid(self) -> str | None:
         """Why the plate cannot be in three dimensions; None if it can."""
         scene = self.scene
-        return next(
-            iter(
-                not_in_three_dimensions(
-                    scene.plate, scene.contact, scene.actuator, self.scheme, self.plate_model_asked
-                )
-            ),
-            None,
+        found = not_in_three_dimensions(
+            scene.plate, scene.contact, scene.actuator, self.scheme, self.plate_model_asked
         )
+        return found[0] if found else None
 
     # Stage 2: how far the modes are taken along, before it is known whether there are any.
 
@@ -303,9 +296,9 @@ class Setup:
     # Stage 4: the model of the plate.
 
     @cached_property
-    def _smoothness(self) -> infinite.Line:
+    def _smoothness(self) -> of_plate.Smoothness:
         control, sensors = self.scene.controller, self.scene.sensors
-        return infinite.Line(
+        return of_plate.Smoothness(
             smooth=sensors.bits == control.bits == "ideal"
             and sensors.every_steps == 1
             and sensors.noise_rms == control.jitter_us == 0.0
@@ -319,7 +312,7 @@ class Setup:
         """Error that an infinite plate is expected to have at the run's end, relative to the
         penetration or the plate energy; inf where it is not known."""
         until_s = self.duration_s - self.first_touch_s
-        return infinite.error(
+        return of_plate.infinite_plate_error(
             self.bodies, self.scheme, self.reach, self._smoothness, self.step_s, until_s
         )
 
@@ -327,7 +320,7 @@ class Setup:
     def infinite_plate_lasts_s(self) -> float:
         """How long after the first touch an infinite plate meets the accuracy, s; zero where it
         does not do so for a whole contact."""
-        return infinite.lasts_s(
+        return of_plate.infinite_plate_lasts_s(
             self.bodies, self.scheme, self.reach, self._smoothness, self.step_s, self.accuracy
         )
 
@@ -384,7 +377,7 @@ class Setup:
     @cached_property
     def sensor(self) -> SensorSpec:
         """The data-acquisition channel."""
-        return sensor_of(self.scene.sensors, self.bodies, self.step_s, self.latency_us)
+        return of_law.sensor_of(self.scene.sensors, self.bodies, self.step_s, self.latency_us)
 
     @property
     def every_steps(self) -> int:
