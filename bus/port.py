@@ -1,4 +1,4 @@
-"""The contract that the in-process and the zenoh port share."""
+"""The contract that the in-process and the zenoh port share, and the in-process port."""
 
 import secrets
 import time

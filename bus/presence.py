@@ -228,6 +228,10 @@ class Presence:
             raise PeerLost(f"{role} {how}", role)
 
 
+# Which processes of a run compile at the moment: whoever waits for them waits longer.
+#
+# A process says so by a liveliness token, which goes with the process if it dies.
+
 LONGEST_S = 300.0  # for one kernel, many times what it takes on a busy machine
 
 

@@ -121,6 +121,12 @@ def session_config(
     return config
 
 
+# Who may say and hear what on the bus: zenoh's access control, from the table of streams.
+#
+# Everything is denied but what a rule allows: one a stream and direction, and the tokens by which
+# roles see each other. A role is known by the common name of its certificate, which zenoh compares
+# literally.
+
 _RUNS = "hertzloop/*"  # key of any run
 
 

@@ -1,4 +1,4 @@
-"""Functions of compiled kernels that are chosen by the type of their first argument."""
+"""How kernels call each other: chosen by type, kept apart, or with one rounding."""
 
 from collections.abc import Callable, Mapping
 from functools import update_wrapper

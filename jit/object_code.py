@@ -57,6 +57,11 @@ def _compiled(function: Callable[..., None], arguments: tuple[Any, ...]) -> Any:
     return dispatcher.overloads[arguments]
 
 
+# Parts of kernels as one table of machine words, for callers that are not Python.
+#
+# A part is a number, a bool, None, an array, or a NamedTuple of parts. In the table a number is
+# one word, an array the address of its first element and the length of every axis, None nothing.
+
 WORD = 8  # bytes
 
 

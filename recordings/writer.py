@@ -1,4 +1,4 @@
-"""One run in one MCAP file: the bus's own bytes, at simulated times."""
+"""One run in one MCAP file: the bus's own bytes, at simulated times; and the recorder of a run."""
 
 import errno
 import fcntl

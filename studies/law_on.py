@@ -1,4 +1,4 @@
-"""Another law on the samples of a recording: what would it have done?"""
+"""Studies of one recording: another law on its samples, and response times of a paced run."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -161,6 +161,12 @@ def resting_motion(scheme: str, what: Problem, phase: float) -> float:
     return moved if math.isfinite(moved) else math.inf
 
 
+# Energy of an impact under every scheme, over contact stiffness, sphere mass, plate speed, loss.
+#
+# Textbook integrators run over the impact, from a first touch at the start, a third and two thirds
+# of a step (the worst counts); the energy-keeping schemes over 2000 steps, bounces included, so
+# that long steps leave a plate that goes on vibrating.
+
 WRONG = 0.01  # of the energy: its balance is lost
 BLOWN = 1.0  # the energy has at least doubled
 _LIMIT_HZ = 30e3  # few modes: what fails below is the contact, not the modes
@@ -582,6 +588,11 @@ def draw_energy(
         figure.colorbar(shown, ax=axis)
     pictures.save(figure, path)
 
+
+# Where methods fail: blow up, lose the energy, or let the actuator feed energy without bound.
+#
+# Limits of free and damped vibration (`stability_limits`), energy over stiffness, mass, plate
+# speed and loss factor (`stability_maps`), and here the closed loop over gain and latency.
 
 _KAPPAS = np.linspace(0.0, 2.0, 21)
 _LATENCIES_US = np.arange(0, 61, 3)

@@ -257,6 +257,11 @@ def _first_line(error: Exception) -> str:
     return (said[0] if said else type(error).__name__) + (f" ({at[1]})" if at else "")
 
 
+# Parameters and states as records: the same bytes for compiled Python, plain Python and C.
+#
+# Every field is 8 bytes: a double, a 64-bit integer, or, of an array of parameters, its address
+# and its count (`profile`, `profile_count`). An array in a state lies in the record itself.
+
 _FIRST = {"mode": int, "delay": int}
 _ARRAYS = (np.ndarray, list, tuple)
 

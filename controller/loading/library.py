@@ -1,4 +1,4 @@
-"""Laws as shared libraries: see hertzloop_law.h, which says what they export."""
+"""Laws as shared libraries (hertzloop_law.h says what they export) and as co-simulation units."""
 
 import ctypes
 import math
@@ -137,6 +137,11 @@ def _why(path: Path, error: OSError) -> str:
         return "it was built for another processor architecture than this one"
     return str(error).removeprefix(f"{path}: ")
 
+
+# Laws as co-simulation units (FMU), as Simulink and Modelica tools export them; FMPy runs them.
+#
+# The unit's one input gets the sample, its one output is the command, its real parameters are
+# scene keys. A communication step is a sample.
 
 _REAL = ("Real", "Float64")
 # Names of an input that say what is sensed; a quantity of one's own is asked for in the scene.

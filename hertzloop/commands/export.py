@@ -1,4 +1,4 @@
-"""The command that writes a recording for other tools."""
+"""Commands that export a recording or the plant for other tools."""
 
 import os
 import sys

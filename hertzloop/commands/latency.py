@@ -1,4 +1,4 @@
-"""The command that charts what latency, bits and gain do to every law."""
+"""Commands that measure: latency map, real plant, validity map, benchmarks."""
 
 import math
 from collections.abc import Iterable, Sequence

@@ -1,4 +1,4 @@
-"""Commands that list what there is: scenes and their keys, the version."""
+"""Commands that list scenes, keys, modes and the version."""
 
 from pathlib import Path
 from typing import Annotated

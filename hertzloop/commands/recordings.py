@@ -1,4 +1,4 @@
-"""Commands that look at recordings: inspect, compare, replay, recover."""
+"""Commands that show recordings: inspect, compare, replay, recover, report, pictures."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""The exported plant as a Functional Mock-up Unit for co-simulation, FMI 2.0 or 3.0."""
+"""The exported plant as a Functional Mock-up Unit (FMI 2.0 or 3.0) and as a C library."""
 
 import hashlib
 import shutil

@@ -1,4 +1,4 @@
-"""What the controller has answered so far: forces and promises, from the bus or from the lane."""
+"""Answers of the controller from the bus or the lane, and both ends of that lane."""
 
 import math
 import time

@@ -1,4 +1,4 @@
-"""The error of everything that cannot be simulated."""
+"""The error of a scene that cannot be simulated, and its sentences."""
 
 import difflib
 import reprlib

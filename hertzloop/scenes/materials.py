@@ -16,6 +16,11 @@ from hertzloop.scenes.errors import shortened, shown
 from plant.structures.materials import MATERIALS, SHIPPED, Material, material_of, materials_of
 from plant.structures.mode_file import SUFFIXES, read_modes
 
+# What a scene says by the name of a file: materials and modes, taken into the scene itself.
+#
+# After that the scene needs no file any more: every process, the recording and whoever runs it
+# again have the very numbers.
+
 _MOST_BYTES = 64 << 20  # of a file of modes, unpacked
 _MOST_PACKED = 8 << 20  # in a scene, and so in one message on the bus
 

@@ -148,6 +148,9 @@ def _beyond(number: float) -> float:
     return found
 
 
+# How large neglected effects are: closed forms, each with its source. Lengths are in m, times in
+# s, forces in N, speeds in m/s. A result is a ratio unless its function says otherwise.
+
 _VISCOSITY_PA_S = 1.81e-5  # of air
 _ROUGHNESS_M = 1e-7  # gap at which a film of air ends
 _DRAG = 0.47  # coefficient of a sphere

@@ -274,6 +274,17 @@ def add_spectrum(force, first, end, powers, delay, factor, found):
             found[at] += factor[at] * (delay[at] * complex(re[j], im[j]))
 
 
+# When an impact is over: the definition that all figures of an impact rest on.
+#
+# An impact lasts from the first touch until the sphere has left and no force of the law's answer
+# remains, at the latest until the next contact, or the end of the run.
+#
+# Forces alone decide, not what a law promises. A force belongs to the answer if it begins while
+# the law answers still: until the actuator has been silent for `quiet_steps`. For `line_steps`
+# after the contact it may be on its way. A force that begins later belongs to the answer as well,
+# unless the sphere has come back before: the gap has fallen below half of its largest value. Then
+# the force meets the next contact.
+
 # Indices into the counts: steps since the first touch; one past the last step of contact or answer;
 # from where on silence counts; whether the sphere has left, has come back, and whether it is over.
 STEP, END, BUSY, LEFT, BACK, OVER = range(6)

@@ -22,6 +22,19 @@ _TAIL_NODES = 24  # of the time integral of the loss, for a turn of up to pi in 
 _TAIL_NODES_PER_RADIAN = 0.75
 
 
+# The modes left out of a plate, as one damped mode in place of a massless spring.
+#
+# Above the highest mode taken along, w_c, a plate is a continuum of mobility Y; below it, what
+# that continuum adds is j (Y/pi) ln((w_c + w)/(w_c - w)). The passive fit with the exact terms in
+# w and w^3, no loss in w^2 and Y at infinity is, with q = j w,
+#
+#     Y_t = Y q (q + 6 w_c/pi)/(q^2 + (pi/2) w_c q + 3 w_c^2),
+#
+# one complex mode. Its real part is Y w^4/|q^2 + ...|^2: with y'' + (pi/2) w_c y' + 3 w_c^2 y = F
+# it loses the power Y y''^2 and holds
+# Y ((3/pi + pi/4) w_c y'^2 + 3 w_c^2 y y' + (9/pi) w_c^3 y^2).
+
+
 def tail_mobility(mobility_m_ns: float, omega_c: float, omega: np.ndarray) -> np.ndarray:
     """Y_t at angular frequencies (rad/s); m/(N s), same shape."""
     q = 1j * np.asarray(omega)

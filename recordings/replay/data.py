@@ -13,6 +13,10 @@ from bus.streams import LAST_NS
 from recordings.columns import Arrays, Stream
 from recordings.reader import Recording
 
+# What a replay keeps of a run, found as its samples come: contacts, thinned lines, single rows.
+#
+# A long run takes the memory of a short one this way.
+
 OVERVIEW_POINTS = 6000
 OUTSIDE_POINTS = 40_000  # of a zoom curve, away from contacts
 FULL_RATE_SAMPLES = 150_000  # of a zoom curve; more makes the viewer slow

@@ -180,6 +180,11 @@ def draw_figures(folder: Path) -> list[Path]:
     return [make(folder) for make in (penetration, forces, spectra, efficiencies, bounces)]
 
 
+# The study's figures that `hertzloop figures` does not redraw, by one table of sheets.
+#
+# Left column: the published numerics with the 20 mm sphere; right: the consistent scheme with 3
+# mm, whose contact is as short as the published one.
+
 _SMALL = ("sphere.radius_m=0.003", "run.duration_s=0.0015")
 COLUMNS = {
     "published": ("thesis-{}", ()),

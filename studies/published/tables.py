@@ -315,6 +315,11 @@ def shares(rows: list[dict[str, str]], step_e5_s: float = 0.1) -> dict[str, floa
     return found
 
 
+# Appendix A.1: the force F_a,Y of a simplified impact model, and its table computed again.
+#
+# The printed formula leaves open how the optimum is taken, how it comes back into time and what
+# kappa scales. Three readings are tried; each lasts as long as F_c0, as the constant force does.
+
 TABLE = Path(__file__).parent / "table_a1.csv"
 FLAT = 0.55  # of max(F_c0): inferred from the published table, not printed in the study
 READINGS = {
@@ -422,6 +427,11 @@ def lines(setup: Setup) -> list[Line]:
         ]
     return found
 
+
+# The study's optima (tables 5.3 to 5.7) searched again over its whole grid of pre-computed forces.
+#
+# Three plants: the published numerics, the consistent scheme with the same 20 mm sphere, whose
+# contact lasts 1335 us, and with one of 3 mm, whose 29 us are the regime of the study.
 
 KAPPAS = tuple(sign * size for sign in (1, -1) for size in (2, 1.5, 1, 0.8, 0.6, 0.4, 0.2, 0.1))
 DELAYS = tuple(range(2, 25, 2))

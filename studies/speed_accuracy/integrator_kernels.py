@@ -277,6 +277,14 @@ def many_slopes(y, omega2, drive, stiffness, mass, count):
     return total
 
 
+# Two more schemes of second order on the modal equations of an uncontrolled, undamped impact.
+#
+# Both start at rest at the first touch (gap zero) and take the plate's answer to a force exactly
+# as the modes give it. A mode is z = q'/w + i q, its weight at the contact point included, and
+# turns by e^(iwh) a step. Every run writes the gap at the end of every `every`-th step into
+# `gaps`.
+
+
 @kernel(inline=True)
 def _root_slope(stiffness, gap):
     """Slope of psi = sqrt(2 V), V = 2/5 s p^(5/2), by the gap."""
@@ -390,6 +398,17 @@ def state_after(omega, drive, force, h, mass, speed, y):
         y[2 * modes] += h * (n - 1 - k) * h * force[k] / mass
         y[2 * modes + 1] += h * weight * force[k] / mass
 
+
+# Plain exponential collocation at Gauss nodes on the modal equations, graded towards the ends
+# of contact.
+#
+# The contact force over a step is the polynomial through its values at s Gauss nodes; the modes
+# answer to it exactly. After the touch F ~ t^1.5, and before the end likewise, so that equal steps
+# have order 2.5 whatever s. Steps are therefore halved, from a bank of tables for h, h/2, h/4 ...:
+# until the one with the touch or the end in it is the shortest, and within a contact to at most
+# h (tau/T)^beta, where tau = p/|p'| is about the time to or from the end of contact.
+#
+# z = q'/w + i q as in the schemes above. Nodes count from 0, the end of the step is node s.
 
 _NEWTON_MOST = 50
 _BETA = 2.0 / 3.0
@@ -527,6 +546,21 @@ def collocation(
             gaps[(k + 1) // every - 1] = body[2]
     return count
 
+
+# A compiled DOP853 on the modal equations of an uncontrolled, undamped impact.
+#
+# Coefficients, error estimate, step control and dense output are Hairer's as in
+# `scipy.integrate.DOP853` (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I,
+# 2nd ed., II.5, II.6, II.10), from which the coefficients are imported. Three things, exact but
+# for rounding, make it as fast as this problem allows:
+#
+# - The equations are of second order, so the velocities of the stages are eliminated: with
+#   a_i the accelerations, q_i = q + c_i h v + h^2 sum_j (A A)_ij a_j.
+# - a_j = -w^2 q_j - d F_j: the displacements of the stages are stored, and what the force adds is
+#   one number a stage, so that a stage is one pass over the modes.
+# - The dense output is that of the gap, which is linear in the state: numbers, not arrays.
+#
+# y = (q, q', x_s, v_s) as above.
 
 STAGES, EXTENDED = 12, 16
 _C = np.ascontiguousarray(_hairer.C)

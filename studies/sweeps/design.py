@@ -208,6 +208,11 @@ def _check_ends(setup: Setup, design: Design) -> None:
                     raise SceneError(f"{said}: {error}") from error
 
 
+# Figures over the phase of the first touch within a sample, which nobody controls.
+#
+# A law that counts samples answers as on a staircase with one step a sample, so a figure at one
+# phase tells one of two values. Mean and range are taken over phases spread evenly.
+
 KEY = "run.touch_phase"
 _FEW = 5
 

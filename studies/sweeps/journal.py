@@ -16,6 +16,12 @@ from typing import Any, Self
 from hertzloop.analysis.cases import Span
 from studies.sweeps.evaluate import Numbered, Pool, Rows, chunked
 
+# Cases that are simulated once, whatever asks for them: noted in a journal as they finish.
+#
+# A search or a chart asks for the same cases in the same order whenever it is started with the
+# same words, since its seed is one of them. So what was finished before a kill is read instead of
+# run, and the rest follows as if there had been no kill.
+
 
 class Kept:
     """Finished cases of what one command does, in an open journal.
