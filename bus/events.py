@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from bus.messages_pb2 import Event, EventKind
+from hertzloop.bus.messages_pb2 import Event, EventKind
 
 MODES = ("idle", "watching", "acting", "spent")  # of a law; it may have more
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bus import lane_kernels as lk
-from bus.messages_pb2 import (
+from hertzloop.bus import lane_kernels as lk
+from hertzloop.bus.messages_pb2 import (
     JOINED,
     NOT_ALLOWED,
     OTHER_HOST,

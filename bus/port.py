@@ -9,9 +9,16 @@ from typing import Protocol
 import numpy as np
 from google.protobuf.message import Message
 
-from bus import wire
-from bus.messages_pb2 import RunEnd, SetUp, StreamCount
-from bus.streams import STREAMS, SUBSCRIPTIONS, Counter, Envelope, StreamFault, refuse_not_finite
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import RunEnd, SetUp, StreamCount
+from hertzloop.bus.streams import (
+    STREAMS,
+    SUBSCRIPTIONS,
+    Counter,
+    Envelope,
+    StreamFault,
+    refuse_not_finite,
+)
 
 
 class BusError(RuntimeError):

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import zenoh
 
-from bus.port import BusError, PeerLost
-from bus.streams import ROLES
-from bus.unauthorised import UnauthorisedPeers
+from hertzloop.bus.port import BusError, PeerLost
+from hertzloop.bus.streams import ROLES
+from hertzloop.bus.unauthorised import UnauthorisedPeers
 
 _NOTICE_S = 4.0  # for zenoh to say whose link it has closed
 # For a final message that says why a role has left: it comes over the link of another role, perhaps

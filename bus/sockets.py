@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from bus.streams import ROLES
-from bus.wire import reserved_ports
+from hertzloop.bus.streams import ROLES
+from hertzloop.bus.wire import reserved_ports
 
 _KIND = "unixsock-stream/"
 _PREFIX = "hertzloop-bus-"

@@ -12,9 +12,9 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.message import Message
 
-from bus import messages_pb2 as messages
-from bus import wire
-from bus.messages_pb2 import DaqBlock, Hello, RunEnd, SetUp
+from hertzloop.bus import messages_pb2 as messages
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import DaqBlock, Hello, RunEnd, SetUp
 
 PLANT, CONTROLLER, RECORDER = ROLES = "plant", "controller", "recorder"
 # Stated in the first message of a run, as far as a sample depends on them.

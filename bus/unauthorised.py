@@ -11,8 +11,8 @@ from pathlib import Path
 
 import zenoh
 
-from bus.streams import ROLES
-from bus.zenoh_config import is_known
+from hertzloop.bus.streams import ROLES
+from hertzloop.bus.zenoh_config import is_known
 
 _SHOWS_S = 1.5  # in which a role that is linked shows itself, if it is not still starting
 

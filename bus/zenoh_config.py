@@ -20,9 +20,9 @@ from pathlib import Path
 
 import zenoh
 
-from bus.port import BusError
-from bus.sockets import mesh_endpoints
-from bus.streams import ROLES, STREAMS, SUBSCRIPTIONS
+from hertzloop.bus.port import BusError
+from hertzloop.bus.sockets import mesh_endpoints
+from hertzloop.bus.streams import ROLES, STREAMS, SUBSCRIPTIONS
 
 _LEASE_MS = 5_000  # how long a hung peer stays unnoticed while nobody waits for it
 _IDS_PER_ROLE = 256  # a pool and not one id, so that a second process of a role can say so

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import zenoh
 
-from bus import LEAVING
-from bus.port import BusError, PeerLost
-from bus.presence import Presence
-from bus.streams import ROLES, STREAMS, SUBSCRIPTIONS, Envelope, has_header_sequence
-from bus.unauthorised import UnauthorisedPeers, names_allowed
-from bus.zenoh_config import is_known, session_config
+from hertzloop.bus import LEAVING
+from hertzloop.bus.port import BusError, PeerLost
+from hertzloop.bus.presence import Presence
+from hertzloop.bus.streams import ROLES, STREAMS, SUBSCRIPTIONS, Envelope, has_header_sequence
+from hertzloop.bus.unauthorised import UnauthorisedPeers, names_allowed
+from hertzloop.bus.zenoh_config import is_known, session_config
 
 # Few runtime threads instead of several pools shorten the round trip. One would be fastest,
 # but while zenoh closes the link of a session that hangs, nothing else runs on its thread.

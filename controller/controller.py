@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controller import kernels as k
-from controller import law_kernels as laws
-from controller.loading.bound import BoundLaw, LawFault
+from hertzloop.controller import kernels as k
+from hertzloop.controller import law_kernels as laws
+from hertzloop.controller.loading.bound import BoundLaw, LawFault
 
 _JITTER_STREAM, _DROP_OUT_STREAM = 2, 3  # random streams; the sensor's noise is another
 

@@ -16,7 +16,7 @@ from numba.core.base import BaseContext
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-from jit import kernel
+from hertzloop.jit import kernel
 
 # Indices into the state's words, and into the counts kept beside it. FAULT: sample, from 1 on,
 # whose command was no number.

@@ -20,7 +20,7 @@ __all__ = [
     "scene_names", "simulate", "sweep", "tune", "vary",
 ]  # fmt: skip
 if TYPE_CHECKING:
-    from hertzloop.interface import (
+    from hertzloop.api import (
         BusError,
         Comparison,
         DesignError,
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 def __getattr__(name: str) -> Any:
     if name in __all__:
         try:
-            interface = import_module("hertzloop.interface")
+            interface = import_module("hertzloop.api")
         except ModuleNotFoundError as error:
             sentence = sentence_on(error.name)
             raise ImportError(sentence) if sentence else error from None

@@ -10,7 +10,7 @@ def load() -> None:
     import hertzloop.loop.controller_node
     import hertzloop.loop.plant_node
     import hertzloop.processes.roles  # noqa: F401
-    from hertzloop.commands import cli
+    from hertzloop.cli import cli
 
     cli.built()
 
@@ -25,7 +25,7 @@ def main() -> None:
     """Entry point: the command line, with imports that can be interrupted quietly."""
     collect_rarely()
     with command_line() as imported:
-        from hertzloop.commands import cli
+        from hertzloop.cli import cli
 
         commands = cli.built()
         imported()

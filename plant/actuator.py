@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from plant.actuator_kernels import ForceLimit, SecondOrder
-from plant.structures.modes import Oscillators
+from hertzloop.plant.actuator_kernels import ForceLimit, SecondOrder
+from hertzloop.plant.structures.modes import Oscillators
 
 _NO_SHAPE = 1e-9  # of the largest at the actuator: such a mode does not feel the mass
 _CHUNK = 2**22  # numbers of a work array

@@ -10,9 +10,9 @@ An actuator is one of these NamedTuples, or None: ideal, every command acts as i
 
 from typing import NamedTuple
 
-from jit import kernel
-from jit.by_type import by_type, no, yes
-from plant import state_kernels as pk
+from hertzloop.jit import kernel
+from hertzloop.jit.by_type import by_type, no, yes
+from hertzloop.plant import state_kernels as pk
 
 # Below this (N) an actuator without command is at rest: 1e-20 of a newton moves nothing, and a
 # number that decays for ever ends in denormal ones, which are slow.

@@ -9,13 +9,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from plant import state_kernels as pk
-from plant.actuator import IDEAL, Actuator, mass_loaded
-from plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
-from plant.structures.modes import Oscillators
-from plant.structures.plate import Plate
-from plant.structures.radiation import air_loss_factor
-from plant.structures.structure import Structure, oscillators
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.actuator import IDEAL, Actuator, mass_loaded
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
+from hertzloop.plant.structures.modes import Oscillators
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.radiation import air_loss_factor
+from hertzloop.plant.structures.structure import Structure, oscillators
 
 
 @dataclass(frozen=True)
@@ -226,7 +226,7 @@ class Plant(ABC):
 
     A scheme says how a step is made: `kernels` is a module with `step(model, state, f_a) -> f_c`,
     `close_balance(model, state)` and `modal_energy(model, state)`. Its state has the arrays `body`,
-    `balance` and `counts` of `plant.state_kernels`, and more as it likes.
+    `balance` and `counts` of `hertzloop.plant.state_kernels`, and more as it likes.
     """
 
     kernels: Any

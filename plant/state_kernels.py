@@ -2,7 +2,7 @@
 
 import math
 
-from jit import kernel
+from hertzloop.jit import kernel
 
 # Indices into a state's body (m, m/s, N).
 # V_P: plate velocity at the end of the last step, before the forces of the next one act; A_P: mean
@@ -13,8 +13,8 @@ from jit import kernel
 # ACTUATOR_F, ACTUATOR_RATE: force of an actuator of second order and its rate over w, N.
 XI, XI_S, XI_P, V_P, A_P, F_C, F_A, XI_A, FLIGHT_X, FLIGHT_V, V_P_OF_STEP, F_C1 = range(12)
 # DEEPEST: penetration so far of a contact that yields, REACHED: in this step; CURVE (N/m^1.5)
-# and DENT: see plant.contact.yielding_kernels.
-# TAIL: state of the modes left out (m), see plant.contact.tail_kernels.
+# and DENT: see hertzloop.plant.contact.yielding_kernels.
+# TAIL: state of the modes left out (m), see hertzloop.plant.contact.tail_kernels.
 F_A1, ACTUATOR_F, ACTUATOR_RATE, DEEPEST, REACHED, CURVE, DENT, TAIL_RE, TAIL_IM = range(12, 21)
 BODY_SIZE = 21
 # Indices into a state's balance (J, N s).

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from jit import kernel
-from plant import state_kernels as pk
-from plant.schemes import registry as scheme
+from hertzloop.jit import kernel
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.schemes import registry as scheme
 
 # Columns by the names of the fields of the message `TruthBlock`: unit, meaning. Positions and
 # velocity are values at the start of the step, forces are means over it.

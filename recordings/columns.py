@@ -11,9 +11,9 @@ from weakref import WeakValueDictionary
 import numpy as np
 from mcap.records import Message
 
-from bus.streams import LAST_NS, STREAMS, has_header_sequence
-from bus.wire import Packed
-from recordings.writer import RecordingError
+from hertzloop.bus.streams import LAST_NS, STREAMS, has_header_sequence
+from hertzloop.bus.wire import Packed
+from hertzloop.recordings.writer import RecordingError
 
 Arrays = dict[str, np.ndarray]
 IN_MEMORY = 1 << 20  # samples: rows of truth have 84 MB then

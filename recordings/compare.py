@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from bus.messages_pb2 import EventKind
-from bus.streams import STREAMS
-from recordings.columns import SAMPLED, Arrays
-from recordings.reader import Event, Recording, Stream
+from hertzloop.bus.messages_pb2 import EventKind
+from hertzloop.bus.streams import STREAMS
+from hertzloop.recordings.columns import SAMPLED, Arrays
+from hertzloop.recordings.reader import Event, Recording, Stream
 
 _COMPARED = tuple(name for name in SAMPLED if STREAMS[name].compared)
 # A slope is solved for together with its force, and is as exact as that.

@@ -25,10 +25,15 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
-from bus.streams import LAST_NS
-from recordings.columns import Arrays, Stream
-from recordings.reader import Event, Recording
-from recordings.writer import LAW_ATTACHMENT, RUN_METADATA, SCENE_ATTACHMENT, RecordingError
+from hertzloop.bus.streams import LAST_NS
+from hertzloop.recordings.columns import Arrays, Stream
+from hertzloop.recordings.reader import Event, Recording
+from hertzloop.recordings.writer import (
+    LAW_ATTACHMENT,
+    RUN_METADATA,
+    SCENE_ATTACHMENT,
+    RecordingError,
+)
 
 WINDOW_STEPS = 1 << 16
 STREAMS = ("truth", "daq", "force")

@@ -14,14 +14,14 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Message, Metadata
 
-from bus import streams as bus_streams
-from bus.events import MODES, Fact, fact_of
-from bus.messages_pb2 import Books, EventKind, Hello, RunEnd
-from bus.streams import CONTROLLER, LAST_NS, PLANT, STREAMS, Counter, Envelope
-from bus.wire import MessageError, Packed, not_finite
-from recordings.chunks import Damaged, Record, channel_of, inner_records, message_of
-from recordings.columns import SAMPLED, Arrays, Refused, Track
-from recordings.writer import (
+from hertzloop.bus import streams as bus_streams
+from hertzloop.bus.events import MODES, Fact, fact_of
+from hertzloop.bus.messages_pb2 import Books, EventKind, Hello, RunEnd
+from hertzloop.bus.streams import CONTROLLER, LAST_NS, PLANT, STREAMS, Counter, Envelope
+from hertzloop.bus.wire import MessageError, Packed, not_finite
+from hertzloop.recordings.chunks import Damaged, Record, channel_of, inner_records, message_of
+from hertzloop.recordings.columns import SAMPLED, Arrays, Refused, Track
+from hertzloop.recordings.writer import (
     LAW_ATTACHMENT,
     RESULT_METADATA,
     RUN_METADATA,

@@ -15,13 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bus.messages_pb2 import Books, RunEnd
-from bus.streams import CONTROLLER, STREAMS, other_version
-from bus.wire import Packed
-from recordings.chunks import MAGIC, Damaged, Record, Walk
-from recordings.columns import SAMPLED, Arrays, Stream
-from recordings.intake import Event, Intake, Taken, in_order
-from recordings.writer import TOPICS, RecordingError, RecordingWriter
+from hertzloop.bus.messages_pb2 import Books, RunEnd
+from hertzloop.bus.streams import CONTROLLER, STREAMS, other_version
+from hertzloop.bus.wire import Packed
+from hertzloop.recordings.chunks import MAGIC, Damaged, Record, Walk
+from hertzloop.recordings.columns import SAMPLED, Arrays, Stream
+from hertzloop.recordings.intake import Event, Intake, Taken, in_order
+from hertzloop.recordings.writer import TOPICS, RecordingError, RecordingWriter
 
 __all__ = ["Event", "Recording", "Source", "Stream", "holds_a_run", "read"]
 

@@ -12,8 +12,17 @@ from typing import Any, BinaryIO
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
-from bus.messages_pb2 import Hello
-from bus.streams import CONTROLLER, LAST_NS, PLANT, STREAMS, Checker, Counter, Envelope, StreamFault
+from hertzloop.bus.messages_pb2 import Hello
+from hertzloop.bus.streams import (
+    CONTROLLER,
+    LAST_NS,
+    PLANT,
+    STREAMS,
+    Checker,
+    Counter,
+    Envelope,
+    StreamFault,
+)
 
 SCENE_ATTACHMENT = "scene.toml"
 LAW_ATTACHMENT = "law"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensors import kernels as k
+from hertzloop.sensors import kernels as k
 
 NOISE_STREAM = 1  # random stream of the noise; the controller has others
 

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jit import kernel
+from hertzloop.jit import kernel
 
 FILTERED, STARTED = range(2)  # indices into the state
 
 
 class SensorModel(NamedTuple):
-    """What does not change: see sensors.acquisition.SensorSpec for the meaning."""
+    """What does not change: see hertzloop.sensors.acquisition.SensorSpec for the meaning."""
 
     of_state: int
     every_steps: int

@@ -78,7 +78,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Keep the tests of the tier that was asked for, or all tests of files that are named. The
     slowest files come first, so that none of them runs alone at the end."""
-    slow = ["test_checks.py", "hertzloop", "studies"]
+    slow = ["test_checks.py", "hertzloop", "studies", "benchmarks"]
     order = {name: place for place, name in enumerate(slow)}
     items.sort(
         key=lambda item: min(
@@ -102,7 +102,7 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 @contextmanager
 def _alone(name: str) -> Iterator[None]:
     """One process of tests at a time."""
-    from jit.cache import cache_folder
+    from hertzloop.jit.cache import cache_folder
 
     with (cache_folder() / name).open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

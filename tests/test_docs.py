@@ -10,7 +10,7 @@ import click
 import pytest
 import typer
 
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.scenes.keys import keys, page
 
 ROOT = Path(__file__).resolve().parent.parent

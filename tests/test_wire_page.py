@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from bus import messages_pb2
-from bus.streams import (
+from hertzloop.bus import messages_pb2
+from hertzloop.bus.streams import (
     CONTROLLER,
     PLANT,
     RECORDER,
@@ -21,7 +21,7 @@ from bus.streams import (
     Envelope,
     has_header_sequence,
 )
-from bus.zenoh_port import ZenohPort
+from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.processes.roles import BASE_PORT, default_endpoints
 from tests.hertzloop.processes import wait_for
 from tests.ports import free_ports

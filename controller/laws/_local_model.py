@@ -2,8 +2,8 @@
 
 import math
 
-from controller.law import kernel
-from controller.laws._threshold import slope
+from hertzloop.controller.law import kernel
+from hertzloop.controller.laws._threshold import slope
 
 _LEAST_PARTS, _MOST_PARTS = 16, 512  # of the time over which the model is integrated
 # Steps as shares of the time in which the contact changes: the longest that is taken as it is, and

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controller.law import ACTING, IDLE, WATCHING, kernel
+from hertzloop.controller.law import ACTING, IDLE, WATCHING, kernel
 
 
 class State:

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from controller.law import ACTING, IDLE, About
-from controller.laws import force_feedback
-from controller.laws.force_feedback import dead_zone, reach  # noqa: F401
+from hertzloop.controller.law import ACTING, IDLE, About
+from hertzloop.controller.laws import force_feedback
+from hertzloop.controller.laws.force_feedback import dead_zone, reach  # noqa: F401
 
 senses = "acceleration"
 

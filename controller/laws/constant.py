@@ -5,9 +5,9 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from controller.law import About, Force, Reach, StepsUs
-from controller.laws import profile
-from controller.laws.profile import (  # noqa: F401
+from hertzloop.controller.law import About, Force, Reach, StepsUs
+from hertzloop.controller.laws import profile
+from hertzloop.controller.laws.profile import (  # noqa: F401
     State,
     command,
     command_ahead,

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from controller.law import ACTING, IDLE, NO_PROMISE, WATCHING, About, kernel
-from controller.laws import slope_threshold
-from controller.laws.slope_threshold import (  # noqa: F401
+from hertzloop.controller.law import ACTING, IDLE, NO_PROMISE, WATCHING, About, kernel
+from hertzloop.controller.laws import slope_threshold
+from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     Parameters,
     latches,
     reach,

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
-from controller.law import ACTING, IDLE, WATCHING, About, Reach, StepsUs, kernel
-from controller.laws import slope_threshold
-from controller.laws.slope_threshold import (  # noqa: F401
+from hertzloop.controller.law import ACTING, IDLE, WATCHING, About, Reach, StepsUs, kernel
+from hertzloop.controller.laws import slope_threshold
+from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     State,
     follow_contact,
     hertz,

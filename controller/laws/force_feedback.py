@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from controller.law import ACTING, IDLE, About, Gain, Keys, Reach
+from hertzloop.controller.law import ACTING, IDLE, About, Gain, Keys, Reach
 
 senses = "contact_force"
 

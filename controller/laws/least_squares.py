@@ -2,9 +2,9 @@
 
 from pydantic import Field
 
-from controller.law import About, Reach
-from controller.laws import slope_threshold
-from controller.laws.slope_threshold import (  # noqa: F401
+from hertzloop.controller.law import About, Reach
+from hertzloop.controller.laws import slope_threshold
+from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     State,
     command,
     command_ahead,

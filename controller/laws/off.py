@@ -2,7 +2,7 @@
 
 import math
 
-from controller.law import Reach
+from hertzloop.controller.law import Reach
 
 senses = "any"
 

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from controller.law import About, Gain, Reach
-from controller.laws import profile
-from controller.laws.profile import (  # noqa: F401
+from hertzloop.controller.law import About, Gain, Reach
+from hertzloop.controller.laws import profile
+from hertzloop.controller.laws.profile import (  # noqa: F401
     State,
     command,
     command_ahead,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import Field
 
-from controller.law import (
+from hertzloop.controller.law import (
     ACTING,
     IDLE,
     NO_PROMISE,
@@ -22,9 +22,9 @@ from controller.law import (
     Reach,
     kernel,
 )
-from controller.laws import slope_threshold
-from controller.laws._local_model import look_ahead
-from controller.laws.slope_threshold import (  # noqa: F401
+from hertzloop.controller.laws import slope_threshold
+from hertzloop.controller.laws._local_model import look_ahead
+from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     State,
     command_ahead,
     follow_contact,

@@ -5,7 +5,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from controller.law import (
+from hertzloop.controller.law import (
     ACTING,
     IDLE,
     NO_PROMISE,

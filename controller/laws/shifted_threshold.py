@@ -4,10 +4,10 @@ import math
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from controller.law import About, Reach
-from controller.laws import slope_threshold
-from controller.laws._local_model import acceleration
-from controller.laws.slope_threshold import (  # noqa: F401
+from hertzloop.controller.law import About, Reach
+from hertzloop.controller.laws import slope_threshold
+from hertzloop.controller.laws._local_model import acceleration
+from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     Parameters,
     State,
     command,

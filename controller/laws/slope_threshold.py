@@ -7,7 +7,7 @@ kappa s p^(3/2) of the penetration p that long ago, until the stored contact is 
 
 from pydantic import Field
 
-from controller.law import (
+from hertzloop.controller.law import (
     ACTING,
     IDLE,
     NO_PROMISE,
@@ -18,7 +18,7 @@ from controller.law import (
     Reach,
     StepsUs,
 )
-from controller.laws._threshold import (  # noqa: F401
+from hertzloop.controller.laws._threshold import (  # noqa: F401
     Constants,
     State,
     follow_contact,

@@ -1,7 +1,7 @@
 """Against the plate's velocity at the struck point, in shares of the plate's impedance."""
 
-from controller.law import About
-from controller.laws.force_feedback import (  # noqa: F401
+from hertzloop.controller.law import About
+from hertzloop.controller.laws.force_feedback import (  # noqa: F401
     Constants,
     Parameters,
     State,

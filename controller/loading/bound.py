@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from controller.law_kernels import LAW_COUNTS, LawModel, LawState, quiet_level
-from controller.loading.callbacks import (
+from hertzloop.controller.law_kernels import LAW_COUNTS, LawModel, LawState, quiet_level
+from hertzloop.controller.loading.callbacks import (
     Known,
     UnknownSample,
     plain,
@@ -21,7 +21,14 @@ from controller.loading.callbacks import (
     state_view,
     uncompiled,
 )
-from controller.loading.compiled import FUNCTIONS, UNCOMPILED, Entries, Packed, pack, state_of
+from hertzloop.controller.loading.compiled import (
+    FUNCTIONS,
+    UNCOMPILED,
+    Entries,
+    Packed,
+    pack,
+    state_of,
+)
 
 
 class LawFault(RuntimeError):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from controller.loading.compiled import FUNCTIONS
+from hertzloop.controller.loading.compiled import FUNCTIONS
 
 _RESULTS: dict[str, Any] = {"double": ctypes.c_double, "int64": ctypes.c_int64}
 

@@ -26,10 +26,10 @@ from numba.core.dispatcher import Dispatcher
 from numba.extending import intrinsic
 from numba.np.numpy_support import as_dtype
 
-from jit import kernel
-from jit.cache import cache_folder
-from jit.decorator import kept_in
-from jit.object_code import array_at
+from hertzloop.jit import kernel
+from hertzloop.jit.cache import cache_folder
+from hertzloop.jit.decorator import kept_in
+from hertzloop.jit.object_code import array_at
 
 UNCOMPILED = bool(config.DISABLE_JIT)  # all runs as Python, to be tested line by line
 # Result and arguments after p and s.

@@ -11,9 +11,9 @@ import numpy as np
 from annotated_types import Ge, Le
 from pydantic import BaseModel
 
-from controller.law import WHOLE_STEPS, About, Keys, Reach
-from controller.loading.bound import BoundLaw, BoundPython
-from controller.loading.compiled import numbers_of
+from hertzloop.controller.law import WHOLE_STEPS, About, Keys, Reach
+from hertzloop.controller.loading.bound import BoundLaw, BoundPython
+from hertzloop.controller.loading.compiled import numbers_of
 
 # What a law without `prepare` knows of the run, besides its keys.
 ABOUT_FIELDS = (
@@ -185,4 +185,6 @@ def check_home(name: str, home: Any) -> None:
         raise LawError(f"{name} has one of known_ahead and command_ahead; a law has both or none")
     keys = getattr(home, "Parameters", Keys)
     if not (isinstance(keys, type) and issubclass(keys, Keys)):
-        raise LawError(f"Parameters of {name} has to be a class derived from controller.law.Keys")
+        raise LawError(
+            f"Parameters of {name} has to be a class derived from hertzloop.controller.law.Keys"
+        )

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, Field, create_model
 
-from controller.law import ACTING, WATCHING, About, Keys
-from controller.loading.bound import BoundLaw
-from controller.loading.callbacks import python_functions
-from controller.loading.compiled import FUNCTIONS, Packed, pack, state_of
-from controller.loading.law import ABOUT_FIELDS, Law, LawError
+from hertzloop.controller.law import ACTING, WATCHING, About, Keys
+from hertzloop.controller.loading.bound import BoundLaw
+from hertzloop.controller.loading.callbacks import python_functions
+from hertzloop.controller.loading.compiled import FUNCTIONS, Packed, pack, state_of
+from hertzloop.controller.loading.law import ABOUT_FIELDS, Law, LawError
 
 _ABI = 1
 

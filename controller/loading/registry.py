@@ -17,9 +17,9 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
-from controller.loading import callbacks
-from controller.loading.callbacks import Overdue, given_up_in_time
-from controller.loading.law import Law, LawError, check_home, said_of
+from hertzloop.controller.loading import callbacks
+from hertzloop.controller.loading.callbacks import Overdue, given_up_in_time
+from hertzloop.controller.loading.law import Law, LawError, check_home, said_of
 
 _ENDINGS = (".py", ".so", ".dylib", ".fmu", ".c")
 _SOURCE = (".c", ".cc", ".cpp", ".cxx")
@@ -109,7 +109,7 @@ def _shipped_law(name: str, digest: str | None) -> Law:
 @cache
 def _loaded_shipped(name: str) -> Law:
     path = SHIPPED / f"{name}.py"
-    home = importlib.import_module(f"controller.laws.{name}")
+    home = importlib.import_module(f"hertzloop.controller.laws.{name}")
     check_home(name, home)
     return Law(name, path, path.read_text(encoding="utf-8"), digest_of(path), home)
 
@@ -135,11 +135,11 @@ def _loaded_file(
         raise LawError(f"the law {path} is not Python: {error}") from error
     _check_digest(str(path), found, digest)
     if path.suffix == ".fmu":
-        from controller.loading.library import unit_law
+        from hertzloop.controller.loading.library import unit_law
 
         return unit_law(path, found)
     if path.suffix != ".py":
-        from controller.loading.library import library_law
+        from hertzloop.controller.loading.library import library_law
 
         return library_law(path, found)
     source = path.read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from controller.law import ACTING, IDLE, About, Gain, Keys
+from hertzloop.law import ACTING, IDLE, About, Gain, Keys
 
 senses = "contact_force"
 

@@ -10,7 +10,6 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from controller.law import ACTING
 from hertzloop.analysis.impacts import impacts_of_rows
 from hertzloop.analysis.meters import ExtremesMeter, Stability, StabilityMeter
 from hertzloop.analysis.spans import (
@@ -21,12 +20,13 @@ from hertzloop.analysis.spans import (
     of_impact,
 )
 from hertzloop.analysis.validity import Facts, State, findings, names_by_state
+from hertzloop.controller.law import ACTING
 from hertzloop.loop.compiled import LawStopped, Simulated, quiet_steps, simulate
+from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.rows_kernels import all_finite, first_of
+from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
 from hertzloop.setup import Setup
-from plant.figures.impacts import Impact
-from plant.figures.rows_kernels import all_finite, first_of
-from plant.schemes.registry import SCHEMES
 
 Span = Literal["impact", "run"]
 Result = TypeVar("Result")

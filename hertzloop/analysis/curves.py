@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.analysis.impacts import F_A, F_C, V_P, XI, XI_A, XI_P, XI_S, Block
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2
+from hertzloop.recordings.replay.data import FULL_RATE_SAMPLES, Line, Span, Thinner, within
 from hertzloop.setup import Setup
-from plant.contact.hertz import GRAVITY_M_S2
-from recordings.replay.data import FULL_RATE_SAMPLES, Line, Span, Thinner, within
 
 
 @dataclass(frozen=True)

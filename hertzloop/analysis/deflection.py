@@ -12,15 +12,15 @@ import numpy as np
 
 from hertzloop.analysis.impacts import F_A, F_A1, F_C, F_C1, V_P, XI_A, Block
 from hertzloop.analysis.recorded import pieces_of
+from hertzloop.plant.numerics import phi
+from hertzloop.plant.plant import RIGID_RAD_S, PlantSpec, air_eta
+from hertzloop.plant.schemes.collocation import residual_m_n
+from hertzloop.plant.structures.mode_file import ModeTable
+from hertzloop.plant.structures.structure import Structure, oscillator_shapes, oscillators
+from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.replay.data import Contact, Deflection, Span, contacts_of
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
-from plant.numerics import phi
-from plant.plant import RIGID_RAD_S, PlantSpec, air_eta
-from plant.schemes.collocation import residual_m_n
-from plant.structures.mode_file import ModeTable
-from plant.structures.structure import Structure, oscillator_shapes, oscillators
-from recordings.reader import Recording
-from recordings.replay.data import Contact, Deflection, Span, contacts_of
 
 NODES = 2401  # of the grid, about
 MODES_PER_AXIS = 160  # at most; all modes of the shipped scenes

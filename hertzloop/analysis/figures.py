@@ -17,10 +17,10 @@ from hertzloop.analysis.meters import (
 )
 from hertzloop.analysis.spans import SpanFigures, WholeRunMeter, of_impact
 from hertzloop.analysis.validity import Neglected, neglected
+from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.setup import Setup
-from plant.figures.impacts import Impact
-from plant.figures.noise import ImpactNoise
-from plant.schemes.registry import SCHEMES
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,11 @@ from typing import Protocol
 import numpy as np
 
 from hertzloop.loop.compiled import answer_of
-from hertzloop.setup import Setup
-from plant.contact.hertz import GRAVITY_M_S2
-from plant.contact.yielding import dents_m, elastic_n
-from plant.figures import rows_kernels as an
-from plant.figures import rows_kernels as k
-from plant.figures.impacts import (
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2
+from hertzloop.plant.contact.yielding import dents_m, elastic_n
+from hertzloop.plant.figures import rows_kernels as an
+from hertzloop.plant.figures import rows_kernels as k
+from hertzloop.plant.figures.impacts import (
     Impact,
     contacts,
     impacts,
@@ -27,20 +26,33 @@ from plant.figures.impacts import (
     peak_speed_m_s,
     step_work_j,
 )
-from plant.figures.noise import (
+from hertzloop.plant.figures.noise import (
     ImpactNoise,
     impact_noise,
     modal_drive,
     published_noise,
     shares_of_drive_j,
 )
-from plant.plant import PlantSpec, modes_of
-from plant.schemes.collocation import damped_tail, flexibility_m_n
-from plant.schemes.infinite import impedance_n_s_m
-from plant.schemes.registry import SCHEMES
-from plant.schemes.thesis2008 import relative_speed_m_s, sampled
-from plant.structures.modes import Oscillators
-from plant.time_series import COLUMNS, DEEPEST, F_A, F_A1, F_C, F_C1, V_P, XI, XI_A, XI_P, XI_S
+from hertzloop.plant.plant import PlantSpec, modes_of
+from hertzloop.plant.schemes.collocation import damped_tail, flexibility_m_n
+from hertzloop.plant.schemes.infinite import impedance_n_s_m
+from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.schemes.thesis2008 import relative_speed_m_s, sampled
+from hertzloop.plant.structures.modes import Oscillators
+from hertzloop.plant.time_series import (
+    COLUMNS,
+    DEEPEST,
+    F_A,
+    F_A1,
+    F_C,
+    F_C1,
+    V_P,
+    XI,
+    XI_A,
+    XI_P,
+    XI_S,
+)
+from hertzloop.setup import Setup
 
 # Rows of truth, shape (10, steps).
 PIECE = 1 << 19  # steps; 32 MB of rows

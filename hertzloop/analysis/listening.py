@@ -12,10 +12,8 @@ import numpy as np
 from hertzloop.analysis.deflection import force_blocks
 from hertzloop.analysis.impacts import Block
 from hertzloop.analysis.recorded import pieces_of
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
-from plant.figures.noise import RADIATED_UP_TO_HZ, SOUND_SPEED_M_S
-from plant.figures.sound import (
+from hertzloop.plant.figures.noise import RADIATED_UP_TO_HZ, SOUND_SPEED_M_S
+from hertzloop.plant.figures.sound import (
     FADE_FROM,
     Drive,
     Grid,
@@ -25,13 +23,15 @@ from plant.figures.sound import (
     radiated_j,
     rung_j,
 )
-from plant.plant import MOST_MODES
-from plant.structures.mode_file import ModeTable
-from plant.structures.modes import NO_PARTICIPATION
-from plant.structures.plate import Plate
-from plant.structures.radiation import air_loss_factor, efficiency_wallace
-from plant.structures.structure import Structure
-from recordings.reader import Recording
+from hertzloop.plant.plant import MOST_MODES
+from hertzloop.plant.structures.mode_file import ModeTable
+from hertzloop.plant.structures.modes import NO_PARTICIPATION
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.radiation import air_loss_factor, efficiency_wallace
+from hertzloop.plant.structures.structure import Structure
+from hertzloop.recordings.reader import Recording
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
 
 RATE_HZ = 48_000
 _NODES_A_WAVE = 6.0  # at the highest frequency, of the shorter of both waves

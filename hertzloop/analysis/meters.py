@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.analysis.impacts import F_A, F_A1, F_C, F_C1, V_P, XI_A, XI_P, Block
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2, rigid_contact_time_s, rigid_peak_force_n
+from hertzloop.plant.figures import rows_kernels as k
+from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.time_series import COLUMNS
 from hertzloop.setup import Setup
-from plant.contact.hertz import GRAVITY_M_S2, rigid_contact_time_s, rigid_peak_force_n
-from plant.figures import rows_kernels as k
-from plant.figures.impacts import Impact
-from plant.plant import PlantSpec
-from plant.time_series import COLUMNS
 
 
 class Meter:

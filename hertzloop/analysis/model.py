@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bus.messages_pb2 import Books
+from hertzloop.bus.messages_pb2 import Books
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.estimates.plate_theory import KirchhoffError
+from hertzloop.plant.plant import Balance, Plant, PlantSpec
+from hertzloop.plant.schemes.factory import built
+from hertzloop.plant.schemes.infinite import impedance_n_s_m
+from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.structures.structure import frequencies
+from hertzloop.plant.time_series import series_under
 from hertzloop.setup import Setup
 from hertzloop.setup.plate import NEAREST
-from plant import state_kernels as pk
-from plant.estimates.plate_theory import KirchhoffError
-from plant.plant import Balance, Plant, PlantSpec
-from plant.schemes.factory import built
-from plant.schemes.infinite import impedance_n_s_m
-from plant.schemes.registry import SCHEMES
-from plant.structures.structure import frequencies
-from plant.time_series import series_under
 
 _COUNTED = 500_000  # modes; beyond, the full model is only said to be larger
 _TIMED = 4_000  # frequencies that can be built and timed within 0.3 s

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.analysis.impacts import Block
+from hertzloop.plant.time_series import TRUTH
+from hertzloop.recordings.columns import Arrays
+from hertzloop.recordings.reader import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import parse
-from plant.time_series import TRUTH
-from recordings.columns import Arrays
-from recordings.reader import Recording
 
 NEEDED_FIELDS = set(TRUTH) - {"xi_a_m", "f_c1_n", "f_a1_n", "deepest_m"}
 

@@ -21,9 +21,9 @@ from hertzloop.analysis.impacts import (
     work_j,
 )
 from hertzloop.analysis.meters import Meter
-from plant.figures import rows_kernels as k
-from plant.figures.impacts import Impact
-from plant.figures.noise import (
+from hertzloop.plant.figures import rows_kernels as k
+from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.noise import (
     RADIATED_UP_TO_HZ,
     ImpactNoise,
     audible,
@@ -32,8 +32,8 @@ from plant.figures.noise import (
     modal_drive,
     shares_of_drive_j,
 )
-from plant.plant import PlantSpec, modes_of
-from plant.structures.modes import Oscillators
+from hertzloop.plant.plant import PlantSpec, modes_of
+from hertzloop.plant.structures.modes import Oscillators
 
 # Of 20 kHz: no oscillator stands for modes further apart than that.
 _BEYOND_AUDIBLE = 1.01

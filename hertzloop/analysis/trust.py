@@ -26,15 +26,15 @@ from hertzloop.analysis.impacts import (
 )
 from hertzloop.analysis.recorded import LawRan, law_of
 from hertzloop.loop.compiled import LawStopped, closed_loop_rows, finer_loop, simulate
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.plant.plant import MOST_MODES, Plant, PlantSpec
+from hertzloop.plant.schemes.factory import built
+from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.recordings.reader import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
-from plant import state_kernels as pk
-from plant.figures.impacts import Impact
-from plant.figures.noise import ImpactNoise
-from plant.plant import MOST_MODES, Plant, PlantSpec
-from plant.schemes.factory import built
-from plant.schemes.registry import SCHEMES
-from recordings.reader import Recording
 
 _MOST_WORK = 2e9  # steps times frequencies of a run that is repeated only to judge a recording
 _START = [pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]

@@ -2,8 +2,8 @@
 length of that contact and the largest deflection.
 
 A row has an effect, the formula, a threshold, and from where on it is beyond what the model can be
-(out of range). Sources are with the formulas, in plant.estimates.plate_theory and
-plant.structures.plate_theory. The sentence on an effect is in hertzloop.views.effects.
+(out of range). Sources are with the formulas, in hertzloop.plant.estimates.plate_theory and
+hertzloop.plant.structures.plate_theory. The sentence on an effect is in hertzloop.views.effects.
 """
 
 import math
@@ -18,16 +18,16 @@ import numpy as np
 from hertzloop.analysis.impacts import impacts_of_rows
 from hertzloop.analysis.meters import Extremes, ExtremesMeter, StabilityMeter
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.contact.hertz import Sphere
+from hertzloop.plant.contact.yielding import Strength
+from hertzloop.plant.estimates import plate_theory as criteria
+from hertzloop.plant.estimates.plate_theory import KirchhoffError, kirchhoff_error, thickness_number
+from hertzloop.plant.estimates.plate_theory import zener_inelasticity as inelasticity
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.schemes.collocation import flexibility_m_n
+from hertzloop.plant.structures.plate import Plate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
-from plant.contact.hertz import Sphere
-from plant.contact.yielding import Strength
-from plant.estimates import plate_theory as criteria
-from plant.estimates.plate_theory import KirchhoffError, kirchhoff_error, thickness_number
-from plant.estimates.plate_theory import zener_inelasticity as inelasticity
-from plant.plant import PlantSpec
-from plant.schemes.collocation import flexibility_m_n
-from plant.structures.plate import Plate
 
 _MOST_STEPS = 2_000_000  # that are simulated in memory
 _TAKES_ALL = 1.0  # lambda from which on the plate takes all energy, whatever its theory

@@ -4,7 +4,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum, auto
 
-from bus.messages_pb2 import EventKind
 from hertzloop.analysis.figures import Figures, Ran, Saturation, figures_of
 from hertzloop.analysis.model import Yield, yield_of
 from hertzloop.analysis.recorded import LawRan, Pacing, blocks_of, law_of, pacing_of
@@ -17,8 +16,9 @@ from hertzloop.analysis.trust import (
     law_accuracy,
     predictability,
 )
+from hertzloop.bus.messages_pb2 import EventKind
+from hertzloop.recordings.reader import Event, Recording
 from hertzloop.setup import Setup
-from recordings.reader import Event, Recording
 
 HARDLY_DB = 0.1
 _MUCH = 0.1  # share of the push, or of the contact, that is worth a word

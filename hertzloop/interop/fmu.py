@@ -16,9 +16,9 @@ from hertzloop import __version__
 from hertzloop.analysis.impacts import F_A, F_C, V_P, XI, XI_P, XI_S
 from hertzloop.interop.image import Image
 from hertzloop.interop.objects import plant_object
+from hertzloop.jit.object_code import outline
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
-from jit.object_code import outline
 
 Version = Literal["2", "3"]
 _BASE_UNITS = {

@@ -15,15 +15,15 @@ import numpy as np
 from hertzloop.analysis.impacts import F_A, F_C
 from hertzloop.interop.kernels import ENERGIES, Unit, is_known
 from hertzloop.interop.objects import needed
+from hertzloop.jit.object_code import leaves
 from hertzloop.loop import kernels as loop
 from hertzloop.loop.plant_streams import empty_window
+from hertzloop.plant import state_kernels as pk
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
+from hertzloop.sensors.acquisition import NOISE_STREAM
 from hertzloop.setup import Setup
 from hertzloop.setup.setup import PHASE_STREAM
-from jit.object_code import leaves
-from plant import state_kernels as pk
-from sensors.acquisition import NOISE_STREAM
 
 _MODEL, _STATE, _NOISE = range(3)
 _LINE, _WORD = 64, 8

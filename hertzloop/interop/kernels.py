@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from hertzloop.jit import kernel
+from hertzloop.jit.by_type import by_type
 from hertzloop.loop import kernels as loop
-from jit import kernel
-from jit.by_type import by_type
-from plant import state_kernels as pk
-from plant import state_kernels as sphere
-from plant.schemes.registry import offering
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import state_kernels as sphere
+from hertzloop.plant.schemes.registry import offering
 
 # Indices into a unit's energies (J); RESIDUAL: relative, see plant.balance.balance.
 KINETIC, GRAVITY, MODAL, CONTACT, INJECTED, MODAL_LOST, AIR_LOST, TAIL_LOST = range(8)

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jit.cache import cache_folder
+from hertzloop.jit.cache import cache_folder
 
 if TYPE_CHECKING:
     from hertzloop.interop.kernels import Unit
@@ -82,7 +82,7 @@ def _compile(outline: "Unit") -> bytes:
     from numba import float64, intp, typeof
 
     from hertzloop.interop import kernels as k
-    from jit.object_code import assembler, object_code
+    from hertzloop.jit.object_code import assembler, object_code
 
     assembled = assembler(typeof(outline))
     released, advanced, balanced = k.release, k.advance, k.balance

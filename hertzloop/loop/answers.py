@@ -8,19 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
-from bus import lane, lane_kernels
-from bus.lane import Segment, leave, sleep_precisely
-from bus.messages_pb2 import ForceBlock, Hello, LaneAnswer
-from bus.port import BusError, EndedByOther, PeerLost, Port
-from bus.streams import Checker, StreamFault
-from controller import kernels as ck
-from controller import law_kernels as laws
-from controller.controller import Controller, Reply
-from controller.loading.bound import LawFault
+from hertzloop.bus import lane, lane_kernels
+from hertzloop.bus.lane import Segment, leave, sleep_precisely
+from hertzloop.bus.messages_pb2 import ForceBlock, Hello, LaneAnswer
+from hertzloop.bus.port import BusError, EndedByOther, PeerLost, Port
+from hertzloop.bus.streams import Checker, StreamFault
+from hertzloop.controller import kernels as ck
+from hertzloop.controller import law_kernels as laws
+from hertzloop.controller.controller import Controller, Reply
+from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop import kernels as k
+from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.setup import Setup
-from recordings.reader import Recording
-from recordings.writer import RecordingError
 
 _NOTICE_S = 1.0  # in which a controller that fails says so
 

@@ -7,27 +7,27 @@ from pathlib import Path
 
 import numpy as np
 
-from bus.messages_pb2 import ForceBlock
-from bus.port import BusError, InProcessBus, InProcessPort, Port, Publisher, new_run_id
-from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
-from controller import kernels as ck
-from controller import law_kernels as laws
-from controller.loading.bound import LawFault
+from hertzloop.bus.messages_pb2 import ForceBlock
+from hertzloop.bus.port import BusError, InProcessBus, InProcessPort, Port, Publisher, new_run_id
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
+from hertzloop.controller import kernels as ck
+from hertzloop.controller import law_kernels as laws
+from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop import kernels as k
 from hertzloop.loop.controller_node import ControllerNode, set_up_by
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.loop.plant_streams import BLOCK_STEPS, PlantStreams, empty_window
 from hertzloop.loop.watchdog import watching
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.figures.rows_kernels import Answer, answer
+from hertzloop.plant.plant import Balance, Plant
+from hertzloop.plant.time_series import series_under
+from hertzloop.recordings.writer import Recorder, RecordingError
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
+from hertzloop.sensors import kernels as sk
 from hertzloop.setup import Setup
-from plant import state_kernels as pk
-from plant.figures.rows_kernels import Answer, answer
-from plant.plant import Balance, Plant
-from plant.time_series import series_under
-from recordings.writer import Recorder, RecordingError
-from sensors import kernels as sk
 
 _QUIET_S = 1e-4  # silence after which a law that pushes again has begun anew
 _LEAST_STEPS = 2  # in which a rebound is seen

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from bus import lane
-from bus.messages_pb2 import DaqBlock, ForceBlock, LaneAnswer, SetUp
-from bus.port import BusError, PeerLost, Port, Publisher
-from bus.streams import (
+from hertzloop.bus import lane
+from hertzloop.bus.messages_pb2 import DaqBlock, ForceBlock, LaneAnswer, SetUp
+from hertzloop.bus.port import BusError, PeerLost, Port, Publisher
+from hertzloop.bus.streams import (
     CONTROLLER,
     PLANT,
     Checker,
@@ -18,9 +18,9 @@ from bus.streams import (
     compare_set_up,
     versions_here,
 )
-from bus.wire import Packed
-from controller.controller import Controller, Reply
-from controller.loading.bound import LawFault
+from hertzloop.bus.wire import Packed
+from hertzloop.controller.controller import Controller, Reply
+from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.answers import LaneAnswers
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.scenes.errors import SceneError

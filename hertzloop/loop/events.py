@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from bus.events import event
-from bus.messages_pb2 import Event, EventKind
-from controller.law import ACTING, IDLE
+from hertzloop.bus.events import event
+from hertzloop.bus.messages_pb2 import Event, EventKind
+from hertzloop.controller.law import ACTING, IDLE
 from hertzloop.setup import Setup
 
 _SPAN = 1000  # steps

@@ -11,15 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bus import lane_kernels as lane_k
-from bus.lane_kernels import now_ns
-from controller import kernels as ck
-from controller import law_kernels as laws
-from jit import kernel
-from plant import state_kernels as pk
-from plant.figures import rows_kernels as an
-from plant.time_series import record_step
-from sensors import kernels as sk
+from hertzloop.bus import lane_kernels as lane_k
+from hertzloop.bus.lane_kernels import now_ns
+from hertzloop.controller import kernels as ck
+from hertzloop.controller import law_kernels as laws
+from hertzloop.jit import kernel
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.figures import rows_kernels as an
+from hertzloop.plant.time_series import record_step
+from hertzloop.sensors import kernels as sk
 
 # Indices into Window.counts.
 TRUTH_FIRST, TRUTH_END, SAMPLES_FIRST, SAMPLES_END, OBSERVED = range(5)
@@ -37,7 +37,7 @@ _LOOK_EVERY = 8  # exchanges between two looks at the clock
 class Window(NamedTuple):
     """Rows of truth and samples that were not sent yet, by position since *_FIRST."""
 
-    truth: np.ndarray  # (columns of plant.time_series, steps)
+    truth: np.ndarray  # (columns of hertzloop.plant.time_series, steps)
     codes: np.ndarray
     values: np.ndarray
     clipped: np.ndarray

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bus import lane_kernels as lane_k
-from bus.lane_kernels import now_ns, sleep_us, yield_core
+from hertzloop.bus import lane_kernels as lane_k
+from hertzloop.bus.lane_kernels import now_ns, sleep_us, yield_core
+from hertzloop.jit import kernel
 from hertzloop.loop import kernels as k
-from jit import kernel
-from plant import state_kernels as pk
+from hertzloop.plant import state_kernels as pk
 
 # Indices into Pace.counts. START_NS: when step 0 was due; PUT: samples put into the lane; the
 # longest response, lateness of a force and lag of the plant behind the clock; time spent waiting

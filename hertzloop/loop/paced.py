@@ -10,10 +10,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bus.lane import sleep_precisely
-from bus.messages_pb2 import Pacing
-from bus.port import PeerLost, Port, say_every_s
-from bus.streams import StreamFault
+from hertzloop.bus.lane import sleep_precisely
+from hertzloop.bus.messages_pb2 import Pacing
+from hertzloop.bus.port import PeerLost, Port, say_every_s
+from hertzloop.bus.streams import StreamFault
 from hertzloop.loop import kernels as k
 from hertzloop.loop.answers import refusal
 from hertzloop.loop.pace_kernels import (

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bus.messages_pb2 import RunEnd
-from bus.port import BusError, EndedByOther, Port, Publisher, new_run_id, say_every_s
-from bus.streams import CONTROLLER, PLANT, Checker, StreamFault
+from hertzloop.bus.messages_pb2 import RunEnd
+from hertzloop.bus.port import BusError, EndedByOther, Port, Publisher, new_run_id, say_every_s
+from hertzloop.bus.streams import CONTROLLER, PLANT, Checker, StreamFault
 from hertzloop.loop import kernels as k
 from hertzloop.loop.answers import Answers, LaneOffer, Repeat, controllers_fault
 from hertzloop.loop.plant_streams import PlantStreams

@@ -7,17 +7,17 @@ from contextlib import suppress
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from bus.events import event
-from bus.messages_pb2 import Books, DaqBlock, EventKind, Hello, TruthBlock
-from bus.port import BusError, Publisher
-from bus.streams import StreamFault, versions_here
+from hertzloop.bus.events import event
+from hertzloop.bus.messages_pb2 import Books, DaqBlock, EventKind, Hello, TruthBlock
+from hertzloop.bus.port import BusError, Publisher
+from hertzloop.bus.streams import StreamFault, versions_here
 from hertzloop.loop import kernels as k
 from hertzloop.loop.events import PlantEvents
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact.yielding import above_dent_m
+from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.time_series import COLUMNS, TRUTH
 from hertzloop.setup import Setup
-from plant import state_kernels as pk
-from plant.contact.yielding import above_dent_m
-from plant.schemes.registry import SCHEMES
-from plant.time_series import COLUMNS, TRUTH
 
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
 ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most

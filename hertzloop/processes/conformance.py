@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from bus.messages_pb2 import DaqBlock, ForceBlock, RunEnd
-from bus.port import BusError, PeerLost, Publisher, new_run_id
-from bus.sockets import mesh_endpoints, on_loopback, own_folder
-from bus.streams import (
+from hertzloop.bus.messages_pb2 import DaqBlock, ForceBlock, RunEnd
+from hertzloop.bus.port import BusError, PeerLost, Publisher, new_run_id
+from hertzloop.bus.sockets import mesh_endpoints, on_loopback, own_folder
+from hertzloop.bus.streams import (
     CONTROLLER,
     PLANT,
     RECORDER,
@@ -29,12 +29,12 @@ from bus.streams import (
     StreamFault,
     decode,
 )
-from bus.wire import MessageError
-from bus.zenoh_port import ZenohPort
+from hertzloop.bus.wire import MessageError
+from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import physical_values
 from hertzloop.loop.plant_streams import hello
+from hertzloop.recordings.reader import Recording
 from hertzloop.setup import Setup, load, parse
-from recordings.reader import Recording
 
 _SCENE = "aluminium-3mm"
 _SPEED_M_S = 1.0

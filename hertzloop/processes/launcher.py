@@ -14,14 +14,14 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from bus.presence import LONGEST_S
-from bus.sockets import mesh_endpoints, own_endpoints, own_folder
-from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
+from hertzloop.bus.presence import LONGEST_S
+from hertzloop.bus.sockets import mesh_endpoints, own_endpoints, own_folder
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.processes import fork_server
 from hertzloop.processes.signals import Interrupted, ending_signals, how_ended
+from hertzloop.recordings.reader import holds_a_run
 from hertzloop.setup import Setup
-from recordings.reader import holds_a_run
 
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled
 _GRACE_S = 6.0  # for the others to notice a fault, close their files and leave the bus

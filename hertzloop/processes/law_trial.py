@@ -8,20 +8,20 @@ from contextlib import suppress
 
 import numpy as np
 
-from bus.sockets import own_folder
-from controller.controller import Controller, LineSpec
-from controller.law import About
-from controller.loading.bound import BoundLaw, BoundPython, LawFault
-from controller.loading.callbacks import Overdue, given_up_in_time
-from controller.loading.compiled import compiled_abreast
-from controller.loading.law import LawError
-from controller.loading.registry import shipped
+from hertzloop.bus.sockets import own_folder
+from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.law import About
+from hertzloop.controller.loading.bound import BoundLaw, BoundPython, LawFault
+from hertzloop.controller.loading.callbacks import Overdue, given_up_in_time
+from hertzloop.controller.loading.compiled import compiled_abreast
+from hertzloop.controller.loading.law import LawError
+from hertzloop.controller.loading.registry import shipped
+from hertzloop.plant.contact.hertz import rigid_penetration_m
 from hertzloop.processes.signals import kill_child
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED, Trial
 from hertzloop.setup import Setup
 from hertzloop.setup.law import idle
-from plant.contact.hertz import rigid_penetration_m
 
 _SAMPLES = 2000
 _PATIENCE_S = 10.0

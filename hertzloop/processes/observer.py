@@ -13,8 +13,8 @@ from contextlib import contextmanager, suppress
 
 import zenoh
 
-from bus.port import PeerLost
-from bus.streams import PLANT
+from hertzloop.bus.port import PeerLost
+from hertzloop.bus.streams import PLANT
 
 _ENDS = f"end/{PLANT}"
 _RETURNS_S = 2.0  # for a link that was closed to be there again: zenoh tries ten times a second

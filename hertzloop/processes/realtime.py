@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from enum import StrEnum
 from pathlib import Path
 
-from bus.streams import RECORDER
+from hertzloop.bus.streams import RECORDER
 
 PRIORITY = 50  # of a loop; threads of its bus one above, its watchdog two
 _RECORDER_NICE = -10

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bus.port import BusError, EndedByOther, PeerLost
-from bus.sockets import mesh_endpoints, on_loopback, remove_folder_of
-from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
-from bus.zenoh_port import ZenohPort
+from hertzloop.bus.port import BusError, EndedByOther, PeerLost
+from hertzloop.bus.sockets import mesh_endpoints, on_loopback, remove_folder_of
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
+from hertzloop.bus.zenoh_port import ZenohPort
+from hertzloop.jit.cache import noticed
 from hertzloop.loop import watchdog
 from hertzloop.loop.answers import Repeat
 from hertzloop.processes.realtime import Profile, Wanted
@@ -28,9 +29,8 @@ from hertzloop.processes.signals import (
     interrupted_as,
     launcher_gone,
 )
+from hertzloop.recordings.writer import Recorder, RecordingError
 from hertzloop.setup import Setup
-from jit.cache import noticed
-from recordings.writer import Recorder, RecordingError
 
 if TYPE_CHECKING:
     from hertzloop.loop.controller_node import ControllerNode

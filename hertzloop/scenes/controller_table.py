@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
 
-from controller.loading.law import Law, LawError
-from controller.loading.registry import find, shipped, shipped_keys
+from hertzloop.controller.loading.law import Law, LawError
+from hertzloop.controller.loading.registry import find, shipped, shipped_keys
 from hertzloop.scenes.errors import refused, shown, unknown_key
 from hertzloop.scenes.materials import Table
 

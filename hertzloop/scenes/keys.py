@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from controller.loading.registry import find, shipped
+from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.scenes.errors import bounds_of, table_of
 from hertzloop.scenes.scene import Scene
 

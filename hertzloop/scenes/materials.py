@@ -12,9 +12,15 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from hertzloop.plant.structures.materials import (
+    MATERIALS,
+    SHIPPED,
+    Material,
+    material_of,
+    materials_of,
+)
+from hertzloop.plant.structures.mode_file import SUFFIXES, read_modes
 from hertzloop.scenes.errors import shortened, shown
-from plant.structures.materials import MATERIALS, SHIPPED, Material, material_of, materials_of
-from plant.structures.mode_file import SUFFIXES, read_modes
 
 # What a scene says by the name of a file: materials and modes, taken into the scene itself.
 #

@@ -4,15 +4,15 @@ import math
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2
+from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.changed_tables import unread
 from hertzloop.scenes.errors import shortened
 from hertzloop.scenes.materials import MaterialTable, material_called
 from hertzloop.scenes.quantities import SENSED
-from plant.contact.hertz import GRAVITY_M_S2
-from plant.schemes.registry import SCHEMES
 
 if TYPE_CHECKING:
-    from controller.loading.law import Law
+    from hertzloop.controller.loading.law import Law
     from hertzloop.scenes.controller_table import ControllerTable
     from hertzloop.scenes.tables import (
         ActuatorTable,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from plant import state_kernels as pk
+from hertzloop.plant import state_kernels as pk
 
 # Ranges of converters, of the largest value on a rigid plate.
 _GAP_LOW, _GAP_HIGH, _ABOVE = -1.25, 0.25, 1.25

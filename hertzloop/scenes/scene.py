@@ -11,10 +11,11 @@ from typing import Annotated, Any, Literal, get_args
 import tomli_w
 from pydantic import Field, ValidationError, ValidationInfo, model_validator
 
-from controller.law import WHOLE_STEPS
-from controller.loading.law import Law, LawError
-from controller.loading.registry import find, resolve
-from controller.loading.registry import shipped as shipped_laws
+from hertzloop.controller.law import WHOLE_STEPS
+from hertzloop.controller.loading.law import Law, LawError
+from hertzloop.controller.loading.registry import find, resolve
+from hertzloop.controller.loading.registry import shipped as shipped_laws
+from hertzloop.plant.structures.materials import Material
 from hertzloop.scenes.changed_tables import changed_tables, drop_unread, relabel
 from hertzloop.scenes.controller_table import (
     ControllerTable,
@@ -50,7 +51,6 @@ from hertzloop.scenes.tables import (
     SphereTable,
 )
 from hertzloop.scenes.text import DEFAULT, from_toml, shipped, shipped_text, toml_text, toml_value
-from plant.structures.materials import Material
 
 __all__ = [
     "DEFAULT", "NO_CASE_OF_THESIS", "ControllerTable", "RunTable", "Scene", "SceneError",

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, field_validator
 
+from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.structures.registry import THEORIES
 from hertzloop.scenes.errors import shown
 from hertzloop.scenes.materials import MaterialKey, ModesTable, Table
 from hertzloop.scenes.quantities import SENSED
-from plant.schemes.registry import SCHEMES
-from plant.structures.registry import THEORIES
 
 Point = tuple[float, float]
 # Bounds are far beyond what a laboratory has, and within what the numerics can carry.

@@ -4,12 +4,8 @@ from dataclasses import asdict, dataclass, fields
 from functools import cached_property, lru_cache
 from typing import Any
 
-from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.materials import MaterialTable, material_called, unpacked
-from hertzloop.scenes.problems import not_in_three_dimensions
-from hertzloop.scenes.tables import ActuatorTable, ContactTable, PlateTable, SphereTable
-from plant.actuator import Actuator
-from plant.contact.hertz import (
+from hertzloop.plant.actuator import Actuator
+from hertzloop.plant.contact.hertz import (
     Contact,
     Damping,
     Limit,
@@ -17,13 +13,17 @@ from plant.contact.hertz import (
     hertz_stiffness,
     hunt_crossley_parameter,
 )
-from plant.contact.yielding import Strength, softer
-from plant.estimates.plate_theory import KirchhoffError, expected_kirchhoff_error
-from plant.structures.materials import Material
-from plant.structures.modes import Point
-from plant.structures.plate import Plate
-from plant.structures.registry import Description, structure
-from plant.structures.structure import Structure
+from hertzloop.plant.contact.yielding import Strength, softer
+from hertzloop.plant.estimates.plate_theory import KirchhoffError, expected_kirchhoff_error
+from hertzloop.plant.structures.materials import Material
+from hertzloop.plant.structures.modes import Point
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.registry import Description, structure
+from hertzloop.plant.structures.structure import Structure
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.materials import MaterialTable, material_called, unpacked
+from hertzloop.scenes.problems import not_in_three_dimensions
+from hertzloop.scenes.tables import ActuatorTable, ContactTable, PlateTable, SphereTable
 
 KEPT = 16  # results of a stage; a structure's modes can be large
 

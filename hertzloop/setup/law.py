@@ -8,21 +8,25 @@ from typing import Any
 
 import numpy as np
 
-from controller.controller import Controller, LineSpec
-from controller.law import About, Keys, Reach
-from controller.loading.bound import BoundLaw
-from controller.loading.law import Law, LawError
-from controller.loading.registry import find
+from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.law import About, Keys, Reach
+from hertzloop.controller.loading.bound import BoundLaw
+from hertzloop.controller.loading.law import Law, LawError
+from hertzloop.controller.loading.registry import find
+from hertzloop.plant import time_series as ts
+from hertzloop.plant.contact.hertz import (
+    rigid_contact_time_s,
+    rigid_peak_force_n,
+    rigid_penetration_m,
+)
+from hertzloop.plant.contact.yielding import deepest_rigid_m, yield_depth_m
+from hertzloop.plant.figures.impacts import contacts
 from hertzloop.scenes.controller_table import ControllerTable
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED, Expected
 from hertzloop.scenes.tables import SensorsTable
+from hertzloop.sensors.acquisition import SensorSpec
 from hertzloop.setup.bodies import KEPT, Bodies
-from plant import time_series as ts
-from plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n, rigid_penetration_m
-from plant.contact.yielding import deepest_rigid_m, yield_depth_m
-from plant.figures.impacts import contacts
-from sensors.acquisition import SensorSpec
 
 # A law that looks ahead, as `predicted`, watches from twice the flight in its horizon on.
 _HORIZONS, _LEAST_FLIGHT_S = 2.5, 20e-6

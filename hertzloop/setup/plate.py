@@ -9,21 +9,21 @@ import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from controller.law import Reach
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup.bodies import KEPT, Bodies
-from plant.contact.hertz import (
+from hertzloop.controller.law import Reach
+from hertzloop.plant.contact.hertz import (
     Contact,
     Sphere,
     rigid_contact_time_s,
     rigid_peak_force_n,
     rigid_penetration_m,
 )
-from plant.estimates.model_order import expected_error, frequency_limit_hz, solid_limit_hz
-from plant.estimates.reflections import Actuation, Reflections, reflections
-from plant.plant import MOST_MODES, PlantSpec
-from plant.schemes.registry import SCHEMES
-from plant.structures.structure import Structure, frequencies
+from hertzloop.plant.estimates.model_order import expected_error, frequency_limit_hz, solid_limit_hz
+from hertzloop.plant.estimates.reflections import Actuation, Reflections, reflections
+from hertzloop.plant.plant import MOST_MODES, PlantSpec
+from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.structures.structure import Structure, frequencies
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup.bodies import KEPT, Bodies
 
 _STEPS_OF_CONTACT = 10  # at least, for figures worth printing
 NEAREST = 1.0  # wavelengths at the limit between the struck point and an edge, for a damped tail

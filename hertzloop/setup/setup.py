@@ -14,11 +14,20 @@ from typing import Any, Literal
 
 import numpy as np
 
-from controller.controller import Controller, LineSpec
-from controller.law import About, Reach
-from controller.loading.bound import BoundLaw
-from controller.loading.law import Law, LawError
-from controller.loading.registry import shipped as shipped_laws
+from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.law import About, Reach
+from hertzloop.controller.loading.bound import BoundLaw
+from hertzloop.controller.loading.law import Law, LawError
+from hertzloop.controller.loading.registry import shipped as shipped_laws
+from hertzloop.plant import time_series as ts
+from hertzloop.plant.actuator import Actuator
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
+from hertzloop.plant.estimates.model_order import expected_error, expected_solid_error, held_error
+from hertzloop.plant.estimates.plate_theory import KirchhoffError
+from hertzloop.plant.plant import Plant, PlantSpec
+from hertzloop.plant.schemes.factory import plant_at_start
+from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.structures.structure import Structure
 from hertzloop.scenes.controller_table import ControllerTable
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.materials import MaterialTable
@@ -35,19 +44,10 @@ from hertzloop.scenes.tables import (
     SensorsTable,
     SphereTable,
 )
+from hertzloop.sensors.acquisition import Sensor, SensorSpec
 from hertzloop.setup import bodies as of_bodies
 from hertzloop.setup import law as of_law
 from hertzloop.setup import plate as of_plate
-from plant import time_series as ts
-from plant.actuator import Actuator
-from plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
-from plant.estimates.model_order import expected_error, expected_solid_error, held_error
-from plant.estimates.plate_theory import KirchhoffError
-from plant.plant import Plant, PlantSpec
-from plant.schemes.factory import plant_at_start
-from plant.schemes.registry import SCHEMES
-from plant.structures.structure import Structure
-from sensors.acquisition import Sensor, SensorSpec
 
 PHASE_STREAM = 4  # random stream of the touch phase; sensor and controller have others
 # Steps after the lead-in in which the first contact without control is looked for, four times as

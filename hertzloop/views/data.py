@@ -14,12 +14,12 @@ from hertzloop.analysis.spans import Comparison, RunFigures, SpanFigures
 from hertzloop.analysis.trust import Known, LawAccuracy, Predictability, Verification, verify
 from hertzloop.analysis.verdict import Judged, judge
 from hertzloop.processes.launcher import RunOptions, record
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.setup import Setup
 from hertzloop.views.effects import effects_as_json
 from hertzloop.views.sentences import verdict_sentences, why_not_words
-from recordings.compare import first_difference
-from recordings.reader import Recording, read
-from recordings.writer import RecordingError
 
 _CLOCK = [f.name for f in fields(Clock)]
 _MISSED = [f.name for f in fields(Pacing)]

@@ -13,6 +13,7 @@ from hertzloop.analysis.recorded import NEEDED_FIELDS, blocks_of, law_of, pacing
 from hertzloop.analysis.spans import Comparison, Difference
 from hertzloop.analysis.trust import errors_of, predictability, why_not_again
 from hertzloop.analysis.verdict import saturation_of, verdict
+from hertzloop.recordings.reader import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import parse
 from hertzloop.views.data import (
@@ -33,7 +34,6 @@ from hertzloop.views.run import (
     yield_words,
 )
 from hertzloop.views.sentences import law_line, verdict_sentences
-from recordings.reader import Recording
 
 
 def summary(recording: Recording) -> dict[str, Any]:

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from hertzloop.plant.structures.mode_file import ModeTable
+from hertzloop.plant.time_series import TRUTH
 from hertzloop.scenes.quantities import SENSED
-from plant.structures.mode_file import ModeTable
-from plant.time_series import TRUTH
 
 FORCE_LABEL = ("N", "force commanded of the actuator, up on the plate")
 HELD = {"held_steps": ("", "by how many steps the command was too old, in a paced run")}

@@ -3,12 +3,12 @@
 from typing import Any
 
 from hertzloop.analysis.recorded import law_of
+from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.keys import unit_of
 from hertzloop.scenes.text import shipped
 from hertzloop.setup import Setup, load
 from hertzloop.views.sentences import law_line, law_words
-from recordings.reader import Recording
-from recordings.writer import RecordingError
 
 _NOT_NAMED = ("name", "shows", "plate.modes.content")  # the content has its digest beside it
 _LONGEST = 40  # characters of a value

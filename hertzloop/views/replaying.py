@@ -6,21 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from bus.streams import LAST_NS
 from hertzloop.analysis.curves import Overlay, overlay
 from hertzloop.analysis.deflection import deflection
 from hertzloop.analysis.meters import StabilityMeter
 from hertzloop.analysis.recorded import pacing_of, pieces_of
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, parse
-from hertzloop.views import provenance
-from hertzloop.views.sentences import pacing_sentences
-from plant.schemes.registry import SCHEMES
-from recordings.reader import Recording
-from recordings.replay import as_rerun as rerun_replay
-from recordings.replay import viewer
-from recordings.replay.as_rerun import Told
-from recordings.replay.data import (
+from hertzloop.bus.streams import LAST_NS
+from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.replay import as_rerun as rerun_replay
+from hertzloop.recordings.replay import viewer
+from hertzloop.recordings.replay.as_rerun import Told
+from hertzloop.recordings.replay.data import (
     SIGNALS,
     Contact,
     Curve,
@@ -30,9 +26,13 @@ from recordings.replay.data import (
     curve_of,
     full_rate_spans,
 )
-from recordings.replay.spectrum import spectrum
-from recordings.replay.viewer import screenshot
-from recordings.writer import RecordingError
+from hertzloop.recordings.replay.spectrum import spectrum
+from hertzloop.recordings.replay.viewer import screenshot
+from hertzloop.recordings.writer import RecordingError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, parse
+from hertzloop.views import provenance
+from hertzloop.views.sentences import pacing_sentences
 
 has_display = viewer.has_display
 _OF_TWIN = ("xi", "F_c", "F_a", "v_p", "plate")

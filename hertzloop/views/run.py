@@ -9,11 +9,11 @@ from rich.text import Text
 
 from hertzloop.analysis.spans import change_db
 from hertzloop.analysis.trust import errors_of
+from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.views.data import known_in, law_in, pacing_in
 from hertzloop.views.effects import show_left_out
 from hertzloop.views.format import LEGEND, UNKNOWN, Table, about, known_digits, styled
 from hertzloop.views.sentences import UNSTABLE, law_line, pacing_sentences
-from plant.schemes.registry import SCHEMES
 
 _SHOWN = 12  # impacts in a table; --json has them all
 # Heading, key, factor and usual format.

@@ -1,11 +1,11 @@
 """Sentences on a run: what it comes to, which law ran, how it kept pace."""
 
-from controller.loading.registry import shipped
 from hertzloop.analysis.figures import Saturation
 from hertzloop.analysis.meters import Stability
 from hertzloop.analysis.recorded import IN_TIME, Clock, LawRan, Pacing
 from hertzloop.analysis.trust import LawAccuracy, Moved, NotAgain, Obstacle
 from hertzloop.analysis.verdict import Change, Control, Outcome, Over, Reasons, Verdict
+from hertzloop.controller.loading.registry import shipped
 from hertzloop.views.format import known_digits, percent, time_words
 
 # Decibels have one digit: where in a sample the touch falls decides about the second.

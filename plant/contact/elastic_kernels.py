@@ -15,8 +15,8 @@ import math
 import numpy as np
 from numba.extending import overload
 
-from jit import kernel
-from plant.contact import tail_kernels
+from hertzloop.jit import kernel
+from hertzloop.plant.contact import tail_kernels
 
 NODES = 4
 # Gauss-Legendre nodes and weights on (0, 1).

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import scipy
 
-from plant.structures.materials import Material
+from hertzloop.plant.structures.materials import Material
 
 GRAVITY_M_S2 = 9.81
 
@@ -60,7 +60,7 @@ class Contact:
     `viscous_n_s_m` is c, `hunt_crossley_s_m` is d of the family in `damping`;
     `relaxation_stiffness` is s_tau (N/m^1.5), `relaxation_s` is tau, `extra_state` whether
     the relaxation's memory is one extra state, solved with a bracket, or the published sum;
-    `limit`: of a contact that yields (plant.contact.yielding), None of an elastic one.
+    `limit`: of a contact that yields (hertzloop.plant.contact.yielding), None of an elastic one.
     """
 
     stiffness: float

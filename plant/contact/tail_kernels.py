@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jit import kernel
-from jit.by_type import by_type
-from plant import state_kernels as pk
+from hertzloop.jit import kernel
+from hertzloop.jit.by_type import by_type
+from hertzloop.plant import state_kernels as pk
 
 
 class DampedTail(NamedTuple):

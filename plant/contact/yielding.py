@@ -17,9 +17,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from plant.contact.hertz import Contact, Limit
-from plant.contact.yielding_kernels import Yielding
-from plant.structures.materials import Material
+from hertzloop.plant.contact.hertz import Contact, Limit
+from hertzloop.plant.contact.yielding_kernels import Yielding
+from hertzloop.plant.structures.materials import Material
 
 
 def yielding(limit: Limit, stiffness: float) -> Yielding:

@@ -17,11 +17,11 @@ The contact's law is a `Yielding`, or None: elastic.
 import math
 from typing import Any, NamedTuple
 
-from jit import kernel
-from jit.by_type import by_type, no, yes
-from plant import state_kernels as pk
-from plant.contact import elastic_kernels as elastic
-from plant.contact import tail_kernels
+from hertzloop.jit import kernel
+from hertzloop.jit.by_type import by_type, no, yes
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact import elastic_kernels as elastic
+from hertzloop.plant.contact import tail_kernels
 
 _HALVINGS = 60
 _NEWTON_MOST = 14

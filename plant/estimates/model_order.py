@@ -11,14 +11,14 @@ import math
 import numpy as np
 import scipy
 
-from plant.contact.hertz import (
+from hertzloop.plant.contact.hertz import (
     Contact,
     Sphere,
     rigid_contact_time_s,
     rigid_peak_force_n,
     rigid_penetration_m,
 )
-from plant.structures.structure import Structure
+from hertzloop.plant.structures.structure import Structure
 
 # With the spring: 95 % of 103 random scenes (steel, aluminium, oak and Sylomer, radius 1 to 25 mm,
 # plates of 0.15 to 0.8 m and 1 to 13 mm, drops of 3 mm to 0.5 m) stay below this factor; the

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from plant.contact.hertz import Contact, Sphere, tangent_stiffness_n_m
-from plant.one_thread import gauss
-from plant.structures import radiation
-from plant.structures.plate import Plate
-from plant.structures.radiation import AIR_DENSITY_KG_M3, critical_frequency_hz
+from hertzloop.plant.contact.hertz import Contact, Sphere, tangent_stiffness_n_m
+from hertzloop.plant.one_thread import gauss
+from hertzloop.plant.structures import radiation
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.radiation import AIR_DENSITY_KG_M3, critical_frequency_hz
 
 # Against an elastic solid, five impacts of R 3 to 20 mm on 1.5 to 10 mm: errors of the plate
 # energy were 0.06 to 0.085 (k h)^2, of the rebound speed 0.012 to 0.035 (k h)^2, where lambda was

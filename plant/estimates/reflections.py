@@ -16,18 +16,18 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from plant.contact.hertz import Contact, Sphere, rigid_contact_time_s
-from plant.plant import PlantSpec
-from plant.schemes import infinite_kernels as k
-from plant.schemes.infinite import InfinitePlant
-from plant.structures.plate import Plate
+from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_contact_time_s
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.schemes import infinite_kernels as k
+from hertzloop.plant.schemes.infinite import InfinitePlant
+from hertzloop.plant.structures.plate import Plate
 
 _STEPS_PER_CONTACT = 32  # of a contact on a rigid plate
 _STEPS = 1024  # at most; the estimate does not look further
 _FARTHEST = 4.0  # images within so many times the nearest one's distance count
 _LATE = 2.0  # u of the nearest image until which those are enough
 _EARLY = 1e3  # u beyond which an image is silent: its part falls as u^-3
-# Errors of 119 whole contacts without control, on 90 random scenes as in studies/model_order,
+# Errors of 119 whole contacts without control, on 90 random scenes as in benchmarks/model_order.py,
 # were up to 1.44 times the estimate without it, in the median 0.8.
 _FACTOR = 1.5
 _STEP_FACTOR = 3.0  # of the order-4 error; contact damping and switched forces need the most

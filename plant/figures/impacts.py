@@ -5,8 +5,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from plant.contact.hertz import GRAVITY_M_S2
-from plant.figures import rows_kernels as k
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2
+from hertzloop.plant.figures import rows_kernels as k
 
 FloatOrArray = TypeVar("FloatOrArray", float, np.ndarray)
 _FEW_EDGES = 64  # starts and ends of contacts; of a run with more they are counted first

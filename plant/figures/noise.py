@@ -10,11 +10,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from plant.contact.hertz import GRAVITY_M_S2, Sphere
-from plant.figures import rows_kernels as k
-from plant.structures.modes import Oscillators
-from plant.structures.plate import Plate
-from plant.structures.radiation import (
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Sphere
+from hertzloop.plant.figures import rows_kernels as k
+from hertzloop.plant.structures.modes import Oscillators
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.radiation import (
     AIR_DENSITY_KG_M3,
     SOUND_SPEED_M_S,
     Efficiency,
@@ -22,7 +22,7 @@ from plant.structures.radiation import (
     efficiency,
     efficiency_fahy,
 )
-from plant.structures.structure import Structure, oscillators
+from hertzloop.plant.structures.structure import Structure, oscillators
 
 RADIATED_UP_TO_HZ = 20e3
 _FASTEST_M_S = 1e100

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jit import kernel
+from hertzloop.jit import kernel
 
 # Indices into the sums and counts of `exchanged`.
 INJECTED, MOST, FED, LARGEST, LAST_PUSH, LAST_PLACE = range(6)  # J, J, J, N, N, m
@@ -214,7 +214,7 @@ def peak_force(mean, slope, to_cubic):
 
 @kernel
 def peak_size(values):
-    """See plant.figures.impacts.peak_speed_m_s."""
+    """See hertzloop.plant.figures.impacts.peak_speed_m_s."""
     at = fastest(values)
     size = abs(values[at])
     if not 0 < at < values.size - 1:

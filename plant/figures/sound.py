@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from plant.structures.radiation import AIR_DENSITY_KG_M3, SOUND_SPEED_M_S
+from hertzloop.plant.structures.radiation import AIR_DENSITY_KG_M3, SOUND_SPEED_M_S
 
 _DAMPED_TO = 1e-4  # of an amplitude, over the period of the transform
 FADE_FROM = 0.925  # of the upper frequency, from where on a band fades out

@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from plant import actuator
-from plant import state_kernels as pk
-from plant.contact import elastic_kernels as elastic
-from plant.contact.hertz import GRAVITY_M_S2
-from plant.contact.tail_kernels import DampedTail
-from plant.contact.yielding import yielding
-from plant.numerics import aligned, phi
-from plant.one_thread import gauss, on_one_thread
-from plant.plant import Plant, PlantSpec, air_eta, damped_frequency
-from plant.schemes import collocation_kernels as k
-from plant.structures.modes import Oscillators
+from hertzloop.plant import actuator
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact import elastic_kernels as elastic
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2
+from hertzloop.plant.contact.tail_kernels import DampedTail
+from hertzloop.plant.contact.yielding import yielding
+from hertzloop.plant.numerics import aligned, phi
+from hertzloop.plant.one_thread import gauss, on_one_thread
+from hertzloop.plant.plant import Plant, PlantSpec, air_eta, damped_frequency
+from hertzloop.plant.schemes import collocation_kernels as k
+from hertzloop.plant.structures.modes import Oscillators
 
 _TAIL_NODES = 24  # of the time integral of the loss, for a turn of up to pi in a step
 _TAIL_NODES_PER_RADIAN = 0.75

@@ -11,7 +11,7 @@ Modes left out act as a massless spring, `flexibility`, in series with the conta
 mode, `tail`, by which the plate's velocity follows a force at once. Signs and
 one pass per step as in `discrete_gradient_kernels`, but z is Theta times the z there: velocity is
 Re z - rho Im z, displacement Im z/Theta. The scalar equations of a step are in
-`plant.contact.elastic_kernels`.
+`hertzloop.plant.contact.elastic_kernels`.
 
 Nothing here allocates: arrays are `borrowed`.
 """
@@ -23,13 +23,13 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from jit import kernel
-from jit.by_type import apart, by_type
-from plant import actuator_kernels as act
-from plant import state_kernels as pk
-from plant.contact import elastic_kernels as elastic
-from plant.contact import tail_kernels
-from plant.contact import yielding_kernels as yielding
+from hertzloop.jit import kernel
+from hertzloop.jit.by_type import apart, by_type
+from hertzloop.plant import actuator_kernels as act
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact import elastic_kernels as elastic
+from hertzloop.plant.contact import tail_kernels
+from hertzloop.plant.contact import yielding_kernels as yielding
 
 # Columns of CollocationModel.table. ROT: e^(s h); C0, C1: change of z by a unit constant force
 # and a unit P(t) at the contact; A: by a constant force at the actuator; OUT, B_A: displacement
@@ -76,9 +76,9 @@ class CollocationModel(NamedTuple):
     damped: bool
     rho: float | np.ndarray
     slow: int  # the first modes, whose mean over a step is taken one by one
-    law: Any  # of the contact, plant.contact.yielding_kernels; as the actuator's
-    actuator: Any  # of plant.actuator_kernels; its type decides what is compiled
-    tail: Any  # of plant.contact.tail_kernels, the same
+    law: Any  # of the contact, hertzloop.plant.contact.yielding_kernels; as the actuator's
+    actuator: Any  # of hertzloop.plant.actuator_kernels; its type decides what is compiled
+    tail: Any  # of hertzloop.plant.contact.tail_kernels, the same
     air: Any  # Air, or None where no face radiates
     gains: np.ndarray
     table: np.ndarray

@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 
-from plant import state_kernels as pk
-from plant.contact.hertz import GRAVITY_M_S2
-from plant.numerics import phi
-from plant.plant import Plant, PlantSpec, damped_frequency
-from plant.schemes import discrete_gradient_kernels as k
-from plant.structures.modes import Oscillators
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2
+from hertzloop.plant.numerics import phi
+from hertzloop.plant.plant import Plant, PlantSpec, damped_frequency
+from hertzloop.plant.schemes import discrete_gradient_kernels as k
+from hertzloop.plant.structures.modes import Oscillators
 
 
 def _rows(values: np.ndarray, fill: float = 0.0) -> np.ndarray:

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jit import kernel
-from plant.state_kernels import (
+from hertzloop.jit import kernel
+from hertzloop.plant.state_kernels import (
     A_P,
     CONTACT_DISSIPATED,
     CONTACT_IMPULSE,

@@ -2,8 +2,8 @@
 
 from functools import lru_cache
 
-from plant.plant import Plant, PlantSpec
-from plant.schemes.registry import SCHEMES
+from hertzloop.plant.plant import Plant, PlantSpec
+from hertzloop.plant.schemes.registry import SCHEMES
 
 
 @lru_cache(maxsize=8)

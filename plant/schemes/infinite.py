@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from plant import state_kernels as pk
-from plant.contact import elastic_kernels as elastic
-from plant.contact.hertz import GRAVITY_M_S2
-from plant.plant import NO_MODES, Plant, PlantSpec
-from plant.schemes import infinite_kernels as k
-from plant.structures.plate import Plate
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact import elastic_kernels as elastic
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2
+from hertzloop.plant.plant import NO_MODES, Plant, PlantSpec
+from hertzloop.plant.schemes import infinite_kernels as k
+from hertzloop.plant.structures.plate import Plate
 
 
 def impedance_n_s_m(plate: Plate) -> float:

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jit import kernel
-from plant import state_kernels as pk
-from plant.contact import elastic_kernels as elastic
+from hertzloop.jit import kernel
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact import elastic_kernels as elastic
 
 STORED = pk.BODY_SIZE  # further index into the state's body: energy in the contact, J
 BODY_SIZE = pk.BODY_SIZE + 1
@@ -35,7 +35,7 @@ class InfiniteModel(NamedTuple):
 
 
 class InfiniteState(NamedTuple):
-    """What changes: scalars by the indices of `plant.state_kernels`."""
+    """What changes: scalars by the indices of `hertzloop.plant.state_kernels`."""
 
     body: np.ndarray
     balance: np.ndarray

@@ -9,8 +9,8 @@ from functools import cached_property
 from importlib import import_module
 from typing import Any
 
-from jit.by_type import by_type, no
-from plant.schemes import infinite_kernels as infinite
+from hertzloop.jit.by_type import by_type, no
+from hertzloop.plant.schemes import infinite_kernels as infinite
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def _loaded(place: str) -> Any:
     return getattr(import_module(module), name)
 
 
-_AT = "plant.schemes"
+_AT = "hertzloop.plant.schemes"
 SCHEMES = {
     "modal": Scheme(
         f"{_AT}.collocation:CollocationPlant", f"{_AT}.collocation_kernels:CollocationModel",

@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 import scipy
 
-from plant import state_kernels as pk
-from plant.contact.hertz import GRAVITY_M_S2, Contact, Damping
-from plant.one_thread import on_one_thread
-from plant.plant import Balance, Plant, PlantSpec, balance
-from plant.schemes import thesis2008_kernels as k
-from plant.structures.modes import Oscillators
-from plant.structures.plate import Plate
-from plant.structures.structure import oscillators
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Contact, Damping
+from hertzloop.plant.one_thread import on_one_thread
+from hertzloop.plant.plant import Balance, Plant, PlantSpec, balance
+from hertzloop.plant.schemes import thesis2008_kernels as k
+from hertzloop.plant.structures.modes import Oscillators
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.structure import oscillators
 
 NEWTON_ALLOWED = 30_000_000  # the published runs needed up to 22,942,400
 _BLOCK = 256

@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jit import kernel
-from plant import state_kernels as pk
+from hertzloop.jit import kernel
+from hertzloop.plant import state_kernels as pk
 
 ALPHA = -1.0 / 3.0
 ADVANCE = -ALPHA

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from plant.one_thread import on_one_thread
-from plant.structures.materials import Material
-from plant.structures.modes import Modes, Point
-from plant.structures.plate import Plate
-from plant.structures.registry import Description
-from plant.structures.structure import BaseStructure, Structure
+from hertzloop.plant.one_thread import on_one_thread
+from hertzloop.plant.structures.materials import Material
+from hertzloop.plant.structures.modes import Modes, Point
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.registry import Description
+from hertzloop.plant.structures.structure import BaseStructure, Structure
 
 _SHARE = 0.1  # of the accuracy asked for, in k^2 of the modes taken from Ritz's method
 _LEAST = 25  # low modes that are taken however little is asked

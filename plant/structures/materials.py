@@ -116,6 +116,7 @@ def materials_of(text: str, where: str) -> dict[str, dict[str, object]]:
 
 
 SHIPPED = materials_of(
-    (resources.files("plant.structures") / "materials.toml").read_text("utf-8"), "materials.toml"
+    (resources.files("hertzloop.plant.structures") / "materials.toml").read_text("utf-8"),
+    "materials.toml",
 )
 MATERIALS = {name: material_of(name, table) for name, table in SHIPPED.items()}

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from plant.structures.materials import Material
-from plant.structures.mode_file import ModeTable, read_modes
-from plant.structures.modes import NO_PARTICIPATION, Modes, Point
-from plant.structures.plate import Plate
-from plant.structures.registry import Description
-from plant.structures.structure import BaseStructure
+from hertzloop.plant.structures.materials import Material
+from hertzloop.plant.structures.mode_file import ModeTable, read_modes
+from hertzloop.plant.structures.modes import NO_PARTICIPATION, Modes, Point
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.registry import Description
+from hertzloop.plant.structures.structure import BaseStructure
 
 # The modes' mean mobility over an infinite plate's lies in between, near edges and on ribs too.
 _LEAST_MOBILITY, _MOST_MOBILITY = 1 / 30, 30.0

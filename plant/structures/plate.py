@@ -10,9 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
-from plant.structures import rising_kernels as rising
-from plant.structures.materials import Material
-from plant.structures.modes import Modes
+from hertzloop.plant.structures import rising_kernels as rising
+from hertzloop.plant.structures.materials import Material
+from hertzloop.plant.structures.modes import Modes
 
 SECONDS_PER_MODE = 1e-5  # of processor time
 _SLICE = 8192  # modes that are sorted together, at most; as many bands
@@ -102,7 +102,7 @@ class Plate:
         along_y = np.sin(np.outer(n, y_m) * (np.pi / self.size_m[1]))
         return np.asarray(along_x[:, :, None] * along_y[:, None, :])
 
-    # What it offers, see `plant.structures.structure`; that module imports this one.
+    # What it offers, see `hertzloop.plant.structures.structure`; that module imports this one.
 
     @property
     def local_plate(self) -> "Plate":

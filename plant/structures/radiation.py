@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from plant.one_thread import gauss
-from plant.structures.plate import Plate
+from hertzloop.plant.one_thread import gauss
+from hertzloop.plant.structures.plate import Plate
 
 AIR_DENSITY_KG_M3 = 1.2
 SOUND_SPEED_M_S = 340.0

@@ -5,9 +5,9 @@ from functools import lru_cache
 from importlib import import_module
 from typing import Any
 
-from plant.structures.materials import Material
-from plant.structures.plate import Plate
-from plant.structures.structure import Structure
+from hertzloop.plant.structures.materials import Material
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.structure import Structure
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,12 @@ class Kind:
 
 
 STRUCTURES = {
-    "kirchhoff": Kind("plant.structures.edged_plate:made", supports_edges=True),
+    "kirchhoff": Kind("hertzloop.plant.structures.edged_plate:made", supports_edges=True),
     "3d": Kind(
-        "plant.structures.solid_plate:made", supports_contact_damping=False,
+        "hertzloop.plant.structures.solid_plate:made", supports_contact_damping=False,
         supports_actuator_mass=False, supports_tail=False, solid=True,
     ),
-    "modes": Kind("plant.structures.modal_structure:made", theory=False),
+    "modes": Kind("hertzloop.plant.structures.modal_structure:made", theory=False),
 }  # fmt: skip
 THEORIES = tuple(name for name, kind in STRUCTURES.items() if kind.theory)
 

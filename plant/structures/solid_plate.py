@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 import scipy
 
-from plant.one_thread import on_one_thread
-from plant.structures.materials import Material
-from plant.structures.modes import Modes, Point
-from plant.structures.plate import Plate
-from plant.structures.registry import Description
-from plant.structures.structure import BaseStructure
+from hertzloop.plant.one_thread import on_one_thread
+from hertzloop.plant.structures.materials import Material
+from hertzloop.plant.structures.modes import Modes, Point
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.registry import Description
+from hertzloop.plant.structures.structure import BaseStructure
 
 # Largest wave number times contact radius: from pi/2 on the contact in series with what is left of
 # the modes left out is no longer monotone. A law may press four times deeper.

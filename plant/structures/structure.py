@@ -6,10 +6,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from plant.structures.materials import Material
-from plant.structures.mode_file import ModeTable
-from plant.structures.modes import Modes, Oscillators, Point, grouped
-from plant.structures.plate import SECONDS_PER_MODE, Plate
+from hertzloop.plant.structures.materials import Material
+from hertzloop.plant.structures.mode_file import ModeTable
+from hertzloop.plant.structures.modes import Modes, Oscillators, Point, grouped
+from hertzloop.plant.structures.plate import SECONDS_PER_MODE, Plate
 
 
 class Structure(Protocol):

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from bus.streams import LAST_NS
-from recordings.columns import Arrays
-from recordings.reader import Event, Recording
-from recordings.replay import blueprint, scene3d
-from recordings.replay import data as replay_data
-from recordings.replay import spectrum as spectra_drawn
-from recordings.replay.blueprint import Layout, PlotLook, dashboard
-from recordings.replay.data import (
+from hertzloop.bus.streams import LAST_NS
+from hertzloop.recordings.columns import Arrays
+from hertzloop.recordings.reader import Event, Recording
+from hertzloop.recordings.replay import blueprint, scene3d
+from hertzloop.recordings.replay import data as replay_data
+from hertzloop.recordings.replay import spectrum as spectra_drawn
+from hertzloop.recordings.replay.blueprint import Layout, PlotLook, dashboard
+from hertzloop.recordings.replay.data import (
     Contact,
     Curve,
     Deflection,
@@ -23,9 +23,9 @@ from recordings.replay.data import (
     contacts_of,
     rows_at,
 )
-from recordings.replay.scene3d import times, with_unit
-from recordings.replay.spectrum import Spectrum
-from recordings.writer import RecordingError
+from hertzloop.recordings.replay.scene3d import times, with_unit
+from hertzloop.recordings.replay.spectrum import Spectrum
+from hertzloop.recordings.writer import RecordingError
 
 _LEVELS = {1: "DEBUG", 2: "INFO", 3: "WARN", 4: "ERROR", 5: "CRITICAL"}  # of foxglove.Log
 _LINE_COLOURS = {

@@ -8,7 +8,7 @@ import numpy as np
 import rerun.blueprint as rrb
 from rerun.blueprint.components import AbsoluteTimeRange
 
-from recordings.replay.data import Curve, Plot, Span
+from hertzloop.recordings.replay.data import Curve, Plot, Span
 
 TIMELINE = "sim_time"
 _FIRST_IMPACT_LASTS_S = 8.0  # on the wall, when somebody presses play

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from bus.events import mode_name
-from bus.messages_pb2 import EventKind
-from bus.streams import LAST_NS
-from recordings.columns import Arrays, Stream
-from recordings.reader import Recording
+from hertzloop.bus.events import mode_name
+from hertzloop.bus.messages_pb2 import EventKind
+from hertzloop.bus.streams import LAST_NS
+from hertzloop.recordings.columns import Arrays, Stream
+from hertzloop.recordings.reader import Recording
 
 # What a replay keeps of a run, found as its samples come: contacts, thinned lines, single rows.
 #

@@ -19,11 +19,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.experimental import ViewerClient
 
-from bus import wire
-from bus.messages_pb2 import TruthBlock
-from bus.wire import LOOPBACK, reserved_ports
-from recordings.replay.blueprint import TIMELINE
-from recordings.writer import RecordingError
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import TruthBlock
+from hertzloop.bus.wire import LOOPBACK, reserved_ports
+from hertzloop.recordings.replay.blueprint import TIMELINE
+from hertzloop.recordings.writer import RecordingError
 
 _STOPPING_TAKES_S = 5.0
 _ASK_EVERY_S = 0.3

@@ -7,8 +7,8 @@ import numpy as np
 from google.protobuf.message import Message
 from hypothesis import strategies as st
 
-from bus import wire
-from bus.messages_pb2 import DaqBlock, ForceBlock, TruthBlock
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import DaqBlock, ForceBlock, TruthBlock
 
 BLOCKS: dict[str, type[Message]] = {"daq": DaqBlock, "force": ForceBlock, "truth": TruthBlock}
 

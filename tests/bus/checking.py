@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from bus.messages_pb2 import RunEnd
-from bus.streams import Checker, Envelope, StreamFault
+from hertzloop.bus.messages_pb2 import RunEnd
+from hertzloop.bus.streams import Checker, Envelope, StreamFault
 
 
 def feed(sent: Sequence[Envelope]) -> Checker:

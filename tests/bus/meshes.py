@@ -1,8 +1,8 @@
 """All three roles in one process, joined in-process or by zenoh."""
 
-from bus.port import InProcessBus, InProcessPort
-from bus.streams import CONTROLLER, PLANT, RECORDER
-from bus.zenoh_port import ZenohPort
+from hertzloop.bus.port import InProcessBus, InProcessPort
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
+from hertzloop.bus.zenoh_port import ZenohPort
 
 ROLES = (PLANT, CONTROLLER, RECORDER)
 PATIENCE_S = 20.0  # for what has to come: generous, nothing is timed here

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from bus import wire
-from bus.messages_pb2 import Books, DaqBlock, Event, ForceBlock, Hello, SetUp, TruthBlock
-from bus.port import Publisher
-from bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import Books, DaqBlock, Event, ForceBlock, Hello, SetUp, TruthBlock
+from hertzloop.bus.port import Publisher
+from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
 
 RUN = 0xABC
 SCENE = "# made up\nkappa = 0.8"

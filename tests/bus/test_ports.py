@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from bus import wire
-from bus.messages_pb2 import TruthBlock
-from bus.port import InProcessBus, InProcessPort, PeerLost, Port
-from bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Envelope
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import TruthBlock
+from hertzloop.bus.port import InProcessBus, InProcessPort, PeerLost, Port
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Envelope
 from tests.bus.meshes import ABSENCE_S, PATIENCE_S, ROLES, in_process_mesh, zenoh_mesh
 from tests.ports import free_ports
 

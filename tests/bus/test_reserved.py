@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from bus import wire
-from bus.wire import LOOPBACK, reserved_ports
+from hertzloop.bus import wire
+from hertzloop.bus.wire import LOOPBACK, reserved_ports
 
 IP_LOCAL_PORT_RANGE = 51  # Linux 6.3; Python's socket does not name it yet
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from bus import sockets
-from bus.sockets import own_endpoints, remove_folder_of, too_long
-from bus.streams import PLANT
-from bus.zenoh_port import ZenohPort
+from hertzloop.bus import sockets
+from hertzloop.bus.sockets import own_endpoints, remove_folder_of, too_long
+from hertzloop.bus.streams import PLANT
+from hertzloop.bus.zenoh_port import ZenohPort
 
 KIND = "unixsock-stream/"
 LONG_AGO = 3600.0

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bus import wire
-from bus.messages_pb2 import Books, Event, ForceBlock, TruthBlock
-from bus.port import Publisher
-from bus.streams import CONTROLLER, PLANT, StreamFault
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import Books, Event, ForceBlock, TruthBlock
+from hertzloop.bus.port import Publisher
+from hertzloop.bus.streams import CONTROLLER, PLANT, StreamFault
 from tests.bus.checking import refused
 from tests.bus.tapes import RUN, Tape, changed, places, plant_says
 

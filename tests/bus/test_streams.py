@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from google.protobuf.message import Message
 
-from bus import wire
-from bus.messages_pb2 import ForceBlock, RunEnd, TruthBlock
-from bus.port import Publisher
-from bus.streams import (
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import ForceBlock, RunEnd, TruthBlock
+from hertzloop.bus.port import Publisher
+from hertzloop.bus.streams import (
     CONTROLLER,
     PLANT,
     RECORDER,

@@ -10,9 +10,17 @@ from google.protobuf.message import DecodeError, Message
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bus import wire
-from bus.messages_pb2 import Books, DaqBlock, ForceBlock, Hello, RunEnd, StreamCount, TruthBlock
-from bus.streams import STREAMS
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import (
+    Books,
+    DaqBlock,
+    ForceBlock,
+    Hello,
+    RunEnd,
+    StreamCount,
+    TruthBlock,
+)
+from hertzloop.bus.streams import STREAMS
 from tests.bus.blocks import BLOCKS, by_the_library, contents, same_contents
 
 VALUES = np.array([1.5, -0.0, np.nan, np.inf, 5e-324])
@@ -232,7 +240,7 @@ def test_the_generated_module_is_up_to_date(tmp_path: Path) -> None:
     protoc = pytest.importorskip("grpc_tools.protoc")
     from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 
-    from bus import messages_pb2
+    from hertzloop.bus import messages_pb2
 
     root = Path(messages_pb2.__file__).parents[1]
     out = tmp_path / "messages.binpb"

@@ -8,9 +8,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bus.port import BusError, PeerLost
-from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
-from bus.zenoh_port import ZenohPort
+from hertzloop.bus.port import BusError, PeerLost
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
+from hertzloop.bus.zenoh_port import ZenohPort
 from tests.bus.meshes import ABSENCE_S, PATIENCE_S, url, zenoh_mesh
 from tests.hertzloop.processes import wait_for
 from tests.ports import free_ports
@@ -337,7 +337,7 @@ class TestCompiling:
     def test_one_that_never_ends_is_named(
         self, zenoh: dict[str, ZenohPort], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr("bus.presence.LONGEST_S", ABSENCE_S)
+        monkeypatch.setattr("hertzloop.bus.presence.LONGEST_S", ABSENCE_S)
         zenoh[CONTROLLER].compiling(True)
         said = r"nothing came; the controller has been compiling one kernel for more than 0\.2 s"
         with pytest.raises(PeerLost, match=said):

@@ -7,8 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from controller import kernels as k
-from controller.controller import Controller, LineSpec, Reply
+from hertzloop.controller import kernels as k
+from hertzloop.controller.controller import Controller, LineSpec, Reply
 from tests.controller.specs import LawSpec
 
 # kappa s = 4: the command of a penetration p = 1, 4, 9 is exactly 4, 32, 108 N.

@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from controller.law import About
-from controller.laws import (
+from hertzloop.controller.laws import (
     acceleration_feedback,
     fade_out,
     force_feedback,
@@ -15,9 +14,10 @@ from controller.laws import (
     profile,
     slope_threshold,
 )
-from controller.laws._threshold import slope_weights
-from controller.loading.bound import BoundLaw
-from controller.loading.registry import find
+from hertzloop.controller.laws._threshold import slope_weights
+from hertzloop.controller.loading.bound import BoundLaw
+from hertzloop.controller.loading.registry import find
+from hertzloop.law import About
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from typing import Any
 
 from hypothesis import strategies as st
 
-from controller.controller import LineSpec
+from hertzloop.controller.controller import LineSpec
 from tests.controller.specs import LawSpec
 
 # Few distinct values make long contacts, repeated values and short gaps likely; the others

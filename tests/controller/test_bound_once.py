@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from controller.loading.registry import find
+from hertzloop.controller.loading.registry import find
 
 
 class Constants(NamedTuple):

@@ -12,8 +12,8 @@ import pytest
 from numba import config
 from numba.core import event
 
-from controller.law import About, Keys
-from controller.loading.registry import SHIPPED, find
+from hertzloop.controller.loading.registry import SHIPPED, find
+from hertzloop.law import About, Keys
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 
@@ -67,7 +67,7 @@ def test_a_new_law_is_compiled_in_one_piece_a_function_that_is_asked_for(
 def test_a_law_may_call_what_calls_itself(tmp_path: Path) -> None:
     law = unseen(
         tmp_path / "new.py",
-        "from controller.law import kernel\n"
+        "from hertzloop.law import kernel\n"
         "@kernel\n"
         "def doubled(x, times):\n"
         "    if times == 0:\n        return x\n"
@@ -84,7 +84,7 @@ def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -
     heard.names.clear()
     (tmp_path / "other").mkdir()
     again = find(str(shutil.copy(tmp_path / "new.py", tmp_path / "other")))
-    from controller.loading import bound
+    from hertzloop.controller.loading import bound
 
     bound._ENTRIES.clear()
     again.bind(again.keys(), About())

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller import kernels as k
-from controller.controller import LineSpec
+from hertzloop.controller import kernels as k
+from hertzloop.controller.controller import LineSpec
 from tests.controller.drive import make
 from tests.controller.specs import LawSpec
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller import law_kernels as laws
-from controller.controller import LineSpec
+from hertzloop.controller import law_kernels as laws
+from hertzloop.controller.controller import LineSpec
 from tests.controller.drive import SLOPE, drive, make
 from tests.controller.specs import LawSpec
 from tests.controller.strategies import CUTS, EVERY_STEPS, LATENCIES, LAWS, LINES, SEQUENCES

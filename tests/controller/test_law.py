@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bus.events import MODES
-from controller.controller import Controller, LineSpec
+from hertzloop.bus.events import MODES
+from hertzloop.controller.controller import Controller, LineSpec
 from tests.controller import reference
 from tests.controller.drive import SLOPE, commands, drive
 from tests.controller.specs import LawSpec

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controller.controller import LineSpec
+from hertzloop.controller.controller import LineSpec
 from tests.controller.drive import commands, drive, make
 from tests.controller.specs import LawSpec
 from tests.controller.strategies import CUTS, EVERY_STEPS, LATENCIES, LAWS, LINES, SEQUENCES

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from controller.controller import Controller, LineSpec
-from controller.laws._local_model import look_ahead
-from controller.laws._threshold import slope
-from controller.laws.shifted_threshold import shifted_threshold_m_s
+from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.laws._local_model import look_ahead
+from hertzloop.controller.laws._threshold import slope
+from hertzloop.controller.laws.shifted_threshold import shifted_threshold_m_s
 from tests.controller.drive import SLOPE, commands, drive
 from tests.controller.specs import LawSpec
 

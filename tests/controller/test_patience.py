@@ -7,12 +7,12 @@ from contextlib import suppress
 
 import pytest
 
-from controller.loading.callbacks import Overdue, given_up_in_time
+from hertzloop.controller.loading.callbacks import Overdue, given_up_in_time
 
 # Traced code hangs in CPython 3.11 while an exception from another thread is on its way for ever.
 TRACED = """
 import sys
-from controller.loading.callbacks import given_up_in_time
+from hertzloop.controller.loading.callbacks import given_up_in_time
 with given_up_in_time():
     pass
 def function():

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from controller.loading import registry
-from controller.loading.registry import digest_of, find
+from hertzloop.controller.loading import registry
+from hertzloop.controller.loading.registry import digest_of, find
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def test_shipped_laws_are_among_those_used(
     monkeypatch.setattr(registry, "SHIPPED", shipped.parent)
     shipped.parent.mkdir()
     shipped.write_text("GAIN = 1.0\n")
-    law.write_text("from controller.laws import slope_threshold\n")
+    law.write_text("from hertzloop.controller.laws import slope_threshold\n")
     before = digest_of(law)
     shipped.write_text("GAIN = 1.5\n")
     assert digest_of(law) != before

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from controller.controller import LineSpec
-from controller.loading.compiled import state_of
-from controller.loading.registry import find, shipped
-from sensors.acquisition import Sensor, SensorSpec
+from hertzloop.controller.controller import LineSpec
+from hertzloop.controller.loading.compiled import state_of
+from hertzloop.controller.loading.registry import find, shipped
+from hertzloop.sensors.acquisition import Sensor, SensorSpec
 from tests.controller.drive import make
 from tests.controller.test_law import CONSTANT
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import psutil
 
-from recordings.reader import read
-from recordings.writer import RecordingError
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.writer import RecordingError
 from tests.hertzloop.processes import child_of, grown_to, leftovers, start, wait_for
 
 COMMANDS = {"plant": "plant", "controller": "controller", "recorder": "record"}

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from bus import wire
-from bus.port import PeerLost
-from bus.streams import (
+from hertzloop.bus import wire
+from hertzloop.bus.port import PeerLost
+from hertzloop.bus.streams import (
     CONTROLLER,
     PLANT,
     RECORDER,

@@ -10,7 +10,7 @@ import threading
 
 import zenoh
 
-from bus.streams import STREAMS, SUBSCRIPTIONS
+from hertzloop.bus.streams import STREAMS, SUBSCRIPTIONS
 
 _EVERY_S = 0.002
 

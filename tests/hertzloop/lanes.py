@@ -9,8 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from bus.port import BusError, PeerLost
-from bus.streams import CONTROLLER, PLANT, STREAMS, SUBSCRIPTIONS, Envelope, StreamFault, decode
+from hertzloop.bus.port import BusError, PeerLost
+from hertzloop.bus.streams import (
+    CONTROLLER,
+    PLANT,
+    STREAMS,
+    SUBSCRIPTIONS,
+    Envelope,
+    StreamFault,
+    decode,
+)
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.setup import Setup

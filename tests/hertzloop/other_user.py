@@ -13,7 +13,7 @@ import time
 
 import zenoh
 
-from bus.streams import STREAMS
+from hertzloop.bus.streams import STREAMS
 
 
 def errors(endpoints: list[str]) -> list[str]:

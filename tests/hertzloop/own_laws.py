@@ -11,7 +11,7 @@ SHORT = "run.duration_s=0.0016"
 
 # A share of the contact force; `{line}` comes before the command is returned.
 ECHO = """
-from controller.law import Field, Keys
+from hertzloop.law import Field, Keys
 
 senses = "contact_force"
 

@@ -13,11 +13,11 @@ from hertzloop.analysis.figures import figures_of
 from hertzloop.analysis.impacts import F_A, F_A1, XI_P, consistent_impacts
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.analysis.trust import verify
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
-from recordings.reader import read
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full

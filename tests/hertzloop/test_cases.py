@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from hertzloop.analysis import cases
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.impacts import consistent_impacts
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import Simulated, simulate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from hertzloop.commands.cli import app
-from hertzloop.commands.roles import check_endpoints
-from recordings.reader import read
+from hertzloop.cli.cli import app
+from hertzloop.cli.roles import check_endpoints
+from hertzloop.recordings.reader import read
 from tests.hertzloop.processes import hertzloop
 
 SHORT = ["--transport", "compiled", "--set", "run.duration_s=0.0015"]
@@ -330,7 +330,7 @@ def test_a_folder_is_not_written_as_a_file(here: Path) -> None:
 @pytest.mark.full
 def test_rerun_is_imported_only_where_it_is_used(here: Path) -> None:
     script = (
-        "import sys; from typer.testing import CliRunner; from hertzloop.commands.cli import app;"
+        "import sys; from typer.testing import CliRunner; from hertzloop.cli.cli import app;"
         f"assert CliRunner().invoke(app, {['run', 'aluminium-3mm', *SHORT]!r}).exit_code == 0;"
         "assert 'rerun' not in sys.modules and 'matplotlib' not in sys.modules"
     )

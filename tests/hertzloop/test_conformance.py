@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bus.port import PeerLost
-from bus.streams import PLANT, Envelope, decode
+from hertzloop.bus.port import PeerLost
+from hertzloop.bus.streams import PLANT, Envelope, decode
 from hertzloop.processes.conformance import Checks, ScriptedPlant, scripts
-from recordings.reader import read
+from hertzloop.recordings.reader import read
 from tests.hertzloop.lanes import QueuePort
 from tests.hertzloop.processes import finish, hertzloop, start
 from tests.ports import free_ports

@@ -10,10 +10,10 @@ from hertzloop.analysis.deflection import deflection, forces_on_plate, frame_ste
 from hertzloop.analysis.impacts import modal_displacement
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.replay.data import Deflection, contact_spans
 from hertzloop.setup import Setup, load
-from plant.plant import PlantSpec
-from recordings.reader import Recording, read
-from recordings.replay.data import Deflection, contact_spans
 
 SHORT = ["run.duration_s=0.002"]
 

@@ -12,10 +12,10 @@ import pytest
 from hertzloop.analysis.deflection import deflection
 from hertzloop.analysis.impacts import modal_displacement
 from hertzloop.analysis.recorded import rows_of
+from hertzloop.plant.structures.structure import oscillators
+from hertzloop.recordings.reader import read
 from hertzloop.setup import load, parse
-from plant.structures.structure import oscillators
-from recordings.reader import read
-from studies.sweeps.sweep import read_results
+from hertzloop.studies.sweeps.sweep import read_results
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bus.messages_pb2 import ForceBlock
-from bus.port import Port, Publisher
-from bus.streams import Checker, Envelope
+from hertzloop.bus.messages_pb2 import ForceBlock
+from hertzloop.bus.port import Port, Publisher
+from hertzloop.bus.streams import Checker, Envelope
 from hertzloop.loop import plant_streams
 from hertzloop.loop.controller_node import ControllerNode, set_up_by
 from hertzloop.setup import parse

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bus import wire
-from bus.messages_pb2 import RunEnd, StreamCount
-from bus.port import PeerLost
-from bus.streams import Envelope, StreamFault, decode
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import RunEnd, StreamCount
+from hertzloop.bus.port import PeerLost
+from hertzloop.bus.streams import Envelope, StreamFault, decode
 from hertzloop.setup import load
 from tests.bus.tapes import changed
 from tests.hertzloop.exchange import Alter, exchange, forces

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop.commands.cli import app
+from benchmarks.exported import same_bytes
+from hertzloop.cli.cli import app
 from hertzloop.interop import image as images
 from hertzloop.interop.fmu import EXAMPLE, build, drive
 from hertzloop.loop.compiled import simulate
-from plant.time_series import series_under
-from studies.cost.exported import same_bytes
+from hertzloop.plant.time_series import series_under
 from tests.hertzloop.interop import NOISY, SHORT, InC, exported, needs_cc, scene_of
 
 pytestmark = needs_cc

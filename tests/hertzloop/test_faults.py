@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import zenoh
 
-from recordings.reader import read
+from hertzloop.recordings.reader import read
 from tests.hertzloop.processes import (
     LONG,
     WELL_UNDER_WAY,

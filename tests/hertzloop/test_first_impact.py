@@ -11,22 +11,22 @@ import pytest
 from typer.testing import CliRunner
 
 import hertzloop
-from controller.loading.registry import shipped
 from hertzloop.analysis.cases import CaseFigures, figures_of_case
 from hertzloop.analysis.impacts import F_A, impacts_of_rows
 from hertzloop.analysis.spans import SpanFigures, changes_db
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
+from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.figures import rows_kernels as an
+from hertzloop.recordings.reader import read
 from hertzloop.setup import Setup, load
+from hertzloop.studies.latency import Named, critical
+from hertzloop.studies.real import energies_of
+from hertzloop.studies.report.page import page_of
+from hertzloop.studies.report.results import page_of_results
+from hertzloop.studies.sweeps.evaluate import evaluate, run_chunk
+from hertzloop.studies.tuning import best_of
 from hertzloop.views.run import noise_rows
-from plant.figures import rows_kernels as an
-from recordings.reader import read
-from studies.latency import Named, critical
-from studies.real import energies_of
-from studies.report.page import page_of
-from studies.report.results import page_of_results
-from studies.sweeps.evaluate import evaluate, run_chunk
-from studies.tuning import best_of
 from tests.hertzloop.own_laws import ECHO
 
 # Three contacts, 1.3 ms apart at first: a law that sees one coming pushes before it.
@@ -37,7 +37,7 @@ def quiet_level(p, s):
 """
 # A push of so many samples, so many samples after the sphere has left.
 LATE = """
-from controller.law import NO_PROMISE
+from hertzloop.law import NO_PROMISE
 
 class State:
     mode: int = 0

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.interop.fmu import write_fmu
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST

@@ -14,16 +14,16 @@ import psutil
 import pytest
 import zenoh
 
-from bus import wire
-from bus.messages_pb2 import DaqBlock, Hello
-from bus.port import PeerLost
-from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decode
-from bus.zenoh_port import ZenohPort
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import DaqBlock, Hello
+from hertzloop.bus.port import PeerLost
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decode
+from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.controller_node import ControllerNode
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.writer import Recorder
 from hertzloop.setup import load
-from recordings.reader import read
-from recordings.writer import Recorder
 from tests.hertzloop.processes import finish, start
 from tests.ports import free_ports
 

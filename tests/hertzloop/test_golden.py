@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
 from hertzloop.setup import parse
-from recordings.compare import first_difference
-from recordings.reader import read
 
 GOLDEN = Path(__file__).resolve().parents[2] / "recordings" / "golden"
 # Two processors may round differently in the exponentials of the model; over 4000 steps

@@ -9,13 +9,13 @@ import pytest
 
 pytest.importorskip("cryptography")
 
-from bus.streams import CONTROLLER, PLANT, RECORDER
-from bus.zenoh_config import common_name, secured
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
+from hertzloop.bus.zenoh_config import common_name, secured
 from hertzloop.certificates import Authority, in_base64
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
 from hertzloop.setup import load
-from recordings.compare import first_difference
-from recordings.reader import read
 from tests.hertzloop.networks import Network, network
 from tests.hertzloop.processes import EVENTUALLY_S, finish, grown_to, hertzloop, wait_for
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from bus import streams
-from bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Stream
-from bus.zenoh_config import access_control
-from hertzloop.commands.cli import app
-from hertzloop.commands.hosts import _place
+from hertzloop.bus import streams
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Stream
+from hertzloop.bus.zenoh_config import access_control
+from hertzloop.cli.cli import app
+from hertzloop.cli.hosts import _place
 from tests.hertzloop.processes import hertzloop
 
 HOSTS = "plant=10.0.0.1,controller=lab.example:7500,recorder=[fd00::3]:7600"

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bus import lane, lane_kernels, wire
-from bus.messages_pb2 import Hello
-from bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
+from hertzloop.bus import lane, lane_kernels, wire
+from hertzloop.bus.messages_pb2 import Hello
+from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
 from hertzloop.loop.answers import LaneAnswers
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.processes.launcher import RunOptions
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
 from hertzloop.setup import Setup, load
 from hertzloop.views.data import run_scene
-from recordings.compare import first_difference
-from recordings.reader import read
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.processes import wait_for
 from tests.hertzloop.test_transports import VARIANTS, scene_of

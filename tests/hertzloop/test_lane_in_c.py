@@ -14,11 +14,11 @@ import numpy as np
 import psutil
 import pytest
 
-from bus import lane, lane_kernels
+from hertzloop.bus import lane, lane_kernels
 from hertzloop.processes.launcher import RunOptions, Transport
+from hertzloop.recordings.reader import read
 from hertzloop.setup import load
 from hertzloop.views.data import run_scene
-from recordings.reader import read
 from tests.hertzloop.processes import finish, grown_to, start, wait_for
 from tests.ports import free_ports
 

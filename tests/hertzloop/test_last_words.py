@@ -8,9 +8,9 @@ from contextlib import suppress
 
 import pytest
 
-from bus.port import PeerLost
-from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decode
-from bus.zenoh_port import ZenohPort
+from hertzloop.bus.port import PeerLost
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decode
+from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.plant_node import PlantNode
 from tests.bus.meshes import ABSENCE_S, PATIENCE_S, zenoh_mesh
 from tests.hertzloop.processes import wait_for

@@ -4,12 +4,12 @@ import threading
 import time
 from pathlib import Path
 
-from bus.streams import CONTROLLER, PLANT, RECORDER
-from bus.zenoh_port import ZenohPort
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
+from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import PlantNode
+from hertzloop.recordings.reader import read
 from hertzloop.setup import load
-from recordings.reader import read
 from tests.hertzloop.processes import finish, start
 from tests.ports import free_ports
 

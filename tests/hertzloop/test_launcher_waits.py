@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.processes import launcher as launchers
 from hertzloop.processes.launcher import Child, Launcher, RunFailed
 from tests.hertzloop.processes import EVENTUALLY_S

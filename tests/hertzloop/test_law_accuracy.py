@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hertzloop.analysis.trust import against, finer_spec, judged
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.setup import Setup, load
 from hertzloop.views.sentences import law_accuracy_sentence

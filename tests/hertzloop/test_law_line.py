@@ -6,17 +6,17 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from bus.messages_pb2 import RunEnd, SetUp
 from hertzloop.analysis.figures import free_figures
 from hertzloop.analysis.recorded import law_of
 from hertzloop.analysis.verdict import judge
+from hertzloop.bus.messages_pb2 import RunEnd, SetUp
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.recordings.reader import Recording, read
 from hertzloop.setup import load
 from hertzloop.views import inspection
 from hertzloop.views import run as report
 from hertzloop.views.data import run_as_json
 from hertzloop.views.sentences import law_line
-from recordings.reader import Recording, read
 
 SCENE = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
 

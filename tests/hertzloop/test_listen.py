@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from hertzloop.analysis import listening
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import load
 

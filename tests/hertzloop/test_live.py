@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.replay import viewer
 from hertzloop.setup import load
-from recordings.compare import first_difference
-from recordings.reader import read
-from recordings.replay import viewer
 from tests.hertzloop.processes import (
     LONG,
     WELL_UNDER_WAY,

@@ -18,7 +18,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bus.sockets import own_folder
+from hertzloop.bus.sockets import own_folder
 from tests.hertzloop.processes import (
     EVENTUALLY_S,
     LONG,

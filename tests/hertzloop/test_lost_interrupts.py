@@ -110,7 +110,7 @@ except KeyboardInterrupt:
 def test_what_fails_for_it_is_no_error_of_the_command() -> None:
     script = """
 from hertzloop import __main__
-from hertzloop.commands import cli
+from hertzloop.cli import cli
 def fails(commands):
     call()
     raise RuntimeError("no compiled object yet for <Library>")
@@ -122,9 +122,9 @@ __main__.main()
 
 def test_a_law_is_not_refused_for_it(tmp_path: Path) -> None:
     script = f"""
-from controller.loading import compiled
-from controller.loading.registry import find
-from controller.law import About
+from hertzloop.controller.loading import compiled
+from hertzloop.controller.loading.registry import find
+from hertzloop.law import About
 def lost(self, name):
     raise RuntimeError("no compiled object yet for <Library>")
 compiled.Entries._compiled, whole = lost, compiled.Entries._compiled

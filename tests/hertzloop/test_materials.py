@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from hertzloop.analysis.cases import figures_of_case
+from hertzloop.plant.structures.materials import MATERIALS, Material
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load, parse
-from plant.structures.materials import MATERIALS, Material
 
 MINE = """
 [mine]

@@ -8,7 +8,7 @@ import click
 import pytest
 import typer
 
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from tests.hertzloop.own_laws import write_law

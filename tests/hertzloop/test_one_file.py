@@ -10,10 +10,10 @@ from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_node import LoopStats
 from hertzloop.processes import launcher
 from hertzloop.processes.launcher import RunOptions, Transport, what_is_kept
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.setup import Setup, load
 from hertzloop.views.data import run_scene
-from recordings.reader import read
-from recordings.writer import RecordingError, RecordingWriter
 from tests.hertzloop.processes import LONG, finish, grown_to, hertzloop, start, wait_for
 
 SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]
@@ -59,7 +59,8 @@ def test_of_two_runs_started_together_one_reports(tmp_path: Path) -> None:
 def test_a_lock_goes_with_its_process(tmp_path: Path) -> None:
     out = tmp_path / "one.mcap"
     script = (
-        "import sys, time; from pathlib import Path; from recordings.writer import RecordingWriter;"
+        "import sys, time; from pathlib import Path;"
+        "from hertzloop.recordings.writer import RecordingWriter;"
         "w = RecordingWriter(Path(sys.argv[1])); w.scene('# a', {}); print('here', flush=True);"
         "time.sleep(100)"
     )

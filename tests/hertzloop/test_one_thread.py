@@ -10,9 +10,9 @@ import pytest
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from hertzloop.analysis.cases import figures_of_case
+from hertzloop.plant import one_thread
+from hertzloop.plant.one_thread import on_one_thread
 from hertzloop.setup import load
-from plant import one_thread
-from plant.one_thread import on_one_thread
 
 SETTINGS = ["run.duration_s=0.002", "run.accuracy=0.05", "plate.edges=cffs"]
 SCRIPT = f"""

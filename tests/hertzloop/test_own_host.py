@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from recordings.reader import read
+from hertzloop.recordings.reader import read
 from tests.hertzloop.processes import (
     EVENTUALLY_S,
     LONG,

@@ -9,18 +9,18 @@ from pathlib import Path
 
 import pytest
 
-from bus.streams import CONTROLLER
-from controller.law import Reach
-from controller.loading.registry import find, shipped
+from hertzloop.bus.streams import CONTROLLER
+from hertzloop.controller.loading.registry import find, shipped
+from hertzloop.law import Reach
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.processes.launcher import RunOptions, Transport
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes import controller_table
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load, parse, resolve
+from hertzloop.studies.sweeps.evaluate import run_case
 from hertzloop.views.data import run_scene
-from recordings.compare import first_difference
-from recordings.reader import Recording, read
-from studies.sweeps.evaluate import run_case
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
 from tests.hertzloop.processes import hertzloop
@@ -356,7 +356,7 @@ def test_how_far_a_law_reaches_is_looked_up_when_it_is_back(
     here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_law(here)
-    says = "def reach(keys):\n    from controller.law import Reach\n    return Reach(force_n=7.0)\n"
+    says = "def reach(keys):\n    from hertzloop.law import Reach\n    return Reach(force_n=7.0)\n"
     path.write_text(path.read_text() + says)
     scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
     monkeypatch.setattr(controller_table, "_CHECKED", {})  # as in a process that opens a recording

@@ -16,24 +16,24 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from bus.events import event
-from bus.messages_pb2 import EventKind
-from bus.streams import PLANT, StreamFault
-from bus.wire import Packed
 from hertzloop.analysis.recorded import class_ends_ns, pacing_of, responses_of
-from hertzloop.commands.cli import app
+from hertzloop.bus.events import event
+from hertzloop.bus.messages_pb2 import EventKind
+from hertzloop.bus.streams import PLANT, StreamFault
+from hertzloop.bus.wire import Packed
+from hertzloop.cli.cli import app
 from hertzloop.loop import pace_kernels
 from hertzloop.loop.answers import Repeat, repeat_of
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import LateForces
 from hertzloop.loop.paced import PacedPlantNode, check_pace
 from hertzloop.loop.plant_node import PlantNode
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.writer import Recorder
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.views.run import show_pacing
-from recordings.compare import first_difference
-from recordings.reader import Recording, read
-from recordings.writer import Recorder
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.processes import child_of, finish, grown_to, hertzloop, start, wait_for
 

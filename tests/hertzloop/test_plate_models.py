@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from benchmarks import plate_models
+from benchmarks import plate_models as thickness
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.deflection import deflection, modes_of_scene
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.analysis.trust import verify
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.plant.structures.mode_file import write_modes
+from hertzloop.plant.structures.solid_plate import SolidPlate
+from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from hertzloop.views.run import what_limits
-from plant.structures.mode_file import write_modes
-from plant.structures.solid_plate import SolidPlate
-from recordings.reader import read
-from studies import plate_models
-from studies import plate_models as thickness
 
 SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]
 SOLID = [*SHORT, "plate.theory=3d"]

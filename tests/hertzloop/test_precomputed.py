@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controller.laws.precomputed import SHAPES, mobility_force_n, shaped
+from hertzloop.controller.laws.precomputed import SHAPES, mobility_force_n, shaped
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
@@ -57,7 +57,7 @@ def test_mobility_force_solves_its_equation(source: str) -> None:
     force, h = mobility_force_n(scene.about), scene.step_s
     slope, bend = np.gradient(force, h), np.gradient(np.gradient(force, h), h)
     m, v = spec.sphere.mass_kg, spec.sphere.impact_speed_m_s
-    from plant.contact.hertz import rigid_contact_time_s
+    from hertzloop.plant.contact.hertz import rigid_contact_time_s
 
     spring = m * (np.pi / rigid_contact_time_s(m, spec.contact.stiffness, v)) ** 2
     z = spec.plate.infinite_plate_impedance_n_s_m

@@ -10,15 +10,15 @@ from typer.testing import CliRunner
 
 from hertzloop.analysis.figures import figures_of
 from hertzloop.analysis.trust import CHAOTIC, errors_of, horizon_step, known_impacts
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import closed_loop_rows, record_in_process, simulate
+from hertzloop.plant.figures.impacts import Impact
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
 from hertzloop.setup import load
 from hertzloop.views.data import figures_as_json
 from hertzloop.views.format import known_digits
 from hertzloop.views.run import headings, impact_rows, noise_rows
-from plant.figures.impacts import Impact
-from recordings.compare import first_difference
-from recordings.reader import read
 
 FOUR = load("aluminium-3mm", ["run.duration_s=0.35"])
 

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.setup import load
 from hertzloop.views import run as tables
@@ -190,7 +190,7 @@ def test_no_cell_of_a_table_is_cut(report: dict[str, Any], tmp_path: Path) -> No
 def test_every_table_is_one_that_cuts_nothing() -> None:
     own = [
         path
-        for folder in ("hertzloop", "studies")
+        for folder in ("hertzloop", "benchmarks", "paper")
         for path in (ROOT / folder).rglob("*.py")
         if "rich.table" in path.read_text(encoding="utf-8")
     ]

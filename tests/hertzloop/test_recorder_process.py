@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from bus.port import PeerLost
-from bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
-from bus.zenoh_port import ZenohPort
+from hertzloop.bus.port import PeerLost
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
+from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.processes.roles import BusAddress, run_recorder
-from recordings.reader import read
+from hertzloop.recordings.reader import read
 from tests.bus.meshes import PATIENCE_S, url
 from tests.bus.tapes import SCENE, controller_says, plant_says
 from tests.ports import free_ports

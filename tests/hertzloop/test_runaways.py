@@ -8,11 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 from hertzloop.analysis.cases import CaseState, UnstableLoop, figures_of_case
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
-from studies.sweeps.evaluate import not_run, older_state, run_case
+from hertzloop.studies.sweeps.evaluate import not_run, older_state, run_case
 from tests.hertzloop.own_laws import write_law
 
 RUN = ["run.accuracy=0.05", "run.duration_s=0.004"]

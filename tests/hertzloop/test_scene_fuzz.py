@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from hertzloop.analysis.figures import figures_of
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.plant import MOST_MODES
 from hertzloop.scenes.errors import _limits
 from hertzloop.scenes.scene import Scene, SceneError, load, parse, shipped, toml_value
 from hertzloop.setup import resolve
-from plant.plant import MOST_MODES
 
 TABLES = {name: field.annotation for name, field in Scene.model_fields.items()}
 KEYS = [

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.setup import load
-from plant.schemes.registry import SCHEMES
 from tests.hertzloop.processes import hertzloop
 from tests.tiers import default
 

@@ -5,9 +5,9 @@ import pytest
 
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.contact.hertz import Contact, Limit
+from hertzloop.plant.contact.yielding import deepest_rigid_m, yielding
 from hertzloop.setup import load
-from plant.contact.hertz import Contact, Limit
-from plant.contact.yielding import deepest_rigid_m, yielding
 
 PREDICTED = ("controller.law=predicted", "run.duration_s=0.0016")
 

@@ -8,22 +8,22 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from bus import events
-from bus.messages_pb2 import Event, EventKind
-from controller.law import ACTING, IDLE, SPENT, WATCHING
 from hertzloop.analysis.cases import CaseState
 from hertzloop.analysis.figures import Saturation
 from hertzloop.analysis.verdict import saturation_of
-from hertzloop.commands.cli import app
+from hertzloop.bus import events
+from hertzloop.bus.messages_pb2 import Event, EventKind
+from hertzloop.cli.cli import app
+from hertzloop.law import ACTING, IDLE, SPENT, WATCHING
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.intake import older_fact
+from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.replay.data import law_states
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
-from recordings.compare import first_difference
-from recordings.intake import older_fact
-from recordings.reader import Recording, read
-from recordings.replay.data import law_states
-from studies.sweeps.design import Axis, Design
-from studies.sweeps.evaluate import run_cases
-from studies.sweeps.sweep import Outcome, header_of, read_results, write_results
+from hertzloop.studies.sweeps.design import Axis, Design
+from hertzloop.studies.sweeps.evaluate import run_cases
+from hertzloop.studies.sweeps.sweep import Outcome, header_of, read_results, write_results
 from tests.recordings.rewriting import Sent, rewrite
 
 SHORT = ["run.duration_s=0.0015", "run.accuracy=0.1"]

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
+from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.scenes import keys
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.text import shipped, toml_text
 from hertzloop.setup import Setup, load, parse
 from hertzloop.setup.bodies import Bodies
-from plant.structures.mode_file import write_modes
 from tests.tiers import default
 
 SCENES = shipped()

@@ -16,9 +16,9 @@ Path("half.py").write_text('''
 import sys
 from typing import Any, NamedTuple
 
-from jit import kernel
-from plant.schemes import discrete_gradient_kernels as whole
-from plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.jit import kernel
+from hertzloop.plant.schemes import discrete_gradient_kernels as whole
+from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 
 HalfModel = NamedTuple("HalfModel", list(whole.PlantModel.__annotations__.items()))
 close_balance, modal_energy = whole.close_balance, whole.modal_energy
@@ -36,7 +36,7 @@ class HalfPlant(DiscreteGradientPlant):
 from tests.hertzloop.with_lines import with_line
 
 with_line(
-    "plant.schemes.registry", '    "thesis2008": Scheme(',
+    "hertzloop.plant.schemes.registry", '    "thesis2008": Scheme(',
     '    "half": Scheme("half:HalfPlant", "half:HalfModel"),\\n',
 )
 import numpy as np
@@ -45,7 +45,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.analysis.trust import verify
 from hertzloop.setup import load
-from recordings.reader import read
+from hertzloop.recordings.reader import read
 
 half, whole = (
     load("aluminium-3mm", [
@@ -70,9 +70,9 @@ Path("fourth.py").write_text('''
 import sys
 from typing import Any, NamedTuple
 
-from jit import kernel
-from plant.schemes import collocation_kernels as whole
-from plant.schemes.collocation import CollocationPlant
+from hertzloop.jit import kernel
+from hertzloop.plant.schemes import collocation_kernels as whole
+from hertzloop.plant.schemes.collocation import CollocationPlant
 
 FourthModel = NamedTuple("FourthModel", list(whole.CollocationModel.__annotations__.items()))
 close_balance, modal_energy = whole.close_balance, whole.modal_energy
@@ -91,7 +91,7 @@ class FourthPlant(CollocationPlant):
 from tests.hertzloop.with_lines import with_line
 
 with_line(
-    "plant.schemes.registry", '    "thesis2008": Scheme(',
+    "hertzloop.plant.schemes.registry", '    "thesis2008": Scheme(',
     '    "fourth": Scheme("fourth:FourthPlant", "fourth:FourthModel", records_slope=True, '
     'supports_tail=True),\\n',
 )
@@ -99,8 +99,8 @@ import numpy as np
 
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.setup import load
-from plant.time_series import TRUTH
-from recordings.reader import read
+from hertzloop.plant.time_series import TRUTH
+from hertzloop.recordings.reader import read
 
 scenes = [
     load("aluminium-3mm", [
@@ -125,7 +125,7 @@ from pathlib import Path
 Path("own.py").write_text('''
 from dataclasses import dataclass
 
-from plant.structures.structure import BaseStructure
+from hertzloop.plant.structures.structure import BaseStructure
 
 @dataclass(frozen=True)
 class Own(BaseStructure):
@@ -146,18 +146,19 @@ def made(description):
 ''')
 from tests.hertzloop.with_lines import with_line
 
-with_line("plant.structures.registry", '    "modes": Kind(', '    "own": Kind("own:made"),\\n')
+where = "hertzloop.plant.structures.registry"
+with_line(where, '    "modes": Kind(', '    "own": Kind("own:made"),\\n')
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hertzloop.scenes.scene import load
-from plant.plant import modes_of
-from plant.schemes.factory import plant_at_start
-from plant.schemes.registry import SCHEMES, step
-from plant import state_kernels as pk
-from plant.structures.registry import Description, structure
+from hertzloop.plant.plant import modes_of
+from hertzloop.plant.schemes.factory import plant_at_start
+from hertzloop.plant.schemes.registry import SCHEMES, step
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.structures.registry import Description, structure
 from tests.plant.rigs import spec
 
 assert load("aluminium-3mm", ["plate.theory=own"]).plate.theory == "own"
@@ -202,8 +203,8 @@ from hertzloop.processes.law_trial import try_law
 from hertzloop.views.labelled import export_labels
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
-from recordings.reader import read
-from recordings.replay.data import plots
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.replay.data import plots
 
 Path("mine.py").write_text(
     "senses = 'xi_p'\\n\\ndef command(p, s, samples, i):\\n    return -1e5 * samples[i]\\n"
@@ -233,7 +234,7 @@ except SceneError as error:
 STREAM = """
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
-import bus.messages_pb2 as messages
+import hertzloop.bus.messages_pb2 as messages
 from tests.hertzloop.with_lines import with_line
 
 # What protoc would make of it.
@@ -252,20 +253,20 @@ pool.Add(file)
 SpeedBlock = message_factory.GetMessageClass(pool.FindMessageTypeByName("hertzloop.SpeedBlock"))
 messages.SpeedBlock = SpeedBlock
 with_line(
-    "bus.streams", '        Stream("books"',
+    "hertzloop.bus.streams", '        Stream("books"',
     '        Stream("speed", PLANT, messages.SpeedBlock, "/speed", compared=True),\\n',
 )
 from pathlib import Path
 
 import numpy as np
 
-from bus.streams import RECORDER, SUBSCRIPTIONS
+from hertzloop.bus.streams import RECORDER, SUBSCRIPTIONS
 from hertzloop.loop import kernels as k
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_streams import PlantStreams
 from hertzloop.setup import load
-from recordings.compare import first_difference
-from recordings.reader import read
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
 
 assert "speed" in SUBSCRIPTIONS[RECORDER]
 send_truth, factor = PlantStreams.send_truth, 1.0

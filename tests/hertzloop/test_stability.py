@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controller.loading.registry import shipped as shipped_laws
 from hertzloop.analysis import meters as stability
 from hertzloop.analysis.cases import UnstableLoop, figures_of_case
 from hertzloop.analysis.impacts import F_A, XI_A, XI_P
 from hertzloop.analysis.meters import UNSTABLE, Stability
+from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.scene import shipped
 from hertzloop.setup import Setup, load

@@ -11,17 +11,17 @@ from hertzloop.analysis.deflection import deflection, modes_of_scene
 from hertzloop.analysis.impacts import first_impact, modal_displacement
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.plant.plant import modes_of
+from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
+from hertzloop.plant.structures.structure import oscillator_shapes
 from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.processes.warmup import ensure_compiled
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import shipped
 from hertzloop.setup import Setup, load, parse
 from hertzloop.views.data import run_scene
-from plant.plant import modes_of
-from plant.structures.mode_file import SUFFIXES, write_modes
-from plant.structures.structure import oscillator_shapes
-from recordings.compare import first_difference
-from recordings.reader import Recording, read
 
 SHORT = ["run.duration_s=0.002"]
 CONSISTENT = [name for name in shipped() if not name.startswith("thesis")]

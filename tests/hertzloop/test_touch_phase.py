@@ -8,9 +8,9 @@ import pytest
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.impacts import XI
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
-from plant.contact.hertz import GRAVITY_M_S2
 
 SHORT = ("run.duration_s=0.0013",)
 PHASES = [(i + 0.5) / 20 for i in range(20)]

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from hertzloop.processes.launcher import RunOptions, Transport
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import Recording, read
 from hertzloop.setup import Setup, load
 from hertzloop.views.data import run_scene
-from recordings.compare import first_difference
-from recordings.reader import Recording, read
 from tests.tiers import default
 
 CONVERTERS = [

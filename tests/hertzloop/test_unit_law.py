@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.processes.launcher import RunOptions, Transport
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.views.data import run_scene
-from recordings.compare import first_difference
-from recordings.reader import Recording, read
 
 pytest.importorskip("fmpy")
 pytest.importorskip("pythonfmu")
@@ -50,7 +50,7 @@ class SpringLaw(Fmi2Slave):
         return True
 """
 TWIN = """
-from controller.law import ACTING, WATCHING, Keys
+from hertzloop.law import ACTING, WATCHING, Keys
 
 class Parameters(Keys):
     gain: float = 1e6

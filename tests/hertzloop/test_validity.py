@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.validity import ROWS, neglected_of_scene
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.setup import load
 from hertzloop.views.effects import effects_as_json
 

@@ -13,12 +13,12 @@ from hertzloop.analysis.meters import Push, Stability
 from hertzloop.analysis.trust import Known, NotAgain, Obstacle, Predictability
 from hertzloop.analysis.validity import Neglected
 from hertzloop.analysis.verdict import saturation_of, verdict
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
+from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.noise import ImpactNoise
+from hertzloop.recordings.intake import older_fact
+from hertzloop.recordings.reader import Event
 from hertzloop.views.sentences import verdict_sentences
-from plant.figures.impacts import Impact
-from plant.figures.noise import ImpactNoise
-from recordings.intake import older_fact
-from recordings.reader import Event
 
 
 def run(folder: Path, *settings: str, scene: str = "aluminium-3mm") -> tuple[list[str], str]:

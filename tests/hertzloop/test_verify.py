@@ -8,11 +8,11 @@ import pytest
 from hertzloop.analysis.impacts import F_A, F_C, XI, consistent_impacts
 from hertzloop.analysis.trust import _START, Verification, finer_spec, past_first_impact, verify
 from hertzloop.loop.compiled import finer_loop, simulate
+from hertzloop.plant.plant import Plant
+from hertzloop.plant.schemes.factory import built
+from hertzloop.plant.time_series import series_under
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
-from plant.plant import Plant
-from plant.schemes.factory import built
-from plant.time_series import series_under
 
 SHORT = ["run.duration_s=0.0015", "controller.law=off"]
 

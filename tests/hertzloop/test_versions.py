@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from bus import wire
-from bus.messages_pb2 import Hello, SetUp
-from bus.streams import STREAMS, Envelope, StreamFault, other_version
 from hertzloop import __version__, interface
-from recordings.reader import read
-from recordings.writer import Recorder, RecordingError, RecordingWriter
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import Hello, SetUp
+from hertzloop.bus.streams import STREAMS, Envelope, StreamFault, other_version
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.writer import Recorder, RecordingError, RecordingWriter
 from tests.bus.tapes import plant_says
 from tests.hertzloop.exchange import exchange
 from tests.hertzloop.processes import hertzloop

@@ -3,8 +3,8 @@
 import os
 from pathlib import Path
 
-from recordings.compare import first_difference
-from recordings.reader import read
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
 from tests.hertzloop.processes import hertzloop
 
 # Imported by every Python process that finds it: each look at the clock is an hour off the last.

@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 from numba.core import event
 
-from bus.streams import CONTROLLER, PLANT, RECORDER
-from bus.zenoh_port import ZenohPort
-from controller.controller import Controller
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
+from hertzloop.bus.zenoh_port import ZenohPort
+from hertzloop.controller.controller import Controller
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.processes import warmup
 from hertzloop.processes.roles import BusAddress, run_controller, run_recorder
+from hertzloop.recordings.reader import read
 from hertzloop.setup import Setup, load
-from recordings.reader import read
 from tests.bus.meshes import PATIENCE_S, url
 from tests.hertzloop.short_runs import scene
 from tests.ports import free_ports
@@ -69,7 +69,7 @@ from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.views.data import run_scene
 from hertzloop.setup import load
-from jit.cache import noticed
+from hertzloop.jit.cache import noticed
 
 # An infinite plate of which the full model is too large to be timed: little to compile.
 scene = load("aluminium-3mm", ["run.plate_model=infinite", "plate.size_m=[3.0, 3.0]",

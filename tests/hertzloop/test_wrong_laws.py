@@ -8,16 +8,16 @@ from typing import Any
 
 import pytest
 
-from bus.messages_pb2 import Hello
-from bus.streams import CONTROLLER, Envelope, StreamFault
-from controller.loading.law import LawError
-from controller.loading.registry import find
+from hertzloop.bus.messages_pb2 import Hello
+from hertzloop.bus.streams import CONTROLLER, Envelope, StreamFault
+from hertzloop.controller.loading.law import LawError
+from hertzloop.controller.loading.registry import find
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_streams import hello
 from hertzloop.processes.law_trial import try_law
+from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load, parse
-from recordings.reader import read
 from tests.hertzloop.lanes import QueuePort
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
 from tests.hertzloop.processes import HERTZLOOP, finish, hertzloop, start
@@ -64,7 +64,7 @@ BEFORE = {
     ),
     "keys": (
         "class Parameters:\n    a = 1\ndef command(p, s, samples, i):\n    return 0.0\n",
-        ["derived from controller.law.Keys"],
+        ["derived from hertzloop.controller.law.Keys"],
     ),
     "state": (
         "class State:\n    name: str = 'x'\ndef command(p, s, samples, i):\n    return 0.0\n",
@@ -164,7 +164,7 @@ def test_wrong_at_once(here: Path, case: str) -> None:
 )
 def test_reads_a_sample_that_it_is_not_given(here: Path, line: str, words: str) -> None:
     path = write_law(here, line)
-    text = "\nfrom controller.law import kernel\n\n@kernel\ndef ahead(samples, i):\n"
+    text = "\nfrom hertzloop.law import kernel\n\n@kernel\ndef ahead(samples, i):\n"
     path.write_text(path.read_text() + text + "    return samples[i + 2]\n")
     scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
     with pytest.raises(SceneError, match=words):
@@ -194,7 +194,7 @@ def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
     """On a fresh machine that takes longer than a law's trial may."""
     write_law(here)
     script = (
-        "import os; from controller import kernels; fork = os.fork\n"
+        "import os; from hertzloop.controller import kernels; fork = os.fork\n"
         "def checked():\n"
         "    assert kernels.control_block.signatures, 'not loaded'\n"
         "    return fork()\n"
@@ -209,7 +209,7 @@ def test_compiling_the_loop_is_no_time_of_the_law(here: Path) -> None:
 
 def test_a_loop_without_end_before_any_sample(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In the file itself, and in what it prepares."""
-    monkeypatch.setattr("controller.loading.callbacks.PATIENCE_S", 0.2)
+    monkeypatch.setattr("hertzloop.controller.loading.callbacks.PATIENCE_S", 0.2)
     monkeypatch.setattr("hertzloop.processes.law_trial._PREPARED_S", 0.2)
     (here / "mine.py").write_text("while True:\n    try: x = 1\n    except Exception: pass\n")
     with pytest.raises(SceneError, match=r"was not loaded within 0.2 s; does a loop of it never"):
@@ -224,7 +224,7 @@ def test_a_loop_without_end_before_any_sample(here: Path, monkeypatch: pytest.Mo
 
 
 def test_a_module_is_loaded_with_the_same_care(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("controller.loading.callbacks.PATIENCE_S", 0.2)
+    monkeypatch.setattr("hertzloop.controller.loading.callbacks.PATIENCE_S", 0.2)
     monkeypatch.syspath_prepend(here)
     (here / "endless_law.py").write_text("while True:\n    pass\n")
     with pytest.raises(LawError, match=r"was not loaded within 0.2 s"):

@@ -12,14 +12,14 @@ from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.impacts import DEEPEST, XI, consistent_impacts
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.analysis.trust import verify
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.plant.contact.yielding import strength
+from hertzloop.plant.structures.materials import MATERIALS
+from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.views.run import pressure_words
-from plant.contact.yielding import strength
-from plant.structures.materials import MATERIALS
-from recordings.reader import read
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full

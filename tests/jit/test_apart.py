@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from jit import kernel
-from jit.by_type import apart
+from hertzloop.jit import kernel
+from hertzloop.jit.by_type import apart
 
 
 @kernel(borrowed=True, kept=False)

@@ -9,11 +9,11 @@ from pathlib import Path
 import numba
 import pytest
 
-from jit.cache import NotOurs, own
+from hertzloop.jit.cache import NotOurs, own
 
 ROOT = Path(__file__).parents[2]
 # Imports a kernel and says where it is kept.
-WHERE = "from controller.kernels import convert_force as k; print(k._cache.cache_path)"
+WHERE = "from hertzloop.controller.kernels import convert_force as k; print(k._cache.cache_path)"
 
 
 def where(environment: dict[str, str], script: str = WHERE) -> tuple[Path, str]:
@@ -112,7 +112,7 @@ def test_a_folder_above_that_others_write_to_is_refused(tmp_path: Path) -> None:
 
 ATTACKED = """
 import hertzloop
-from studies.speed_accuracy.integrator_kernels import _root_slope as k
+from benchmarks.integrator_kernels import _root_slope as k
 k(1e9, -1e-6)
 print(k._cache.cache_path)
 """

@@ -11,23 +11,25 @@ from pathlib import Path
 
 import pytest
 
-from jit.cache import PACKAGES, kernel_sources
+from hertzloop.jit.cache import kernel_sources
 
 ROOT = Path(__file__).parents[2]
+LINKED = ("plant", "sensors", "controller", "bus", "recordings")  # from hertzloop/
+FOLDERS = ("hertzloop", "benchmarks", *LINKED)
 
 # A caller in one file, its callee in another; numba first, nothing of hertzloop.
 SLOPES = """
 import numba
-from studies.speed_accuracy.integrator_kernels import many_slopes
+from benchmarks.integrator_kernels import many_slopes
 import numpy as np
 print(many_slopes(np.zeros(4), np.ones(1), np.ones(1), 1.0, 1.0, 3))
 print(many_slopes._cache.cache_path, dict(many_slopes.stats.cache_hits))
 """
 # The kernel of a scheme is picked in plant/schemes/registry.py, no file named after its kernels.
 STEPS = """
-import controller.kernels
-from plant.schemes.infinite import InfinitePlant
-from studies.speed_accuracy.integrator_kernels import plant_steps
+import hertzloop.controller.kernels
+from hertzloop.plant.schemes.infinite import InfinitePlant
+from benchmarks.integrator_kernels import plant_steps
 from tests.plant.rigs import spec
 plant = InfinitePlant(spec())
 plant_steps(plant.model, plant.state, 0.0, 3)
@@ -35,7 +37,7 @@ print(plant.state.body.tolist())
 """
 # The same with a push on every step.
 PUSHED = """
-from jit import kernel
+from hertzloop.jit import kernel
 @kernel(borrowed=True)
 def pushed(model, state, f_a):
     return infinite.step(model, state, f_a + 1.0)
@@ -45,8 +47,10 @@ step = by_type({infinite.InfiniteModel: pushed})
 
 def copy_to(folder: Path) -> Path:
     """A copy of the packages, to edit."""
-    for name in (*PACKAGES, "tests/plant"):
-        shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in (*FOLDERS, "tests/plant"):
+        shutil.copytree(
+            ROOT / name, folder / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__")
+        )
     shutil.copy(ROOT / "tests" / "__init__.py", folder / "tests")
     return folder
 
@@ -77,7 +81,7 @@ def edit(path: Path, pattern: str, new: str) -> None:
 @pytest.mark.parametrize(
     ("script", "file", "pattern", "new"),
     [
-        (SLOPES, "studies/speed_accuracy/integrator_kernels.py", r"out\[i\] = y\[n \+ i\]",
+        (SLOPES, "benchmarks/integrator_kernels.py", r"out\[i\] = y\[n \+ i\]",
          "out[i] = y[n + i] + 7.0"),
         (STEPS, "plant/schemes/registry.py", r"step = by_type\(.*\)", PUSHED),
     ],
@@ -106,7 +110,7 @@ def test_an_edit_of_a_file_without_kernels_keeps_the_cache(tmp_path: Path) -> No
 
 def test_functions_of_others_are_cached_where_they_were(tmp_path: Path) -> None:
     script = """
-import controller.kernels, numba
+import hertzloop.controller.kernels, numba
 @numba.njit(cache=True)
 def theirs(x):
     return x
@@ -122,22 +126,25 @@ print(theirs._cache.cache_path)
 
 
 def test_the_digest_sees_all_that_is_compiled_in() -> None:
-    """All packages of the wheel are looked through, and what kernels take from other files of
+    """All folders of the wheel are looked through, and what kernels take from other files of
     ours, constants and types too, is in files that the digest covers."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    assert set(PACKAGES) == set(project["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"])
+    wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert wheel["packages"] == ["hertzloop"]
+    assert wheel["force-include"] == {name: f"hertzloop/{name}" for name in LINKED}
+    assert all((ROOT / "hertzloop" / name).samefile(ROOT / name) for name in LINKED)
     sources = kernel_sources()
     assert {
-        "plant/schemes/discrete_gradient_kernels.py",
-        "plant/schemes/registry.py",
-        "jit/decorator.py",
+        "hertzloop/plant/schemes/discrete_gradient_kernels.py",
+        "hertzloop/plant/schemes/registry.py",
+        "hertzloop/jit/decorator.py",
     } <= set(sources)
     for file, text in sources.items():
         for node in ast.walk(ast.parse(text)):
-            if not isinstance(node, ast.ImportFrom) or file.startswith("jit/"):
+            if not isinstance(node, ast.ImportFrom) or file.startswith("hertzloop/jit/"):
                 continue
             top, *rest = str(node.module).split(".")
-            if top not in PACKAGES or top == "jit":
+            if top not in ("hertzloop", "benchmarks") or rest[:1] == ["jit"]:
                 continue
             for name in node.names:
                 inner = "/".join((top, *rest, name.name)) + ".py"
@@ -152,4 +159,4 @@ def test_kernels_are_spelled_in_one_way() -> None:
         if re.search(rb"\b(?:njit|jit|vectorize|guvectorize|cfunc)\b\s*\(|import njit", text)
     }
     # Laws are compiled to C functions, in a module written for each.
-    assert spelled == {"jit/decorator.py", "controller/loading/compiled.py"}
+    assert spelled == {"hertzloop/jit/decorator.py", "hertzloop/controller/loading/compiled.py"}

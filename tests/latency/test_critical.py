@@ -10,9 +10,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from studies.latency import SCENES, Critical, critical
-from studies.sweeps.evaluate import Pool
-from studies.sweeps.pool import local_pool
+from hertzloop.studies.latency import SCENES, Critical, critical
+from hertzloop.studies.sweeps.evaluate import Pool
+from hertzloop.studies.sweeps.pool import local_pool
 
 NAMED = {named.name: named for named in SCENES}
 # Scene, law: least and largest critical latency (us; inf: survives all tried), bits.

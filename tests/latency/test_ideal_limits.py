@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.impacts import F_A, XI
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.setup import Setup, load
-from plant.schemes.discrete_gradient import DiscreteGradientPlant
 
 # The scheme without a spring for the modes left out, so that the equations are those below.
 KEYS = [

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from controller.controller import Controller
+from hertzloop.controller.controller import Controller
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import Recording, read
 from hertzloop.setup import Setup, load
-from recordings.compare import first_difference
-from recordings.reader import Recording, read
 
 LATENCY_US = 3
 

@@ -12,7 +12,7 @@ from cosmic_ray.mutating import MutationVisitor
 from cosmic_ray.operators.provider import OperatorProvider
 from parso.tree import NodeOrLeaf
 
-from jit.cache import kernel_sources
+from hertzloop.jit.cache import kernel_sources
 
 Place = tuple[int, int]  # line, from 1, and column, from 0
 
@@ -45,7 +45,8 @@ def sources(root: Path, folder: str) -> list[str]:
     return sorted(
         path
         for path in found
-        if path not in compiled and not path.endswith(("_pb2.py", "kernels.py"))
+        if not {path, f"hertzloop/{path}"} & compiled.keys()
+        and not path.endswith(("_pb2.py", "kernels.py"))
     )
 
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import psutil
 
-from jit.cache import own
+from hertzloop.jit.cache import own
 from tests.mutants.choosing import chosen
 
 _NOT_COPIED = (".git", "__pycache__", ".*_cache", ".venv", "venv", ".hypothesis")
@@ -46,7 +46,7 @@ class Copy:
         self._scratch, self._log = folder / "t", folder / "output.txt"
         self._times = folder / f"seconds{'-default' * default}.json"
         shutil.rmtree(self.tree, ignore_errors=True)
-        shutil.copytree(root, self.tree, ignore=shutil.ignore_patterns(*_NOT_COPIED))
+        shutil.copytree(root, self.tree, symlinks=True, ignore=shutil.ignore_patterns(*_NOT_COPIED))
         compileall.compile_dir(self.tree, quiet=2)  # once: no mutant's bytecode is written
         known = json.loads(self._times.read_text()) if self._times.exists() else {}
         self.seconds: dict[str, float | None] = {

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from plant.structures.plate import Plate
+from hertzloop.plant.structures.plate import Plate
 
 
 def all_modes(plate: Plate, limit_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

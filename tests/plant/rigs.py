@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant import state_kernels as pk
-from plant.contact.hertz import Contact, Sphere, hertz_stiffness
-from plant.plant import Plant, PlantSpec
-from plant.schemes import discrete_gradient_kernels as k
-from plant.schemes.discrete_gradient import DiscreteGradientPlant
-from plant.structures.materials import MATERIALS, Material
-from plant.structures.plate import Plate
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness
+from hertzloop.plant.plant import Plant, PlantSpec
+from hertzloop.plant.schemes import discrete_gradient_kernels as k
+from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.structures.materials import MATERIALS, Material
+from hertzloop.plant.structures.plate import Plate
 
 # Aluminium, but so heavy and stiff that a double of the gap does not show the plate's motion.
 IMMOVABLE = Material(7.2e30, 2.7e23, 0.34)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from plant import actuator_kernels as act
-from plant import state_kernels as pk
-from plant.actuator import IDEAL, Actuator, build_model
-from plant.plant import modes_of
-from plant.schemes.collocation import CollocationPlant
-from plant.schemes.registry import step
+from hertzloop.plant import actuator_kernels as act
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.actuator import IDEAL, Actuator, build_model
+from hertzloop.plant.plant import modes_of
+from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.registry import step
 from tests.plant.rigs import spec
 from tests.plant.test_solution import reference
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from plant.numerics import aligned
-from plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.numerics import aligned
+from hertzloop.plant.schemes.collocation import CollocationPlant
 from tests.plant.rigs import spec
 
 

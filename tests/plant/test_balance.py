@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.plant import Plant
+from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.setup import load
-from plant import state_kernels as pk
-from plant.plant import Plant
-from plant.schemes.discrete_gradient import DiscreteGradientPlant
 from tests.plant.rigs import run, spec
 
 # Promised of every run. Rounding grows with the steps in contact: 1e-12 over ten thousand.

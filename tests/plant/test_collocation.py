@@ -9,18 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from plant import state_kernels as pk
-from plant.contact import elastic_kernels as hertz
-from plant.contact import elastic_kernels as solve
-from plant.contact.hertz import Contact, Damping, hertz_stiffness, hunt_crossley_parameter
-from plant.numerics import phi
-from plant.plant import Plant
-from plant.schemes import collocation_kernels as k
-from plant.schemes import collocation_kernels as modes
-from plant.schemes.collocation import CollocationPlant, flexibility_m_n
-from plant.schemes.discrete_gradient import DiscreteGradientPlant
-from plant.schemes.registry import step
-from plant.structures.materials import MATERIALS
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact import elastic_kernels as hertz
+from hertzloop.plant.contact import elastic_kernels as solve
+from hertzloop.plant.contact.hertz import Contact, Damping, hertz_stiffness, hunt_crossley_parameter
+from hertzloop.plant.numerics import phi
+from hertzloop.plant.plant import Plant
+from hertzloop.plant.schemes import collocation_kernels as k
+from hertzloop.plant.schemes import collocation_kernels as modes
+from hertzloop.plant.schemes.collocation import CollocationPlant, flexibility_m_n
+from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.schemes.registry import step
+from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.rigs import spec
 from tests.plant.test_solution import reference
 

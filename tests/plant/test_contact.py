@@ -7,9 +7,8 @@ import pytest
 from scipy.integrate import quad
 
 from hertzloop.loop.compiled import simulate
-from hertzloop.setup import load
-from plant import state_kernels as pk
-from plant.contact.hertz import (
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact.hertz import (
     Contact,
     Damping,
     hertz_stiffness,
@@ -17,9 +16,10 @@ from plant.contact.hertz import (
     rigid_contact_time_s,
     rigid_peak_force_n,
 )
-from plant.figures.impacts import impacts
-from plant.schemes.discrete_gradient import DiscreteGradientPlant
-from plant.structures.materials import MATERIALS
+from hertzloop.plant.figures.impacts import impacts
+from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.structures.materials import MATERIALS
+from hertzloop.setup import load
 from tests.plant.rigs import rigid, run, spec
 
 STIFFNESS = hertz_stiffness(0.003, MATERIALS["steel"], MATERIALS["aluminium"])

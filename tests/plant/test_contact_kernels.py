@@ -7,9 +7,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from plant.contact.hertz import Contact, hunt_crossley_parameter, rigid_contact_time_s
-from plant.schemes import discrete_gradient_kernels as chords
-from plant.schemes import discrete_gradient_kernels as k
+from hertzloop.plant.contact.hertz import Contact, hunt_crossley_parameter, rigid_contact_time_s
+from hertzloop.plant.schemes import discrete_gradient_kernels as chords
+from hertzloop.plant.schemes import discrete_gradient_kernels as k
 from tests.plant.rigs import rigid
 
 MODEL = rigid(1e-6, Contact(1.0)).model

@@ -4,11 +4,11 @@ import math
 
 import pytest
 
-from plant.contact.hertz import Sphere, hertz_stiffness
-from plant.contact.yielding import softer, strength
-from plant.estimates import plate_theory as criteria
-from plant.structures.materials import MATERIALS, Material
-from plant.structures.plate import Plate
+from hertzloop.plant.contact.hertz import Sphere, hertz_stiffness
+from hertzloop.plant.contact.yielding import softer, strength
+from hertzloop.plant.estimates import plate_theory as criteria
+from hertzloop.plant.structures.materials import MATERIALS, Material
+from hertzloop.plant.structures.plate import Plate
 
 STEEL, ALUMINIUM = MATERIALS["steel"], MATERIALS["aluminium"]
 PLATE = Plate(ALUMINIUM, (0.5, 0.5), 0.003)

@@ -7,10 +7,10 @@ import pytest
 
 from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2
+from hertzloop.plant.figures.impacts import Impact, impacts, sphere_speed_m_s, step_work_j
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
-from plant.contact.hertz import GRAVITY_M_S2
-from plant.figures.impacts import Impact, impacts, sphere_speed_m_s, step_work_j
 
 MASS = 0.1
 H = 0.5  # s; round numbers keep the expected values readable

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from plant import state_kernels as pk
-from plant.contact.hertz import (
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact.hertz import (
     GRAVITY_M_S2,
     Contact,
     Damping,
@@ -16,11 +16,11 @@ from plant.contact.hertz import (
     hunt_crossley_parameter,
     rigid_contact_time_s,
 )
-from plant.plant import PlantSpec
-from plant.schemes.collocation import CollocationPlant
-from plant.schemes.infinite import InfinitePlant, impedance_n_s_m
-from plant.schemes.registry import step
-from plant.structures.materials import MATERIALS
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.infinite import InfinitePlant, impedance_n_s_m
+from hertzloop.plant.schemes.registry import step
+from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.rigs import IMMOVABLE, spec
 
 STIFFNESS = hertz_stiffness(0.003, MATERIALS["steel"], MATERIALS["aluminium"])

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plant.estimates.model_order import (
+from hertzloop.plant.estimates.model_order import (
     energy_beyond,
     expected_error,
     frequency_limit_hz,
     held_error,
 )
-from plant.plant import PlantSpec
-from plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from tests.plant.rigs import run, spec
 
 STEP_S = 2.5e-7

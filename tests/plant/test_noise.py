@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plant.figures import noise
-from plant.schemes.discrete_gradient import DiscreteGradientPlant
-from plant.structures import radiation
-from plant.structures.materials import MATERIALS
-from plant.structures.plate import Plate
+from hertzloop.plant.figures import noise
+from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.structures import radiation
+from hertzloop.plant.structures.materials import MATERIALS
+from hertzloop.plant.structures.plate import Plate
 from tests.plant.rigs import run, spec
 
 PLATES = {

@@ -6,8 +6,8 @@ import pytest
 from hertzloop.analysis.figures import figures_of
 from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.figures.impacts import peak_force_n, peak_speed_m_s
 from hertzloop.setup import load
-from plant.figures.impacts import peak_force_n, peak_speed_m_s
 
 FREE = "controller.law=off"
 SHORT = "run.duration_s=0.0012"

@@ -7,14 +7,14 @@ from itertools import product
 import numpy as np
 import pytest
 
-from plant import state_kernels as pk
-from plant.actuator import Actuator
-from plant.contact.hertz import Contact, Limit, hertz_stiffness
-from plant.contact.yielding import dent_m, force_n, yielding
-from plant.plant import PlantSpec
-from plant.schemes.collocation import CollocationPlant
-from plant.schemes.registry import step
-from plant.structures.materials import MATERIALS
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.actuator import Actuator
+from hertzloop.plant.contact.hertz import Contact, Limit, hertz_stiffness
+from hertzloop.plant.contact.yielding import dent_m, force_n, yielding
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.registry import step
+from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.rigs import IMMOVABLE, spec
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.

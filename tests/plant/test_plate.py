@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from plant import state_kernels as pk
-from plant.contact.hertz import GRAVITY_M_S2
-from plant.estimates.model_order import expected_error
-from plant.plant import Plant
-from plant.schemes.discrete_gradient import DiscreteGradientPlant
-from plant.structures.materials import MATERIALS
-from plant.structures.plate import Plate
-from plant.structures.structure import oscillators
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2
+from hertzloop.plant.estimates.model_order import expected_error
+from hertzloop.plant.plant import Plant
+from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.structures.materials import MATERIALS
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.structure import oscillators
 from tests.plant.brute import all_modes, modal_scale, shape
 from tests.plant.rigs import run, spec
 

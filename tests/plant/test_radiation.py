@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from plant.actuator import Actuator
-from plant.contact.hertz import Contact, Limit, hertz_stiffness
-from plant.figures import noise
-from plant.plant import PlantSpec, air_eta, modes_of
-from plant.schemes.collocation import CollocationPlant
-from plant.schemes.registry import step
-from plant.structures import radiation
-from plant.structures.materials import MATERIALS, Material
-from plant.structures.plate import Plate
+from hertzloop.plant.actuator import Actuator
+from hertzloop.plant.contact.hertz import Contact, Limit, hertz_stiffness
+from hertzloop.plant.figures import noise
+from hertzloop.plant.plant import PlantSpec, air_eta, modes_of
+from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.registry import step
+from hertzloop.plant.structures import radiation
+from hertzloop.plant.structures.materials import MATERIALS, Material
+from hertzloop.plant.structures.plate import Plate
 from tests.plant.rigs import spec
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.

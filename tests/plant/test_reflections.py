@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.special import sici
 
-from plant.estimates.reflections import Actuation, images, reflections, twice_integrated
-from plant.structures.plate import Plate
-from plant.structures.structure import frequencies, oscillators
+from hertzloop.plant.estimates.reflections import Actuation, images, reflections, twice_integrated
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.structure import frequencies, oscillators
 from tests.plant.rigs import spec
 
 

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from plant.figures import rows_kernels as rows
-from plant.figures.impacts import contacts, peak_force_n, peak_speed_m_s
-from plant.figures.noise import force_spectrum
+from hertzloop.plant.figures import rows_kernels as rows
+from hertzloop.plant.figures.impacts import contacts, peak_force_n, peak_speed_m_s
+from hertzloop.plant.figures.noise import force_spectrum
 
 STEP_S = 1e-6
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.figures.impacts import Impact, impacts
 from hertzloop.setup import load
-from plant.figures.impacts import Impact, impacts
 
 FREE = ["controller.law=off", "contact.damping=none", "run.accuracy=1e-9"]
 

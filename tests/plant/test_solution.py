@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from plant import state_kernels as pk
-from plant.contact.hertz import (
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact.hertz import (
     GRAVITY_M_S2,
     Contact,
     Damping,
     hertz_stiffness,
     hunt_crossley_parameter,
 )
-from plant.plant import Plant, PlantSpec
-from plant.schemes import discrete_gradient_kernels as k
-from plant.schemes.discrete_gradient import DiscreteGradientPlant
-from plant.structures.materials import MATERIALS
+from hertzloop.plant.plant import Plant, PlantSpec
+from hertzloop.plant.schemes import discrete_gradient_kernels as k
+from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.brute import all_modes, modal_scale, shape
 from tests.plant.rigs import run, spec
 
@@ -169,8 +169,8 @@ def test_leaving_out_silent_rows_does_not_change_a_bit() -> None:
 SHORT = """
 import json
 import numpy as np
-from plant.plant import Plant
-from plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.plant import Plant
+from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from tests.plant.rigs import run, spec
 for beside in (None, (0.28, 0.25)):
     plant = DiscreteGradientPlant(spec(limit_hz=8e3, actuator_point_m=beside, loss_factor=0.01))

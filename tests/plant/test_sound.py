@@ -6,9 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plant.figures import sound
-from plant.figures.sound import Drive, Grid, Products, Radiator, pressure_pa, radiated_j, rung_j
-from plant.structures.radiation import AIR_DENSITY_KG_M3, SOUND_SPEED_M_S
+from hertzloop.plant.figures import sound
+from hertzloop.plant.figures.sound import (
+    Drive,
+    Grid,
+    Products,
+    Radiator,
+    pressure_pa,
+    radiated_j,
+    rung_j,
+)
+from hertzloop.plant.structures.radiation import AIR_DENSITY_KG_M3, SOUND_SPEED_M_S
 
 SIDE = 0.3
 HZ = 60.0

@@ -7,16 +7,22 @@ import numpy as np
 import pytest
 from scipy.integrate import simpson
 
-from plant import state_kernels as pk
-from plant.actuator import Actuator
-from plant.contact import elastic_kernels as solve
-from plant.contact.hertz import Contact, Damping, Limit, hertz_stiffness, hunt_crossley_parameter
-from plant.plant import PlantSpec
-from plant.schemes import collocation as tail
-from plant.schemes.collocation import CollocationPlant, damped_tail, residual_m_n
-from plant.schemes.registry import step
-from plant.structures.materials import MATERIALS
-from plant.time_series import series_under
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.actuator import Actuator
+from hertzloop.plant.contact import elastic_kernels as solve
+from hertzloop.plant.contact.hertz import (
+    Contact,
+    Damping,
+    Limit,
+    hertz_stiffness,
+    hunt_crossley_parameter,
+)
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.schemes import collocation as tail
+from hertzloop.plant.schemes.collocation import CollocationPlant, damped_tail, residual_m_n
+from hertzloop.plant.schemes.registry import step
+from hertzloop.plant.structures.materials import MATERIALS
+from hertzloop.plant.time_series import series_under
 from tests.plant.rigs import spec
 
 Y, OMEGA_C = 3.4e-3, 2.0 * math.pi * 250e3

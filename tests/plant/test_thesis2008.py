@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plant import state_kernels as pk
-from plant.contact.hertz import Contact, Damping, Sphere, hertz_stiffness
-from plant.plant import PlantSpec
-from plant.schemes import thesis2008_kernels as k
-from plant.schemes.registry import step
-from plant.schemes.thesis2008 import (
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.contact.hertz import Contact, Damping, Sphere, hertz_stiffness
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.schemes import thesis2008_kernels as k
+from hertzloop.plant.schemes.registry import step
+from hertzloop.plant.schemes.thesis2008 import (
     ThesisPlant,
     calibrate_relaxation,
     calibrate_viscous,
@@ -21,8 +21,8 @@ from plant.schemes.thesis2008 import (
     relaxation_stiffness,
     restitution,
 )
-from plant.structures.materials import MATERIALS
-from plant.structures.plate import Plate
+from hertzloop.plant.structures.materials import MATERIALS
+from hertzloop.plant.structures.plate import Plate
 
 THICKNESS = {"aluminium": 0.003, "oak": 0.01, "sylomer_m": 0.0125}
 VISCOUS = {"aluminium": 9.41, "oak": 1.6379, "sylomer_m": 0.093915}

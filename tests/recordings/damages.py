@@ -22,12 +22,12 @@ import numpy as np
 import pytest
 from mcap.opcode import Opcode
 
-import recordings.writer
-from recordings.chunks import inner_records, message_of, unpacked
-from recordings.columns import SAMPLED
-from recordings.compare import first_difference
-from recordings.reader import Recording, read, recover
-from recordings.writer import RecordingError
+import hertzloop.recordings.writer
+from hertzloop.recordings.chunks import inner_records, message_of, unpacked
+from hertzloop.recordings.columns import SAMPLED
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import Recording, read, recover
+from hertzloop.recordings.writer import RecordingError
 from tests.faults import page
 from tests.recordings.damaging import DAMAGES
 from tests.recordings.rewriting import record
@@ -67,7 +67,7 @@ class Tally:
 def many_chunks(folder: Path) -> Path:
     """A short recording flushed after every message: a chunk each, as in a long run."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recordings.writer, "_FLUSH_EVERY_S", -1.0)
+        patch.setattr(hertzloop.recordings.writer, "_FLUSH_EVERY_S", -1.0)
         return record(folder / "whole.mcap", "sensors.bits=16")
 
 

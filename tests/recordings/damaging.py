@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
 
-from bus import wire
-from recordings.reader import read
-from recordings.writer import RecordingWriter
+from hertzloop.bus import wire
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.writer import RecordingWriter
 from tests.recordings.rewriting import Sent
 
 Change = Callable[[bytearray, np.random.Generator], bytearray]

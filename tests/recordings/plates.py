@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from recordings.replay.data import Deflection
+from hertzloop.recordings.replay.data import Deflection
 
 
 def flat_plate(times_ns: np.ndarray) -> Deflection:

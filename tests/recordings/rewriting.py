@@ -9,13 +9,13 @@ import numpy as np
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
-from bus import wire
-from bus.messages_pb2 import Event, RunEnd
-from bus.streams import STREAMS
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import Event, RunEnd
+from hertzloop.bus.streams import STREAMS
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.writer import RecordingWriter
 from hertzloop.setup import Setup, load
-from recordings.reader import read
-from recordings.writer import RecordingWriter
 
 # 2.5 ms: the last block is half a block. A coarse model, for speed.
 SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recordings.compare import first_difference
-from recordings.reader import read
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
 from tests.recordings.rewriting import Sent, messages, record, rewrite, write
 
 

@@ -8,9 +8,9 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
-import recordings.writer
-from recordings.reader import Recording, read
-from recordings.writer import RecordingError
+import hertzloop.recordings.writer
+from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.writer import RecordingError
 from tests.recordings.rewriting import record
 
 STREAMS = ("daq", "force", "truth")
@@ -20,7 +20,7 @@ STREAMS = ("daq", "force", "truth")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A recording flushed after every message: a chunk each, as in a long run."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recordings.writer, "_FLUSH_EVERY_S", -1.0)
+        patch.setattr(hertzloop.recordings.writer, "_FLUSH_EVERY_S", -1.0)
         yield record(tmp_path_factory.mktemp("damaged") / "whole.mcap", "sensors.bits=16")
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from mcap.opcode import Opcode
 
-import recordings.chunks
-from recordings.intake import in_order
-from recordings.reader import Source, read, recover
-from recordings.writer import RecordingError
+import hertzloop.recordings.chunks
+from hertzloop.recordings.intake import in_order
+from hertzloop.recordings.reader import Source, read, recover
+from hertzloop.recordings.writer import RecordingError
 from tests.recordings.damages import (
     DAMAGES,
     chunks,
@@ -122,10 +122,10 @@ def test_what_seems_a_chunk_everywhere_is_not_checked_for_ever(
         tried.append(len(content))
         return unpacked_before(content)
 
-    unpacked_before = recordings.chunks.unpacked
-    monkeypatch.setattr(recordings.chunks, "unpacked", unpacked)
-    monkeypatch.setattr(recordings.chunks, "TOTAL_BYTES", 20 << 20)
-    monkeypatch.setattr(recordings.chunks, "TOTAL_RATIO", 1)
+    unpacked_before = hertzloop.recordings.chunks.unpacked
+    monkeypatch.setattr(hertzloop.recordings.chunks, "unpacked", unpacked)
+    monkeypatch.setattr(hertzloop.recordings.chunks, "TOTAL_BYTES", 20 << 20)
+    monkeypatch.setattr(hertzloop.recordings.chunks, "TOTAL_RATIO", 1)
     path.write_bytes(content[: at[-1]] + heads + data + content[at[-1] :])
     opened = Source(path)
     found = [record for record in opened.walk().records() if record.opcode == Opcode.CHUNK]

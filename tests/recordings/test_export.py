@@ -13,10 +13,10 @@ from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 from typer.testing import CliRunner, Result
 
-from hertzloop.commands.cli import app
-from recordings import export as samples_module
-from recordings.export import TOPICS
-from recordings.reader import Recording, read
+from hertzloop.cli.cli import app
+from hertzloop.recordings import export as samples_module
+from hertzloop.recordings.export import TOPICS
+from hertzloop.recordings.reader import Recording, read
 from tests.recordings import rewriting
 from tests.tiers import default
 
@@ -195,7 +195,7 @@ def test_a_full_disk_leaves_no_half_of_a_file(
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("recordings.export._table", full)
+    monkeypatch.setattr("hertzloop.recordings.export._table", full)
     result = call("export", file, "-o", tmp_path / "x.csv")
     assert result.exit_code == 1
     assert "No space left on device" in result.output

@@ -11,12 +11,12 @@ import pytest
 from mcap.opcode import Opcode
 from rich.console import Console
 
-import recordings.writer
+import hertzloop.recordings.writer
+from hertzloop.recordings.columns import SAMPLED
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import Recording, read, recover
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.views import inspection
-from recordings.columns import SAMPLED
-from recordings.compare import first_difference
-from recordings.reader import Recording, read, recover
-from recordings.writer import RecordingError
 from tests.recordings.damaging import DAMAGES, lying
 from tests.recordings.rewriting import Sent, messages, record
 
@@ -29,7 +29,7 @@ LIES = 200
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A recording of many chunks."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recordings.writer, "_FLUSH_EVERY_S", -1.0)
+        patch.setattr(hertzloop.recordings.writer, "_FLUSH_EVERY_S", -1.0)
         yield record(tmp_path_factory.mktemp("fuzz") / "whole.mcap", "sensors.bits=16")
 
 

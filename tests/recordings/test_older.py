@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from bus.messages_pb2 import TruthBlock
+from hertzloop.bus.messages_pb2 import TruthBlock
+from hertzloop.recordings.reader import read, recover
 from hertzloop.setup import parse
-from recordings.reader import read, recover
 
 OLDER = Path(__file__).parent / "older"
 NO_CHECKSUM = (

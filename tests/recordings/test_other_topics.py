@@ -6,9 +6,9 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from typer.testing import CliRunner
 
-from hertzloop.commands.cli import app
-from recordings.compare import first_difference
-from recordings.reader import read
+from hertzloop.cli.cli import app
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read
 from tests.recordings.rewriting import record
 
 

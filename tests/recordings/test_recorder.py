@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from bus.messages_pb2 import Hello, RunEnd
-from bus.streams import LAST_NS, Envelope, StreamFault
-from recordings.reader import read
-from recordings.writer import Recorder, RecordingError, RecordingWriter
+from hertzloop.bus.messages_pb2 import Hello, RunEnd
+from hertzloop.bus.streams import LAST_NS, Envelope, StreamFault
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.writer import Recorder, RecordingError, RecordingWriter
 from tests.bus.tapes import SCENE, changed, controller_says, places, plant_says
 
 

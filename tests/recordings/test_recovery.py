@@ -7,10 +7,10 @@ import pytest
 from mcap.reader import make_reader
 
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.recordings.compare import first_difference
+from hertzloop.recordings.reader import read, recover
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.setup import load
-from recordings.compare import first_difference
-from recordings.reader import read, recover
-from recordings.writer import RecordingError
 
 
 @pytest.fixture(scope="module")

@@ -13,16 +13,16 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from hertzloop.analysis.impacts import V_P
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.recordings import writer
+from hertzloop.recordings.reader import Recording, Stream, read
+from hertzloop.recordings.replay import as_rerun as replay
+from hertzloop.recordings.replay import scene3d, viewer
+from hertzloop.recordings.replay.viewer import screenshot
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.setup import load
 from hertzloop.views import replaying
-from recordings import writer
-from recordings.reader import Recording, Stream, read
-from recordings.replay import as_rerun as replay
-from recordings.replay import scene3d, viewer
-from recordings.replay.viewer import screenshot
-from recordings.writer import RecordingError
 from tests.recordings.plates import flat_plate
 
 SCENE = ["run.duration_s=0.003"]

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from bus import wire
-from bus.messages_pb2 import TruthBlock
-from recordings.reader import Recording, Stream
-from recordings.replay import blueprint, spectrum, viewer
-from recordings.replay import data as replay_data
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import TruthBlock
+from hertzloop.recordings.reader import Recording, Stream
+from hertzloop.recordings.replay import blueprint, spectrum, viewer
+from hertzloop.recordings.replay import data as replay_data
 
 STEP_S = 1e-6
 WIDTH, HEIGHT = 100.0, 28.0  # of the drawing of spectra, whose view is cut for it

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bus.events import Fact
-from bus.messages_pb2 import EventKind, RunEnd, SetUp
-from recordings import columns
-from recordings.reader import Event, Recording, Stream
-from recordings.replay import blueprint, data, scene3d
-from recordings.replay import data as replay_data
-from recordings.replay.data import (
+from hertzloop.bus.events import Fact
+from hertzloop.bus.messages_pb2 import EventKind, RunEnd, SetUp
+from hertzloop.recordings import columns
+from hertzloop.recordings.reader import Event, Recording, Stream
+from hertzloop.recordings.replay import blueprint, data, scene3d
+from hertzloop.recordings.replay import data as replay_data
+from hertzloop.recordings.replay.data import (
     Contact,
     Deflection,
     Thinner,

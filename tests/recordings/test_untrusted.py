@@ -12,13 +12,13 @@ import zstandard
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.opcode import Opcode
 
-from bus import wire
-from bus.messages_pb2 import Hello
-from bus.streams import Envelope, StreamFault
-from recordings import columns, intake
-from recordings.chunks import MAGIC, RECORD_BYTES
-from recordings.reader import read, recover
-from recordings.writer import Recorder, RecordingError, RecordingWriter
+from hertzloop.bus import wire
+from hertzloop.bus.messages_pb2 import Hello
+from hertzloop.bus.streams import Envelope, StreamFault
+from hertzloop.recordings import columns, intake
+from hertzloop.recordings.chunks import MAGIC, RECORD_BYTES
+from hertzloop.recordings.reader import read, recover
+from hertzloop.recordings.writer import Recorder, RecordingError, RecordingWriter
 from tests.bus.tapes import plant_says
 from tests.recordings.rewriting import messages, record
 

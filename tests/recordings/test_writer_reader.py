@@ -12,11 +12,11 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
-import recordings.writer
-from bus.messages_pb2 import TruthBlock
+import hertzloop.recordings.writer
+from hertzloop.bus.messages_pb2 import TruthBlock
+from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.setup import parse
-from recordings.reader import Recording, read
-from recordings.writer import RecordingError, RecordingWriter
 from tests.recordings.rewriting import messages, record, rewrite, scene
 
 STEPS, STEP_NS = 2500, 1000
@@ -216,7 +216,7 @@ class TestWriter:
 
     def test_flushed_while_it_runs(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """What was written before the last flush is in the file, even if nobody closes it."""
-        monkeypatch.setattr(recordings.writer, "_FLUSH_EVERY_S", -1.0)
+        monkeypatch.setattr(hertzloop.recordings.writer, "_FLUSH_EVERY_S", -1.0)
         path = tmp_path / "run.mcap"
         writer = RecordingWriter(path)
         writer.scene("# scene", {"steps": "10"})

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from sensors import kernels as k
-from sensors.acquisition import Sensor, SensorSpec, converter_codes
+from hertzloop.sensors import kernels as k
+from hertzloop.sensors.acquisition import Sensor, SensorSpec, converter_codes
 
 bits = st.integers(1, 24)
 # Ranges no narrower than 1e-3 of where they lie: else a step of 24 bits nears a rounding there.

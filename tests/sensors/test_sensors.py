@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bus.lane import closed
+from hertzloop.bus.lane import closed
 from hertzloop.loop import kernels as hk
+from hertzloop.plant.time_series import COLUMNS, series_under
 from hertzloop.scenes.quantities import SENSED
+from hertzloop.sensors import kernels as k
+from hertzloop.sensors.acquisition import Sensor, SensorSpec
 from hertzloop.setup import Setup, load
-from plant.time_series import COLUMNS, series_under
-from sensors import kernels as k
-from sensors.acquisition import Sensor, SensorSpec
 
 STEP_S = 1e-6
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from studies import drawn
+from hertzloop.studies import drawn
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.setup import load
-from studies import latency as study
-from studies.sweeps.evaluate import Pool
-from studies.sweeps.pool import local_pool
+from hertzloop.studies import latency as study
+from hertzloop.studies.sweeps.evaluate import Pool
+from hertzloop.studies.sweeps.pool import local_pool
 
 
 @pytest.fixture(scope="module")

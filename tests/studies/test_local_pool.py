@@ -19,9 +19,9 @@ import pytest
 from hertzloop.processes.signals import interrupt
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
-from studies.sweeps import pool as crew
-from studies.sweeps.evaluate import Numbered, chunked, scene_of
-from studies.sweeps.pool import SweepFailed, local_pool
+from hertzloop.studies.sweeps import pool as crew
+from hertzloop.studies.sweeps.evaluate import Numbered, chunked, scene_of
+from hertzloop.studies.sweeps.pool import SweepFailed, local_pool
 
 ROOT = Path(__file__).resolve().parents[2]
 TOML = load("aluminium-3mm", ["run.accuracy=0.1"]).toml
@@ -156,7 +156,7 @@ def test_an_interrupt_leaves_no_lock_of_the_pool_taken(monkeypatch: pytest.Monke
 HALVED = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from studies.sweeps import pool
+from hertzloop.studies.sweeps import pool
 from tests.studies.halved import half_an_answer
 pool.run_chunk, pool._all_shipped = half_an_answer, lambda *_: False  # so that workers run all
 with pool.local_pool(2) as results:

@@ -10,13 +10,13 @@ import pytest
 from typer.testing import CliRunner
 
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.setup import load
-from studies import tuning as tune
-from studies.latency import Named, critical
-from studies.sweeps.design import KEY, Axis, phases, spread_of
-from studies.sweeps.evaluate import Pool
-from studies.sweeps.pool import local_pool
+from hertzloop.studies import tuning as tune
+from hertzloop.studies.latency import Named, critical
+from hertzloop.studies.sweeps.design import KEY, Axis, phases, spread_of
+from hertzloop.studies.sweeps.evaluate import Pool
+from hertzloop.studies.sweeps.pool import local_pool
 
 CHEAP = ("run.accuracy=0.1", "run.duration_s=0.0013")
 EARLY = (*CHEAP, "controller.v_thr_m_s=-0.6")

@@ -8,11 +8,11 @@ import pytest
 import typer
 from matplotlib.figure import Figure
 
-from hertzloop.commands.recordings import pictures as take_pictures
-from studies import pictures, words
-from studies.drawn import MORE, Run
-from studies.latency import draw_maps, round_above
-from studies.tuning import Found, draw_front
+from hertzloop.cli.recordings import pictures as take_pictures
+from hertzloop.studies import pictures, words
+from hertzloop.studies.drawn import MORE, Run
+from hertzloop.studies.latency import draw_maps, round_above
+from hertzloop.studies.tuning import Found, draw_front
 
 
 @pytest.fixture
@@ -90,7 +90,7 @@ def test_a_front_is_labelled_in_words_beside_its_points(saved: list[Figure]) -> 
 
 
 def test_every_objective_has_words() -> None:
-    from studies.tuning import OBJECTIVES
+    from hertzloop.studies.tuning import OBJECTIVES
 
     for figure in OBJECTIVES:
         assert "_" not in words.against_none(figure)

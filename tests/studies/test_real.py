@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.commands.latency import _critical, _table
-from studies import real as study
-from studies.latency import Named, critical
-from studies.sweeps.design import phases
-from studies.sweeps.pool import local_pool
+from hertzloop.cli.latency import _critical, _table
+from hertzloop.studies import real as study
+from hertzloop.studies.latency import Named, critical
+from hertzloop.studies.sweeps.design import phases
+from hertzloop.studies.sweeps.pool import local_pool
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full

@@ -4,7 +4,7 @@ import pytest
 
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
-from studies.sweeps.design import DesignError, make_design
+from hertzloop.studies.sweeps.design import DesignError, make_design
 
 LONG = "9" * 4000
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.recordings.reader import read
 from hertzloop.setup import load
-from recordings.reader import read
 from tests.hertzloop.own_laws import write_law
 from tests.recordings.rewriting import messages, write
 

@@ -67,7 +67,7 @@ def test_a_folder_of_results_becomes_a_page(
 
 
 def test_a_tuning_reads_as_it_was_written(results: Path, tmp_path: Path) -> None:
-    from studies.tuning import read_tuned, write_tuned
+    from hertzloop.studies.tuning import read_tuned, write_tuned
 
     tuned = read_tuned(results / "tune" / "tune-aluminium-3mm.json")
     assert tuned.front

@@ -12,10 +12,10 @@ import pytest
 
 from hertzloop.analysis.cases import Span
 from hertzloop.setup import load
-from studies import latency
-from studies.sweeps.evaluate import Numbered, Pool, Rows, evaluate
-from studies.sweeps.journal import Kept, kept
-from studies.sweeps.pool import local_pool
+from hertzloop.studies import latency
+from hertzloop.studies.sweeps.evaluate import Numbered, Pool, Rows, evaluate
+from hertzloop.studies.sweeps.journal import Kept, kept
+from hertzloop.studies.sweeps.pool import local_pool
 from tests.studies.sweeping import COARSE, command, wait_until
 
 TUNE = ["tune", "aluminium-3mm", "--law", "predicted", "--set", "run.accuracy=0.05", "--set",

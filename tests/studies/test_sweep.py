@@ -12,14 +12,21 @@ from typer.testing import CliRunner
 
 from hertzloop.analysis.cases import CaseState, figures_of_case
 from hertzloop.analysis.impacts import first_impact
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
-from studies.sweeps import evaluate
-from studies.sweeps import sweep as study
-from studies.sweeps.design import Axis, Design, DesignError, fitted, make_design, parse_axis
-from studies.sweeps.replay_cases import replay_cases
+from hertzloop.studies.sweeps import evaluate
+from hertzloop.studies.sweeps import sweep as study
+from hertzloop.studies.sweeps.design import (
+    Axis,
+    Design,
+    DesignError,
+    fitted,
+    make_design,
+    parse_axis,
+)
+from hertzloop.studies.sweeps.replay_cases import replay_cases
 from tests.studies.sweeping import COARSE, command
 
 

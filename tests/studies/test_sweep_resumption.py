@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 
 from hertzloop.setup import load
-from studies.sweeps import sweep as study
-from studies.sweeps.design import make_design
-from studies.sweeps.journal import Journal, JournalError
+from hertzloop.studies.sweeps import sweep as study
+from hertzloop.studies.sweeps.design import make_design
+from hertzloop.studies.sweeps.journal import Journal, JournalError
 from tests.hertzloop.processes import wait_for
 from tests.studies.sweeping import COARSE, command, wait_until
 

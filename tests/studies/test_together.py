@@ -7,7 +7,7 @@ import pytest
 from hertzloop.analysis import cases as parts
 from hertzloop.analysis.cases import together
 from hertzloop.setup import load
-from studies.sweeps import evaluate
+from hertzloop.studies.sweeps import evaluate
 
 SCENE = load("aluminium-3mm", ["run.accuracy=0.1", "run.duration_s=0.004"])
 NUMBERED = list(enumerate([

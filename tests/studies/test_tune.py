@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from controller.loading.registry import find, shipped
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
+from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.setup import Setup, load
-from studies import tuning as study
-from studies.sweeps.design import Axis
-from studies.sweeps.evaluate import Pool
-from studies.sweeps.pool import local_pool
+from hertzloop.studies import tuning as study
+from hertzloop.studies.sweeps.design import Axis
+from hertzloop.studies.sweeps.evaluate import Pool
+from hertzloop.studies.sweeps.pool import local_pool
 
 KAPPA = (Axis("controller.kappa", (), -0.5, 1.5),)
 BOTH = ("plate_energy_db", "rebound_percent")

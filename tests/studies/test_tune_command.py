@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from hertzloop.commands.cli import app
+from hertzloop.cli.cli import app
 
 QUICK = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--generations", "1",
          "--population", "4", "--minimise", "plate_energy_db"]  # fmt: skip
@@ -79,7 +79,7 @@ def test_settings_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> Non
 OWN_LAW = """
 from pydantic import Field
 
-from controller.law import Keys, StepsUs
+from hertzloop.law import Keys, StepsUs
 
 
 class Parameters(Keys):

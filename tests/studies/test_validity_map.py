@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hertzloop.plant.estimates.plate_theory import expected_kirchhoff_error, zener_impact
 from hertzloop.setup import load
-from plant.estimates.plate_theory import expected_kirchhoff_error, zener_impact
-from studies import validity as study
+from hertzloop.studies import validity as study
 
 
 def bodies(radius_m: float, thickness_m: float) -> study.Bodies:

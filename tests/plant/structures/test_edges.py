@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from plant.estimates.model_order import frequency_limit_hz
-from plant.structures.edged_plate import BeamBasis, EdgedPlate
-from plant.structures.materials import Material
-from plant.structures.plate import Plate
-from plant.structures.structure import oscillators
+from hertzloop.plant.estimates.model_order import frequency_limit_hz
+from hertzloop.plant.structures.edged_plate import BeamBasis, EdgedPlate
+from hertzloop.plant.structures.materials import Material
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.structure import oscillators
 from tests.plant.rigs import spec
 
 NU = 0.3

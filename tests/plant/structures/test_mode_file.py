@@ -6,11 +6,17 @@ import math
 import numpy as np
 import pytest
 
-from plant.structures.materials import MATERIALS
-from plant.structures.modal_structure import ModalStructure
-from plant.structures.mode_file import SUFFIXES, ModeFileError, ModeTable, read_modes, write_modes
-from plant.structures.plate import Plate
-from plant.structures.structure import oscillators
+from hertzloop.plant.structures.materials import MATERIALS
+from hertzloop.plant.structures.modal_structure import ModalStructure
+from hertzloop.plant.structures.mode_file import (
+    SUFFIXES,
+    ModeFileError,
+    ModeTable,
+    read_modes,
+    write_modes,
+)
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.structure import oscillators
 
 GOOD = """# residual_flexibility_m_n = 2.5e-9
 frequency_hz,loss_factor,modal_mass_kg,shape_contact,shape_actuator

@@ -4,10 +4,10 @@ import math
 
 import pytest
 
-from plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
-from plant.estimates import plate_theory
-from plant.structures.materials import MATERIALS
-from plant.structures.plate import Plate
+from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
+from hertzloop.plant.estimates import plate_theory
+from hertzloop.plant.structures.materials import MATERIALS
+from hertzloop.plant.structures.plate import Plate
 
 STEEL, ALUMINIUM = MATERIALS["steel"], MATERIALS["aluminium"]
 

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from hertzloop.analysis.impacts import impacts_in, modal_displacement, starting_speed
-from plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness
-from plant.figures.impacts import Impact
-from plant.plant import PlantSpec
-from plant.schemes.collocation import CollocationPlant
-from plant.structures import solid_plate as lamb
-from plant.structures.materials import MATERIALS
-from plant.structures.plate import Plate
-from plant.structures.solid_plate import SolidPlate
-from plant.time_series import series_under
+from hertzloop.plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness
+from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.structures import solid_plate as lamb
+from hertzloop.plant.structures.materials import MATERIALS
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.structures.solid_plate import SolidPlate
+from hertzloop.plant.time_series import series_under
 
 ALUMINIUM, STEEL = MATERIALS["aluminium"], MATERIALS["steel"]
 NU = ALUMINIUM.poisson_ratio

@@ -1,0 +1,170 @@
+"""Does an infinite plate meet what was asked for as long as it is said to? Scenes drawn at random.
+
+The first impact, with and without control, damping and disturbed lines, until the last moment at
+which the infinite plate is said to do: error of the gap (relative to its largest value in
+contact), of the rebound speed (to the impact speed) and of the plate energy (to itself, or to what
+the actuator gave or took if that is more), against all modes to twice pi/dt at half the step
+under the same actuator forces.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hertzloop.analysis.impacts import F_A, XI, XI_P, consistent_impacts
+from hertzloop.controller.loading.registry import find
+from hertzloop.loop.compiled import simulate
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.schemes.factory import built
+from hertzloop.plant.time_series import series_under
+from hertzloop.setup import Setup, load
+from hertzloop.studies.words import write_records
+
+REQUESTS = (1e-2, 1e-3, 1e-4)
+_MOST_MODES = 10_000.0  # up to 1/step: keeps a scene within seconds
+_START = [pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One scene under one request; `lasts_us`: from the first touch on, 0 (and no errors, nan)
+    where the infinite plate is not offered. No rebound and no energy (nan) where control makes
+    the contact last beyond that."""
+
+    scene: int
+    material: str
+    radius_mm: float
+    damping: str
+    control: str
+    request: float
+    contact_us: float
+    lasts_us: float
+    gap_error: float
+    rebound_error: float
+    energy_error: float
+
+
+_KEYS_OF_LAWS = ("kappa", "v_thr_m_s", "force_n", "duration_us")
+_DAMPERS = {"contact.viscous_n_s_m": "viscous", "contact.restitution": "hunt_crossley"}
+
+
+def random_scene(random: np.random.Generator) -> Setup:
+    """A small sphere on a plate of any of three materials, at any point, most under control."""
+    material = str(random.choice(["aluminium", "steel", "oak"]))
+    size = [float(random.uniform(0.15, 0.8)) for _ in range(2)]
+    values: dict[str, Any] = {
+        "sphere.radius_m": float(10.0 ** random.uniform(-3.0, -2.0)),
+        "sphere.drop_height_m": float(10.0 ** random.uniform(-2.5, -0.3)),
+        "plate.material": material,
+        "plate.size_m": size,
+        "plate.thickness_m": float(10.0 ** random.uniform(-2.6, -1.7)),
+        "plate.contact_point_m": [s * float(random.uniform(0.15, 0.85)) for s in size],
+        "contact.damping": str(random.choice(["none", "viscous", "hunt_crossley"])),
+        "contact.viscous_n_s_m": 1.0,
+        "contact.restitution": 0.8,
+        "controller.law": str(random.choice(["off", "slope_threshold", "predicted", "constant"])),
+        "controller.kappa": float(random.uniform(-1.0, 1.0)),
+        "controller.v_thr_m_s": float(random.uniform(-0.5, 0.0)),
+        "controller.latency_us": int(random.integers(0, 20)),
+        "controller.force_n": float(random.uniform(-5.0, 5.0)),
+        "controller.duration_us": 15,
+        "controller.drop_out_probability": float(random.choice([0.0, 0.1])),
+        "run.lead_in_s": 2e-6,
+        "run.duration_s": 1.0,
+    }
+    return load("aluminium-3mm").vary(_with_effect(values))
+
+
+def _with_effect(values: dict[str, Any]) -> dict[str, Any]:
+    """The values without the keys that the drawn law or damper does not have; a scene refuses
+    them."""
+    of_law = find(values["controller.law"]).keys.model_fields
+    without = {f"controller.{key}" for key in _KEYS_OF_LAWS if key not in of_law}
+    without |= {key for key, damper in _DAMPERS.items() if values["contact.damping"] != damper}
+    return {key: value for key, value in values.items() if key not in without}
+
+
+def outcome(number: int, setup: Setup, request: float) -> Outcome:
+    """Follow a scene on the infinite plate as long as it is offered, then on the modes."""
+    setup = setup.vary({"run.accuracy": request})
+    lasts_s = setup.infinite_plate_lasts_s
+    about = (
+        number, setup.material_name("plate"), 1e3 * setup.sphere.radius_m,
+        setup.scene.contact.damping,
+        setup.law_reference + (" with drop-outs" if setup.line.drop_out_probability else ""),
+        request,
+    )  # fmt: skip
+    steps = int((setup.first_touch_s + lasts_s) / setup.step_s)
+    if lasts_s == 0.0:
+        return Outcome(*about, math.nan, 0.0, math.nan, math.nan, math.nan)
+    setup = setup.lasting(steps).on_plate("infinite")
+    rows = simulate(setup).rows
+    spec = setup.plant
+    fine = replace(
+        spec, step_s=spec.step_s / 2, frequency_limit_hz=1.0 / spec.step_s,
+        infinite_plate=False, residual_flexibility=True,
+    )  # fmt: skip
+    plant = built(fine, "modal").at_start()
+    plant.state.body[_START] = setup.start_plant(spec).state.body[_START]
+    # Up to the last row of the run: the work of its last step shows in no row.
+    finer = series_under(plant, np.repeat(rows[F_A], 2)[:-1])
+    mine = consistent_impacts(setup, rows, spec)[0]
+    best = consistent_impacts(setup, finer, fine)[0]
+    injected = float(np.sum(rows[F_A, :-1] * np.diff(rows[XI_P])))
+    exchanged = max(abs(best.plate_energy_j), abs(injected))
+    gap, true = rows[XI], finer[XI, ::2]
+    change = abs(mine.rebound_speed_m_s - best.rebound_speed_m_s)
+    over = min(gap[-3:].min(), true[-3:].min()) > 0.0  # by more than the row that a speed needs
+    return Outcome(
+        *about,
+        1e6 * best.duration_s,
+        1e6 * lasts_s,
+        float(abs(gap - true).max() / -true.min()),
+        change / best.impact_speed_m_s if over else math.nan,
+        abs(mine.plate_energy_j - best.plate_energy_j) / exchanged if over else math.nan,
+    )
+
+
+def run(folder: Path, scenes: int, seed: int) -> list[Outcome]:
+    """`scenes` random scenes; writes infinite_plate.csv into `folder`."""
+    random = np.random.default_rng(seed)
+    found: list[Outcome] = []
+    number = 0
+    while number < scenes:
+        setup = random_scene(random)
+        if setup.plant.plate.modes_below(1.0 / setup.step_s) > _MOST_MODES:
+            continue
+        found += [outcome(number, setup, request) for request in REQUESTS]
+        number += 1
+    write_records(folder / "infinite_plate.csv", found)
+    return found
+
+
+def summary(found: list[Outcome]) -> list[tuple[str, ...]]:
+    """Per request: scenes, of those offered, and the worst of gap, rebound and energy error over
+    the request, then of energy without control."""
+    rows: list[tuple[str, ...]] = []
+    for request in REQUESTS:
+        mine = [o for o in found if o.request == request]
+        offered = [o for o in mine if o.lasts_us]
+        free = [o for o in offered if o.control.startswith("off")]
+
+        def worst(values: list[float], request: float = request) -> str:
+            known = [value for value in values if not math.isnan(value)]
+            return f"{max(known, default=math.nan) / request:.2f}"
+
+        rows.append(
+            (
+                f"{request:g}",
+                str(len(mine)),
+                str(len(offered)),
+                worst([o.gap_error for o in offered]),
+                worst([o.rebound_error for o in offered]),
+                worst([o.energy_error for o in offered]),
+                worst([o.energy_error for o in free]),
+            )
+        )
+    return rows

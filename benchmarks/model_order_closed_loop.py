@@ -1,0 +1,218 @@
+"""Does the automatic choice meet its accuracy with losses, yield and a law? Scenes at random.
+
+The first impact of whole scenes, half of them with a damper in the contact, half with a contact
+that yields, each without and with a law: changes of gap, rebound speed and plate energy as in
+`hertzloop.analysis.trust.verify`, loop closed, against a quarter of the step and all modes up to
+twice the sampling frequency. (Twice the modes of the tightest request end near the sampling
+frequency, where the steps of a held force have a line; that would test the reference.)
+"""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.model_order import drawn, material_name, random_spec
+from hertzloop.analysis import trust as law_accuracy
+from hertzloop.analysis.trust import Verification, against, finer_spec
+from hertzloop.loop.compiled import simulate
+from hertzloop.plant.contact.hertz import (
+    rigid_contact_time_s,
+    rigid_peak_force_n,
+    rigid_penetration_m,
+)
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
+from hertzloop.studies.words import write_records
+
+REQUESTS = (1e-3, 1e-4)
+_PARTS = 4  # of a step, in the reference
+_LEAD_S = 1e-5
+_LONGEST_S = 4e-3
+_FIGURES = ("gap", "rebound", "energy")
+HEADINGS = (
+    "asked", "law", "impacts", *_FIGURES, "all", "worst/asked",
+    "said (law)", "others", "worst/asked",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A scene under one request: its keys, the errors relative to largest gap, impact speed and
+    plate energy, the error that a run of it says it expects, and whether that is more than was
+    asked for, as the step cannot carry what the request needs; what twice the modes change under
+    the law (nan where that is not looked at), and whether a run says that this is too much."""
+
+    scene: int
+    contact: str
+    law: str
+    request: float
+    limit_khz: float
+    tail: str
+    gap: float
+    rebound: float
+    energy: float
+    expected: float
+    beyond: bool
+    by_modes: float
+    law_tells: bool
+    keys: str
+
+    @property
+    def error(self) -> float:
+        """Largest of the three."""
+        return max(self.gap, self.rebound, self.energy)
+
+    @property
+    def said(self) -> bool:
+        """Whether the run says that it cannot meet the request."""
+        return self.beyond or self.law_tells
+
+
+def random_keys(random: np.random.Generator) -> dict[str, Any]:
+    """Keys of a scene without control: a sphere and a plate as in `study`, and a contact with
+    Hunt-Crossley's damper, restitution 0.3 to 0.9, or one that yields below its elastic peak."""
+    spec = random_spec(random)
+    sphere, plate = spec.sphere, spec.simply_supported
+    keys: dict[str, Any] = {
+        "sphere.radius_m": sphere.radius_m, "sphere.drop_height_m": sphere.drop_height_m,
+        "plate.material": material_name(plate), "plate.size_m": list(plate.size_m),
+        "plate.thickness_m": plate.thickness_m, "plate.contact_point_m": list(spec.contact_point_m),
+    }  # fmt: skip
+    keys = {key: _rounded(value) for key, value in keys.items()}
+    if random.random() < 0.5:
+        e = _rounded(random.uniform(0.3, 0.9))
+        return keys | {"contact.damping": "hunt_crossley", "contact.restitution": e}
+    m, s, v = sphere.mass_kg, spec.contact.stiffness, sphere.impact_speed_m_s
+    wide = math.pi * sphere.radius_m * rigid_penetration_m(m, s, v)
+    pressure = _rounded(random.uniform(0.3, 0.9) * rigid_peak_force_n(m, s, v) / wide)
+    return keys | {"contact.plasticity": "thornton", "contact.limiting_pressure_pa": pressure}
+
+
+def _rounded(value: Any) -> Any:
+    """Digits that can be typed."""
+    if isinstance(value, list):
+        return [_rounded(x) for x in value]
+    return value if isinstance(value, str) else float(f"{value:.4g}")
+
+
+def random_law(random: np.random.Generator, setup: Setup) -> dict[str, Any]:
+    """Keys of the threshold law, with a share and a threshold of the impact speed by chance."""
+    v = setup.plant.sphere.impact_speed_m_s
+    return {
+        "controller.law": "slope_threshold",
+        "controller.kappa": _rounded(random.uniform(0.3, 0.9)),
+        "controller.v_thr_m_s": _rounded(-v * random.uniform(0.2, 0.8)),
+    }
+
+
+def outcomes(number: int, random: np.random.Generator) -> list[Outcome]:
+    """All requests of the next random scene, without and with the law; none if a contact of it
+    lasts too long, or the law runs away from a dent."""
+    keys = random_keys(random)
+    base = load("aluminium-3mm").vary(keys | {
+        "controller.law": "off", "run.plate_model": "modal", "run.lead_in_s": _LEAD_S,
+        "run.duration_s": _LONGEST_S,
+    })  # fmt: skip
+    law = random_law(random, base)
+    found = []
+    for more in ({}, law):
+        tightest = base.vary(more | {"run.accuracy": REQUESTS[-1]})
+        best = replace(
+            finer_spec(tightest), step_s=base.step_s / _PARTS, frequency_limit_hz=2.0 / base.step_s
+        )
+        for request in REQUESTS:
+            setup = tightest.vary({"run.accuracy": request})
+            try:
+                made = _verified(setup, best)
+            except SceneError:
+                return []
+            if made is None:
+                return []
+            found.append(_outcome(number, setup, keys | more, made))
+    return found
+
+
+def _verified(setup: Setup, best: PlantSpec) -> Verification | None:
+    """Against `best`; None where the first impact does not end in time."""
+    spec = setup.plant
+    m, s, v = spec.sphere.mass_kg, spec.contact.stiffness, spec.sphere.impact_speed_m_s
+    steps = round((_LEAD_S + 8.0 * rigid_contact_time_s(m, s, v) + 2e-4) / setup.step_s)
+    short = setup.lasting(min(steps, setup.steps))
+    return against(short, simulate(short).rows, best)
+
+
+def _outcome(number: int, setup: Setup, keys: dict[str, Any], found: Verification) -> Outcome:
+    spec = setup.plant
+    yields, expected = spec.contact.limit is not None, setup.expected_error
+    under_law = law_accuracy.judged(setup, setup.duration_s)
+    return Outcome(
+        scene=number,
+        contact="yields" if yields else f"e {setup.scene.contact.restitution:g}",
+        law=setup.law_reference,
+        request=setup.accuracy,
+        limit_khz=spec.frequency_limit_hz / 1e3,
+        tail="damped" if spec.damped_tail else "spring",
+        gap=found.penetration,
+        rebound=found.rebound_speed,
+        energy=found.plate_energy,
+        expected=expected,
+        beyond=expected > 1.001 * setup.accuracy,
+        by_modes=under_law.by_modes.largest if under_law else math.nan,
+        law_tells=under_law is not None and not under_law.kept,
+        keys=" ".join(f"--set {key}={value}".replace(", ", ",") for key, value in keys.items()),
+    )
+
+
+def run(folder: Path, scenes: int, seed: int) -> list[Outcome]:
+    """`scenes` random scenes; writes model_order_closed_loop.csv into `folder`."""
+    found = drawn(scenes, seed, outcomes)
+    write_records(folder / "model_order_closed_loop.csv", found)
+    return found
+
+
+def summary(found: list[Outcome]) -> list[tuple[str, ...]]:
+    """Per law and request: impacts, share that meets it in each figure and in all, largest error
+    over request; those whose run says that it cannot (of these as twice the modes change too
+    much under the law); share of the others that meets it, and their largest error over request."""
+    rows: list[tuple[str, ...]] = []
+    for request in REQUESTS:
+        for law in dict.fromkeys(o.law for o in found):
+            mine = [o for o in found if (o.request, o.law) == (request, law)]
+            others = [o for o in mine if not o.said]
+            rows.append((
+                f"{request:g}", law, str(len(mine)),
+                *(_share([getattr(o, figure) <= request for o in mine]) for figure in _FIGURES),
+                _share([o.error <= request for o in mine]), _worst(mine),
+                f"{len(mine) - len(others)} ({sum(o.law_tells for o in mine)})",
+                _share([o.error <= request for o in others]), _worst(others),
+            ))  # fmt: skip
+    return rows
+
+
+def missed(found: list[Outcome]) -> list[str]:
+    """A line an impact that misses its request, with the keys that make the scene where its run
+    expects to meet it."""
+    lines = []
+    for o in found:
+        if o.error > o.request:
+            errors = f"gap {o.gap:.1e}, rebound {o.rebound:.1e}, energy {o.energy:.1e}"
+            why = f"said: expects {o.expected:.1e}" if o.beyond else f"NOT SAID, {o.keys}"
+            if o.law_tells:
+                why = f"said: twice the modes change {o.by_modes:.1e}"
+            lines.append(
+                f"missed: scene {o.scene}, {o.contact}, {o.law}, asked {o.request:g}: {errors} "
+                f"({why})"
+            )
+    return lines
+
+
+def _share(met: list[bool]) -> str:
+    return f"{100.0 * sum(met) / len(met):.0f} %" if met else ""
+
+
+def _worst(found: list[Outcome]) -> str:
+    return f"{max((o.error / o.request for o in found), default=math.nan):.2g}"

@@ -1,0 +1,154 @@
+"""Commands that export a recording or the plant for other tools."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from hertzloop.cli.options import (
+    OverwriteOption,
+    SceneArgument,
+    SeedOption,
+    SetOption,
+    check_output,
+    check_reachable,
+    check_writable,
+    err,
+    fail,
+    files_of,
+    make_folder,
+    out,
+    scene_from,
+)
+from hertzloop.cli.recordings import FileArgument, read_or_fail
+from hertzloop.extras import need
+from hertzloop.scenes.errors import SceneError
+
+
+def export(
+    file: FileArgument,
+    out_file: Annotated[
+        Path,
+        typer.Option(
+            "--out", "-o", help="File to write: .mcap, .parquet, .csv, .npz or .h5.", metavar="F"
+        ),
+    ],
+    from_ms: Annotated[
+        float, typer.Option("--from", min=0.0, help="From this simulated time on, ms.")
+    ] = 0.0,
+    to_ms: Annotated[
+        float | None, typer.Option("--to", min=0.0, help="Up to this simulated time, ms.")
+    ] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write a recording's samples for other tools: one MCAP message a sample for Foxglove and
+    PlotJuggler, or Parquet, CSV, NPZ, HDF5 with units."""
+    from hertzloop.recordings.export import FORMATS, Samples
+    from hertzloop.recordings.export import export as write
+    from hertzloop.recordings.replay.data import scene_value
+    from hertzloop.recordings.writer import RecordingError
+    from hertzloop.views.labelled import export_labels
+
+    if out_file.suffix not in FORMATS:
+        fail(f"{out_file} does not end in one of {', '.join(FORMATS)}, which say what to write", 2)
+    if out_file.suffix == ".h5":
+        need("h5py")
+    if to_ms is not None and to_ms < from_ms:
+        fail(f"--to {to_ms:g} is before --from {from_ms:g}", 2)
+    check_output(out_file, overwrite, read=[file])
+    recording = read_or_fail(file)
+    for problem in recording.problems:
+        err.print(f"{file}: {problem}", soft_wrap=True)
+    samples = Samples(recording, export_labels(scene_value(recording, "sensors", "quantity", "xi")))
+    if from_ms or to_ms is not None:
+        last = samples.span_ns[1] if to_ms is None else round(to_ms * 1e6)
+        samples = Samples(recording, samples.labels, (round(from_ms * 1e6), last))
+    try:
+        write(samples, out_file)
+    except RecordingError as error:
+        fail(str(error), 1)
+    out.print(f"written: {out_file}", soft_wrap=True)
+
+
+CpuOption = Annotated[
+    Literal["host", "x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4"],
+    typer.Option(help="Processor that will run it; host: the bytes of the runs on this one."),
+]
+
+
+def export_plant(
+    scene: SceneArgument,
+    out_path: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="F",
+            help="plant.fmu, plant.so, or a folder: library, header, example.",
+        ),
+    ],
+    cpu: CpuOption = "x86-64-v3",
+    fmi: Annotated[Literal["2", "3"], typer.Option(help="Version of FMI for .fmu.")] = "3",
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write plant, actuator and sensor of a scene for programs without Python: as a unit for
+    co-simulation (FMU), or a C library.
+
+    The controller stays behind: whoever calls the plant gives the force.
+    """
+    if (sys.platform, _machine()) != ("linux", "x86_64"):
+        fail(f"a plant is exported on Linux on x86-64, not on {sys.platform} {_machine()}", 2)
+    folder = out_path.suffix == ""
+    if not folder and out_path.suffix not in (".fmu", ".so"):
+        fail(f"{out_path} does not end in .fmu or .so, nor in nothing, for a folder", 2)
+    check_reachable(out_path)
+    resolved = scene_from(scene, settings, seed)
+    if not folder:
+        check_output(out_path, overwrite, read=files_of(resolved, scene, *(settings or [])))
+    elif os.path.isdir(out_path) and any(out_path.iterdir()) and not overwrite:
+        fail(f"the folder {out_path} is not empty; choose another, or allow it with --overwrite", 2)
+    from hertzloop.interop import fmu as library
+    from hertzloop.interop.fmu import write_fmu
+    from hertzloop.interop.image import image
+    from hertzloop.interop.objects import CompileFault, is_compiled
+    from hertzloop.jit.object_code import outline
+
+    try:
+        made = image(resolved)
+    except SceneError as error:
+        fail(str(error), 2)
+    if not is_compiled(outline(made.unit), cpu):
+        err.print(f"Compiling the kernels for {cpu}: once, about half a minute.")
+    if folder:
+        make_folder(out_path)
+    else:
+        check_writable(out_path.parent)
+    try:
+        if folder:
+            library.write_folder(made, cpu, out_path)
+        elif out_path.suffix == ".fmu":
+            write_fmu(made, cpu, fmi, out_path)
+        else:
+            library.write_library(made, cpu, out_path)
+    except (SceneError, library.NoCompiler) as error:
+        fail(str(error), 2)
+    except CompileFault as error:
+        fail(str(error), 1)
+    if resolved.plate_model_asked == "auto" and resolved.plate_model == "infinite":
+        err.print(
+            "the plate is infinite, as in this scene's runs, for the force of its own law; for any "
+            "force take --set run.plate_model=modal",
+            soft_wrap=True,
+        )
+    arrays = len(made.data) / 1000
+    out.print(f"written: {out_path}, for {cpu}, {arrays:.0f} kB of it arrays", soft_wrap=True)
+
+
+def _machine() -> str:
+    import platform
+
+    return platform.machine()

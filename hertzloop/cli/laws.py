@@ -1,0 +1,275 @@
+"""The commands for laws of one's own: a start that runs as it is, and a law on recorded samples."""
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from hertzloop.cli.options import (
+    JsonOption,
+    NameOption,
+    OverwriteOption,
+    SetOption,
+    TimeoutOption,
+    WaitOption,
+    check_folder,
+    check_json,
+    check_output,
+    check_picture,
+    compile_first,
+    err,
+    fail,
+    out,
+    write_json,
+)
+from hertzloop.controller.loading.registry import compilation
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import DEFAULT, shipped_text, toml_value
+
+if TYPE_CHECKING:
+    from hertzloop.processes.conformance import Checks, Meeting, Script
+    from hertzloop.studies.law_on import Comparison
+
+_SCENE = """# A scene for hertzloop: run it with   hertzloop run {name}
+#
+# Every key is in its table; a wrong one is refused with a sentence. What is left out has its
+# default. `hertzloop run {name} --set sensors.bits=12` changes a key for one run.
+
+"""
+_KINDS = {"law": (".py", ".c"), "scene": (".toml",)}
+
+
+def new(
+    kind: Annotated[Literal["law", "scene"], typer.Argument(help="What to start.")],
+    file: Annotated[Path, typer.Argument(help="mine.py or mine.c for a law, mine.toml.")],
+) -> None:
+    """Write a commented law (Python, or C) or scene that runs as it is."""
+    if file.suffix not in _KINDS[kind]:
+        fail(f"{file} has to end in {' or '.join(_KINDS[kind])} for a {kind}", 2)
+    check_folder(file)
+    texts = {file: _text(kind, file)}
+    header = file.with_name("hertzloop_law.h")
+    if file.suffix == ".c" and not header.exists():
+        texts[header] = _resource("hertzloop_law.h")
+    try:
+        for path, text in texts.items():
+            with path.open("x", encoding="utf-8") as target:
+                target.write(text)
+    except FileExistsError:
+        fail(f"{file} exists; choose another name", 2)
+    except OSError as error:
+        fail(f"cannot write {file}: {error.strerror}", 1)
+    out.print(f"written: {', '.join(map(str, texts))}; {_next(kind, file)}", soft_wrap=True)
+
+
+def _resource(name: str) -> str:
+    return (resources.files("hertzloop.controller") / "loading" / "start" / name).read_text("utf-8")
+
+
+def _text(kind: str, file: Path) -> str:
+    if kind == "law":
+        return _resource(f"law{file.suffix}.txt").replace("NAME", file.stem)
+    text = shipped_text(DEFAULT).replace(f'name = "{DEFAULT}"', f'name = "{_scene_name(file)}"')
+    return _SCENE.format(name=file.name) + text
+
+
+def _scene_name(file: Path) -> str:
+    """A name that a scene may have."""
+    kept = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in file.stem)
+    return kept.lstrip("._-")[:80] or "mine"
+
+
+def _next(kind: str, file: Path) -> str:
+    if kind == "scene":
+        return f"hertzloop run {file}"
+    if file.suffix == ".py":
+        return f"hertzloop run --set controller.law={file}"
+    library = file.with_suffix(".so")
+    return f"{compilation(file)} && hertzloop run --set controller.law={library}"
+
+
+def law_on(
+    file: Annotated[Path, typer.Argument(help="A recording.", metavar="F.mcap")],
+    law: Annotated[str, typer.Option(help="Law to feed the recorded samples to.")],
+    settings: SetOption = None,
+    picture: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Picture; F-law.png if left out.")
+    ] = None,
+    overwrite: OverwriteOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Feed a recording's samples to another law: where does its force differ first?"""
+    from hertzloop.controller.loading.bound import LawFault
+    from hertzloop.recordings.reader import read
+    from hertzloop.recordings.writer import RecordingError
+    from hertzloop.studies import law_on as study
+
+    target = picture or file.with_name(f"{file.stem}-law.png")
+    check_picture(target)
+    check_output(target, overwrite, read=[file])
+    check_json(json_file, target)
+    try:
+        recording = read(file)
+        keys = dict(_setting(text) for text in settings or [])
+        setup = study.scene_with(recording, law, keys)
+        found = study.law_on(recording, setup)
+    except (RecordingError, SceneError) as error:
+        fail(str(error), 2)
+    except LawFault as error:
+        fail(str(error), 1)
+    for problem in recording.problems:
+        err.print(f"{file}: {problem}", soft_wrap=True, markup=False)
+    ran = recording.law_ran[0] or recording.metadata.get("law") or "as recorded"
+    study.draw(found, (f"recorded: {ran}", setup.law.name), target)
+    out.print(_difference(found, setup.law.name), soft_wrap=True, markup=False)
+    out.print(f"written: {target}", soft_wrap=True)
+    write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})
+
+
+def _difference(found: "Comparison", name: str) -> str:
+    if found.first is None:
+        return f"the same forces in all {len(found.other_n):,} steps"
+    at = found.first
+    return (
+        f"the forces differ first at step {at} ({1e3 * at * found.step_s:.6g} ms): recorded "
+        f"{found.recorded_n[at]:.9g} N, {name} {found.other_n[at]:.9g} N"
+    )
+
+
+def _setting(text: str) -> tuple[str, object]:
+    key, equals, value = text.partition("=")
+    if not equals:
+        fail(f"'{text}' is no setting; write table.key=value, e.g. controller.kappa=0.5", 2)
+    return key.strip(), toml_value(value)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    app.command()(new)
+    app.command()(law_on)
+
+
+def conformance(
+    start: Annotated[
+        str,
+        typer.Option(
+            metavar="'CMD ...'",
+            help="Command line that starts the controller; {name}, {listen} and {connect} in it "
+            "are filled in. Without, one that runs already plays one script.",
+        ),
+    ] = "",
+    script: Annotated[
+        list[str] | None, typer.Option(help="Script to play, several times; all with --start.")
+    ] = None,
+    law: Annotated[
+        str | None, typer.Option(help="Our law whose forces must come, byte for byte.")
+    ] = None,
+    expect: Annotated[
+        Path | None,
+        typer.Option(help="Recording: its samples are played, its forces must come.", exists=True),
+    ] = None,
+    settings: SetOption = None,
+    name: NameOption = "hertzloop",
+    port: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=65533,
+            help="First of three ports: plant's, controller's, recorder's. If left out, free ones "
+            "with --start, else those from 7450 on.",
+        ),
+    ] = None,
+    timeout: TimeoutOption = 5.0,
+    wait: WaitOption = 30.0,
+) -> None:
+    """Play a plant against a controller process of one's own; say what is wrong first."""
+    from hertzloop.processes.conformance import Broken, Checks, Meeting
+
+    if law and expect:
+        fail("give --law or --expect, not both: the forces are compared with one of them", 2)
+    chosen = _chosen(script, law, expect, settings or [], everything=bool(start))
+    checks = Checks()
+    laws: set[str] = set()
+    with _ports(port, bool(start)) as ports:
+        meeting = Meeting(name, ports, timeout, wait)
+        for one in chosen:
+            try:
+                laws |= _played(one, meeting, start, checks)
+            except Broken as error:
+                out.print(f"script '{one.name}': {error}", soft_wrap=True)
+                raise typer.Exit(1) from None
+            except (OSError, ValueError) as error:
+                fail(f"'{start}' cannot be started: {error}", 2)
+    for text in sorted(laws):
+        said = f"its law: {text}" if text else "it does not say which law ran (set_up.law)"
+        err.print(said, soft_wrap=True)
+    out.print(f"conforms: {checks.count:,} checks")
+
+
+def _ports(first: int | None, ours_to_start: bool) -> AbstractContextManager[Sequence[int]]:
+    """Ports of plant, controller and recorder; who runs already has to know them."""
+    from hertzloop.bus.wire import reserved_ports
+    from hertzloop.processes.roles import BASE_PORT
+
+    if first is None and ours_to_start:
+        return reserved_ports(3)
+    first = first or BASE_PORT
+    return nullcontext(range(first, first + 3))
+
+
+def _chosen(
+    names: list[str] | None,
+    law: str | None,
+    expect: Path | None,
+    settings: list[str],
+    everything: bool,
+) -> list["Script"]:
+    """The scripts to play; ends the command where there are none such."""
+    from hertzloop.processes.conformance import recorded, scripts
+    from hertzloop.recordings.reader import read
+    from hertzloop.recordings.writer import RecordingError
+
+    try:
+        if expect:
+            return [recorded(read(expect))]
+        if law:
+            compile_first()
+        known = {script.name: script for script in scripts(law, settings)}
+    except (SceneError, RecordingError, ValueError) as error:
+        fail(str(error), 2)
+    wanted = names or (list(known) if everything else ["touch"])
+    for name in wanted:
+        if name not in known:
+            fail(f"there is no script '{name}'; known: {', '.join(known)}", 2)
+    if not everything and len(wanted) > 1:
+        fail("a controller that runs already plays one --script; --start 'CMD' plays several", 2)
+    return [known[name] for name in wanted]
+
+
+def _played(script: "Script", meeting: "Meeting", start: str, checks: "Checks") -> set[str]:
+    """Play a script at each of its horizons, once without `start`; the laws that ran.
+
+    Raises Broken, OSError and ValueError as `conformance.play`.
+    """
+    import numpy as np
+
+    from hertzloop.processes.conformance import play
+
+    laws, before = set(), None
+    for horizon in script.horizons if start else script.horizons[-1:]:
+        plant = play(script, horizon, meeting, start, checks)
+        if plant.end is not None:
+            laws.add(plant.end.set_up.law)
+        if before is not None:
+            other = np.flatnonzero(before.view(np.int64) != plant.forces.view(np.int64))
+            at = int(other[0]) if len(other) else 0
+            checks.that(
+                not len(other),
+                f"the force of step {at} is {before[at]:g} N with an exchange every step, "
+                f"{plant.forces[at]:g} N with as few as were granted: the horizon changes no force",
+            )
+        before = plant.forces
+    return laws

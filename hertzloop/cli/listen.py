@@ -1,0 +1,119 @@
+"""The command that lets a run be heard."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hertzloop.cli.options import (
+    JsonOption,
+    check_json,
+    err,
+    fail,
+    make_folder,
+    out,
+    write_json,
+)
+from hertzloop.cli.recordings import FileArgument, read_or_fail
+from hertzloop.views.format import Table
+
+_ENERGIES = {
+    "sound_energy_j": "sound energy, half sphere",
+    "by_modes_j": "... by each mode's own efficiency",
+    "by_means_j": "... by mean efficiencies",
+    "until_rest_j": "... by these until the plate is at rest",
+}
+
+
+def listen(
+    file: FileArgument,
+    folder: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for the sounds.", metavar="DIR")
+    ],
+    at: Annotated[
+        tuple[float, float, float],
+        typer.Option("--at", help="Listener: x, y from the plate's middle and height above, m."),
+    ] = (0.0, 0.0, 1.0),
+    slow: Annotated[
+        float, typer.Option(min=1.0, max=1000.0, help="How many times slower than it was.")
+    ] = 1.0,
+    tail: Annotated[
+        float, typer.Option(min=0.0, max=10.0, help="Ringing after the run's end, s.")
+    ] = 0.3,
+    energy: Annotated[
+        bool, typer.Option("--energy", help="Also the sound energy through a half sphere.")
+    ] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Sound pressure of a run at a listener's point, with and without control, as WAV files on the
+    same scale: the plate's modes in a rigid baffle, up to 20 kHz."""
+    from hertzloop.analysis.listening import heard_of
+    from hertzloop.recordings.writer import RecordingError
+    from hertzloop.scenes.errors import SceneError
+    from hertzloop.views.replaying import scene_of
+
+    if not at[2] > 0.0:
+        fail(f"--at: the listener's height {at[2]:g} m is not above the plate", 2)
+    check_json(json_file)
+    recording = read_or_fail(file, keep=True)
+    for problem in recording.problems:
+        err.print(f"{file}: {problem}", soft_wrap=True)
+    make_folder(folder)
+    try:
+        data = heard_of(recording, scene_of(recording), folder, at, slow, tail, energy)
+    except (RecordingError, SceneError) as error:
+        fail(str(error), 1)
+    except OSError as error:
+        fail(f"cannot write into {folder}: {error.strerror}", 1)
+    _show(data)
+    write_json(json_file, data)
+
+
+def _show(data: dict[str, Any]) -> None:
+    runs = data["runs"]
+    table = Table(title="Sound at the listener's point")
+    compared = len(runs) == 2 and data["full_scale_pa"] > 0.0
+    for heading in ("", *(name.replace("-", " ") for name in runs), *["change"] * compared):
+        table.add_column(heading, justify="right")
+    for label, key, factor, unit in (
+        ("largest pressure", "peak_pa", 1.0, "Pa"),
+        ("sound exposure level", "level_db", 1.0, "dB"),
+        *((label, key, 1e6, "uJ") for key, label in _ENERGIES.items()),
+    ):
+        if all(key in run for run in runs.values()):
+            values = [run[key] for run in runs.values()]
+            words = [f"{factor * value:.3g} {unit}" for value in values]
+            table.add_row(label, *words, *([_change(values, unit)] if compared else []))
+    out.print(table)
+    if data["full_scale_pa"] == 0.0:
+        out.print("Silence: nothing moves the plate.")
+    for name, run in runs.items():
+        _explain(name.replace("-", " "), run)
+    for run in runs.values():
+        out.print(f"written: {run['file']}", soft_wrap=True)
+
+
+def _change(values: list[float], unit: str) -> str:
+    """The first against the second, in dB; "" where there is none."""
+    first, second = values
+    if unit == "dB":
+        return f"{first - second:+.2f} dB" if min(values) > -math.inf else ""
+    times = 20.0 if unit == "Pa" else 10.0
+    return f"{times * math.log10(first / second):+.2f} dB" if min(values) > 0.0 else ""
+
+
+def _explain(name: str, run: dict[str, Any]) -> None:
+    """Why the energies of a run differ, and by how much."""
+    from hertzloop.plant.figures.sound import DIRECTIONS
+
+    energies = [run.get(key, 0.0) for key in _ENERGIES]
+    if min(energies) > 0.0:
+        levels = [10.0 * math.log10(one) for one in energies]
+        through, means, later = (levels[i] - levels[j] for i, j in ((0, 1), (2, 1), (3, 2)))
+        out.print(
+            f"{name}: the half sphere, by {DIRECTIONS} directions, has {through:+.2f} dB against "
+            f"the modes' own efficiencies, mean efficiencies {means:+.2f} dB; what follows after "
+            f"the file (--tail) adds {later:.2f} dB",
+            soft_wrap=True,
+        )

@@ -1,0 +1,358 @@
+"""Options and checks that commands share."""
+
+import errno
+import json
+import math
+import os
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any, Literal, NoReturn
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from typer.core import TyperGroup
+
+from hertzloop.controller.loading.registry import shipped as shipped_laws
+from hertzloop.extras import need, sentence_on
+from hertzloop.processes.signals import INTERRUPTED, on_interrupt
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
+from hertzloop.views.format import styled
+
+# Text is text: what is shown comes from scenes, files and other processes, and a name such as
+# [red] or 0:100:1 has no meaning here. What is to have a style says so with `styled`.
+out = Console(highlight=False, emoji=False, markup=False)
+err = Console(stderr=True, highlight=False, emoji=False, markup=False)
+
+
+def fail(sentence: str, code: int) -> NoReturn:
+    """Say what is wrong and end the command with an exit code."""
+    err.print(styled(("error:", "red"), f" {sentence}"), soft_wrap=True)
+    raise typer.Exit(code)
+
+
+@contextmanager
+def if_interrupted(explain: Callable[[], str] | None = None) -> Iterator[None]:
+    """End the command with exit code 130 when a signal ends what is inside; say what is kept."""
+
+    def end(_: str) -> NoReturn:
+        err.print(f"interrupted; {explain()}" if explain else "interrupted", soft_wrap=True)
+        raise typer.Exit(INTERRUPTED)
+
+    with on_interrupt(end):
+        yield
+
+
+@contextmanager
+def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """A progress bar with the time left, gone when done; yields how to say what is completed."""
+    percent = TextColumn("{task.percentage:3.0f} %", markup=False)
+    about = TextColumn("{task.description}", markup=False)
+    columns = (about, BarColumn(), percent, TimeRemainingColumn())
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda completed: bar.update(task, completed=completed)
+
+
+class Commands(TyperGroup):
+    """All commands: an interruption that none of them explains ends in one sentence, as does a
+    package that an extra would have brought."""
+
+    def invoke(self, *args: Any) -> Any:
+        """Run the command that was asked for."""
+        out.stderr = False  # see check_json
+        try:
+            with if_interrupted():
+                return super().invoke(*args)
+        except ModuleNotFoundError as error:
+            sentence = sentence_on(error.name)
+            if sentence is None:
+                raise
+            fail(sentence, 2)
+
+
+SceneArgument = Annotated[str, typer.Argument(help="A shipped scene's name, or a .toml file.")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", help="Change a scene key, e.g. sensors.bits=12.")
+]
+SeedOption = Annotated[
+    int | None, typer.Option(help="Seed of all randomness; the scene's if left out.")
+]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
+HorizonOption = Annotated[
+    int | None,
+    typer.Option(min=1, help="Most steps between two exchanges; as the law allows if left out."),
+]
+TimeoutOption = Annotated[
+    float, typer.Option(min=0.1, max=1e6, help="Longest wait for a message of another process, s.")
+]
+WaitOption = Annotated[
+    float, typer.Option(min=0.1, max=1e6, help="Longest wait for the other processes to appear, s.")
+]
+NameOption = Annotated[str, typer.Option(help="Name of the run on the bus.")]
+ListenOption = Annotated[list[str] | None, typer.Option(help="Endpoint to listen on.")]
+ConnectOption = Annotated[list[str] | None, typer.Option(help="Endpoint to connect to.")]
+ConfigOption = Annotated[
+    Path | None,
+    typer.Option(help="zenoh configuration (JSON5), e.g. for TLS and access control.", exists=True),
+]
+FastLaneOption = Annotated[
+    bool,
+    typer.Option(
+        "--fast-lane/--no-fast-lane",
+        help="Let plant and controller on one host talk through shared memory.",
+    ),
+]
+RealtimeOption = Annotated[
+    Literal["auto", "on", "off"],
+    typer.Option(help="Real-time scheduling: auto takes it where permitted and a core is left."),
+]
+PaceOption = Annotated[
+    float | None,
+    typer.Option(
+        min=1e-9,
+        max=1000.0,
+        help="Follow the wall clock at this rate of simulated over wall time, and wait for no "
+        "force; in lock-step if left out.",
+    ),
+]
+MachineOption = Annotated[bool, typer.Option("--machine", hidden=True)]
+JsonOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--json",
+        help="Write all figures to this file, - is standard output; an earlier one is replaced.",
+    ),
+]
+
+_STDOUT = Path("-")
+_JSON_BEGINS = '{\n  "hertzloop": '  # and its version: what --json wrote
+
+TransportName = Literal["zenoh", "inprocess", "compiled"]
+
+LARGEST_PORT = 65535
+_PICTURES = (".png", ".pdf", ".svg", ".jpg")
+_OF_FILES = (*_PICTURES, ".csv", ".html", ".json", ".mcap", ".parquet", ".toml", ".txt")
+
+
+def scene_from(
+    source: str, settings: list[str] | None, seed: int | None, tried: bool = False
+) -> Setup:
+    """The scene a command works on; ends the command if it cannot be simulated. Its law is `tried`
+    where whoever started the command has done so."""
+    try:
+        setup = load(source, settings or (), seed)
+        from hertzloop.processes.warmup import anything_compiled
+        from hertzloop.setup.plate import build_words
+
+        if not anything_compiled():
+            announce_compilation()
+        if said := build_words(setup.plant):
+            err.print(said, soft_wrap=True, markup=False)
+        if not tried:
+            check_law(setup)
+        return setup
+    except SceneError as error:
+        fail(str(error), 2)
+
+
+def check_pace(setup: Setup, pace: float | None, timeout: float, **others: object) -> None:
+    """End the command for a pace that cannot be, or beside options (`others`) that need the
+    lock-step."""
+    if pace is None:
+        return
+    for name, given in others.items():
+        if given:
+            fail(f"--{name} needs the lock-step; with --pace the plant waits for no force", 2)
+    from hertzloop.loop.paced import check_pace as check
+
+    try:
+        check(setup, pace, timeout)
+    except SceneError as error:
+        fail(str(error), 2)
+
+
+def check_law(setup: Setup) -> None:
+    """Try a law that is not shipped for a moment, and say so if it is slow. Raises SceneError."""
+    if setup.law_reference in shipped_laws():
+        return
+    from hertzloop.processes.law_trial import try_law
+
+    note = try_law(setup)
+    if note:
+        err.print(note, soft_wrap=True, markup=False)
+
+
+def check_reachable(path: Path) -> None:
+    """End the command for a path that cannot even be looked at, such as one too long."""
+    try:
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except OSError as error:
+        fail(f"cannot write {path}: {error.strerror}", 2)
+
+
+def check_picture(path: Path) -> None:
+    """End the command for a picture whose name does not say how to draw it.
+
+    Raises ModuleNotFoundError where there is nothing to draw it with.
+    """
+    if path.suffix not in _PICTURES:
+        fail(f"{path} does not end in one of {', '.join(_PICTURES)}, which say how to draw it", 2)
+    need("matplotlib")
+
+
+def check_output(
+    path: Path, overwrite: bool, option: str = "--out", read: Iterable[Path] = ()
+) -> None:
+    """End the command unless `path` can be written, and may be; it is none of the files that the
+    command has to `read`."""
+    check_reachable(path)
+    for file in read:
+        if path.is_file() and os.path.exists(file) and path.samefile(file):
+            fail(f"{option} {path} is a file that is read; choose another name", 2)
+    if path.exists() and not path.is_file() and not overwrite:
+        fail(f"{path} is no file that could be written to", 2)
+    if path.is_file() and not overwrite:
+        fail(f"{path} exists; choose another name with {option}, or allow it with --overwrite", 2)
+    check_folder(path)
+
+
+def check_recording(
+    path: Path, overwrite: bool, option: str = "--out", read: Iterable[Path] = ()
+) -> None:
+    """End the command unless `path` is the name of a recording that can be written."""
+    check_output(path, overwrite, option, read)
+    if path.suffix != ".mcap":
+        fail(f"{option} = {path}: must end in .mcap, as a recording is written", 2)
+
+
+def files_of(setup: Setup, *named: str) -> list[Path]:
+    """What may be files that a scene was made of: its law's, and what is `named`, as the scene or
+    in a setting."""
+    law = setup.law_reference
+    texts = [law, law.rpartition(":")[0], *named, *(text.partition("=")[2] for text in named)]
+    return [Path(text.strip("\"' ")) for text in texts if text]
+
+
+def check_folder(path: Path | None) -> None:
+    """End the command unless a file to write, if there is one, can be."""
+    if path is None:
+        return
+    check_reachable(path)
+    if path.is_dir():
+        fail(f"{path} is a folder; choose the name of a file", 2)
+    if not path.parent.is_dir():
+        fail(f"the folder {path.parent} does not exist", 2)
+    if not path.exists():
+        check_writable(path.parent)
+    elif not os.access(path, os.W_OK):
+        fail(f"cannot write {path}: {os.strerror(errno.EACCES)}", 2)
+
+
+def check_json(path: Path | None, *outputs: Path | None) -> None:
+    """End the command unless what --json asks for, if it does, can be written: to a file that is
+    new, empty or an earlier one of these, and none of the command's other `outputs`. Where it goes
+    to standard output, nothing else does: words for people then go to standard error."""
+    if path == _STDOUT:
+        out.stderr = True
+        return
+    check_folder(path)
+    if path is None:
+        return
+    if any(output is not None and output.resolve() == path.resolve() for output in outputs):
+        fail(f"--json {path} is a file of the results; choose another name", 2)
+    if not _of_json(path):
+        fail(f"--json {path} exists and was not written by --json; choose another name", 2)
+
+
+def _of_json(path: Path) -> bool:
+    """Whether nothing is lost if a file is replaced."""
+    if not path.is_file():
+        return True
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_JSON_BEGINS)) in (b"", _JSON_BEGINS.encode())
+    except OSError:  # it may be written, but not read
+        return False
+
+
+def check_writable(folder: Path) -> None:
+    """End the command unless a file can be made in an existing folder."""
+    try:
+        # Tried, since permissions do not tell of read-only and special file systems.
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        fail(f"cannot write into the folder {folder}: {error.strerror}", 2)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder for results; end the command unless files can be written into it, and for the
+    name of a file."""
+    if folder.suffix in _OF_FILES and not folder.is_dir():
+        fail(f"{folder}: must be a folder, not a file. Give a name without {folder.suffix}", 2)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        fail(f"{folder} is no folder that could be made: {error.strerror}", 2)
+    check_writable(folder)
+
+
+def end_if_not_run(reasons: list[str], total: int) -> None:
+    """End a command of many cases with exit code 1 if some could not be run; `reasons`: of each."""
+    if not reasons:
+        return
+    counted = Counter(reasons).most_common()
+    for reason, times in counted[:3]:
+        err.print(f"{times} times: {reason}" if times > 1 else reason, soft_wrap=True)
+    if len(counted) > 3:
+        err.print(f"... and {len(counted) - 3} more reasons")
+    fail(f"{len(reasons)} of {total} cases could not be run", 1)
+
+
+def write_json(path: Path | None, data: dict[str, Any]) -> None:
+    """Write what --json asks for, if it does: `data` and the version of hertzloop."""
+    if path is None:
+        return
+    marked = {"hertzloop": version("hertzloop"), **_strict(data)}
+    if path == _STDOUT:
+        print(json.dumps(marked, indent=2))
+        return
+    try:
+        if not _of_json(path):
+            fail(f"--json {path} has been written by others meanwhile; it is left as it is", 1)
+        path.write_text(json.dumps(marked, indent=2) + "\n", encoding="utf-8")
+    except OSError as error:
+        fail(f"cannot write {path}: {error.strerror}", 1)
+
+
+def _strict(data: Any) -> Any:
+    """The same with null for numbers that JSON does not know."""
+    if isinstance(data, dict):
+        return {key: _strict(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_strict(value) for value in data]
+    return None if isinstance(data, float) and not math.isfinite(data) else data
+
+
+def compile_first(*scenes: Setup, paced: bool = False) -> None:
+    """Compile what scenes run, see `ensure_compiled`; ends the command if one cannot be built."""
+    from hertzloop.processes.warmup import ensure_compiled
+
+    try:
+        ensure_compiled(announce_compilation, *scenes, paced=paced)
+    except SceneError as error:
+        fail(str(error), 2)
+
+
+@cache
+def announce_compilation() -> None:
+    """Say why the next half minute is silent; once, whatever is compiled after it."""
+    err.print("Compiling the kernels: once after every change of version, about half a minute.")

@@ -1,0 +1,462 @@
+"""Commands that show recordings: inspect, compare, replay, recover, report, pictures."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hertzloop.cli.options import (
+    JsonOption,
+    OverwriteOption,
+    check_json,
+    check_output,
+    check_recording,
+    err,
+    fail,
+    make_folder,
+    out,
+    write_json,
+)
+from hertzloop.extras import need
+
+if TYPE_CHECKING:
+    from hertzloop.loop.answers import Repeat
+    from hertzloop.recordings.reader import Recording
+    from hertzloop.setup import Setup
+
+
+def read_or_fail(path: Path, keep: bool = False) -> "Recording":
+    """A recording, as `recordings.reader.read` has it; ends the command if there is none."""
+    from hertzloop.recordings.reader import read
+    from hertzloop.recordings.writer import RecordingError
+
+    try:
+        return read(path, keep)
+    except RecordingError as error:
+        fail(str(error), 2)
+
+
+def scene_to_run(recording: "Recording") -> "Setup":
+    """The scene of a recording; ends the command if it cannot be simulated here."""
+    from hertzloop.scenes.errors import SceneError
+    from hertzloop.setup import parse
+
+    try:
+        return parse(recording.scene_toml)
+    except SceneError as error:
+        words = f"the scene of {recording.path} cannot be simulated here: {error}"
+        fail(words + recording.other_version, 2)
+
+
+def repeat_or_fail(recording: "Recording", setup: "Setup") -> "Repeat":
+    """What is to be repeated of a recording of this scene; ends the command if that cannot be."""
+    from hertzloop.loop.answers import repeat_of
+    from hertzloop.recordings.writer import RecordingError
+
+    try:
+        if setup.toml != recording.scene_toml:
+            fail(f"{recording.path} is a recording of another scene{recording.other_version}", 2)
+        return repeat_of(recording)
+    except RecordingError as error:
+        fail(str(error), 2)
+
+
+FileArgument = Annotated[Path, typer.Argument(help="A recording.", metavar="F.mcap")]
+
+
+def inspect(
+    file: FileArgument,
+    json_file: JsonOption = None,
+    law_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--law", help="Write the text of the law that ran to this file.", metavar="OUT.py"
+        ),
+    ] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Streams, counts, gaps, scene and figures of a recording; exit 1 if something is missing."""
+    from hertzloop.recordings.writer import RecordingError
+    from hertzloop.views import inspection
+
+    check_json(json_file, law_file)
+    recording = read_or_fail(file)
+    if law_file is not None:
+        _write_law(recording, law_file, overwrite)
+    try:
+        data = inspection.summary(recording)
+    except RecordingError as error:
+        fail(str(error), 1)
+    inspection.show(out, recording, data)
+    write_json(json_file, data)
+    if data["problems"]:
+        raise typer.Exit(1)
+
+
+def _write_law(recording: "Recording", file: Path, overwrite: bool) -> None:
+    """Write the text of the law that ran; ends the command if there is none, or it cannot be
+    written."""
+    from hertzloop.recordings.writer import RecordingError
+    from hertzloop.views.provenance import text_of_law
+
+    check_output(file, overwrite, "--law", [recording.path])
+    try:
+        file.write_text(text_of_law(recording), encoding="utf-8", newline="")
+    except RecordingError as error:
+        fail(f"--law {file}: {error}", 2)
+    except OSError as error:
+        fail(f"cannot write {file}: {error.strerror}", 1)
+    err.print(f"written: {file}", soft_wrap=True)
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(metavar="A.mcap")],
+    b: Annotated[Path, typer.Argument(metavar="B.mcap")],
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            max=1.0,
+            help="Allowed difference as a share of a field's largest value; for runs on "
+            "different processors, 1e-9 say.",
+        ),
+    ] = 0.0,
+    figures: Annotated[
+        bool,
+        typer.Option(
+            "--figures",
+            help="Print the figures of both runs and their change instead; exit 0 if both have "
+            "figures.",
+        ),
+    ] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Exit 0 if every compared stream of two recordings has the same bytes, else 1."""
+    from hertzloop.recordings.compare import first_difference
+    from hertzloop.recordings.writer import RecordingError
+
+    if json_file and not figures:
+        fail(f"--json {json_file} needs --figures: without it there are no figures to write", 2)
+    if tolerance and figures:
+        fail("give --tolerance or --figures, not both: figures are shown as they are", 2)
+    check_json(json_file, a, b)
+    left, right = read_or_fail(a), read_or_fail(b)
+    for recording in (left, right):
+        for problem in recording.problems:
+            err.print(f"{recording.path}: {problem}", soft_wrap=True)
+    if figures:
+        _compare_figures(left, right, json_file)
+        return
+    until = _horizon(left, tolerance) if tolerance else None
+    try:
+        difference = first_difference(left, right, tolerance, until)
+    except RecordingError as error:
+        fail(str(error), 1)
+    if difference:
+        out.print(difference, soft_wrap=True)
+        raise typer.Exit(1)
+    within = f" within {tolerance:g} of the largest" if tolerance else ""
+    if until is not None:
+        out.print(
+            f"Compared up to {until * left.truth.step_ns * 1e-6:.6g} ms: from there on the run "
+            f"depends on rounding by more than {tolerance:g}, so that processors may differ.",
+            soft_wrap=True,
+        )
+    out.print(
+        f"the same{within}: {left.truth.samples:,} steps of truth, {left.daq.samples:,} samples, "
+        f"{left.force.samples:,} forces, {len(left.events)} events"
+    )
+
+
+def _compare_figures(left: "Recording", right: "Recording", json_file: Path | None) -> None:
+    """Print the figures of two recordings side by side."""
+    from hertzloop.analysis.spans import compared
+    from hertzloop.views import inspection
+    from hertzloop.views.data import comparison_as_json, figures_in
+
+    both = []
+    for recording in (left, right):
+        data = inspection.summary(recording)
+        if data["first_impact"] is None:
+            why = [*data["problems"], "there is no contact in it"][0]
+            fail(f"{recording.path} has no figures: {why}", 1)
+        both.append(data)
+    found = compared(*(figures_in(data) for data in both))
+    for letter, data in zip("AB", both, strict=True):
+        out.print(
+            f"{letter}: {data['file']}, scene {data['scene']}, law {data['scene_law']}",
+            soft_wrap=True, markup=False,
+        )  # fmt: skip
+    out.print(inspection.comparison_table(found))
+    named = {name: data["file"] for name, data in zip("ab", both, strict=True)}
+    write_json(json_file, {**named, "figures": comparison_as_json(found)})
+
+
+def _horizon(recording: "Recording", tolerance: float) -> int | None:
+    """Step up to which the recorded run can be the same on another processor, None for the end, or
+    where its scene cannot be simulated here."""
+    from hertzloop.analysis.trust import horizon_step
+    from hertzloop.scenes.errors import SceneError
+    from hertzloop.setup import parse
+
+    try:
+        return horizon_step(parse(recording.scene_toml), tolerance)
+    except SceneError as error:
+        err.print(f"compared to the end, as the run cannot be repeated here: {error}",
+                  soft_wrap=True)  # fmt: skip
+        return None
+
+
+def replay(
+    file: FileArgument,
+    other: Annotated[
+        Path | None,
+        typer.Argument(
+            help="Another run to lay it over; itself without control if left out.",
+            metavar="[B.mcap]",
+            show_default=False,
+        ),
+    ] = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Write an .rrd file for the Rerun viewer.", metavar="F.rrd")
+    ] = None,
+    screenshot: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write a picture of the first contact; no screen needed.", metavar="F.png"
+        ),
+    ] = None,
+    alone: Annotated[bool, typer.Option("--alone", help="Without a run to compare with.")] = False,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Watch a recording in slow motion over the same run without control, or over another: plate,
+    forces, energies, events. Opens a window by default."""
+    for option, output, ending in (("--save", save, ".rrd"), ("--screenshot", screenshot, ".png")):
+        if output is not None:
+            if output.suffix != ending:
+                fail(f"{option} {output} does not end in {ending}, which is what it writes", 2)
+            check_output(output, overwrite, option, [file])
+    if alone and other is not None:
+        fail(f"--alone leaves nothing to compare with, but {other} is named", 2)
+    recording = read_or_fail(file, keep=True)
+    compared = read_or_fail(other, keep=True) if other else None
+
+    # Here and not above: Rerun takes a second to load, and only a replay needs it.
+    from hertzloop.recordings.writer import RecordingError
+    from hertzloop.views import replaying
+
+    if save is None and screenshot is None and not replaying.has_display():
+        fail(
+            "there is no screen to open a window on; write a picture with --screenshot F.png, "
+            "or a file for the Rerun viewer elsewhere with --save F.rrd",
+            2,
+        )
+    for one in (recording, compared) if compared else (recording,):
+        for problem in one.problems:
+            err.print(f"{one.path}: {problem}", soft_wrap=True)
+    try:
+        replaying.replay(recording, save, screenshot, compared, alone)
+    except RecordingError as error:
+        fail(str(error), 1)
+    for output in (save, screenshot):
+        if output is not None:
+            out.print(f"written: {output}", soft_wrap=True)
+
+
+def recover(
+    file: FileArgument,
+    out_file: Annotated[
+        Path | None, typer.Option("--out", help="New file; F-recovered.mcap if left out.")
+    ] = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Make a whole file of a recording that was cut off, so that any MCAP tool opens it."""
+    from hertzloop.recordings.reader import recover as recover_file
+    from hertzloop.recordings.writer import RecordingError
+
+    whole = out_file or file.with_name(f"{file.stem}-recovered.mcap")
+    check_recording(whole, overwrite, read=[file])
+    try:
+        messages, others = recover_file(file, whole, overwrite)
+    except RecordingError as error:
+        fail(str(error), 2)
+    left = f"; {others:,} of other topics are left out" if others else ""
+    out.print(f"recovered {messages:,} messages into {whole}{left}", soft_wrap=True)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    for command in (inspect, compare, replay, recover):
+        app.command()(command)
+
+
+def report(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help="A recording, the results of a sweep or of tune, or the folder of these.",
+            metavar="F.mcap|RESULTS",
+        ),
+    ],
+    folder: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for the page.", metavar="DIR")
+    ],
+    overwrite: OverwriteOption = False,
+) -> None:
+    """One HTML page that needs nothing else. Of a run: figures, charts, animation of the plate,
+    sound, scene, how to run it again; of a sweep or a tuning: charts, tables of cases, scene."""
+    need("matplotlib", "jinja2")
+    if source.suffix in (".parquet", ".csv", ".json", ".partial") or os.path.isdir(source):
+        _of_results(source, folder, overwrite)
+    else:
+        _of_run(source, folder, overwrite)
+
+
+def _of_run(file: Path, folder: Path, overwrite: bool) -> None:
+    from hertzloop.recordings.writer import RecordingError
+    from hertzloop.scenes.errors import SceneError
+
+    recording = read_or_fail(file, keep=True)
+    page = _page(file, folder, overwrite)
+    for problem in recording.problems:
+        err.print(f"{file}: {problem}", soft_wrap=True)
+    from hertzloop.studies.report.page import page_of
+
+    try:
+        _write(page, page_of(recording))
+    except (RecordingError, SceneError) as error:
+        fail(str(error), 1)
+
+
+def _of_results(source: Path, folder: Path, overwrite: bool) -> None:
+    from hertzloop.scenes.errors import SceneError
+    from hertzloop.studies.report.results import page_of_results, results_in
+
+    try:
+        results = results_in(source)
+        text = page_of_results(results)
+    except (ValueError, SceneError) as error:
+        fail(str(error), 2)
+    _write(_page(results, folder, overwrite), text)
+
+
+def _page(source: Path, folder: Path, overwrite: bool) -> Path:
+    """Where the page goes; ends the command if it cannot."""
+    make_folder(folder)
+    page = folder / f"{source.stem}.html"
+    check_output(page, overwrite, read=[source])
+    return page
+
+
+def _write(page: Path, text: str) -> None:
+    try:
+        page.write_text(text, encoding="utf-8")
+    except OSError as error:
+        fail(f"cannot write {page}: {error.strerror}", 1)
+    out.print(f"written: {page} ({len(text.encode()) / 1e6:.1f} MB)", soft_wrap=True)
+
+
+_REPORT = "report"
+_BROWSERS = ("chromium", "chromium-browser", "chrome")
+
+
+def pictures(
+    folder: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for the pictures.", metavar="DIR")
+    ],
+    only: Annotated[
+        list[str] | None, typer.Option("--only", help="A picture by its name; repeat for more.")
+    ] = None,
+    documented: Annotated[
+        bool,
+        typer.Option("--docs", help="Those of the documentation instead, each by its command."),
+    ] = False,
+    note: Annotated[
+        bool, typer.Option("--note", help="With --docs: only note what they show today.")
+    ] = False,
+) -> None:
+    """Pictures of the replay: every shipped scene over itself without control, two laws compared,
+    an unstable run, a paced one; --only report: the page of a run. No screen needed; a quarter of
+    a minute each."""
+    from hertzloop.recordings.reader import read
+    from hertzloop.recordings.writer import RecordingError
+    from hertzloop.scenes.scene import shipped
+    from hertzloop.studies.drawn import MORE, Run
+    from hertzloop.views import replaying
+
+    if documented:
+        _documented(folder, only, note)
+        return
+    wanted = {name: [Run(name)] for name in shipped()} | MORE
+    _check(only, [*wanted, _REPORT])
+    make_folder(folder)
+    if _REPORT in (only or ()):
+        _photograph_report(folder / f"{_REPORT}.png")
+    for name in [name for name in only or wanted if name != _REPORT]:
+        with TemporaryDirectory(prefix="hertzloop-") as temporary:
+            files = []
+            for i, run in enumerate(wanted[name]):
+                files.append(Path(temporary) / f"{run.scene}{'-other' * i}.mcap")
+                try:
+                    run.record(files[-1])
+                except RuntimeError as error:
+                    fail(str(error), 1)
+            first, *others = (read(file) for file in files)
+            try:
+                picture = folder / f"replay-{name}.png"
+                replaying.replay(first, None, picture, others[0] if others else None)
+            except RecordingError as error:
+                fail(str(error), 1)
+        out.print(f"written: {picture}", soft_wrap=True)
+
+
+def _check(only: list[str] | None, known: list[str]) -> None:
+    unknown = [name for name in only or [] if name not in known]
+    if unknown:
+        fail(f"there is no picture '{unknown[0]}'; there are {', '.join(known)}", 2)
+
+
+def _documented(folder: Path, only: list[str] | None, note: bool) -> None:
+    """Draw the pictures of the documentation again, hours for all, and note what they show."""
+    from hertzloop.studies import drawn
+
+    _check(only, list(drawn.PICTURES))
+    make_folder(folder)
+    for name in only or drawn.PICTURES:
+        picture = drawn.PICTURES[name]
+        if not note:
+            with TemporaryDirectory(prefix="hertzloop-") as temporary:
+                words = picture.command.replace("DIR", temporary).split()
+                done = subprocess.run([sys.executable, "-m", *words], check=False)
+                if done.returncode:
+                    fail(f"'{picture.command}' ended with code {done.returncode}", 1)
+                shutil.copyfile(Path(temporary) / picture.writes, folder / name)
+        drawn.write_note(folder, name, drawn_again=not note)
+        out.print(f"{'noted' if note else 'written'}: {folder / name}", soft_wrap=True)
+
+
+def _photograph_report(picture: Path) -> None:
+    """The top of the page of the scene `aluminium-3mm`, by Chromium."""
+    from hertzloop.recordings.reader import read
+    from hertzloop.studies.drawn import Run
+    from hertzloop.studies.report.page import page_of
+
+    browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    if browser is None:
+        fail(f"the picture of the page needs a browser: {', '.join(_BROWSERS)}", 1)
+    with TemporaryDirectory(prefix="hertzloop-") as temporary:
+        file, page = Path(temporary) / "aluminium-3mm.mcap", Path(temporary) / "page.html"
+        Run("aluminium-3mm").record(file)
+        page.write_text(page_of(read(file)), encoding="utf-8")
+        command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+        command += [f"--user-data-dir={temporary}/profile", "--window-size=1100,2500"]
+        command += ["--virtual-time-budget=1500", f"--screenshot={picture}", page.as_uri()]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode or not picture.exists():
+        fail(f"{browser} took no picture: {done.stderr.strip()[-200:]}", 1)
+    out.print(f"written: {picture}", soft_wrap=True)

@@ -1,0 +1,363 @@
+"""Commands of single processes, for terminals or hosts of their own: plant, controller, record."""
+
+import contextlib
+import json
+import re
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+
+from hertzloop.cli.options import (
+    LARGEST_PORT,
+    ConfigOption,
+    ConnectOption,
+    FastLaneOption,
+    HorizonOption,
+    ListenOption,
+    MachineOption,
+    NameOption,
+    OverwriteOption,
+    PaceOption,
+    RealtimeOption,
+    SceneArgument,
+    SeedOption,
+    SetOption,
+    TimeoutOption,
+    WaitOption,
+    check_output,
+    check_pace,
+    check_recording,
+    err,
+    fail,
+    out,
+    scene_from,
+)
+from hertzloop.cli.recordings import read_or_fail, repeat_or_fail
+from hertzloop.processes.realtime import Wanted
+from hertzloop.processes.signals import (
+    INTERRUPTED,
+    end_with_the_launcher,
+    on_interrupt,
+    raise_when_ended,
+)
+from hertzloop.scenes.scene import DEFAULT
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+    from hertzloop.processes.roles import BusAddress
+
+# Of the kinds that zenoh comes with here.
+_ENDPOINT = re.compile(
+    r"unixsock-stream/\S+|(?:tcp|tls|quic|udp|ws)/[^\s?#]+:[0-9]{1,9}(?:[?#]\S+)?"
+)
+_PORT = re.compile(r"(?:tcp|tls|quic|udp|ws)/[^\s?#]+:(?P<port>[0-9]+)(?:[?#]|$)")
+
+
+@contextmanager
+def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
+    """Frame of a process of a run: yields a function that reports to a launcher (`machine`).
+
+    Faults are reported too, or told to a person; then the command ends with exit code 1, or
+    130 if it was interrupted. A report says whether the fault is another role's (`others`),
+    which roles were missing (`lost`), and when that was found (`at_s`).
+    """
+    from hertzloop.bus.port import BusError, EndedByOther, PeerLost
+    from hertzloop.bus.streams import StreamFault
+    from hertzloop.recordings.writer import RecordingError
+
+    def tell(**what: object) -> None:
+        if machine:
+            with suppress(BrokenPipeError):  # the launcher is gone, and cannot be told
+                print(json.dumps(what), flush=True)
+
+    def interrupted(sentence: str) -> NoReturn:
+        sentence = sentence or f"{role} was interrupted"
+        tell(fault=sentence)
+        if not machine:
+            err.print(sentence, markup=False)
+        raise typer.Exit(INTERRUPTED)
+
+    raise_when_ended()
+    if machine:
+        end_with_the_launcher()
+    try:
+        with on_interrupt(interrupted):
+            yield tell
+    except (BusError, StreamFault, RecordingError) as error:
+        missed: dict[str, object] = {}
+        if isinstance(error, PeerLost):
+            missed = {"lost": list(error.roles), "at_s": error.at_s}
+        others = isinstance(error, PeerLost | EndedByOther)
+        tell(fault=str(error), others=others, **missed)
+        if not machine:
+            fail(str(error), 1)
+        raise typer.Exit(1) from None
+
+
+def bus_address(
+    role: str,
+    name: str,
+    listen: list[str] | None,
+    connect: list[str] | None,
+    config: Path | None,
+    timeout: float,
+    wait: float,
+) -> "BusAddress":
+    """Address from the options of a command, else from `config`, else on loopback.
+
+    Ends the command if an endpoint or `config` is none.
+    """
+    from hertzloop.bus.port import BusError
+    from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
+    from hertzloop.processes.roles import BASE_PORT, BusAddress, default_endpoints
+
+    check_endpoints("--listen", listen)
+    check_endpoints("--connect", connect)
+    own, others = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
+    try:
+        if config:
+            own = [] if names_endpoints(config, "listen") else own
+            others = [] if names_endpoints(config, "connect") else others
+            for endpoint in endpoints_named(config):
+                _check_port(f"--zenoh-config: {config}: '{endpoint}'", endpoint)
+    except BusError as error:
+        fail(f"--zenoh-config: {error}", 2)
+    return BusAddress(name, listen or own, connect or others, config, timeout, wait)
+
+
+def check_endpoints(option: str, endpoints: list[str] | None) -> None:
+    """End the command if what an option gives is no endpoint."""
+    from hertzloop.bus.sockets import too_long
+    from hertzloop.processes.roles import BASE_PORT
+
+    for endpoint in endpoints or []:
+        found = _ENDPOINT.fullmatch(endpoint)
+        if not found:
+            example = f"tcp/127.0.0.1:{BASE_PORT}"
+            fail(f"{option} '{endpoint}' is no endpoint; write e.g. {example}", 2)
+        _check_port(f"{option} '{endpoint}'", endpoint)
+        if too_long(endpoint):
+            fail(f"the path of '{endpoint}' is too long for a socket; Linux takes 107 bytes", 2)
+
+
+def _check_port(named: str, endpoint: str) -> None:
+    """End the command if an endpoint's port, if it has one, cannot be."""
+    found = _PORT.search(endpoint)
+    if found and int(found["port"]) > LARGEST_PORT:
+        fail(f"{named} has no port up to {LARGEST_PORT}", 2)
+
+
+def where(address: "BusAddress") -> str:
+    """Where a role listens, in words."""
+    return ", ".join(address.listen) or f"the endpoints of {address.config_file}"
+
+
+def progress_reporter(tell: Callable[..., None]) -> Callable[[int], None]:
+    """Report progress at most ten times a second."""
+
+    last = [0.0]
+
+    def report(step: int) -> None:
+        now = time.monotonic()
+        if now - last[0] > 0.1:
+            last[0] = now
+            tell(step=step)
+
+    return report
+
+
+def watch(
+    name: NameOption = "hertzloop",
+    connect: ConnectOption = None,
+    save: Annotated[
+        Path | None, typer.Option(help="Write an .rrd file instead.", metavar="F.rrd")
+    ] = None,
+    overwrite: OverwriteOption = False,
+    machine: MachineOption = False,
+) -> None:
+    """Watch a run while it goes on: a few samples of every millisecond. It never slows the run;
+    what this side does not take in time is dropped."""
+    import rerun as rr
+    import zenoh
+
+    from hertzloop.bus.port import PeerLost
+    from hertzloop.bus.wire import MessageError
+    from hertzloop.processes.observer import truth_blocks
+    from hertzloop.processes.roles import BASE_PORT
+    from hertzloop.recordings.replay import viewer
+
+    check_endpoints("--connect", connect)
+    if save is not None:
+        if save.suffix != ".rrd":
+            fail(f"--save {save} does not end in .rrd, which is what it writes", 2)
+        check_output(save, overwrite, "--save")
+    elif not viewer.has_display():
+        fail("there is no screen to watch on; --save F.rrd writes a file for the Rerun viewer", 2)
+    where = connect or [f"tcp/127.0.0.1:{port}" for port in range(BASE_PORT, BASE_PORT + 3)]
+    raise_when_ended()
+    ended: list[str] = []
+    stream, shown, why, code = rr.RecordingStream("hertzloop live"), 0, "", 0
+    try:
+        with _shown_in(stream, save):
+            stream.send_blueprint(viewer.live_blueprint())
+            err.print(f"watching run '{name}'")
+            try:
+                with on_interrupt(ended.append):  # what was seen until now is kept
+                    for payload in truth_blocks(name, where, machine):
+                        with contextlib.suppress(MessageError):  # a stranger's
+                            shown += viewer.send_block(stream, payload)
+                if ended:
+                    why, code = "interrupted", INTERRUPTED
+            except PeerLost as error:
+                why, code = str(error), 1
+    except (zenoh.ZError, viewer.ViewerError, OSError) as error:
+        fail(f"cannot watch: {error}", 1)
+    out.print(f"watched: {shown:,} samples", soft_wrap=True)
+    if why:
+        kept = f"; what was seen until now is in {save}" if save else ""
+        err.print(f"{why}{kept}", soft_wrap=True)
+        raise typer.Exit(code)
+
+
+@contextlib.contextmanager
+def _shown_in(stream: "rr.RecordingStream", save: Path | None) -> Iterator[None]:
+    """A file, or a viewer that stays open when the run has ended."""
+    from hertzloop.bus.wire import reserved_ports
+    from hertzloop.recordings.replay import viewer
+
+    if save is not None:
+        memory = stream.memory_recording()
+        yield
+        save.write_bytes(memory.drain_as_bytes())
+        return
+    with reserved_ports(1) as [port]:
+        command = [str(viewer.executable()), "--bind", "127.0.0.1", "--port", str(port)]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True, **quiet)  # type: ignore[call-overload]
+        stream.connect_grpc(f"rerun+http://127.0.0.1:{port}/proxy")
+        yield
+        stream.flush()
+
+
+def say_profile(stats: dict[str, Any]) -> None:
+    """One line on what was granted."""
+    err.print(f"real-time profile: {stats['realtime']}", soft_wrap=True, markup=False)
+
+
+def plant(
+    scene: SceneArgument = DEFAULT,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    horizon: HorizonOption = None,
+    name: NameOption = "hertzloop",
+    listen: ListenOption = None,
+    connect: ConnectOption = None,
+    zenoh_config: ConfigOption = None,
+    timeout: TimeoutOption = 5.0,
+    wait: WaitOption = 30.0,
+    fast_lane: FastLaneOption = True,
+    realtime: RealtimeOption = "auto",
+    pace: PaceOption = None,
+    repeat: Annotated[
+        Path | None, typer.Option(help="A recording of this scene whose forces act again.")
+    ] = None,
+    machine: MachineOption = False,
+) -> None:
+    """The plant process alone: waits for controller and recorder, then runs the scene."""
+    from hertzloop.bus.streams import PLANT
+    from hertzloop.processes import roles
+
+    resolved = scene_from(scene, settings, seed, tried=machine)
+    check_pace(resolved, pace, timeout, horizon=horizon, repeat=repeat)
+    repeated = repeat_or_fail(read_or_fail(repeat), resolved) if repeat else None
+    with framed(PLANT, machine) as tell:
+        address = bus_address(PLANT, name, listen, connect, zenoh_config, timeout, wait)
+        if not machine:
+            err.print(f"plant on {where(address)}: waiting for controller and recorder")
+        stats = roles.run_plant(
+            resolved,
+            address,
+            horizon,
+            lambda: tell(ready=True),
+            progress_reporter(tell),
+            fast_lane,
+            Wanted(realtime),
+            pace,
+            repeated,
+        )
+        tell(done=stats)
+        if not machine:
+            say_profile(stats)
+            out.print(f"{resolved.steps:,} steps in {stats['wall_s']:.3f} s")
+
+
+def controller(
+    law: Annotated[
+        str | None,
+        typer.Option(help="Where this side has its law, if not where the scene says."),
+    ] = None,
+    name: NameOption = "hertzloop",
+    listen: ListenOption = None,
+    connect: ConnectOption = None,
+    zenoh_config: ConfigOption = None,
+    timeout: TimeoutOption = 5.0,
+    wait: WaitOption = 30.0,
+    fast_lane: FastLaneOption = True,
+    realtime: RealtimeOption = "auto",
+    machine: MachineOption = False,
+) -> None:
+    """The controller process alone: takes the scene from the plant, answers its samples."""
+    from hertzloop.bus.streams import CONTROLLER
+    from hertzloop.processes import roles
+
+    with framed(CONTROLLER, machine) as tell:
+        address = bus_address(CONTROLLER, name, listen, connect, zenoh_config, timeout, wait)
+        if not machine:
+            err.print(f"controller on {where(address)}: waiting for plant and recorder")
+        stats = roles.run_controller(
+            address, lambda: tell(ready=True), law, fast_lane, Wanted(realtime)
+        )
+        tell(done=stats)
+        if not machine:
+            say_profile(stats)
+
+
+def record(
+    out_file: Annotated[Path, typer.Option("--out", help="Recording to write.")] = Path("run.mcap"),
+    overwrite: OverwriteOption = False,
+    name: NameOption = "hertzloop",
+    listen: ListenOption = None,
+    connect: ConnectOption = None,
+    zenoh_config: ConfigOption = None,
+    timeout: TimeoutOption = 5.0,
+    wait: WaitOption = 30.0,
+    realtime: RealtimeOption = "auto",
+    machine: MachineOption = False,
+) -> None:
+    """The recorder process alone: writes every stream of a run into one MCAP file."""
+    from hertzloop.bus.streams import RECORDER
+    from hertzloop.processes import roles
+
+    check_recording(out_file, overwrite)
+    with framed(RECORDER, machine) as tell:
+        address = bus_address(RECORDER, name, listen, connect, zenoh_config, timeout, wait)
+        if not machine:
+            err.print(f"recorder on {where(address)}: waiting for plant and controller")
+        stats = roles.run_recorder(
+            out_file, address, overwrite, lambda: tell(ready=True), Wanted(realtime)
+        )
+        tell(done=stats)
+        if not machine:
+            out.print(f"recorded {out_file}")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    for command in (plant, controller, record):
+        app.command()(command)

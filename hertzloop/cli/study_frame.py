@@ -1,0 +1,62 @@
+"""What the commands of studies share: a folder for results, finished cases, a table of numbers."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hertzloop.cli.options import compile_first, err, fail, if_interrupted, make_folder
+from hertzloop.views.format import Table
+
+if TYPE_CHECKING:
+    from hertzloop.studies.sweeps.journal import Kept
+
+
+def numbers(title: str, headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
+    """A table of numbers, ready as text."""
+    table = Table(title=title)
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+@contextmanager
+def results_in(folder: Path, *schemes: str) -> Iterator[None]:
+    """A study that writes into `folder`, which is made, with the kernels of `schemes` ready."""
+    from hertzloop.processes.warmup import of_scheme
+
+    make_folder(folder)
+    for scheme in schemes:
+        compile_first(of_scheme(scheme))
+    try:
+        yield
+    except OSError as error:
+        fail(f"cannot write into {folder}: {error.strerror}", 1)
+
+
+@contextmanager
+def resumable(folder: Path, name: str, header: dict[str, Any]) -> "Iterator[Kept]":
+    """Work on many cases that goes on where an earlier start of it was cut short, if one was;
+    `header` says what decides the cases. Ends the command where they cannot be finished."""
+    from hertzloop.studies.sweeps.journal import JournalError, kept
+    from hertzloop.studies.sweeps.pool import SweepFailed
+
+    try:
+        with kept(folder, name, header) as finished:
+            path = finished.journal.path
+            if finished.found:
+                err.print(f"going on with {finished.found} finished cases of {path}",
+                          soft_wrap=True)  # fmt: skip
+            for line in finished.journal.damaged:
+                err.print(f"line {line} of {path} was damaged; its case is run again",
+                          soft_wrap=True)  # fmt: skip
+            on = f"finished cases are kept in {path}, the same command goes on with them"
+            try:
+                with if_interrupted(lambda: on):
+                    yield finished
+            except SweepFailed as error:
+                fail(f"{error}; {on}", 1)
+    except JournalError as error:
+        fail(str(error), 2)

@@ -1,0 +1,284 @@
+"""Commands that run many cases: `sweep`, and `check` of its results against real processes."""
+
+import re
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from hertzloop.cli.options import (
+    LARGEST_PORT,
+    JsonOption,
+    OverwriteOption,
+    SceneArgument,
+    SeedOption,
+    SetOption,
+    TransportName,
+    check_json,
+    check_law,
+    check_output,
+    check_writable,
+    compile_first,
+    end_if_not_run,
+    err,
+    fail,
+    files_of,
+    if_interrupted,
+    out,
+    progress,
+    scene_from,
+    write_json,
+)
+from hertzloop.extras import need
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
+from hertzloop.views.format import Table, styled
+
+
+def sweep(
+    scene: SceneArgument = DEFAULT,
+    over: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Scene key and its values: key=low:high:step, key=a,b,c; key=low:high to spread "
+            "points. May be given several times."
+        ),
+    ] = None,
+    out_file: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Results, .parquet or .csv.")
+    ] = None,
+    design: Annotated[
+        Literal["grid", "lhs", "sobol"],
+        typer.Option(help="All combinations, or points spread over the ranges."),
+    ] = "grid",
+    cases: Annotated[int, typer.Option(help="Number of spread points.")] = 256,
+    span: Annotated[
+        Literal["impact", "run"],
+        typer.Option(help="Figures of the first impact, or of the whole run."),
+    ] = "impact",
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes; as many as cores if left out.")
+    ] = None,
+    phases: Annotated[
+        int | None,
+        typer.Option(min=2, max=1000, help="Every case at so many touch phases; mean and range."),
+    ] = None,
+    dask: Annotated[
+        str | None, typer.Option(help="Scheduler of a Dask cluster, e.g. tcp://host:8786.")
+    ] = None,
+    overwrite: OverwriteOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Simulate a scene over ranges of its keys; a killed sweep goes on with the same command."""
+    from hertzloop.plant.schemes.registry import SCHEMES
+    from hertzloop.studies.sweeps import sweep as study
+    from hertzloop.studies.sweeps.design import KEY as PHASE
+    from hertzloop.studies.sweeps.design import DesignError, grouped, make_design
+    from hertzloop.studies.sweeps.design import phases as spread_evenly
+    from hertzloop.studies.sweeps.journal import JournalError
+    from hertzloop.studies.sweeps.sweep import SHOWN, counted
+
+    resolved = scene_from(scene, settings, seed)
+    target = out_file or Path(f"{resolved.name}-sweep.parquet")
+    if target.suffix not in (".parquet", ".csv"):
+        fail(f"{target} is neither .parquet nor .csv, which say how to write the results", 2)
+    check_output(target, overwrite, read=files_of(resolved, scene, *(settings or [])))
+    check_writable(target.parent)  # for what is unfinished, even where a file may be replaced
+    beside = (target.with_name(target.name + end) for end in (".json", ".partial"))
+    check_json(json_file, target, *beside)
+    if not SCHEMES[resolved.scheme].conserves:
+        fail(NO_CASE_OF_THESIS, 2)
+    if dask is not None:
+        _check_scheduler(dask)
+    try:
+        over = list(over or [])
+        if phases is not None:
+            if any(text.partition("=")[0].strip() == PHASE for text in over):
+                raise DesignError(
+                    f"--phases {phases} spreads {PHASE}, so --over cannot give it too"
+                )
+            if design != "grid":
+                raise DesignError(
+                    f"--phases {phases} needs --design grid; with '{design}' spread them with the "
+                    f"rest, --over {PHASE}=0:1"
+                )
+            over.append(f"{PHASE}={','.join(map(str, spread_evenly(phases)))}")
+        planned = make_design(resolved, over, design, cases, resolved.seed)
+        for axis in planned.axes:
+            for law in axis.values if axis.key == "controller.law" else ():
+                check_law(resolved.vary({"controller.law": law}))
+    except (DesignError, SceneError) as error:
+        fail(str(error), 2)
+    compile_first(resolved)
+    total = len(planned.cases())
+    on = "finished cases are kept, the same command goes on with them"
+    try:
+        with if_interrupted(lambda: on), progress(f"{total} cases", total) as advance:
+            found = study.sweep(
+                resolved, planned, span, target, workers=workers, dask=dask, on_progress=advance
+            )
+    except JournalError as error:
+        fail(str(error), 2)
+    except study.SweepFailed as error:
+        fail(f"{error}; {on}", 1)
+    except OSError as error:
+        fail(f"cannot write {target}: {error.strerror}", 1)
+    keys = [axis.key for axis in planned.axes]
+    for line in found.damaged:
+        err.print(
+            f"line {line} of {study.journal_of(target)} was damaged; its case was run again",
+            soft_wrap=True,
+        )
+    figureless = len(found.not_run) + found.unstable
+    if figureless < total:
+        out.print(_extremes(found.rows, keys))
+    over_phases = grouped(found.rows, keys, SHOWN) if PHASE in keys and design == "grid" else []
+    if over_phases:
+        out.print(_spreads(over_phases, [key for key in keys if key != PHASE]))
+    rate = found.ran / found.wall_s if found.wall_s else 0.0
+    out.print(
+        f"{found.ran} of {total} cases run in {found.wall_s:.2f} s: {rate:.0f} cases/s; "
+        f"written: {target}",
+        soft_wrap=True,
+    )
+    beyond = counted(found.rows, "out_of_range")
+    if beyond:
+        words = ", ".join(f"{name} in {times}" for name, times in beyond.items())
+        out.print(styled(("OUT OF RANGE:", "bold red"), f" of {total} cases {words}"),
+                  soft_wrap=True)  # fmt: skip
+    if found.unstable:
+        out.print(f"{found.unstable} of {total} cases are unstable and have no figures")
+    write_json(
+        json_file,
+        {
+            "cases": total,
+            "ran": found.ran,
+            "wall_s": found.wall_s,
+            "cases_per_s": rate,
+            "failed": len(found.not_run),
+            "unstable": found.unstable,
+            "damaged_lines": found.damaged,
+            "leaves_out": counted(found.rows, "leaves_out"),
+            "out_of_range": beyond,
+            "over_phases": [
+                {key: asdict(v) if key in SHOWN else v for key, v in group.items()}
+                for group in over_phases
+            ],
+            "results": str(target),
+        },
+    )
+    if figureless == total:
+        out.print(f"none of the {total} cases has figures")
+    end_if_not_run([row["status"] for row in found.not_run], total)
+    if figureless == total:
+        raise typer.Exit(1)
+
+
+_MOST_ROWS = 20
+_SCHEDULER = re.compile(
+    r"(?:(?:tcp|tls|ucx|wss?)://)?(?:\[[^\s\]]+\]|[^\s/:\[\]]+):(?P<port>[0-9]{1,9})"
+)
+
+
+def _check_scheduler(address: str) -> None:
+    """End the command unless a Dask scheduler can be at an address."""
+    need("distributed")
+    found = _SCHEDULER.fullmatch(address)
+    if not found:
+        fail(f"--dask '{address}' is no address of a scheduler; write e.g. tcp://host:8786", 2)
+    if not 0 < int(found["port"]) <= LARGEST_PORT:
+        fail(f"--dask '{address}' has no port from 1 to {LARGEST_PORT}", 2)
+
+
+def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
+    """Where each figure is least and largest."""
+    from hertzloop.studies.sweeps.sweep import extremes
+
+    table = Table(title="Against no control")
+    for heading in ("figure", "least", "at", "largest", "at"):
+        table.add_column(heading, justify="left" if heading in ("figure", "at") else "right")
+    for figure, *words in extremes(rows, keys):
+        table.add_row(figure, *words)
+    return table
+
+
+def _spreads(groups: list[dict[str, Any]], keys: list[str]) -> Table:
+    """Mean and range over the touch phase, a setting of the other keys a row."""
+    from hertzloop.studies.sweeps.sweep import SHOWN, short
+
+    table = Table(title="Over touch phases: mean (least to most)")
+    for heading in (*(key.split(".")[-1] for key in keys), *SHOWN[:2]):
+        table.add_column(heading, justify="right")
+    for group in groups[:_MOST_ROWS]:
+        table.add_row(*(short(group[key]) for key in keys), *(str(group[f]) for f in SHOWN[:2]))
+    if len(groups) > _MOST_ROWS:
+        table.caption = f"and {len(groups) - _MOST_ROWS} more; --json has them all"
+    return table
+
+
+def check(
+    results: Annotated[Path, typer.Argument(metavar="RESULTS", help="Results of a sweep.")],
+    cases: Annotated[int, typer.Option(min=1, help="Number of cases, drawn at random.")] = 10,
+    transport: Annotated[TransportName, typer.Option(help="How the parts talk.")] = "zenoh",
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the draw.")] = 1,
+    json_file: JsonOption = None,
+) -> None:
+    """Run cases of a sweep again as processes over zenoh; exit 0 if all bytes are the same."""
+    from hertzloop.studies.sweeps.evaluate import not_run
+    from hertzloop.studies.sweeps.replay_cases import Checked, replay_cases
+    from hertzloop.studies.sweeps.sweep import check_laws, code_version, counted, read_results
+
+    check_json(json_file)
+    try:
+        rows, header = read_results(results)
+        check_laws(header)
+    except ValueError as error:
+        fail(str(error), 2)
+    most = sum(not row["status"] for row in rows)
+    if not most:
+        fail(f"{results} has no case with figures, which could be checked", 2)
+    cases = min(cases, most)
+    if header["versions"] != code_version():
+        err.print(f"{results} was made with {header['versions']}; bits may differ", soft_wrap=True)
+    compile_first()
+    found: list[Checked] = []
+    try:
+        with progress(f"{cases} cases", cases) as advance:
+            for checked in replay_cases(rows, header, cases, transport, seed):
+                found.append(checked)
+                advance(len(found))
+    except SceneError as error:
+        fail(str(error), 2)
+    ran = [checked for checked in found if not checked.not_run]
+    differing = [checked.case for checked in ran if not checked.same]
+    out.print(f"{len(ran) - len(differing)} of {len(ran)} cases: the same bytes over {transport}")
+    if most < len(rows):
+        without = f"{len(rows) - most} of {len(rows)} cases have no figures that could be checked"
+        out.print(without)
+    if differing:
+        out.print(f"different: case {', '.join(map(str, differing))}", soft_wrap=True)
+    lacking = [row["status"] for row in not_run(rows)]  # in the results already
+    reasons = [f"case {checked.case}: {checked.not_run}" for checked in found if checked.not_run]
+    write_json(
+        json_file,
+        {
+            "same": len(ran) - len(differing),
+            "differing": differing,
+            "failed": len(reasons),
+            "without_figures": len(rows) - most,
+            "leaves_out": counted(rows, "leaves_out"),
+            "out_of_range": counted(rows, "out_of_range"),
+        },
+    )
+    end_if_not_run([*reasons, *lacking], len(found) + len(lacking))
+    if differing:
+        raise typer.Exit(1)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands."""
+    for command in (sweep, check):
+        app.command()(command)

@@ -1,0 +1,333 @@
+"""The command `tune`."""
+
+import math
+import re
+import shlex
+from contextlib import suppress
+from dataclasses import asdict
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from hertzloop.cli.options import (
+    JsonOption,
+    SeedOption,
+    SetOption,
+    check_json,
+    check_law,
+    check_writable,
+    compile_first,
+    end_if_not_run,
+    fail,
+    make_folder,
+    out,
+    progress,
+    scene_from,
+    write_json,
+)
+from hertzloop.cli.study_frame import resumable
+from hertzloop.extras import need
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text
+from hertzloop.setup import Setup
+from hertzloop.views.format import Table
+
+if TYPE_CHECKING:
+    from hertzloop.studies.tuning import Found, Tuned
+
+_MOST_ROWS = 15
+_PARTS = ("mean", "least", "most")  # of a spread over touch phases
+
+
+def tune(
+    scenes: Annotated[
+        list[str] | None, typer.Argument(help="Scenes or .toml files; the worst of them counts.")
+    ] = None,
+    minimise: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Figure to lower; several for a Pareto front. Default: plate_energy_db "
+            "and rebound_percent."
+        ),
+    ] = None,
+    laws: Annotated[
+        list[str] | None,
+        typer.Option("--law", help="Law to tune, several times, or all; the scene's if left out."),
+    ] = None,
+    ranges: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--vary",
+            help="Scene key and its range, key=low:high or key=a,b,c; what the "
+            "law has if left out.",
+        ),
+    ] = None,
+    over: Annotated[
+        list[str] | None,
+        typer.Option(help="Key and values to be robust over, e.g. sphere.radius_m=0.002,0.004."),
+    ] = None,
+    at_most: Annotated[
+        list[str] | None, typer.Option(help="Limit of a figure, e.g. rebound_percent=120.")
+    ] = None,
+    span: Annotated[
+        Literal["impact", "run"],
+        typer.Option(help="Figures of the first impact, or of the whole run."),
+    ] = "impact",
+    generations: Annotated[
+        int, typer.Option(min=1, max=10_000, help="Generations of the search.")
+    ] = 25,
+    population: Annotated[
+        int, typer.Option(min=4, max=1000, help="Settings in a generation.")
+    ] = 40,
+    phases: Annotated[
+        int, typer.Option(min=1, max=100, help="Search by the mean over so many touch phases.")
+    ] = 1,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for chart and settings as CSV.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Find the law and parameters that do best under a scene's latency, bits and force limit; a
+    killed search goes on with the same command."""
+    need("matplotlib", "pymoo")
+    from hertzloop.plant.schemes.registry import SCHEMES
+    from hertzloop.studies import tuning as study
+    from hertzloop.studies.latency import LAWS
+    from hertzloop.studies.sweeps.design import DesignError, check_keys, parse_axis
+    from hertzloop.studies.sweeps.evaluate import Tally
+    from hertzloop.studies.sweeps.pool import local_pool
+    from hertzloop.studies.sweeps.sweep import code_version
+    from hertzloop.studies.tuning import Tuned
+
+    check_json(json_file)
+    bases = [scene_from(name, settings, seed) for name in scenes or [DEFAULT]]
+    if any(not SCHEMES[base.scheme].conserves for base in bases):
+        fail(NO_CASE_OF_THESIS, 2)
+    objectives = tuple(minimise or ("plate_energy_db", "rebound_percent"))
+    limits = _limits(at_most or [])
+    for figure in (*objectives, *limits):
+        if figure not in study.OBJECTIVES:
+            fail(f"'{figure}' is no figure to tune for; known: {', '.join(study.OBJECTIVES)}", 2)
+    chosen = list(LAWS) if laws == ["all"] else laws or [bases[0].law_reference]
+    try:
+        given = tuple(parse_axis(text) for text in ranges or [])
+        check_keys(given, "--vary")
+        around = _cases_of(over or [])
+        for axis in given:
+            if axis.key in around[0]:
+                fail(f"{axis.key} is given to --vary and to --over; take one of them", 2)
+        tried = [base.vary(case) for base in bases for case in around]
+        speed = study.fastest_m_s(tried)
+        for law in chosen:
+            for base, case in product(bases, around):  # the law may not have a key of the case
+                of_law = {**case, "controller.law": law}
+                check_law(base.vary(of_law))
+                for axis in given:
+                    for value in axis.values or (axis.low, axis.high):
+                        base.vary({**of_law, axis.key: value})
+            study.axes_of(law, given, speed)
+    except (DesignError, SceneError) as error:
+        fail(str(error), 2)
+    if folder is not None:
+        make_folder(folder)
+    else:
+        check_writable(Path())  # for what is unfinished
+    compile_first(*bases)
+    tally = Tally()
+    names = [base.name for base in bases]
+    search: dict[str, Any] = {
+        "generations": generations, "population": population, "phases": phases,
+        "seed": 1 if seed is None else seed,
+    }  # fmt: skip
+    header = study.header_of(
+        tried, tuple(chosen), given, objectives=objectives, at_most=limits, span=span, **search
+    )
+    with resumable(folder or Path(), _file_name(names), header) as finished:
+        try:
+            with local_pool() as some, progress("tuning", generations * len(chosen)) as advance:
+                cores = finished.of(some)
+                pool = tally.of(cores)
+                reference = study.published(pool, tried, span, objectives, phases)
+                best = study.best_of(
+                    pool, tried, span, chosen, given, objectives, at_most=limits,
+                    on_progress=advance, **search,
+                )  # fmt: skip
+                reference, *best = study.with_spreads(
+                    cores, tried, span, [reference, *best], objectives
+                )
+        except SceneError as error:
+            fail(str(error), 1)
+        verdict = _verdict(best, reference, objectives) if best else []
+        if best:
+            out.print(_table(best, reference, objectives))
+            for line in verdict:
+                out.print(line, soft_wrap=True)
+            chosen_one = _winner(best, reference, objectives) or best[0]
+            best_scenes = [base.vary(chosen_one.values) for base in bases]
+            repeats = [
+                _repeating(chosen_one, setup, name, settings, seed)
+                for setup, name in zip(best_scenes, scenes or [DEFAULT], strict=True)
+            ]
+            out.print(f"the best setting again ({_words(chosen_one.values)}):")
+            for line in repeats:
+                out.print(f"  {line}", soft_wrap=True)
+            lists = [("minimise", minimise), ("law", laws), ("vary", ranges), ("over", over),
+                     ("at-most", at_most), ("set", settings)]  # fmt: skip
+            words = _command(scenes or [DEFAULT], lists, {"span": span, **search})
+            tuned = Tuned(
+                [base.toml for base in bases], objectives, span, limits, best, reference,
+                verdict, len(tally.not_run), words, code_version(),
+            )  # fmt: skip
+            if folder is not None:
+                _write(folder, names, tuned, best_scenes)
+    not_run = [row["status"] for row in tally.not_run]
+    if not best:
+        end_if_not_run(not_run, tally.cases)
+        fail(
+            "no setting of these laws has all figures and keeps to --at-most; a loop may be "
+            "unstable, and without control the sphere may not rebound within the span (try "
+            "--span run)",
+            1,
+        )
+    write_json(
+        json_file,
+        {"front": [asdict(f) for f in best], "published": asdict(reference), "verdict": verdict,
+         "cases": tally.cases, "ran": finished.ran, "failed": len(not_run)},
+    )  # fmt: skip
+    end_if_not_run(not_run, tally.cases)
+
+
+def _file_name(names: list[str]) -> str:
+    """What the files of a search over scenes are called, without their ending."""
+    return "tune-" + "-".join(names)
+
+
+def _command(
+    scenes: list[str], lists: list[tuple[str, list[str] | None]], values: dict[str, Any]
+) -> str:
+    """The line that finds the same settings."""
+    line = ["hertzloop", "tune", *scenes]
+    for option, given in lists:
+        line += [word for value in given or [] for word in (f"--{option}", value)]
+    line += [word for option, value in values.items() for word in (f"--{option}", str(value))]
+    return shlex.join(line)
+
+
+def _repeating(
+    found: "Found", setup: Setup, name: str, settings: list[str] | None, seed: int | None
+) -> str:
+    """The command that runs a scene, called `name`, with a setting, which makes it `scene`."""
+    known = {f"controller.{key}" for key, _ in setup.scene.controller}
+    given = [text.strip() for text in settings or []]
+    # A key of the scene's own law may be unknown to the law that was found.
+    kept = [text for text in given if _key(text) in known or not text.startswith("controller.")]
+    keys = [f"{key}={toml_text(value)}" for key, value in found.values.items()]
+    line = ["hertzloop", "run", name]
+    line += [word for text in [*kept, *keys] for word in ("--set", text)]
+    return shlex.join(line if seed is None else [*line, "--seed", str(seed)])
+
+
+def _key(setting: str) -> str:
+    return setting.partition("=")[0].strip()
+
+
+def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Setup]) -> None:
+    """Settings as CSV, all that was found as JSON, the chart, and every scene with the best
+    setting; ends the command where they cannot be written."""
+    from hertzloop.studies.tuning import draw_front, write_tuned
+    from hertzloop.studies.words import write_rows
+
+    name = _file_name(names)
+    best, objectives = tuned.front, tuple(tuned.objectives)
+    keys = sorted({key for f in best for key in f.values})
+    headings = [*objectives, *(f"{o}_{part}" for o in objectives for part in _PARTS), *keys]
+    rows = (
+        [*f.figures.values(), *(getattr(f.spreads[o], part) for o in objectives for part in _PARTS),
+         *(f.values.get(key, "") for key in keys)]
+        for f in best
+    )  # fmt: skip
+    try:
+        write_rows(folder / f"{name}.csv", headings, rows)
+        write_tuned(folder / f"{name}.json", tuned)
+        draw_front(folder / f"{name}.png", ", ".join(names), best, tuned.published, objectives)
+        for setup in best_scenes:
+            (folder / f"tuned-{setup.name}.toml").write_text(setup.toml, encoding="utf-8")
+    except OSError as error:
+        fail(f"cannot write into {folder}: {error.strerror}", 1)
+    out.print(
+        f"written: {folder}/{name}.csv, .json and .png; with the best setting: "
+        + ", ".join(f"{folder}/tuned-{setup.name}.toml" for setup in best_scenes),
+        soft_wrap=True,
+    )
+
+
+def _cases_of(over: list[str]) -> list[dict[str, Any]]:
+    """All combinations of the values to be robust over. Raises DesignError."""
+    from hertzloop.studies.sweeps.design import Design, DesignError, check_keys, parse_axis
+
+    axes = tuple(parse_axis(text) for text in over)
+    check_keys(axes)
+    for axis in axes:
+        if not axis.values:
+            raise DesignError(
+                f"--over {axis.key}={axis.low:g}:{axis.high:g} has no step; write "
+                f"{axis.key}=low:high:step or {axis.key}=a,b,c"
+            )
+    return Design(axes).cases()
+
+
+def _limits(texts: list[str]) -> dict[str, float]:
+    found = {}
+    for text in texts:
+        match = re.fullmatch(r"\s*(\w+)\s*=\s*(\S+)\s*", text)
+        with suppress(ValueError):
+            if match and math.isfinite(float(match[2])):
+                found[match[1]] = float(match[2])
+                continue
+        fail(f"--at-most '{text}' is no limit; write figure=number, e.g. rebound_percent=120", 2)
+    return found
+
+
+def _words(values: dict[str, Any]) -> str:
+    rest = [f"{key.split('.')[-1]} {value:.4g}" for key, value in values.items()
+            if isinstance(value, int | float)]  # fmt: skip
+    return f"{values['controller.law']}: {', '.join(rest)}"
+
+
+def _table(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> Table:
+    settings = "setting" if len(best) == 1 else "settings"
+    table = Table(title=f"{len(best)} {settings} that no other beats")
+    for heading in objectives:
+        table.add_column(heading, justify="right")
+    table.add_column(f"{objectives[0]} over touch phases", justify="right")
+    table.add_column("law and parameters")
+    step = max(1, -(-len(best) // _MOST_ROWS))
+    for f in [*best[::step], reference]:
+        note = " (published)" if f is reference else ""
+        spread = str(f.spreads[objectives[0]])
+        table.add_row(*(f"{v:.3f}" for v in f.figures.values()), spread, _words(f.values) + note)
+    return table
+
+
+def _winner(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> "Found | None":
+    """The setting that beats the published one; None if there is none."""
+    from hertzloop.studies.tuning import better_than
+
+    return better_than(reference, best, objectives[0], objectives[1 if objectives[1:] else 0])
+
+
+def _verdict(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> list[str]:
+    """How the settings found compare with the published one."""
+    first, rest = objectives[0], objectives[1:]
+    keep = rest[0] if rest else first
+    winner = _winner(best, reference, objectives)
+    if winner is None:
+        return [f"none beats the published setting in {first} without raising {keep}"]
+    gained = reference.figures[first] - winner.figures[first]
+    also = f" at {keep} {winner.figures[keep]:.3f} against {reference.figures[keep]:.3f}"
+    return [f"{_words(winner.values)} beats the published setting in {first} by {gained:.3f}"
+            + (also if rest else "")]  # fmt: skip

@@ -1,0 +1,195 @@
+"""Where compiled kernels are kept: by what they were compiled from, where only this user writes.
+
+Numba notices an edit of a kernel's own file, not of a callee in another file (numba #1833), so
+the folder is named after all sources that hold kernels. What is in it is unpickled and run.
+"""
+
+import hashlib
+import os
+import re
+import shutil
+import stat
+import sys
+import tempfile
+from atexit import register
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba import typeof
+from numba.core import event
+
+# A file that holds kernels imports one of these.
+_HOLDS_KERNELS = re.compile(
+    rb"^\s*(?:from\s+(?:numba\b|hertzloop\.jit\s|hertzloop\.jit\.(?:by_type|apart)\s|"
+    rb"hertzloop\s+import\s.*\bjit\b)|import\s+(?:numba|hertzloop\.jit)\b)",
+    re.M,
+)
+_ROOT = Path(__file__).resolve().parent.parent.parent
+_CHOSEN = "HERTZLOOP_CACHE"  # tells children a place other than the usual one
+
+
+@cache
+def code_digest() -> str:
+    """16 hex digits that change with any source of kernels, and with what compiles them."""
+    import llvmlite
+    import numba
+
+    digest = hashlib.sha256()
+    for what in (sys.version, numba.__version__, llvmlite.__version__):
+        digest.update(what.encode() + b"\0")
+    for name, text in sorted(kernel_sources().items()):
+        digest.update(name.encode() + b"\0" + hashlib.sha256(text).digest())
+    return digest.hexdigest()[:16]
+
+
+def kernel_sources() -> dict[str, bytes]:
+    """Source files that hold compiled functions, by their path in the folder that holds hertzloop.
+
+    In a clone, the folders of the package are links, and the benchmarks hold kernels too.
+    """
+    in_clone = (_ROOT / "hertzloop" / "plant").is_symlink()
+    found = {}
+    for package in ("hertzloop", "benchmarks") if in_clone else ("hertzloop",):
+        for folder, _, names in os.walk(_ROOT / package, followlinks=True):
+            for path in (os.path.join(folder, name) for name in names if name.endswith(".py")):
+                with open(path, "rb") as file:
+                    text = file.read()
+                if _HOLDS_KERNELS.search(text):
+                    found[os.path.relpath(path, _ROOT)] = text
+    return found
+
+
+@cache
+def cache_folder() -> Path:
+    """Folder of the compiled kernels, of mode 700, in the first safe and writable place.
+
+    That is NUMBA_CACHE_DIR, if set, then ~/.cache/hertzloop, a folder of this user among the
+    temporary ones, and at last one that lives as long as this process.
+    """
+    # Numba tells checkouts apart by their path; whether all is compiled is noted a folder.
+    name = f"{code_digest()}-{hashlib.sha256(bytes(_ROOT)).hexdigest()[:8]}"
+    refused = []
+    for base in _places():
+        try:
+            own(base)
+            own(base / name, alone=True)
+            break
+        except NotOurs as error:
+            refused.append(str(error))
+        except OSError:  # not writable, or no such thing
+            continue
+    else:
+        base = _private()
+        own(base / name, alone=True)
+    if base != next(_places()):
+        os.environ[_CHOSEN] = str(base)
+    if refused:
+        said = f"hertzloop: compiled kernels are kept in {base}, since {'; '.join(refused)}"
+        print(said, file=sys.stderr)
+    return base / name
+
+
+def _places() -> Iterator[Path]:
+    """Folders to keep kernels in, the best first."""
+    chosen = os.environ.get(_CHOSEN)
+    if chosen and os.path.lexists(chosen):
+        yield Path(chosen)
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    if given:
+        yield Path(given).resolve()
+    with suppress(RuntimeError):  # a user without a home
+        yield (Path.home() / ".cache").resolve() / "hertzloop"
+    yield Path(tempfile.gettempdir()).resolve() / f"hertzloop-{os.getuid()}"
+
+
+def _private() -> Path:
+    """A folder that is gone with this process."""
+    folder, ours = tempfile.mkdtemp(prefix="hertzloop-"), os.getpid()
+
+    def remove() -> None:
+        if os.getpid() == ours:  # not in a fork
+            shutil.rmtree(folder, ignore_errors=True)
+
+    register(remove)
+    return Path(folder)
+
+
+class NotOurs(Exception):
+    """Somebody else could have written into a folder; the message says why and the remedy."""
+
+
+def own(folder: Path, *, alone: bool = False) -> None:
+    """Make sure that only this user (and root) can write to `folder`; makes it, of mode 700.
+
+    With `alone`, others cannot read it either. `folder` is absolute. Raises NotOurs, or OSError.
+    """
+    if not os.path.lexists(folder):
+        _make(folder)
+    for parent in folder.parents:
+        _check_parent(parent)
+    found = folder.lstat()
+    if stat.S_ISLNK(found.st_mode):
+        raise NotOurs(f"{folder} is a symbolic link; remove it")
+    if not stat.S_ISDIR(found.st_mode):
+        raise NotADirectoryError(str(folder))
+    if found.st_uid != os.getuid():
+        raise NotOurs(f"{folder} belongs to user {found.st_uid}, not to {os.getuid()}; remove it")
+    if found.st_mode & (0o077 if alone else 0o022):
+        raise NotOurs(
+            f"{folder} is open to other users (mode {stat.S_IMODE(found.st_mode):o}); "
+            "remove it, or chmod 700 if you trust what is in it"
+        )
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(str(folder))
+
+
+def _make(folder: Path) -> None:
+    """Make a folder and those above it that are missing, all of mode 700."""
+    if not folder.parent.is_dir():
+        _make(folder.parent)
+    with suppress(FileExistsError):  # by another process, just now; checked like any other
+        folder.mkdir(mode=0o700)
+
+
+def _check_parent(folder: Path) -> None:
+    """A folder above: whoever can write to it could put another in our folder's place."""
+    found = folder.lstat()
+    if found.st_uid not in (os.getuid(), 0):
+        raise NotOurs(f"{folder} belongs to user {found.st_uid}, not to {os.getuid()} or root")
+    # In a sticky folder, as /tmp, nobody moves what belongs to others.
+    if found.st_mode & 0o022 and not found.st_mode & stat.S_ISVTX:
+        raise NotOurs(
+            f"others can write to {folder} (mode {stat.S_IMODE(found.st_mode):o}); chmod go-w it"
+        )
+
+
+def types_digest(*values: Any) -> str:
+    """16 hex digits that change with the types of values: kernels are compiled once for each."""
+    text = "\0".join(str(typeof(value)) for value in values)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+class _Notice(event.Listener):
+    def __init__(self, tell: Callable[[bool], None]) -> None:
+        self._tell, self._depth = tell, 0
+
+    def on_start(self, event: Any) -> None:
+        self._depth += 1
+        if self._depth == 1:
+            self._tell(True)
+
+    def on_end(self, event: Any) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            self._tell(False)
+
+
+@contextmanager
+def noticed(tell: Callable[[bool], None]) -> Iterator[None]:
+    """Call tell(True) when this process begins to compile a kernel, tell(False) when that kernel is
+    done; not for a kernel that is loaded from the cache."""
+    with event.install_listener("numba:compile", _Notice(tell)):
+        yield

@@ -1,0 +1,90 @@
+"""The one spelling of a compiled function."""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from hertzloop.jit.cache import cache_folder
+
+_swapping = Lock()
+
+
+def kernel(
+    function: Callable[..., Any] | None = None,
+    *,
+    inline: bool = False,
+    borrowed: bool = False,
+    fused: bool = False,
+    reordered: bool = False,
+    kept: bool = True,
+    released: bool = False,
+    spliced: bool = False,
+    bare: bool = False,
+) -> Any:
+    """Compile a function on its first call, as `@kernel` or `@kernel(...)`; kept on disk.
+
+    Every kernel divides as NumPy does: by zero gives infinity or NaN and no branch that
+    raises. NUMBA_DISABLE_JIT=1 leaves the function as it is, plain Python.
+
+    inline: becomes part of its callers, which call it once a step or oftener.
+    borrowed: arrays are the caller's and nothing is allocated, so references are not counted
+        (Numba's `_nrt=False`); counting those of model and state took 0.15 us a step.
+    fused: a product and the sum it goes into may be rounded once instead of twice.
+    reordered: terms of a sum may be added in another order, which is what vector lanes need.
+        That is chosen when a kernel is compiled: the same bits for every caller on one kind
+        of processor.
+    released: other threads of Python run meanwhile.
+    kept: False for what is kept as a part of its caller only.
+    spliced: the text becomes part of its callers' before these are compiled, which it itself then
+        never is: much faster, for what is compiled while somebody waits. Not if it calls itself.
+    bare: compiled functions alone call it, so that no entry for Python is compiled; as `spliced`.
+    """
+    if function is None:
+        return partial(
+            kernel, inline=inline, borrowed=borrowed, fused=fused, reordered=reordered, kept=kept,
+            released=released, spliced=spliced, bare=bare,
+        )  # fmt: skip
+    from numba import config, njit  # here, so that what needs the cache's place alone starts fast
+
+    if config.DISABLE_JIT:
+        return function
+    options: dict[str, Any] = {"no_cfunc_wrapper": True}
+    if inline:
+        options["forceinline"] = True
+    if borrowed:
+        options["_nrt"] = False
+    if released:
+        options["nogil"] = True
+    if spliced:
+        options["inline"] = "always"
+    if bare:
+        options["no_cpython_wrapper"] = True
+    if fused or reordered:
+        freedoms = {"contract": fused, "reassoc": reordered}
+        options["fastmath"] = {name for name, given in freedoms.items() if given}
+    on_disk = kept and os.path.exists(function.__code__.co_filename)  # not typed at a prompt
+    with kept_in(cache_folder()):
+        return njit(cache=on_disk, error_model="numpy", **options)(function)
+
+
+@contextmanager
+def kept_in(folder: Path) -> Iterator[None]:
+    """Let Numba keep what is decorated meanwhile in `folder`, and leave all else as it was.
+
+    Numba looks at its configuration when a function is decorated: neither what was imported
+    first nor the environment decides, and the functions of others stay where they are.
+    """
+    from numba import config
+
+    ours = {"CACHE_DIR": str(folder), "CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator"}
+    with _swapping:
+        theirs = {name: getattr(config, name, "") for name in ours}
+        vars(config).update(ours)
+        try:
+            yield
+        finally:
+            vars(config).update(theirs)

@@ -1,0 +1,21 @@
+"""What a law's file imports: `from hertzloop.law import Keys, About, kernel`. See docs/laws.md."""
+
+from hertzloop.controller.law import (
+    ACTING,
+    IDLE,
+    NO_PROMISE,
+    SPENT,
+    WATCHING,
+    About,
+    Force,
+    Gain,
+    Keys,
+    Reach,
+    StepsUs,
+    kernel,
+)
+
+__all__ = [
+    "ACTING", "IDLE", "NO_PROMISE", "SPENT", "WATCHING", "About", "Force", "Gain", "Keys", "Reach",
+    "StepsUs", "kernel",
+]  # fmt: skip

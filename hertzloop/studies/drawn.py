@@ -1,0 +1,213 @@
+"""The pictures of the documentation: what makes each, and what it shows in a few numbers.
+
+The numbers are kept beside the pictures, in pictures.json. A picture is stale when they change: the
+same runs give other figures today, or a replay says other words. That is cheap to see, and neither
+a comment in the code nor the last bits of a processor make a difference.
+"""
+
+import json
+import math
+import subprocess
+import sys
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from hertzloop.analysis.impacts import first_impact
+from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.replay.as_rerun import Shown
+from hertzloop.scenes.text import DEFAULT
+from hertzloop.setup import load
+from hertzloop.views import replaying
+
+NOTES = "pictures.json"
+WITHIN = 1e-6  # relative: processors differ in the last bits, changes of a model do not
+_SHORT_3MM = "run.duration_s=0.0016"
+_SHORT_20MM = "run.duration_s=0.009"
+
+Case = tuple[str, tuple[str, ...]]  # scene and what is changed
+
+
+@dataclass(frozen=True)
+class Run:
+    """A scene, what of it is changed, and the pace if it has one."""
+
+    scene: str
+    changed: tuple[str, ...] = ()
+    pace: float | None = None
+
+    def record(self, file: Path) -> None:
+        """Record it: in one compiled call, a paced one as processes. Raises RuntimeError."""
+        if self.pace is None:
+            record_in_process(load(self.scene, self.changed), file, compiled=True)
+            return
+        settings = [word for key in self.changed for word in ("--set", key)]
+        command = [sys.executable, "-m", "hertzloop", "run", self.scene, *settings]
+        command += ["--pace", str(self.pace), "--out", str(file)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise RuntimeError(f"the paced run failed: {done.stderr.strip()}")
+
+
+_SHORT_14MS = "run.duration_s=0.014"
+_OTHER = ("controller.law=shifted_threshold", "controller.kappa=0.9", "controller.v_thr_m_s=-0.9")
+_FEEDBACK = "controller.law=velocity_feedback"
+MORE = {
+    "comparison": [
+        Run("aluminium-20mm", (_SHORT_14MS,)), Run("aluminium-20mm", (_SHORT_14MS, *_OTHER))
+    ],
+    "unstable": [
+        Run("aluminium-20mm", (_FEEDBACK, "controller.kappa=0.4", "run.duration_s=0.013"))
+    ],
+    "paced": [
+        Run("aluminium-3mm", (_FEEDBACK, "controller.kappa=0.1", "run.duration_s=0.003"), 0.003)
+    ],
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """`command` writes the picture as `writes` into DIR; `cases`: runs that it draws, or such as it
+    draws; `replayed`: the case whose replay or report it is."""
+
+    command: str
+    writes: str
+    cases: tuple[Case, ...] = ()
+    replayed: Case | None = None
+
+
+def _laws(scene: str, short: str, *changes: tuple[str, ...]) -> tuple[Case, ...]:
+    return tuple((scene, (short, *change)) for change in changes)
+
+
+_KAPPAS = _laws(
+    "aluminium-20mm", _SHORT_20MM, (), ("controller.kappa=0.4",), ("sensors.bits=6",),
+    ("controller.latency_us=30",), ("controller.law=shifted_threshold",),
+)  # fmt: skip
+_SCHEMES = _laws(
+    "aluminium-3mm", _SHORT_3MM, (), ("run.step_ns=250",),
+    ("run.scheme=discrete_gradient", "controller.law=off"),
+)  # fmt: skip
+_PUBLISHED = tuple(
+    (name, ("run.duration_s=0.02",)) for name in ("thesis-aluminium", "thesis-oak")
+) + _laws("aluminium-20mm", _SHORT_20MM, ("controller.law=off",))
+_PLANTS = tuple((name, (_SHORT_20MM, "controller.law=off")) for name in (
+    "aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm"
+))  # fmt: skip
+_DEFAULT: Case = (DEFAULT, ())
+[_PACED] = MORE["paced"]
+_TUNED = ("controller.law=shifted_threshold", "controller.kappa=0.99", "controller.v_thr_m_s=-0.99")
+_TUNE = (
+    "hertzloop tune aluminium-20mm --law slope_threshold --law shifted_threshold --law predicted "
+    "--law force_feedback --span run --set run.duration_s=0.014 --out DIR"
+)
+
+PICTURES = {
+    "replay.png": Drawn(
+        f"hertzloop pictures --only {DEFAULT} -o DIR", f"replay-{DEFAULT}.png", replayed=_DEFAULT
+    ),
+    "replay-paced.png": Drawn(
+        "hertzloop pictures --only paced -o DIR", "replay-paced.png",
+        replayed=(_PACED.scene, _PACED.changed),
+    ),
+    "report.png": Drawn(
+        "hertzloop pictures --only report -o DIR", "report.png", replayed=("aluminium-3mm", ())
+    ),
+    "tune.png": Drawn(
+        _TUNE, "tune-aluminium-20mm.png", (*_KAPPAS, ("aluminium-20mm", (_SHORT_20MM, *_TUNED)))
+    ),
+    "latency.png": Drawn("hertzloop chart latency -o DIR", "latency-aluminium-3mm.png", _KAPPAS),
+    "latency-chance.png": Drawn("hertzloop chart latency -o DIR", "latency-chance.png", _KAPPAS),
+    "real.png": Drawn("hertzloop chart real -o DIR", "real.png", _KAPPAS),
+    "model_order.png": Drawn("hertzloop chart model-order -o DIR", "model_order.png", _PLANTS),
+    "validity.png": Drawn("hertzloop chart validity -o DIR", "validity.png", _PLANTS),
+    "speed_accuracy.png": Drawn(
+        "hertzloop chart speed-accuracy -o DIR", "speed_accuracy.png", _SCHEMES
+    ),
+    "stability.png": Drawn("hertzloop chart stability -o DIR", "stability.png", _SCHEMES),
+    "stability-energy.png": Drawn(
+        "hertzloop chart stability -o DIR", "stability-energy.png", (*_SCHEMES, *_KAPPAS)
+    ),
+    "weaknesses.png": Drawn("hertzloop weaknesses -o DIR", "weaknesses.png", _PUBLISHED),
+    "bounces.png": Drawn("hertzloop figures -o DIR", "bounces.png", _PUBLISHED),
+}  # fmt: skip
+
+
+def note_of(picture: Drawn) -> dict[str, Any]:
+    """What a picture shows: figures of the first impact of its cases, words of its replay."""
+    return {
+        "command": picture.command,
+        "figures": {_name(case): dict(_figures(case)) for case in picture.cases},
+        "words": [] if picture.replayed is None else _words(picture.replayed),
+    }
+
+
+def _name(case: Case) -> str:
+    return " ".join([case[0], *case[1]])
+
+
+@lru_cache
+def _figures(case: Case) -> dict[str, float]:
+    """Of the first impact; nothing without one."""
+    scene = load(*case)
+    impact = first_impact(scene, simulate(scene).rows)
+    if impact is None:
+        return {}
+    found = impact.impact
+    return {
+        "duration_s": found.duration_s,
+        "rebound_speed_m_s": found.rebound_speed_m_s,
+        "peak_force_n": found.peak_force_n,
+        "plate_energy_j": found.plate_energy_j,
+    }
+
+
+def _words(case: Case) -> list[str]:
+    """What a replay of a run writes, and the numbers in it, to the digits that can be read."""
+    with TemporaryDirectory(prefix="hertzloop-") as folder:
+        file = Path(folder) / f"{case[0]}.mcap"
+        record_in_process(load(*case), file, compiled=True)
+        return words_of(replaying.prepare(read(file)))
+
+
+def words_of(shown: Shown) -> list[str]:
+    """What is written in a replay: what ran, titles, legends, the first contact."""
+    said = [shown.told.heading, *shown.told.lines, f"heights {shown.drawn.in_words}"]
+    for plot in shown.plots:
+        said.append(f"{plot.title}: {', '.join(c.label or c.name for c in plot.curves)}")
+    for contact in shown.contacts[:3]:
+        length = contact.end - contact.first
+        said.append(f"{length} steps, {contact.peak_n:.3g} N, {1e6 * contact.deepest_m:.3g} um")
+    return [*said, *(spectrum.label for spectrum in shown.told.spectra)]
+
+
+def differences(noted: dict[str, Any], now: dict[str, Any]) -> list[str]:
+    """In what two notes differ, in sentences."""
+    found = []
+    for name, figures in now["figures"].items():
+        before = noted["figures"].get(name, {})
+        for figure, value in figures.items():
+            if not math.isclose(before.get(figure, math.nan), value, rel_tol=WITHIN):
+                found.append(f"{name}: {figure} was {before.get(figure)}, is {value}")
+    for key in ("command", "words"):
+        if noted[key] != now[key]:
+            found.append(f"{key} was {noted[key]}, is {now[key]}")
+    return found
+
+
+def read_notes(folder: Path) -> dict[str, Any]:
+    """The notes beside the pictures; empty where there are none yet."""
+    path = folder / NOTES
+    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else {}
+
+
+def write_note(folder: Path, name: str, drawn_again: bool) -> None:
+    """Note what a picture shows today; whether it was drawn just now."""
+    notes = read_notes(folder)
+    notes[name] = note_of(PICTURES[name]) | {"drawn_with_note": drawn_again}
+    ordered = {key: notes[key] for key in sorted(notes)}
+    text = json.dumps(ordered, indent=1, allow_nan=False)
+    (folder / NOTES).write_text(text + "\n", encoding="utf-8")

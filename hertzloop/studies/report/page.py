@@ -1,0 +1,294 @@
+"""One self-contained HTML page of a run."""
+
+import base64
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import jinja2
+import numpy as np
+from matplotlib.figure import Figure
+
+from hertzloop.analysis.figures import free_figures
+from hertzloop.analysis.listening import heard_of
+from hertzloop.analysis.recorded import law_of
+from hertzloop.analysis.trust import errors_of, why_not_again
+from hertzloop.analysis.verdict import judge
+from hertzloop.controller.loading.registry import shipped as shipped_laws
+from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.replay.as_rerun import Shown
+from hertzloop.recordings.replay.data import Curve, Deflection, Plot, extremes
+from hertzloop.recordings.replay.scene3d import with_unit
+from hertzloop.recordings.writer import RecordingError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
+from hertzloop.studies import pictures
+from hertzloop.views import provenance
+from hertzloop.views import run as report
+from hertzloop.views.data import judged_as_json, known_in
+from hertzloop.views.effects import sentences_of
+from hertzloop.views.provenance import text_of_law
+from hertzloop.views.replaying import prepare, scene_of
+from hertzloop.views.run import headings, impact_rows
+from hertzloop.views.sentences import law_line
+
+_POINTS = 1500  # a curve
+_STYLES = {"F_a": 2, "F_c": 1, "measured": 4, "fed": 2, "contact": 1, "plate": 3}
+
+
+def around_first_contact(shown: Shown) -> str:
+    """Gap, forces, plate velocity and energies around the first contact."""
+    before, after = shown.when.zoom_ns
+    span = (shown.when.still_ns - before, shown.when.still_ns + after)
+    return _sheet(shown.plots, span, "simulated time (ms)")
+
+
+def whole_run(shown: Shown) -> str:
+    """The same over all of the run."""
+    truth = shown.recording.truth
+    first, last = (int(truth.step_at(at)) * truth.step_ns for at in (0, truth.samples - 1))
+    return _sheet(shown.plots, (first, last), "simulated time (ms)")
+
+
+def spectra(shown: Shown) -> str:
+    """Level of the plate velocity."""
+    sheet, axes = pictures.sheet(1, 1, width=10.0, height=2.8)
+    ax = axes[0, 0]
+    for i, found in enumerate(shown.told.spectra):
+        ax.semilogx(found.frequency_hz, found.level_db, label=found.label, **pictures.look(i))
+    ax.set(
+        xlabel="frequency (Hz)", ylabel="level in 1/12 octaves\n(dB re 1 m/s)",
+        title="Plate velocity at the contact, whole run",
+    )  # fmt: skip
+    _legend(ax)
+    return svg(sheet)
+
+
+def _sheet(plots: list[Plot], span_ns: tuple[int, int], label: str) -> str:
+    lines = -(-len(plots) // 2)
+    sheet, axes = pictures.sheet(lines, 2, width=10.0, height=2.4)
+    for ax, plot in zip(axes.ravel(), plots, strict=False):
+        for curve in plot.curves:
+            _draw(ax, curve, span_ns)
+        ax.set(title=plot.title, xlabel=label, xlim=tuple(1e-6 * t for t in span_ns))
+        if plot.most is not None:
+            ax.set_ylim(-plot.most, plot.most)
+        _legend(ax)
+    for ax in axes.ravel()[len(plots) :]:
+        ax.remove()
+    return svg(sheet)
+
+
+def _draw(ax: Any, curve: Curve, span_ns: tuple[int, int]) -> None:
+    times, values = curve.time_ns, curve.values
+    a, b = np.searchsorted(times, span_ns)
+    if b - a >= len(times) - 1 and curve.overview is not None:  # all of it, evenly
+        times, values = times[curve.overview], values[curve.overview]
+    else:
+        times, values = times[a : b + 1], values[a : b + 1]
+    if not len(values) or not np.isfinite(values).any():
+        return
+    chosen = extremes(np.nan_to_num(values), _POINTS)
+    style = pictures.look(_STYLES.get(curve.name, 0))
+    style = {"color": "#888888", "linestyle": "--", "linewidth": 1.1} if curve.faint else style
+    ax.plot(1e-6 * times[chosen], values[chosen], label=curve.label or curve.name, **style)
+
+
+def _legend(ax: Any) -> None:
+    """Beside the axes, where it hides nothing."""
+    ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=7)
+
+
+def svg(sheet: Figure) -> str:
+    """The figure as an SVG element, without the document around it."""
+    text = io.StringIO()
+    sheet.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    whole = text.getvalue()
+    return whole[whole.index("<svg") :]
+
+
+def template(name: str) -> jinja2.Template:
+    """One of the templates beside this file; a word that it lacks is an error."""
+    settings = jinja2.Environment(
+        loader=jinja2.PackageLoader("hertzloop.studies.report", ""),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    return settings.get_template(name)
+
+
+_FRAMES = 240
+_LEVELS = 127  # of a deflection, each way
+
+
+@dataclass(frozen=True)
+class _Sound:
+    label: str
+    level: str
+    data: str  # base64 of a WAV file
+
+
+def page_of(recording: Recording) -> str:
+    """The page. Raises RecordingError if the recording cannot be read or replayed."""
+    setup, shown = scene_of(recording), prepare(recording, drawn="Dashed")
+    without = free_figures(setup) if shown.told.twin is not None else None
+    found = judged_as_json(judge(setup, recording, without, why_not_again(recording)))
+    free = found.get("uncontrolled")
+    unstable = found["stability"]["unstable"]
+    sounds, silent = _sounds(recording, setup)
+    law, law_text, lawless = _law(recording)
+    again, commands = _again(recording, setup, bool(law_text))
+    return template("page.html.j2").render(
+        title=shown.told.heading,
+        lines=[line.replace("**", "") for line in shown.told.lines],
+        problems=recording.problems,
+        unstable=unstable,
+        verdict=found["verdict"],
+        neglected=sentences_of(found["validity"]),
+        tables=_tables(found, free, not unstable),
+        around=around_first_contact(shown) if shown.contacts else "",
+        whole=whole_run(shown),
+        spectra=spectra(shown) if shown.told.spectra else "",
+        flat="" if shown.deflection.known else "The file of modes has no shapes: drawn flat.",
+        animation=json.dumps(_animation(shown)),
+        sounds=sounds,
+        silent=silent,
+        scene=recording.scene_toml,
+        law=law,
+        law_text=law_text,
+        lawless=lawless,
+        again=again,
+        commands=commands,
+        versions=_versions(recording),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Table:
+    headings: list[str]
+    rows: list[list[str]]
+    notes: list[str]
+
+
+def _tables(found: dict[str, Any], free: dict[str, Any] | None, compare: bool) -> list[_Table]:
+    """Noise figures of the first impact and all impacts as `run` prints them, those without
+    control, too; none where a run has no impact."""
+    runs = [found] if free is None else [found, free]
+    if not all(run["noise"] for run in runs):
+        return []
+    known = found["predictability"]
+    digits = [known["controlled"], known["uncontrolled"]][: len(runs)]
+    names = ["this run"] if free is None else ["with control", "without"]
+    compare = compare and free is not None
+    rows = report.noise_rows(
+        [run["noise"][0] for run in runs], compare,
+        [errors_of(known_in(each), 0, "noise_errors") for each in digits],
+    )  # fmt: skip
+    columns = ["figure of the first impact", *names, *(["change"] if compare else [])]
+    tables = [_Table(columns, rows, [])]
+    for name, run, each in zip(names, runs, digits, strict=True):
+        why_not = known["why_not"] if run is found else ""
+        rows, notes = impact_rows(run["impacts"], each, why_not)
+        numbered = [[str(i), *row] for i, row in enumerate(rows, 1)]
+        tables.append(_Table([f"impacts, {name}", *headings(run["impacts"])], numbered, notes))
+    return tables
+
+
+def _law(recording: Recording) -> tuple[str, str, str]:
+    """The law that ran in words, and its text, or why there is none."""
+    ran = law_line(law_of(recording))
+    try:
+        return ran, text_of_law(recording), ""
+    except RecordingError as error:
+        return ran, "", str(error)
+
+
+def _animation(shown: Shown) -> dict[str, Any]:
+    """Deflections around the first contact in 127 levels each way, and what a canvas needs."""
+    plate: Deflection = shown.deflection
+    low, high = shown.when.selection_ns
+    inside = np.flatnonzero((plate.times_ns >= low) & (plate.times_ns <= high))
+    if len(inside) < 2:
+        inside = np.arange(len(plate.times_ns))
+    inside = inside[np.unique(np.linspace(0, len(inside) - 1, _FRAMES).astype(int))]
+    full = shown.drawn.full_colour_m
+    levels = np.clip(np.round(np.nan_to_num(plate.w_m[inside]) / full * _LEVELS), -127, 127)
+    # Rows of a picture go down, y goes up.
+    frames = np.ascontiguousarray(levels.astype(np.int8).transpose(0, 2, 1)[:, ::-1])
+    gap_m, force_n = (shown.at_frames[name][inside] for name in ("xi_m", "f_a_n"))
+    corner, size = plate.low_m, plate.size_m
+
+    def place(point: tuple[float, float]) -> list[float]:
+        return [(point[0] - corner[0]) / size[0], 1.0 - (point[1] - corner[1]) / size[1]]
+
+    actuator = shown.told.actuator_m
+    return {
+        "frames": base64.b64encode(frames.tobytes()).decode(),
+        "count": len(inside), "nx": len(plate.x_m), "ny": len(plate.y_m),
+        "x": ((plate.x_m - corner[0]) / size[0]).tolist(),
+        "y": (1.0 - (plate.y_m[::-1] - corner[1]) / size[1]).tolist(),
+        "aspect": size[1] / size[0], "size": [f"{1e3 * side:g} mm" for side in size],
+        "times": [f"{1e-6 * t:.4f} ms" for t in plate.times_ns[inside].tolist()],
+        "touching": (gap_m < 0.0).tolist(),
+        "force": [with_unit(float(f), "N") for f in np.nan_to_num(force_n)],
+        "contact": place(plate.contact_point_m),
+        "actuator": place(actuator) if actuator else None,
+        "full": "" if shown.drawn.flat else with_unit(full, "m"),
+    }  # fmt: skip
+
+
+def _sounds(recording: Recording, setup: Setup) -> tuple[list[_Sound], str]:
+    """Sounds at 1 m, or why there are none."""
+    with TemporaryDirectory(prefix="hertzloop-") as folder:
+        try:
+            heard = heard_of(recording, setup, Path(folder), (0.0, 0.0, 1.0), 1.0, 0.3)
+        except SceneError as error:
+            return [], str(error)
+        return [
+            _Sound(
+                name.replace("-", " "),
+                f"{run['level_db']:.1f} dB sound exposure level",
+                base64.b64encode(Path(run["file"]).read_bytes()).decode(),
+            )
+            for name, run in heard["runs"].items()
+        ], ""
+
+
+def _again(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, list[str]]:
+    """How to come to the same samples, in words and as commands."""
+    file, ran = recording.path.name, law_of(recording)
+    (name, changed), saved = provenance.closest_shipped(setup), "# the scene below, saved"
+    again = f"{recording.path.stem}-again.mcap"
+    if not ran.as_announced:
+        own = ran.law or "not named by the controller"
+        return (
+            f"The forces came from a controller outside hertzloop; its law: {own}. Start that "
+            "controller and these two processes, each in a terminal of its own, in any order.",
+            [f"hertzloop record --out {again}", f"hertzloop plant {setup.name}.toml    {saved}",
+             f"hertzloop compare {again} {file}    # afterwards"],
+        )  # fmt: skip
+    if "held_steps" in recording.truth.arrays:
+        return (
+            "Some forces came too late in this run. They act again as late as they did.",
+            [f"hertzloop run --repeat {file} --out {again}", f"hertzloop compare {again} {file}"],
+        )
+    same = "The same scene, seed and processor give the same bytes."
+    if name == setup.name and not changed:
+        return same, [f"hertzloop run {name} --seed {setup.seed}"]
+    run, first = f"hertzloop run {setup.name}.toml", []
+    if ran.law not in shipped_laws() and has_text:
+        law = str(ran.law).partition(":")
+        first = [f"hertzloop inspect {file} --law {law[0]}"]
+        run += f" --set controller.law={''.join(law)}"
+    return same, [*first, f"{run} --out {again}    {saved}", f"hertzloop compare {again} {file}"]
+
+
+def _versions(recording: Recording) -> list[tuple[str, str]]:
+    try:
+        found = json.loads(recording.metadata.get("versions", "{}"))
+    except json.JSONDecodeError:
+        return []
+    return [(str(name), str(number)) for name, number in dict(found).items()]

@@ -1,0 +1,284 @@
+"""Results of a sweep or of a tuning as one page, and which of them a folder holds."""
+
+import json
+import os
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from hertzloop.analysis.cases import CaseState
+from hertzloop.scenes.keys import unit_of
+from hertzloop.setup import Setup, parse
+from hertzloop.studies import pictures, words
+from hertzloop.studies.latency import round_above
+from hertzloop.studies.report.page import svg, template
+from hertzloop.studies.sweeps.evaluate import Rows, not_run
+from hertzloop.studies.sweeps.sweep import SHOWN, counted, extremes, known, read_results, short
+from hertzloop.studies.tuning import Tuned, front_sheet, read_tuned
+from hertzloop.views import provenance
+
+_MOST_KEYS = 6
+_MOST_FIGURES = 3
+_MOST_DOTS = 4000  # a panel
+_WITHOUT = {"rebound_percent": 100.0}  # what a figure is without control; else 0 dB
+
+
+def key_words(key: str) -> str:
+    """A scene key as an axis: words with a unit."""
+    if key in words.AXES:
+        return words.AXES[key]
+    name, unit = unit_of(key)
+    name = name.partition(".")[2].replace("_", " ") or name
+    return f"{name} ({unit})" if unit else name
+
+
+def shown_figures(rows: Rows) -> list[str]:
+    """Those that differ between cases, the first few; the first one if none does."""
+    there = [f for f in SHOWN if known(rows, f)]
+    differing = [f for f in there if len({row[f] for row in known(rows, f)}) > 1]
+    return (differing or there)[:_MOST_FIGURES]
+
+
+def over_keys(rows: Rows, keys: list[str]) -> Figure:
+    """A row a figure, a column a key: every case a dot, the mean over the other keys a line where
+    values repeat."""
+    figures, keys = shown_figures(rows), keys[:_MOST_KEYS]
+    sheet, axes = pictures.sheet(len(figures), len(keys), width=10.0, height=2.5)
+    for line, figure in enumerate(figures):
+        for column, key in enumerate(keys):
+            ax = axes[line, column]
+            _draw(ax, rows, key, figure)
+            ax.axhline(_WITHOUT.get(figure, 0.0), color="#7F7F7F", linewidth=1.0, linestyle="--")
+            if not column:
+                name, _, unit = words.against_none(figure).partition(" against no control ")
+                ax.set_ylabel(f"{name} {unit}")
+            if line == len(figures) - 1:
+                ax.set_xlabel(key_words(key))
+    return sheet
+
+
+def _draw(ax: Any, rows: Rows, key: str, figure: str) -> None:
+    having = known(rows, figure)
+    numbers = all(isinstance(row[key], int | float) for row in rows)
+    numbers = numbers and not any(isinstance(row[key], bool) for row in rows)
+    kinds = list(dict.fromkeys(row[key] if numbers else str(row[key]) for row in rows))
+    places = np.array(
+        [row[key] if numbers else kinds.index(str(row[key])) for row in having], float
+    )
+    y = np.array([row[figure] for row in having], float)
+    some = slice(None, None, -(-len(y) // _MOST_DOTS))
+    ax.plot(places[some], y[some], ".", color=pictures.COLOURS[0], markersize=3, alpha=0.5)
+    if len(kinds) < len(rows):
+        at = np.unique(places)
+        means = [y[places == place].mean() for place in at]
+        line = "-" if numbers else ""
+        ax.plot(at, means, color=pictures.COLOURS[1], marker="o", markersize=3, linestyle=line)
+    if not numbers:
+        names = [words.law(str(kind)) for kind in kinds]
+        ax.set_xticks(range(len(kinds)), names, rotation=25, ha="right", fontsize=7)
+        ax.set_xlim(-0.5, len(kinds) - 0.5)
+
+
+def map_keys(rows: Rows, keys: list[str], kind: str) -> tuple[str, str] | None:
+    """The two keys of a grid of numbers, if that is what a sweep is."""
+    if kind != "grid" or len(keys) != 2:
+        return None
+    x, y = keys
+    for key in keys:
+        values = {row[key] for row in rows}
+        if len(values) < 3 or any(isinstance(v, bool | str | list) for v in values):
+            return None
+    if len(rows) != len({row[x] for row in rows}) * len({row[y] for row in rows}):
+        return None
+    return x, y
+
+
+def maps(rows: Rows, x: str, y: str) -> Figure:
+    """A map a figure over two keys, no change in the middle of its colours; grey: no figure."""
+    figures = shown_figures(rows)
+    sheet, axes = pictures.sheet(1, len(figures), width=10.0, height=3.2)
+    across, up = (sorted({row[key] for row in rows}) for key in (x, y))
+    for ax, figure in zip(axes[0], figures, strict=True):
+        z = np.full((len(up), len(across)), np.nan)
+        for row in known(rows, figure):
+            z[up.index(row[y]), across.index(row[x])] = row[figure]
+        z -= _WITHOUT.get(figure, 0.0)
+        largest = float(np.nanmax(np.abs(z)))
+        reach = round_above(largest) if largest > 0.0 else 1.0
+        ax.set_facecolor("#b8b8b8")
+        shown = ax.pcolormesh(
+            across, up, z, cmap="RdBu_r", vmin=-reach, vmax=reach, shading="nearest",
+            rasterized=True,
+        )  # fmt: skip
+        ax.grid(False)
+        name, _, unit = words.against_none(figure).partition(" against no control ")
+        unit = "points" if figure == "rebound_percent" else unit.strip("()")
+        sheet.colorbar(shown, ax=ax, label=f"change ({unit})", ticks=np.linspace(-reach, reach, 5))
+        ax.set(title=name, xlabel=key_words(x), ylabel=key_words(y))
+    return sheet
+
+
+_MOST_ROWS = 2000  # of cases
+_SPANS = {"impact": "the first impact", "run": "the whole run"}
+
+
+@dataclass(frozen=True)
+class _Chart:
+    title: str
+    words: str
+    svg: str
+
+
+@dataclass(frozen=True)
+class _Table:
+    title: str
+    words: str
+    headings: Sequence[str]
+    rows: list[list[str]]
+    sorts: bool = False
+
+
+def results_in(path: Path) -> Path:
+    """The results that a path names: itself, or the only ones in a folder. Raises ValueError."""
+    if not os.path.isdir(path):
+        return path
+    found = sorted(
+        [*path.glob("tune-*.json"), *path.glob("*.parquet")]
+        + [p.with_suffix("") for p in path.glob("*.csv.json")]
+    )
+    if len(found) != 1:
+        names = ", ".join(one.name for one in found[:5])
+        raise ValueError(
+            f"{path} holds results of no sweep and no tuning"
+            if not found
+            else f"{path} holds {len(found)} results ({names}); name one of them"
+        )
+    return found[0]
+
+
+def page_of_results(path: Path) -> str:
+    """The page of a sweep's .parquet or .csv, or of a tuning's .json or .csv.
+
+    Raises ValueError if the file is none of these, SceneError if its scene cannot be read.
+    """
+    if path.name.startswith("tune-") and path.suffix in (".json", ".csv"):
+        return _page_of_tuned(read_tuned(path.with_suffix(".json")))
+    return _page_of_sweep(path)
+
+
+def _page(title: str, lines: list[str], **more: Any) -> str:
+    return template("results.html.j2").render(title=title, lines=lines, **more)
+
+
+def _ran(setup: Setup) -> str:
+    return f"{provenance.bodies(setup)}; {provenance.control(setup)}"
+
+
+def _page_of_sweep(path: Path) -> str:
+    rows, header = read_results(path)
+    setup = parse(header["scene_toml"], recorded=True)
+    design = header["design"]
+    keys = [axis["key"] for axis in design["axes"]]
+    figures = [f for f in SHOWN if any(row[f] is not None for row in rows)]
+    lacking = not_run(rows)
+    unstable = sum(row["state"] == CaseState.UNSTABLE for row in rows)
+    warnings = [f"{len(lacking)} cases could not be run: {lacking[0]['status']}"] if lacking else []
+    if unstable:
+        warnings.append(f"{unstable} of {len(rows)} cases are unstable and have no figures")
+    beyond = counted(rows, "out_of_range")
+    if beyond:
+        names = ", ".join(f"{name} in {times}" for name, times in beyond.items())
+        warnings.append(f"Out of range, of {len(rows)} cases: {names}")
+    drawn: list[_Chart] = []
+    if shown_figures(rows):
+        dots = "A dot a case, orange their mean where values repeat; dashed: as without control."
+        drawn.append(_Chart("Over each key", dots, svg(over_keys(rows, keys))))
+        grid = map_keys(rows, keys, design["kind"])
+        if grid:
+            what = "Blue is less than without control; grey: no figure."
+            drawn.append(_Chart("Over both keys", what, svg(maps(rows, *grid))))
+    ends = [[words.against_none(figure), *rest] for figure, *rest in extremes(rows, keys)]
+    tables = [_Table("Least and largest", "", ("figure", "least", "at", "largest", "at"), ends)]
+    listed = [
+        [str(row["case"]), *(short(row[key]) for key in keys),
+         *("" if row[f] is None else f"{row[f]:.3f}" for f in figures), row["status"] or ""]
+        for row in rows[:_MOST_ROWS]
+    ]  # fmt: skip
+    more = "" if len(rows) <= _MOST_ROWS else f" The first {_MOST_ROWS} of {len(rows)}."
+    headings = ("case", *map(key_words, keys), *(words.FIGURES[f] for f in figures), "")
+    tables.append(
+        _Table("Cases", f"A click on a heading sorts.{more}", headings, listed, sorts=True)
+    )
+    kinds = {"grid": "a grid", "lhs": "a Latin hypercube", "sobol": "Sobol points"}
+    return _page(
+        f"Sweep of {setup.name}",
+        [
+            _ran(setup),
+            f"{len(rows):,} cases, {kinds[design['kind']]} over {', '.join(keys)}; figures of "
+            f"{_SPANS[header['span']]}, against the same scene without control.",
+        ],
+        warnings=warnings,
+        charts=drawn,
+        tables=tables,
+        commands=_sweep_command(setup, header, path),
+        versions=header["versions"],
+        scenes=[(setup.name, header["scene_toml"])],
+    )
+
+
+def _sweep_command(setup: Setup, header: dict[str, Any], path: Path) -> list[str]:
+    line = ["hertzloop", "sweep", f"{setup.name}.toml"]
+    design = header["design"]
+    for axis in design["axes"]:
+        values = ",".join(_toml(value) for value in axis["values"])
+        line += ["--over", f"{axis['key']}={values or '{low:g}:{high:g}'.format(**axis)}"]
+    if design["kind"] != "grid":
+        line += ["--design", design["kind"], "--cases", str(design["count"])]
+    line += ["--span", header["span"], "--out", path.name]
+    return [f"{shlex.join(line)}    # the scene below, saved under this name"]
+
+
+def _toml(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _page_of_tuned(tuned: Tuned) -> str:
+    objectives = tuple(tuned.objectives)
+    names = [words.against_none(name) for name in objectives]
+    keys = sorted({key for found in tuned.front for key in found.values} - {"controller.law"})
+    rows = []
+    for found in [*tuned.front, tuned.published]:
+        law = words.law(str(found.values["controller.law"]))
+        cells = [law + (" (published)" if found is tuned.published else "")]
+        cells += [f"{found.figures[name]:.3f}" for name in objectives]
+        cells += [str(found.spreads[name]) if name in found.spreads else "" for name in objectives]
+        rows.append([*cells, *(short(found.values.get(key, "")) for key in keys)])
+    headings = (
+        "law", *names, *(f"{name}, over touch phases: mean (least to most)" for name in names),
+        *map(key_words, keys),
+    )  # fmt: skip
+    scenes = [(parse(text, recorded=True), text) for text in tuned.scenes]
+    title = "Tuning of " + ", ".join(setup.name for setup, _ in scenes)
+    limits = "".join(f", {words.against_none(k)} at most {v:g}" for k, v in tuned.at_most.items())
+    worst = "; the worst of the scenes counts" if len(scenes) > 1 else ""
+    lines = [
+        *(_ran(setup) for setup, _ in scenes),
+        f"Lowered: {', '.join(names)}{limits}; figures of {_SPANS[tuned.span]}{worst}.",
+        *tuned.verdict,
+    ]
+    picture = front_sheet("", tuned.front, tuned.published, objectives)
+    return _page(
+        title,
+        lines,
+        warnings=[f"{tuned.failed} cases could not be run"] if tuned.failed else [],
+        charts=[_Chart("Settings that no other beats", "", svg(picture))],
+        tables=[_Table("Settings", "A click on a heading sorts.", headings, rows, sorts=True)],
+        commands=[tuned.command],
+        versions=tuned.versions,
+        scenes=[(setup.name, text) for setup, text in scenes],
+    )

@@ -1,0 +1,276 @@
+"""Which cases a sweep has: a grid, or points spread over ranges, of any scene keys."""
+
+import itertools
+import math
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from hertzloop.analysis.cases import Span
+from hertzloop.scenes.errors import SceneError, shortened, shown
+from hertzloop.scenes.text import toml_value
+from hertzloop.setup import Setup
+from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
+
+Kind = Literal["grid", "lhs", "sobol"]
+_MOST_CASES = 10_000_000
+_LAW = "controller.law"
+
+
+class DesignError(ValueError):
+    """The sweep asked for cannot be made; the message says why and what would do."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A scene key and what it is to be: `values`, or, for spread points, anything from `low` to
+    `high`, in steps of `grain` if that is not 0."""
+
+    key: str
+    values: tuple[Any, ...] = ()
+    low: float = 0.0
+    high: float = 0.0
+    grain: float = 0.0
+
+    def at(self, share: float) -> Any:
+        """Value at a share in [0, 1) of the axis."""
+        if self.values:
+            return self.values[int(share * len(self.values))]
+        if self.grain:
+            places = math.floor((self.high - self.low) / self.grain + 1e-9) + 1
+            return self.grained(self.low + int(share * places) * self.grain)
+        return self.low + share * (self.high - self.low)
+
+    def grained(self, value: float) -> Any:
+        """The value nearest to a number that the key can have."""
+        if not self.grain:
+            return value
+        near = self.low + round((value - self.low) / self.grain) * self.grain
+        return round(near) if self.grain == round(self.grain) else float(f"{near:.12g}")
+
+
+def fitted(axis: Axis, setup: Setup) -> Axis:
+    """The axis with the grain that the scene's key has."""
+    return axis if axis.values else replace(axis, grain=setup.grain_of(axis.key))
+
+
+def parse_axis(text: str) -> Axis:
+    """`key=low:high:step` (both ends included), `key=low:high` (to be spread), or `key=a,b,c`.
+
+    Raises DesignError.
+    """
+    key, equals, given = (part.strip() for part in text.partition("="))
+    if not equals or not given or not all(key.split(".")):
+        raise DesignError(
+            f"{shown(text)} is no range; write key=low:high:step or key=a,b,c, "
+            "e.g. controller.latency_us=0:100:1"
+        )
+    parts = given.split(":")
+    if len(parts) == 1:
+        items = _items(given)
+        if "" in items:
+            raise DesignError(f"{shown(text)} has an empty value; take one comma away")
+        return Axis(key, tuple(toml_value(value) for value in items))
+    numbers = [toml_value(part) for part in parts]
+    if len(parts) > 3 or not all(_is_number(x) for x in numbers):
+        raise DesignError(
+            f"{shown(text)} is no range of numbers; write {shortened(key)}=low:high:step"
+        )
+    low, high = numbers[0], numbers[1]
+    if not low <= high:
+        raise DesignError(f"{shown(text)} runs backwards; its first number must be the lower")
+    if len(parts) == 2:
+        return Axis(key, (), float(low), float(high))
+    step = numbers[2]
+    if not step > 0:
+        raise DesignError(f"{shown(text)} has a step of {shown(step)}; it must be above 0")
+    places = (float(high) - float(low)) / step + 1e-9  # inf where they cannot be counted
+    if not places < _MOST_CASES:
+        raise DesignError(f"{shown(text)} has {places + 1:.8g} values, the most is {_MOST_CASES}")
+    count = math.floor(places) + 1
+    if all(isinstance(x, int) for x in numbers):
+        return Axis(key, tuple(low + i * step for i in range(count)))
+    return Axis(key, tuple(float(f"{low + i * step:.12g}") for i in range(count)))
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number that a float can hold."""
+    try:
+        return isinstance(value, int | float) and math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def _items(text: str) -> list[str]:
+    """Split at commas outside of brackets."""
+    items, depth = [""], 0
+    for letter in text:
+        depth += (letter == "[") - (letter == "]")
+        if letter == "," and depth == 0:
+            items.append("")
+        else:
+            items[-1] += letter
+    return [item.strip() for item in items]
+
+
+@dataclass(frozen=True)
+class Design:
+    """A sweep's cases: all combinations of the axes, or `count` points spread over them."""
+
+    axes: tuple[Axis, ...]
+    kind: Kind = "grid"
+    count: int = 0
+    seed: int = 1
+
+    def cases(self) -> list[dict[str, Any]]:
+        """One {key: value} a case, always in the same order; the last axis runs fastest."""
+        keys = [axis.key for axis in self.axes]
+        if self.kind == "grid":
+            every = itertools.product(*(axis.values for axis in self.axes))
+            return [dict(zip(keys, values, strict=True)) for values in every]
+        from scipy.stats import qmc  # half a second, which a grid need not wait for
+
+        sampler: Any = qmc.Sobol if self.kind == "sobol" else qmc.LatinHypercube
+        spread = sampler(len(self.axes), rng=np.random.default_rng(self.seed))
+        with warnings.catch_warnings():  # Sobol points are balanced best by powers of 2
+            warnings.simplefilter("ignore", UserWarning)
+            points = spread.random(self.count)
+        return [
+            {axis.key: axis.at(float(x)) for axis, x in zip(self.axes, point, strict=True)}
+            for point in points
+        ]
+
+
+def as_axis(key: str, values: str | Iterable[Any]) -> Axis:
+    """An axis from Python: values of the key, or a range as in `parse_axis`. Raises DesignError."""
+    if isinstance(values, str):
+        return parse_axis(f"{key}={values}")
+    given = tuple(v.item() if isinstance(v, np.generic) else v for v in values)
+    if not given:
+        raise DesignError(f"{shown(key)} has no values; give at least one")
+    return Axis(key, given)
+
+
+def check_keys(axes: Iterable[Axis], option: str = "--over") -> None:
+    """Refuse a key that is given twice. Raises DesignError."""
+    keys = [axis.key for axis in axes]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise DesignError(
+                f"{option} {shortened(key)} is given twice; put its values into one list"
+            )
+
+
+def make_design(setup: Setup, over: list[str], kind: Kind, count: int, seed: int) -> Design:
+    """A design from axes in words, see `parse_axis`. Raises DesignError or SceneError."""
+    return design_of(setup, [parse_axis(text) for text in over], kind, count, seed)
+
+
+def design_of(setup: Setup, over: list[Axis], kind: Kind, count: int, seed: int) -> Design:
+    """A design whose every axis fits the scene. Raises DesignError or SceneError."""
+    axes = tuple(fitted(axis, setup) for axis in over)
+    if not axes:
+        raise DesignError("a sweep needs at least one --over, e.g. controller.latency_us=0:100:1")
+    check_keys(axes)
+    design = Design(axes, kind, count, seed)
+    if kind == "grid":
+        for axis in axes:
+            if not axis.values:
+                raise DesignError(
+                    f"--over {shortened(axis.key)}={axis.low:g}:{axis.high:g} has no step, which a "
+                    "grid needs; add one, or take --design sobol or lhs"
+                )
+        size = math.prod(len(axis.values) for axis in axes)
+        if size > _MOST_CASES:
+            raise DesignError(f"the grid has {shown(size)} cases, the most is {_MOST_CASES}")
+    elif not 1 <= count <= _MOST_CASES:
+        raise DesignError(f"--cases = {count}; --design {kind} needs 1 to {_MOST_CASES}")
+    _check_ends(setup, design)
+    return design
+
+
+def _check_ends(setup: Setup, design: Design) -> None:
+    """Refuse a key or an end of a range that no scene can have, before hours of work; with each of
+    the laws of the design, as a key may belong to some of them only."""
+    first = {axis.key: axis.at(0.0) for axis in design.axes}
+    laws = next((axis.values for axis in design.axes if axis.key == _LAW), ())
+    for law in [{_LAW: law} for law in laws] or [{}]:
+        for axis in design.axes:
+            ends = (axis.values[0], axis.values[-1]) if axis.values else (axis.low, axis.high)
+            for value in ends if axis.key != _LAW else law.values():
+                try:
+                    setup.vary({**first, **law, axis.key: value})
+                except SceneError as error:
+                    said = f"--over {shortened(axis.key)}, value {shown(value)}"
+                    raise SceneError(f"{said}: {error}") from error
+
+
+# Figures over the phase of the first touch within a sample, which nobody controls.
+#
+# A law that counts samples answers as on a staircase with one step a sample, so a figure at one
+# phase tells one of two values. Mean and range are taken over phases spread evenly.
+
+KEY = "run.touch_phase"
+_FEW = 5
+
+
+def phases(count: int = _FEW) -> tuple[float, ...]:
+    """Phases spread evenly over a step, its middle among an odd number of them."""
+    return tuple(round((i + 0.5) / count, 6) for i in range(count))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Mean, least and largest value of a figure; nan where a phase has none."""
+
+    mean: float
+    least: float
+    most: float
+
+    def __str__(self) -> str:
+        return f"{self.mean:.2f} ({self.least:.2f} to {self.most:.2f})"
+
+
+def spread_of(values: Any) -> Spread:
+    """Of one figure at all phases."""
+    found = np.asarray(values, dtype=float)
+    with np.errstate(invalid="ignore"):
+        return Spread(float(np.mean(found)), float(np.min(found)), float(np.max(found)))
+
+
+def at_all(case: dict[str, Any], count: int = _FEW) -> list[dict[str, Any]]:
+    """A case at every phase."""
+    return [case | {KEY: phase} for phase in phases(count)]
+
+
+def spread_over(
+    pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]], figures: tuple[str, ...],
+    count: int = _FEW,
+) -> list[dict[str, Spread]]:  # fmt: skip
+    """The spread of some figures of cases."""
+    rows = evaluate(pool, setup, span, [c for case in cases for c in at_all(case, count)])
+    groups = [rows[i : i + count] for i in range(0, len(rows), count)]
+    return [_spreads(group, figures) for group in groups]
+
+
+def _spreads(rows: Rows, figures: tuple[str, ...]) -> dict[str, Spread]:
+    def value(row: dict[str, Any], name: str) -> float:
+        return np.nan if row["status"] or row[name] is None else float(row[name])
+
+    return {name: spread_of([value(row, name) for row in rows]) for name in figures}
+
+
+def grouped(rows: Rows, keys: list[str], figures: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Rows of a sweep that differ in phase only, taken together: the other `keys`, and the spread
+    of `figures`, in the order in which they come."""
+    others = [key for key in keys if key != KEY]
+    found: dict[str, Rows] = {}
+    for row in rows:
+        found.setdefault(repr([row[key] for key in others]), []).append(row)
+    return [
+        {key: group[0][key] for key in others} | _spreads(group, figures)
+        for group in found.values()
+    ]

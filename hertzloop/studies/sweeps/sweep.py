@@ -1,0 +1,310 @@
+"""Many cases of a scene, on the cores at hand or on many machines, that survive a kill."""
+
+import json
+import logging
+import os
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from hertzloop.analysis.cases import CaseFigures, CaseState, Span
+from hertzloop.controller.loading.law import LawError
+from hertzloop.controller.loading.registry import find, resolve
+from hertzloop.jit.cache import code_digest
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.text import toml_value
+from hertzloop.setup import Setup
+from hertzloop.studies.sweeps.design import Design
+from hertzloop.studies.sweeps.evaluate import Rows, chunked, not_run, older_state, run_chunk
+from hertzloop.studies.sweeps.journal import Journal
+from hertzloop.studies.sweeps.pool import SweepFailed, local_cores, local_pool
+
+_PACKAGES = ("hertzloop", "numpy", "numba")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a sweep went: all rows in the order of the cases, how many were run just now, in what
+    time, and which lines of an earlier journal were damaged, so that their cases ran again."""
+
+    rows: list[dict[str, Any]]
+    ran: int
+    wall_s: float
+    damaged: list[int]
+
+    @property
+    def not_run(self) -> list[dict[str, Any]]:
+        """Rows of cases that could not be run; `status` says why."""
+        return not_run(self.rows)
+
+    @property
+    def unstable(self) -> int:
+        """Number of cases that were run but have no figures, since the loop explodes."""
+        return sum(row["state"] == CaseState.UNSTABLE for row in self.rows)
+
+
+def code_version() -> str:
+    """What decides the bits of a result: versions, and the digest of all compiled kernels."""
+    return ", ".join([*(f"{p} {version(p)}" for p in _PACKAGES), f"kernels {code_digest()}"])
+
+
+def laws_of(setup: Setup, design: Design) -> dict[str, dict[str, str]]:
+    """Name, digest and text of every law of a sweep, by what the scene or the axis calls it."""
+    named = [setup.law_reference]
+    named += [str(v) for axis in design.axes if axis.key == "controller.law" for v in axis.values]
+    found = {}
+    for reference in named:
+        law = find(resolve(reference))
+        found[reference] = {"name": law.name, "digest": law.digest, "source": law.source}
+    return found
+
+
+def work_of(scenes: Sequence[Setup], laws: Iterable[str], design: Design) -> dict[str, Any]:
+    """What decides the cases of a search or a chart, and what comes of them, as far as all share
+    it: scenes, laws with their digests, versions. The arguments of each come on top."""
+    return {
+        "scenes": [setup.toml for setup in scenes],
+        "laws": [laws_of((scenes[0]).vary({"controller.law": law}), design) for law in laws],
+        "versions": code_version(),
+    }
+
+
+def check_laws(header: dict[str, Any]) -> None:
+    """Raises SceneError if a law is not any more what a sweep's results were made with."""
+    for reference, about in header.get("laws", {}).items():
+        try:
+            find(resolve(reference), about["digest"])
+        except LawError as error:
+            raise SceneError(f"the results cannot be checked: {error}") from error
+
+
+def header_of(setup: Setup, design: Design, span: Span) -> dict[str, Any]:
+    """What names a sweep, and goes with its results."""
+    return {
+        "scene_toml": setup.toml,
+        "design": asdict(design),
+        "laws": laws_of(setup, design),
+        "span": span,
+        "versions": code_version(),
+    }
+
+
+def sweep(
+    setup: Setup,
+    design: Design,
+    span: Span,
+    out: Path,
+    *,
+    workers: int | None = None,
+    dask: str | None = None,
+    on_progress: Callable[[int], None] = lambda finished: None,
+) -> Outcome:
+    """Run all cases that were not finished earlier, and write `out` (.parquet or .csv).
+
+    Unfinished, its rows are in `journal_of(out)`. Raises SweepFailed, JournalError, OSError.
+    """
+    cases = list(enumerate(design.cases()))
+    header = header_of(setup, design, span)
+    with Journal(journal_of(out), header) as journal:
+        open_ = [(number, values) for number, values in cases if number not in journal.done]
+        chunks = chunked(open_)
+        on_progress(len(journal.done))
+        started = time.perf_counter()
+        if chunks:
+            with _results(header["scene_toml"], span, chunks, workers, dask) as results:
+                for rows in results:
+                    for row in rows:
+                        journal.add(row)
+                    on_progress(len(journal.done))
+        wall_s = time.perf_counter() - started
+        ran = len(open_) - len(not_run([journal.done[number] for number, _ in open_]))
+        rows = [journal.done[number] for number, _ in cases]
+    write_results(out, rows, header)
+    journal_of(out).unlink()
+    return Outcome(rows, ran, wall_s, journal.damaged)
+
+
+def journal_of(out: Path) -> Path:
+    """Where the finished cases of an unfinished sweep are."""
+    return out.with_name(out.name + ".partial")
+
+
+@contextmanager
+def _results(
+    toml: str, span: Span, chunks: list[Any], workers: int | None, dask: str | None
+) -> Iterator[Iterator[list[dict[str, Any]]]]:
+    """Rows of the chunks as they come, from local processes or a Dask cluster."""
+    if dask:
+        with _dask_results(dask, toml, span, chunks) as results:
+            yield results
+        return
+    with local_pool(min(workers or local_cores(), len(chunks))) as pool:
+        yield pool(toml, span, chunks)
+
+
+@contextmanager
+def _dask_results(
+    address: str, toml: str, span: Span, chunks: list[Any]
+) -> Iterator[Iterator[list[dict[str, Any]]]]:
+    """The same from the workers of a Dask scheduler; it gives a dead worker's work to others."""
+    try:
+        from distributed import CancelledError, Client, KilledWorker
+        from distributed import as_completed as dask_completed
+        from distributed.comm import CommClosedError
+    except ImportError as error:
+        raise SweepFailed(
+            "--dask needs the package distributed: pip install distributed"
+        ) from error
+    # What it says of its own, with tracebacks, is said here in a sentence.
+    for name in ("distributed", *logging.root.manager.loggerDict):
+        if name.startswith("distributed"):  # some have a level of their own
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError, TimeoutError) as error:
+        raise SweepFailed(f"there is no Dask scheduler at {address}: {error}") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=60)
+        except TimeoutError as error:
+            raise SweepFailed(f"the Dask scheduler at {address} has no workers") from error
+        ours = code_version()
+        for worker, theirs in client.run(code_version).items():
+            if theirs != ours:
+                raise SweepFailed(
+                    f"the worker {worker} has {theirs}, this process {ours}; install the same"
+                )
+        futures = client.map(
+            lambda chunk: run_chunk(toml, span, chunk), chunks, pure=False, retries=2
+        )
+        try:
+            yield (future.result() for future in dask_completed(futures))
+        except (CancelledError, CommClosedError, KilledWorker) as error:
+            raise SweepFailed(f"the Dask cluster at {address} was lost") from error
+
+
+def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any]) -> None:
+    """Write a Parquet file with `header` in its metadata, or a CSV file and `header` beside it in
+    NAME.csv.json; under its name only when whole."""
+    keys = [axis["key"] for axis in header["design"]["axes"]]
+    table = pa.Table.from_pylist(_one_type_a_column(rows, keys, out.suffix))
+    about = json.dumps(header, indent=2)
+    new = out.with_name(out.name + ".new")
+    if out.suffix == ".parquet":
+        kept = {b"hertzloop": about.encode(), **(table.schema.metadata or {})}
+        pyarrow.parquet.write_table(table.replace_schema_metadata(kept), new)
+    else:
+        pyarrow.csv.write_csv(table, new)
+        _beside(out).write_text(about + "\n", encoding="utf-8")
+    new.replace(out)
+
+
+def _beside(out: Path) -> Path:
+    """Header of results in CSV."""
+    return out.with_name(out.name + ".json")
+
+
+def _one_type_a_column(
+    rows: list[dict[str, Any]], keys: list[str], suffix: str
+) -> list[dict[str, Any]]:
+    """Rows with numbers of one type, and values as TOML text for keys that have values of several
+    types, or lists in CSV."""
+    for key in keys:
+        if {type(row[key]) for row in rows} == {int, float}:
+            rows = [row | {key: float(row[key])} for row in rows]
+    text = [
+        key
+        for key in keys
+        if len({type(row[key]) for row in rows}) > 1
+        or (suffix != ".parquet" and isinstance(rows[0][key], list))
+    ]
+    if not text:
+        return rows
+    return [
+        row | {key: row[key] if isinstance(row[key], str) else json.dumps(row[key]) for key in text}
+        for row in rows
+    ]
+
+
+def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Rows and header of a sweep's results. Raises ValueError for another kind of file."""
+    if path.suffix == ".partial":
+        raise ValueError(f"{path} is unfinished; the command that began it goes on with it")
+    if not os.path.isfile(path):
+        raise ValueError(f"there are no results {path}")
+    if path.suffix == ".csv" and not _beside(path).is_file():
+        raise ValueError(
+            f"{path} lacks {_beside(path).name} beside it, in which a sweep tells its scene"
+        )
+    if path.suffix not in (".parquet", ".csv"):
+        raise ValueError(f"{path} holds no results of a sweep, which end in .parquet or .csv")
+    try:
+        if path.suffix == ".parquet":
+            table = pyarrow.parquet.read_table(path)
+            header = json.loads(table.schema.metadata[b"hertzloop"])
+        else:
+            table = pyarrow.csv.read_csv(path)
+            header = json.loads(_beside(path).read_text(encoding="utf-8"))
+        keys = [axis["key"] for axis in header["design"]["axes"]]
+        columns = ["case", *keys, *(f.name for f in fields(CaseFigures)), "status"]
+        columns += ["state"] if "state" in table.column_names else []
+        rows = [
+            {**row, "state": row.get("state") or older_state(row["status"])}
+            for row in table.select(columns).to_pylist()
+        ]
+        for name in ("scene_toml", "span", "versions"):
+            header[name]
+    except KeyError as error:
+        raise ValueError(f"{path} holds no results of a sweep: it has no {error}") from error
+    except (pa.ArrowException, ValueError, TypeError, OSError) as error:
+        raise ValueError(f"{path} holds no results of a sweep: {error}") from error
+    for key in keys:
+        for row in rows:
+            if isinstance(row[key], str):
+                row[key] = toml_value(row[key])
+    return rows, header
+
+
+SHOWN = ("plate_energy_db", "rebound_percent", "radiated_db", "plate_speed_db", "pressure_db")
+
+
+def counted(rows: Rows, column: str) -> dict[str, int]:
+    """How many cases have each of the names in a column of `CaseFigures`."""
+    names = (name for row in rows for name in (row[column] or "").split(", ") if name)
+    return dict(Counter(names).most_common())
+
+
+def known(rows: Rows, figure: str) -> Rows:
+    """The cases that have a figure."""
+    return [row for row in rows if row[figure] is not None and row[figure] == row[figure]]
+
+
+def extremes(rows: Rows, keys: list[str]) -> list[list[str]]:
+    """Where each figure is least and largest: its name, the least, its keys, the largest, its
+    keys, in words."""
+    found = []
+    for figure in SHOWN:
+        having = known(rows, figure)
+        if not having:
+            continue
+        ends = [pick(having, key=lambda row: row[figure]) for pick in (min, max)]
+        where = [
+            ", ".join(f"{key.split('.')[-1]} {short(row[key])}" for key in keys) for row in ends
+        ]
+        least, most = (f"{row[figure]:.2f}" for row in ends)
+        found.append([figure, least, where[0], most, where[1]])
+    return found
+
+
+def short(value: Any) -> str:
+    """A value of a key in four digits."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,1 +1,0 @@
-"""Whether the automatic choice of a model meets what was asked."""

@@ -1,1 +1,0 @@
-"""Speed against accuracy: every scheme on the same equations."""

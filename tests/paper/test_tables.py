@@ -1,0 +1,127 @@
+"""Published tables: how close they come, rows that were never published, and bad rows."""
+
+import csv
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from hertzloop.analysis.figures import figures_of
+from hertzloop.cli.cli import app
+from hertzloop.loop.compiled import simulate
+from hertzloop.setup import load
+from paper import tables
+
+PUBLISHED = Path(tables.__file__).parent
+
+
+def computed(name: str) -> list[dict[str, str]]:
+    header, rows = tables.read_rows(PUBLISHED / name)
+    _, new_rows, endless = tables.compute_table(header, rows, "thesis2008")
+    assert endless == 0
+    return new_rows
+
+
+def test_slope_threshold_rows() -> None:
+    rows = computed("slope_threshold.csv")
+    median = {a.column: a.median for a in tables.agreement(rows)}
+    assert median["EAL"] <= 0.05
+    assert median["EAH"] <= 0.4
+    assert median["pup"] <= 0.3
+    assert median["Evib"] <= 0.3
+    assert median["Erad"] <= 0.3
+    assert median["vpmax"] <= 0.4
+    shares = tables.shares(rows)
+    assert shares["vnext within 3 points"] >= 0.8
+    assert shares["dT off by more than a step and 25 %"] == 0.0
+    # The aim of 0.8 is missed by the rows that the README names.
+    assert shares["dT within one step or 5 %"] == pytest.approx(11 / 15)
+
+
+def test_parameter_study_rows() -> None:
+    shares = tables.shares(computed("parameter_study.csv"))
+    assert shares["dT within one step"] >= 0.85
+    assert shares["vnext within 5 points"] >= 0.8
+
+
+def test_a_table_has_the_figures_of_its_scene() -> None:
+    row = tables.parse_row({"kappa": "0.8", "v_thr_m_s": "-0.25"}, 1)
+    noise = figures_of(*_run("thesis-aluminium")).noise[0]
+    found = tables.noise_of(row, "thesis2008")
+    assert found is not None
+    assert found == noise
+
+
+def _run(source: str):  # type: ignore[no-untyped-def]
+    scene = load(source)
+    return scene, simulate(scene).rows
+
+
+def test_rows_that_were_never_published(tmp_path: Path) -> None:
+    path, out = tmp_path / "rows.csv", tmp_path / "out.csv"
+    path.write_text(
+        "material,drop_height_m,kappa,v_thr_m_s,force,shape,t_a_step,EAL,note\n"
+        "oak,0.2,0.37,-0.21,,,,-0.5,one\n"
+        "sylomer_m,0.2,0.15,-0.3,,,,,two\n"
+        "aluminium,0.2,-0.33,,F_a12,cosine,7,0.1,three\n"
+        ",,0.3,,F_a1,,3,0.1,four\n"
+        "oak,0.05,0.4,,,sine,5,0.1,five\n"
+    )
+    result = CliRunner().invoke(app, ["tables", str(path), "-o", str(out)])
+    assert result.exit_code == 0, result.output
+    with out.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["note"] for row in rows] == ["one", "two", "three", "four", "five"]
+    for row in rows:
+        assert float(row["EAL_computed"]) != 0.0
+        assert float(row["dT_computed"]) != 0.0
+        if row["EAL"]:
+            difference = float(row["EAL_computed"]) - float(row["EAL"])
+            assert float(row["EAL_difference"]) == pytest.approx(difference, abs=1e-4)
+    assert rows[1]["EAL_difference"] == ""
+    assert list(rows[0])[7:10] == ["EAL", "EAL_computed", "EAL_difference"]
+
+
+def test_consistent_scheme_computes_the_same_rows(tmp_path: Path) -> None:
+    path = tmp_path / "rows.csv"
+    path.write_text("kappa,v_thr_m_s,vnext,dT\n0.8,-0.25,2.0,23.1\n")
+    header, rows = tables.read_rows(path)
+    _, new_rows, endless = tables.compute_table(header, rows, "modal")
+    assert endless == 0
+    # The first contact lasts 597 us instead of 1335: no support, no "no rebound".
+    assert float(new_rows[0]["dT_computed"]) == pytest.approx(-73.8, abs=0.2)
+
+
+def test_a_contact_without_end_leaves_its_cells_empty(tmp_path: Path) -> None:
+    path = tmp_path / "rows.csv"
+    path.write_text("material,kappa,v_thr_m_s,EAL\noak,0.95,-0.25,-1\n")
+    header, rows = tables.read_rows(path)
+    _, new_rows, endless = tables.compute_table(header, rows, "thesis2008")
+    assert endless == 1
+    assert new_rows[0]["EAL_computed"] == new_rows[0]["EAL_difference"] == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("kappa,v_thr_m_s\nmuch,-0.25\n", "row 1: kappa = 'much' is no number"),
+        ("kappa\n0.3\n", "row 1: needs v_thr_m_s"),
+        ("a,b\n1,2\n", "has no column kappa"),
+        ("kappa,v_thr_m_s\n0.3\n", "row 1 does not have 2 cells"),
+        ("kappa,v_thr_m_s,material\n0.3,-0.2,steel wool\n", "material = 'steel wool'"),
+        ("kappa,shape,t_a_step\n0.3,square,1\n", "shape = 'square'; take one of"),
+        ("kappa,force,t_a_step\n0.3,F_a1,0\n", "steps are counted from 1"),
+        ("kappa,v_thr_m_s,drop_height_m\n0.3,-0.25,-1\n", "row 1: sphere.drop_height_m = -1"),
+        ("kappa,v_thr_m_s,EAL\n0.3,-0.25,big\n", "row 1: EAL = 'big' is no number"),
+    ],
+)
+def test_bad_rows_are_the_users_mistake(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "rows.csv"
+    path.write_text(text)
+    result = CliRunner().invoke(
+        app, ["tables", str(path), "-o", str(tmp_path / "o.csv")], env={"COLUMNS": "300"}
+    )
+    assert result.exit_code == 2
+    assert words in result.output
+    missing = CliRunner().invoke(app, ["tables", str(tmp_path / "none.csv")])
+    assert missing.exit_code == 2
