@@ -1,18 +1,20 @@
 """python -m hertzloop, and the command `hertzloop`"""
 
 import gc
+import sys
 
 from hertzloop.processes.signals import command_line
 
 
 def load() -> None:
     """Import what the roles of a run need."""
+    import hertzloop.cli.node
     import hertzloop.loop.controller_node
     import hertzloop.loop.plant_node
     import hertzloop.processes.roles  # noqa: F401
-    from hertzloop.cli import cli
+    from hertzloop.cli import app
 
-    cli.built()
+    app.built()
 
 
 def collect_rarely() -> None:
@@ -25,11 +27,12 @@ def main() -> None:
     """Entry point: the command line, with imports that can be interrupted quietly."""
     collect_rarely()
     with command_line() as imported:
-        from hertzloop.cli import cli
+        from hertzloop.cli import app
 
-        commands = cli.built()
+        commands = app.built()
+        app.load(sys.argv[1:])
         imported()
-        cli.main(commands)
+        app.main(commands)
 
 
 if __name__ == "__main__":

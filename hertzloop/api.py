@@ -288,7 +288,7 @@ def compare(a: "Run | RunFigures", b: "Run | RunFigures") -> "Comparison":
 
 def modes(scene: Scene) -> "xr.Dataset":
     """The modes that a scene's plant computes with, a Dataset over `mode` with the columns of the
-    file that `hertzloop modes` writes. Raises SceneError."""
+    file that `hertzloop scene modes` writes. Raises SceneError."""
     from hertzloop.analysis.deflection import modes_of_scene
     from hertzloop.views.labelled import modes_of
 

@@ -6,11 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import click
 import pytest
-import typer
 
-from hertzloop.cli.cli import app
+from hertzloop.cli import app
 from hertzloop.scenes.keys import keys, page
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -50,12 +48,9 @@ def commands(page: Path) -> list[list[str]]:
 def test_documented_commands_exist(page: Path) -> None:
     """Command and options; the files that they name need not be there."""
     for words in commands(page):
-        command, rest = typer.main.get_command(app), words[1:]
-        context = click.Context(command)
-        while hasattr(command, "resolve_command"):
-            name, found, rest = command.resolve_command(context, rest)
-            assert found is not None, words
-            command, context = found, click.Context(found, context, name)
+        [leaf] = [leaf for leaf in app.leaves() if words[1:][: len(leaf.words.split())]
+                  == leaf.words.split()]  # fmt: skip
+        command, rest = app.loaded(leaf), words[1 + len(leaf.words.split()) :]
         options = {
             name for option in command.params for name in (*option.opts, *option.secondary_opts)
         }
@@ -65,14 +60,8 @@ def test_documented_commands_exist(page: Path) -> None:
 
 def test_every_command_has_its_line() -> None:
     told = (DOCS / "commands.md").read_text()
-    groups = [("", typer.main.get_command(app))]
-    while groups:
-        before, group = groups.pop()
-        for name, command in group.commands.items():
-            if hasattr(command, "commands"):
-                groups.append((f"{before}{name} ", command))
-            else:
-                assert re.search(rf"`(hertzloop )?{before}{name}\b", told), f"{before}{name}"
+    for leaf in app.leaves():
+        assert re.search(rf"`(hertzloop )?{leaf.words}\b", told), leaf.words
 
 
 @pytest.mark.full
@@ -106,7 +95,7 @@ def test_every_key_is_explained() -> None:
 
 
 def test_the_page_of_keys_is_what_the_code_says() -> None:
-    """Mend: hertzloop keys --markdown > docs/keys.md"""
+    """Mend: hertzloop scene keys --markdown > docs/keys.md"""
     assert (DOCS / "keys.md").read_text() == page()
 
 

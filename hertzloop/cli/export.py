@@ -15,14 +15,12 @@ from hertzloop.cli.options import (
     check_output,
     check_reachable,
     check_writable,
-    err,
-    fail,
     files_of,
     make_folder,
-    out,
     scene_from,
 )
 from hertzloop.cli.recordings import FileArgument, read_or_fail
+from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 
@@ -43,8 +41,10 @@ def export(
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Write a recording's samples for other tools: one MCAP message a sample for Foxglove and
-    PlotJuggler, or Parquet, CSV, NPZ, HDF5 with units."""
+    """Write a recording's samples as CSV, Parquet, NPZ, HDF5 or MCAP.
+
+    An .mcap file has one message a sample, which Foxglove and PlotJuggler can plot.
+    """
     from hertzloop.recordings.export import FORMATS, Samples
     from hertzloop.recordings.export import export as write
     from hertzloop.recordings.replay.data import scene_value
@@ -80,31 +80,35 @@ CpuOption = Annotated[
 
 def export_plant(
     scene: SceneArgument,
-    out_path: Annotated[
-        Path,
+    out_file: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="F", help="File to write, plant.fmu or plant.so."),
+    ] = None,
+    out_dir: Annotated[
+        Path | None,
         typer.Option(
-            "--out",
-            "-o",
-            metavar="F",
-            help="plant.fmu, plant.so, or a folder: library, header, example.",
+            "--out-dir", metavar="DIR", help="Folder for the C library, its header and an example."
         ),
-    ],
+    ] = None,
     cpu: CpuOption = "x86-64-v3",
     fmi: Annotated[Literal["2", "3"], typer.Option(help="Version of FMI for .fmu.")] = "3",
     seed: SeedOption = None,
     settings: SetOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Write plant, actuator and sensor of a scene for programs without Python: as a unit for
-    co-simulation (FMU), or a C library.
+    """Write the plant for other programs: an FMU or a C library.
 
-    The controller stays behind: whoever calls the plant gives the force.
+    It holds plant, actuator and sensor. The calling program gives the force.
     """
     if (sys.platform, _machine()) != ("linux", "x86_64"):
         fail(f"a plant is exported on Linux on x86-64, not on {sys.platform} {_machine()}", 2)
-    folder = out_path.suffix == ""
+    if (out_file is None) == (out_dir is None):
+        fail("give --out F for a file, or --out-dir DIR for a folder", 2)
+    folder = out_dir is not None
+    out_path = out_dir or out_file
+    assert out_path is not None
     if not folder and out_path.suffix not in (".fmu", ".so"):
-        fail(f"{out_path} does not end in .fmu or .so, nor in nothing, for a folder", 2)
+        fail(f"--out {out_path}: must end in .fmu or .so. For a folder, give --out-dir", 2)
     check_reachable(out_path)
     resolved = scene_from(scene, settings, seed)
     if not folder:

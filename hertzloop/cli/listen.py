@@ -9,13 +9,11 @@ import typer
 from hertzloop.cli.options import (
     JsonOption,
     check_json,
-    err,
-    fail,
     make_folder,
-    out,
     write_json,
 )
 from hertzloop.cli.recordings import FileArgument, read_or_fail
+from hertzloop.cli.terminal import err, fail, out
 from hertzloop.views.format import Table
 
 _ENERGIES = {
@@ -29,7 +27,7 @@ _ENERGIES = {
 def listen(
     file: FileArgument,
     folder: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for the sounds.", metavar="DIR")
+        Path, typer.Option("--out-dir", "-o", help="Folder for the sounds.", metavar="DIR")
     ],
     at: Annotated[
         tuple[float, float, float],
@@ -46,8 +44,11 @@ def listen(
     ] = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Sound pressure of a run at a listener's point, with and without control, as WAV files on the
-    same scale: the plate's modes in a rigid baffle, up to 20 kHz."""
+    """Write the sound of a run, with and without control, as WAV.
+
+    It is the sound pressure at a listener's point, from the plate's modes in a rigid baffle, up to
+    20 kHz. All files have the same scale.
+    """
     from hertzloop.analysis.listening import heard_of
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.scenes.errors import SceneError

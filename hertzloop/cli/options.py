@@ -6,76 +6,19 @@ import math
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn
+from typing import Annotated, Any, Literal
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from typer.core import TyperGroup
 
+from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import shipped as shipped_laws
-from hertzloop.extras import need, sentence_on
-from hertzloop.processes.signals import INTERRUPTED, on_interrupt
+from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
-from hertzloop.views.format import styled
-
-# Text is text: what is shown comes from scenes, files and other processes, and a name such as
-# [red] or 0:100:1 has no meaning here. What is to have a style says so with `styled`.
-out = Console(highlight=False, emoji=False, markup=False)
-err = Console(stderr=True, highlight=False, emoji=False, markup=False)
-
-
-def fail(sentence: str, code: int) -> NoReturn:
-    """Say what is wrong and end the command with an exit code."""
-    err.print(styled(("error:", "red"), f" {sentence}"), soft_wrap=True)
-    raise typer.Exit(code)
-
-
-@contextmanager
-def if_interrupted(explain: Callable[[], str] | None = None) -> Iterator[None]:
-    """End the command with exit code 130 when a signal ends what is inside; say what is kept."""
-
-    def end(_: str) -> NoReturn:
-        err.print(f"interrupted; {explain()}" if explain else "interrupted", soft_wrap=True)
-        raise typer.Exit(INTERRUPTED)
-
-    with on_interrupt(end):
-        yield
-
-
-@contextmanager
-def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """A progress bar with the time left, gone when done; yields how to say what is completed."""
-    percent = TextColumn("{task.percentage:3.0f} %", markup=False)
-    about = TextColumn("{task.description}", markup=False)
-    columns = (about, BarColumn(), percent, TimeRemainingColumn())
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        task = bar.add_task(what, total=total)
-        yield lambda completed: bar.update(task, completed=completed)
-
-
-class Commands(TyperGroup):
-    """All commands: an interruption that none of them explains ends in one sentence, as does a
-    package that an extra would have brought."""
-
-    def invoke(self, *args: Any) -> Any:
-        """Run the command that was asked for."""
-        out.stderr = False  # see check_json
-        try:
-            with if_interrupted():
-                return super().invoke(*args)
-        except ModuleNotFoundError as error:
-            sentence = sentence_on(error.name)
-            if sentence is None:
-                raise
-            fail(sentence, 2)
-
 
 SceneArgument = Annotated[str, typer.Argument(help="A shipped scene's name, or a .toml file.")]
 SetOption = Annotated[
@@ -356,3 +299,31 @@ def compile_first(*scenes: Setup, paced: bool = False) -> None:
 def announce_compilation() -> None:
     """Say why the next half minute is silent; once, whatever is compiled after it."""
     err.print("Compiling the kernels: once after every change of version, about half a minute.")
+
+
+def write_new(
+    file: Path, endings: tuple[str, ...], kind: str, texts: Callable[[], dict[Path, str]], then: str
+) -> None:
+    """Write the files of a fresh start, and say what to type next; ends the command if the file has
+    another ending or exists.
+
+    Args:
+        file: The file that the user named.
+        endings: Endings that it may have.
+        kind: What it is, for the error.
+        texts: Gives all files to write, with their texts.
+        then: The next command.
+    """
+    if file.suffix not in endings:
+        fail(f"{file} has to end in {' or '.join(endings)} for a {kind}", 2)
+    check_folder(file)
+    written = texts()
+    try:
+        for path, text in written.items():
+            with path.open("x", encoding="utf-8") as target:
+                target.write(text)
+    except FileExistsError:
+        fail(f"{file} exists; choose another name", 2)
+    except OSError as error:
+        fail(f"cannot write {file}: {error.strerror}", 1)
+    out.print(f"written: {', '.join(map(str, written))}; {then}", soft_wrap=True)

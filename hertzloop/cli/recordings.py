@@ -1,11 +1,7 @@
-"""Commands that show recordings: inspect, compare, replay, recover, report, pictures."""
+"""Commands on recordings: inspect, compare, replay, repair, report."""
 
 import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -16,12 +12,10 @@ from hertzloop.cli.options import (
     check_json,
     check_output,
     check_recording,
-    err,
-    fail,
     make_folder,
-    out,
     write_json,
 )
+from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
 
 if TYPE_CHECKING:
@@ -78,9 +72,20 @@ def inspect(
             "--law", help="Write the text of the law that ran to this file.", metavar="OUT.py"
         ),
     ] = None,
+    responses: Annotated[
+        Path | None,
+        typer.Option(
+            "--responses",
+            help="Draw the response times of a paced run into this folder.",
+            metavar="DIR",
+        ),
+    ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Streams, counts, gaps, scene and figures of a recording; exit 1 if something is missing."""
+    """Print streams, gaps, scene and figures of a recording.
+
+    The exit code is 1 if something is missing.
+    """
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.views import inspection
 
@@ -93,9 +98,35 @@ def inspect(
     except RecordingError as error:
         fail(str(error), 1)
     inspection.show(out, recording, data)
+    if responses is not None:
+        _draw_responses(recording, responses)
     write_json(json_file, data)
     if data["problems"]:
         raise typer.Exit(1)
+
+
+def _draw_responses(recording: "Recording", folder: Path) -> None:
+    """Draw how long the answers of a paced run took; ends the command for another run."""
+    from hertzloop.analysis.recorded import pacing_of, responses_of
+    from hertzloop.recordings.writer import RecordingError
+    from hertzloop.studies import law_on as picture
+    from hertzloop.views.sentences import pacing_sentences
+
+    try:
+        responses, found = responses_of(recording), pacing_of(recording)
+    except RecordingError as error:
+        fail(str(error), 1)
+    if responses is None or found is None or found.clock is None:
+        fail(f"{recording.path} has no response times; those of 'hertzloop run --pace' have", 2)
+    make_folder(folder)
+    try:
+        picture.draw_response(folder / "response.png", responses, found)
+        picture.write_table(folder / "response.csv", responses)
+    except OSError as error:
+        fail(f"cannot write {error.filename}: {error.strerror}", 1)
+    for sentence in pacing_sentences(found):
+        out.print(sentence, soft_wrap=True)
+    out.print(f"written: {folder}/response.png and .csv", soft_wrap=True)
 
 
 def _write_law(recording: "Recording", file: Path, overwrite: bool) -> None:
@@ -136,7 +167,10 @@ def compare(
     ] = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Exit 0 if every compared stream of two recordings has the same bytes, else 1."""
+    """Compare the bytes or the figures of two recordings.
+
+    The exit code is 0 if every compared stream has the same bytes, else 1.
+    """
     from hertzloop.recordings.compare import first_difference
     from hertzloop.recordings.writer import RecordingError
 
@@ -234,8 +268,11 @@ def replay(
     alone: Annotated[bool, typer.Option("--alone", help="Without a run to compare with.")] = False,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Watch a recording in slow motion over the same run without control, or over another: plate,
-    forces, energies, events. Opens a window by default."""
+    """Watch a recording in slow motion, beside one without control.
+
+    The replay shows plate, forces, energies and events. It opens a window unless --save or
+    --screenshot is given. A second recording replaces the run without control.
+    """
     for option, output, ending in (("--save", save, ".rrd"), ("--screenshot", screenshot, ".png")):
         if output is not None:
             if output.suffix != ending:
@@ -268,31 +305,28 @@ def replay(
             out.print(f"written: {output}", soft_wrap=True)
 
 
-def recover(
+def repair(
     file: FileArgument,
     out_file: Annotated[
-        Path | None, typer.Option("--out", help="New file; F-recovered.mcap if left out.")
+        Path | None, typer.Option("--out", "-o", help="New file; F-repaired.mcap by default.")
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Make a whole file of a recording that was cut off, so that any MCAP tool opens it."""
+    """Make a whole file of a recording that was cut off.
+
+    Every MCAP tool opens the new file.
+    """
     from hertzloop.recordings.reader import recover as recover_file
     from hertzloop.recordings.writer import RecordingError
 
-    whole = out_file or file.with_name(f"{file.stem}-recovered.mcap")
+    whole = out_file or file.with_name(f"{file.stem}-repaired.mcap")
     check_recording(whole, overwrite, read=[file])
     try:
         messages, others = recover_file(file, whole, overwrite)
     except RecordingError as error:
         fail(str(error), 2)
     left = f"; {others:,} of other topics are left out" if others else ""
-    out.print(f"recovered {messages:,} messages into {whole}{left}", soft_wrap=True)
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    for command in (inspect, compare, replay, recover):
-        app.command()(command)
+    out.print(f"repaired: {messages:,} messages are in {whole}{left}", soft_wrap=True)
 
 
 def report(
@@ -304,12 +338,16 @@ def report(
         ),
     ],
     folder: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for the page.", metavar="DIR")
+        Path, typer.Option("--out-dir", "-o", help="Folder for the page.", metavar="DIR")
     ],
     overwrite: OverwriteOption = False,
 ) -> None:
-    """One HTML page that needs nothing else. Of a run: figures, charts, animation of the plate,
-    sound, scene, how to run it again; of a sweep or a tuning: charts, tables of cases, scene."""
+    """Write an HTML page on a recording, a sweep or a tuning.
+
+    The page needs no other file. For a run it has figures, charts, an animation of the plate,
+    sound, the scene, and how to run it again. For a sweep or a tuning it has charts, tables of
+    cases and the scene.
+    """
     need("matplotlib", "jinja2")
     if source.suffix in (".parquet", ".csv", ".json", ".partial") or os.path.isdir(source):
         _of_results(source, folder, overwrite)
@@ -359,104 +397,3 @@ def _write(page: Path, text: str) -> None:
     except OSError as error:
         fail(f"cannot write {page}: {error.strerror}", 1)
     out.print(f"written: {page} ({len(text.encode()) / 1e6:.1f} MB)", soft_wrap=True)
-
-
-_REPORT = "report"
-_BROWSERS = ("chromium", "chromium-browser", "chrome")
-
-
-def pictures(
-    folder: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for the pictures.", metavar="DIR")
-    ],
-    only: Annotated[
-        list[str] | None, typer.Option("--only", help="A picture by its name; repeat for more.")
-    ] = None,
-    documented: Annotated[
-        bool,
-        typer.Option("--docs", help="Those of the documentation instead, each by its command."),
-    ] = False,
-    note: Annotated[
-        bool, typer.Option("--note", help="With --docs: only note what they show today.")
-    ] = False,
-) -> None:
-    """Pictures of the replay: every shipped scene over itself without control, two laws compared,
-    an unstable run, a paced one; --only report: the page of a run. No screen needed; a quarter of
-    a minute each."""
-    from hertzloop.recordings.reader import read
-    from hertzloop.recordings.writer import RecordingError
-    from hertzloop.scenes.scene import shipped
-    from hertzloop.studies.drawn import MORE, Run
-    from hertzloop.views import replaying
-
-    if documented:
-        _documented(folder, only, note)
-        return
-    wanted = {name: [Run(name)] for name in shipped()} | MORE
-    _check(only, [*wanted, _REPORT])
-    make_folder(folder)
-    if _REPORT in (only or ()):
-        _photograph_report(folder / f"{_REPORT}.png")
-    for name in [name for name in only or wanted if name != _REPORT]:
-        with TemporaryDirectory(prefix="hertzloop-") as temporary:
-            files = []
-            for i, run in enumerate(wanted[name]):
-                files.append(Path(temporary) / f"{run.scene}{'-other' * i}.mcap")
-                try:
-                    run.record(files[-1])
-                except RuntimeError as error:
-                    fail(str(error), 1)
-            first, *others = (read(file) for file in files)
-            try:
-                picture = folder / f"replay-{name}.png"
-                replaying.replay(first, None, picture, others[0] if others else None)
-            except RecordingError as error:
-                fail(str(error), 1)
-        out.print(f"written: {picture}", soft_wrap=True)
-
-
-def _check(only: list[str] | None, known: list[str]) -> None:
-    unknown = [name for name in only or [] if name not in known]
-    if unknown:
-        fail(f"there is no picture '{unknown[0]}'; there are {', '.join(known)}", 2)
-
-
-def _documented(folder: Path, only: list[str] | None, note: bool) -> None:
-    """Draw the pictures of the documentation again, hours for all, and note what they show."""
-    from hertzloop.studies import drawn
-
-    _check(only, list(drawn.PICTURES))
-    make_folder(folder)
-    for name in only or drawn.PICTURES:
-        picture = drawn.PICTURES[name]
-        if not note:
-            with TemporaryDirectory(prefix="hertzloop-") as temporary:
-                words = picture.command.replace("DIR", temporary).split()
-                done = subprocess.run([sys.executable, "-m", *words], check=False)
-                if done.returncode:
-                    fail(f"'{picture.command}' ended with code {done.returncode}", 1)
-                shutil.copyfile(Path(temporary) / picture.writes, folder / name)
-        drawn.write_note(folder, name, drawn_again=not note)
-        out.print(f"{'noted' if note else 'written'}: {folder / name}", soft_wrap=True)
-
-
-def _photograph_report(picture: Path) -> None:
-    """The top of the page of the scene `aluminium-3mm`, by Chromium."""
-    from hertzloop.recordings.reader import read
-    from hertzloop.studies.drawn import Run
-    from hertzloop.studies.report.page import page_of
-
-    browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
-    if browser is None:
-        fail(f"the picture of the page needs a browser: {', '.join(_BROWSERS)}", 1)
-    with TemporaryDirectory(prefix="hertzloop-") as temporary:
-        file, page = Path(temporary) / "aluminium-3mm.mcap", Path(temporary) / "page.html"
-        Run("aluminium-3mm").record(file)
-        page.write_text(page_of(read(file)), encoding="utf-8")
-        command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
-        command += [f"--user-data-dir={temporary}/profile", "--window-size=1100,2500"]
-        command += ["--virtual-time-budget=1500", f"--screenshot={picture}", page.as_uri()]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode or not picture.exists():
-        fail(f"{browser} took no picture: {done.stderr.strip()[-200:]}", 1)
-    out.print(f"written: {picture}", soft_wrap=True)

@@ -5,7 +5,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hertzloop.cli.options import compile_first, err, fail, if_interrupted, make_folder
+from hertzloop.cli.options import compile_first, make_folder
+from hertzloop.cli.terminal import err, fail, if_interrupted
 from hertzloop.views.format import Table
 
 if TYPE_CHECKING:

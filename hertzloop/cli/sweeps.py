@@ -1,4 +1,4 @@
-"""Commands that run many cases: `sweep`, and `check` of its results against real processes."""
+"""The command `sweep`: run many cases, or run cases of its results again as real processes."""
 
 import re
 from dataclasses import asdict
@@ -21,15 +21,11 @@ from hertzloop.cli.options import (
     check_writable,
     compile_first,
     end_if_not_run,
-    err,
-    fail,
     files_of,
-    if_interrupted,
-    out,
-    progress,
     scene_from,
     write_json,
 )
+from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
@@ -52,7 +48,10 @@ def sweep(
         Literal["grid", "lhs", "sobol"],
         typer.Option(help="All combinations, or points spread over the ranges."),
     ] = "grid",
-    cases: Annotated[int, typer.Option(help="Number of spread points.")] = 256,
+    cases: Annotated[
+        int | None,
+        typer.Option(min=1, help="Number of spread points, 256 by default; of --verify, 10."),
+    ] = None,
     span: Annotated[
         Literal["impact", "run"],
         typer.Option(help="Figures of the first impact, or of the whole run."),
@@ -70,9 +69,26 @@ def sweep(
         str | None, typer.Option(help="Scheduler of a Dask cluster, e.g. tcp://host:8786.")
     ] = None,
     overwrite: OverwriteOption = False,
+    verify: Annotated[
+        Path | None,
+        typer.Option(
+            help="Run --cases cases of these results again over --transport, and compare all "
+            "bytes, instead of a sweep. The exit code is 1 if any differ.",
+            metavar="RESULTS",
+        ),
+    ] = None,
+    transport: Annotated[TransportName, typer.Option(help="Transport of --verify.")] = "zenoh",
     json_file: JsonOption = None,
 ) -> None:
-    """Simulate a scene over ranges of its keys; a killed sweep goes on with the same command."""
+    """Simulate a scene over ranges of its keys.
+
+    The results have a row for every case. A killed sweep goes on with the same command.
+    """
+    if verify is not None:
+        _verify(verify, 10 if cases is None else cases, transport, 1 if seed is None else seed,
+                json_file)  # fmt: skip
+        return
+    cases = 256 if cases is None else cases
     from hertzloop.plant.schemes.registry import SCHEMES
     from hertzloop.studies.sweeps import sweep as study
     from hertzloop.studies.sweeps.design import KEY as PHASE
@@ -219,14 +235,10 @@ def _spreads(groups: list[dict[str, Any]], keys: list[str]) -> Table:
     return table
 
 
-def check(
-    results: Annotated[Path, typer.Argument(metavar="RESULTS", help="Results of a sweep.")],
-    cases: Annotated[int, typer.Option(min=1, help="Number of cases, drawn at random.")] = 10,
-    transport: Annotated[TransportName, typer.Option(help="How the parts talk.")] = "zenoh",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the draw.")] = 1,
-    json_file: JsonOption = None,
+def _verify(
+    results: Path, cases: int, transport: TransportName, seed: int, json_file: Path | None
 ) -> None:
-    """Run cases of a sweep again as processes over zenoh; exit 0 if all bytes are the same."""
+    """Run cases of a sweep again as real processes, and compare all bytes."""
     from hertzloop.studies.sweeps.evaluate import not_run
     from hertzloop.studies.sweeps.replay_cases import Checked, replay_cases
     from hertzloop.studies.sweeps.sweep import check_laws, code_version, counted, read_results
@@ -276,9 +288,3 @@ def check(
     end_if_not_run([*reasons, *lacking], len(found) + len(lacking))
     if differing:
         raise typer.Exit(1)
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    for command in (sweep, check):
-        app.command()(command)

@@ -20,14 +20,12 @@ from hertzloop.cli.options import (
     check_writable,
     compile_first,
     end_if_not_run,
-    fail,
     make_folder,
-    out,
-    progress,
     scene_from,
     write_json,
 )
 from hertzloop.cli.study_frame import resumable
+from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text
@@ -87,12 +85,18 @@ def tune(
     settings: SetOption = None,
     seed: SeedOption = None,
     folder: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for chart and settings as CSV.")
+        Path | None,
+        typer.Option(
+            "--out-dir", "-o", help="Folder for chart and settings as CSV.", metavar="DIR"
+        ),
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Find the law and parameters that do best under a scene's latency, bits and force limit; a
-    killed search goes on with the same command."""
+    """Find the law and parameters with the best figures in a scene.
+
+    The search respects the scene's latency, bits and force limit. A killed search goes on with the
+    same command.
+    """
     need("matplotlib", "pymoo")
     from hertzloop.plant.schemes.registry import SCHEMES
     from hertzloop.studies import tuning as study

@@ -87,9 +87,9 @@ class Launcher:
         self._endpoints = endpoints  # None: private ones
         self._name = name
         self._commands = {
-            RECORDER: ["record", "--out", str(recording)] + ["--overwrite"] * overwrite,
-            CONTROLLER: ["controller"],
-            PLANT: ["plant", _SCENE] + (["--horizon", str(horizon)] if horizon else []),
+            RECORDER: ["node", "recorder", "--out", str(recording)] + ["--overwrite"] * overwrite,
+            CONTROLLER: ["node", "controller"],
+            PLANT: ["node", "plant", _SCENE] + (["--horizon", str(horizon)] if horizon else []),
         }
         self._commands[PLANT] += [] if fast_lane else ["--no-fast-lane"]
         self._commands[PLANT] += ["--pace", repr(pace)] if pace else []

@@ -103,8 +103,8 @@ def page() -> str:
     """The keys as a page in Markdown."""
     lines = [
         "# Scene keys", "",
-        "Printed by `hertzloop keys --markdown`. A table of a scene is the word before the dot.",
-        "Keys of one's own law are listed by `hertzloop keys --law mine.py`.", "",
+        "`hertzloop scene keys --markdown` prints this page. The word before the dot is the table.",
+        "`hertzloop scene keys --law mine.py` lists the keys of your own law.", "",
         "| key | value | unit | default | means |", "|---|---|---|---|---|",
     ]  # fmt: skip
     for key in keys():

@@ -121,7 +121,7 @@ class Table(BaseModel):
         frozen=True,
         strict=False,
         allow_inf_nan=False,
-        use_attribute_docstrings=True,  # `hertzloop keys` prints them
+        use_attribute_docstrings=True,  # `hertzloop scene keys` prints them
     )
     __slots__ = ("_hash",)  # a copy has none yet
 

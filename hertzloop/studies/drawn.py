@@ -119,11 +119,11 @@ PICTURES = {
     "tune.png": Drawn(
         _TUNE, "tune-aluminium-20mm.png", (*_KAPPAS, ("aluminium-20mm", (_SHORT_20MM, *_TUNED)))
     ),
-    "latency.png": Drawn("hertzloop chart latency -o DIR", "latency-aluminium-3mm.png", _KAPPAS),
-    "latency-chance.png": Drawn("hertzloop chart latency -o DIR", "latency-chance.png", _KAPPAS),
-    "real.png": Drawn("hertzloop chart real -o DIR", "real.png", _KAPPAS),
+    "latency.png": Drawn("hertzloop study latency -o DIR", "latency-aluminium-3mm.png", _KAPPAS),
+    "latency-chance.png": Drawn("hertzloop study latency -o DIR", "latency-chance.png", _KAPPAS),
+    "real.png": Drawn("hertzloop study real-plant -o DIR", "real.png", _KAPPAS),
     "model_order.png": Drawn("hertzloop chart model-order -o DIR", "model_order.png", _PLANTS),
-    "validity.png": Drawn("hertzloop chart validity -o DIR", "validity.png", _PLANTS),
+    "validity.png": Drawn("hertzloop scene check --map DIR", "validity.png", _PLANTS),
     "speed_accuracy.png": Drawn(
         "hertzloop chart speed-accuracy -o DIR", "speed_accuracy.png", _SCHEMES
     ),

@@ -1,4 +1,4 @@
-"""Files of modes, from a finite-element program, a modal test or `hertzloop modes`: read, written.
+"""Files of modes, from a finite-element program, a modal test or `hertzloop scene modes`.
 
 One row a mode, by rising frequency: frequency_hz, loss_factor, modal_mass_kg, shape_contact and,
 where the actuator pushes elsewhere, shape_actuator; CSV with a heading, Parquet, or NPZ with one
@@ -8,7 +8,7 @@ modes that are not in the file, is one number: "# residual_flexibility_m_n = 1e-
 of a CSV, in the metadata of a Parquet file, an array without dimensions in NPZ.
 
 omega_rad_s and per_modal_mass_1_kg may stand in for frequency and mass: what the plant computes
-with, without the rounding of 2 pi and of a division. `hertzloop modes` writes both.
+with, without the rounding of 2 pi and of a division. `hertzloop scene modes` writes both.
 """
 
 import csv

@@ -14,7 +14,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from tests.hertzloop.processes import child_of, grown_to, leftovers, start, wait_for
 
-COMMANDS = {"plant": "plant", "controller": "controller", "recorder": "record"}
+COMMANDS = {"plant": "plant", "controller": "controller", "recorder": "recorder"}
 LAUNCHER = "launcher"
 SIGNALS = {
     "kill": signal.SIGKILL, "crash": signal.SIGSEGV, "stop": signal.SIGSTOP,

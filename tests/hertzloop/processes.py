@@ -50,7 +50,7 @@ def finish(process: subprocess.Popen, timeout_s: float = EVENTUALLY_S) -> tuple[
 def child_of(
     process: subprocess.Popen, command: str, timeout_s: float = EVENTUALLY_S
 ) -> psutil.Process:
-    """The child process of a `hertzloop run` that runs `command` ("plant", "record", ...)."""
+    """The child process of a `hertzloop run` that runs `command` ("plant", "recorder", ...)."""
 
     def look() -> psutil.Process | None:
         for child in psutil.Process(process.pid).children(recursive=True):

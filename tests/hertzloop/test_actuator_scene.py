@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.deflection import deflection
@@ -13,11 +12,11 @@ from hertzloop.analysis.figures import figures_of
 from hertzloop.analysis.impacts import F_A, F_A1, XI_P, consistent_impacts
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.analysis.trust import verify
-from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
+from tests.commands import invoke
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
@@ -119,8 +118,7 @@ def test_run_and_inspect_print_the_demand(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(tmp_path)
     settings = ["run.duration_s=0.0013", "actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3"]
     arguments = [text for setting in settings for text in ("--set", setting)]
-    run = CliRunner().invoke(
-        app,
+    run = invoke(
         [
             "run",
             "aluminium-3mm",
@@ -135,7 +133,7 @@ def test_run_and_inspect_print_the_demand(tmp_path: Path, monkeypatch: pytest.Mo
     )
     assert run.exit_code == 0, run.output
     assert "its bandwidth adds 2.23" in run.output
-    inspected = CliRunner().invoke(app, ["inspect", "a.mcap", "--json", "b.json"])
+    inspected = invoke(["inspect", "a.mcap", "--json", "b.json"])
     assert inspected.exit_code == 0, inspected.output
     assert "Demand on the actuator" in inspected.output
     asked = [json.loads((tmp_path / name).read_text())["demand"] for name in ("a.json", "b.json")]

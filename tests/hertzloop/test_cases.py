@@ -5,15 +5,14 @@ import math
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from hertzloop.analysis import cases
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.impacts import consistent_impacts
-from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import Simulated, simulate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
+from tests.commands import invoke
 
 SHORT = ["run.accuracy=0.05", "run.duration_s=0.0018", "run.plate_model=modal"]
 
@@ -76,8 +75,7 @@ def test_of_a_rebound_within_the_models_error_nothing_is_a_share(tmp_path: Path)
     assert math.isnan(figures_of_case(scene).rebound_percent)
     out, told = tmp_path / "a.mcap", tmp_path / "a.json"
     words = [part for setting in settings for part in ("--set", setting)]
-    done = CliRunner().invoke(
-        app,
+    done = invoke(
         [
             "run",
             "aluminium-3mm",

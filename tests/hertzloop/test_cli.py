@@ -6,11 +6,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from hertzloop.cli.node import check_endpoints
+from typer.testing import Result
 
-from hertzloop.cli.cli import app
-from hertzloop.cli.roles import check_endpoints
 from hertzloop.recordings.reader import read
+from tests.commands import invoke
 from tests.hertzloop.processes import hertzloop
 
 SHORT = ["--transport", "compiled", "--set", "run.duration_s=0.0015"]
@@ -24,7 +24,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def call(*words: str) -> Result:
     """Run a command in this process, on a wide terminal."""
-    result = CliRunner().invoke(app, list(words), env={"COLUMNS": "200"})
+    result = invoke(list(words), env={"COLUMNS": "200"})
     assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
     return result
 
@@ -121,7 +121,7 @@ def test_nothing_is_overwritten_unasked(here: Path) -> None:
     refused = call("run", "aluminium-3mm", *SHORT)
     assert refused.exit_code == 2
     assert (here / "aluminium-3mm.mcap").read_text() == "mine"
-    assert call("record", "--out", "aluminium-3mm.mcap").exit_code == 2
+    assert call("node", "recorder", "--out", "aluminium-3mm.mcap").exit_code == 2
     assert call("run", "aluminium-3mm", *SHORT, "--overwrite").exit_code == 0
     assert read(here / "aluminium-3mm.mcap").truth.samples == 1500
 
@@ -205,13 +205,16 @@ def test_inspect_whole_and_cut_off(here: Path) -> None:
 
 
 def test_scenes_are_listed() -> None:
-    listed = call("scenes")
+    listed = call("scene", "list")
     assert listed.exit_code == 0
     for name in ("aluminium-20mm (default)", "aluminium-3mm", "oak-20mm", "sylomer-20mm"):
         assert name in listed.output
 
 
 SWEEP = ["sweep", "--over", "sensors.bits=8,9", "--dask"]
+PLANT, CONTROLLER, RECORDER, WATCH = (
+    ["node", name] for name in ("plant", "controller", "recorder", "watch")
+)
 BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"]
 
 
@@ -226,31 +229,52 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         (["run", "--json", "no/such/folder/a.json"], "the folder no/such/folder does not exist"),
         (["run", "--out", "a" * 300], "File name too long"),
         (["run", "--json", "a" * 300], "File name too long"),
-        (["export-plant", "aluminium-3mm", "-o", "a" * 300], "File name too long"),
-        (["bench", "exchange", "-o", "a.txt"], "a.txt does not end in one of .png, .pdf"),
-        (["law-on", "none.mcap", "--law", "off", "-o", "a"], "a does not end in one of .png"),
+        (["export-plant", "aluminium-3mm", "--out-dir", "a" * 300], "File name too long"),
+        (["bench", "--nonsense"], "No such option"),
+        (
+            ["law", "replay", "none.mcap", "--law", "off", "-o", "a"],
+            "a does not end in one of .png",
+        ),
         (["run", "--horizon", "0"], "Invalid value for '--horizon'"),
         (["run", "--seed", "x"], "Invalid value for '--seed'"),
         (["inspect", "none.mcap"], "none.mcap"),
         (["inspect", "text.mcap"], "text.mcap"),
         (["inspect", "empty.mcap"], "empty.mcap"),
         (["compare", "none.mcap", "none.mcap"], "none.mcap"),
-        (["plant", "--zenoh-config", "none.json5"], "does not exist"),
-        (["plant", "--set", "run.seed=-1"], "run.seed = -1"),
-        (["controller", "--listen", "nonsense"], "'nonsense' is no endpoint; write e.g. tcp/"),
-        (["controller", "--connect", "tcp/127.0.0.1"], "--connect 'tcp/127.0.0.1' is no endpoint"),
-        (["controller", "--zenoh-config", "text.mcap"], "--zenoh-config: text.mcap is no zenoh"),
-        (["plant", "--zenoh-config", "text.mcap", *BOTH_ENDS], "text.mcap is no zenoh"),
+        ([*PLANT, "--zenoh-config", "none.json5"], "does not exist"),
+        ([*PLANT, "--set", "run.seed=-1"], "run.seed = -1"),
         (
-            ["record", "--zenoh-config", "ports.json5"],
+            [*CONTROLLER, "--listen", "nonsense"],
+            "'nonsense' is no endpoint; write e.g. tcp/",
+        ),
+        (
+            [*CONTROLLER, "--connect", "tcp/127.0.0.1"],
+            "--connect 'tcp/127.0.0.1' is no endpoint",
+        ),
+        (
+            [*CONTROLLER, "--zenoh-config", "text.mcap"],
+            "--zenoh-config: text.mcap is no zenoh",
+        ),
+        ([*PLANT, "--zenoh-config", "text.mcap", *BOTH_ENDS], "text.mcap is no zenoh"),
+        (
+            [*RECORDER, "--zenoh-config", "ports.json5"],
             "ports.json5: 'tcp/[::1]:99999#iface=lo' has no",
         ),
         (["run", "--timeout", "1e300"], "Invalid value for '--timeout'"),
-        (["plant", "--wait", "nan"], "Invalid value for '--wait'"),
-        (["plant", "--listen", "tcp/1.2.3.4:99999"], "'tcp/1.2.3.4:99999' has no port up to 65535"),
-        (["record", "--connect", "wire/x:1"], "--connect 'wire/x:1' is no endpoint; write e.g."),
-        (["watch", "--connect", "nonsense"], "--connect 'nonsense' is no endpoint; write e.g."),
-        (["watch", "--connect", "tcp/[::1]:99999"], "has no port up to 65535"),
+        ([*PLANT, "--wait", "nan"], "Invalid value for '--wait'"),
+        (
+            [*PLANT, "--listen", "tcp/1.2.3.4:99999"],
+            "'tcp/1.2.3.4:99999' has no port up to 65535",
+        ),
+        (
+            [*RECORDER, "--connect", "wire/x:1"],
+            "--connect 'wire/x:1' is no endpoint; write e.g.",
+        ),
+        (
+            [*WATCH, "--connect", "nonsense"],
+            "--connect 'nonsense' is no endpoint; write e.g.",
+        ),
+        ([*WATCH, "--connect", "tcp/[::1]:99999"], "has no port up to 65535"),
         pytest.param(
             [*SWEEP, "nonsense"],
             "--dask 'nonsense' is no address of a scheduler; write e.g. tcp://",
@@ -290,16 +314,13 @@ def test_endpoints_that_zenoh_takes_are_taken() -> None:
 
 
 WRITERS = [
-    "run --out F.mcap", "run --json F.json", "record --out F.mcap",
+    "run --out F.mcap", "run --json F.json", "node recorder --out F.mcap",
     "inspect none.mcap --json F.json", "replay none.mcap --save F.rrd",
     "replay none.mcap --screenshot F.png",
-    "recover none.mcap --out F.mcap", "sweep --over sensors.bits=4,5 --out F.csv",
-    "sweep --over sensors.bits=4,5 --json F.json", "check none.csv --json F.json", "tune --out F",
-    "tune --json F.json", "bench --json F.json", "tables none.csv --out F.csv",
-    "tables none.csv --json F.json", "calibrate --json F.json", "figures --out F",
-    "weaknesses --out F", "chart stability --out F", "chart speed-accuracy --out F",
-    "chart model-order --out F", "chart infinite-plate --out F", "chart latency --out F",
-    "chart latency --out good --json F.json", "chart real --out F",
+    "repair none.mcap --out F.mcap", "sweep --over sensors.bits=4,5 --out F.csv",
+    "sweep --over sensors.bits=4,5 --json F.json", "sweep --verify none.csv --json F.json",
+    "tune --out-dir F", "tune --json F.json", "bench --json F.json", "study latency --out-dir F",
+    "study latency --out-dir good --json F.json", "study real-plant --out-dir F",
 ]  # fmt: skip
 
 
@@ -330,8 +351,8 @@ def test_a_folder_is_not_written_as_a_file(here: Path) -> None:
 @pytest.mark.full
 def test_rerun_is_imported_only_where_it_is_used(here: Path) -> None:
     script = (
-        "import sys; from typer.testing import CliRunner; from hertzloop.cli.cli import app;"
-        f"assert CliRunner().invoke(app, {['run', 'aluminium-3mm', *SHORT]!r}).exit_code == 0;"
+        "import sys; from tests.commands import invoke;"
+        f"assert invoke({['run', 'aluminium-3mm', *SHORT]!r}).exit_code == 0;"
         "assert 'rerun' not in sys.modules and 'matplotlib' not in sys.modules"
     )
     import subprocess

@@ -1,4 +1,4 @@
-"""`hertzloop conformance` against real controller processes: ours, the example, broken ones."""
+"""`hertzloop law test` against real controller processes: ours, the example, broken ones."""
 
 import os
 import shlex
@@ -22,7 +22,7 @@ from tests.ports import free_ports
 
 ROOT = Path(__file__).parents[2]
 PLACES = "--name {name} --listen {listen} --connect {connect}"
-OURS = f"{sys.executable} -m hertzloop controller {PLACES}"
+OURS = f"{sys.executable} -m hertzloop node controller {PLACES}"
 EXAMPLE = f"{sys.executable} {ROOT / 'docs' / 'examples' / 'own_controller.py'} {PLACES}"
 BROKEN = f"{sys.executable} {ROOT / 'tests' / 'hertzloop' / 'broken_controller.py'}"
 
@@ -50,7 +50,7 @@ def conformance(command: str, *words: str) -> tuple[int, str]:
     """Exit code and what was said, in one line."""
     # Nothing is timed, but where a controller is silent: it says when it ends that wait.
     patient = [] if "--timeout" in words else ["--timeout", "60"]
-    wanted = ("conformance", "--start", command, "--wait", "120", *patient, *words)
+    wanted = ("law", "test", "--start", command, "--wait", "120", *patient, *words)
     done = hertzloop(*wanted, timeout_s=800.0)
     assert "Traceback" not in done.stderr, done.stderr
     return done.returncode, " ".join((done.stdout + done.stderr).split())
@@ -153,7 +153,7 @@ def test_a_controller_that_cannot_be_started_or_does_not_stay() -> None:
     ],
 )
 def test_mistakes(words: str, sentence: str) -> None:
-    done = hertzloop("conformance", "--start", "true", *words.split(), cwd=ROOT)
+    done = hertzloop("law", "test", "--start", "true", *words.split(), cwd=ROOT)
     assert done.returncode == 2
     assert sentence in " ".join(done.stderr.split())
 
@@ -163,13 +163,13 @@ def test_one_that_runs_already(tmp_path: Path) -> None:
     """It plays one script, and has to be there for it."""
     base = free_ports(3, in_a_row=True)[0]
     bus = ["--name", "running", "--listen", f"tcp/127.0.0.1:{base + 1}"]
-    controller = start("controller", *bus, "--connect", f"tcp/127.0.0.1:{base}")
+    controller = start("node", "controller", *bus, "--connect", f"tcp/127.0.0.1:{base}")
     words = ("--name", "running", "--port", str(base), "--script", "saturation")
-    done = hertzloop("conformance", *words, "--law", "slope_threshold")
+    done = hertzloop("law", "test", *words, "--law", "slope_threshold")
     assert done.returncode == 0, done.stdout + done.stderr
     assert "conforms: " in done.stdout
     assert finish(controller)[0] == 0
-    done = hertzloop("conformance", *words, "--wait", "1")
+    done = hertzloop("law", "test", *words, "--wait", "1")
     assert done.returncode == 1
     assert "no controller came on bus 'running' within 1 s" in done.stdout
 
@@ -234,8 +234,8 @@ def test_the_example_gives_the_shipped_laws_bytes(tmp_path: Path) -> None:
     assert hertzloop("run", *scene, "--out", str(ours)).returncode == 0
     bus = ["--name", "own", "--wait", "40"]
     meet = [w for url in urls[:2] for w in ("--connect", url)]
-    recorder = start("record", "--out", str(theirs), *bus, "--listen", urls[2], *meet)
-    plant = start("plant", *scene, *bus, "--listen", urls[0])
+    recorder = start("node", "recorder", "--out", str(theirs), *bus, "--listen", urls[2], *meet)
+    plant = start("node", "plant", *scene, *bus, "--listen", urls[0])
     command = EXAMPLE.format(name="own", listen=urls[1], connect=urls[0])
     controller = start_other(command)
     said = [finish(process) for process in (plant, recorder, controller)]

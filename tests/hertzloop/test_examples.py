@@ -96,7 +96,7 @@ def test_modes_of_a_scene_run_again(tmp_path: Path) -> None:
     edges = ["--set", "plate.edges=cfsc", "--set", "run.accuracy=0.1"]
     for file in ("modes.npz", "modes.csv"):
         grid = ["--grid"] * file.endswith(".npz")
-        wrote = command(tmp_path, "modes", "aluminium-3mm", *edges, "-o", file, *grid)
+        wrote = command(tmp_path, "scene", "modes", "aluminium-3mm", *edges, "-o", file, *grid)
         assert wrote.returncode == 0, wrote.stderr
     ran = command(tmp_path, "run", "aluminium-3mm", *edges, *short, "--out", "plate.mcap")
     assert ran.returncode == 0, ran.stderr
@@ -106,9 +106,9 @@ def test_modes_of_a_scene_run_again(tmp_path: Path) -> None:
         assert ran.returncode == 0, ran.stderr
         compared = command(tmp_path, "compare", "plate.mcap", "file.mcap")
         assert compared.returncode == 0, compared.stdout
-    assert command(tmp_path, "modes", "-o", "modes.txt").returncode == 2
-    assert command(tmp_path, "modes", "-o", "modes.csv").returncode == 2  # is there
-    refused = command(tmp_path, "modes", "-o", "other.csv", "--grid")
+    assert command(tmp_path, "scene", "modes", "-o", "modes.txt").returncode == 2
+    assert command(tmp_path, "scene", "modes", "-o", "modes.csv").returncode == 2  # is there
+    refused = command(tmp_path, "scene", "modes", "-o", "other.csv", "--grid")
     assert (refused.returncode, "take an .npz" in refused.stderr) == (2, True)
 
 
@@ -147,7 +147,9 @@ def test_a_sweep_over_edges_materials_and_files_of_modes(tmp_path: Path) -> None
     assert contacts == sorted(contacts, reverse=True)
     for edges in ("ssss", "cccc"):
         settings = ["--set", f"plate.edges={edges}", *quick[:2]]
-        wrote = command(tmp_path, "modes", "aluminium-3mm", *settings, "-o", f"{edges}.csv")
+        wrote = command(
+            tmp_path, "scene", "modes", "aluminium-3mm", *settings, "-o", f"{edges}.csv"
+        )
         assert wrote.returncode == 0, wrote.stderr
     swept = command(
         tmp_path,
@@ -162,5 +164,7 @@ def test_a_sweep_over_edges_materials_and_files_of_modes(tmp_path: Path) -> None
     assert swept.returncode == 0, swept.stderr
     by_file = read_results(tmp_path / "m.csv")[0]
     assert by_file[0]["digest"] != by_file[1]["digest"]
-    checked = command(tmp_path, "check", "m.csv", "--cases", "2", "--transport", "inprocess")
+    checked = command(
+        tmp_path, "sweep", "--verify", "m.csv", "--cases", "2", "--transport", "inprocess"
+    )
     assert checked.returncode == 0, checked.stdout + checked.stderr

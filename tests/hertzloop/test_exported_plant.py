@@ -10,14 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from benchmarks.exported import same_bytes
-from hertzloop.cli.cli import app
 from hertzloop.interop import image as images
 from hertzloop.interop.fmu import EXAMPLE, build, drive
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.time_series import series_under
+from tests.commands import invoke
 from tests.hertzloop.interop import NOISY, SHORT, InC, exported, needs_cc, scene_of
 
 pytestmark = needs_cc
@@ -163,7 +162,7 @@ def test_a_processor_without_the_instructions_is_refused(
 
 
 def call(*words: str) -> tuple[int, str]:
-    done = CliRunner().invoke(app, ["export-plant", *words], env={"COLUMNS": "200"})
+    done = invoke(["export-plant", *words], env={"COLUMNS": "200"})
     return done.exit_code, " ".join(done.output.split())
 
 

@@ -26,11 +26,15 @@ def without(packages: str, *words: str, cwd: Path) -> subprocess.CompletedProces
     ("package", "extra", "words"),
     [
         ("pymoo", "tune", ("tune", "aluminium-3mm")),
-        ("matplotlib", "charts", ("chart", "stability", "-o", "charts")),
+        ("matplotlib", "charts", ("study", "latency", "-o", "charts")),
         ("matplotlib", "charts", ("bench", "exchange", "-o", "exchange.png")),
-        ("matplotlib", "charts", ("law-on", "none.mcap", "--law", "off")),
+        ("matplotlib", "charts", ("law", "replay", "none.mcap", "--law", "off")),
         ("h5py", "h5", ("export", "none.mcap", "-o", "a.h5")),
-        ("cryptography", "hosts", ("keys", "d", "--hosts", "plant=a,controller=b,recorder=c")),
+        (
+            "cryptography",
+            "hosts",
+            ("node", "keys", "d", "--hosts", "plant=a,controller=b,recorder=c"),
+        ),
         ("jinja2", "charts", ("report", "none.mcap", "-o", "page")),
         ("distributed", "dask", ("sweep", "--over", "sensors.bits=8", "--dask", "tcp://h:8786")),
     ],
@@ -63,5 +67,5 @@ def test_the_python_interface_names_it_too(tmp_path: Path) -> None:
 @pytest.mark.full
 @pytest.mark.parametrize("package", ["pymoo", "matplotlib", "xarray", "distributed"])
 def test_a_scene_is_read_without_it(package: str, tmp_path: Path) -> None:
-    done = without(package, "modes", "aluminium-3mm", "-o", "modes.csv", cwd=tmp_path)
+    done = without(package, "scene", "modes", "aluminium-3mm", "-o", "modes.csv", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -48,7 +48,7 @@ def check_ended(recording: Path, code: int, err: str, seconds: float, *words: st
 
 @pytest.mark.parametrize("role", default(["plant", "controller", "recorder"], ["controller"]))
 def test_killed_process(recording: Path, role: str) -> None:
-    command = "record" if role == "recorder" else role
+    command = role
     run = start("run", *LONG, "--out", str(recording))
     child = child_of(run, command)
     wait_for(grown_to(recording, WELL_UNDER_WAY))
@@ -68,7 +68,7 @@ def test_hung_controller_is_named(recording: Path) -> None:
 @pytest.mark.full
 def test_hung_recorder_is_named(recording: Path) -> None:
     run = start("run", *LONG, "--out", str(recording), "--timeout", "5")
-    child = child_of(run, "record")
+    child = child_of(run, "recorder")
     wait_for(grown_to(recording, WELL_UNDER_WAY))
     child.send_signal(signal.SIGSTOP)
     check_ended(recording, *finish(run), "recorder does not react any more")
@@ -118,9 +118,19 @@ def test_controller_never_started(recording: Path) -> None:
     a, b, c = (f"tcp/127.0.0.1:{port}" for port in free_ports(3))
     bus = ["--name", "lonely", "--wait", "10"]
     recorder = start(
-        "record", "--out", str(recording), *bus, "--listen", c, "--connect", a, "--connect", b
+        "node",
+        "recorder",
+        "--out",
+        str(recording),
+        *bus,
+        "--listen",
+        c,
+        "--connect",
+        a,
+        "--connect",
+        b,
     )
-    plant = start("plant", *bus, "--listen", a)
+    plant = start("node", "plant", *bus, "--listen", a)
     code, err, seconds = finish(plant)
     assert code == 1
     assert "controller" in err

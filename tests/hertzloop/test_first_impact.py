@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import hertzloop
 from hertzloop.analysis.cases import CaseFigures, figures_of_case
 from hertzloop.analysis.impacts import F_A, impacts_of_rows
 from hertzloop.analysis.spans import SpanFigures, changes_db
-from hertzloop.cli.cli import app
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import rows_kernels as an
@@ -27,6 +25,7 @@ from hertzloop.studies.report.results import page_of_results
 from hertzloop.studies.sweeps.evaluate import evaluate, run_chunk
 from hertzloop.studies.tuning import best_of
 from hertzloop.views.run import noise_rows
+from tests.commands import invoke
 from tests.hertzloop.own_laws import ECHO
 
 # Three contacts, 1.3 ms apart at first: a law that sees one coming pushes before it.
@@ -103,7 +102,7 @@ def scene_of(folder: Path, law: str, *more: str) -> Setup:
 
 
 def command(*words: str | Path) -> None:
-    done = CliRunner().invoke(app, [str(word) for word in words])
+    done = invoke([str(word) for word in words])
     assert done.exit_code == 0, done.output
 
 

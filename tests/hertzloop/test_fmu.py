@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from hertzloop.cli.cli import app
 from hertzloop.interop.fmu import write_fmu
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
 from hertzloop.loop.compiled import Simulated, simulate
+from tests.commands import invoke
 from tests.hertzloop.interop import NOISY, SHORT, needs_cc, scene_of
 
 fmpy = pytest.importorskip("fmpy")
@@ -285,10 +284,10 @@ def test_a_missing_unit_and_a_wrong_platform_are_said(path: Path, tmp_path: Path
 def test_the_command_writes_a_unit(tmp_path: Path) -> None:
     out, settings = tmp_path / "plant.fmu", [word for key in SHORT for word in ("--set", key)]
     words = ["export-plant", "aluminium-3mm", *settings, "-o", str(out), "--cpu", "host"]
-    done = CliRunner().invoke(app, words, env={"COLUMNS": "200"})
+    done = invoke(words, env={"COLUMNS": "200"})
     assert done.exit_code == 0, done.output
     assert fmpy.read_model_description(str(out)).fmiVersion == "3.0"
-    again = CliRunner().invoke(app, [*words, "--overwrite", "--fmi", "2", "--set",
+    again = invoke([*words, "--overwrite", "--fmi", "2", "--set",
                                      "run.seed=5000000000"])  # fmt: skip
     assert again.exit_code == 2
     assert "run.seed = 5000000000 is too large for FMI 2.0" in " ".join(again.output.split())

@@ -119,8 +119,8 @@ def test_a_foreign_controllers_force_that_is_no_number(tmp_path: Path, value: fl
         force[-1:] = value
         return force
 
-    recorder = start("record", "--out", str(tmp_path / "a.mcap"), *bus.words(RECORDER))
-    plant = start("plant", "aluminium-3mm", *SHORT, *bus.words(PLANT))
+    recorder = start("node", "recorder", "--out", str(tmp_path / "a.mcap"), *bus.words(RECORDER))
+    plant = start("node", "plant", "aluminium-3mm", *SHORT, *bus.words(PLANT))
     with Foreign(bus, change):
         ended(plant, 1, "stream 'force' sequence", f"holds force_n = {value:g}")
         ended(recorder, 1, "holds force_n")
@@ -143,11 +143,11 @@ def test_a_fault_that_the_recorder_hears_first(tmp_path: Path) -> None:
             time.sleep(1.0)  # the link to the plant is slow
         return force
 
-    recorder = start("record", "--out", str(tmp_path / "a.mcap"), *bus.words(RECORDER))
+    recorder = start("node", "recorder", "--out", str(tmp_path / "a.mcap"), *bus.words(RECORDER))
     with bus.stranger(RECORDER) as mouth:
         publisher = mouth.declare_publisher(f"hertzloop/{bus.name}/force")
         wait_until(lambda: bool(publisher.matching_status.matching))
-        plant = start("plant", "aluminium-3mm", *SHORT, *bus.words(PLANT))
+        plant = start("node", "plant", "aluminium-3mm", *SHORT, *bus.words(PLANT))
         with Foreign(bus, change):
             ended(plant, 1, "stream 'force' sequence", "holds force_n = inf")
             ended(recorder, 1, "holds force_n = inf")
@@ -158,15 +158,15 @@ def test_a_fault_that_the_recorder_hears_first(tmp_path: Path) -> None:
 def test_a_second_hello_to_the_controller_alone(tmp_path: Path, number: int | None) -> None:
     """With the run's id and other parameters, between the plant's hello and the first contact."""
     bus = Bus("second-hello")
-    recorder = start("record", "--out", str(tmp_path / "a.mcap"), *bus.words(RECORDER))
-    controller = start("controller", *bus.words(CONTROLLER))
+    recorder = start("node", "recorder", "--out", str(tmp_path / "a.mcap"), *bus.words(RECORDER))
+    controller = start("node", "controller", *bus.words(CONTROLLER))
     run_id: list[int] = []
 
     def note(sample: zenoh.Sample) -> None:
         run_id.append(wire.decode(DaqBlock, sample.payload.to_bytes()).header.run_id)
 
     long = ["--set", "run.duration_s=20"]
-    plant = start("plant", "aluminium-3mm", *long, *bus.words(PLANT))
+    plant = start("node", "plant", "aluminium-3mm", *long, *bus.words(PLANT))
     with bus.stranger(PLANT) as ear, bus.stranger(CONTROLLER) as mouth:
         ear.declare_subscriber(f"hertzloop/{bus.name}/daq", zenoh.handlers.Callback(note))
         publisher = mouth.declare_publisher(f"hertzloop/{bus.name}/hello")
@@ -207,9 +207,9 @@ def test_a_role_that_is_there_twice(tmp_path: Path, role: str) -> None:
     [free] = free_ports(1)
     other = f"tcp/127.0.0.1:{free}"
     commands = {
-        PLANT: ["plant", "aluminium-3mm", *SHORT],
-        CONTROLLER: ["controller"],
-        RECORDER: ["record", "--out", str(tmp_path / "a.mcap")],
+        PLANT: ["node", "plant", "aluminium-3mm", *SHORT],
+        CONTROLLER: ["node", "controller"],
+        RECORDER: ["node", "recorder", "--out", str(tmp_path / "a.mcap")],
     }
     twin = [*commands[role], *bus.words(role, other)]
     if role == RECORDER:

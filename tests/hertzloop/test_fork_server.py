@@ -31,7 +31,7 @@ def test_a_role_has_this_folder_and_environment(
         said.append(role.stdout.read())
         assert role.wait() == 0, errors.read_text()
     assert len(said[0].splitlines()) > len(said[1].splitlines())
-    assert fork_server.start(["new", "law", "mine.py"], errors).wait() == 0, errors.read_text()
+    assert fork_server.start(["law", "new", "mine.py"], errors).wait() == 0, errors.read_text()
     assert (tmp_path / "mine.py").exists()
 
 
@@ -41,7 +41,7 @@ def test_the_exit_code_and_the_error_are_those_of_the_command(errors: Path) -> N
 
 
 def test_a_role_is_a_process_of_its_own_that_can_be_killed(errors: Path) -> None:
-    words = ["record", "--out", str(errors.with_suffix(".mcap")), "--machine"]
+    words = ["node", "recorder", "--out", str(errors.with_suffix(".mcap")), "--machine"]
     role = fork_server.start(words, errors)
     process = psutil.Process(role.pid)
     try:
@@ -55,7 +55,7 @@ def test_a_role_is_a_process_of_its_own_that_can_be_killed(errors: Path) -> None
 
 
 def test_a_role_ends_when_its_standard_input_does(errors: Path) -> None:
-    words = ["record", "--out", str(errors.with_suffix(".mcap")), "--machine"]
+    words = ["node", "recorder", "--out", str(errors.with_suffix(".mcap")), "--machine"]
     role = fork_server.start(words, errors)
     role.stdin.close()
     assert role.wait() != 0

@@ -39,7 +39,7 @@ def keys(hosts: Network, tmp_path: Path) -> Path:
     """What the command writes for these hosts."""
     folder = tmp_path / "keys"
     words = ",".join(f"{role}={hosts.address(role)}" for role in ROLES)
-    done = hertzloop("keys", str(folder), "--hosts", words)
+    done = hertzloop("scene", "keys", str(folder), "--hosts", words)
     assert done.returncode == 0, done.stderr
     return folder
 
@@ -51,9 +51,9 @@ def begin(
     sets = [word for setting in settings for word in ("--set", setting)]
     # Shared memory would join processes that are on one machine after all.
     commands = {
-        RECORDER: ["record", "--out", str(recording)],
-        CONTROLLER: ["controller", "--no-fast-lane"],
-        PLANT: ["plant", "aluminium-3mm", "--no-fast-lane", *sets],
+        RECORDER: ["node", "recorder", "--out", str(recording)],
+        CONTROLLER: ["node", "controller", "--no-fast-lane"],
+        PLANT: ["node", "plant", "aluminium-3mm", "--no-fast-lane", *sets],
     }
     return {
         role: hosts.start(
@@ -221,11 +221,11 @@ def test_who_is_not_let_in_is_told_so(hosts: Network, paper: Paper) -> None:
     texts = paper._texts(*paper.authority.certificate("stranger", hosts.address(CONTROLLER)))
     config.write_text(json.dumps(secured(CONTROLLER, paper.endpoints, *texts)))
     plant = hosts.start(
-        PLANT, "-m", "hertzloop", "plant", "aluminium-3mm", "--zenoh-config",
+        PLANT, "-m", "hertzloop", "node", "plant", "aluminium-3mm", "--zenoh-config",
         str(paper.folder / "plant.json5"), *PATIENT,
     )  # fmt: skip
     controller = hosts.start(
-        CONTROLLER, "-m", "hertzloop", "controller", "--zenoh-config", str(config), *PATIENT
+        CONTROLLER, "-m", "hertzloop", "node", "controller", "--zenoh-config", str(config), *PATIENT
     )
     try:
         told = [await_line(process, "is linked") for process in (plant, controller)]

@@ -1,16 +1,15 @@
-"""The files that `keys DIR --hosts` writes."""
+"""The files that `node keys DIR --hosts` writes."""
 
 import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from hertzloop.cli.node import _place
 
 from hertzloop.bus import streams
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Stream
 from hertzloop.bus.zenoh_config import access_control
-from hertzloop.cli.cli import app
-from hertzloop.cli.hosts import _place
+from tests.commands import invoke
 from tests.hertzloop.processes import hertzloop
 
 HOSTS = "plant=10.0.0.1,controller=lab.example:7500,recorder=[fd00::3]:7600"
@@ -19,9 +18,9 @@ HOSTS = "plant=10.0.0.1,controller=lab.example:7500,recorder=[fd00::3]:7600"
 @pytest.mark.full
 def test_what_is_written(tmp_path: Path) -> None:
     folder = tmp_path / "keys"
-    done = hertzloop("keys", str(folder), "--hosts", HOSTS)
+    done = hertzloop("scene", "keys", str(folder), "--hosts", HOSTS)
     assert done.returncode == 0, done.stderr
-    assert "lab.example: hertzloop controller --zenoh-config controller.json5" in done.stdout
+    assert "lab.example: hertzloop node controller --zenoh-config controller.json5" in done.stdout
     assert {file.name: file.stat().st_mode & 0o777 for file in folder.iterdir()} == {
         name: 0o600
         for name in (
@@ -44,7 +43,7 @@ def test_what_is_written(tmp_path: Path) -> None:
 @pytest.mark.full
 def test_keys_are_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("kept")
-    done = hertzloop("keys", str(tmp_path), "--hosts", HOSTS)
+    done = hertzloop("scene", "keys", str(tmp_path), "--hosts", HOSTS)
     assert (done.returncode, [file.name for file in tmp_path.iterdir()]) == (2, ["mine"])
     assert "is not empty; keys are never replaced" in done.stderr
 
@@ -68,7 +67,7 @@ def test_hosts_that_cannot_be(
     words: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(app, ["keys", *words])
+    done = invoke(["node", "keys", *words])
     assert (done.exit_code, list(tmp_path.iterdir())) == (2, []), done.output
     assert sentence in " ".join(done.output.split())
 

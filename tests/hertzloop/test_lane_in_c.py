@@ -52,8 +52,8 @@ def run(example: dict[str, str], recording: Path, *words: str) -> Iterator[list[
     ours = [*bus, "--wait", "240", "--timeout", "30"]
     settings = [word for key in (*SETTINGS, *words) for word in ("--set", key)]
     started = [
-        start("plant", "aluminium-3mm", *ours, "--listen", a, *settings),
-        start("record", *ours, "--out", str(recording), "--listen", c, "--connect", a,
+        start("node", "plant", "aluminium-3mm", *ours, "--listen", a, *settings),
+        start("node", "recorder", *ours, "--out", str(recording), "--listen", c, "--connect", a,
               "--connect", b),
         subprocess.Popen(
             [sys.executable, EXAMPLES / "lane_controller.py", *bus, "--listen", b, "--connect", a,

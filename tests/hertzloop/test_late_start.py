@@ -30,7 +30,7 @@ def test_a_run_that_begins_after_the_timeout(tmp_path: Path) -> None:
     path, (a, b, c) = tmp_path / "late.mcap", free_ports(3)
     words = ["--name", NAME, "--timeout", str(TIMEOUT_S), "--wait", "120", "--out", str(path)]
     connect = ["--connect", f"tcp/127.0.0.1:{a}", "--connect", f"tcp/127.0.0.1:{b}"]
-    recorder = start("record", *words, "--listen", f"tcp/127.0.0.1:{c}", *connect)
+    recorder = start("node", "recorder", *words, "--listen", f"tcp/127.0.0.1:{c}", *connect)
     ports = {PLANT: _port(PLANT, a), CONTROLLER: _port(CONTROLLER, b, a)}
     controller = ControllerNode(ports[CONTROLLER])
     for port in ports.values():

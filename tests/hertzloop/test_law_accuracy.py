@@ -4,13 +4,12 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from hertzloop.analysis.trust import against, finer_spec, judged
-from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.setup import Setup, load
 from hertzloop.views.sentences import law_accuracy_sentence
+from tests.commands import invoke
 
 # A threshold that the slope passes within the error of the modes at 1e-3, between two samples.
 NEAR = [
@@ -101,8 +100,7 @@ def test_where_nothing_can_be_said(settings: list[str]) -> None:
 @pytest.mark.parametrize(("v_thr_m_s", "kept"), [(-0.442, False), (-0.48, True)])
 def test_a_run_says_so(tmp_path: Path, v_thr_m_s: float, kept: bool) -> None:
     words = [w for s in (*NEAR, f"controller.v_thr_m_s={v_thr_m_s}") for w in ("--set", s)]
-    done = CliRunner().invoke(
-        app,
+    done = invoke(
         ["run", "aluminium-3mm", "--transport", "compiled", "--out", str(tmp_path / "a.mcap"),
          "--json", str(tmp_path / "a.json"), *words],
     )  # fmt: skip

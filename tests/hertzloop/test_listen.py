@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from hertzloop.analysis import listening
-from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.setup import load
+from tests.commands import invoke
 
 SHORT = ["run.duration_s=0.004", "run.accuracy=0.05", "plate.size_m=[0.2, 0.16]",
          "plate.contact_point_m=[0.09, 0.07]"]  # fmt: skip
 
 
 def call(*words: object) -> Result:
-    return CliRunner().invoke(app, [str(word) for word in words], env={"COLUMNS": "300"})
+    return invoke([str(word) for word in words], env={"COLUMNS": "300"})
 
 
 def samples_of(path: str) -> tuple[int, np.ndarray]:

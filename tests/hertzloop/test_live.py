@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay import viewer
 from hertzloop.setup import load
+from tests.commands import invoke
 from tests.hertzloop.processes import (
     LONG,
     WELL_UNDER_WAY,
@@ -119,7 +118,7 @@ def watching(ports: list[int], rrd: Path, *more: str, stdin: int) -> subprocess.
     """A watcher of the run "mine", from its first words on."""
     connect = [word for port in ports for word in ("--connect", f"tcp/127.0.0.1:{port}")]
     words = ["--name", "mine", *connect, "--save", str(rrd), *more]
-    watcher = start("watch", *words, stdin=stdin)
+    watcher = start("node", "watch", *words, stdin=stdin)
     assert watcher.stderr is not None
     assert "watching run 'mine'" in watcher.stderr.readline()
     return watcher
@@ -139,6 +138,6 @@ def test_a_viewer_that_cannot_be_there_changes_nothing(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert "there is no screen to watch on" in done.stderr
     assert read(tmp_path / "a.mcap").problems == []
-    refused = CliRunner().invoke(app, ["run", "--live", "--transport", "compiled"])
+    refused = invoke(["run", "--live", "--transport", "compiled"])
     assert refused.exit_code == 2
     assert "--live listens on the bus" in refused.output

@@ -51,10 +51,10 @@ def terminals(
     patience = ["--wait", str(EVENTUALLY_S), "--timeout", str(timeout_s)]
     bus = ["--name", f"terminals-{os.getpid()}", *patience]
     started = {
-        "recorder": start("record", "--out", str(recording), *bus, "--listen", c,
+        "recorder": start("node", "recorder", "--out", str(recording), *bus, "--listen", c,
                           "--connect", a, "--connect", b),
-        "controller": start("controller", *bus, "--listen", b, "--connect", a),
-        "plant": start("plant", *bus, "--listen", a, *words),
+        "controller": start("node", "controller", *bus, "--listen", b, "--connect", a),
+        "plant": start("node", "plant", *bus, "--listen", a, *words),
     }  # fmt: skip
     try:
         yield started
@@ -133,7 +133,7 @@ def test_a_recording_that_is_not_completed_fails_the_others(recording: Path) -> 
 def test_a_configuration_without_endpoints_stays_on_loopback(tmp_path: Path) -> None:
     config = tmp_path / "bus.json5"
     config.write_text("{}")
-    plant = start("plant", "--zenoh-config", str(config), "--name", "filed", "--wait", "60")
+    plant = start("node", "plant", "--zenoh-config", str(config), "--name", "filed", "--wait", "60")
     try:
         look = psutil.Process(plant.pid)
         found = wait_for(lambda: [c for c in look.net_connections() if c.status == "LISTEN"])
@@ -190,7 +190,7 @@ class TestLauncher:
         self, recording: Path, temporary: Path
     ) -> None:
         run = start("run", *LONG, "--out", str(recording))
-        children = [child_of(run, command) for command in ("plant", "controller", "record")]
+        children = [child_of(run, command) for command in ("plant", "controller", "recorder")]
         wait_for(grown_to(recording, WELL_UNDER_WAY))
         run.kill()
         run.communicate()
@@ -203,13 +203,13 @@ class TestLauncher:
         assert not list(temporary.iterdir())
 
     @pytest.mark.full
-    @pytest.mark.parametrize("command", ["plant", "controller", "record"])
+    @pytest.mark.parametrize("command", ["plant", "controller", "recorder"])
     def test_a_death_before_the_start_is_told_at_once(self, recording: Path, command: str) -> None:
         run = start("run", *LONG, "--out", str(recording))
         child_of(run, command).send_signal(signal.SIGKILL)
         code, err, seconds = finish(run)
         assert code == 1
-        role = "recorder" if command == "record" else command
+        role = command
         assert err.endswith(f"error: {role} was killed by SIGKILL"), err
         assert seconds < 60  # of the 180 that all have to appear
         assert not leftovers(recording)
@@ -222,10 +222,12 @@ class TestLauncher:
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # as the launcher does
             os.kill(os.getpid(), signal.SIGINT)
 
-        code, err, _ = finish(start("record", "--out", str(recording), preexec_fn=interrupted))
+        code, err, _ = finish(
+            start("node", "recorder", "--out", str(recording), preexec_fn=interrupted)
+        )
         assert (code, err) == (130, "interrupted")
         run = start("run", *LONG, "--out", str(recording))
-        child_of(run, "record").send_signal(signal.SIGINT)
+        child_of(run, "recorder").send_signal(signal.SIGINT)
         code, err, _ = finish(run)
         assert code == 1
         assert err.endswith("recorder was interrupted"), err

@@ -110,11 +110,11 @@ except KeyboardInterrupt:
 def test_what_fails_for_it_is_no_error_of_the_command() -> None:
     script = """
 from hertzloop import __main__
-from hertzloop.cli import cli
+from hertzloop.cli import app
 def fails(commands):
     call()
     raise RuntimeError("no compiled object yet for <Library>")
-cli.main = fails
+app.main = fails
 __main__.main()
 """
     assert ended(script) == (130, "", "interrupted\n")

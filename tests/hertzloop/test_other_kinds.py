@@ -65,7 +65,7 @@ def test_what_is_read_is_not_replaced(name: str, here: Path) -> None:
     before = (here / "a.mcap").read_bytes()
     for words in (
         ["run", "--repeat", "a.mcap", "--out", name],
-        ["recover", "a.mcap", "--out", name],
+        ["repair", "a.mcap", "--out", name],
         ["export", "a.mcap", "--out", name],
     ):
         result = call(*words, "--overwrite")
@@ -81,12 +81,12 @@ def test_what_is_read_is_not_replaced(name: str, here: Path) -> None:
         ["run", "--set", "controller.law=mine.py", "--out", "mine.py"],
         ["run", "mine.toml", "--out", "./mine.py"],
         ["sweep", "--set", "plate.modes=m.csv", "--over", "sensors.bits=4,5", "-o", "m.csv"],
-        ["modes", "--set", "plate.modes=m.csv", "-o", "m.csv"],
+        ["scene", "modes", "--set", "plate.modes=m.csv", "-o", "m.csv"],
     ],
 )
 def test_what_a_scene_is_made_of_is_not_replaced(words: list[str], here: Path) -> None:
     (here / "mine.py").write_text(LAW)
-    call("modes", "aluminium-3mm", "-o", "m.csv")
+    call("scene", "modes", "aluminium-3mm", "-o", "m.csv")
     shipped = shipped_text("aluminium-3mm").replace('law = "slope_threshold"', 'law = "mine.py"')
     assert "mine.py" in shipped
     (here / "mine.toml").write_text(shipped)

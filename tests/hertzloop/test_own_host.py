@@ -23,7 +23,7 @@ from tests.hertzloop.processes import (
 )
 
 NOBODY = 65534
-ROLES = ("plant", "controller", "record")
+ROLES = ("plant", "controller", "recorder")
 UNDER_WAY = 200_000  # bytes
 
 

@@ -137,7 +137,7 @@ def test_sweep_check_and_tune(here: Path) -> None:
     header = json.loads((here / "r.csv.json").read_text())
     (about,) = header["laws"].values()
     assert about["source"] == (here / "mine.py").read_text()
-    done = hertzloop("check", "r.csv", "--cases", "2", cwd=here)
+    done = hertzloop("sweep", "--verify", "r.csv", "--cases", "2", cwd=here)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "2 of 2 cases: the same bytes over zenoh" in done.stdout
     tuned = [
@@ -158,7 +158,7 @@ def test_sweep_check_and_tune(here: Path) -> None:
     # Another text is another law, for what was begun and for what is to be checked.
     with (here / "mine.py").open("a") as file:
         file.write("\n# changed\n")
-    done = hertzloop("check", "r.csv", "--cases", "1", cwd=here)
+    done = hertzloop("sweep", "--verify", "r.csv", "--cases", "1", cwd=here)
     assert done.returncode == 2
     assert "both sides need the same file" in " ".join(done.stderr.split())
 
@@ -194,7 +194,9 @@ def test_laws_as_an_axis_of_a_sweep(here: Path) -> None:
         "sweep", "aluminium-3mm", "--set", SHORT, "--over", laws, "-o", "r.csv", cwd=here
     )
     assert done.returncode == 0, done.stderr
-    done = hertzloop("check", "r.csv", "--cases", "2", "--transport", "inprocess", cwd=here)
+    done = hertzloop(
+        "sweep", "--verify", "r.csv", "--cases", "2", "--transport", "inprocess", cwd=here
+    )
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -293,21 +295,21 @@ def test_every_shipped_law_is_described() -> None:
 
 def test_new_law_and_scene_run_as_they_are(here: Path) -> None:
     for words in (["law", "mine.py"], ["scene", "a scene.toml"]):
-        done = hertzloop("new", *words, cwd=here)
+        done = hertzloop(words[0], "new", *words[1:], cwd=here)
         assert done.returncode == 0, done.stderr
     run = ["run", "a scene.toml", "--transport", "compiled", "--set", SHORT]
     done = hertzloop(*run, "--set", "controller.law=mine.py", cwd=here)
     assert done.returncode == 0, done.stderr
     recording = read(here / "a-scene.mcap")
     assert recording.force.arrays["force_n"].any()
-    again = hertzloop("new", "law", "mine.py", cwd=here)
+    again = hertzloop("law", "new", "mine.py", cwd=here)
     assert again.returncode == 2
     assert "mine.py exists" in again.stderr
-    wrong = hertzloop("new", "law", "mine.txt", cwd=here)
+    wrong = hertzloop("law", "new", "mine.txt", cwd=here)
     assert wrong.returncode == 2
     # The same start in C.
     if shutil.which("cc"):
-        assert hertzloop("new", "law", "mine.c", cwd=here).returncode == 0
+        assert hertzloop("law", "new", "mine.c", cwd=here).returncode == 0
         build(here, here / "mine.c")
         scene = load("a scene.toml", [SHORT, "controller.law=mine.so"])
         assert first_difference(record(scene, here / "c.mcap"), recording) is None
@@ -318,11 +320,21 @@ def test_law_on_a_recording(here: Path) -> None:
     write_law(here)
     shutil.copy(ROOT / "controller" / "laws" / "slope_threshold.py", here / "same.py")
     record(load("aluminium-3mm", [SHORT, "controller.latency_us=2"]), here / "r.mcap")
-    same = hertzloop("law-on", "r.mcap", "--law", "same.py", cwd=here)
+    same = hertzloop("law", "replay", "r.mcap", "--law", "same.py", cwd=here)
     assert same.returncode == 0, same.stderr
     assert "the same forces in all 1,600 steps" in same.stdout
     assert (here / "r-law.png").read_bytes().startswith(b"\x89PNG")
-    words = ["law-on", "r.mcap", "--law", "same.py", "--set", "controller.kappa=0.7", "-o", "b.png"]
+    words = [
+        "law",
+        "replay",
+        "r.mcap",
+        "--law",
+        "same.py",
+        "--set",
+        "controller.kappa=0.7",
+        "-o",
+        "b.png",
+    ]
     other = hertzloop(*words, "--json", "o.json", cwd=here)
     difference, written = other.stdout.splitlines()
     assert "differ first at step" in difference
@@ -333,9 +345,9 @@ def test_law_on_a_recording(here: Path) -> None:
     assert not force[:first].any()
     content = (here / "r.mcap").read_bytes()
     (here / "cut.mcap").write_bytes(content[:-2000])
-    cut = hertzloop("law-on", "cut.mcap", "--law", "same.py", cwd=here)
+    cut = hertzloop("law", "replay", "cut.mcap", "--law", "same.py", cwd=here)
     assert "cut.mcap: the file is cut off or damaged" in " ".join(cut.stderr.split())
-    wrong = hertzloop("law-on", "r.mcap", "--law", "mine.py", "-o", "c.png", cwd=here)
+    wrong = hertzloop("law", "replay", "r.mcap", "--law", "mine.py", "-o", "c.png", cwd=here)
     assert wrong.returncode == 2
     assert "works on 'contact_force'" in " ".join(wrong.stderr.split())
 

@@ -14,14 +14,12 @@ from typing import Any
 import numpy as np
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
 from hertzloop.analysis.recorded import class_ends_ns, pacing_of, responses_of
 from hertzloop.bus.events import event
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.bus.streams import PLANT, StreamFault
 from hertzloop.bus.wire import Packed
-from hertzloop.cli.cli import app
 from hertzloop.loop import pace_kernels
 from hertzloop.loop.answers import Repeat, repeat_of
 from hertzloop.loop.controller_node import ControllerNode
@@ -34,6 +32,7 @@ from hertzloop.recordings.writer import Recorder
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.views.run import show_pacing
+from tests.commands import invoke
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.processes import child_of, finish, grown_to, hertzloop, start, wait_for
 
@@ -241,7 +240,7 @@ class TestProcesses:
         assert np.array_equal(a.truth.arrays["f_a_n"], b.truth.arrays["f_a_n"])
 
     def test_inspected_and_drawn(self, folder: Path) -> None:
-        drawn = run_here("chart", "response", str(folder / "paced.mcap"), "-o", str(folder))
+        drawn = run_here("inspect", str(folder / "paced.mcap"), "--responses", str(folder))
         assert (folder / "response.png").stat().st_size > 10_000
         rows = (folder / "response.csv").read_text().splitlines()
         assert sum(int(row.split(",")[1]) for row in rows[1:]) == 29_999
@@ -252,7 +251,7 @@ class TestProcesses:
 
 def run_here(*words: str, code: int = 0) -> str:
     """What a command prints."""
-    done = CliRunner().invoke(app, list(words))
+    done = invoke(list(words))
     assert done.exit_code == code, done.output
     return done.output
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from benchmarks import plate_models
 from benchmarks import plate_models as thickness
@@ -14,7 +13,6 @@ from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.deflection import deflection, modes_of_scene
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.analysis.trust import verify
-from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.plant.structures.solid_plate import SolidPlate
@@ -22,6 +20,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from hertzloop.views.run import what_limits
+from tests.commands import invoke
 
 SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]
 SOLID = [*SHORT, "plate.theory=3d"]
@@ -163,8 +162,7 @@ def test_a_run_says_what_it_took(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         (["plate.tail=damped"], "one damped mode took", "tail"),
     ):
         arguments = [x for s in [*SHORT, *settings] for x in ("--set", s)]
-        done = CliRunner().invoke(
-            app,
+        done = invoke(
             [
                 "run",
                 "aluminium-3mm",

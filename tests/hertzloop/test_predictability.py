@@ -6,11 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from hertzloop.analysis.figures import figures_of
 from hertzloop.analysis.trust import CHAOTIC, errors_of, horizon_step, known_impacts
-from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import closed_loop_rows, record_in_process, simulate
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.recordings.compare import first_difference
@@ -19,6 +17,7 @@ from hertzloop.setup import load
 from hertzloop.views.data import figures_as_json
 from hertzloop.views.format import known_digits
 from hertzloop.views.run import headings, impact_rows, noise_rows
+from tests.commands import invoke
 
 FOUR = load("aluminium-3mm", ["run.duration_s=0.35"])
 
@@ -63,7 +62,7 @@ def test_what_is_without_control_has_its_digits_where_the_loop_explodes(tmp_path
              "--set", "run.duration_s=0.15",
              "--transport", "compiled", "--out", str(tmp_path / "a.mcap")]  # fmt: skip
     words += ["--json", str(tmp_path / "a.json")]
-    done = CliRunner().invoke(app, words)
+    done = invoke(words)
     assert done.exit_code == 0, done.output
     told = json.loads((tmp_path / "a.json").read_text())
     assert told["stability"]["unstable"]
@@ -136,8 +135,8 @@ def test_compare_stops_where_rounding_decides(tmp_path: Path) -> None:
     whole = first_difference(read(a), read(b), 1e-9)
     assert whole is not None
     assert first_difference(read(a), read(b), 1e-9, horizon) is None
-    result = CliRunner().invoke(app, ["compare", "--tolerance", "1e-9", str(a), str(b)])
+    result = invoke(["compare", "--tolerance", "1e-9", str(a), str(b)])
     assert result.exit_code == 0, result.output
     assert "Compared up to" in result.output
-    exact = CliRunner().invoke(app, ["compare", str(a), str(b)])
+    exact = invoke(["compare", str(a), str(b)])
     assert exact.exit_code == 1

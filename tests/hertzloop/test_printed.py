@@ -9,9 +9,7 @@ from typing import Any
 
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
-from hertzloop.cli.cli import app
 from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.setup import load
 from hertzloop.views import run as tables
@@ -19,6 +17,7 @@ from hertzloop.views.data import run_scene
 from hertzloop.views.effects import table_of
 from hertzloop.views.format import Table
 from hertzloop.views.run import impacts_table
+from tests.commands import invoke
 
 ROOT = Path(__file__).parents[2]
 UNITS = {
@@ -74,9 +73,9 @@ def quantities(words: str) -> list[float]:
 
 @pytest.mark.full
 def test_what_the_run_leaves_out(report: dict[str, Any]) -> None:
-    _, *rows = lines(table_of(report["validity"]))
+    _, *rows = lines(table_of(report["scene", "check"]))
     sides = set()
-    for (name, _, value, asked, state), found in zip(rows, report["validity"], strict=True):
+    for (name, _, value, asked, state), found in zip(rows, report["scene", "check"], strict=True):
         assert (name, state) == (found["name"], found["state"])
         side, threshold = asked.split()
         if value:
@@ -160,8 +159,8 @@ def test_no_cell_of_a_table_is_cut(report: dict[str, Any], tmp_path: Path) -> No
     recording, results = report["recording"], str(tmp_path / "a.csv")
     cheap = ["--set", "run.duration_s=0.0015", "--set", "run.accuracy=0.1"]
     commands = [
-        ["inspect", recording], ["keys"], ["keys", "--law", "predicted"],
-        ["validity", "aluminium-3mm", *cheap], ["listen", recording, "-o", str(tmp_path)],
+        ["inspect", recording], ["scene", "keys"], ["scene", "keys", "--law", "predicted"],
+        ["scene", "check", "aluminium-3mm", *cheap], ["listen", recording, "-o", str(tmp_path)],
         ["sweep", "aluminium-3mm", *cheap, "--over", "controller.latency_us=0:2:2",
          "--phases", "2", "--out", results],
         ["run", "aluminium-3mm", *cheap, "--transport", "compiled", "--out",
@@ -170,7 +169,7 @@ def test_no_cell_of_a_table_is_cut(report: dict[str, Any], tmp_path: Path) -> No
          "--out", str(tmp_path / "tuned")],
     ]  # fmt: skip
     for words in commands:
-        done = CliRunner().invoke(app, words, env={"COLUMNS": "80"})
+        done = invoke(words, env={"COLUMNS": "80"})
         assert done.exit_code == 0, done.output
         assert "│" in done.output, words
         assert "…" not in done.output, words
@@ -179,7 +178,7 @@ def test_no_cell_of_a_table_is_cut(report: dict[str, Any], tmp_path: Path) -> No
     for width in (80, 50, 30):
         for table in (
             impacts_table("Impacts", report["impacts"]), tables.run_table(report),
-            table_of(report["validity"]),
+            table_of(report["scene", "check"]),
         ):  # fmt: skip
             printed = io.StringIO()
             Console(file=printed, width=width).print(table)

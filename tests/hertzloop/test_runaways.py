@@ -5,14 +5,13 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from hertzloop.analysis.cases import CaseState, UnstableLoop, figures_of_case
-from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from hertzloop.studies.sweeps.evaluate import not_run, older_state, run_case
+from tests.commands import invoke
 from tests.hertzloop.own_laws import write_law
 
 RUN = ["run.accuracy=0.05", "run.duration_s=0.004"]
@@ -46,9 +45,7 @@ def test_a_law_that_is_wrong_fails_its_case(
 def test_sweeps_count_runaways_as_unstable(tmp_path: Path) -> None:
     report = tmp_path / "r.json"
     words = [word for key in RUN for word in ("--set", key)]
-    done = CliRunner().invoke(
-        app,
-        ["sweep", "aluminium-3mm", *words, "--span", "run", "--workers", "1", "--set",
+    done = invoke(["sweep", "aluminium-3mm", *words, "--span", "run", "--workers", "1", "--set",
          "controller.law=velocity_feedback", "--over", "controller.kappa=-2,0.1,3",
          "-o", str(tmp_path / "r.csv"), "--json", str(report)],
     )  # fmt: skip
@@ -64,8 +61,7 @@ def test_a_search_counts_runaways_as_bad_and_not_as_failed(
     monkeypatch.chdir(tmp_path)
     report = tmp_path / "r.json"
     words = [word for key in RUN for word in ("--set", key)]
-    done = CliRunner().invoke(
-        app,
+    done = invoke(
         ["tune", "aluminium-3mm", *words, "--span", "run", "--law", "velocity_feedback", "--vary",
          "controller.kappa=0.1,3", "--minimise", "plate_energy_db", "--generations", "2",
          "--population", "4", "--json", str(report)],

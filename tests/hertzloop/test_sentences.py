@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from hertzloop.analysis.cases import CaseState
 from hertzloop.analysis.figures import Saturation
 from hertzloop.analysis.verdict import saturation_of
 from hertzloop.bus import events
 from hertzloop.bus.messages_pb2 import Event, EventKind
-from hertzloop.cli.cli import app
 from hertzloop.law import ACTING, IDLE, SPENT, WATCHING
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.intake import older_fact
@@ -24,6 +22,7 @@ from hertzloop.setup import load
 from hertzloop.studies.sweeps.design import Axis, Design
 from hertzloop.studies.sweeps.evaluate import run_cases
 from hertzloop.studies.sweeps.sweep import Outcome, header_of, read_results, write_results
+from tests.commands import invoke
 from tests.recordings.rewriting import Sent, rewrite
 
 SHORT = ["run.duration_s=0.0015", "run.accuracy=0.1"]
@@ -54,7 +53,7 @@ def without(data: Any) -> Any:
 
 
 def command(*words: str, code: int = 0) -> None:
-    done = CliRunner().invoke(app, list(words))
+    done = invoke(list(words))
     assert done.exit_code == code, done.output
 
 

@@ -8,15 +8,14 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from hertzloop.cli.cli import app
 from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.views.data import run_scene
+from tests.commands import invoke
 
 pytest.importorskip("fmpy")
 pytest.importorskip("pythonfmu")
@@ -152,7 +151,7 @@ def test_its_parameters_are_scene_keys(unit: Path) -> None:
 def test_a_unit_that_fails_ends_the_run(fault: str, sentence: str, tmp_path: Path) -> None:
     law = built(tmp_path, fault)
     words = ["--out", str(tmp_path / "a.mcap"), "--set", SHORT, "--set", f"controller.law={law}"]
-    done = CliRunner().invoke(app, ["run", "aluminium-3mm", "--transport", "compiled", *words])
+    done = invoke(["run", "aluminium-3mm", "--transport", "compiled", *words])
     assert done.exit_code == 2
     assert f"the law SpringLaw.fmu, {sentence}" in " ".join(done.output.split())
 

@@ -5,20 +5,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.validity import ROWS, neglected_of_scene
-from hertzloop.cli.cli import app
 from hertzloop.setup import load
 from hertzloop.views.effects import effects_as_json
+from tests.commands import invoke
 
 SHORT = ("run.duration_s=0.0013", "controller.law=off")
 
 
 def found(name: str, *settings: str) -> dict[str, dict[str, Any]]:
     data = effects_as_json(neglected_of_scene(load(name, settings)))
-    return {finding["name"]: finding for finding in data["validity"]}
+    return {finding["name"]: finding for finding in data["scene", "check"]}
 
 
 def test_the_3_mm_scene_by_hand() -> None:
@@ -108,27 +107,35 @@ def test_run_inspect_validity_and_sweep_tell_the_same(
     for command in (
         ["run", "aluminium-3mm", "--transport", "compiled", "--out", "a.mcap", *short],
         ["inspect", "a.mcap"],
-        ["validity", "aluminium-3mm", *short],
+        ["scene", "check", "aluminium-3mm", *short],
     ):
-        done = CliRunner().invoke(app, [*command, "--json", "a.json"])
+        done = invoke([*command, "--json", "a.json"])
         assert done.exit_code == 0, done.output
         assert "OUT OF RANGE: the plate yields" in done.output
         assert "Left out: waves are hardly longer than the plate is thick" in done.output
         told[command[0]] = json.loads((tmp_path / "a.json").read_text())
-    said = [[f["sentence"] for f in data["validity"]] for data in told.values()]
+    said = [[f["sentence"] for f in data["scene", "check"]] for data in told.values()]
     assert said[0] == said[1] == said[2]
-    assert told["run"]["warnings"] == told["validity"]["warnings"]
+    assert told["run"]["warnings"] == told["scene", "check"]["warnings"]
     assert told["run"]["warnings"][0].startswith("yield: the plate yields")
     over = ["--over", "plate.thickness_m=0.003,0.03", "--out", "s.csv"]
-    sweep = CliRunner().invoke(
-        app, ["sweep", "aluminium-3mm", *short, *over, "--workers", "1", "--json", "s.json"]
-    )
+    sweep = invoke(["sweep", "aluminium-3mm", *short, *over, "--workers", "1", "--json", "s.json"])
     assert sweep.exit_code == 0, sweep.output
     assert "OUT OF RANGE: of 2 cases yield in 2, plate theory (energy) in 1" in sweep.output
     beyond = json.loads((tmp_path / "s.json").read_text())["out_of_range"]
     assert beyond == {"yield": 2, "plate theory (energy)": 1}
-    check = CliRunner().invoke(
-        app, ["check", "s.csv", "--transport", "compiled", "--cases", "1", "--json", "c.json"]
+    check = invoke(
+        [
+            "sweep",
+            "--verify",
+            "s.csv",
+            "--transport",
+            "compiled",
+            "--cases",
+            "1",
+            "--json",
+            "c.json",
+        ]
     )
     assert check.exit_code == 0, check.output
     assert json.loads((tmp_path / "c.json").read_text())["out_of_range"] == beyond

@@ -6,25 +6,23 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from hertzloop.analysis.figures import Figures, Ran, Saturation
 from hertzloop.analysis.meters import Push, Stability
 from hertzloop.analysis.trust import Known, NotAgain, Obstacle, Predictability
 from hertzloop.analysis.validity import Neglected
 from hertzloop.analysis.verdict import saturation_of, verdict
-from hertzloop.cli.cli import app
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.recordings.intake import older_fact
 from hertzloop.recordings.reader import Event
 from hertzloop.views.sentences import verdict_sentences
+from tests.commands import invoke
 
 
 def run(folder: Path, *settings: str, scene: str = "aluminium-3mm") -> tuple[list[str], str]:
     words = [word for setting in settings for word in ("--set", setting)]
-    done = CliRunner().invoke(
-        app,
+    done = invoke(
         ["run", scene, "--transport", "compiled", "--overwrite", "--out", str(folder / "a.mcap"),
          "--json", str(folder / "a.json"), *words],
     )  # fmt: skip
@@ -68,7 +66,7 @@ def test_a_verdict(tmp_path: Path, settings: list[str], sentences: list[str]) ->
         assert words in sentence
     if "controller.law=off" in settings:
         assert "ith control" not in output  # nothing to compare, no table and no word
-    inspected = CliRunner().invoke(app, ["inspect", str(tmp_path / "a.mcap")])
+    inspected = invoke(["inspect", str(tmp_path / "a.mcap")])
     for sentence in said:
         # What takes the run without control is not known to a recording.
         compared = sentence.startswith(("Control", "Why not"))

@@ -24,13 +24,13 @@ def test_markup_in_a_file_name_means_nothing(name: str, tmp_path: Path) -> None:
     cut = (tmp_path / name).read_bytes()[:-4000]
     (tmp_path / name).write_bytes(cut)
     assert name in " ".join(hertzloop("compare", name, name, cwd=tmp_path).stderr.split())
-    done = hertzloop("recover", name, "--out", f"new{name}", cwd=tmp_path)
+    done = hertzloop("repair", name, "--out", f"new{name}", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert f"new{name}" in done.stdout
 
 
 def test_markup_in_a_run(tmp_path: Path) -> None:
-    scene = hertzloop("scenes")
+    scene = hertzloop("scene", "list")
     assert scene.returncode == 0
     toml = (GOLDEN.parents[1] / "hertzloop" / "scenes" / "aluminium-3mm.toml").read_text()
     shows = 'shows = "[red]not red[/y]"'

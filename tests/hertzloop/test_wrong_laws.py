@@ -350,9 +350,9 @@ def test_a_loop_without_end_in_a_terminal_of_its_own(here: Path) -> None:
     recorder, controller, plant = bus_words()
     settings = [*LONGER, "--set", "controller.law=mine.py"]
     words = [
-        [*HERTZLOOP, "record", "--out", "a.mcap", *recorder],
-        [*IMPATIENT, "controller", *controller],
-        [*HERTZLOOP, "plant", "aluminium-3mm", *settings, *plant],
+        [*HERTZLOOP, "node", "recorder", "--out", "a.mcap", *recorder],
+        [*IMPATIENT, "node", "controller", *controller],
+        [*HERTZLOOP, "node", "plant", "aluminium-3mm", *settings, *plant],
     ]
     piped = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "cwd": here}
     ended = [finish(process) for process in [subprocess.Popen(one, **piped) for one in words]]
@@ -382,10 +382,10 @@ def test_another_file_on_the_controllers_side(here: Path) -> None:
         (there / "mine.py").read_text() + f"\nopen('{there}/executed', 'w')\n"
     )
     bus = bus_words()
-    recorder = start("record", "--out", "a.mcap", *bus[0], cwd=here)
-    controller = start("controller", "--law", str(there / "mine.py"), *bus[1], cwd=there)
+    recorder = start("node", "recorder", "--out", "a.mcap", *bus[0], cwd=here)
+    controller = start("node", "controller", "--law", str(there / "mine.py"), *bus[1], cwd=there)
     settings = ["--set", SHORT, "--set", "controller.law=mine.py"]
-    plant = start("plant", "aluminium-3mm", *settings, *bus[2], cwd=here)
+    plant = start("node", "plant", "aluminium-3mm", *settings, *bus[2], cwd=here)
     ended = [finish(process) for process in (controller, plant, recorder)]
     assert [code for code, _, _ in ended] == [1, 1, 1], ended
     assert "both sides need the same file" in ended[0][1]

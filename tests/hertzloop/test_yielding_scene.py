@@ -5,14 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import hertzloop
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.impacts import DEEPEST, XI, consistent_impacts
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.analysis.trust import verify
-from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.plant.contact.yielding import strength
 from hertzloop.plant.structures.materials import MATERIALS
@@ -20,6 +18,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.views.run import pressure_words
+from tests.commands import invoke
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
@@ -83,8 +82,7 @@ def test_run_inspect_and_python_tell_the_dent(
     arguments = ["--set", "contact.plasticity=thornton", "--set", "run.duration_s=0.0013",
                  "--set", "contact.limiting_pressure_pa=1.05e9", "--set",
                  "actuator.bandwidth_hz=3e5"]  # fmt: skip
-    run = CliRunner().invoke(
-        app,
+    run = invoke(
         [
             "run",
             "aluminium-3mm",
@@ -99,7 +97,7 @@ def test_run_inspect_and_python_tell_the_dent(
     )
     assert run.exit_code == 0, run.output
     assert "a dent of" in run.output
-    inspected = CliRunner().invoke(app, ["inspect", "a.mcap", "--json", "b.json"])
+    inspected = invoke(["inspect", "a.mcap", "--json", "b.json"])
     assert inspected.exit_code == 0, inspected.output
     assert "a dent of" in inspected.output
     found = [json.loads((tmp_path / name).read_text())["yield"] for name in ("a.json", "b.json")]

@@ -6,15 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from hertzloop.cli.cli import app
 from hertzloop.plant.figures.sound import PointMobility, longhorn_any_j, longhorn_short_j
 from hertzloop.setup import load
 from paper import figures as gallery
 from paper import tables
 from paper import tables as appendix
 from paper import tables as optima
+from tests.commands import invoke
 
 
 def test_grid_is_that_of_the_study() -> None:
@@ -93,7 +92,7 @@ def test_all_of_the_mobility_integral_is_one_whatever_the_plate() -> None:
 
 def test_equations_are_printed() -> None:
     words = ["published", "equations", "--set", "run.duration_s=0.0016"]
-    result = CliRunner().invoke(app, words, env={"COLUMNS": "120"})
+    result = invoke(words, env={"COLUMNS": "120"})
     assert result.exit_code == 0, result.output
     lines = {line.split("│")[2].strip(): line for line in result.output.splitlines() if "│" in line}
     cells = {what: line.split("│")[3].strip() for what, line in lines.items()}

@@ -4,13 +4,12 @@ import csv
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from hertzloop.analysis.figures import figures_of
-from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.setup import load
 from paper import tables
+from tests.commands import invoke
 
 PUBLISHED = Path(tables.__file__).parent
 
@@ -67,7 +66,7 @@ def test_rows_that_were_never_published(tmp_path: Path) -> None:
         ",,0.3,,F_a1,,3,0.1,four\n"
         "oak,0.05,0.4,,,sine,5,0.1,five\n"
     )
-    result = CliRunner().invoke(app, ["tables", str(path), "-o", str(out)])
+    result = invoke(["tables", str(path), "-o", str(out)])
     assert result.exit_code == 0, result.output
     with out.open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -118,10 +117,8 @@ def test_a_contact_without_end_leaves_its_cells_empty(tmp_path: Path) -> None:
 def test_bad_rows_are_the_users_mistake(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "rows.csv"
     path.write_text(text)
-    result = CliRunner().invoke(
-        app, ["tables", str(path), "-o", str(tmp_path / "o.csv")], env={"COLUMNS": "300"}
-    )
+    result = invoke(["tables", str(path), "-o", str(tmp_path / "o.csv")], env={"COLUMNS": "300"})
     assert result.exit_code == 2
     assert words in result.output
-    missing = CliRunner().invoke(app, ["tables", str(tmp_path / "none.csv")])
+    missing = invoke(["tables", str(tmp_path / "none.csv")])
     assert missing.exit_code == 2

@@ -11,12 +11,12 @@ import pytest
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from hertzloop.cli.cli import app
 from hertzloop.recordings import export as samples_module
 from hertzloop.recordings.export import TOPICS
 from hertzloop.recordings.reader import Recording, read
+from tests.commands import invoke
 from tests.recordings import rewriting
 from tests.tiers import default
 
@@ -32,7 +32,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def call(*words: object) -> Result:
-    return CliRunner().invoke(app, [str(word) for word in words], env={"COLUMNS": "300"})
+    return invoke([str(word) for word in words], env={"COLUMNS": "300"})
 
 
 def expected(recording: Recording) -> Columns:

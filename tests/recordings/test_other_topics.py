@@ -4,11 +4,10 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from typer.testing import CliRunner
 
-from hertzloop.cli.cli import app
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
+from tests.commands import invoke
 from tests.recordings.rewriting import record
 
 
@@ -42,7 +41,7 @@ def with_temperatures(original: Path, path: Path, count: int) -> Path:
 
 
 def said(*words: str | Path) -> str:
-    result = CliRunner().invoke(app, [str(word) for word in words])
+    result = invoke([str(word) for word in words])
     assert result.exit_code == 0, result.output
     return result.stdout
 
@@ -57,5 +56,5 @@ def test_messages_of_other_topics_are_counted_and_told(tmp_path: Path) -> None:
     assert "Passed over: 3 messages of other topics." in said("inspect", path)
     assert "Passed over" not in said("inspect", original)
     whole = tmp_path / "c.mcap"
-    assert "; 3 of other topics are left out" in said("recover", path, "--out", whole)
+    assert "; 3 of other topics are left out" in said("repair", path, "--out", whole)
     assert read(whole).others == 0

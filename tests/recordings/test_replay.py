@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
 from hertzloop.analysis.impacts import V_P
-from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.recordings import writer
 from hertzloop.recordings.reader import Recording, Stream, read
@@ -23,6 +22,7 @@ from hertzloop.recordings.replay.viewer import screenshot
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.setup import load
 from hertzloop.views import replaying
+from tests.commands import invoke
 from tests.recordings.plates import flat_plate
 
 SCENE = ["run.duration_s=0.003"]
@@ -37,7 +37,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def call(*words: object) -> Result:
-    return CliRunner().invoke(app, [str(word) for word in words], env={"COLUMNS": "300"})
+    return invoke([str(word) for word in words], env={"COLUMNS": "300"})
 
 
 def rerun(*words: object) -> str:

@@ -6,13 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from hertzloop.cli.cli import app
 from hertzloop.setup import load
 from hertzloop.studies import latency as study
 from hertzloop.studies.sweeps.evaluate import Pool
 from hertzloop.studies.sweeps.pool import local_pool
+from tests.commands import invoke
 
 
 @pytest.fixture(scope="module")
@@ -89,9 +88,9 @@ def test_a_scene_and_gains_of_the_user(tmp_path: Path, monkeypatch: pytest.Monke
     settings = ["run.accuracy=0.1", "run.duration_s=0.0013", "plate.thickness_m=0.004",
                 "controller.kappa=0.3"]  # fmt: skip
     words = [word for setting in settings for word in ("--set", setting)]
-    command = ["chart", "latency", "offcentre-6mm", *words, "--quick", "-o", str(tmp_path)]
+    command = ["study", "latency", "offcentre-6mm", *words, "--quick", "-o", str(tmp_path)]
     command += ["--json", str(tmp_path / "a.json")]
-    done = CliRunner().invoke(app, command, env={"COLUMNS": "80"})
+    done = invoke(command, env={"COLUMNS": "80"})
     assert done.exit_code == 0, done.output
     assert "offcentre-6mm: what each law survives" in done.output
     assert "…" not in done.output
@@ -104,7 +103,7 @@ def test_a_scene_and_gains_of_the_user(tmp_path: Path, monkeypatch: pytest.Monke
     for row in found:  # whole numbers, as in the file
         assert f"{row['ideal_db']:.2f}" in done.output.replace("\n", " ")
     assert len(list(tmp_path.glob("latency-offcentre-6mm-*.csv"))) == 4
-    refused = CliRunner().invoke(app, [*command[:3], "--set", "plate.thickness=1", *command[-4:]])
+    refused = invoke([*command[:3], "--set", "plate.thickness=1", *command[-4:]])
     assert refused.exit_code == 2
     assert "plate.thickness" in refused.output
 

@@ -7,16 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.cli.cli import app
 from hertzloop.setup import load
 from hertzloop.studies import tuning as tune
 from hertzloop.studies.latency import Named, critical
 from hertzloop.studies.sweeps.design import KEY, Axis, phases, spread_of
 from hertzloop.studies.sweeps.evaluate import Pool
 from hertzloop.studies.sweeps.pool import local_pool
+from tests.commands import invoke
 
 CHEAP = ("run.accuracy=0.1", "run.duration_s=0.0013")
 EARLY = (*CHEAP, "controller.v_thr_m_s=-0.6")
@@ -53,7 +52,7 @@ def test_a_sweep_over_phases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         "1",
     ]
     words += ["--over", "controller.latency_us=0,3", "--phases", "5"]
-    done = CliRunner().invoke(app, [*words, "-o", "a.csv", "--json", "a.json"])
+    done = invoke([*words, "-o", "a.csv", "--json", "a.json"])
     assert done.exit_code == 0, done.output
     assert "Over touch phases: mean (least to most)" in done.output
     assert len(list(csv.DictReader((tmp_path / "a.csv").open()))) == 10
@@ -63,7 +62,7 @@ def test_a_sweep_over_phases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         found = group["plate_energy_db"]
         assert found["mean"] == pytest.approx(np.mean(values))
         assert (found["least"], found["most"]) == pytest.approx((min(values), max(values)))
-    wrong = CliRunner().invoke(app, ["sweep", "--design", "sobol", "--phases", "3", "--over",
+    wrong = invoke(["sweep", "--design", "sobol", "--phases", "3", "--over",
                                      "controller.kappa=0:1"])  # fmt: skip
     assert wrong.exit_code == 2
     assert "--phases 3 needs --design grid" in wrong.output.replace("\n", " ")

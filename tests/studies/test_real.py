@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.cli.latency import _critical, _table
+from hertzloop.cli.study import _critical, _table
 from hertzloop.studies import real as study
 from hertzloop.studies.latency import Named, critical
 from hertzloop.studies.sweeps.design import phases

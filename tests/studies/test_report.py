@@ -8,12 +8,12 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.setup import load
+from tests.commands import invoke
 from tests.hertzloop.own_laws import write_law
 from tests.recordings.rewriting import messages, write
 
@@ -24,7 +24,7 @@ UNSTABLE = ["controller.law=velocity_feedback", "controller.kappa=0.4", "run.dur
 
 
 def call(*words: object) -> Result:
-    return CliRunner().invoke(app, [str(word) for word in words], env={"COLUMNS": "300"})
+    return invoke([str(word) for word in words], env={"COLUMNS": "300"})
 
 
 def page_of(folder: Path, scene: str, settings: list[str]) -> Path:
@@ -157,8 +157,9 @@ def test_what_another_program_controlled_is_not_said_to_repeat(
     path = write(tmp_path / "other.mcap", bounces, foreign())
     text = text_of(path)
     assert "hertzloop run" not in text
-    for words in ("controller outside hertzloop", "hertzloop plant aluminium-3mm.toml",
-                  "hertzloop record", "digits as recorded", "No text of the law"):  # fmt: skip
+    for words in ("controller outside hertzloop", "hertzloop node plant aluminium-3mm.toml",
+                  "hertzloop node recorder", "digits as recorded",
+                  "No text of the law"):  # fmt: skip
         assert words in text
     assert read(path).law_source not in text
     refused = call("inspect", path, "--law", tmp_path / "law.py")

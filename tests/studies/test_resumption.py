@@ -76,7 +76,7 @@ def test_a_killed_search_finds_what_it_would_have_and_runs_every_case_once(tmp_p
     ("words", "name"),
     [
         (TUNE, "tune-aluminium-3mm-"),
-        (["chart", "latency", "--quick", "-o", "."], "latency-"),
+        (["study", "latency", "--quick", "-o", "."], "latency-"),
     ],
 )
 def test_ctrl_c_says_that_the_same_command_goes_on(

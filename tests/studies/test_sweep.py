@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet
 import pytest
-from typer.testing import CliRunner
 
 from hertzloop.analysis.cases import CaseState, figures_of_case
 from hertzloop.analysis.impacts import first_impact
-from hertzloop.cli.cli import app
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
@@ -27,6 +25,7 @@ from hertzloop.studies.sweeps.design import (
     parse_axis,
 )
 from hertzloop.studies.sweeps.replay_cases import replay_cases
+from tests.commands import invoke
 from tests.studies.sweeping import COARSE, command
 
 
@@ -238,7 +237,7 @@ def test_cases_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:
     told = json.loads(report.read_text())
     assert (told["cases"], told["ran"], told["failed"], told["unstable"]) == (5, 2, 3, 0)
     again = subprocess.run(
-        command("check", str(out), "--transport", "inprocess", "--json", str(report)),
+        command("sweep", "--verify", str(out), "--transport", "inprocess", "--json", str(report)),
         capture_output=True, text=True,
     )  # fmt: skip
     assert again.returncode == 1, again.stdout
@@ -270,7 +269,7 @@ def test_a_case_that_check_cannot_run_is_counted_apart(tmp_path: Path) -> None:
     text[2] = text[2].replace("1,1,", "1,0.5,", 1)  # what no scene can have
     out.write_text("\n".join(text) + "\n")
     done = subprocess.run(
-        command("check", str(out), "--transport", "inprocess", "--json", str(report)),
+        command("sweep", "--verify", str(out), "--transport", "inprocess", "--json", str(report)),
         capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 1
@@ -297,7 +296,7 @@ def test_mistakes_in_a_sweep_end_it(
     monkeypatch.chdir(tmp_path)
     Path("folder.csv").mkdir()
     usual = ["sweep", "--workers", "1", "--over", "controller.kappa=0,1", "-o", "r.csv"]
-    found = CliRunner().invoke(app, [*usual, *words])
+    found = invoke([*usual, *words])
     assert found.exit_code == code
     assert says in found.stderr
 
@@ -306,7 +305,7 @@ def test_results_without_a_case_cannot_be_checked(tmp_path: Path) -> None:
     scene = load("aluminium-3mm", [*COARSE, "run.duration_s=0.0009"])
     out = tmp_path / "r.csv"
     study.sweep(scene, Design((Axis("controller.kappa", (0, 1)),)), "impact", out, workers=1)
-    found = CliRunner().invoke(app, ["check", str(out)])
+    found = invoke(["sweep", "--verify", str(out)])
     assert found.exit_code == 2
     assert "no case with figures" in " ".join(found.stderr.split())
 

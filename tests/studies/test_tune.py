@@ -5,16 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.cli.cli import app
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.setup import Setup, load
 from hertzloop.studies import tuning as study
 from hertzloop.studies.sweeps.design import Axis
 from hertzloop.studies.sweeps.evaluate import Pool
 from hertzloop.studies.sweeps.pool import local_pool
+from tests.commands import invoke
 
 KAPPA = (Axis("controller.kappa", (), -0.5, 1.5),)
 BOTH = ("plate_energy_db", "rebound_percent")
@@ -124,7 +123,7 @@ def test_unstable_settings_are_not_offered(pool: Pool) -> None:
     ],
 )
 def test_mistakes_end_with_a_sentence(words: list[str], says: str) -> None:
-    result = CliRunner().invoke(app, ["tune", *words])
+    result = invoke(["tune", *words])
     assert result.exit_code == 2
     assert says in " ".join(result.output.split())
 
@@ -134,7 +133,7 @@ def test_the_command_writes_front_and_picture(tmp_path: Path) -> None:
              "--generations", "2", "--population", "6",
              "--set", "run.accuracy=0.1", "--set", "run.duration_s=0.0013",
              "-o", str(tmp_path), "--json", str(tmp_path / "t.json")]  # fmt: skip
-    result = CliRunner().invoke(app, words)
+    result = invoke(words)
     assert result.exit_code == 0, result.output
     assert "published" in result.output
     assert (tmp_path / "tune-aluminium-3mm.png").read_bytes().startswith(b"\x89PNG")

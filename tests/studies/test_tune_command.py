@@ -4,9 +4,8 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from hertzloop.cli.cli import app
+from tests.commands import invoke
 
 QUICK = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--generations", "1",
          "--population", "4", "--minimise", "plate_energy_db"]  # fmt: skip
@@ -45,7 +44,7 @@ def test_mistakes_are_the_users(
     words: list[str], says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    found = CliRunner().invoke(app, ["tune", *words])
+    found = invoke(["tune", *words])
     assert found.exit_code == 2
     assert says in " ".join(found.stderr.split())
     assert not list(tmp_path.iterdir())
@@ -54,7 +53,7 @@ def test_mistakes_are_the_users(
 def test_a_scene_file_gives_results_the_name_of_the_scene(tmp_path: Path) -> None:
     scenes = Path(__file__).parents[2] / "hertzloop" / "scenes"
     path = str(scenes / "aluminium-3mm.toml")
-    found = CliRunner().invoke(app, ["tune", path, *QUICK, "--out", str(tmp_path / "new")])
+    found = invoke(["tune", path, *QUICK, "--out-dir", str(tmp_path / "new")])
     assert found.exit_code == 0
     written = {f.name for f in (tmp_path / "new").iterdir()}
     files = {f"tune-aluminium-3mm.{kind}" for kind in ("csv", "json", "png")}
@@ -65,10 +64,10 @@ def test_settings_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> Non
     """A run of 0.9 ms ends before the sphere has fallen; the search goes on without it."""
     report = tmp_path / "r.json"
     words = ["tune", "aluminium-3mm", *QUICK, "--json", str(report)]
-    found = CliRunner().invoke(app, words)
+    found = invoke(words)
     told = json.loads(report.read_text())
     assert (found.exit_code, told["cases"], told["failed"]) == (0, 5, 0)  # 4, and the published
-    found = CliRunner().invoke(app, [*words, "--vary", "run.duration_s=0.0009,0.0016"])
+    found = invoke([*words, "--vary", "run.duration_s=0.0009,0.0016"])
     told = json.loads(report.read_text())
     assert found.exit_code == 1
     assert 1 <= told["failed"] <= 3
@@ -102,9 +101,7 @@ def test_a_law_that_the_scene_has_not_is_tuned_in_whole_steps(
     Path("mine.py").write_text(OWN_LAW)
     # The coarser of the scenes decides: what it can have, the other can.
     steps = ["--over", "run.step_ns=500,1000"]
-    found = CliRunner().invoke(
-        app, ["tune", "aluminium-3mm", "--law", law, *QUICK, *steps, "--json", "r.json"]
-    )
+    found = invoke(["tune", "aluminium-3mm", "--law", law, *QUICK, *steps, "--json", "r.json"])
     assert found.exit_code == 0, found.output
     told = json.loads(Path("r.json").read_text())
     assert (told["cases"], told["failed"]) == (10, 0)
@@ -115,8 +112,6 @@ def test_a_law_that_the_scene_has_not_is_tuned_in_whole_steps(
 
 def test_all_laws_can_be_tuned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    found = CliRunner().invoke(
-        app, ["tune", "aluminium-3mm", "--law", "all", *QUICK, "--json", "r.json"]
-    )
+    found = invoke(["tune", "aluminium-3mm", "--law", "all", *QUICK, "--json", "r.json"])
     assert found.exit_code == 0, found.output
     assert json.loads(Path("r.json").read_text())["failed"] == 0

@@ -1,6 +1,6 @@
 /* A law as a shared library for hertzloop.
 
-   Start:  hertzloop new law mine.c     writes a law, and this header beside it
+   Start:  hertzloop law new mine.c     writes a law, and this header beside it
    Build:  cc -O2 -fPIC -shared -ffp-contract=off mine.c -o mine.so -lm
    Use:    controller.law = "mine.so"
 

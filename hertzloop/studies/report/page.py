@@ -267,7 +267,8 @@ def _again(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, lis
         return (
             f"The forces came from a controller outside hertzloop; its law: {own}. Start that "
             "controller and these two processes, each in a terminal of its own, in any order.",
-            [f"hertzloop record --out {again}", f"hertzloop plant {setup.name}.toml    {saved}",
+            [f"hertzloop node recorder --out {again}",
+             f"hertzloop node plant {setup.name}.toml    {saved}",
              f"hertzloop compare {again} {file}    # afterwards"],
         )  # fmt: skip
     if "held_steps" in recording.truth.arrays:

@@ -1,10 +1,11 @@
-"""The commands for laws of one's own: a start that runs as it is, and a law on recorded samples."""
+"""The commands `hertzloop law ...`: list, new, replay, test."""
 
+import inspect
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,83 +16,64 @@ from hertzloop.cli.options import (
     SetOption,
     TimeoutOption,
     WaitOption,
-    check_folder,
     check_json,
     check_output,
     check_picture,
     compile_first,
-    err,
-    fail,
-    out,
     write_json,
+    write_new,
 )
-from hertzloop.controller.loading.registry import compilation
+from hertzloop.cli.terminal import err, fail, out
+from hertzloop.controller.loading.registry import compilation, find, shipped
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import DEFAULT, shipped_text, toml_value
+from hertzloop.scenes.scene import toml_value
+from hertzloop.views.format import Table
 
 if TYPE_CHECKING:
     from hertzloop.processes.conformance import Checks, Meeting, Script
     from hertzloop.studies.law_on import Comparison
 
-_SCENE = """# A scene for hertzloop: run it with   hertzloop run {name}
-#
-# Every key is in its table; a wrong one is refused with a sentence. What is left out has its
-# default. `hertzloop run {name} --set sensors.bits=12` changes a key for one run.
 
-"""
-_KINDS = {"law": (".py", ".c"), "scene": (".toml",)}
+def list_laws() -> None:
+    """List the shipped laws and their keys."""
+    table = Table("law", "senses", "keys", "what it does")
+    for name in shipped():
+        law = find(name)
+        text = inspect.getdoc(law.home) or ""
+        table.add_row(name, law.senses, ", ".join(law.keys.model_fields), text.split("\n\n")[0])
+    out.print(table)
 
 
 def new(
-    kind: Annotated[Literal["law", "scene"], typer.Argument(help="What to start.")],
-    file: Annotated[Path, typer.Argument(help="mine.py or mine.c for a law, mine.toml.")],
+    file: Annotated[Path, typer.Argument(help="File to write.", metavar="F.py|F.c")],
 ) -> None:
-    """Write a commented law (Python, or C) or scene that runs as it is."""
-    if file.suffix not in _KINDS[kind]:
-        fail(f"{file} has to end in {' or '.join(_KINDS[kind])} for a {kind}", 2)
-    check_folder(file)
-    texts = {file: _text(kind, file)}
+    """Write a commented law, in Python or C, that runs as it is.
+
+    A law in C gets the header hertzloop_law.h beside it.
+    """
+    write_new(file, (".py", ".c"), "law", lambda: _start_of(file), _next(file))
+
+
+def _start_of(file: Path) -> dict[Path, str]:
+    texts = {file: _resource(f"law{file.suffix}.txt").replace("NAME", file.stem)}
     header = file.with_name("hertzloop_law.h")
     if file.suffix == ".c" and not header.exists():
         texts[header] = _resource("hertzloop_law.h")
-    try:
-        for path, text in texts.items():
-            with path.open("x", encoding="utf-8") as target:
-                target.write(text)
-    except FileExistsError:
-        fail(f"{file} exists; choose another name", 2)
-    except OSError as error:
-        fail(f"cannot write {file}: {error.strerror}", 1)
-    out.print(f"written: {', '.join(map(str, texts))}; {_next(kind, file)}", soft_wrap=True)
+    return texts
 
 
 def _resource(name: str) -> str:
     return (resources.files("hertzloop.controller") / "loading" / "start" / name).read_text("utf-8")
 
 
-def _text(kind: str, file: Path) -> str:
-    if kind == "law":
-        return _resource(f"law{file.suffix}.txt").replace("NAME", file.stem)
-    text = shipped_text(DEFAULT).replace(f'name = "{DEFAULT}"', f'name = "{_scene_name(file)}"')
-    return _SCENE.format(name=file.name) + text
-
-
-def _scene_name(file: Path) -> str:
-    """A name that a scene may have."""
-    kept = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in file.stem)
-    return kept.lstrip("._-")[:80] or "mine"
-
-
-def _next(kind: str, file: Path) -> str:
-    if kind == "scene":
-        return f"hertzloop run {file}"
-    if file.suffix == ".py":
+def _next(file: Path) -> str:
+    if file.suffix != ".c":
         return f"hertzloop run --set controller.law={file}"
     library = file.with_suffix(".so")
     return f"{compilation(file)} && hertzloop run --set controller.law={library}"
 
 
-def law_on(
+def replay(
     file: Annotated[Path, typer.Argument(help="A recording.", metavar="F.mcap")],
     law: Annotated[str, typer.Option(help="Law to feed the recorded samples to.")],
     settings: SetOption = None,
@@ -101,7 +83,7 @@ def law_on(
     overwrite: OverwriteOption = False,
     json_file: JsonOption = None,
 ) -> None:
-    """Feed a recording's samples to another law: where does its force differ first?"""
+    """Feed a recording's samples to another law and show where the forces differ."""
     from hertzloop.controller.loading.bound import LawFault
     from hertzloop.recordings.reader import read
     from hertzloop.recordings.writer import RecordingError
@@ -146,13 +128,7 @@ def _setting(text: str) -> tuple[str, object]:
     return key.strip(), toml_value(value)
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command()(new)
-    app.command()(law_on)
-
-
-def conformance(
+def controller_test(
     start: Annotated[
         str,
         typer.Option(
@@ -185,7 +161,10 @@ def conformance(
     timeout: TimeoutOption = 5.0,
     wait: WaitOption = 30.0,
 ) -> None:
-    """Play a plant against a controller process of one's own; say what is wrong first."""
+    """Test a controller program of your own against the wire protocol.
+
+    It plays a plant to the controller, and prints the first thing that is wrong.
+    """
     from hertzloop.processes.conformance import Broken, Checks, Meeting
 
     if law and expect:

@@ -1,40 +1,15 @@
-"""The command line. Exit codes: 0 done, 1 a run failed or recordings differ, 2 the user's
-mistake, 130 interrupted."""
+"""The command `run`."""
 
 import os
 import secrets
-import sys
-import threading
 import time
-from collections.abc import Callable
 from contextlib import ExitStack, nullcontext
-from functools import cache
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 
-from hertzloop.bus import LEAVING
-from hertzloop.cli import export as export_command
-from hertzloop.cli import export as export_plant_command
-from hertzloop.cli import latency as bench_command
-from hertzloop.cli import latency as validity_command
-from hertzloop.cli import laws as conformance_command
-from hertzloop.cli import laws as law_commands
-from hertzloop.cli import listen as listen_command
-from hertzloop.cli import listing as listing_commands
-from hertzloop.cli import listing as modes_command
-from hertzloop.cli import recordings as pictures_command
-from hertzloop.cli import recordings as recording_commands
-from hertzloop.cli import recordings as report_page
-from hertzloop.cli import roles as role_commands
-from hertzloop.cli import roles as watch_command
-from hertzloop.cli import studies as published_commands
-from hertzloop.cli import studies as study_commands
-from hertzloop.cli import sweeps as sweep_commands
-from hertzloop.cli import tune as tune_command
 from hertzloop.cli.options import (
-    Commands,
     FastLaneOption,
     HorizonOption,
     JsonOption,
@@ -50,33 +25,22 @@ from hertzloop.cli.options import (
     check_pace,
     check_recording,
     compile_first,
-    fail,
     files_of,
-    if_interrupted,
-    out,
-    progress,
     scene_from,
     write_json,
 )
 from hertzloop.cli.recordings import read_or_fail, repeat_or_fail, scene_to_run
+from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.processes.signals import raise_when_ended
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT
 
-app = typer.Typer(
-    cls=Commands,
-    help="Try an active force law against an impact at 1 MHz, over a real message bus.",
-    no_args_is_help=True,
-    context_settings={"help_option_names": ["-h", "--help"]},
-    pretty_exceptions_enable=False,
-    add_completion=False,
-)
 
-
-@app.command()
 def run(
     scene: SceneArgument = DEFAULT,
-    out_file: Annotated[Path | None, typer.Option("--out", help="Recording to write.")] = None,
+    out_file: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Recording to write.")
+    ] = None,
     transport: Annotated[TransportName, typer.Option(help="How the parts talk.")] = "zenoh",
     seed: SeedOption = None,
     settings: SetOption = None,
@@ -112,7 +76,7 @@ def run(
         bool, typer.Option("--live", help="Show it while it goes on, in a viewer beside it.")
     ] = False,
 ) -> None:
-    """Run a scene, record it, and print what happened with and without control."""
+    """Run and record a scene, and compare it with no control."""
     raise_when_ended()
     if repeat is not None and (scene != DEFAULT or settings or seed is not None):
         fail("--repeat takes scene and seed from the recording; leave out SCENE, --set, --seed", 2)
@@ -186,42 +150,3 @@ def run(
     write_json(json_file, data)
     if data.get("differs"):
         raise typer.Exit(1)
-
-
-listing_commands.register(app)
-role_commands.register(app)
-recording_commands.register(app)
-study_commands.register(app)
-app.command()(bench_command.bench)
-published_commands.register_published(app)
-sweep_commands.register(app)
-law_commands.register(app)
-modes_command.register_modes(app)
-validity_command.register(app)
-app.command()(export_command.export)
-app.command()(export_plant_command.export_plant)
-app.command()(pictures_command.pictures)
-app.command()(listen_command.listen)
-app.command()(report_page.report)
-app.command()(watch_command.watch)
-app.command()(tune_command.tune)
-app.command()(conformance_command.conformance)
-
-
-@cache
-def built() -> Callable[[], None]:
-    """The commands, made of their functions; this takes a while."""
-    return cast(Callable[[], None], typer.main.get_command(app))
-
-
-def main(commands: Callable[[], None]) -> None:
-    """Run what the command line asks for."""
-    try:
-        commands()
-    except SystemExit as end:
-        if any(thread.name == LEAVING for thread in threading.enumerate()):
-            # zenoh still calls Python from its threads, which aborts when Python ends in order.
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(end.code if isinstance(end.code, int) else 1)
-        raise

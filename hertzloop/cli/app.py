@@ -1,0 +1,333 @@
+"""The command line: the table of all commands, and how one of them is loaded.
+
+A command's module is imported when the command is called, so that `hertzloop --help` needs none of
+them. Exit codes: 0 done, 1 a run failed or recordings differ, 2 the user's mistake, 130
+interrupted.
+"""
+
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from typing import Annotated, Any, cast
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from hertzloop.bus import LEAVING
+from hertzloop.extras import sentence_on
+
+_QUIET = ("--quiet", "-q")
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A command: its words after `hertzloop`, "module:function" below hertzloop.cli, the first
+    sentence of its help, and an example of its use."""
+
+    words: str
+    function: str
+    summary: str
+    example: str
+
+
+MAIN = (
+    Leaf(
+        "run", "run:run", "Run and record a scene, and compare it with no control.",
+        "run aluminium-3mm --set controller.latency_us=5",
+    ),
+    Leaf(
+        "replay", "recordings:replay",
+        "Watch a recording in slow motion, beside one without control.",
+        "replay aluminium-20mm.mcap --save replay.rrd",
+    ),
+    Leaf(
+        "sweep", "sweeps:sweep", "Simulate a scene over ranges of its keys.",
+        "sweep aluminium-3mm --over controller.latency_us=0:20:1 --over sensors.bits=8,12,16",
+    ),
+    Leaf(
+        "tune", "tune:tune", "Find the law and parameters with the best figures in a scene.",
+        "tune aluminium-20mm --law slope_threshold --law shifted_threshold --out-dir tuned",
+    ),
+    Leaf(
+        "report", "recordings:report", "Write an HTML page on a recording, a sweep or a tuning.",
+        "report aluminium-20mm.mcap --out-dir pages",
+    ),
+)  # fmt: skip
+RECORDINGS = (
+    Leaf(
+        "inspect", "recordings:inspect", "Print streams, gaps, scene and figures of a recording.",
+        "inspect aluminium-20mm.mcap --json figures.json",
+    ),
+    Leaf(
+        "compare", "recordings:compare",
+        "Compare the bytes or the figures of two recordings.",
+        "compare a.mcap b.mcap --figures",
+    ),
+    Leaf(
+        "repair", "recordings:repair", "Make a whole file of a recording that was cut off.",
+        "repair broken.mcap --out whole.mcap",
+    ),
+    Leaf(
+        "export", "export:export",
+        "Write a recording's samples as CSV, Parquet, NPZ, HDF5 or MCAP.",
+        "export aluminium-20mm.mcap --out samples.csv --from 0 --to 5",
+    ),
+    Leaf(
+        "listen", "listen:listen", "Write the sound of a run, with and without control, as WAV.",
+        "listen aluminium-20mm.mcap --out-dir sounds --slow 10",
+    ),
+)  # fmt: skip
+SCENE = (
+    Leaf("scene list", "scene:list_scenes", "List the shipped scenes.", "scene list"),
+    Leaf("scene show", "scene:show", "Print a shipped scene as TOML.", "scene show aluminium-3mm"),
+    Leaf(
+        "scene new", "scene:new", "Write a commented scene that runs as it is.",
+        "scene new mine.toml",
+    ),
+    Leaf(
+        "scene keys", "scene:keys", "List the keys of a scene: values, unit, default, meaning.",
+        "scene keys latency",
+    ),
+    Leaf(
+        "scene check", "scene:check",
+        "List the physical effects that a scene neglects, and the size of each.",
+        "scene check aluminium-3mm",
+    ),
+    Leaf(
+        "scene modes", "scene:modes", "Write the plate's modes as a table that a scene can read.",
+        "scene modes aluminium-3mm --out modes.csv",
+    ),
+)  # fmt: skip
+LAW = (
+    Leaf("law list", "law:list_laws", "List the shipped laws and their keys.", "law list"),
+    Leaf(
+        "law new", "law:new", "Write a commented law, in Python or C, that runs as it is.",
+        "law new mine.py",
+    ),
+    Leaf(
+        "law replay", "law:replay",
+        "Feed a recording's samples to another law and show where the forces differ.",
+        "law replay aluminium-20mm.mcap --law shifted_threshold",
+    ),
+    Leaf(
+        "law test", "law:controller_test",
+        "Test a controller program of your own against the wire protocol.",
+        "law test --start 'python my_controller.py {name} {listen} {connect}'",
+    ),
+)  # fmt: skip
+NODE = (
+    Leaf(
+        "node plant", "node:plant", "Run the plant alone, for a controller elsewhere.",
+        "node plant aluminium-3mm --listen tcp/10.0.0.1:7450",
+    ),
+    Leaf(
+        "node controller", "node:controller", "Run the controller alone.",
+        "node controller --connect tcp/10.0.0.1:7450",
+    ),
+    Leaf(
+        "node recorder", "node:recorder", "Run the recorder alone.",
+        "node recorder --out run.mcap --connect tcp/10.0.0.1:7450",
+    ),
+    Leaf(
+        "node watch", "node:watch", "Show a run while it goes on, without slowing it.",
+        "node watch --save live.rrd",
+    ),
+    Leaf(
+        "node keys", "node:keys", "Write certificates for a run on several hosts.",
+        "node keys secrets --hosts plant=10.0.0.1,controller=10.0.0.2,recorder=10.0.0.3",
+    ),
+)  # fmt: skip
+STUDY = (
+    Leaf(
+        "study latency", "study:latency",
+        "Map every law's figures over latency, bits and sampling period.",
+        "study latency aluminium-3mm --quick --out-dir maps",
+    ),
+    Leaf(
+        "study real-plant", "study:real_plant",
+        "Compare every law in the ideal plant and in a real one.",
+        "study real-plant --quick --out-dir real",
+    ),
+)  # fmt: skip
+OTHER = (
+    Leaf(
+        "export-plant", "export:export_plant",
+        "Write the plant for other programs: an FMU or a C library.",
+        "export-plant aluminium-3mm --out plant.fmu",
+    ),
+    Leaf(
+        "bench", "bench:bench", "Measure how fast this computer runs a scene.",
+        "bench aluminium-3mm",
+    ),
+)  # fmt: skip
+GROUPS = {
+    "scene": ("Scenes: list, show, new, keys, check, modes.", SCENE),
+    "law": ("Laws: list, new, replay, test.", LAW),
+    "node": ("Run the parts in terminals or on hosts of their own.", NODE),
+    "study": ("Charts of all laws over latency, bits and plants.", STUDY),
+}
+PANELS: dict[str, tuple[Leaf, ...] | dict[str, tuple[str, tuple[Leaf, ...]]]] = {
+    "Main": MAIN,
+    "Recordings": RECORDINGS,
+    "Groups": GROUPS,
+    "Other": OTHER,
+}
+
+
+def leaves() -> list[Leaf]:
+    """Return all commands, in the order of the help."""
+    return [*MAIN, *RECORDINGS, *SCENE, *LAW, *NODE, *STUDY, *OTHER]
+
+
+@cache
+def loaded(leaf: Leaf) -> Any:
+    """Import a command's module and make its command."""
+    module, _, name = leaf.function.partition(":")
+    function = getattr(import_module(f"hertzloop.cli.{module}"), name)
+    one = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    one.command(leaf.words.split()[-1], epilog=f"Example: hertzloop {leaf.example}")(function)
+    return typer.main.get_command(one)
+
+
+class Commands(TyperGroup):
+    """A group whose commands are imported when they are called."""
+
+    children: dict[str, "Leaf | Commands"]
+    panels: dict[str, str]  # of the help, by command
+    _listing = False  # for a help page: no command needs to be imported
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names in the order of the help."""
+        return list(self.children)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command, imported unless only a help page lists it."""
+        child = self.children.get(cmd_name)
+        if isinstance(child, Leaf):
+            if not self._listing:
+                return loaded(child)
+            command: Any = TyperCommand(cmd_name, help=child.summary)
+        elif child is not None:
+            command = child
+        else:
+            return None
+        command.rich_help_panel = self.panels.get(cmd_name)
+        return command
+
+    def _listed(self, show: Callable[..., Any], *args: Any) -> Any:
+        self._listing = True
+        try:
+            return show(*args)
+        finally:
+            self._listing = False
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help page."""
+        self._listed(super().format_help, ctx, formatter)
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
+        """Return the completions of a word."""
+        return cast(list[Any], self._listed(super().shell_complete, ctx, incomplete))
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Take --quiet wherever it stands."""
+        words = args[: args.index("--")] if "--" in args else args
+        if any(word in _QUIET for word in words):
+            from hertzloop.cli.terminal import be_quiet
+
+            be_quiet()
+            args = [word for word in words if word not in _QUIET] + args[len(words) :]
+        return super().parse_args(ctx, args)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that was asked for. An interruption that the command does not explain,
+        and a missing package that an extra brings, end in one sentence."""
+        from hertzloop.cli.terminal import fail, if_interrupted, out
+
+        out.stderr = False  # --json - changes it
+        try:
+            with if_interrupted():
+                return super().invoke(ctx)
+        except ModuleNotFoundError as error:
+            sentence = sentence_on(error.name)
+            if sentence is None:
+                raise
+            fail(sentence, 2)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from hertzloop import __version__
+
+        print(f"hertzloop {__version__}")
+        raise typer.Exit()
+
+
+def _main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print errors only; works after a command too.")
+    ] = False,
+) -> None:
+    pass
+
+
+def _group(summary: str, callback: Callable[..., None] | None = None) -> Commands:
+    app = typer.Typer(
+        cls=Commands, help=summary, no_args_is_help=True, pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+        add_completion=callback is not None,
+    )  # fmt: skip
+    app.callback()(callback or (lambda: None))
+    return cast(Commands, typer.main.get_command(app))
+
+
+@cache
+def built() -> Commands:
+    """Return the root of all commands."""
+    root = _group("Test an active-control law against an impact at 1 MHz, on a real bus.", _main)
+    root.children, root.panels = {}, {}
+    for panel, members in PANELS.items():
+        if isinstance(members, dict):
+            for name, (summary, inner) in members.items():
+                group = _group(summary)
+                group.name, group.panels = name, {}
+                group.children = {leaf.words.split()[-1]: leaf for leaf in inner}
+                root.children[name], root.panels[name] = group, panel
+        else:
+            for leaf in members:
+                root.children[leaf.words], root.panels[leaf.words] = leaf, panel
+    return root
+
+
+def _asked(words: Sequence[str]) -> Iterator[Leaf]:
+    """The command that a command line calls, if it calls one."""
+    plain = [word for word in words if not word.startswith("-")][:2]
+    for leaf in leaves():
+        if plain[: len(leaf.words.split())] == leaf.words.split():
+            yield leaf
+
+
+def load(words: Sequence[str]) -> None:
+    """Import what the command of this command line needs."""
+    for leaf in _asked(words):
+        loaded(leaf)
+
+
+def main(commands: Callable[[], None]) -> None:
+    """Run what the command line asks for."""
+    try:
+        commands()
+    except SystemExit as end:
+        if any(thread.name == LEAVING for thread in threading.enumerate()):
+            # zenoh still calls Python from its threads, which aborts when Python ends in order.
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(end.code if isinstance(end.code, int) else 1)
+        raise

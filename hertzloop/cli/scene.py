@@ -1,0 +1,208 @@
+"""The commands `hertzloop scene ...`: list, show, new, keys, check, modes."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from hertzloop.cli.options import (
+    JsonOption,
+    OverwriteOption,
+    SceneArgument,
+    SeedOption,
+    SetOption,
+    check_json,
+    check_output,
+    compile_first,
+    files_of,
+    make_folder,
+    scene_from,
+    write_json,
+    write_new,
+)
+from hertzloop.cli.terminal import fail, out
+from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
+from hertzloop.scenes.errors import SceneError, shown
+from hertzloop.scenes.scene import DEFAULT, shipped, shipped_text
+from hertzloop.setup import Setup, load
+from hertzloop.views.format import Table, styled
+
+
+def list_scenes() -> None:
+    """List the shipped scenes.
+
+    Each comes with one sentence on what it shows.
+    """
+    for one in shipped():
+        note = " (default)" if one == DEFAULT else ""
+        out.print(styled((one, "bold"), f"{note}\n    {load(one).description}"), soft_wrap=True)
+
+
+def show(
+    name: Annotated[str, typer.Argument(help="Name of a shipped scene.", metavar="NAME")],
+) -> None:
+    """Print a shipped scene as TOML.
+
+    Redirect the output to a file to start a scene of your own from it.
+    """
+    if name not in shipped():
+        fail(f"there is no scene {shown(name)}; known are {', '.join(shipped())}", 2)
+    print(shipped_text(name), end="")
+
+
+def new(
+    file: Annotated[Path, typer.Argument(help="File to write.", metavar="F.toml")],
+) -> None:
+    """Write a commented scene that runs as it is."""
+    write_new(file, (".toml",), "scene", lambda: {file: _start_of(file)}, f"hertzloop run {file}")
+
+
+_HEAD = """# A scene for hertzloop: run it with   hertzloop run {name}
+#
+# Every key is in its table; a wrong one is refused with a sentence. What is left out has its
+# default. `hertzloop run {name} --set sensors.bits=12` changes a key for one run.
+
+"""
+
+
+def _start_of(file: Path) -> str:
+    text = shipped_text(DEFAULT).replace(f'name = "{DEFAULT}"', f'name = "{_scene_name(file)}"')
+    return _HEAD.format(name=file.name) + text
+
+
+def _scene_name(file: Path) -> str:
+    """Return a name that a scene may have."""
+    kept = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in file.stem)
+    return kept.lstrip("._-")[:80] or "mine"
+
+
+def keys(
+    part: Annotated[str, typer.Argument(help="List only keys that contain this text.")] = "",
+    law: Annotated[str | None, typer.Option(help="List the keys of this law only.")] = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print a Markdown page.")] = False,
+) -> None:
+    """List the keys of a scene: values, unit, default, meaning."""
+    from hertzloop.controller.loading.law import LawError
+    from hertzloop.scenes import keys as all_keys
+
+    if markdown:
+        print(all_keys.page(), end="")
+        return
+    try:
+        found = all_keys.keys() if law is None else all_keys.keys_of(law)
+    except LawError as error:
+        fail(str(error), 2)
+    chosen = [key for key in found if part in key.name]
+    if part and not chosen:
+        fail(f"no key contains '{part}'; `hertzloop scene keys` lists all", 2)
+    table = Table("key", "takes", "means")
+    for key in chosen:
+        unit = f" ({key.unit})" if key.unit else ""
+        default = key.default if key.default in ("", "needed") else f"default {key.default}"
+        takes = all_keys.value_of(key) + unit + (default and f"; {default}")
+        table.add_row(key.name, takes, key.meaning)
+    out.print(table)
+
+
+def check(
+    scene: SceneArgument = DEFAULT,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    map_folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--map",
+            help="Also map the effects over radius and thickness, into this folder.",
+            metavar="DIR",
+        ),
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """List the physical effects that a scene neglects, and the size of each.
+
+    Every indicator comes with its threshold and formula.
+    """
+    resolved = scene_from(scene, settings, seed)
+    check_json(json_file)
+    compile_first(resolved)
+
+    from hertzloop.analysis.validity import State, neglected_of_scene
+    from hertzloop.views.effects import effects_as_json, show_left_out, table_of
+
+    try:
+        neglected = neglected_of_scene(resolved)
+    except SceneError as error:
+        fail(str(error), 2)
+    found = {"stable": neglected.stable, **effects_as_json(neglected)}
+    if not neglected.stable:
+        out.print("The closed loop is unstable: what else it leaves out would say nothing.")
+    elif not found["validity"]:
+        out.print("No contact within the run, so nothing is left out of one.")
+    else:
+        out.print(table_of(found["validity"]))
+        show_left_out(out, found["validity"])
+        for finding in found["validity"]:
+            if finding["state"] == State.NOT_KNOWN:
+                out.print(f"Not known: {finding['sentence']}.", soft_wrap=True)
+    if map_folder is not None:
+        _draw_map(resolved, map_folder)
+    write_json(json_file, {"scene": resolved.name, **found})
+
+
+def _draw_map(resolved: Setup, folder: Path) -> None:
+    """Draw which theory and effects matter, over radius and thickness, for a scene's materials."""
+    from hertzloop.studies import validity as study
+
+    make_folder(folder)
+    try:
+        sizes = study.run(resolved, folder)
+    except SceneError as error:
+        fail(str(error), 2)
+    except OSError as error:
+        fail(f"cannot write into {folder}: {error.strerror}", 1)
+    for name, size in sizes.items():
+        shares = (f"{100.0 * (size > level).mean():.0f} %" for level in (1e-3, 1e-1))
+        out.print("{}: above 0.1 % in {} of the map, above 10 % in {}".format(name, *shares))
+    out.print(f"written: {folder}/validity.png and .csv", soft_wrap=True)
+
+
+def modes(
+    scene: SceneArgument = DEFAULT,
+    out_file: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="File to write, .csv, .parquet or .npz."),
+    ] = None,
+    settings: SetOption = None,
+    grid: Annotated[
+        bool, typer.Option("--grid", help="With shapes on a grid, for the replay; .npz only.")
+    ] = False,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write the plate's modes as a table that a scene can read.
+
+    The key plate.modes of a scene takes this file.
+    """
+    resolved = scene_from(scene, settings, None)
+    target = out_file or Path(f"{resolved.name}-modes.csv")
+    if target.suffix not in SUFFIXES:
+        fail(f"{target} is none of {', '.join(SUFFIXES)}, which say how to write the modes", 2)
+    if grid and target.suffix != ".npz":
+        fail(f"{target} cannot hold shapes on a grid; take an .npz for --grid", 2)
+    check_output(target, overwrite, read=files_of(resolved, scene, *(settings or [])))
+    from hertzloop.analysis.deflection import modes_of_scene
+
+    try:
+        table = modes_of_scene(resolved, grid)
+    except SceneError as error:
+        fail(str(error), 2)
+    try:
+        target.write_bytes(write_modes(target.suffix, table))
+    except OSError as error:
+        fail(f"cannot write {target}: {error.strerror}", 1)
+    out.print(
+        f"{len(table.omega_rad_s)} modes up to {table.omega_rad_s[-1] / (2 * np.pi):.4g} Hz (modes "
+        "of equal frequency merged, modes that no force moves left out), and a residual "
+        f"flexibility of {table.residual_flexibility_m_n:.4g} m/N; written: {target}",
+        soft_wrap=True,
+    )

@@ -1,0 +1,114 @@
+"""The tree of commands: every leaf has help and an example, and the start imports little."""
+
+import os
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from hertzloop.cli import app
+
+HEAVY = {"numpy", "numba", "scipy", "zenoh", "hertzloop.setup"}
+
+
+def called(words: list[str]) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "hertzloop", *words], capture_output=True, text=True, check=False
+    )
+
+
+def here(words: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    """Exit code and output of a command line in this process."""
+    with pytest.raises(SystemExit) as end:
+        app.built().main(words, prog_name="hertzloop")
+    said = capsys.readouterr()
+    return int(str(end.value.code or 0)), said.out + said.err
+
+
+def commands() -> Iterator[tuple[app.Leaf, Any]]:
+    for leaf in app.leaves():
+        yield leaf, app.loaded(leaf)
+
+
+def test_there_are_at_most_thirty_leaves_each_once() -> None:
+    words = [leaf.words for leaf in app.leaves()]
+    assert len(words) == len(set(words)) <= 30
+
+
+def test_the_help_fits_on_one_screen() -> None:
+    done = called(["--help"])
+    assert done.returncode == 0
+    assert len(done.stdout.splitlines()) <= 50
+    for leaf in app.leaves():
+        assert leaf.words.split()[0] in done.stdout
+
+
+@pytest.mark.parametrize("leaf", app.leaves(), ids=lambda leaf: leaf.words)
+def test_each_help_starts_with_its_purpose_and_ends_with_an_example(
+    leaf: app.Leaf, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = app.loaded(leaf)
+    first = command.help.split("\n\n")[0].replace("\n", " ").strip()
+    assert first == leaf.summary
+    assert command.epilog == f"Example: hertzloop {leaf.example}"
+    assert leaf.example.startswith(leaf.words)
+    code, text = here([*leaf.words.split(), "--help"], capsys)
+    assert code == 0
+    assert "Example: hertzloop" in text
+
+
+@pytest.mark.parametrize("leaf", app.leaves(), ids=lambda leaf: leaf.words)
+def test_each_example_is_a_command_line_that_the_command_accepts(leaf: app.Leaf) -> None:
+    command = app.loaded(leaf)
+    words = shlex.split(leaf.example)[len(leaf.words.split()) :]
+    context = command.make_context(leaf.words, words, resilient_parsing=False)
+    assert context is not None
+
+
+@pytest.mark.parametrize("leaf", app.leaves(), ids=lambda leaf: leaf.words)
+def test_each_refuses_an_unknown_option(leaf: app.Leaf, capsys: pytest.CaptureFixture[str]) -> None:
+    code, text = here([*leaf.words.split(), "--nonsense"], capsys)
+    assert code == 2
+    assert "--nonsense" in text
+
+
+def test_out_is_a_file_and_out_dir_a_folder() -> None:
+    for leaf, command in commands():
+        for parameter in command.params:
+            options = [o for o in parameter.opts if o in ("--out", "--out-dir")]
+            for option in options:
+                assert "-o" in parameter.opts or leaf.words == "export-plant"
+                words = (parameter.help or "").lower()
+                assert ("folder" in words) is (option == "--out-dir"), f"{leaf.words} {option}"
+
+
+def test_quiet_prints_nothing_and_json_goes_to_standard_output() -> None:
+    short = ["--set", "run.duration_s=0.001", "--set", "run.accuracy=0.1"]
+    sweep = ["sweep", "aluminium-3mm", "--over", "controller.latency_us=0,1", *short]
+    assert called(["scene", "list", "--quiet"]).stdout == ""
+    assert called(["-q", "scene", "list"]).stdout == ""
+    assert called([*sweep, "--json", "-"]).returncode in (0, 1, 2)
+
+
+def test_help_and_version_import_no_numerics() -> None:
+    for words in (["--version"], ["--help"], ["scene", "--help"]):
+        script = (
+            f"import sys; sys.argv[1:] = {words!r}\nfrom hertzloop.__main__ import main\n"
+            "try: main()\nexcept SystemExit: pass\n"
+            f"print(sorted({HEAVY!r} & set(sys.modules)))"
+        )
+        done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+        assert done.stdout.splitlines()[-1] == "[]", done.stdout[-300:] + done.stderr
+
+
+def test_completion_knows_the_commands() -> None:
+    environment = {"_HERTZLOOP_COMPLETE": "complete_bash", "COMP_WORDS": "hertzloop sce"}
+    script = "from hertzloop.cli import app; app.built()(prog_name='hertzloop')"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False,
+        env={**os.environ, **environment, "COMP_CWORD": "1"},
+    )  # fmt: skip
+    assert done.stdout.split() == ["scene"], done.stdout + done.stderr
