@@ -15,21 +15,19 @@ from typing import Annotated, cast
 import typer
 
 from hertzloop.bus import LEAVING
+from hertzloop.cli import bench as bench_command
 from hertzloop.cli import export as export_command
 from hertzloop.cli import export as export_plant_command
-from hertzloop.cli import latency as bench_command
 from hertzloop.cli import latency as validity_command
 from hertzloop.cli import laws as conformance_command
 from hertzloop.cli import laws as law_commands
 from hertzloop.cli import listen as listen_command
 from hertzloop.cli import listing as listing_commands
 from hertzloop.cli import listing as modes_command
-from hertzloop.cli import recordings as pictures_command
 from hertzloop.cli import recordings as recording_commands
 from hertzloop.cli import recordings as report_page
 from hertzloop.cli import roles as role_commands
 from hertzloop.cli import roles as watch_command
-from hertzloop.cli import studies as published_commands
 from hertzloop.cli import studies as study_commands
 from hertzloop.cli import sweeps as sweep_commands
 from hertzloop.cli import tune as tune_command
@@ -192,15 +190,13 @@ listing_commands.register(app)
 role_commands.register(app)
 recording_commands.register(app)
 study_commands.register(app)
-app.command()(bench_command.bench)
-published_commands.register_published(app)
 sweep_commands.register(app)
 law_commands.register(app)
 modes_command.register_modes(app)
 validity_command.register(app)
+app.command()(bench_command.bench)
 app.command()(export_command.export)
 app.command()(export_plant_command.export_plant)
-app.command()(pictures_command.pictures)
 app.command()(listen_command.listen)
 app.command()(report_page.report)
 app.command()(watch_command.watch)

@@ -26,8 +26,7 @@ def without(packages: str, *words: str, cwd: Path) -> subprocess.CompletedProces
     ("package", "extra", "words"),
     [
         ("pymoo", "tune", ("tune", "aluminium-3mm")),
-        ("matplotlib", "charts", ("chart", "stability", "-o", "charts")),
-        ("matplotlib", "charts", ("bench", "exchange", "-o", "exchange.png")),
+        ("matplotlib", "charts", ("chart", "latency", "-o", "charts")),
         ("matplotlib", "charts", ("law-on", "none.mcap", "--law", "off")),
         ("h5py", "h5", ("export", "none.mcap", "-o", "a.h5")),
         ("cryptography", "hosts", ("keys", "d", "--hosts", "plant=a,controller=b,recorder=c")),
