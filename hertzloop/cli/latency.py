@@ -1,4 +1,4 @@
-"""Commands that measure: latency map, real plant, validity map, benchmarks."""
+"""Commands that measure: latency map, real plant, validity map."""
 
 import math
 from collections.abc import Iterable, Sequence

@@ -1,4 +1,4 @@
-"""Commands that show recordings: inspect, compare, replay, recover, report, pictures."""
+"""Commands that show recordings: inspect, compare, replay, recover, report."""
 
 import os
 from pathlib import Path
