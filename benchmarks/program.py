@@ -110,9 +110,11 @@ def start(module: str) -> None:
     Args:
         module: full name of the module, such as "benchmarks.cases".
     """
+    from hertzloop.__main__ import collect_rarely
     from hertzloop.cli import cli
     from hertzloop.processes.signals import command_line
 
+    collect_rarely()  # as `hertzloop` does, whose speed is measured
     with command_line() as imported:
         app = app_of(importlib.import_module(module).main)
         command = typer.main.get_command(app)

@@ -366,6 +366,9 @@ def main(
     """
     check_json(json_file)
     files = rows_files or list(SHIPPED)
+    stems = [path.stem for path in files]
+    if twice := [stem for stem in stems if stems.count(stem) > 1]:
+        fail(f"ROWS.csv = {twice[0]}.csv: named twice. Give files of different names", 2)
     read = {}
     for path in files:
         try:

@@ -67,6 +67,10 @@ def bench(
             f"{loop.times_real_time:.3g}",
         )  # fmt: skip
     out.print(table)
+    out.print(
+        f"sweep over {found.sweep.cases} latencies on one core: {found.sweep.per_s:.0f} cases a "
+        f"second (median), {found.sweep.most_per_s:.0f} in the fastest round"
+    )
     by = {loop.transport.value: loop for loop in found.loops}
     out.print(
         f"Over zenoh the loop takes {by['zenoh'].median_us:.3g} us a step, "

@@ -38,7 +38,7 @@ CONCLUSIONS = {
     "paper.weaknesses": r"The contact impulse of the published scheme is at most [\d.]+ %",
 }
 # Programs of the default tier.
-QUICK = ("benchmarks.cases", "benchmarks.infinite_plate", "benchmarks.model_order")
+QUICK = ("benchmarks.cases", "benchmarks.infinite_plate")
 
 
 def test_every_program_is_listed() -> None:

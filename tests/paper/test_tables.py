@@ -122,3 +122,7 @@ def test_bad_rows_are_the_users_mistake(tmp_path: Path, text: str, words: str) -
     assert words in result.output
     missing = called(tables.main, str(tmp_path / "none.csv"), "-o", str(tmp_path / "o"))
     assert missing.exit_code == 2
+    # Their results would go into one file.
+    again = called(tables.main, "a/rows.csv", "b/rows.csv", "-o", str(tmp_path / "o"))
+    assert again.exit_code == 2
+    assert "rows.csv: named twice" in again.output
