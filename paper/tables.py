@@ -345,7 +345,7 @@ def main(
     rows_files: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[ROWS.csv ...]",
+            metavar="ROWS.csv",
             help="Rows to compute; the shipped parameter study and slope threshold by default.",
             show_default=False,
         ),
