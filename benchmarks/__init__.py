@@ -1,1 +1,1 @@
-"""What a step, an exchange and the loop cost, and could cost."""
+"""Measurements of the tool, as programs that run from a clone: python -m benchmarks.NAME."""

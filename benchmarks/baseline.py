@@ -22,6 +22,7 @@ import numpy as np
 import zenoh
 
 from benchmarks import integrator_kernels as ik
+from benchmarks.program import tracked
 from hertzloop.bus.port import BusError, PeerLost
 from hertzloop.bus.sockets import mesh_endpoints, on_loopback
 from hertzloop.bus.streams import CONTROLLER, PLANT, ROLES, Envelope
@@ -127,7 +128,7 @@ def in_turn(cases: dict[str, Callable[[], float]], rounds: int) -> list[Cost]:
     for measure in cases.values():
         measure()  # warm
     found = {name: [measure()] for name, measure in cases.items()}
-    for _ in range(rounds - 1):
+    for _ in tracked("rounds", range(rounds - 1)):
         for name, measure in cases.items():
             found[name].append(measure())
     medians = {name: float(np.median(values)) for name, values in found.items()}

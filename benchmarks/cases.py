@@ -4,11 +4,28 @@ import random
 import statistics
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmarks.baseline import ROUNDS, Cost, in_turn, plant_case, two_pass_case
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    RoundsOption,
+    bars,
+    check_json,
+    compile_first,
+    conclude,
+    number_table,
+    out,
+    results_in,
+    start,
+    tracked,
+    write_json,
+    written,
+)
 from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.loop.compiled import IN_LOOP
 from hertzloop.plant.schemes.collocation import CollocationPlant
@@ -16,6 +33,7 @@ from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.setup import load
 from hertzloop.studies.sweeps.design import Kind, make_design
 from hertzloop.studies.sweeps.evaluate import run_cases
+from hertzloop.studies.words import write_records
 
 _SWEEPS: dict[str, tuple[Kind, list[str]]] = {
     "latency map": ("grid", ["controller.latency_us=0:99:1", "sensors.bits=8:23:1"]),
@@ -44,7 +62,7 @@ def measure(rounds: int) -> list[CaseCost]:
         count, whole, loop = _CASES[kind], [], []
         cases = make_design(scene, over, kind, (rounds + 1) * count, seed=1).cases()
         random.Random(1).shuffle(cases)
-        for turn in range(rounds + 1):
+        for turn in tracked(sweep, range(rounds + 1)):
             some = cases[turn * count % len(cases) :][:count]
             numbered = list(enumerate(some))
             started = time.thread_time()
@@ -90,3 +108,41 @@ def mode_file_costs(rounds: int = ROUNDS) -> list[Cost]:
                 case = f"{words}, {name}, {len(plant.modes.omega)} frequencies"
                 cases[case] = plant_case(plant, contact=contact)
         return in_turn(cases, rounds)
+
+
+def main(
+    folder: OutDirOption = None,
+    rounds: RoundsOption = 7,
+    quick: QuickOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Measure how many cases of a sweep one core runs in a second.
+
+    Also measures which part of that time is the compiled loop.
+
+    Example: python -m benchmarks.cases --quick
+    """
+    check_json(json_file)
+    with results_in(folder, "cases") as made:
+        compile_first()
+        found = measure(1 if quick else rounds)
+        write_records(made / "cases.csv", found)
+        sizes = [(c.sweep, 1e3 / c.case_ms) for c in found]
+        bars(made / "cases.png", "Cases of a sweep on one core", "cases per second", sizes)
+    headings = ("sweep", "cases/s", "ms a case", "in the loop, ms", "share")
+    rows = [
+        (c.sweep, f"{1e3 / c.case_ms:.0f}", f"{c.case_ms:.3f}", f"{c.loop_ms:.3f}",
+         f"{c.loop_ms / c.case_ms:.0%}") for c in found
+    ]  # fmt: skip
+    out.print(number_table("cases of a sweep, of one core", headings, rows, text=1))
+    written(made, "cases.csv", "cases.png")
+    first = found[0]
+    conclude(
+        f"One core runs {1e3 / first.case_ms:.0f} cases of the {first.sweep} in a second, and "
+        f"{first.loop_ms / first.case_ms:.0%} of that time is the compiled loop."
+    )
+    write_json(json_file, {"cases": [asdict(row) for row in found]})
+
+
+if __name__ == "__main__":
+    start("benchmarks.cases")

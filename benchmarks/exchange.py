@@ -10,7 +10,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -18,9 +18,24 @@ from typing import Any
 
 from benchmarks.baseline import child, in_turn, over_zenoh, timed
 from benchmarks.exchange_kernels import ask, echo
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    RoundsOption,
+    check_json,
+    conclude,
+    number_table,
+    out,
+    results_in,
+    start,
+    write_json,
+    written,
+)
 from hertzloop.bus import lane
 from hertzloop.bus.messages_pb2 import Hello, LaneOffer
 from hertzloop.bus.wire import reserved_ports
+from hertzloop.studies.words import write_records
 
 META = {
     "api_version": "3.0",
@@ -34,6 +49,7 @@ _RUN = 1
 _PATIENCE = 3000  # waits of 20 ms for the other end of the lane, which may compile first
 _SAMPLE = bytes(8)
 HELICS = "HELICS, two federates, ZMQ core"
+_OURS = ("hertzloop, fast lane", "hertzloop, zenoh port")
 
 
 @dataclass(frozen=True)
@@ -214,8 +230,8 @@ def _mosaik() -> Iterator[Callable[[], float]]:
 
 
 _WAYS: dict[str, tuple[str, Callable[[], Any]]] = {
-    "hertzloop, fast lane": ("", _lane),
-    "hertzloop, zenoh port": ("", over_zenoh),
+    _OURS[0]: ("", _lane),
+    _OURS[1]: ("", over_zenoh),
     "multiprocessing Pipe": ("", _pipe),
     "pyzmq REQ/REP over ipc": ("zmq", _zmq),
     HELICS: ("helics", _helics),
@@ -275,3 +291,45 @@ def draw(found: Found, picture: Path) -> None:
     axes.set_xlabel("exchanges per second (one sample out, one force back)")
     axes.set_title(found.conditions, fontsize=6)
     figure.savefig(picture, dpi=130)
+
+
+def main(
+    folder: OutDirOption = None,
+    rounds: RoundsOption = _ROUNDS,
+    quick: QuickOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Measure one sample out and one force back: by hertzloop's ways and by other tools.
+
+    Other tools are measured where they are installed: pip install -e '.[others]'.
+
+    Example: python -m benchmarks.exchange --quick
+    """
+    check_json(json_file)
+    with results_in(folder, "exchange") as made:
+        found = measure(1 if quick else rounds)
+        write_records(made / "exchange.csv", found.rows)
+        draw(found, made / "exchange.png")
+    rows = []
+    for row in found.rows:
+        ratio = "" if row.times_helics is None else f"{row.times_helics:.2g}"
+        us = f"{row.median_us:.3g}", f"{row.least_us:.3g}"
+        rows.append((row.way, *us, f"{1e6 / row.median_us:,.0f}", ratio))
+    headings = ("way", "us, median", "us, least", "exchanges/s", "times HELICS")
+    out.print(number_table("One sample out, one force back", headings, rows, text=1))
+    for way, why in found.left_out.items():
+        out.print(f"not measured: {way}: {why}", soft_wrap=True)
+    out.print(found.conditions, soft_wrap=True)
+    written(made, "exchange.csv", "exchange.png")
+    us_of = {row.way: row.median_us for row in found.rows}
+    lane_us, others = us_of.pop(_OURS[0]), {w: us for w, us in us_of.items() if w not in _OURS}
+    fastest = min(others, key=others.__getitem__)
+    conclude(
+        f"An exchange in the fast lane takes {lane_us:.2g} us, {others[fastest] / lane_us:,.0f} "
+        f"times as fast as the fastest other tool that was measured ({fastest})."
+    )
+    write_json(json_file, asdict(found))
+
+
+if __name__ == "__main__":
+    start("benchmarks.exchange")

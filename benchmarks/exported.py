@@ -5,25 +5,38 @@ besides. Both in turns, by the processor's time, so that whatever else the machi
 alike.
 """
 
-import statistics
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Literal
 
 import numpy as np
 
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    RoundsOption,
+    bars,
+    check_json,
+    compile_first,
+    conclude,
+    fail,
+    number_table,
+    out,
+    results_in,
+    start,
+    tracked,
+    write_json,
+    written,
+)
 from hertzloop.analysis.impacts import F_C
-from hertzloop.interop.fmu import Driven, build, drive, write_folder
+from hertzloop.interop.fmu import Driven, NoCompiler, build, drive, write_folder
 from hertzloop.interop.image import image
-from hertzloop.loop.compiled import Simulated, record_in_process, simulate
-from hertzloop.recordings.reader import read
-from hertzloop.recordings.replay import as_rerun
-from hertzloop.recordings.replay.viewer import ViewerError, frame_times_ms
+from hertzloop.interop.objects import CompileFault
+from hertzloop.loop.compiled import Simulated, simulate
 from hertzloop.setup import load
-from hertzloop.views import replaying
+from hertzloop.studies.words import write_records
 
 
 @dataclass(frozen=True)
@@ -54,7 +67,7 @@ def measure(cpus: tuple[str, ...], rounds: int) -> list[Exported]:
             write_folder(made, cpu, folder)
             program = build(folder)
             there_s, here_s = [], []
-            for _ in range(rounds):
+            for _ in tracked(cpu, range(rounds)):
                 started = time.thread_time()
                 simulate(setup)
                 here_s.append(time.thread_time() - started)
@@ -90,58 +103,52 @@ def _differences(loop: Simulated, driven: Driven) -> tuple[float, float]:
     return float(np.max(apart[:end])), float(np.max(apart))
 
 
-_FRAMES = 40
-_STATES: tuple[Literal["paused", "playing"], ...] = ("paused", "playing")
+_CPUS = ("host", "x86-64-v3", "x86-64")
 
 
-@dataclass(frozen=True)
-class Measured:
-    """Median and least of what was measured several times."""
+def main(
+    folder: OutDirOption = None,
+    rounds: RoundsOption = 7,
+    quick: QuickOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Measure a step of the exported plant in a C program against the compiled loop.
 
-    case: str
-    median: float
-    least: float
+    Also compares its bytes, and states its size. Needs a C compiler.
 
-
-@dataclass(frozen=True)
-class ReplayCost:
-    """`cases`: from a recording of so many steps, the run without control simulated beside it, to
-    an .rrd file of so many MB, without the start of Python; a frame of the whole dashboard. Why
-    frames are not known, if they are not."""
-
-    steps: int
-    cases: list[Measured]
-    megabytes: float
-    no_frames: str = ""
-
-
-def measure_replay(rounds: int, duration_s: float = 0.6) -> ReplayCost:
-    """Costs of the scene `aluminium-3mm` of this length."""
-    setup = load("aluminium-3mm", [f"run.duration_s={duration_s}"])
-    with TemporaryDirectory(prefix="hertzloop-") as folder:
-        file, rrd = Path(folder) / "run.mcap", Path(folder) / "run.rrd"
-        record_in_process(setup, file, compiled=True)
-        found: dict[str, list[float]] = {"to an .rrd file, s": [], "... of processor time, s": []}
-        cursor_ns = _convert(file, rrd, ([], []))  # loads what is compiled
-        for _ in range(rounds):
-            _convert(file, rrd, tuple(found.values()))
-        why = ""
+    Example: python -m benchmarks.exported --quick
+    """
+    check_json(json_file)
+    with results_in(folder, "exported") as made:
+        compile_first()
         try:
-            for state in _STATES:
-                case = f"a frame of the viewer, {state}, ms"
-                found[case] = frame_times_ms(rrd, cursor_ns, _FRAMES, state)
-        except ViewerError as error:
-            why = str(error)
-        megabytes = 1e-6 * rrd.stat().st_size
-    cases = [Measured(c, statistics.median(times), min(times)) for c, times in found.items()]
-    return ReplayCost(setup.steps, cases, megabytes, why)
+            found = measure(_CPUS[:1] if quick else _CPUS, 1 if quick else rounds)
+        except NoCompiler as error:
+            fail(str(error), 2)
+        except CompileFault as error:
+            fail(str(error), 1)
+        write_records(made / "exported.csv", found)
+        sizes = [("compiled loop", found[0].loop_us_a_step)]
+        sizes += [(f"C program, {row.cpu}", row.us_a_step) for row in found]
+        bars(made / "exported.png", "The plant of aluminium-3mm", "us a step", sizes)
+    headings = ("for", "us/step", "of the loop's speed", "same bytes", "first impact",
+                "whole run", "code, kB", "arrays, kB")  # fmt: skip
+    rows = [
+        (row.cpu, f"{row.us_a_step:.2f}", f"{row.share:.2f}", "yes" if row.same else "no",
+         f"{row.first:.0e}", f"{row.whole:.0e}", f"{row.code_kb:.0f}", f"{row.arrays_kb:.0f}")
+        for row in found
+    ]  # fmt: skip
+    out.print(number_table("the plant of aluminium-3mm in a C program", headings, rows, text=1))
+    out.print("first impact, whole run: largest difference of the contact force, of its largest")
+    written(made, "exported.csv", "exported.png")
+    first = found[0]
+    conclude(
+        f"For this processor the exported plant takes {first.us_a_step:.2f} us a step, "
+        f"{first.share:.2f} times the speed of the compiled loop, and its bytes are "
+        f"{'equal' if first.same else 'not equal'}."
+    )
+    write_json(json_file, {"exported": [asdict(row) for row in found]})
 
 
-def _convert(file: Path, rrd: Path, times: tuple[list[float], ...]) -> int:
-    """Appends seconds on the wall and of processor time; the time of a still picture, ns."""
-    wall, spent = time.perf_counter(), time.process_time()
-    shown = replaying.prepare(read(file, keep=True))
-    as_rerun.save(shown, rrd)
-    times[0].append(time.perf_counter() - wall)
-    times[1].append(time.process_time() - spent)
-    return shown.when.still_ns
+if __name__ == "__main__":
+    start("benchmarks.exported")

@@ -14,6 +14,20 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.program import (
+    OutDirOption,
+    QuickOption,
+    ScenesOption,
+    SeedOption,
+    bars,
+    conclude,
+    number_table,
+    out,
+    progress,
+    results_in,
+    start,
+    written,
+)
 from hertzloop.analysis.impacts import F_A, XI, XI_P, consistent_impacts
 from hertzloop.controller.loading.registry import find
 from hertzloop.loop.compiled import simulate
@@ -133,12 +147,14 @@ def run(folder: Path, scenes: int, seed: int) -> list[Outcome]:
     random = np.random.default_rng(seed)
     found: list[Outcome] = []
     number = 0
-    while number < scenes:
-        setup = random_scene(random)
-        if setup.plant.plate.modes_below(1.0 / setup.step_s) > _MOST_MODES:
-            continue
-        found += [outcome(number, setup, request) for request in REQUESTS]
-        number += 1
+    with progress("random scenes", scenes) as advance:
+        while number < scenes:
+            setup = random_scene(random)
+            if setup.plant.plate.modes_below(1.0 / setup.step_s) > _MOST_MODES:
+                continue
+            found += [outcome(number, setup, request) for request in REQUESTS]
+            number += 1
+            advance(number)
     write_records(folder / "infinite_plate.csv", found)
     return found
 
@@ -168,3 +184,48 @@ def summary(found: list[Outcome]) -> list[tuple[str, ...]]:
             )
         )
     return rows
+
+
+def worst_ratios(found: list[Outcome]) -> list[tuple[str, float]]:
+    """Largest error over requested accuracy, by request and figure; NaN where none is known."""
+    figures = {"gap": "gap_error", "rebound": "rebound_error", "energy": "energy_error"}
+    rows = []
+    for request in REQUESTS:
+        for name, field in figures.items():
+            values = [getattr(o, field) for o in found if o.request == request and o.lasts_us]
+            known = [value for value in values if not math.isnan(value)]
+            rows.append((f"{name}, asked {request:g}", max(known, default=math.nan) / request))
+    return rows
+
+
+def main(
+    folder: OutDirOption = None,
+    scenes: ScenesOption = 80,
+    seed: SeedOption = 1,
+    quick: QuickOption = False,
+) -> None:
+    """Check on random scenes whether an infinite plate meets its accuracy while it is offered.
+
+    Example: python -m benchmarks.infinite_plate --quick
+    """
+    with results_in(folder, "infinite_plate", "modal") as made:
+        found = run(made, 4 if quick else scenes, seed)
+        ratios = worst_ratios(found)
+        title = "Infinite plate: largest error over what was asked"
+        bars(made / "infinite_plate.png", title, "error over requested accuracy", ratios)
+    headings = ("asked", "scenes", "offered", "gap", "rebound", "energy", "energy, no control")
+    table_title = "Infinite plate, errors over what was asked"
+    out.print(number_table(table_title, headings, summary(found)))
+    written(made, "infinite_plate.csv", "infinite_plate.png")
+    offered = sum(o.lasts_us > 0.0 for o in found)
+    worst = max((value for _, value in ratios if not math.isnan(value)), default=math.nan)
+    conclude(
+        f"The infinite plate is offered in {offered} of {len(found)} requests, and its largest "
+        f"error is {worst:.2f} times the requested accuracy."
+        if offered
+        else f"The infinite plate is offered in none of {len(found)} requests."
+    )
+
+
+if __name__ == "__main__":
+    start("benchmarks.infinite_plate")

@@ -16,6 +16,23 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    RoundsOption,
+    bars,
+    check_json,
+    compile_first,
+    conclude,
+    number_table,
+    out,
+    results_in,
+    start,
+    tracked,
+    write_json,
+    written,
+)
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.controller.loading.registry import SHIPPED
 from hertzloop.setup import Setup, load
@@ -23,6 +40,7 @@ from hertzloop.studies.sweeps.design import Axis
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.tuning import tune
+from hertzloop.studies.words import write_rows
 
 LAW = "slope_threshold"
 # A law in C does not say how far its force reaches, so the plate has its modes for all of them.
@@ -99,7 +117,7 @@ def rates(laws: dict[str, str], rounds: int) -> list[dict[str, Any]]:
     with local_pool(1) as pool:
         for task, run in tasks.items():
             taken: dict[str, list[float]] = {name: [] for name in laws}
-            for turn in range(rounds + 1):
+            for turn in tracked(task, range(rounds + 1)):
                 for name, law in laws.items():
                     started = time.process_time()
                     cases = run(pool, law)
@@ -128,7 +146,7 @@ def starts(rounds: int) -> dict[str, float]:
     as sweeps and controllers on the bus need them; medians of `rounds` in turns."""
     shipped, more, whole = [], [], []
     with tempfile.TemporaryDirectory(prefix="hertzloop-") as folder:
-        for turn in range(rounds + 1):
+        for turn in tracked("starts", range(rounds + 1)):
             new = [str(_copied(Path(folder) / f"new{turn}{i}.py", f"\n# {time.time_ns()}\n"))
                    for i in range(2)]  # fmt: skip
             known = _to_first_step_s(LAW)
@@ -141,3 +159,53 @@ def starts(rounds: int) -> dict[str, float]:
         "shipped_s": statistics.median(shipped), "new_law_more_s": statistics.median(more),
         "new_law_whole_more_s": statistics.median(whole),
     }  # fmt: skip
+
+
+def main(
+    folder: OutDirOption = None,
+    rounds: RoundsOption = 7,
+    quick: QuickOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Measure what a law of your own costs, in Python and in C, against the same law as shipped.
+
+    Example: python -m benchmarks.laws --quick
+    """
+    check_json(json_file)
+    rounds = 1 if quick else rounds
+    with results_in(folder, "laws") as made:
+        compile_first()
+        with own_laws() as laws:
+            same = same_bytes(laws)
+            found = rates(laws, rounds)
+        begun = starts(rounds)
+        write_rows(made / "laws.csv", list(found[0]), (list(row.values()) for row in found))
+        write_rows(made / "laws-starts.csv", ["start", "seconds"], begun.items())
+        sizes = [(f"{row['task']}, {row['law']}", float(row["share"])) for row in found]
+        bars(made / "laws.png", f"{LAW} in cases of one core", "cases/s over shipped", sizes)
+    headings = ("task", "law", "cases/s", "of shipped")
+    rows = [
+        (row["task"], row["law"], f"{row['cases_per_s']:.0f}", f"{row['share']:.2f}")
+        for row in found
+    ]
+    out.print(number_table(f"{LAW} in cases of one core", headings, rows, text=2))
+    out.print(f"same bytes however it is given: {'yes' if same else 'NO'}")
+    out.print(
+        f"to the first step: {begun['shipped_s']:.2f} s with the shipped law, "
+        f"{begun['new_law_more_s']:+.2f} s with a new one in Python, "
+        f"{begun['new_law_whole_more_s']:+.2f} s where what it knows ahead is asked for, too",
+        soft_wrap=True,
+    )
+    written(made, "laws.csv", "laws-starts.csv", "laws.png")
+    own = [row for row in found if row["law"] != "shipped"]
+    slowest = min(own, key=lambda row: row["share"])
+    conclude(
+        f"A law of your own runs at least {slowest['share']:.2f} times as many cases in a second "
+        f"as the shipped one ({slowest['law']}, {slowest['task']}), and its bytes are "
+        f"{'equal' if same else 'NOT equal'}."
+    )
+    write_json(json_file, {"same_bytes": same, "rates": found, **begun})
+
+
+if __name__ == "__main__":
+    start("benchmarks.laws")

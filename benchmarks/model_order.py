@@ -14,6 +14,21 @@ from typing import TypeVar
 
 import numpy as np
 
+from benchmarks.program import (
+    OutDirOption,
+    QuickOption,
+    ScenesOption,
+    SeedOption,
+    compile_first,
+    conclude,
+    number_table,
+    out,
+    progress,
+    results_in,
+    share,
+    start,
+    written,
+)
 from hertzloop.analysis.impacts import modal_displacement, starting_speed
 from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
 from hertzloop.plant.estimates.model_order import frequency_limit_hz
@@ -23,6 +38,8 @@ from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.time_series import series_under
+from hertzloop.scenes.text import DEFAULT
+from hertzloop.setup import load
 from hertzloop.setup.plate import NEAREST
 from hertzloop.studies import pictures
 from hertzloop.studies.words import write_records
@@ -164,10 +181,12 @@ def drawn(
     random = np.random.default_rng(seed)
     found: list[Found] = []
     number = 0
-    while number < scenes:
-        its = outcomes(number, random)
-        number += bool(its)
-        found += its
+    with progress("random scenes", scenes) as advance:
+        while number < scenes:
+            its = outcomes(number, random)
+            number += bool(its)
+            found += its
+            advance(number)
     return found
 
 
@@ -215,3 +234,48 @@ def _draw(path: Path, found: list[Outcome]) -> None:
     for axis in axes[0]:
         axis.legend()
     pictures.save(figure, path)
+
+
+def main(
+    folder: OutDirOption = None,
+    scenes: ScenesOption = 40,
+    seed: SeedOption = 1,
+    quick: QuickOption = False,
+) -> None:
+    """Check the automatic choice of modes on random scenes: does it meet the requested accuracy?
+
+    Compares its cost with that of the cheapest sufficient model. Then checks whole scenes with
+    losses in the contact, without and with a law.
+
+    Example: python -m benchmarks.model_order --quick
+    """
+    from benchmarks import model_order_closed_loop as closed_loop
+
+    scenes = 4 if quick else scenes
+    with results_in(folder, "model_order", "modal") as made:
+        compile_first(load(DEFAULT, ["plate.tail=spring"]))
+        found = run(made, scenes, seed)
+        whole = closed_loop.run(made, scenes, seed)
+    headings = ("asked", "scenes", "beyond the step", "met", "worst error/asked",
+                "cost/cheapest, median", "largest")  # fmt: skip
+    out.print(number_table("Automatic choice of modes", headings, summary(found)))
+    for outcome in found:
+        if outcome.error > outcome.request and not outcome.capped:
+            out.print(f"missed: {outcome}", soft_wrap=True)
+    title = "Damper 0.3 to 0.9, or yield: within what was asked, loop closed"
+    out.print(number_table(title, closed_loop.HEADINGS, closed_loop.summary(whole)))
+    for missed in closed_loop.missed(whole):
+        out.print(missed, soft_wrap=True)
+    written(made, "model_order.csv", "model_order.png", "model_order_closed_loop.csv")
+    free = [o for o in found if not o.capped]
+    others = [o for o in whole if not o.said]
+    met = share(sum(o.error <= o.request for o in free), len(free))
+    closed = share(sum(o.error <= o.request for o in others), len(others))
+    conclude(
+        f"The automatic choice of modes meets the requested accuracy in {met} of the impacts "
+        f"without losses, and in {closed} of those in whole scenes whose run expects to meet it."
+    )
+
+
+if __name__ == "__main__":
+    start("benchmarks.model_order")

@@ -7,6 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.program import (
+    OutDirOption,
+    QuickOption,
+    bars,
+    conclude,
+    number_table,
+    out,
+    results_in,
+    start,
+    tracked,
+    written,
+)
 from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
@@ -16,6 +28,7 @@ from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.time_series import series_under
 from hertzloop.setup import Setup, load
+from hertzloop.studies.words import write_records
 
 _ROUNDS, _STEPS = 201, 400  # of the timing; the plants take turns
 
@@ -124,7 +137,7 @@ class Tail:
 def errors(names: tuple[str, ...] | None = None) -> list[Tail]:
     """All cases, or those named, against modes up to 16 times their limit or more."""
     found = []
-    for name in names or tuple(_TAIL_CASES):
+    for name in tracked("omitted modes", names or tuple(_TAIL_CASES)):
         source, settings, limits, highest = _TAIL_CASES[name]
         fine = _FINE if source == "aluminium-3mm" else []
         setup = first_contact(source, [*settings, *fine])
@@ -219,7 +232,7 @@ def _scenes(name: str) -> tuple[Setup, Setup]:
 def effects(names: tuple[str, ...] | None = None, *, timed: bool = True) -> list[Effect]:
     """All cases, or those named; both theories with the modes that their accuracy asks for."""
     found = []
-    for name in names or tuple(_THEORY_CASES):
+    for name in tracked("plate theory", names or tuple(_THEORY_CASES)):
         thin_scene, solid_scene = _scenes(name)
         thin, solid = run(thin_scene), run(solid_scene)
         spec = thin_scene.plant
@@ -244,3 +257,60 @@ def effects(names: tuple[str, ...] | None = None, *, timed: bool = True) -> list
             )
         )
     return found
+
+
+_QUICK_THEORY, _QUICK_TAIL = ("h 3, R 3 mm",), ("3 mm, e 0.7", "3 mm, no damper, no law")
+
+
+def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
+    """Measure what plate thickness does to an impact, and what omitted modes cost.
+
+    Compares the three-dimensional plate with Kirchhoff's, and a massless spring with a damped mode
+    in the place of the omitted modes: errors, and time a step.
+
+    Example: python -m benchmarks.plate_models --quick
+    """
+    with results_in(folder, "plate_models", "modal") as made:
+        theory = effects(_QUICK_THEORY if quick else None)
+        tails = errors(_QUICK_TAIL if quick else None)
+        costs = cost()
+        write_records(made / "plate_theory.csv", theory)
+        write_records(made / "plate_tail.csv", tails)
+        shares = [
+            (f"{t.case}, {t.limit_khz:g} kHz, {what}", abs(value))
+            for t in tails
+            for what, value in (("spring", t.spring_energy), ("damped mode", t.damped_energy))
+        ]
+        title = "Omitted modes: error of the plate energy"
+        bars(made / "plate_tail.png", title, "relative error", shares, log=True)
+    out.print(number_table(
+        "Three dimensions against Kirchhoff: changes, the most expected, modes, us a step",
+        ("impact", "kh", "lambda", "energy", "rebound", "peak", "time", "most",
+         "modes", "3-D", "us", "times"),
+        ((e.case, f"{e.k_h:.2f}", f"{e.inelasticity:.2g}", shown(e.plate_energy), shown(e.rebound),
+          shown(e.peak_force), shown(e.contact_time), f"{e.expected:.1e}", str(e.frequencies),
+          str(e.frequencies_3d), f"{e.step_us:.3g}", f"{e.times_as_long:.2f}") for e in theory),
+    ))  # fmt: skip
+    out.print(number_table(
+        "Modes left out: error of plate energy (of rebound)",
+        ("impact", "limit kHz", "spring", "damped mode", "it took"),
+        ((t.case, f"{t.limit_khz:g}", f"{shown(t.spring_energy)} ({shown(t.spring_rebound)})",
+          f"{shown(t.damped_energy)} ({shown(t.damped_rebound)})", f"{t.tail_share:.1e}")
+         for t in tails),
+    ))  # fmt: skip
+    for name, step_us, ratio in costs:
+        out.print(f"{name}: a step of {step_us:.3g} us takes {ratio:.3f} times as long")
+    residual = max(*(e.residual for e in theory), *(t.residual for t in tails))
+    out.print(f"energy and momentum balance: residual {residual:.1e} at most")
+    written(made, "plate_theory.csv", "plate_tail.csv", "plate_tail.png")
+    by_spring, by_mode = (
+        max(abs(getattr(t, field)) for t in tails) for field in ("spring_energy", "damped_energy")
+    )
+    conclude(
+        f"In the place of the omitted modes, a damped mode leaves an error of the plate energy of "
+        f"{by_mode:.1e} at most and a spring {by_spring:.1e}, over {len(tails)} cases."
+    )
+
+
+if __name__ == "__main__":
+    start("benchmarks.plate_models")

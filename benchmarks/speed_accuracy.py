@@ -17,6 +17,18 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from benchmarks import integrator_kernels as ik
+from benchmarks.program import (
+    OutDirOption,
+    QuickOption,
+    conclude,
+    median,
+    number_table,
+    out,
+    results_in,
+    start,
+    tracked,
+    written,
+)
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.plant.numerics import phi
 from hertzloop.plant.plant import Plant, PlantSpec
@@ -411,7 +423,7 @@ def measure(name: str, duration_s: float, rounds: int, limit_s: float) -> list[P
         runs["dop853", setting] = scipy_run("DOP853", what, tolerance, counts[setting])
     results = {key: run()[:2] for key, run in runs.items()}  # compiles, too
     cpu = {key: math.inf for key in runs}
-    for _ in range(rounds):
+    for _ in tracked(f"{name}, rounds", range(rounds)):
         for key, run in runs.items():
             cpu[key] = min(cpu[key], run()[2])
     points = [point(*key, *found, cpu[key]) for key, found in results.items()]
@@ -499,3 +511,57 @@ def ratios(points: list[Point]) -> dict[str, list[tuple[str, ...]]]:
                 rows.append((scene, *cells))
         found[f"modal against {competitor}"] = rows
     return found
+
+
+_ERROR = 1e-3  # of the conclusion
+_GENERAL = ("dop853 compiled", "dop853", "cvode", "radau", "lsoda")  # solvers of any equations
+
+
+def conclusion(points: list[Point]) -> str:
+    """How fast the default scheme is against the fastest general solver, and against the fastest
+    of all other schemes, in one sentence.
+
+    A scheme counts where it solves the same equations to an error of 1e-3 or better.
+    """
+    others = sorted({p.scheme for p in points if p.status == "ok"} - {"modal"})
+    general, general_names = _against(points, [s for s in others if s in _GENERAL])
+    fastest, fastest_names = _against(points, others)
+    return (
+        f"At an error of {_ERROR:g} the default scheme is {median(general):.2g} times as fast as "
+        f"the fastest general solver ({general_names}), and {median(fastest):.2g} times as fast as "
+        f"the fastest of all other schemes ({fastest_names}), medians of {len(fastest)} scenes."
+    )
+
+
+def _against(points: list[Point], others: list[str]) -> tuple[list[float], str]:
+    """Cost of the fastest of `others` over that of the default scheme, one number a scene, and the
+    names of the fastest ones."""
+    converged = [p for p in points if p.status == "ok"]
+    ratios: list[float] = []
+    best: set[str] = set()
+    for scene in dict.fromkeys(p.scene for p in points):
+        costs = {scheme: cost_at(converged, scene, scheme, _ERROR) for scheme in others}
+        known = {scheme: cost for scheme, cost in costs.items() if not math.isnan(cost)}
+        if known:
+            fastest = min(known, key=known.__getitem__)
+            best.add(fastest)
+            ratios.append(known[fastest] / cost_at(converged, scene, "modal", _ERROR))
+    return ratios, ", ".join(sorted(best)) or "none"
+
+
+def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
+    """Compare error and CPU time of every scheme on the same modal equations.
+
+    Example: python -m benchmarks.speed_accuracy --quick
+    """
+    with results_in(folder, "speed_accuracy", "modal") as made:
+        points = run(made, quick)
+    for title, rows in ratios(points).items():
+        headings = ("scene", "error", "modal (s/ms)", "competitor (s/ms)", "times faster")
+        out.print(number_table(title, headings, rows))
+    written(made, "speed_accuracy.csv", "speed_accuracy.png")
+    conclude(conclusion(points))
+
+
+if __name__ == "__main__":
+    start("benchmarks.speed_accuracy")

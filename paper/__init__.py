@@ -1,1 +1,1 @@
-"""The published study: its tables and figures again, and where its numerics fail."""
+"""The published study again, as programs that run from a clone: python -m paper.NAME."""

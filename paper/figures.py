@@ -7,6 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.program import (
+    OutDirOption,
+    QuickOption,
+    conclude,
+    number_table,
+    out,
+    progress,
+    results_in,
+    start,
+    tracked,
+    written,
+)
 from hertzloop.analysis.impacts import F_A, F_C, V_P, XI, XI_P, XI_S, first_impact
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import noise
@@ -17,9 +29,9 @@ from hertzloop.plant.structures.structure import oscillators
 from hertzloop.setup import Setup, load
 from hertzloop.studies import pictures
 from hertzloop.studies.pictures import look
-from paper import tables as appendix
-from paper import tables as optima
-from paper import weaknesses
+from hertzloop.studies.words import write_records
+from paper import optima, weaknesses
+from paper import table_a1 as appendix
 
 PLATES = ("aluminium", "oak", "sylomer")
 _OFF, _ON = "controller.law=off", "controller.law=slope_threshold"
@@ -175,12 +187,15 @@ def bounces(folder: Path) -> Path:
     return pictures.save(figure, folder / "bounces.png")
 
 
+_FIGURES = (penetration, forces, spectra, efficiencies, bounces)
+
+
 def draw_figures(folder: Path) -> list[Path]:
     """All figures as PNG; the files written."""
-    return [make(folder) for make in (penetration, forces, spectra, efficiencies, bounces)]
+    return [make(folder) for make in tracked("figures", _FIGURES)]
 
 
-# The study's figures that `hertzloop figures` does not redraw, by one table of sheets.
+# The study's other figures, by one table of sheets.
 #
 # Left column: the published numerics with the 20 mm sphere; right: the consistent scheme with 3
 # mm, whose contact is as short as the published one.
@@ -459,3 +474,65 @@ def draw(
 
 
 COUNT = len(SHEETS) + 7
+
+
+_QUICK_SHEETS = ("3-1-pressure",)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The first contact of a plate without control, by one scheme."""
+
+    plate: str
+    scheme: str
+    contact_time_us: float
+    peak_force_n: float
+    next_impact_speed_m_s: float
+
+
+def first_contacts(plates: tuple[str, ...] = PLATES) -> list[Contact]:
+    """The first contact on each plate, published and consistent. Raises ValueError without one."""
+    found = []
+    for plate in plates:
+        for source, _ in _pair(plate):
+            setup, rows = _run(source, _OFF)
+            impact = first_impact(setup, rows)
+            if impact is None:
+                raise ValueError(f"{source}: no impact")
+            noise = impact.noise
+            found.append(
+                Contact(plate, setup.scheme, 1e6 * noise.contact_time_s,
+                        impact.impact.peak_force_n, noise.next_impact_speed_m_s)
+            )  # fmt: skip
+    return found
+
+
+def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
+    """Draw the study's figures again from runs of the published and the consistent scheme.
+
+    With --quick: two of the figures.
+
+    Example: python -m paper.figures --quick
+    """
+    with results_in(folder, "figures", "modal", "thesis2008") as made:
+        found = [penetration(made)] if quick else draw_figures(made)
+        only = _QUICK_SHEETS if quick else None
+        with progress("sheets", len(only or ()) or COUNT) as advance:
+            found += draw(made, advance, only)
+        contacts = first_contacts()
+        write_records(made / "figures.csv", contacts)
+    headings = ("plate", "scheme", "contact time (us)", "peak force (N)", "next impact (m/s)")
+    out.print(number_table("First contact without control", headings, (
+        (c.plate, c.scheme, f"{c.contact_time_us:.0f}", f"{c.peak_force_n:.4g}",
+         f"{c.next_impact_speed_m_s:.3g}") for c in contacts
+    ), text=2))  # fmt: skip
+    written(made, *(path.name for path in found), "figures.csv")
+    published, consistent = (c.contact_time_us for c in contacts[:2])
+    conclude(
+        f"{len(found)} figures are drawn; the first contact on {PLATES[0]} lasts "
+        f"{published:.0f} us in the published scheme and {consistent:.0f} us in the default scheme."
+    )
+
+
+if __name__ == "__main__":
+    start("paper.figures")

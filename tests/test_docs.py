@@ -1,5 +1,6 @@
 """The documentation: code blocks run as they stand, commands exist, pages build."""
 
+import importlib
 import re
 import shlex
 import subprocess
@@ -7,7 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 
+from benchmarks.program import app_of
 from hertzloop.cli import app
 from hertzloop.scenes.keys import keys, page
 
@@ -56,6 +59,27 @@ def test_documented_commands_exist(page: Path) -> None:
         }
         for word in rest:
             assert not word.startswith("--") or word.partition("=")[0] in options, (words, word)
+
+
+PROGRAM = re.compile(r"python -m ((?:benchmarks|paper)\.\w+)((?: [^`\n]*)?)")
+
+
+@pytest.mark.parametrize("page", EVERY, ids=lambda page: page.name)
+def test_documented_programs_exist(page: Path) -> None:
+    """Module and options of every program that is named, in a block or within a sentence."""
+    for name, rest in PROGRAM.findall(page.read_text()):
+        command = typer.main.get_command(app_of(importlib.import_module(name).main))
+        options = {option for param in command.params for option in param.opts}
+        for word in rest.split():
+            assert not word.startswith("-") or word.partition("=")[0] in options, (name, word)
+
+
+def test_every_program_has_its_line() -> None:
+    told = {name for name, _ in PROGRAM.findall((DOCS / "commands.md").read_text())}
+    for package in ("benchmarks", "paper"):
+        for path in (ROOT / package).glob("*.py"):
+            if "\ndef main(" in path.read_text():
+                assert f"{package}.{path.stem}" in told
 
 
 def test_every_command_has_its_line() -> None:

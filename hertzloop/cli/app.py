@@ -161,7 +161,7 @@ OTHER = (
     ),
     Leaf(
         "bench", "bench:bench", "Measure how fast this computer runs a scene.",
-        "bench aluminium-3mm",
+        "bench aluminium-3mm --quick",
     ),
 )  # fmt: skip
 GROUPS = {

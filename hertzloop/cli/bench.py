@@ -1,8 +1,79 @@
-"""The command `bench`."""
+"""The command that measures how fast a scene runs on this machine."""
 
-from hertzloop.cli.options import SceneArgument
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+from hertzloop.cli.options import (
+    JsonOption,
+    SceneArgument,
+    SetOption,
+    check_json,
+    compile_first,
+    scene_from,
+    write_json,
+)
+from hertzloop.cli.terminal import fail, out, progress
+from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT
+from hertzloop.views.format import Table
+
+_CALLED = {
+    "compiled": "one compiled call",
+    "inprocess": "one process, with messages",
+    "zenoh": "three processes over zenoh",
+}
 
 
-def bench(scene: SceneArgument = DEFAULT) -> None:
-    """Measure how fast this computer runs a scene."""
+def bench(
+    scene: SceneArgument = DEFAULT,
+    settings: SetOption = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Measure fewer rounds and cases.")] = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Measure how fast this computer runs a scene.
+
+    It times the loop in each transport, and the cases of a small sweep on one core.
+    """
+    check_json(json_file)
+    resolved = scene_from(scene, settings, None)
+    compile_first(resolved)
+
+    from hertzloop.bus.port import BusError
+    from hertzloop.bus.streams import StreamFault
+    from hertzloop.processes import fork_server
+    from hertzloop.processes.launcher import RunFailed
+    from hertzloop.recordings.writer import RecordingError
+    from hertzloop.studies import bench as study
+
+    fork_server.prepare()  # before anything starts a thread
+    try:
+        with progress("bench", 100) as advance:
+            found = study.measure(resolved, quick, lambda done, of: advance(round(100 * done / of)))
+    except SceneError as error:
+        fail(str(error), 2)
+    except (RunFailed, BusError, StreamFault, RecordingError) as error:
+        fail(str(error), 1)
+    table = Table(title=f"{found.scene}: {found.steps:,} steps, {found.rounds} rounds")
+    table.add_column("loop")
+    for heading in ("us a step, median", "least", "times real time"):
+        table.add_column(heading, justify="right")
+    for loop in found.loops:
+        table.add_row(
+            _CALLED[loop.transport], f"{loop.median_us:.3g}", f"{loop.least_us:.3g}",
+            f"{loop.times_real_time:.3g}",
+        )  # fmt: skip
+    out.print(table)
+    out.print(
+        f"sweep over {found.sweep.cases} latencies on one core: {found.sweep.per_s:.0f} cases a "
+        f"second (median), {found.sweep.most_per_s:.0f} in the fastest round"
+    )
+    by = {loop.transport.value: loop for loop in found.loops}
+    out.print(
+        f"Over zenoh the loop takes {by['zenoh'].median_us:.3g} us a step, "
+        f"{by['zenoh'].times_real_time:.2g} times real time, and one core runs "
+        f"{found.sweep.per_s:.0f} cases of a latency sweep in a second.",
+        soft_wrap=True,
+    )
+    write_json(json_file, asdict(found))

@@ -1,26 +1,15 @@
-"""What the commands of studies share: a folder for results, finished cases, a table of numbers."""
+"""What the commands of studies share: a folder for results, and finished cases."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hertzloop.cli.options import compile_first, make_folder
 from hertzloop.cli.terminal import err, fail, if_interrupted
-from hertzloop.views.format import Table
 
 if TYPE_CHECKING:
     from hertzloop.studies.sweeps.journal import Kept
-
-
-def numbers(title: str, headings: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
-    """A table of numbers, ready as text."""
-    table = Table(title=title)
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    for row in rows:
-        table.add_row(*row)
-    return table
 
 
 @contextmanager

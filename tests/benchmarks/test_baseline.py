@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import baseline, exchange, links
-from benchmarks import exported as replay
+from benchmarks import baseline, costs, exchange, replay
 from benchmarks.baseline import run_beside
 from benchmarks.cases import mode_file_costs
 from hertzloop.setup import load
@@ -25,20 +24,20 @@ def test_step_and_exchange_costs() -> None:
 
 @pytest.mark.full
 def test_ways_on_one_host() -> None:
-    found = links.link_costs(rounds=1), links.opening_costs(rounds=1)
-    for costs in found:
-        assert [cost.case for cost in costs] == ["loopback", "Unix sockets", "TLS on loopback"]
-        assert all(cost.least_us > 0 for cost in costs)
-    [made] = links.certificate_costs(rounds=1)
+    found = costs.link_costs(rounds=1), costs.opening_costs(rounds=1)
+    for group in found:
+        assert [cost.case for cost in group] == ["loopback", "Unix sockets", "TLS on loopback"]
+        assert all(cost.least_us > 0 for cost in group)
+    [made] = costs.certificate_costs(rounds=1)
     assert made.least_us > 0
 
 
 def test_plates_by_their_modes() -> None:
-    costs = mode_file_costs(rounds=2)
-    counts = [int(cost.case.split()[-2]) for cost in costs]
+    found = mode_file_costs(rounds=2)
+    counts = [int(cost.case.split()[-2]) for cost in found]
     assert counts[1:3] == counts[3:5]  # all modes of the plate
     assert counts[5:] == [100, 100]
-    assert all(cost.least_us > 0 for cost in costs)
+    assert all(cost.least_us > 0 for cost in found)
 
 
 @pytest.mark.full
@@ -50,7 +49,7 @@ def test_a_run_beside_a_stranger(pause_s: float | None) -> None:
 
 @pytest.mark.full
 def test_a_replay_and_its_frames() -> None:
-    found = replay.measure_replay(rounds=1, duration_s=0.0016)
+    found = replay.measure(rounds=1, duration_s=0.0016)
     assert found.steps == 1600
     assert found.megabytes > 0
     if "no graphics driver" in found.no_frames and "CI" not in os.environ:

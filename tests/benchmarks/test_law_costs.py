@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import laws
-from tests.hertzloop.processes import hertzloop
+from tests.benchmarks.programs import program
 
 
 @pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
@@ -20,8 +20,9 @@ def test_a_shipped_law_as_a_file_and_in_c_has_the_same_bytes() -> None:
 
 
 @pytest.mark.full
-def test_the_command_prints_what_own_laws_cost(tmp_path: Path) -> None:
-    done = hertzloop("bench", "laws", "--rounds", "1", "--json", str(tmp_path / "a.json"))
+def test_the_program_prints_what_own_laws_cost(tmp_path: Path) -> None:
+    words = ("--rounds", "1", "--json", str(tmp_path / "a.json"))
+    done = program("benchmarks.laws", *words, "-o", str(tmp_path / "laws"))
     assert done.returncode == 0, done.stderr
     data = json.loads((tmp_path / "a.json").read_text())
     assert data["same_bytes"] is True

@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks import integrator_kernels as ik
 from benchmarks import roofline
-from hertzloop.cli.latency import roofline_table
+from benchmarks.costs import roofline_table
 from hertzloop.plant import state_kernels as pk
 
 

@@ -1,6 +1,7 @@
 """The chart's integrators have the orders and limits they are known for."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,3 +83,21 @@ def test_points_are_written_and_modal_leads(tmp_path: Path) -> None:
     assert radau[0].status.startswith("omitted: stopped after 0.2 s of CPU time")
     draw(tmp_path / "a.png", ["aluminium-3mm"], points)
     assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_the_conclusion_names_the_fastest_scheme_that_is_accurate_enough() -> None:
+    def point(scheme: str, error: float, cpu: float, scene: str = "a", status: str = "ok") -> Any:
+        return study.Point(scene, scheme, "", error, 0.0, cpu, status)
+
+    points = [
+        point("modal", 1e-4, 1.0), point("modal", 1e-2, 0.1), point("verlet", 1e-2, 0.5),
+        point("rk4", 1e-3, 3.0), point("rk4", 1e-5, 9.0), point("lsoda", 1e-6, 4.0),
+        point("dop853 estimate", 1e-6, 0.2, status="estimate: evaluations"),
+        point("modal", 1e-4, 1.0, "b"), point("lsoda", 1e-6, 5.0, "b"),
+        point("modal", 1e-4, 1.0, "c"), point("rk4", 1e-4, 2.0, "c"),
+    ]  # fmt: skip
+    assert study.conclusion(points) == (
+        "At an error of 0.001 the default scheme is 4.5 times as fast as the fastest general "
+        "solver (lsoda), and 3 times as fast as the fastest of all other schemes (lsoda, rk4), "
+        "medians of 3 scenes."
+    )

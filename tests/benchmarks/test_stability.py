@@ -160,3 +160,14 @@ def test_late_actuator_feeds_energy_in() -> None:
     assert found[2.0, 30.0].injected > 1.0  # more than the impact brought
     fed = [found[round(kappa, 2), 30.0].injected for kappa in (0.5, 1.0, 1.5, 2.0)]
     assert fed == sorted(fed)
+
+
+def test_a_quick_map_holds_points_of_the_whole_one() -> None:
+    whole, some = list(limits.growth()), list(limits.growth(5))
+    assert set(some) < set(whole)
+    assert {scheme for scheme, *_ in some} == set(limits.TEXTBOOK)
+    predicted, found = maps.stiffness_map(5)
+    every_predicted, every_found = maps.stiffness_map()
+    assert (len(predicted), len(every_predicted)) == (3, 11)
+    assert all(one in every_predicted for one in predicted)
+    assert all(one in every_found for one in found)

@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from hertzloop.cli.node import check_endpoints
 from typer.testing import Result
 
+from hertzloop.cli.node import check_endpoints
 from hertzloop.recordings.reader import read
 from tests.commands import invoke
 from tests.hertzloop.processes import hertzloop

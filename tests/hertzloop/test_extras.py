@@ -27,7 +27,6 @@ def without(packages: str, *words: str, cwd: Path) -> subprocess.CompletedProces
     [
         ("pymoo", "tune", ("tune", "aluminium-3mm")),
         ("matplotlib", "charts", ("study", "latency", "-o", "charts")),
-        ("matplotlib", "charts", ("bench", "exchange", "-o", "exchange.png")),
         ("matplotlib", "charts", ("law", "replay", "none.mcap", "--law", "off")),
         ("h5py", "h5", ("export", "none.mcap", "-o", "a.h5")),
         (

@@ -29,7 +29,6 @@ def test_it_leaves_the_files_of_others_alone(name: str, here: Path) -> None:
         ["sweep", "--over", "sensors.bits=4,5", "-o", "a.csv", "--json", "link/a.csv"],
         ["sweep", "--over", "sensors.bits=4,5", "-o", "a.csv", "--json", "a.csv.json"],
         ["sweep", "--over", "sensors.bits=4,5", "-o", "a.csv", "--json", "a.csv.partial"],
-        ["bench", "exchange", "-o", "a.png", "--json", "a.png"],
     ],
 )
 def test_it_is_no_other_output_of_the_command(words: list[str], here: Path) -> None:

@@ -4,11 +4,11 @@ import json
 from pathlib import Path
 
 import pytest
-from hertzloop.cli.node import _place
 
 from hertzloop.bus import streams
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Stream
 from hertzloop.bus.zenoh_config import access_control
+from hertzloop.cli.node import _place
 from tests.commands import invoke
 from tests.hertzloop.processes import hertzloop
 
@@ -59,7 +59,7 @@ def test_keys_are_never_replaced(tmp_path: Path) -> None:
         (["d", "--hosts", HOSTS.replace("10.0.0.1", "10.0.0.256")], "'10.0.0.256' for the plant"),
         (["d", "--hosts", HOSTS.replace("10.0.0.1", "a b")], "'a b' for the plant"),
         (["d", "--hosts", "plant=h:1,controller=h:1,recorder=h:2"], "the same host and port"),
-        (["--hosts", HOSTS], "needs a folder"),
+        (["--hosts", HOSTS], "Missing argument"),
         (["d", "--hosts", HOSTS, "--days", "0"], "days"),
     ],
 )

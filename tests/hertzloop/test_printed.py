@@ -166,7 +166,7 @@ def test_no_cell_of_a_table_is_cut(report: dict[str, Any], tmp_path: Path) -> No
         ["run", "aluminium-3mm", *cheap, "--transport", "compiled", "--out",
          str(tmp_path / "a.mcap")],
         ["tune", "aluminium-3mm", *cheap, "--generations", "1", "--population", "4",
-         "--out", str(tmp_path / "tuned")],
+         "--out-dir", str(tmp_path / "tuned")],
     ]  # fmt: skip
     for words in commands:
         done = invoke(words, env={"COLUMNS": "80"})

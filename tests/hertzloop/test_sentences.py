@@ -108,7 +108,7 @@ def test_a_sweep_with_other_words_counts_the_same(
         assert (outcome.unstable, len(outcome.not_run)) == (1, 1)
     assert [row["status"] for row in strange.rows] == [replaced(r["status"]) for r in usual.rows]
     assert without(strangely_read) == without(read_again)
-    command("report", str(tmp_path / "a.csv"), "--out", str(tmp_path))
+    command("report", str(tmp_path / "a.csv"), "--out-dir", str(tmp_path))
 
 
 def every_event() -> list[Event]:

@@ -9,11 +9,10 @@ import pytest
 
 from hertzloop.plant.figures.sound import PointMobility, longhorn_any_j, longhorn_short_j
 from hertzloop.setup import load
+from paper import equations, optima, tables
 from paper import figures as gallery
-from paper import tables
-from paper import tables as appendix
-from paper import tables as optima
-from tests.commands import invoke
+from paper import table_a1 as appendix
+from tests.benchmarks.programs import called
 
 
 def test_grid_is_that_of_the_study() -> None:
@@ -90,9 +89,8 @@ def test_all_of_the_mobility_integral_is_one_whatever_the_plate() -> None:
     assert mobility.energy_j(impulse, math.inf) == pytest.approx(impulse**2 / 2.0 / m, rel=1e-6)
 
 
-def test_equations_are_printed() -> None:
-    words = ["published", "equations", "--set", "run.duration_s=0.0016"]
-    result = invoke(words, env={"COLUMNS": "120"})
+def test_equations_are_printed(tmp_path: Path) -> None:
+    result = called(equations.main, "--set", "run.duration_s=0.0016", "-o", str(tmp_path))
     assert result.exit_code == 0, result.output
     lines = {line.split("│")[2].strip(): line for line in result.output.splitlines() if "│" in line}
     cells = {what: line.split("│")[3].strip() for what, line in lines.items()}

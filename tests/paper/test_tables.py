@@ -9,7 +9,7 @@ from hertzloop.analysis.figures import figures_of
 from hertzloop.loop.compiled import simulate
 from hertzloop.setup import load
 from paper import tables
-from tests.commands import invoke
+from tests.benchmarks.programs import called
 
 PUBLISHED = Path(tables.__file__).parent
 
@@ -57,7 +57,7 @@ def _run(source: str):  # type: ignore[no-untyped-def]
 
 
 def test_rows_that_were_never_published(tmp_path: Path) -> None:
-    path, out = tmp_path / "rows.csv", tmp_path / "out.csv"
+    path, folder = tmp_path / "rows.csv", tmp_path / "out"
     path.write_text(
         "material,drop_height_m,kappa,v_thr_m_s,force,shape,t_a_step,EAL,note\n"
         "oak,0.2,0.37,-0.21,,,,-0.5,one\n"
@@ -66,9 +66,9 @@ def test_rows_that_were_never_published(tmp_path: Path) -> None:
         ",,0.3,,F_a1,,3,0.1,four\n"
         "oak,0.05,0.4,,,sine,5,0.1,five\n"
     )
-    result = invoke(["tables", str(path), "-o", str(out)])
+    result = called(tables.main, str(path), "-o", str(folder))
     assert result.exit_code == 0, result.output
-    with out.open(newline="") as file:
+    with (folder / "rows-computed.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["note"] for row in rows] == ["one", "two", "three", "four", "five"]
     for row in rows:
@@ -117,8 +117,12 @@ def test_a_contact_without_end_leaves_its_cells_empty(tmp_path: Path) -> None:
 def test_bad_rows_are_the_users_mistake(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "rows.csv"
     path.write_text(text)
-    result = invoke(["tables", str(path), "-o", str(tmp_path / "o.csv")], env={"COLUMNS": "300"})
+    result = called(tables.main, str(path), "-o", str(tmp_path / "o"))
     assert result.exit_code == 2
     assert words in result.output
-    missing = invoke(["tables", str(tmp_path / "none.csv")])
+    missing = called(tables.main, str(tmp_path / "none.csv"), "-o", str(tmp_path / "o"))
     assert missing.exit_code == 2
+    # Their results would go into one file.
+    again = called(tables.main, "a/rows.csv", "b/rows.csv", "-o", str(tmp_path / "o"))
+    assert again.exit_code == 2
+    assert "rows.csv: named twice" in again.output

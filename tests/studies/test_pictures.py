@@ -5,12 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-import typer
 from matplotlib.figure import Figure
 
-from hertzloop.cli.recordings import pictures as take_pictures
 from hertzloop.studies import pictures, words
-from hertzloop.studies.drawn import MORE, Run
 from hertzloop.studies.latency import draw_maps, round_above
 from hertzloop.studies.tuning import Found, draw_front
 
@@ -95,16 +92,3 @@ def test_every_objective_has_words() -> None:
     for figure in OBJECTIVES:
         assert "_" not in words.against_none(figure)
         assert words.against_none(figure).endswith(("(dB)", "(%)", "(N)"))
-
-
-def test_a_run_for_a_picture_that_fails_says_why(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    failing = Run("aluminium-3mm", ("controller.kappa=much",), 0.003)
-    monkeypatch.setitem(MORE, "paced", [failing])
-    with pytest.raises(typer.Exit) as ended:
-        take_pictures(tmp_path, ["paced"])
-    assert ended.value.exit_code == 1
-    said = " ".join(capsys.readouterr().err.split())
-    assert "the paced run failed: error: " in said
-    assert "controller.kappa" in said

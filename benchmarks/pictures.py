@@ -7,20 +7,39 @@ a comment in the code nor the last bits of a processor make a difference.
 
 import json
 import math
+import shutil
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Annotated, Any
 
+import typer
+
+from benchmarks.program import (
+    OutDirOption,
+    QuickOption,
+    conclude,
+    fail,
+    out,
+    results_in,
+    start,
+    tracked,
+    written,
+)
 from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay.as_rerun import Shown
+from hertzloop.recordings.writer import RecordingError
+from hertzloop.scenes.scene import shipped
 from hertzloop.scenes.text import DEFAULT
 from hertzloop.setup import load
+from hertzloop.studies.report.page import page_of
+from hertzloop.studies.words import write_rows
 from hertzloop.views import replaying
 
 NOTES = "pictures.json"
@@ -107,14 +126,16 @@ _TUNE = (
 
 PICTURES = {
     "replay.png": Drawn(
-        f"hertzloop pictures --only {DEFAULT} -o DIR", f"replay-{DEFAULT}.png", replayed=_DEFAULT
+        f"python -m benchmarks.pictures --only {DEFAULT} -o DIR", f"replay-{DEFAULT}.png",
+        replayed=_DEFAULT,
     ),
     "replay-paced.png": Drawn(
-        "hertzloop pictures --only paced -o DIR", "replay-paced.png",
+        "python -m benchmarks.pictures --only paced -o DIR", "replay-paced.png",
         replayed=(_PACED.scene, _PACED.changed),
     ),
     "report.png": Drawn(
-        "hertzloop pictures --only report -o DIR", "report.png", replayed=("aluminium-3mm", ())
+        "python -m benchmarks.pictures --only report -o DIR", "report.png",
+        replayed=("aluminium-3mm", ()),
     ),
     "tune.png": Drawn(
         _TUNE, "tune-aluminium-20mm.png", (*_KAPPAS, ("aluminium-20mm", (_SHORT_20MM, *_TUNED)))
@@ -122,17 +143,17 @@ PICTURES = {
     "latency.png": Drawn("hertzloop study latency -o DIR", "latency-aluminium-3mm.png", _KAPPAS),
     "latency-chance.png": Drawn("hertzloop study latency -o DIR", "latency-chance.png", _KAPPAS),
     "real.png": Drawn("hertzloop study real-plant -o DIR", "real.png", _KAPPAS),
-    "model_order.png": Drawn("hertzloop chart model-order -o DIR", "model_order.png", _PLANTS),
+    "model_order.png": Drawn("python -m benchmarks.model_order -o DIR", "model_order.png", _PLANTS),
     "validity.png": Drawn("hertzloop scene check --map DIR", "validity.png", _PLANTS),
     "speed_accuracy.png": Drawn(
-        "hertzloop chart speed-accuracy -o DIR", "speed_accuracy.png", _SCHEMES
+        "python -m benchmarks.speed_accuracy -o DIR", "speed_accuracy.png", _SCHEMES
     ),
-    "stability.png": Drawn("hertzloop chart stability -o DIR", "stability.png", _SCHEMES),
+    "stability.png": Drawn("python -m benchmarks.stability -o DIR", "stability.png", _SCHEMES),
     "stability-energy.png": Drawn(
-        "hertzloop chart stability -o DIR", "stability-energy.png", (*_SCHEMES, *_KAPPAS)
+        "python -m benchmarks.stability -o DIR", "stability-energy.png", (*_SCHEMES, *_KAPPAS)
     ),
-    "weaknesses.png": Drawn("hertzloop weaknesses -o DIR", "weaknesses.png", _PUBLISHED),
-    "bounces.png": Drawn("hertzloop figures -o DIR", "bounces.png", _PUBLISHED),
+    "weaknesses.png": Drawn("python -m paper.weaknesses -o DIR", "weaknesses.png", _PUBLISHED),
+    "bounces.png": Drawn("python -m paper.figures -o DIR", "bounces.png", _PUBLISHED),
 }  # fmt: skip
 
 
@@ -211,3 +232,113 @@ def write_note(folder: Path, name: str, drawn_again: bool) -> None:
     ordered = {key: notes[key] for key in sorted(notes)}
     text = json.dumps(ordered, indent=1, allow_nan=False)
     (folder / NOTES).write_text(text + "\n", encoding="utf-8")
+
+
+_REPORT = "report"
+_BROWSERS = ("chromium", "chromium-browser", "chrome")
+
+
+def main(
+    folder: OutDirOption = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option("--only", help="Draw this picture only, by its name; repeat for more."),
+    ] = None,
+    documented: Annotated[
+        bool,
+        typer.Option("--docs", help="Draw the pictures of the documentation, each by its command."),
+    ] = False,
+    note: Annotated[
+        bool, typer.Option("--note", help="With --docs: only note what the pictures show today.")
+    ] = False,
+    quick: QuickOption = False,
+) -> None:
+    """Draw the replay of every shipped scene over the same run without control.
+
+    Also draws two laws compared, an unstable run and a paced one; with --only report the page of a
+    run. Needs no screen. With --quick: the default scene only.
+
+    Example: python -m benchmarks.pictures --only aluminium-20mm -o pictures
+    """
+    wanted = {name: [Run(name)] for name in shipped()} | MORE
+    _check(only, list(PICTURES) if documented else [*wanted, _REPORT])
+    names = only or ([DEFAULT] if quick and not documented else list(wanted))
+    with results_in(folder, "pictures") as made:
+        if documented:
+            _documented(made, only, note)
+            return
+        rows = []
+        for name in tracked("pictures", names):
+            began = time.perf_counter()
+            if name == _REPORT:
+                picture = made / f"{_REPORT}.png"
+                _photograph_report(picture)
+            else:
+                picture = made / f"replay-{name}.png"
+                _draw(picture, wanted[name])
+            rows.append((name, picture.name, f"{time.perf_counter() - began:.2f}"))
+        write_rows(made / "pictures.csv", ["name", "file", "seconds"], rows)
+    written(made, *(row[1] for row in rows), "pictures.csv")
+    longest = max(float(row[2]) for row in rows)
+    conclude(f"A picture takes {longest:.0f} s at most (number of pictures: {len(rows)}).")
+
+
+def _check(only: list[str] | None, known: list[str]) -> None:
+    unknown = [name for name in only or [] if name not in known]
+    if unknown:
+        fail(f"--only = {unknown[0]}: unknown picture. Choose one of {', '.join(known)}", 2)
+
+
+def _draw(picture: Path, runs: list[Run]) -> None:
+    """The replay of one run, over a second one if there is one."""
+    with TemporaryDirectory(prefix="hertzloop-") as temporary:
+        files = []
+        for i, run in enumerate(runs):
+            files.append(Path(temporary) / f"{run.scene}{'-other' * i}.mcap")
+            try:
+                run.record(files[-1])
+            except RuntimeError as error:
+                fail(str(error), 1)
+        try:
+            first, *others = (read(file) for file in files)
+            replaying.replay(first, None, picture, others[0] if others else None)
+        except RecordingError as error:
+            fail(str(error), 1)
+
+
+def _documented(folder: Path, only: list[str] | None, note: bool) -> None:
+    """Draw the pictures of the documentation again, hours for all, and note what they show."""
+    names = only or list(PICTURES)
+    for name in tracked("pictures", names):
+        picture = PICTURES[name]
+        if not note:
+            with TemporaryDirectory(prefix="hertzloop-") as temporary:
+                words = picture.command.removeprefix("python -m ").replace("DIR", temporary)
+                done = subprocess.run([sys.executable, "-m", *words.split()], check=False)
+                if done.returncode:
+                    fail(f"'{picture.command}' ended with code {done.returncode}", 1)
+                shutil.copyfile(Path(temporary) / picture.writes, folder / name)
+        write_note(folder, name, drawn_again=not note)
+        out.print(f"{'noted' if note else 'written'}: {folder / name}", soft_wrap=True)
+    conclude(f"{len(names)} pictures are {'noted' if note else 'drawn and noted'}.")
+
+
+def _photograph_report(picture: Path) -> None:
+    """The top of the page of the scene `aluminium-3mm`, by Chromium."""
+    browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
+    if browser is None:
+        fail(f"the picture of the page needs a browser: {', '.join(_BROWSERS)}", 1)
+    with TemporaryDirectory(prefix="hertzloop-") as temporary:
+        file, page = Path(temporary) / "aluminium-3mm.mcap", Path(temporary) / "page.html"
+        Run("aluminium-3mm").record(file)
+        page.write_text(page_of(read(file)), encoding="utf-8")
+        command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
+        command += [f"--user-data-dir={temporary}/profile", "--window-size=1100,2500"]
+        command += ["--virtual-time-budget=1500", f"--screenshot={picture}", page.as_uri()]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode or not picture.exists():
+        fail(f"{browser} took no picture: {done.stderr.strip()[-200:]}", 1)
+
+
+if __name__ == "__main__":
+    start("benchmarks.pictures")

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.studies import drawn
+from benchmarks import pictures as drawn
+from tests.benchmarks.programs import called, said
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -17,7 +18,7 @@ def test_every_picture_of_the_documentation_is_noted() -> None:
 
 @pytest.mark.parametrize("name", drawn.PICTURES)
 def test_a_picture_matches_the_code(name: str) -> None:
-    """Mend: hertzloop pictures --docs -o docs --only NAME (draws it again), and look at it."""
+    """Mend: python -m benchmarks.pictures --docs -o docs --only NAME, and look at it."""
     now = drawn.note_of(drawn.PICTURES[name])
     assert drawn.differences(drawn.read_notes(DOCS)[name], now) == []
     assert now["words"] or any(now["figures"].values())
@@ -40,3 +41,20 @@ def test_other_figures_and_other_words_are_noticed_and_last_bits_are_not(tmp_pat
     assert drawn.differences(note, drawn.note_of(stronger))
     worded = drawn.note_of(picture) | {"words": ["another title"]}
     assert any("words was" in one for one in drawn.differences(note, worded))
+
+
+def test_a_run_for_a_picture_that_fails_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failing = drawn.Run("aluminium-3mm", ("controller.kappa=much",), 0.003)
+    monkeypatch.setitem(drawn.MORE, "paced", [failing])
+    result = called(drawn.main, "--only", "paced", "-o", str(tmp_path))
+    assert result.exit_code == 1
+    assert "the paced run failed: error: " in said(result)
+    assert "controller.kappa" in said(result)
+
+
+def test_an_unknown_picture_is_the_users_mistake(tmp_path: Path) -> None:
+    result = called(drawn.main, "--only", "none", "-o", str(tmp_path))
+    assert result.exit_code == 2
+    assert "--only = none: unknown picture" in said(result)

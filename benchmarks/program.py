@@ -1,0 +1,269 @@
+"""What the programs of `benchmarks` and `paper` share: start, options, folder, progress, bars.
+
+A program is a module with a function `main`, run as `python -m benchmarks.NAME`. It prints its
+tables, writes CSV files and a picture into a folder, and ends with its conclusion in one sentence.
+"""
+
+import importlib
+import math
+import statistics
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from typer.core import TyperCommand
+
+from hertzloop.cli.options import (
+    JsonOption,
+    SceneArgument,
+    SetOption,
+    check_folder,
+    check_json,
+    compile_first,
+    make_folder,
+    scene_from,
+    write_json,
+)
+from hertzloop.cli.terminal import err, fail, if_interrupted, out
+from hertzloop.extras import sentence_on
+from hertzloop.views.format import Table
+
+__all__ = [
+    "Item", "JsonOption", "OutDirOption", "QuickOption", "RoundsOption", "SceneArgument",
+    "ScenesOption", "SeedOption", "SetOption", "app_of", "bars", "check_folder", "check_json",
+    "compile_first", "conclude", "err", "fail", "make_folder", "median", "number_table", "out",
+    "progress", "results_in", "scene_from", "share", "start", "tracked", "write_json", "written",
+]  # fmt: skip
+
+Item = TypeVar("Item")
+
+OutDirOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out-dir",
+        "-o",
+        help="Write CSV files and pictures into this folder, by default one named after the "
+        "program.",
+        show_default=False,
+    ),
+]
+QuickOption = Annotated[
+    bool, typer.Option("--quick", help="Measure less, for a first look or a test.")
+]
+RoundsOption = Annotated[
+    int, typer.Option(min=1, help="Measure every case in this many rounds (1 with --quick).")
+]
+ScenesOption = Annotated[
+    int, typer.Option(min=1, help="Draw this many random scenes (4 with --quick).")
+]
+SeedOption = Annotated[int, typer.Option(help="Draw the random scenes by this seed.")]
+
+
+class _Program(TyperCommand):
+    """A command that ends in one sentence when it is interrupted or lacks a package."""
+
+    def invoke(self, *args: Any) -> Any:
+        """Run the program."""
+        out.stderr = False  # see check_json
+        try:
+            with if_interrupted():
+                return super().invoke(*args)
+        except ModuleNotFoundError as error:
+            sentence = sentence_on(error.name)
+            if sentence is None:
+                raise
+            fail(sentence, 2)
+
+
+def app_of(main: Callable[..., None]) -> typer.Typer:
+    """The command line of a program.
+
+    Args:
+        main: function with typer's annotations; its docstring is the help text.
+
+    Returns:
+        An application with one command.
+    """
+    app = typer.Typer(
+        context_settings={"help_option_names": ["-h", "--help"]},
+        pretty_exceptions_enable=False,
+        add_completion=False,
+        rich_markup_mode=None,
+    )
+    app.command(cls=_Program)(main)
+    return app
+
+
+def start(module: str) -> None:
+    """Run a program from its module's `if __name__ == "__main__"`.
+
+    The module is imported again under its own name, so that worker processes and pickled objects
+    find its classes there and not in `__main__`.
+
+    Args:
+        module: full name of the module, such as "benchmarks.cases".
+    """
+    from hertzloop.__main__ import collect_rarely
+    from hertzloop.cli.app import main as run
+    from hertzloop.processes.signals import command_line
+
+    collect_rarely()  # as `hertzloop` does, whose speed is measured
+    with command_line() as imported:
+        command = typer.main.get_command(app_of(importlib.import_module(module).main))
+        imported()
+        run(lambda: command(prog_name=f"python -m {module}"))
+
+
+@contextmanager
+def results_in(folder: Path | None, program: str, *schemes: str) -> Iterator[Path]:
+    """Make the folder for results, compile the kernels of `schemes`, and report a full disk.
+
+    Args:
+        folder: the folder that the user named, or None for one named `program`.
+        program: name of the program.
+        schemes: names of schemes whose kernels are compiled before anything is measured.
+
+    Yields:
+        The folder, which exists.
+    """
+    from hertzloop.extras import need
+    from hertzloop.processes.warmup import of_scheme
+
+    folder = folder or Path(program)
+    make_folder(folder)
+    need("matplotlib")
+    for scheme in schemes:
+        compile_first(of_scheme(scheme))
+    try:
+        yield folder
+    except OSError as error:
+        fail(f"cannot write into {folder}: {error.strerror}", 1)
+
+
+@contextmanager
+def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Show a progress bar with the time left on a terminal.
+
+    The bar is redrawn only when something is completed: a thread that redraws it would disturb the
+    measurements.
+
+    Args:
+        what: name of the work.
+        total: number of units of work.
+
+    Yields:
+        A function that takes the number of completed units.
+    """
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %", markup=False),
+        TimeRemainingColumn(),
+    )
+    shown = err.is_terminal
+    with Progress(
+        *columns, console=err, transient=True, disable=not shown, auto_refresh=False
+    ) as bar:
+        task = bar.add_task(what, total=total)
+        bar.refresh()
+        yield lambda completed: bar.update(task, completed=completed, refresh=True)
+
+
+def tracked(what: str, items: Iterable[Item]) -> Iterator[Item]:
+    """Iterate over items with a progress bar.
+
+    Args:
+        what: name of the work.
+        items: any number of items.
+
+    Yields:
+        The items.
+    """
+    known = list(items)
+    with progress(what, len(known)) as advance:
+        for i, item in enumerate(known, 1):
+            yield item
+            advance(i)
+
+
+def number_table(
+    title: str, headings: Iterable[str], rows: Iterable[Iterable[str]], text: int = 0
+) -> Table:
+    """A table of numbers.
+
+    Args:
+        title: title of the table.
+        headings: one for each column.
+        rows: cells, ready as text.
+        text: number of columns at the left that hold text.
+
+    Returns:
+        The table, to print.
+    """
+    table = Table(title=title)
+    for i, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if i < text else "right")
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def bars(
+    path: Path, title: str, axis: str, values: Sequence[tuple[str, float]], log: bool = False
+) -> Path:
+    """Draw a plain chart of horizontal bars.
+
+    Args:
+        path: picture to write (PNG).
+        title: title of the chart.
+        axis: quantity and unit of the values.
+        values: label and value of each bar, the first one on top; a bar without a finite value is
+            left empty.
+        log: whether the axis is logarithmic.
+
+    Returns:
+        The path.
+    """
+    from hertzloop.studies import pictures
+
+    figure, [[axes]] = pictures.sheet(1, 1, 8.0, 0.32 * len(values) + 1.4)
+    places = range(len(values))
+    sizes = [value if math.isfinite(value) else 0.0 for _, value in values]
+    drawn = axes.barh(places, sizes, color=pictures.COLOURS[0])
+    axes.bar_label(drawn, [f"{value:.3g}" for _, value in values], padding=4, fontsize=8)
+    axes.set_yticks(places, [label for label, _ in values], fontsize=8)
+    axes.invert_yaxis()
+    if log:
+        axes.set_xscale("log")
+    axes.grid(axis="y", visible=False)
+    axes.margins(x=0.15)
+    axes.set(title=title, xlabel=axis)
+    return pictures.save(figure, path)
+
+
+def median(values: Iterable[float]) -> float:
+    """The median of the finite values, NaN without any."""
+    finite = [value for value in values if math.isfinite(value)]
+    return statistics.median(finite) if finite else math.nan
+
+
+def share(met: int, of: int) -> str:
+    """A share in per cent with its counts, as text: "95 % (38 of 40)"."""
+    return f"{100.0 * met / of:.0f} % ({met} of {of})" if of else "none (0 of 0)"
+
+
+def written(folder: Path, *names: str) -> None:
+    """Print which files were written into a folder."""
+    *others, last = names
+    listed = f"{', '.join(others)} and {last}" if others else last
+    out.print(f"written: {folder}/{listed}", soft_wrap=True)
+
+
+def conclude(sentence: str) -> None:
+    """Print the conclusion, as the last line of a program."""
+    out.print(sentence, soft_wrap=True)
+    sys.stdout.flush()

@@ -1,0 +1,130 @@
+"""How long the way from a recording to the viewer takes, and a frame there."""
+
+import statistics
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Literal
+
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    RoundsOption,
+    bars,
+    check_json,
+    compile_first,
+    conclude,
+    number_table,
+    out,
+    results_in,
+    start,
+    tracked,
+    write_json,
+    written,
+)
+from hertzloop.loop.compiled import record_in_process
+from hertzloop.recordings.reader import read
+from hertzloop.recordings.replay import as_rerun
+from hertzloop.recordings.replay.viewer import ViewerError, frame_times_ms
+from hertzloop.setup import load
+from hertzloop.studies.words import write_records
+from hertzloop.views import replaying
+
+_FRAMES = 40
+_STATES: tuple[Literal["paused", "playing"], ...] = ("paused", "playing")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Median and least of what was measured several times."""
+
+    case: str
+    median: float
+    least: float
+
+
+@dataclass(frozen=True)
+class ReplayCost:
+    """`cases`: from a recording of so many steps, the run without control simulated beside it, to
+    an .rrd file of so many MB, without the start of Python; a frame of the whole dashboard. Why
+    frames are not known, if they are not."""
+
+    steps: int
+    cases: list[Measured]
+    megabytes: float
+    no_frames: str = ""
+
+
+def measure(rounds: int, duration_s: float = 0.6) -> ReplayCost:
+    """Costs of the scene `aluminium-3mm` of this length."""
+    setup = load("aluminium-3mm", [f"run.duration_s={duration_s}"])
+    with TemporaryDirectory(prefix="hertzloop-") as folder:
+        file, rrd = Path(folder) / "run.mcap", Path(folder) / "run.rrd"
+        record_in_process(setup, file, compiled=True)
+        found: dict[str, list[float]] = {"to an .rrd file, s": [], "... of processor time, s": []}
+        cursor_ns = _convert(file, rrd, ([], []))  # loads what is compiled
+        for _ in tracked("to an .rrd file", range(rounds)):
+            _convert(file, rrd, tuple(found.values()))
+        why = ""
+        try:
+            for state in _STATES:
+                case = f"a frame of the viewer, {state}, ms"
+                found[case] = frame_times_ms(rrd, cursor_ns, _FRAMES, state)
+        except ViewerError as error:
+            why = str(error)
+        megabytes = 1e-6 * rrd.stat().st_size
+    cases = [Measured(c, statistics.median(times), min(times)) for c, times in found.items()]
+    return ReplayCost(setup.steps, cases, megabytes, why)
+
+
+def _convert(file: Path, rrd: Path, times: tuple[list[float], ...]) -> int:
+    """Appends seconds on the wall and of processor time; the time of a still picture, ns."""
+    wall, spent = time.perf_counter(), time.process_time()
+    shown = replaying.prepare(read(file, keep=True))
+    as_rerun.save(shown, rrd)
+    times[0].append(time.perf_counter() - wall)
+    times[1].append(time.process_time() - spent)
+    return shown.when.still_ns
+
+
+_QUICK_S = 0.0016
+
+
+def main(
+    folder: OutDirOption = None,
+    rounds: RoundsOption = 7,
+    quick: QuickOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Measure how long a recording of 600 000 steps takes to the viewer, and a frame there.
+
+    With --quick the recording has 1600 steps.
+
+    Example: python -m benchmarks.replay --quick
+    """
+    check_json(json_file)
+    with results_in(folder, "replay") as made:
+        compile_first()
+        found = measure(1, _QUICK_S) if quick else measure(rounds)
+        write_records(made / "replay.csv", found.cases)
+        sizes = [(c.case, c.median) for c in found.cases]
+        title = f"Replay of {found.steps:,} steps"
+        bars(made / "replay.png", title, "median, in the unit of the label", sizes, log=True)
+    headings = ("case", "median", "least")
+    rows = [(c.case, f"{c.median:.3g}", f"{c.least:.3g}") for c in found.cases]
+    out.print(number_table(f"replay of {found.steps:,} steps", headings, rows, text=1))
+    out.print(f"the file has {found.megabytes:.1f} MB")
+    if found.no_frames:
+        out.print(f"frames not measured: {found.no_frames}", soft_wrap=True)
+    written(made, "replay.csv", "replay.png")
+    conclude(
+        f"A recording of {found.steps:,} steps becomes an .rrd file of {found.megabytes:.1f} MB "
+        f"in {found.cases[0].median:.2f} s."
+    )
+    write_json(json_file, {"replay": asdict(found)})
+
+
+if __name__ == "__main__":
+    start("benchmarks.replay")

@@ -1,0 +1,135 @@
+"""How fast a scene runs on this machine: the loop in each transport, and cases of a sweep.
+
+Machines are shared and noisy. So all measurements take turns, round after round, and a load from
+elsewhere meets all of them alike.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+
+from hertzloop.processes.launcher import RunOptions, Transport, record
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
+from hertzloop.studies.sweeps.evaluate import not_run, run_cases
+
+_ROUNDS, _QUICK_ROUNDS = 5, 2
+_CASES, _QUICK_CASES = 100, 30  # of the sweep, a round
+
+
+@dataclass(frozen=True)
+class LoopCost:
+    """Wall time of the whole loop, recorded, in one transport.
+
+    Attributes:
+        transport: how the parts of the loop exchange samples and forces.
+        median_us: wall time a step, us, median over the rounds.
+        least_us: wall time a step, us, smallest of the rounds.
+        times_real_time: simulated time over wall time, at the median.
+    """
+
+    transport: Transport
+    median_us: float
+    least_us: float
+    times_real_time: float
+
+
+@dataclass(frozen=True)
+class SweepCost:
+    """Rate of one core in a sweep over the latency.
+
+    Attributes:
+        cases: number of cases in a round.
+        per_s: cases a second of processor time, median over the rounds.
+        most_per_s: cases a second in the fastest round.
+    """
+
+    cases: int
+    per_s: float
+    most_per_s: float
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What was measured.
+
+    Attributes:
+        scene: name of the scene.
+        steps: number of steps of a run.
+        rounds: how often everything was measured, after one round that loads the kernels.
+        loops: one entry a transport.
+        sweep: rate of one core in a sweep.
+    """
+
+    scene: str
+    steps: int
+    rounds: int
+    loops: tuple[LoopCost, ...]
+    sweep: SweepCost
+
+
+def measure(
+    setup: Setup, quick: bool = False, on_progress: Callable[[int, int], None] = lambda *_: None
+) -> Bench:
+    """Measure the loop in each transport and the cases of a small latency sweep, in turn.
+
+    Args:
+        setup: the scene to run.
+        quick: whether to measure fewer rounds and cases.
+        on_progress: called with the number of finished rounds and of all rounds.
+
+    Returns:
+        Medians and least times over the rounds.
+
+    Raises:
+        SceneError: if no case of the sweep can be run.
+        RunFailed, BusError, StreamFault, RecordingError: if a run fails.
+    """
+    rounds = _QUICK_ROUNDS if quick else _ROUNDS
+    cases = latency_cases(setup, _QUICK_CASES if quick else _CASES)
+    times: dict[Transport, list[float]] = {transport: [] for transport in Transport}
+    rates: list[float] = []
+    for turn in range(rounds + 1):
+        for transport in Transport:
+            wall_s = _loop_s(setup, transport)
+            if turn:  # the first round loads what is compiled
+                times[transport].append(wall_s)
+        per_s = _cases_per_s(setup, cases)
+        if turn:
+            rates.append(per_s)
+        on_progress(turn + 1, rounds + 1)
+    to_us = 1e6 / setup.steps
+    loops = tuple(
+        LoopCost(
+            transport, to_us * median(some), to_us * min(some), setup.duration_s / median(some)
+        )
+        for transport, some in times.items()
+    )
+    sweep = SweepCost(len(cases), median(rates), max(rates))
+    return Bench(setup.name, setup.steps, rounds, loops, sweep)
+
+
+def latency_cases(setup: Setup, count: int) -> list[dict[str, float]]:
+    """Cases of a sweep over the latency from 0 upwards, one step apart, shorter than the run."""
+    most = max(1, min(count, setup.steps - 1))
+    return [{"controller.latency_us": round(1e6 * i * setup.step_s, 6)} for i in range(most)]
+
+
+def _loop_s(setup: Setup, transport: Transport) -> float:
+    """Wall time of the loop of a recorded run, s."""
+    with TemporaryDirectory(prefix="hertzloop-") as folder:
+        stats = record(setup, Path(folder) / "bench.mcap", RunOptions(transport))
+    return float(stats["wall_s"])
+
+
+def _cases_per_s(setup: Setup, cases: list[dict[str, float]]) -> float:
+    """Cases a second of processor time of this thread. Raises SceneError if none can be run."""
+    began = time.thread_time()
+    rows = list(run_cases(setup, "impact", list(enumerate(cases))))
+    spent_s = time.thread_time() - began
+    if failed := not_run(rows):
+        raise SceneError(f"{len(failed)} of {len(rows)} cases cannot be run: {failed[0]['status']}")
+    return len(rows) / spent_s

@@ -1,0 +1,83 @@
+"""Damping parameters of the published scheme for a coefficient of restitution."""
+
+from typing import Annotated
+
+import typer
+
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    SceneArgument,
+    SetOption,
+    bars,
+    check_json,
+    conclude,
+    fail,
+    out,
+    progress,
+    results_in,
+    scene_from,
+    start,
+    write_json,
+    written,
+)
+from hertzloop.plant.schemes.thesis2008 import calibrate_relaxation, calibrate_viscous
+from hertzloop.studies.words import write_rows
+
+
+def main(
+    scene: SceneArgument = "thesis-aluminium",
+    restitution: Annotated[
+        float | None,
+        typer.Option(
+            help="Reach this ratio of relative velocities after and before the contact, by "
+            "default the plate material's coefficient.",
+            show_default=False,
+        ),
+    ] = None,
+    relaxation_s: Annotated[
+        float, typer.Option(min=1e-7, help="Use this time constant tau of the relaxation, s.")
+    ] = 1e-3,
+    settings: SetOption = None,
+    folder: OutDirOption = None,
+    quick: QuickOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Find damping parameters of the published scheme for a coefficient of restitution.
+
+    With --quick: the viscous damper only.
+
+    Example: python -m paper.calibrate thesis-aluminium --restitution 0.7
+    """
+    resolved = scene_from(scene, settings, None)
+    check_json(json_file)
+    target = restitution or resolved.structure.material.restitution
+    data = {"restitution": target, "relaxation_s": relaxation_s}
+    with results_in(folder, "calibrate", "thesis2008") as made:
+        try:
+            with progress("calibrate", 2) as advance:
+                data["viscous_n_s_m"] = calibrate_viscous(resolved.plant, target)
+                advance(1)
+                if not quick:
+                    data["relaxation_stiffness"] = calibrate_relaxation(
+                        resolved.plant, target, relaxation_s
+                    )
+        except ValueError as error:
+            fail(str(error), 2)
+        write_rows(made / "calibrate.csv", list(data), [list(data.values())])
+        title = f"{resolved.name}: damping for a restitution of {target:g}"
+        found = [(key, value) for key, value in data.items() if key.startswith(("visc", "relax"))]
+        bars(made / "calibrate.png", title, "SI units", found, log=True)
+    for key, value in data.items():
+        out.print(f"{key} = {value:.8g}")
+    written(made, "calibrate.csv", "calibrate.png")
+    conclude(
+        f"A viscous damper of {data['viscous_n_s_m']:.4g} N s/m gives {resolved.name} a "
+        f"coefficient of restitution of {target:g}."
+    )
+    write_json(json_file, data)
+
+
+if __name__ == "__main__":
+    start("paper.calibrate")

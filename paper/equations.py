@@ -1,0 +1,132 @@
+"""Equations 3.1, 3.3, 3.8b and the limits of 3.13 of the study, for a scene's first impact."""
+
+import math
+from dataclasses import asdict, dataclass
+
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    SceneArgument,
+    SetOption,
+    bars,
+    check_json,
+    conclude,
+    fail,
+    number_table,
+    out,
+    progress,
+    results_in,
+    scene_from,
+    start,
+    write_json,
+    written,
+)
+from hertzloop.analysis.impacts import first_impact
+from hertzloop.loop.compiled import simulate
+from hertzloop.plant.contact.hertz import tangent_stiffness_n_m
+from hertzloop.plant.figures.sound import PointMobility, longhorn_any_j, longhorn_short_j
+from hertzloop.plant.structures.radiation import critical_frequency_hz, maidanik_from_hz
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
+from hertzloop.studies.words import write_records
+
+
+@dataclass(frozen=True)
+class Line:
+    """One number: which equation, of what, the number and its unit."""
+
+    equation: str
+    what: str
+    value: float
+    unit: str
+
+
+def lines(setup: Setup) -> list[Line]:
+    """Eq. 3.1, 3.3, 3.8b, and the limits of 3.13. Raises SceneError without an impact that ends."""
+    setup = setup.without_control()
+    spec = setup.plant
+    impact = first_impact(setup, simulate(setup).rows)
+    if impact is None or not impact.ended:
+        raise SceneError("no impact ends within run.duration_s; take more")
+    noise, sphere = impact.noise, spec.sphere
+    time_s, v0, m = noise.contact_time_s, sphere.impact_speed_m_s, sphere.mass_kg
+    any_j = longhorn_any_j(sphere.radius_m, v0, time_s)
+    short_j = longhorn_short_j(sphere.radius_m, v0)
+    found = [
+        Line("3.1", "acceleration noise, any contact time", 1e6 * any_j, "uJ"),
+        Line("3.3", "its limit for a short contact", 1e6 * short_j, "uJ"),
+        Line("3.3", "limit over 3.1", short_j / any_j, ""),
+        Line(
+            "3.3", "c t0/R; the limit needs much less than 1", 340.0 * time_s / sphere.radius_m, ""
+        ),
+    ]
+    # The spring is as stiff as the contact at its peak.
+    spring = tangent_stiffness_n_m(spec.contact.stiffness, impact.impact.peak_force_n)
+    mobility = PointMobility(m, spring, spec.local_plate.infinite_plate_impedance_n_s_m)
+    cuts = (("w < 1/T", 1.0 / time_s), ("w < 2 pi/T", 2.0 * math.pi / time_s))
+    found += [
+        Line("3.8b (i)", "2 m/pi times the integral of Re Y_sys", mobility.share(), ""),
+        *[Line("3.8b (ii)", f"the same for {what}", mobility.share(w), "") for what, w in cuts],
+        *[
+            Line("3.8b", f"energy for {what}, I = {name}", 1e6 * mobility.energy_j(i, w), "uJ")
+            for name, i in (("m v0", m * v0), ("sqrt(2) m v0", math.sqrt(2.0) * m * v0))
+            for what, w in cuts
+        ],
+        Line("", "plate energy of the run", 1e6 * noise.transmitted_j, "uJ"),
+        Line("", "... of the kinetic energy", noise.transmitted_j / (0.5 * m * v0**2), ""),
+    ]
+    plate = spec.plate.separable
+    if plate is not None:
+        found += [
+            Line("3.13", "not defined below", maidanik_from_hz(plate), "Hz"),
+            Line("3.13", "critical frequency", critical_frequency_hz(plate), "Hz"),
+        ]
+    return found
+
+
+_QUICK_S = 2e-3  # after the first touch
+
+
+def main(
+    scene: SceneArgument = "aluminium-3mm",
+    settings: SetOption = None,
+    folder: OutDirOption = None,
+    quick: QuickOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Compute equations 3.1, 3.3, 3.8b and the limits of 3.13 for a scene's first impact.
+
+    The impact has no control. With --quick: the run ends 2 ms after the first touch.
+
+    Example: python -m paper.equations aluminium-3mm
+    """
+    resolved = scene_from(scene, settings, None)
+    check_json(json_file)
+    if quick:
+        steps = round((resolved.first_touch_s + _QUICK_S) / resolved.step_s)
+        resolved = resolved.lasting(min(resolved.steps, steps))
+    with results_in(folder, "equations", resolved.scheme) as made:
+        try:
+            with progress("equations", 1):
+                found = lines(resolved)
+        except (SceneError, ValueError) as error:
+            fail(str(error), 2)
+        write_records(made / "equations.csv", found)
+        energies = [(f"{one.equation} {one.what}", one.value) for one in found if one.unit == "uJ"]
+        bars(made / "equations.png", f"{resolved.name}: energies", "uJ", energies, log=True)
+    headings = ("equation", "what", "value", "unit")
+    cells = ((one.equation, one.what, f"{one.value:.4g}", one.unit) for one in found)
+    title = f"{resolved.name}, first impact without control"
+    out.print(number_table(title, headings, cells, text=2))
+    written(made, "equations.csv", "equations.png")
+    ratio = next(one.value for one in found if one.what == "limit over 3.1")
+    conclude(
+        f"For the contact time of {resolved.name}, the limit for a short contact (eq. 3.3) is "
+        f"{ratio:.3g} times the acceleration noise of eq. 3.1."
+    )
+    write_json(json_file, {"lines": [asdict(one) for one in found]})
+
+
+if __name__ == "__main__":
+    start("paper.equations")

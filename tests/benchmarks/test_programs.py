@@ -1,0 +1,130 @@
+"""Every program runs with --quick, writes CSV and a picture, and ends with its conclusion."""
+
+import csv
+import importlib
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.benchmarks.programs import ROOT, called, program, said
+from tests.tiers import default
+
+# Programs and how their conclusion begins.
+CONCLUSIONS = {
+    "benchmarks.cases": r"One core runs [\d,]+ cases of the latency map in a second, and \d+%",
+    "benchmarks.costs": r"A step in contact over 1104 frequencies takes [\d.]+ us, \d+%",
+    "benchmarks.exchange": r"An exchange in the fast lane takes [\d.]+ us, [\d,]+ times",
+    "benchmarks.exported": r"For this processor the exported plant takes [\d.]+ us a step",
+    "benchmarks.infinite_plate": r"The infinite plate is offered in \d+ of 12 requests",
+    "benchmarks.laws": r"A law of your own runs at least [\d.]+ times as many cases",
+    "benchmarks.model_order": r"The automatic choice of modes meets the requested accuracy",
+    "benchmarks.pictures": r"A picture takes \d+ s at most",
+    "benchmarks.plate_models": r"In the place of the omitted modes, a damped mode leaves an error",
+    "benchmarks.replay": r"A recording of 1,600 steps becomes an \.rrd file of [\d.]+ MB",
+    "benchmarks.speed_accuracy": r"At an error of 0\.001 the default scheme is [\d.]+ times",
+    "benchmarks.stability": r"At steps of 0\.01 to 100 contact times the energy residual",
+    "paper.calibrate": r"A viscous damper of [\d.]+ N s/m gives thesis-aluminium",
+    "paper.equations": r"For the contact time of aluminium-3mm, .* is 10\.3 times",
+    "paper.figures": r"2 figures are drawn; the first contact on aluminium lasts 35 us",
+    "paper.optima": r"The force that the published numerics find best for the plate energy ranks",
+    "paper.table_a1": r"The reading 'flat' comes closest to table A\.1",
+    "paper.tables": r"Over 10 rows, thesis2008 differs from the published levels by a median",
+    "paper.weaknesses": r"The contact impulse of the published scheme is at most [\d.]+ %",
+}
+# Programs of the default tier.
+QUICK = ("benchmarks.cases", "benchmarks.infinite_plate")
+
+
+def test_every_program_is_listed() -> None:
+    """A module with a function `main` is a program, and can be run."""
+    found = set()
+    for package in ("benchmarks", "paper"):
+        for path in (ROOT / package).glob("*.py"):
+            text = path.read_text(encoding="utf-8")
+            if "\ndef main(" in text:
+                found.add(f"{package}.{path.stem}")
+                assert text.endswith(f'\n    start("{package}.{path.stem}")\n')
+    assert found == set(CONCLUSIONS)
+
+
+@pytest.mark.parametrize("name", CONCLUSIONS)
+def test_the_help_ends_with_an_example(name: str) -> None:
+    result = called(importlib.import_module(name).main, "--help")
+    assert result.exit_code == 0
+    text = said(result)
+    assert "--quick" in text
+    assert "-o, --out-dir" in text
+    assert f"Example: python -m {name}" in text
+
+
+@pytest.mark.parametrize("name", default(CONCLUSIONS, QUICK))
+def test_a_program_runs_quickly(name: str, tmp_path: Path) -> None:
+    if name == "benchmarks.exported" and not shutil.which("cc"):
+        pytest.skip("needs a C compiler")
+    done = program(name, "--quick", "-o", str(tmp_path / "made"))
+    if "CI" not in os.environ and "graphics driver" in done.stderr:
+        pytest.skip("no Vulkan driver here")
+    assert done.returncode == 0, done.stderr
+    last = done.stdout.splitlines()[-1]
+    assert re.match(CONCLUSIONS[name], last), last
+    assert last.endswith(".")
+    made = {path.suffix for path in (tmp_path / "made").iterdir()}
+    assert made == {".csv", ".png"}
+    for path in (tmp_path / "made").glob("*.csv"):
+        with path.open(newline="") as file:
+            rows = list(csv.reader(file))
+        assert len(rows) > 1, path
+        assert len({len(row) for row in rows}) == 1, path
+    assert f"{tmp_path / 'made'}/" in done.stdout  # what was written
+
+
+@pytest.mark.full
+def test_json_goes_to_standard_output_alone(tmp_path: Path) -> None:
+    done = program("paper.calibrate", "--quick", "-o", str(tmp_path / "made"), "--json", "-")
+    assert done.returncode == 0, done.stderr
+    data = json.loads(done.stdout)
+    assert data["viscous_n_s_m"] == pytest.approx(9.412, abs=0.002)
+    assert done.stderr.splitlines()[-1].startswith("A viscous damper of 9.41")
+
+
+@pytest.mark.parametrize("name", CONCLUSIONS)
+def test_a_folder_that_cannot_be_made_is_said_before_work_starts(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In /proc not even root can make a file."""
+
+    def work(*_: object) -> None:
+        raise AssertionError("work has started")
+
+    monkeypatch.setattr("hertzloop.processes.warmup.ensure_compiled", work)
+    result = called(importlib.import_module(name).main, "-o", "/proc/no")
+    assert result.exit_code == 2, result.output
+    assert "/proc/no" in said(result)
+
+
+def test_a_missing_package_is_named(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['matplotlib'] = None; sys.argv = ['x', '-o', 'made'];"
+        "from benchmarks.program import start; start('benchmarks.cases')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert (done.returncode, "Traceback" in done.stderr) == (2, False), done.stderr
+    assert "pip install 'hertzloop[charts]'" in done.stderr
+
+
+def test_the_tool_works_without_the_programs(tmp_path: Path) -> None:
+    """Nothing that `hertzloop --help` imports comes from benchmarks or paper."""
+    code = (
+        "import sys; from hertzloop.cli import cli; cli.built();"
+        "assert not [m for m in sys.modules if m.split('.')[0] in ('benchmarks', 'paper')]"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
