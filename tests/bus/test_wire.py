@@ -21,6 +21,7 @@ from hertzloop.bus.messages_pb2 import (
     TruthBlock,
 )
 from hertzloop.bus.streams import STREAMS
+from hertzloop.bus.wire import reserved_ports
 from tests.bus.blocks import BLOCKS, by_the_library, contents, same_contents
 
 VALUES = np.array([1.5, -0.0, np.nan, np.inf, 5e-324])
@@ -254,3 +255,17 @@ def test_the_generated_module_is_up_to_date(tmp_path: Path) -> None:
         for field in message.field:
             field.ClearField("json_name")  # the compiler leaves it out of the module
     assert present == fresh
+
+
+def test_a_row_of_ports_is_tried_again_from_another_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+
+    def hold(held: object, number: int) -> int:
+        calls.append(number)
+        if len(calls) == 2:
+            raise OSError("taken")
+        return number or 5000 + 10 * len(calls)
+
+    monkeypatch.setattr("hertzloop.bus.wire._hold", hold)
+    with reserved_ports(3, in_a_row=True) as ports:
+        assert list(ports) == [5030, 5031, 5032]

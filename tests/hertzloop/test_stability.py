@@ -157,3 +157,17 @@ def test_a_sweep_and_a_run_call_the_same_loop_unstable() -> None:
     assert found.most_injected < 1e4  # a sweep once called only such loops unstable
     with pytest.raises(UnstableLoop, match="times the energy of the impact"):
         figures_of_case(scene, "run")
+
+
+def test_the_largest_force_is_told_in_units_of_the_rigid_contact() -> None:
+    """A rigid, lossless Hertz contact of this sphere has a peak of about 85 N at 1 m/s."""
+    setup = load("aluminium-3mm", ["run.duration_s=0.001"])
+    rows = np.zeros((10, 100))
+    rows[F_A, 40] = 50.0
+    found = stability_of(setup, rows)
+    sphere = setup.plant.sphere
+    energy_j = 0.5 * sphere.mass_kg * sphere.impact_speed_m_s**2
+    stiffness = setup.plant.contact.stiffness
+    rigid_n = stiffness * (2.5 * energy_j / stiffness) ** 0.6
+    assert found.largest_force_n == 50.0
+    assert found.of_contact == pytest.approx(50.0 / rigid_n, rel=1e-6)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from hertzloop.plant.figures import noise
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.schemes.thesis2008 import green_functions
 from hertzloop.plant.structures import radiation
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
@@ -105,3 +106,17 @@ def test_mobility_of_many_modes_is_that_of_an_infinite_plate() -> None:
     f = np.linspace(5e3, 20e3, 400)
     mean = noise.mobility(plant.modes, f).real.mean()
     assert mean * plate.infinite_plate_impedance_n_s_m == pytest.approx(1.0, rel=0.15)
+
+
+def test_the_published_spectrum_takes_contact_and_actuator_force_in_their_directions() -> None:
+    """Both act at one point, so their sum is a contact force alone, and the energies agree."""
+    what = spec()
+    plant = DiscreteGradientPlant(what)
+    modes = plant.modes
+    force = np.hanning(60)
+    green = green_functions(what.plate, modes, 1e-6, 80)[1]
+    given_ = (what.sphere, what.plate, modes, what.contact_point_m, green)
+    both = noise.published_noise(*given_, 10.0 * force, 4.0 * force, 1e-6, 1.0, 0.5)
+    one = noise.published_noise(*given_, 6.0 * force, 0.0 * force, 1e-6, 1.0, 0.5)
+    assert both.transmitted_spectrum_j == pytest.approx(one.transmitted_spectrum_j, rel=1e-9)
+    assert both.transmitted_j == pytest.approx(one.transmitted_j, rel=1e-9)
