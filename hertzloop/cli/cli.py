@@ -17,6 +17,7 @@ import typer
 from hertzloop.bus import LEAVING
 from hertzloop.cli import export as export_command
 from hertzloop.cli import export as export_plant_command
+from hertzloop.cli import fit as fit_command
 from hertzloop.cli import latency as bench_command
 from hertzloop.cli import latency as validity_command
 from hertzloop.cli import laws as conformance_command
@@ -205,6 +206,7 @@ app.command()(listen_command.listen)
 app.command()(report_page.report)
 app.command()(watch_command.watch)
 app.command()(tune_command.tune)
+app.command()(fit_command.fit)
 app.command()(conformance_command.conformance)
 
 
