@@ -124,20 +124,23 @@ def make_ready(record: Record) -> Channel:
     time_s = record.time_s
     good = known & ~cut
     values = value[good]
+    if float(np.ptp(values)) == 0.0:
+        raise RecordError(
+            f"{record.name}: all values are {values[0]:g}. Give a record with an impact."
+        )
     step = converter_step(record)
     is_gap = record.quantity in ("xi", "xi_s")
     start = max(_FEWEST_QUIET // 2, min(len(values) // 50, 500))
     baseline = float(np.median(values[:start]))
-    spread = max(1.4826 * float(np.median(np.abs(values[:start] - baseline))), 0.3 * step)
+    # A record that begins in the contact has no quiet start; its third differences are quiet.
+    spread = 1.4826 * float(np.median(np.abs(values[:start] - baseline)))
+    rough = 1.4826 * float(np.median(np.abs(np.diff(values, 3)))) / math.sqrt(20.0)
+    spread = max(min(spread, 3.0 * max(rough, 1e-3 * spread)), 0.3 * step)
     if is_gap:
         baseline = 0.0
     peak = float(np.nanmax(np.abs(np.where(known, value, baseline) - baseline)))
-    if peak == 0.0:
-        raise RecordError(
-            f"{record.name}: all values are {baseline:g}. Give a record with an impact."
-        )
     if not is_gap:
-        _check_impact(record, values - baseline, spread)
+        _check_impact(record, values - baseline, max(spread, rough))
     filled = np.where(known, value, baseline)
     onset = _onset(filled, baseline, spread, peak, is_gap)
     quiet_start = onset >= _FEWEST_QUIET and not is_gap
@@ -197,8 +200,7 @@ def _check_impact(record: Record, values: np.ndarray, spread: float) -> None:
     """Refuse a record that never leaves its noise for two samples in a row."""
     size = np.abs(values)
     pairs = np.minimum(size[1:], size[:-1])
-    rough = 1.4826 * float(np.median(np.abs(np.diff(values)))) / math.sqrt(2.0)
-    if float(np.max(pairs)) < 6.0 * max(spread, min(rough, spread * 2.0)):
+    if float(np.max(pairs)) < 6.0 * spread:
         raise RecordError(
             f"{record.name}: no impact was found, as the largest value is "
             f"{float(np.max(size)):.3g} {QUANTITIES[record.quantity].unit} at a noise of "

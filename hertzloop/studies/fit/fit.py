@@ -42,6 +42,7 @@ _ROUNDS = 4  # of outliers
 _CERTAIN = 3.841458820694124  # chi-square of one parameter at 95 %
 _ONE_SIDED = 2.705543454095404  # at 95 % on one side
 _NORMAL = 1.959963984540054
+_NO_BOUND = 10.0  # half-widths of logarithms beyond this mean nothing
 _KNOWN_TO = 0.01  # relative standard deviation of a key measured by other means
 _EXPECTED = re.compile(
     r"(?P<quantity>[a-z_]+):(?P<us>[0-9.eE+]+)us:(?P<noise>[0-9.eE+-]+)%(?::(?P<mhz>[0-9.eE+-]+)MHz)?"
@@ -381,7 +382,8 @@ def fit(
             drawn
         )
     estimates, one_sided = _estimates(problem, point, known, until_s)
-    fits = fitness(problem, point, until_s, len(point.x), one_sided)
+    unknown = {e.key for e in estimates if e.verdict is Verdict.NOT_IDENTIFIABLE}
+    fits = fitness(problem, point, until_s, len(point.x), one_sided | unknown)
     values = problem.values(point.x)
     fitted = setup.vary({k: v for k, v in values.items() if not k.startswith("sensors.")})
     sensor_keys = {k: v for k, v in values.items() if k.startswith("sensors.")}
@@ -478,12 +480,12 @@ def _residual_scale(problem: Problem, point: Point) -> float:
 
 def _estimate(f: Free, value: float, sd: float, alone: float, pull: float | None) -> Estimate:
     """An estimate whose interval is that of the covariance."""
-    known = math.isfinite(sd) and _NORMAL * sd < 50.0
+    known = math.isfinite(sd) and _NORMAL * sd < _NO_BOUND
     low = value * math.exp(-_NORMAL * sd) if known else None
     high = value * math.exp(_NORMAL * sd) if known else None
     half = math.expm1(_NORMAL * sd) if known else math.inf
     verdict = Verdict.IDENTIFIED if half <= WIDEST else Verdict.NOT_IDENTIFIABLE
-    percent = 100.0 * math.expm1(min(_NORMAL * alone, 50.0)) if math.isfinite(alone) else None
+    percent = 100.0 * math.expm1(_NORMAL * alone) if _NORMAL * alone < _NO_BOUND else None
     return Estimate(f.key, value, low, high, verdict, f.start, sd if known else None, pull, percent)
 
 
@@ -516,7 +518,7 @@ def _flat_alone(alone: float, at_bound: bool) -> bool:
 def _profiled(
     problem: Problem, point: Point, until_s: float, j: int, f: Free, estimate: Estimate
 ) -> Estimate | None:
-    """A one-sided estimate where chi-square stays flat towards one bound, else None."""
+    """An estimate with one open end where chi-square stays flat to a bound, else None."""
     best = point.chi_square
 
     def rise(value: float) -> float:
@@ -532,7 +534,9 @@ def _profiled(
         edge = _crossing(rise, estimate.value, f.low)
         if edge is None:
             return None
-        return replace(estimate, low=edge, high=None, verdict=Verdict.ONE_SIDED, sd_log=None)
+        # A contact that does not yield sets a limit by itself; another key is just not known.
+        verdict = Verdict.ONE_SIDED if f.key == _PRESSURE else estimate.verdict
+        return replace(estimate, low=edge, high=None, verdict=verdict, sd_log=None)
     if f.key == _PRESSURE:
         return None
     down = rise(f.low)
@@ -540,7 +544,7 @@ def _profiled(
         edge = _crossing(rise, estimate.value, f.high)
         if edge is None:
             return None
-        return replace(estimate, low=None, high=edge, verdict=Verdict.ONE_SIDED, sd_log=None)
+        return replace(estimate, low=None, high=edge, sd_log=None)
     return None
 
 

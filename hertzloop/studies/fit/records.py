@@ -170,6 +170,8 @@ def clipped(record: Record) -> np.ndarray:
             found[:] = False
     usual = float(np.nanmedian(value))
     largest = float(np.nanmax(np.abs(value - usual)))
+    if largest == 0.0:
+        return found
     for extreme in (np.nanmin(value), np.nanmax(value)):
         if abs(extreme - usual) < 0.3 * largest:
             continue
@@ -374,8 +376,11 @@ def _csv(path: Path) -> _Read:
         header = next(csv.reader([line]))
         file.seek(position)
         file.readline()
+        lines = [text for text in file if text.strip()]
+        if not lines:
+            return {}, {}
         try:
-            table = np.genfromtxt(file, delimiter=",", dtype=float, ndmin=2)
+            table = np.genfromtxt(lines, delimiter=",", dtype=float, ndmin=2)
         except ValueError as error:
             raise RecordError(f"{path}: a line has another number of columns: "
                               f"{str(error).splitlines()[0]}.") from error  # fmt: skip

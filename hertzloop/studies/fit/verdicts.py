@@ -13,6 +13,7 @@ from hertzloop.studies.fit.solve import Point, Problem
 
 WIDEST = 0.30  # relative half-width of an identified key
 _NORMAL = 1.959963984540054  # 95 %
+_NO_BOUND = 10.0  # half-widths of logarithms beyond this mean nothing
 _NULL = 1e-10  # of the largest singular value
 _F_P, _WHITE_P, _PULL = 0.01, 0.001, 3.0
 _F_QUIET = 200  # samples before the impact for the F test to decide alone
@@ -136,7 +137,8 @@ def _combinations(keys: list[str], covariance: np.ndarray) -> list[Combination]:
         # The product with these exponents changes by |exponents|^2 along the direction.
         length = math.sqrt(sum(p * p for p in powers.values()))
         sd = math.sqrt(max(float(value), 0.0)) * length
-        found.append(Combination(powers, 100.0 * math.expm1(min(_NORMAL * sd, 50.0))))
+        wide = _NORMAL * sd > _NO_BOUND
+        found.append(Combination(powers, math.inf if wide else 100.0 * math.expm1(_NORMAL * sd)))
     return found
 
 
