@@ -78,7 +78,7 @@ def fit(
     from hertzloop.studies.fit.records import RecordError, read_record
     from hertzloop.studies.fit.verdicts import Model
 
-    setup = scene_from(scene, [*(settings or []), "controller.law=off"], None)
+    setup = scene_from(scene, settings, None)
     files, held = list(records or []), list(hold_out or [])
     target = out_file or Path(f"{setup.name}-fitted.toml")
     if expect and not check:

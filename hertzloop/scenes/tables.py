@@ -210,8 +210,8 @@ class FitTable(Table):
     """upper ends of the 95 % intervals"""
     verdicts: tuple[str, ...]
     """identified, one-sided or not identifiable"""
-    covariance_log: tuple[tuple[float, ...], ...]
-    """covariance of the natural logarithms of the values"""
+    covariance_log: tuple[float, ...]
+    """covariance of the natural logarithms of the values, row by row"""
     model: str
     """whether the class of models fits"""
     residual_over_noise: float

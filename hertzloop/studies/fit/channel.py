@@ -18,6 +18,7 @@ ENOUGH_QUIET = 150  # for one that a test of the model can rest on
 # converges slowly with the number of modes, and without a filter hardly at all.
 _FLOOR = {"v_p": 4e-5, "acceleration": 4e-4}
 _FLOOR_OF_GAP, _FLOOR_UNFILTERED = 2e-5, 2e-3
+_UNKNOWN_CONTACTS = 1.6
 _FASTEST_HZ = 300e3  # of a filter that makes an acceleration converge
 _SPIKE = 6.0  # deviations, of single samples before the impact
 _AR_FROM, _AR_MOST = 300, 8  # quiet samples for a model of coloured noise, its highest order
@@ -61,6 +62,11 @@ class Channel:
     ppm: float = 0.0
     notes: list[str] = field(default_factory=list)
     rejected: int = 0
+
+    @property
+    def contact_unknown(self) -> bool:
+        """Whether the simulation does not converge during contact."""
+        return _unlimited(self.record)
 
     @property
     def interval_s(self) -> float:
@@ -182,17 +188,23 @@ def make_ready(record: Record) -> Channel:
     )  # fmt: skip
 
 
+def _unlimited(record: Record) -> bool:
+    """Whether a record is an acceleration at the contact point without a filter."""
+    if record.quantity != "acceleration" or record.measured.point_m is not None:
+        return False
+    limits = [f for f in (record.measured.low_pass_hz, record.measured.resonance_hz) if f]
+    return not limits or min(limits) > _FASTEST_HZ
+
+
 def _floor(record: Record, notes: list[str]) -> float:
     """Error of the simulation, of the peak."""
-    if record.quantity == "acceleration" and record.measured.point_m is None:
-        limits = [f for f in (record.measured.low_pass_hz, record.measured.resonance_hz) if f]
-        if not limits or min(limits) > _FASTEST_HZ:
-            notes.append(
-                f"{record.name}: the acceleration at the contact point is known to "
-                f"{100 * _FLOOR_UNFILTERED:g} % of the peak only. Give record.low_pass_hz, the "
-                "bandwidth of the accelerometer."
-            )
-            return _FLOOR_UNFILTERED
+    if _unlimited(record):
+        notes.append(
+            f"{record.name}: without a filter the acceleration at the contact point has no "
+            "limit during contact, so samples there are not used. Give record.low_pass_hz, "
+            "the bandwidth of the accelerometer."
+        )
+        return _FLOOR_UNFILTERED
     return _FLOOR.get(record.quantity, _FLOOR_OF_GAP)
 
 
@@ -342,6 +354,15 @@ def _best_shift(
     if best is None:
         return None if turned == math.inf else (turned, guess, -1.0, 0.0, True)
     return (*best, turned < 0.3 * best[0] and turned < 0.2)
+
+
+def without_contact(channel: Channel, contact_s: float) -> None:
+    """Leave the contact out of an acceleration without a filter, where the record goes on long
+    enough: there it grows with the number of modes."""
+    if not channel.contact_unknown or channel.duration_s < 4.0 * contact_s:
+        return
+    tau = channel.time_s - channel.touch_s
+    channel.kept = channel.kept & ~((tau > -1e-6) & (tau < _UNKNOWN_CONTACTS * contact_s))
 
 
 def thinned(channel: Channel, contact_s: float) -> None:

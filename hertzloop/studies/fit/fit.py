@@ -11,7 +11,7 @@ import numpy as np
 
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
-from hertzloop.studies.fit.channel import Channel, align, make_ready, thinned
+from hertzloop.studies.fit.channel import Channel, align, make_ready, thinned, without_contact
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, chain_of, observe
 from hertzloop.studies.fit.records import QUANTITIES, Measured, Record, RecordError
@@ -368,6 +368,8 @@ def fit(
         evaluations += problem.evaluations
         problem, point = _refrozen(setup, records, free, problem, point)
         until_s = problem.windows_s()[-1]
+    for c, model in zip(problem.channels, problem.models, strict=True):
+        without_contact(c, model.contact_s)  # only now: the early windows hold little else
     point = minimised(problem, point.x, until_s, early=False)
     for _ in range(_ROUNDS):
         if not reject_outliers(problem, point, until_s):
@@ -389,17 +391,17 @@ def fit(
     sensor_keys = {k: v for k, v in values.items() if k.startswith("sensors.")}
     fitted = fitted.vary(sensor_keys) if sensor_keys else fitted
     held = _held_out(fitted, hold_out) if hold_out else None
-    model, reasons = fits.verdict, list(fits.reasons)
-    if held is not None and model is Model.FITS and held["residual_over_noise"] > 2.0:
-        model = Model.DOES_NOT_FIT
+    verdict, reasons = fits.verdict, list(fits.reasons)
+    if held is not None and verdict is Model.FITS and held["residual_over_noise"] > 2.0:
+        verdict = Model.DOES_NOT_FIT
         reasons.append(
             f"The held-out records are {held['residual_over_noise']:.3g} times the noise away."
         )
-    if model is Model.FITS and any(e.verdict is Verdict.NOT_IDENTIFIABLE for e in estimates):
+    if verdict is Model.FITS and any(e.verdict is Verdict.NOT_IDENTIFIABLE for e in estimates):
         reasons.append("The model fits, but not every key is identifiable.")
     return FitResult(
         estimates, _nuisances(problem, point, until_s, scale), _noise(problem),
-        fits.residual_over_noise, model, fits.as_json(), reasons, known.combinations,
+        fits.residual_over_noise, verdict, fits.as_json(), reasons, known.combinations,
         _next(problem, point, known), held, evaluations + problem.evaluations,
         time.perf_counter() - began, known.covariance, fitted,
         [n for c in problem.channels for n in c.notes], _speeds(problem, values), list(records),

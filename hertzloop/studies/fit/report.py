@@ -79,7 +79,7 @@ def fit_table(result: FitResult) -> FitTable:
         low=tuple(_OPEN if e.low is None else e.low for e in result.estimates),  # type: ignore[misc]
         high=tuple(_OPEN if e.high is None else e.high for e in result.estimates),  # type: ignore[misc]
         verdicts=tuple(str(e.verdict) for e in result.estimates),
-        covariance_log=tuple(tuple(float(v) for v in row) for row in covariance),
+        covariance_log=tuple(float(v) for v in covariance.ravel()),
         model=str(result.model),
         residual_over_noise=float(result.residual_over_noise),
         records=tuple(r.name for r in result.records),

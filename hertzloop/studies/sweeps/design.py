@@ -118,15 +118,33 @@ def _items(text: str) -> list[str]:
 
 @dataclass(frozen=True)
 class Design:
-    """A sweep's cases: all combinations of the axes, or `count` points spread over them."""
+    """A sweep's cases: all combinations of the axes, or `count` points spread over them, each with
+    every row of `drawn`, values of `drawn_keys`."""
 
     axes: tuple[Axis, ...]
     kind: Kind = "grid"
     count: int = 0
     seed: int = 1
+    drawn_keys: tuple[str, ...] = ()
+    drawn: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def keys(self) -> list[str]:
+        """The keys that differ from case to case."""
+        return [axis.key for axis in self.axes] + list(self.drawn_keys)
 
     def cases(self) -> list[dict[str, Any]]:
-        """One {key: value} a case, always in the same order; the last axis runs fastest."""
+        """One {key: value} a case, always in the same order; draws, then the last axis run
+        fastest."""
+        if not self.drawn:
+            return self._of_axes()
+        return [
+            case | dict(zip(self.drawn_keys, row, strict=True))
+            for case in self._of_axes()
+            for row in self.drawn
+        ]
+
+    def _of_axes(self) -> list[dict[str, Any]]:
         keys = [axis.key for axis in self.axes]
         if self.kind == "grid":
             every = itertools.product(*(axis.values for axis in self.axes))
