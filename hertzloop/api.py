@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
     "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed", "RunFigures",
-    "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "compare", "fit", "load", "modes", "read", "read_record", "run",
-    "scene_names", "simulate", "sweep", "tune", "vary",
+    "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "compare", "fit", "load",
+    "modes", "read", "read_record", "run", "scene_names", "simulate", "sweep", "tune", "vary",
 ]  # fmt: skip
 
 # Names that are loaded when they are used: a script that only simulates needs none of them.
