@@ -256,19 +256,9 @@ def prepared(
     start = {f.key: f.start for f in free} if at is None else at
     accuracy = min(_accuracy(c) for c in channels)
     accuracy = min(max(accuracy, _FINEST), max(setup.accuracy, _FINEST))
-    models: list[FrozenModel] = []
-    known: dict[Any, FrozenModel] = {}
     for c in channels:
         _cut(c)
-        duration_s = float(c.time_s[-1]) - c.onset_s + 20e-6
-        m = c.record.measured
-        of_record = setup.vary(dict(m.set)) if m.set else setup
-        of_plant = {k: v for k, v in start.items() if not k.startswith("sensors.")}
-        base = of_record.vary({k: v for k, v in of_plant.items() if k not in m.set})
-        key = (tuple(sorted(m.set.items())), m.point_m, round(duration_s, 5))
-        if key not in known:
-            known[key] = FrozenModel(base, duration_s, accuracy, m.point_m)
-        models.append(known[key])
+    models = _frozen(setup, channels, start, accuracy)
     chains = [chain_of(c.record, setup) for c in channels]
     problem = Problem(list(free), channels, models, chains)
     for index, (c, model) in enumerate(zip(channels, models, strict=True)):
@@ -276,6 +266,28 @@ def prepared(
         align(c, problem.observed(index, dict(start), long_s), model.contact_s)
         thinned(c, model.contact_s)
     return problem
+
+
+def _frozen(
+    setup: Setup, channels: Sequence[Channel], values: dict[str, float], accuracy: float
+) -> list[FrozenModel]:
+    """The frozen model of every channel; channels of one drop and measuring point share one, so
+    that a simulation serves them all."""
+    of_plant = {k: v for k, v in values.items() if not k.startswith("sensors.")}
+
+    def kind(c: Channel) -> Any:
+        return tuple(sorted(c.record.measured.set.items())), c.record.measured.point_m
+
+    durations: dict[Any, float] = {}
+    for c in channels:
+        duration_s = float(c.time_s[-1]) - c.onset_s + 20e-6
+        durations[kind(c)] = max(durations.get(kind(c), 0.0), duration_s)
+    models = {}
+    for (given, point_m), duration_s in durations.items():
+        of_record = setup.vary(dict(given)) if given else setup
+        base = of_record.vary({k: v for k, v in of_plant.items() if k not in dict(given)})
+        models[given, point_m] = FrozenModel(base, duration_s, accuracy, point_m)
+    return [models[kind(c)] for c in channels]
 
 
 def _accuracy(channel: Channel) -> float:
@@ -414,21 +426,9 @@ def _refrozen(
 ) -> tuple[Problem, Point]:
     """The same problem with the models frozen at a solution, where the limit of the modes fits."""
     values = problem.values(point.x)
-    new = Problem(problem.free, problem.channels, [], problem.chains)
-    models: list[FrozenModel] = []
-    known: dict[int, FrozenModel] = {}
-    for c, model in zip(problem.channels, problem.models, strict=True):
-        if id(model) not in known:
-            m = c.record.measured
-            of_record = setup.vary(dict(m.set)) if m.set else setup
-            of_plant = {
-                k: v for k, v in values.items() if not k.startswith("sensors.") and k not in m.set
-            }
-            known[id(model)] = FrozenModel(
-                of_record.vary(of_plant), c.duration_s + 20e-6, model.setup.accuracy, m.point_m
-            )
-        models.append(known[id(model)])
-    new.models = models
+    accuracy = problem.models[0].setup.accuracy
+    models = _frozen(setup, problem.channels, values, accuracy)
+    new = Problem(problem.free, problem.channels, models, problem.chains)
     return new, point
 
 

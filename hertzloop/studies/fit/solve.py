@@ -87,7 +87,10 @@ class Problem:
     def observed(self, index: int, values: dict[str, float], until_s: float) -> Observed:
         """What the chain of channel `index` shows with these keys. Raises SceneError."""
         model, channel = self.models[index], self.channels[index]
-        of_plant = {k: v for k, v in values.items() if not k.startswith("sensors.")}
+        given = channel.record.measured.set  # what holds for this record is not fitted in it
+        of_plant = {
+            k: v for k, v in values.items() if not k.startswith("sensors.") and k not in given
+        }
         chain = self.chains[index]
         of_chain = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("sensors.")}
         if of_chain and channel.record.quantity:
