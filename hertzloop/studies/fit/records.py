@@ -52,6 +52,7 @@ UNITS: dict[str, dict[str, float]] = {
 _FEWEST = 8  # samples of a record
 _PLATEAU = 3  # equal extreme values in a row that count as clipped
 _LEVELS = 4096  # distinct values; more than these are no visible converter
+_OWN_TIME = " (its times)"  # ends the name of the times of a column that has its own
 DEFAULT_GAIN_UNCERTAINTY = 0.03
 DEFAULT_CLOCK_PPM = 50.0
 
@@ -308,7 +309,7 @@ def _made(name: str, columns: Mapping[str, np.ndarray], measured: Measured, dige
     if not columns or all(len(column) == 0 for column in columns.values()):
         raise RecordError(f"{name}: has no samples. Give a record of one impact.")
     time_name = next((c for c in columns if c.strip().lower() in ("time_s", "t_s", "time")), None)
-    others = [c for c in columns if c != time_name]
+    others = [c for c in columns if c != time_name and not c.endswith(_OWN_TIME)]
     column = measured.column
     if column is None:
         column = next((c for c in others if quantity_of(c)), None)
@@ -318,7 +319,7 @@ def _made(name: str, columns: Mapping[str, np.ndarray], measured: Measured, dige
         raise RecordError(
             f"record.column = '{column or ''}': no column of {name} is a known quantity. Name a "
             f"column such as contact_force_n or v_p_m_s, or give record.quantity and "
-            f"record.column; the columns are {', '.join(columns)}."
+            f"record.column; the columns are {', '.join(others)}."
         )
     said = quantity_of(column)
     quantity = measured.quantity or (said[0] if said else None)
@@ -331,7 +332,10 @@ def _made(name: str, columns: Mapping[str, np.ndarray], measured: Measured, dige
     if measured.unit is None and said and said[0] == quantity and said[1]:
         measured = replace(measured, unit=said[1])
     value = np.asarray(columns[column], float)
-    if time_name is not None:
+    own_time = columns.get(column + _OWN_TIME)
+    if own_time is not None:
+        time_s = np.asarray(own_time, float)
+    elif time_name is not None:
         time_s = np.asarray(columns[time_name], float)
     elif measured.rate_hz:
         time_s = np.arange(len(value)) / measured.rate_hz
@@ -479,9 +483,9 @@ def _tdms(path: Path) -> _Read:
     for group in TdmsFile.read(path).groups():
         for channel in group.channels():
             found[channel.name] = np.asarray(channel[:], float)
-            # Channels may start at different times: each has its own offset.
-            if "time_s" not in found and "wf_increment" in channel.properties:
-                found["time_s"] = np.asarray(channel.time_track(), float)
+            if "wf_increment" in channel.properties:
+                # Channels may start at different times.
+                found[channel.name + _OWN_TIME] = np.asarray(channel.time_track(), float)
     return found, {}
 
 
@@ -489,15 +493,13 @@ def _uff(path: Path) -> _Read:
     import pyuff
 
     found: dict[str, np.ndarray] = {}
-    for i, data in enumerate(_listed(pyuff.UFF(str(path)).read_sets())):
+    sets = pyuff.UFF(str(path)).read_sets()
+    for i, data in enumerate(sets if isinstance(sets, list) else [sets]):
         if data.get("type") == 58:
-            found.setdefault("time_s", np.asarray(data["x"], float))
-            found[str(data.get("id1") or f"channel_{i}")] = np.real(np.asarray(data["data"]))
+            name = str(data.get("id1") or f"channel_{i}").strip()
+            found[name] = np.real(np.asarray(data["data"]))
+            found[name + _OWN_TIME] = np.asarray(data["x"], float)
     return found, {}
-
-
-def _listed(sets: Any) -> list[Any]:
-    return sets if isinstance(sets, list) else [sets]
 
 
 def _mdf(path: Path) -> _Read:
@@ -507,9 +509,8 @@ def _mdf(path: Path) -> _Read:
     with MDF(path) as file:
         for signal in file.iter_channels():
             if np.ndim(signal.samples) == 1 and len(signal.samples):
-                found.setdefault("time_s", np.asarray(signal.timestamps, float))
-                if len(signal.samples) == len(found["time_s"]):
-                    found[signal.name] = np.asarray(signal.samples, float)
+                found[signal.name] = np.asarray(signal.samples, float)
+                found[signal.name + _OWN_TIME] = np.asarray(signal.timestamps, float)
     return found, {}
 
 
