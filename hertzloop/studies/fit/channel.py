@@ -305,8 +305,9 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
     best = _best_shift(channel, observed, guess, reach_s, step_s, contact_s)
     if best is None:
         raise RecordError(
-            f"{record.name}: too few samples are in the contact of {1e6 * contact_s:.3g} us. "
-            "Record at a higher rate."
+            f"{record.name}: too few samples are in the contact of {1e6 * contact_s:.3g} us, at "
+            f"{1e6 * channel.interval_s:.3g} us from sample to sample. Record at a higher rate, "
+            "and check that time_s is in seconds."
         )
     _, touch_s, gain, offset, mirrored = best
     if gain < 0.0 or mirrored:

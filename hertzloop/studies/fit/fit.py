@@ -1,5 +1,6 @@
 """Fit scene keys to records: the check before, the solution, intervals, verdicts, hold-out."""
 
+import difflib
 import math
 import re
 import time
@@ -185,12 +186,26 @@ def value_of(setup: Setup, key: str) -> float:
     else:
         found = getattr(getattr(setup.scene, table, None), last, None)
     if isinstance(found, bool) or not isinstance(found, int | float) or not found > 0.0:
-        remedy = "Give it a value with --set" if found is None else "Choose another key"
-        raise FitError(
-            f"--free {key}: is {found} in the scene, and a free key must be one positive number. "
-            f"{remedy}."
-        )
+        raise FitError(f"--free {key}: {_why_not(setup, key, found)}")
     return float(found)
+
+
+def _why_not(setup: Setup, key: str, found: Any) -> str:
+    """Why a key cannot be free, and what to do."""
+    table, _, last = key.partition(".")
+    fields = getattr(type(getattr(setup.scene, table, None)), "model_fields", {})
+    if last.partition(".")[0] not in fields:
+        near = difflib.get_close_matches(last, fields, 1)
+        hint = f"Did you mean {table}.{near[0]}?" if near else "`hertzloop keys` lists all keys."
+        return f"is not a scene key. {hint}"
+    if key == _PRESSURE:
+        return (
+            "the contact of the scene does not yield. Add --set contact.plasticity=thornton and "
+            "--set contact.limiting_pressure_pa=VALUE."
+        )
+    if found is None:
+        return "the scene has no value to start from. Give it one with --set."
+    return f"is {found} in the scene, and must be one positive number. Choose another key."
 
 
 def _bounds(setup: Setup, key: str, start: float) -> tuple[float, float]:

@@ -377,17 +377,21 @@ def _csv(path: Path) -> _Read:
             line = file.readline()
         if not line.strip():
             return {}, {}
-        header = next(csv.reader([line]))
+        # Programs of some languages write semicolons, or tabs.
+        delimiter = next((d for d in ",;\t" if d in line), ",")
+        header = next(csv.reader([line], delimiter=delimiter))
         file.seek(position)
         file.readline()
         lines = [text for text in file if text.strip()]
         if not lines:
             return {}, {}
         try:
-            table = np.genfromtxt(lines, delimiter=",", dtype=float, ndmin=2)
+            table = np.genfromtxt(lines, delimiter=delimiter, dtype=float, ndmin=2)
         except ValueError as error:
-            raise RecordError(f"{path}: a line has another number of columns: "
-                              f"{str(error).splitlines()[0]}.") from error  # fmt: skip
+            raise RecordError(
+                f"{path}: not all rows have {len(header)} columns as the first line has. Write the "
+                "file again; it may be cut off."
+            ) from error
     if table.size == 0:
         return {}, {}
     if table.shape[1] != len(header):
