@@ -1,8 +1,8 @@
 """Questions that a record can answer, and questions that it cannot.
 
-`python -m benchmarks.fit_identify` asks them. Each is a scene, a synthetic record with 0.3 % noise, and
-free keys. Ten are unidentifiable, by an exact symmetry or because the record is too short; ten are
-not. The program prints the verdicts, and how many are right.
+`python -m benchmarks.fit_identify` asks them. Each is a scene, a synthetic record with 0.3 % noise,
+and free keys. Ten are unidentifiable, by an exact symmetry or because the record is too short;
+ten are not. The program prints the verdicts, and how many are right.
 """
 
 import argparse

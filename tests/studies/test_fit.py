@@ -340,7 +340,8 @@ def test_free_keys_are_read_from_their_text() -> None:
     assert (one.low, one.high, one.prior) == (0.04, 0.06, 0.02)
     assert free_of(setup, "sphere.drop_height_m+-0.001").prior == pytest.approx(0.02)
     for text, words in (
-        ("plate.size_m", "one positive number"), ("plate.thicknes_m", "Did you mean plate.thickness_m"),
+        ("plate.size_m", "one positive number"),
+        ("plate.thicknes_m", "Did you mean plate.thickness_m"),
         (PRESSURE, "does not yield"),
         ("sphere.radius_m=2:1", "rise"), ("sphere.radius_m=a:b", "not a range"),
         ("sphere.radius_m±x", "not a prior"), ("=1:2", "names no key"),

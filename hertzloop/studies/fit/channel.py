@@ -257,12 +257,14 @@ def _coloured(before: np.ndarray) -> tuple[np.ndarray, float]:
     return best[1], best[2]
 
 
-def ljung_box(residual: np.ndarray, lags: int = 10) -> float:
+def ljung_box(residual: np.ndarray, lags: int = 10, whitened_by: int = 0) -> float:
     """Return the probability that white noise has correlations as large as a residual's.
 
     Args:
         residual: shape (samples,).
         lags: how many lags count.
+        whitened_by: how many other samples the colour of the noise was found from; their errors
+            leave correlations of their own. Zero of noise that needed no whitening.
 
     Source: Ljung and Box 1978, Biometrika 65, 297.
     """
@@ -275,6 +277,8 @@ def ljung_box(residual: np.ndarray, lags: int = 10) -> float:
         return 1.0
     rho = np.array([float(r[:-k] @ r[k:]) / power for k in range(1, lags + 1)])
     q = n * (n + 2) * float(np.sum(rho * rho / (n - np.arange(1, lags + 1))))
+    if whitened_by:
+        q /= 1.0 + n / whitened_by
     return float(scipy.stats.chi2.sf(q, lags))
 
 

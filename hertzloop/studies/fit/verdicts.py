@@ -266,13 +266,17 @@ def fitness(
             squares + float(rows[after] @ rows[after]),
             count + int(np.count_nonzero(after)),
         )
-        white = ljung_box(rows[after]) if np.count_nonzero(after) > 30 else 1.0
+        coloured = c.quiet if len(c.ar) else 0
+        white = 1.0
+        if np.count_nonzero(after) > 30:
+            white = ljung_box(rows[after], whitened_by=coloured)
         if c.step > 0.0 and c.noise < 0.7 * c.step:
             white = 1.0  # the errors of a converter are not white without noise
         whiteness = min(whiteness, white)
         if c.noise_from == "residual" or c.quiet < ENOUGH_QUIET:
             quiet_known = quiet_known and c.noise_from != "residual" and c.quiet >= _F_QUIET
             continue
+        known = c.quiet // 2 if len(c.ar) else c.quiet  # colour and size from the same samples
         for end in (1.3 * contact_s, 12.0 * contact_s, math.inf):
             part = rows[(tau > -0.1 * contact_s) & (tau < end)]
             used = share if end == math.inf else share * min(1.0, len(part) / max(len(rows), 1))
@@ -281,7 +285,7 @@ def fitness(
                 continue
             tests += 1
             ratio = float(part @ part) / free
-            smallest = min(smallest, float(scipy.stats.f.sf(ratio, free, c.quiet - 1)))
+            smallest = min(smallest, float(scipy.stats.f.sf(ratio, free, known - 1)))
     if tests:
         f_p = min(1.0, smallest * tests)
     white_p = min(1.0, whiteness * len(problem.channels))
