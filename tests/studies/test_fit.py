@@ -434,3 +434,49 @@ def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.cov(np.log(rows).T), found.covariance, rtol=0.1, atol=1e-12)
     with pytest.raises(FitError, match="has no"):
         draws(scene(), 5, 1)
+    with pytest.raises(FitError, match="does not hold"):
+        draws(load(str(path), ["sphere.radius_m=0.004"]), 5, 1)
+
+
+def test_a_record_without_noise_is_as_exact_as_the_simulation() -> None:
+    drop = Drop(radius=3.1e-3)
+    time_s, force, _ = drop.simulate(80e-6)
+    tau = np.arange(-250e-6, 80e-6, 0.5e-6)
+    clean = np.interp(tau, time_s, force)
+    found = fitted(scene("plate.loss_factor=1e-3"), Record("r", tau, clean, "contact_force"),
+                   RADIUS)  # fmt: skip
+    assert found.estimates[0].value == pytest.approx(3.1e-3, rel=1e-4)
+    assert found.model is Model.FITS
+
+
+def test_a_plate_is_fitted_by_its_motion_beside_the_contact() -> None:
+    point = (0.3, 0.27)
+    model = FrozenModel(scene(), 5e-4, 1e-4, point)
+    tau = np.arange(-2e-4, 4.5e-4, 1e-6)
+    value = observe(model.run({}, 5e-4), "v_p", Chain(), True).value(tau)
+    # Waves of 200 kHz run 54 mm in about 20 us: nothing moves there at once.
+    early = (tau > 0.0) & (tau < 8e-6)
+    assert np.max(np.abs(value[early])) < 0.05 * np.max(np.abs(value))
+    noise = 0.003 * np.max(np.abs(value)) * np.random.default_rng(1).standard_normal(len(tau))
+    one = Record("beside", tau, value + noise, "v_p", Measured(quantity="v_p", point_m=point))
+    [estimate] = fitted(scene("plate.thickness_m=0.0032"), one, THICKNESS).estimates
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert estimate.low < 0.003 < estimate.high
+
+
+@pytest.mark.full
+def test_the_records_of_the_tutorial_give_the_true_values() -> None:
+    from benchmarks.fit_example import EXAMPLES, TRUE
+
+    setup = load(str(EXAMPLES / "bench.toml"))
+    names = ("bench-force", "bench-velocity", "bench-force-higher")
+    *records, held = (read_record(EXAMPLES / f"{name}.csv") for name in names)
+    found = fit(setup, records, [free_of(setup, key) for key in TRUE], [held])
+    assert found.model is Model.FITS
+    assert found.hold_out is not None
+    assert found.hold_out["residual_over_noise"] < 1.2
+    for estimate in found.estimates:
+        assert estimate.low is not None
+        assert estimate.high is not None
+        assert estimate.low < TRUE[estimate.key] < estimate.high

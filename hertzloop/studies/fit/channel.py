@@ -13,11 +13,11 @@ _SURE = 8.0  # noise levels that a sample has to leave the baseline by
 _STEADY = 7  # samples, most of which have to have left it
 _ONSET_SHARE = 0.02  # of the peak, the same
 _FEWEST_QUIET = 20  # samples before the impact, for an estimate of the noise
-ENOUGH_QUIET = 150  # for one that a test of the model can rest on
+ENOUGH_QUIET = 100  # for one that a test of the model can rest on; the last of them are not counted
 # Of the peak: the error of the simulation and its splines. The acceleration of the contact point
 # converges slowly with the number of modes, and without a filter hardly at all.
-_FLOOR = {"v_p": 4e-5, "acceleration": 4e-4}
-_FLOOR_OF_GAP, _FLOOR_UNFILTERED = 2e-5, 2e-3
+_FLOOR = {"v_p": 1e-4, "acceleration": 4e-4}
+_FLOOR_OF_GAP, _FLOOR_UNFILTERED = 5e-5, 2e-3
 _UNKNOWN_CONTACTS = 1.6
 _FASTEST_HZ = 300e3  # of a filter that makes an acceleration converge
 _SPIKE = 6.0  # deviations, of single samples before the impact
@@ -39,7 +39,8 @@ class Channel:
     "differences" or "residual". `quiet`: samples before the impact that the noise rests on.
     `step`: distance of two levels of a visible converter. `ar`: coefficients of coloured noise,
     and `innovation`: the standard deviation of its driving noise, over `noise`. `touch_s`: the
-    record's time of the first touch, as first found. `notes`: sentences for the user.
+    record's time of the first touch, as first found. `notes`: sentences for the user. `floored`:
+    whether the simulation's own error is larger than the noise.
     """
 
     record: Record
@@ -62,6 +63,7 @@ class Channel:
     ppm: float = 0.0
     notes: list[str] = field(default_factory=list)
     rejected: int = 0
+    floored: bool = False
 
     @property
     def contact_unknown(self) -> bool:
@@ -167,9 +169,11 @@ def make_ready(record: Record) -> Channel:
         third = np.diff(values, 3)
         noise, source = float(np.std(third)) / math.sqrt(20.0), "differences"
         quiet = len(third) // 4
-    noise = max(noise, step / math.sqrt(12.0))
+    noise, floored = max(noise, step / math.sqrt(12.0)), False
     if source != "residual":
-        noise = math.hypot(noise, _floor(record, notes) * peak)
+        floor = _floor(record, notes) * peak
+        floored = noise < floor
+        noise = math.hypot(noise, floor)
     else:
         noise = max(0.01 * peak, step)
         notes.append(
@@ -185,6 +189,7 @@ def make_ready(record: Record) -> Channel:
         record=record, time_s=time_s, value=filled, kept=good, peak=peak, noise=noise,
         noise_from=source, quiet=quiet, baseline=baseline, step=step, ar=ar, innovation=innovation,
         onset_s=float(time_s[onset]), has_quiet_start=quiet_start or is_gap, notes=notes,
+        floored=floored,
     )  # fmt: skip
 
 

@@ -3,9 +3,10 @@
 import numpy as np
 
 from hertzloop.setup import Setup
-from hertzloop.studies.fit.fit import FitError
+from hertzloop.studies.fit.fit import FitError, value_of
 
 _KNOWN = "identified"
+_SAME = 1e-9
 
 
 def draws(setup: Setup, count: int, seed: int) -> tuple[tuple[str, ...], list[tuple[float, ...]]]:
@@ -43,6 +44,13 @@ def draws(setup: Setup, count: int, seed: int) -> tuple[tuple[str, ...], list[tu
             f"--uncertain {count}: no key of {setup.name} is identified. Fit a record that tells "
             "more."
         )
+    for i in known:
+        now = value_of(setup, table.keys[i])
+        if abs(now / table.values[i] - 1.0) > _SAME:
+            raise FitError(
+                f"{table.keys[i]} = {now:g}: the fit found {table.values[i]:g}, so its uncertainty "
+                "does not hold. Leave the key as it was fitted, or fit again."
+            )
     covariance = np.array(table.covariance_log).reshape(n, n)[np.ix_(known, known)]
     logs = np.random.default_rng(seed).multivariate_normal(
         np.log([table.values[i] for i in known]), covariance, size=count, method="eigh"

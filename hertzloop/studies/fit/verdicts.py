@@ -270,8 +270,8 @@ def fitness(
         white = 1.0
         if np.count_nonzero(after) > 30:
             white = ljung_box(rows[after], whitened_by=coloured)
-        if c.step > 0.0 and c.noise < 0.7 * c.step:
-            white = 1.0  # the errors of a converter are not white without noise
+        if c.floored or (c.step > 0.0 and c.noise < 0.7 * c.step):
+            white = 1.0  # the errors of a converter, or of the simulation, are not white
         whiteness = min(whiteness, white)
         if c.noise_from == "residual" or c.quiet < ENOUGH_QUIET:
             quiet_known = quiet_known and c.noise_from != "residual" and c.quiet >= _F_QUIET
