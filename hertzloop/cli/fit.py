@@ -68,8 +68,8 @@ def fit(
 ) -> None:
     """Fit scene keys to measured records: estimates with 95 % intervals, and verdicts.
 
-    The exit code is 0 if the model fits or the records cannot tell, 1 if it does not fit, and 2 for
-    a mistake, which includes a key that the records cannot identify; then no scene is written.
+    Exit codes: 0 the model fits, or the records cannot tell; 1 it does not fit; 2 a mistake, or a
+    key that the records cannot identify.
 
     Example: hertzloop fit aluminium-3mm drop.csv --free sphere.radius_m --json fit.json
     """
@@ -85,7 +85,8 @@ def fit(
         fail("--expect: supposes a record, which cannot be fitted. Add --check.", 2)
     if not check:
         read = [*files, *held, *([Path(scene)] if scene.endswith(".toml") else [])]
-        check_output(target, overwrite or out_file is None, read=read)
+        own = out_file is None and _written_by_fit(target)
+        check_output(target, overwrite or own, read=read)
     for path, option in ((report_file, "--report"), (replay_file, "--replay")):
         if path is not None:
             check_output(path, overwrite, option, read=[*files, *held])
@@ -135,6 +136,14 @@ def fit(
         raise typer.Exit(2)
     if result.model is Model.DOES_NOT_FIT:
         raise typer.Exit(1)
+
+
+def _written_by_fit(path: Path) -> bool:
+    """Whether a file is a fitted scene of before, which may be replaced without asking."""
+    try:
+        return "\n[fit]\n" in path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def _write(path: Path, text: str) -> None:
