@@ -480,3 +480,25 @@ def test_the_records_of_the_tutorial_give_the_true_values() -> None:
         assert estimate.low is not None
         assert estimate.high is not None
         assert estimate.low < TRUE[estimate.key] < estimate.high
+
+
+def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path: Path) -> None:
+    from hertzloop.studies.fit.report import fitted_scene
+    from hertzloop.studies.sweeps.replay_cases import replay_cases
+    from hertzloop.studies.sweeps.sweep import read_results
+
+    found = fitted(
+        scene("run.duration_s=1.2e-3", "controller.law=slope_threshold"), record(scene()), RADIUS
+    )
+    path, results = tmp_path / "rig.toml", tmp_path / "rig.parquet"
+    path.write_text(fitted_scene(found, "rig"))
+    words = ["sweep", str(path), "--over", "controller.latency_us=0,2", "--uncertain", "3",
+             "--workers", "1", "--out", str(results)]  # fmt: skip
+    ended = CliRunner().invoke(app, words)
+    assert ended.exit_code == 0, ended.output
+    assert "median (2.5 to 97.5 %)" in ended.output
+    rows, header = read_results(results)
+    assert len({row[RADIUS] for row in rows}) == 3
+    assert len(rows) == 6
+    checked = list(replay_cases(rows, header, 2, "compiled", 1))
+    assert [one.same for one in checked] == [True, True]

@@ -3,7 +3,7 @@
 import itertools
 import math
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -160,6 +160,11 @@ class Design:
             {axis.key: axis.at(float(x)) for axis, x in zip(self.axes, point, strict=True)}
             for point in points
         ]
+
+
+def keys_of(design: Mapping[str, Any]) -> list[str]:
+    """The keys that differ from case to case, of a design as results keep it."""
+    return [axis["key"] for axis in design["axes"]] + list(design.get("drawn_keys", ()))
 
 
 def as_axis(key: str, values: str | Iterable[Any]) -> Axis:
