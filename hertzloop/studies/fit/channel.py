@@ -26,6 +26,8 @@ _AR_P = 1e-5  # probability of white noise below which the noise counts as colou
 _WINDOW = (-0.5, 1.6)  # of a contact, in which a record is aligned
 _MOST_ALIGNED = 600  # samples
 _LEAST_GAIN, _MOST_GAIN = 1 / 3, 3.0
+_ALIKE = 0.3  # of the power, that a simulation may leave of a record
+_MOST_SHIFTS = 1500  # of a search through a whole record
 _MOST_SAMPLES = 60_000
 _DENSE_CONTACTS = 12.0
 
@@ -231,7 +233,7 @@ def _onset(value: np.ndarray, baseline: float, spread: float, peak: float, is_ga
         below = np.flatnonzero(value < 0.0)
         return int(below[0]) if len(below) else int(np.argmin(value))
     size = np.abs(value - baseline)
-    steady = scipy.ndimage.median_filter(size, _STEADY, mode="nearest")
+    steady = scipy.ndimage.median_filter(size, _STEADY, mode="constant")
     if float(np.max(steady)) > 0.3 * peak:
         # Enough samples in the contact: a few spikes in a row are no impact.
         peak = min(peak, 1.5 * float(np.max(steady)))
@@ -312,6 +314,16 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
         reach_s = 1.5 * contact_s
     step_s = max(0.25e-6, contact_s / 120.0)
     best = _best_shift(channel, observed, guess, reach_s, step_s, contact_s)
+    if best is not None and not best[4] and not _LEAST_GAIN <= best[2] <= _MOST_GAIN:
+        # A few spikes in a row can look like the onset: look everywhere, then closer.
+        middle = 0.5 * float(channel.time_s[0] + channel.time_s[-1])
+        half = 0.5 * float(channel.time_s[-1] - channel.time_s[0])
+        rough_s = max(contact_s / 15.0, 2.0 * half / _MOST_SHIFTS)
+        anywhere = _best_shift(channel, observed, middle, half, rough_s, contact_s)
+        alike = anywhere is not None and anywhere[0] < _ALIKE and not anywhere[4]
+        if anywhere is not None and alike and _LEAST_GAIN <= anywhere[2] <= _MOST_GAIN:
+            closer = 2.0 * rough_s
+            best = _best_shift(channel, observed, anywhere[1], closer, step_s, contact_s)
     if best is None:
         raise RecordError(
             f"{record.name}: too few samples are in the contact of {1e6 * contact_s:.3g} us, at "
