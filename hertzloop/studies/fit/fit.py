@@ -44,6 +44,7 @@ _CERTAIN = 3.841458820694124  # chi-square of one parameter at 95 %
 _ONE_SIDED = 2.705543454095404  # at 95 % on one side
 _NORMAL = 1.959963984540054
 _NO_BOUND = 10.0  # half-widths of logarithms beyond this mean nothing
+_LEAST_DRAWN = 0.25  # of a variance
 _KNOWN_TO = 0.01  # relative standard deviation of a key measured by other means
 _EXPECTED = re.compile(
     r"(?P<quantity>[a-z_]+):(?P<us>[0-9.eE+]+)us:(?P<noise>[0-9.eE+-]+)%(?::(?P<mhz>[0-9.eE+-]+)MHz)?"
@@ -407,9 +408,9 @@ def fit(
     known = uncertainty(problem, point, scale)
     drawn = bootstrapped(problem, point, until_s)
     if drawn is not None:
-        known.covariance = np.maximum(np.abs(drawn), np.abs(known.covariance) * 0.25) * np.sign(
-            drawn
-        )
+        # Never below half of what white noise of the same size would give.
+        least = np.diag(known.covariance) / np.diag(drawn)
+        known.covariance = drawn * max(1.0, _LEAST_DRAWN * float(np.max(least)))
     estimates, one_sided = _estimates(problem, point, known, until_s)
     unknown = {e.key for e in estimates if e.verdict is Verdict.NOT_IDENTIFIABLE}
     fits = fitness(problem, point, until_s, len(point.x), one_sided | unknown)
