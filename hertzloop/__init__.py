@@ -14,10 +14,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # The Python interface, loaded when it is used: a process of a run needs only its part.
 __all__ = [
-    "BusError", "Comparison", "DesignError", "Difference", "Impact", "ImpactNoise",
-    "RecordingError", "Run", "RunFailed", "RunFigures", "Scene", "SceneError", "SpanFigures",
-    "StreamFault", "SweepFailed", "__version__", "compare", "load", "modes", "read", "run",
-    "scene_names", "simulate", "sweep", "tune", "vary",
+    "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
+    "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed", "RunFigures",
+    "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "__version__", "compare",
+    "fit", "load", "modes", "read", "read_record", "run", "scene_names", "simulate", "sweep",
+    "tune", "vary",
 ]  # fmt: skip
 if TYPE_CHECKING:
     from hertzloop.api import (
@@ -25,8 +26,12 @@ if TYPE_CHECKING:
         Comparison,
         DesignError,
         Difference,
+        FitError,
+        FitResult,
         Impact,
         ImpactNoise,
+        Record,
+        RecordError,
         RecordingError,
         Run,
         RunFailed,
@@ -37,9 +42,11 @@ if TYPE_CHECKING:
         StreamFault,
         SweepFailed,
         compare,
+        fit,
         load,
         modes,
         read,
+        read_record,
         run,
         scene_names,
         simulate,

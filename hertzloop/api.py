@@ -35,15 +35,17 @@ if TYPE_CHECKING:
     from hertzloop.processes.launcher import RunFailed, RunOptions
     from hertzloop.recordings.reader import Event, Recording
     from hertzloop.recordings.writer import RecordingError
+    from hertzloop.studies.fit.fit import FitError, FitResult
+    from hertzloop.studies.fit.records import Record, RecordError
     from hertzloop.studies.sweeps.design import DesignError
     from hertzloop.studies.sweeps.pool import SweepFailed
     from hertzloop.studies.tuning import Found
 
 __all__ = [
-    "BusError", "Comparison", "DesignError", "Difference", "Impact", "ImpactNoise",
-    "RecordingError", "Run", "RunFailed", "RunFigures", "Scene", "SceneError", "SpanFigures",
-    "StreamFault", "SweepFailed", "compare", "load", "modes", "read", "run", "scene_names",
-    "simulate", "sweep", "tune", "vary",
+    "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
+    "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed", "RunFigures",
+    "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "compare", "fit", "load",
+    "modes", "read", "read_record", "run", "scene_names", "simulate", "sweep", "tune", "vary",
 ]  # fmt: skip
 
 # Names that are loaded when they are used: a script that only simulates needs none of them.
@@ -52,6 +54,10 @@ _LATER = {
     "Comparison": "hertzloop.analysis.spans",
     "DesignError": "hertzloop.studies.sweeps.design",
     "Difference": "hertzloop.analysis.spans",
+    "FitError": "hertzloop.studies.fit.fit",
+    "FitResult": "hertzloop.studies.fit.fit",
+    "Record": "hertzloop.studies.fit.records",
+    "RecordError": "hertzloop.studies.fit.records",
     "RecordingError": "hertzloop.recordings.writer",
     "RunFailed": "hertzloop.processes.launcher",
     "RunFigures": "hertzloop.analysis.spans",
@@ -352,3 +358,30 @@ def tune(
             pool, bases, span, laws or [bases[0].law_reference], given, tuple(minimise),
             at_most=dict(at_most or {}), generations=generations, population=population, seed=seed,
         )  # fmt: skip
+
+
+def read_record(path: str | Path, **table: Any) -> "Record":
+    """A measured record from a file; `table`: keys of its `[record]` table, which replace those of
+    the file. Raises RecordError."""
+    from hertzloop.studies.fit.records import read_record as read_file
+
+    return read_file(Path(path), table)
+
+
+def fit(
+    scene: Scene, records: "Record | Sequence[Record]", free: Sequence[str], *,
+    hold_out: "Sequence[Record]" = (),
+) -> "FitResult":  # fmt: skip
+    """Fit keys of a scene to measured records of drops without control.
+
+    `free`: keys as on the command line, "KEY[=LOW:HIGH][±PRIOR]". The result holds estimates with
+    95 % intervals and verdicts, and `setup.scene`, the fitted scene. Raises RecordError, FitError,
+    SceneError.
+    """
+    from hertzloop.studies.fit.fit import fit as study
+    from hertzloop.studies.fit.fit import free_of
+    from hertzloop.studies.fit.records import Record
+
+    setup = resolve(scene)
+    several = [records] if isinstance(records, Record) else list(records)
+    return study(setup, several, [free_of(setup, text) for text in free], hold_out)

@@ -11,6 +11,9 @@ EXTRAS = {
     "cryptography": "hosts",
     "fmpy": "fmu",
     "h5py": "h5",
+    "nptdms": "records",
+    "pyuff": "records",
+    "asammdf": "mdf",
     "distributed": "dask",
 }
 

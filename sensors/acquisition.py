@@ -16,9 +16,12 @@ class SensorSpec:
     """One channel, in SI units of its quantity.
 
     `of_state`: index of the quantity in the plant's state. `every_steps`: steps between samples.
-    `low_pass_hz`: corner of the one-pole filter, or None. `full_scale`: lowest and highest value,
-    or None for no limit. `bits`: 1 to 24, or None for an ideal converter. `noise_rms`: standard
-    deviation of white noise per sample. Raises ValueError for values that no channel can have.
+    `low_pass_hz`: corner of the one-pole filter, or None. `ac_coupling_hz`: corner of the one-pole
+    high-pass, or None. `resonance_hz`, `resonance_damping`: natural frequency and damping (of
+    critical) of the sensor's own second-order response, or None. `full_scale`: lowest and highest
+    value, or None for no limit. `bits`: 1 to 24, or None for an ideal converter. `noise_rms`:
+    standard deviation of white noise per sample. Raises ValueError for values that no channel can
+    have.
     """
 
     of_state: int = 0
@@ -27,6 +30,9 @@ class SensorSpec:
     full_scale: tuple[float, float] | None = None
     bits: int | None = None
     noise_rms: float = 0.0
+    ac_coupling_hz: float | None = None
+    resonance_hz: float | None = None
+    resonance_damping: float = 0.02
 
     def __post_init__(self) -> None:
         for problem in _problems(self):
@@ -39,6 +45,12 @@ def _problems(spec: SensorSpec) -> Iterator[str]:
         yield f"every_steps is {spec.every_steps}; a sample takes 1 step or more"
     if spec.low_pass_hz is not None and not 0.0 < spec.low_pass_hz < math.inf:
         yield f"low_pass_hz is {spec.low_pass_hz:g}; a corner is above 0 Hz, None is no filter"
+    for name in ("ac_coupling_hz", "resonance_hz"):
+        value = getattr(spec, name)
+        if value is not None and not 0.0 < value < math.inf:
+            yield f"{name} is {value:g}; must be above 0 Hz, None is no filter"
+    if not 0.0 < spec.resonance_damping < 1.0:
+        yield f"resonance_damping is {spec.resonance_damping:g}; must be between 0 and 1"
     if not 0.0 <= spec.noise_rms < math.inf:
         yield f"noise_rms is {spec.noise_rms:g}; it must be 0 or more"
     low, high = spec.full_scale or (0.0, 1.0)
@@ -64,6 +76,23 @@ def converter_codes(bits: int, full_scale: tuple[float, float]) -> tuple[float, 
     return scale, low - scale * first, first, first + levels - 1
 
 
+def _gain(corner_hz: float, step_s: float) -> float:
+    """Share of its way that a one-pole filter goes in a step."""
+    return -math.expm1(-2.0 * math.pi * corner_hz * step_s)
+
+
+def _own_response(frequency_hz: float, damping: float, step_s: float) -> tuple[float, ...]:
+    """What a step makes of x - u and x'/w of x'' + 2 d w x' + w^2 (x - u) = 0: a matrix by rows."""
+    omega = 2.0 * math.pi * frequency_hz
+    turn = omega * math.sqrt(1.0 - damping**2) * step_s
+    decay = math.exp(-damping * omega * step_s)
+    sine = math.sin(turn) / math.sqrt(1.0 - damping**2)
+    return (
+        decay * (math.cos(turn) + damping * sine), decay * sine,
+        -decay * sine, decay * (math.cos(turn) - damping * sine),
+    )  # fmt: skip
+
+
 class Sensor:
     """Compiled form of a channel for a run of `steps` steps."""
 
@@ -78,11 +107,21 @@ class Sensor:
         scale, offset, first, last = 1.0, 0.0, 0, 0
         if spec.bits is not None:
             scale, offset, first, last = converter_codes(spec.bits, (low, high))
-        corner = spec.low_pass_hz
+        corner, coupling, resonance = spec.low_pass_hz, spec.ac_coupling_hz, spec.resonance_hz
+        own: tuple[float, ...] = (0.0,) * 4
+        if resonance is not None:
+            own = _own_response(resonance, spec.resonance_damping, step_s)
         self.model = k.SensorModel(
             of_state=spec.of_state,
             every_steps=spec.every_steps,
-            filter_gain=1.0 if corner is None else -math.expm1(-2.0 * math.pi * corner * step_s),
+            filter_gain=1.0 if corner is None else _gain(corner, step_s),
+            resonant=resonance is not None,
+            own_00=own[0],
+            own_01=own[1],
+            own_10=own[2],
+            own_11=own[3],
+            coupled=coupling is not None,
+            coupling_gain=0.0 if coupling is None else _gain(coupling, step_s),
             ideal=spec.bits is None,
             limited=spec.full_scale is not None,
             low=low,
@@ -93,4 +132,4 @@ class Sensor:
             last_code=last,
             noise=noise,
         )
-        self.state = np.zeros(2)
+        self.state = np.zeros(k.STATE_SIZE)

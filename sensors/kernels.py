@@ -7,7 +7,10 @@ import numpy as np
 
 from hertzloop.jit import kernel
 
-FILTERED, STARTED = range(2)  # indices into the state
+# Indices into the state. RESONANT: output of the sensor's own resonance, RESONANT_RATE: its rate
+# over w; COUPLED: the mean that AC coupling takes away.
+FILTERED, STARTED, RESONANT, RESONANT_RATE, COUPLED = range(5)
+STATE_SIZE = 5
 
 
 class SensorModel(NamedTuple):
@@ -16,6 +19,13 @@ class SensorModel(NamedTuple):
     of_state: int
     every_steps: int
     filter_gain: float  # 1 - exp(-2 pi f_c h); 1 without a filter
+    resonant: bool  # a second-order response, exact for an input held over a step
+    own_00: float  # what a step makes of output less input and rate over w, without more input
+    own_01: float
+    own_10: float
+    own_11: float
+    coupled: bool  # a first-order high-pass
+    coupling_gain: float  # 1 - exp(-2 pi f_ac h)
     ideal: bool
     limited: bool
     low: float
@@ -36,10 +46,25 @@ def quantise(value, scale, offset, first_code, last_code):
 
 @kernel(inline=True)
 def follow(model, state, value):
-    """One-pole low-pass, stepped at every simulation step; starts at its first input.
+    """Filters, stepped at every simulation step: resonance, AC coupling, one-pole low-pass. All
+    start at rest at their first input.
 
     Without a filter the value itself: adding the difference would round it.
     """
+    if model.resonant:
+        if state[STARTED] == 0.0:
+            state[RESONANT] = value
+        else:
+            off, rate = state[RESONANT] - value, state[RESONANT_RATE]
+            state[RESONANT] = value + model.own_00 * off + model.own_01 * rate
+            state[RESONANT_RATE] = model.own_10 * off + model.own_11 * rate
+        value = state[RESONANT]
+    if model.coupled:
+        if state[STARTED] == 0.0:
+            state[COUPLED] = value
+        else:
+            state[COUPLED] += model.coupling_gain * (value - state[COUPLED])
+        value -= state[COUPLED]
     if state[STARTED] == 0.0 or model.filter_gain == 1.0:
         state[STARTED] = 1.0
         state[FILTERED] = value

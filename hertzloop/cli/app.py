@@ -53,6 +53,10 @@ MAIN = (
         "tune aluminium-20mm --law slope_threshold --law shifted_threshold --out-dir tuned",
     ),
     Leaf(
+        "fit", "fit:fit", "Fit keys of a scene to measured records.",
+        "fit aluminium-3mm drop.csv --free sphere.radius_m --json fit.json",
+    ),
+    Leaf(
         "report", "recordings:report", "Write an HTML page on a recording, a sweep or a tuning.",
         "report aluminium-20mm.mcap --out-dir pages",
     ),

@@ -1,7 +1,8 @@
 """The command `sweep`: run many cases, or run cases of its results again as real processes."""
 
+import math
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -29,6 +30,7 @@ from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
+from hertzloop.setup import Setup
 from hertzloop.views.format import Table, styled
 
 
@@ -65,6 +67,15 @@ def sweep(
         int | None,
         typer.Option(min=2, max=1000, help="Every case at so many touch phases; mean and range."),
     ] = None,
+    uncertain: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            max=100_000,
+            help="Every case at so many draws of the fitted keys, from the covariance of a scene "
+            "that `hertzloop fit` wrote.",
+        ),
+    ] = None,
     dask: Annotated[
         str | None, typer.Option(help="Scheduler of a Dask cluster, e.g. tcp://host:8786.")
     ] = None,
@@ -92,7 +103,7 @@ def sweep(
     from hertzloop.plant.schemes.registry import SCHEMES
     from hertzloop.studies.sweeps import sweep as study
     from hertzloop.studies.sweeps.design import KEY as PHASE
-    from hertzloop.studies.sweeps.design import DesignError, grouped, make_design
+    from hertzloop.studies.sweeps.design import Design, DesignError, grouped, make_design
     from hertzloop.studies.sweeps.design import phases as spread_evenly
     from hertzloop.studies.sweeps.journal import JournalError
     from hertzloop.studies.sweeps.sweep import SHOWN, counted
@@ -122,7 +133,14 @@ def sweep(
                     f"rest, --over {PHASE}=0:1"
                 )
             over.append(f"{PHASE}={','.join(map(str, spread_evenly(phases)))}")
-        planned = make_design(resolved, over, design, cases, resolved.seed)
+        if uncertain is None or over:
+            planned = make_design(resolved, over, design, cases, resolved.seed)
+        else:
+            planned = Design(())
+        if uncertain is not None:
+            drawn_keys, drawn = _drawn(resolved, uncertain)
+            planned = replace(planned, drawn_keys=drawn_keys, drawn=drawn)
+            resolved.vary(dict(zip(drawn_keys, drawn[0], strict=True)))
         for axis in planned.axes:
             for law in axis.values if axis.key == "controller.law" else ():
                 check_law(resolved.vary({"controller.law": law}))
@@ -142,7 +160,7 @@ def sweep(
         fail(f"{error}; {on}", 1)
     except OSError as error:
         fail(f"cannot write {target}: {error.strerror}", 1)
-    keys = [axis.key for axis in planned.axes]
+    keys = planned.keys
     for line in found.damaged:
         err.print(
             f"line {line} of {study.journal_of(target)} was damaged; its case was run again",
@@ -151,6 +169,8 @@ def sweep(
     figureless = len(found.not_run) + found.unstable
     if figureless < total:
         out.print(_extremes(found.rows, keys))
+    if uncertain is not None and figureless < total:
+        out.print(_uncertainties(found.rows, [axis.key for axis in planned.axes]))
     over_phases = grouped(found.rows, keys, SHOWN) if PHASE in keys and design == "grid" else []
     if over_phases:
         out.print(_spreads(over_phases, [key for key in keys if key != PHASE]))
@@ -218,6 +238,42 @@ def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
         table.add_column(heading, justify="left" if heading in ("figure", "at") else "right")
     for figure, *words in extremes(rows, keys):
         table.add_row(figure, *words)
+    return table
+
+
+def _drawn(setup: Setup, count: int) -> tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]:
+    """Keys and draws of a fitted scene; ends the command if there are none."""
+    from hertzloop.studies.fit.fit import FitError
+    from hertzloop.studies.fit.uncertain import draws
+
+    try:
+        keys, rows = draws(setup, count, setup.seed)
+    except FitError as error:
+        fail(str(error), 2)
+    return keys, tuple(rows)
+
+
+def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
+    """Median and 95 % range of figures over the draws, a setting of the other keys a row."""
+    import numpy as np
+
+    from hertzloop.studies.sweeps.sweep import SHOWN, known, short
+
+    names = [name for name in SHOWN if known(rows, name)][:4]
+    table = Table(title="Over draws of the fitted keys: median (2.5 to 97.5 %)")
+    for heading in (*(key.split(".")[-1] for key in keys), *names):
+        table.add_column(heading, justify="right")
+    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
+    for values, group in list(groups.items())[:_MOST_ROWS]:
+        cells = []
+        for name in names:
+            low, middle, high = np.percentile(
+                [row[name] for row in known(group, name)] or [math.nan], [2.5, 50.0, 97.5]
+            )
+            cells.append(f"{middle:.4g} ({low:.4g} to {high:.4g})")
+        table.add_row(*(short(value) for value in values), *cells)
     return table
 
 

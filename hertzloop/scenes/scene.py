@@ -45,6 +45,7 @@ from hertzloop.scenes.quantities import SENSED
 from hertzloop.scenes.tables import (
     ActuatorTable,
     ContactTable,
+    FitTable,
     PlateTable,
     RunTable,
     SensorsTable,
@@ -75,6 +76,8 @@ class Scene(Table):
     controller: ControllerTable = ControllerTable()
     actuator: ActuatorTable = ActuatorTable()
     run: RunTable
+    fit: FitTable | None = None
+    """where fitted values come from"""
 
     @property
     def step_s(self) -> float:

@@ -122,6 +122,8 @@ class ContactTable(Table):
     """elastic, or Thornton's contact that yields"""
     limiting_pressure_pa: Annotated[float, Field(ge=1e3, le=1e13)] | None = None
     """pressure at which it yields"""
+    stiffness_factor: Annotated[float, Field(ge=1e-2, le=1e2)] | None = None
+    """factor on the stiffness of Hertz's contact, as of a fit; 1 if left out"""
 
 
 class SensorsTable(Table):
@@ -139,6 +141,12 @@ class SensorsTable(Table):
     """lowest and highest value of the converter"""
     low_pass_hz: Annotated[float, Field(ge=1e-3, le=1e9)] | None = None
     """first-order low-pass before sampling"""
+    ac_coupling_hz: Annotated[float, Field(ge=1e-6, le=1e9)] | None = None
+    """corner of AC coupling, a first-order high-pass; none if left out"""
+    resonance_hz: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
+    """natural frequency of the sensor's own second-order response, as of a force cell"""
+    resonance_damping: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
+    """damping of that response, of critical; 0.02 if left out"""
     noise_rms: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
     """standard deviation of the noise, in the quantity's unit"""
 
@@ -186,3 +194,31 @@ class RunTable(Table):
     """error of the gap, relative, that the choice of modes may make"""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
     """of noise, jitter and drop-outs"""
+
+
+class FitTable(Table):
+    """Where values of a scene come from: `hertzloop fit` writes it, and nothing else need. A run
+    does not read it; `sweep --uncertain` draws from it."""
+
+    keys: tuple[str, ...]
+    """fitted keys"""
+    values: tuple[float, ...]
+    """their values"""
+    low: tuple[float | Literal["open"], ...]
+    """lower ends of the 95 % intervals"""
+    high: tuple[float | Literal["open"], ...]
+    """upper ends of the 95 % intervals"""
+    verdicts: tuple[str, ...]
+    """identified, one-sided or not identifiable"""
+    covariance_log: tuple[float, ...]
+    """covariance of the natural logarithms of the values, row by row"""
+    model: str
+    """whether the class of models fits"""
+    residual_over_noise: float
+    """residual over noise"""
+    records: tuple[str, ...]
+    """names of the records"""
+    sha256: tuple[str, ...]
+    """digests of the records"""
+    speeds_m_s: tuple[float, float]
+    """lowest and highest impact speed of the records"""

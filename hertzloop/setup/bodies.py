@@ -159,6 +159,8 @@ def _contact(
 ) -> Contact:
     """The contact of sphere and plate: stiffness, damping, and where it yields."""
     stiffness = hertz_stiffness(sphere.radius_m, sphere.material, plate)
+    if table.stiffness_factor is not None:
+        stiffness *= table.stiffness_factor
     limit = None
     if table.plasticity == "thornton":
         pressure = table.limiting_pressure_pa

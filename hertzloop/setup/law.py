@@ -29,6 +29,7 @@ from hertzloop.sensors.acquisition import SensorSpec
 from hertzloop.setup.bodies import KEPT, Bodies
 
 # A law that looks ahead, as `predicted`, watches from twice the flight in its horizon on.
+_RESONANCE_DAMPING = 0.02  # of a bare force cell
 _HORIZONS, _LEAST_FLIGHT_S = 2.5, 20e-6
 
 
@@ -42,6 +43,11 @@ def sensor_of(table: SensorsTable, bodies: Bodies, step_s: float, latency_us: fl
         full_scale=_full_scale(table, bodies, step_s, latency_us),
         bits=None if table.bits == "ideal" else int(table.bits),
         noise_rms=table.noise_rms,
+        ac_coupling_hz=table.ac_coupling_hz,
+        resonance_hz=table.resonance_hz,
+        resonance_damping=(
+            _RESONANCE_DAMPING if table.resonance_damping is None else table.resonance_damping
+        ),
     )
 
 

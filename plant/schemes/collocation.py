@@ -184,11 +184,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
     tail, of_tail = damped_tail(spec)
     for index, share in of_tail.items():
         gains[index] += share
-    gains[elastic.X0] = gains[elastic.PX0] + h * h / (2.0 * m)
-    gains[elastic.X1] = gains[elastic.PX1] - h * h / (6.0 * m)
-    gains[elastic.V0], gains[elastic.V1] = gains[elastic.PV0] + h / m, gains[elastic.PV1]
-    gains[elastic.M0] = gains[elastic.PM0] + h * h / (6.0 * m)
-    gains[elastic.M1] = gains[elastic.PM1] - h * h / (12.0 * m)
+    _add_sphere(gains, h, m)
     # Oscillators are sorted by frequency. `swing` is for modes of one rho.
     slow = int(np.searchsorted(theta * h, _SLOW)) if isinstance(rho, float) else len(theta)
     gains[elastic.SWING0], gains[elastic.SWING1] = (
@@ -267,6 +263,41 @@ def _air(
     for index, value in sums.items():
         gains[index] = np.sum(share * value)
     return k.Air(gains, table)
+
+
+def _add_sphere(gains: np.ndarray, h: float, m: float) -> None:
+    """Add the motion of a sphere of mass `m` (kg) to the gains of the structure, in place."""
+    gains[elastic.X0] = gains[elastic.PX0] + h * h / (2.0 * m)
+    gains[elastic.X1] = gains[elastic.PX1] - h * h / (6.0 * m)
+    gains[elastic.V0], gains[elastic.V1] = gains[elastic.PV0] + h / m, gains[elastic.PV1]
+    gains[elastic.M0] = gains[elastic.PM0] + h * h / (6.0 * m)
+    gains[elastic.M1] = gains[elastic.PM1] - h * h / (12.0 * m)
+
+
+def with_contact(model: k.CollocationModel, spec: PlantSpec) -> k.CollocationModel:
+    """Return the model of the same structure with the sphere and the contact of `spec`.
+
+    The result has the same bits as `build_model`, in a fraction of the time: the columns of the
+    modes are shared.
+
+    Raises:
+        ValueError: the structure radiates, so that its table of losses has gains of its own.
+    """
+    if model.air is not None:
+        raise ValueError("a structure that radiates needs a new model for another sphere")
+    gains = model.gains.copy()
+    _add_sphere(gains, spec.step_s, spec.sphere.mass_kg)
+    gains[elastic.NODE0 :] = elastic.at_nodes(gains, spec.step_s)
+    contact = spec.contact
+    limit = contact.limit
+    return model._replace(
+        mass_kg=spec.sphere.mass_kg,
+        stiffness=contact.stiffness,
+        viscous_n_s_m=contact.viscous_n_s_m,
+        hunt_crossley_s_m=contact.hunt_crossley_s_m,
+        law=None if limit is None else yielding(limit, contact.stiffness),
+        gains=gains,
+    )
 
 
 def flexibility_m_n(spec: PlantSpec) -> float:

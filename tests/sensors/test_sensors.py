@@ -120,7 +120,7 @@ def test_the_gap_is_sensed_unless_told() -> None:
 
 def test_the_state_has_room_for_what_the_kernels_keep() -> None:
     """Compiled, they would write beyond it without a word."""
-    assert Sensor(SensorSpec(), STEP_S, 1, 1).state.tolist() == [0.0] * (1 + k.STARTED)
+    assert Sensor(SensorSpec(), STEP_S, 1, 1).state.tolist() == [0.0] * (1 + k.COUPLED)
 
 
 def test_each_quantity_is_read_from_its_own_place() -> None:
@@ -241,3 +241,26 @@ def test_noise_comes_before_the_converter() -> None:
     assert abs(coded - inside).max() <= 0.5 * step * (1.0 + 1e-9)
     # Dither: noise of a step's size shows in the codes.
     assert len(np.unique(np.rint((coded - clean) / step))) > 1
+
+
+def test_ac_coupling_takes_away_the_mean_with_its_time_constant() -> None:
+    corner, steps = 5e3, 300
+    signal = np.where(np.arange(steps) == 0, 2.0, 5.0)
+    t = STEP_S * np.arange(steps)
+    # A step of 3 after the first input; what is left of it decays from the end of that step on.
+    expected = np.where(t > 0.0, 3.0 * np.exp(-2.0 * math.pi * corner * t), 0.0)
+    got = record(SensorSpec(ac_coupling_hz=corner), signal)
+    np.testing.assert_allclose(got, expected, atol=1e-12)
+
+
+def test_resonance_answers_a_step_as_a_damped_oscillator() -> None:
+    frequency, damping, steps = 40e3, 0.05, 400
+    signal = np.where(np.arange(steps) == 0, 0.0, 1.0)
+    t = STEP_S * np.arange(steps)
+    omega = 2.0 * math.pi * frequency
+    turned = omega * math.sqrt(1.0 - damping**2) * t
+    envelope = np.exp(-damping * omega * t)
+    sine = damping / math.sqrt(1.0 - damping**2) * np.sin(turned)
+    expected = 1.0 - envelope * (np.cos(turned) + sine)
+    got = record(SensorSpec(resonance_hz=frequency, resonance_damping=damping), signal)
+    np.testing.assert_allclose(got, expected, atol=1e-11)

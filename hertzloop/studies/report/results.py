@@ -17,6 +17,7 @@ from hertzloop.setup import Setup, parse
 from hertzloop.studies import pictures, words
 from hertzloop.studies.latency import round_above
 from hertzloop.studies.report.page import svg, template
+from hertzloop.studies.sweeps.design import keys_of
 from hertzloop.studies.sweeps.evaluate import Rows, not_run
 from hertzloop.studies.sweeps.sweep import SHOWN, counted, extremes, known, read_results, short
 from hertzloop.studies.tuning import Tuned, front_sheet, read_tuned
@@ -183,7 +184,7 @@ def _page_of_sweep(path: Path) -> str:
     rows, header = read_results(path)
     setup = parse(header["scene_toml"], recorded=True)
     design = header["design"]
-    keys = [axis["key"] for axis in design["axes"]]
+    keys = keys_of(design)
     figures = [f for f in SHOWN if any(row[f] is not None for row in rows)]
     lacking = not_run(rows)
     unstable = sum(row["state"] == CaseState.UNSTABLE for row in rows)
@@ -239,6 +240,8 @@ def _sweep_command(setup: Setup, header: dict[str, Any], path: Path) -> list[str
         line += ["--over", f"{axis['key']}={values or '{low:g}:{high:g}'.format(**axis)}"]
     if design["kind"] != "grid":
         line += ["--design", design["kind"], "--cases", str(design["count"])]
+    if design.get("drawn"):
+        line += ["--uncertain", str(len(design["drawn"]))]
     line += ["--span", header["span"], "--out", path.name]
     return [f"{shlex.join(line)}    # the scene below, saved under this name"]
 

@@ -3,7 +3,7 @@
 import itertools
 import math
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -118,15 +118,33 @@ def _items(text: str) -> list[str]:
 
 @dataclass(frozen=True)
 class Design:
-    """A sweep's cases: all combinations of the axes, or `count` points spread over them."""
+    """A sweep's cases: all combinations of the axes, or `count` points spread over them, each with
+    every row of `drawn`, values of `drawn_keys`."""
 
     axes: tuple[Axis, ...]
     kind: Kind = "grid"
     count: int = 0
     seed: int = 1
+    drawn_keys: tuple[str, ...] = ()
+    drawn: tuple[tuple[float, ...], ...] = ()
+
+    @property
+    def keys(self) -> list[str]:
+        """The keys that differ from case to case."""
+        return [axis.key for axis in self.axes] + list(self.drawn_keys)
 
     def cases(self) -> list[dict[str, Any]]:
-        """One {key: value} a case, always in the same order; the last axis runs fastest."""
+        """One {key: value} a case, always in the same order; draws, then the last axis run
+        fastest."""
+        if not self.drawn:
+            return self._of_axes()
+        return [
+            case | dict(zip(self.drawn_keys, row, strict=True))
+            for case in self._of_axes()
+            for row in self.drawn
+        ]
+
+    def _of_axes(self) -> list[dict[str, Any]]:
         keys = [axis.key for axis in self.axes]
         if self.kind == "grid":
             every = itertools.product(*(axis.values for axis in self.axes))
@@ -142,6 +160,11 @@ class Design:
             {axis.key: axis.at(float(x)) for axis, x in zip(self.axes, point, strict=True)}
             for point in points
         ]
+
+
+def keys_of(design: Mapping[str, Any]) -> list[str]:
+    """The keys that differ from case to case, of a design as results keep it."""
+    return [axis["key"] for axis in design["axes"]] + list(design.get("drawn_keys", ()))
 
 
 def as_axis(key: str, values: str | Iterable[Any]) -> Axis:

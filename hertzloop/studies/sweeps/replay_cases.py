@@ -17,6 +17,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
+from hertzloop.studies.sweeps.design import keys_of
 from hertzloop.views.data import run_scene
 
 
@@ -34,7 +35,7 @@ def replay_cases(
 ) -> Iterator[Checked]:
     """Run `count` random cases of a sweep's results again. Raises SceneError if the results hold
     no scene."""
-    keys = [axis["key"] for axis in header["design"]["axes"]]
+    keys = keys_of(header["design"])
     setup = parse(header["scene_toml"])
     good = [row for row in rows if not row["status"]]
     drawn = np.random.default_rng(seed).permutation(len(good))[:count]

@@ -23,7 +23,7 @@ from hertzloop.jit.cache import code_digest
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.text import toml_value
 from hertzloop.setup import Setup
-from hertzloop.studies.sweeps.design import Design
+from hertzloop.studies.sweeps.design import Design, keys_of
 from hertzloop.studies.sweeps.evaluate import Rows, chunked, not_run, older_state, run_chunk
 from hertzloop.studies.sweeps.journal import Journal
 from hertzloop.studies.sweeps.pool import SweepFailed, local_cores, local_pool
@@ -195,7 +195,7 @@ def _dask_results(
 def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any]) -> None:
     """Write a Parquet file with `header` in its metadata, or a CSV file and `header` beside it in
     NAME.csv.json; under its name only when whole."""
-    keys = [axis["key"] for axis in header["design"]["axes"]]
+    keys = keys_of(header["design"])
     table = pa.Table.from_pylist(_one_type_a_column(rows, keys, out.suffix))
     about = json.dumps(header, indent=2)
     new = out.with_name(out.name + ".new")
@@ -254,7 +254,7 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         else:
             table = pyarrow.csv.read_csv(path)
             header = json.loads(_beside(path).read_text(encoding="utf-8"))
-        keys = [axis["key"] for axis in header["design"]["axes"]]
+        keys = keys_of(header["design"])
         columns = ["case", *keys, *(f.name for f in fields(CaseFigures)), "status"]
         columns += ["state"] if "state" in table.column_names else []
         rows = [

@@ -1,0 +1,211 @@
+"""Coverage of the intervals of `hertzloop fit`, and its verdicts, on synthetic records.
+
+`python -m benchmarks.fit_coverage --seeds 100 --out FILE.json` runs all problems; `--quick` takes
+four seeds of each; `--only NAME` runs one. The truth is made with other steps and more modes
+than the fit uses. Every seed has its own noise, gain, clock and phase of samples.
+"""
+
+import argparse
+import json
+import math
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hertzloop.setup import Setup, load
+from hertzloop.studies.fit.fit import FitResult, fit, free_of
+from hertzloop.studies.fit.observation import Chain
+from hertzloop.studies.fit.records import Measured, Record
+from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
+
+_YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
+_GAIN_SD, _CLOCK_SD = 0.01, 25.0
+_PLAIN, _NO_CHAIN, _NO_TABLE = Spoilt(), Chain(), Measured()
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A question to a record: the true scene, what is recorded, the keys, and the start.
+
+    `changes`: of aluminium-3mm. `start`: factor on the true values that the fit starts from.
+    `fitted`: changes of the model that is fitted, where its class is another one. `wrong`: whether
+    its class is the wrong one. `table`: what the record says of itself.
+    """
+
+    changes: tuple[str, ...]
+    quantity: str
+    duration_s: float
+    keys: tuple[str, ...]
+    spoilt: Spoilt = _PLAIN
+    start: float = 1.0
+    fitted: tuple[str, ...] | None = None
+    wrong: bool = False
+    chain: Chain = _NO_CHAIN
+    table: Measured = _NO_TABLE
+    rate_hz: float = 2e6
+    quiet_s: float = 250e-6
+
+
+_LOW_PASS = Chain(low_pass_hz=100e3)
+_LOSS = ("plate.loss_factor=1e-3",)
+PROBLEMS = {
+    "force 90 us": Problem(
+        _YIELDS, "contact_force", 90e-6,
+        ("contact.limiting_pressure_pa", "sphere.drop_height_m"),
+    ),
+    "v_p 1 ms": Problem(_YIELDS, "v_p", 1e-3, ("sphere.radius_m", "plate.thickness_m")),
+    "v_p 30 ms": Problem(
+        _LOSS, "v_p", 30e-3, ("plate.loss_factor", "plate.thickness_m"), rate_hz=2e5,
+        quiet_s=2e-3,
+    ),
+    "acceleration 1 ms": Problem(
+        _YIELDS, "acceleration", 1e-3, ("sphere.radius_m", "plate.thickness_m",
+                                        "contact.stiffness_factor"), rate_hz=1e6,
+        quiet_s=400e-6, chain=_LOW_PASS, table=Measured(low_pass_hz=100e3),
+    ),
+    "force 70 us, elastic": Problem(
+        (), "contact_force", 70e-6, ("sphere.radius_m", "sphere.drop_height_m"),
+    ),
+    "20 % off": Problem(
+        _YIELDS, "v_p", 1e-3, ("plate.thickness_m", "sphere.radius_m"), start=1.2,
+    ),
+    "8 bits": Problem(
+        _YIELDS, "contact_force", 90e-6, ("contact.limiting_pressure_pa",
+                                          "sphere.drop_height_m"),
+        Spoilt(noise=3e-4, bits=8),
+    ),
+    "coloured noise": Problem(
+        _YIELDS, "v_p", 1e-3, ("sphere.radius_m", "plate.thickness_m"), Spoilt(ar=0.9),
+        quiet_s=400e-6,
+    ),
+    "spikes": Problem(
+        _YIELDS, "v_p", 1e-3, ("sphere.radius_m", "plate.thickness_m"), Spoilt(spikes=0.02),
+    ),
+    "noise 3e-4": Problem(
+        _YIELDS, "contact_force", 90e-6, ("contact.limiting_pressure_pa",
+                                          "sphere.drop_height_m"), Spoilt(noise=3e-4),
+    ),
+    "yield fitted elastic": Problem(
+        _YIELDS, "contact_force", 90e-6, ("sphere.drop_height_m", "contact.stiffness_factor"),
+        fitted=("contact.plasticity=none",), wrong=True,
+    ),
+    "Hunt-Crossley fitted with yield": Problem(
+        ("contact.damping=hunt_crossley", "contact.restitution=0.7"), "contact_force", 90e-6,
+        ("contact.limiting_pressure_pa", "sphere.drop_height_m"), fitted=_YIELDS, wrong=True,
+    ),
+    "3-D fitted with Kirchhoff": Problem(
+        ("plate.theory=3d",), "v_p", 150e-6, ("sphere.drop_height_m", "plate.thickness_m"),
+        chain=_LOW_PASS, table=Measured(low_pass_hz=100e3), fitted=(), wrong=True,
+    ),
+}  # fmt: skip
+
+
+def run(problem: Problem, seed: int) -> tuple[FitResult, dict[str, float]]:
+    """Fit one record of a problem. Returns the result and the true values."""
+    from hertzloop.studies.fit.fit import value_of
+
+    setup = load("aluminium-3mm", ["controller.law=off", *problem.changes])
+    generator = np.random.default_rng(10_000 + seed)
+    spoilt = replace(
+        problem.spoilt, gain=1.0 + _GAIN_SD * float(generator.standard_normal()),
+        clock_ppm=_CLOCK_SD * float(generator.standard_normal()), offset=0.005,
+    )  # fmt: skip
+    seen = _truth(setup, problem)
+    table = replace(
+        problem.table, sensitivity_uncertainty=_GAIN_SD, clock_tolerance_ppm=_CLOCK_SD,
+        quantity=problem.quantity,
+    )  # fmt: skip
+    record: Record = measured(
+        seen, spoilt, seed, rate_hz=problem.rate_hz, quiet_s=problem.quiet_s, table=table
+    )
+    base = setup
+    if problem.fitted is not None:
+        base = load("aluminium-3mm", ["controller.law=off", *problem.fitted])
+    true = {}
+    for key in problem.keys:
+        true[key] = value_of(setup if not problem.wrong else base, key)
+    if problem.start != 1.0:
+        signs = generator.choice([-1.0, 1.0], size=len(true))
+        base = base.vary({
+            key: value * problem.start**sign
+            for (key, value), sign in zip(true.items(), signs, strict=True)
+        })  # fmt: skip
+    return fit(base, [record], [free_of(base, key) for key in problem.keys]), true
+
+
+_seen: dict[Any, Any] = {}
+
+
+def _truth(setup: Setup, problem: Problem) -> Any:
+    key = (problem.changes, problem.quantity, problem.duration_s, problem.chain)
+    if key not in _seen:
+        accuracy = 1e-4 if problem.duration_s > 5e-3 or setup.theory == "3d" else 1e-5
+        _seen[key] = truth(setup, problem.quantity, problem.duration_s, problem.chain, accuracy)
+    return _seen[key]
+
+
+def summary(name: str, seeds: int, report: Callable[[str], None]) -> dict[str, Any]:
+    """Run a problem with so many seeds and count what its intervals cover."""
+    problem = PROBLEMS[name]
+    covered = dict.fromkeys(problem.keys, 0)
+    errors: dict[str, list[float]] = {key: [] for key in problem.keys}
+    models: dict[str, int] = {}
+    misses, ratios, walls, counts = [], [], [], []
+    for seed in range(seeds):
+        try:
+            result, true = run(problem, seed)
+        except ValueError as error:
+            misses.append(f"seed {seed}: {error}")
+            continue
+        models[str(result.model)] = models.get(str(result.model), 0) + 1
+        ratios.append(result.residual_over_noise)
+        walls.append(result.wall_s)
+        counts.append(result.evaluations)
+        for e in result.estimates:
+            low, high = e.low or 0.0, e.high or math.inf
+            errors[e.key].append(e.value / true[e.key] - 1.0)
+            if low <= true[e.key] <= high:
+                covered[e.key] += 1
+            elif not problem.wrong:
+                sd = e.sd_log or math.nan
+                misses.append(
+                    f"seed {seed}: {e.key} {math.log(e.value / true[e.key]) / sd:+.2f} sd"
+                )
+    found = {
+        "problem": name, "seeds": seeds, "covered": covered, "models": models,
+        "median_residual_over_noise": float(np.median(ratios)) if ratios else None,
+        "rms_error": {k: float(np.sqrt(np.mean(np.square(v)))) for k, v in errors.items() if v},
+        "median_wall_s": float(np.median(walls)) if walls else None,
+        "median_evaluations": float(np.median(counts)) if counts else None, "misses": misses,
+    }  # fmt: skip
+    report(json.dumps(found))
+    return found
+
+
+def main() -> None:
+    """Run the problems and print a line of JSON for each."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--quick", action="store_true", help="four seeds of each problem")
+    parser.add_argument("--only", action="append", help="name of a problem")
+    parser.add_argument("--out", type=Path, help="file for the results, JSON")
+    given = parser.parse_args()
+    began = time.perf_counter()
+    found = []
+    for name in given.only or PROBLEMS:
+        if name not in PROBLEMS:
+            sys.exit(f"--only {name}: not a problem. Give one of {', '.join(PROBLEMS)}.")
+        found.append(summary(name, 4 if given.quick else given.seeds, print))
+        sys.stdout.flush()
+        if given.out:
+            given.out.write_text(json.dumps(found, indent=1) + "\n")
+    print(f"took {time.perf_counter() - began:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""The command `fit`: from measured records to a calibrated scene."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hertzloop.cli.options import (
+    JsonOption,
+    OverwriteOption,
+    SceneArgument,
+    SetOption,
+    check_json,
+    check_output,
+    compile_first,
+    scene_from,
+    write_json,
+)
+from hertzloop.cli.terminal import fail, out
+from hertzloop.scenes.errors import SceneError
+
+
+def fit(
+    scene: SceneArgument,
+    records: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="RECORD...", help="Measured records, one impact each."),
+    ] = None,
+    free: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--free",
+            metavar="KEY[=LOW:HIGH][±PRIOR]",
+            help="Fit this scene key, within a range, with a prior standard deviation in its unit "
+            "or in %.",
+        ),
+    ] = None,
+    hold_out: Annotated[
+        list[Path] | None,
+        typer.Option("--hold-out", help="Compare this record with the result; do not fit it."),
+    ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Report what the records can tell; do not fit.")
+    ] = False,
+    expect: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--expect",
+            metavar="QUANTITY:DURATIONus:NOISE%[:RATEMHz]",
+            help="With --check, suppose a record of this kind, before the experiment.",
+        ),
+    ] = None,
+    out_file: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Fitted scene to write; SCENE-fitted.toml if left out."),
+    ] = None,
+    report_file: Annotated[
+        Path | None, typer.Option("--report", help="Write an HTML page of the fit to this file.")
+    ] = None,
+    replay_file: Annotated[
+        Path | None,
+        typer.Option("--replay", help="Write measured over simulated values to this .rrd file."),
+    ] = None,
+    settings: SetOption = None,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Fit keys of a scene to measured records.
+
+    It prints estimates with 95 % intervals, and verdicts on the keys and on the model.
+
+    Exit codes: 0 the model fits, or the records cannot tell; 1 it does not fit; 2 a mistake, or a
+    key that the records cannot identify.
+    """
+    from hertzloop.studies.fit import fit as study
+    from hertzloop.studies.fit import report
+    from hertzloop.studies.fit.records import RecordError, read_record
+    from hertzloop.studies.fit.verdicts import Model
+
+    setup = scene_from(scene, settings, None)
+    files, held = list(records or []), list(hold_out or [])
+    target = out_file or Path(f"{setup.name}-fitted.toml")
+    if expect and not check:
+        fail("--expect: supposes a record, which cannot be fitted. Add --check.", 2)
+    if not check:
+        read = [*files, *held, *([Path(scene)] if scene.endswith(".toml") else [])]
+        own = out_file is None and _written_by_fit(target)
+        check_output(target, overwrite or own, read=read)
+    for path, option in ((report_file, "--report"), (replay_file, "--replay")):
+        if path is not None:
+            check_output(path, overwrite, option, read=[*files, *held])
+    check_json(json_file, target, report_file, replay_file)
+    compile_first(setup)
+    try:
+        keys = [study.free_of(setup, text) for text in free or []]
+        if not keys:
+            raise study.FitError("--free: no key is free. Name at least one, --free KEY.")
+        measured = [read_record(path) for path in files]
+        if check:
+            measured += [
+                study.expected_record(setup, text, f"expected record {i}")
+                for i, text in enumerate(expect or [], 1)
+            ]
+        if not measured:
+            remedy = "RECORD, or --expect" if check else "RECORD"
+            raise study.FitError(f"RECORD: none is given. Name at least one {remedy}.")
+        if check:
+            result = study.check(setup, measured, keys)
+        else:
+            result = study.fit(setup, measured, keys, [read_record(path) for path in held])
+    except (RecordError, SceneError, study.FitError) as error:
+        fail(str(error), 2)
+    except ModuleNotFoundError:
+        raise
+    out.print(report.parameter_table(result))
+    for sentence in report.sentences(result):
+        out.print(sentence, soft_wrap=True)
+    data = report.as_json(result)
+    if result.setup is not None and result.identifiable:
+        _write(target, report.fitted_scene(result, target.stem))
+        data["scene"] = str(target)
+        out.print(f"written: {target}", soft_wrap=True)
+    if report_file is not None:
+        from hertzloop.studies.fit.page import page
+
+        _write(report_file, page(result))
+        out.print(f"written: {report_file}", soft_wrap=True)
+    if replay_file is not None:
+        from hertzloop.studies.fit.page import write_replay
+
+        write_replay(result, replay_file)
+        out.print(f"written: {replay_file}", soft_wrap=True)
+    write_json(json_file, data)
+    if not result.identifiable:
+        raise typer.Exit(2)
+    if result.model is Model.DOES_NOT_FIT:
+        raise typer.Exit(1)
+
+
+def _written_by_fit(path: Path) -> bool:
+    """Whether a file is a fitted scene of before, which may be replaced without asking."""
+    try:
+        return "\n[fit]\n" in path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        fail(f"cannot write {path}: {error.strerror}", 1)

@@ -1,0 +1,1 @@
+"""From measured records to a calibrated scene: records, observation, least squares, verdicts."""

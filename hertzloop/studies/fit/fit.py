@@ -1,0 +1,677 @@
+"""Fit scene keys to records: the check before, the solution, intervals, verdicts, hold-out."""
+
+import difflib
+import math
+import re
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
+from hertzloop.studies.fit.channel import Channel, align, make_ready, thinned, without_contact
+from hertzloop.studies.fit.model import FrozenModel
+from hertzloop.studies.fit.observation import Chain, chain_of, observe
+from hertzloop.studies.fit.records import QUANTITIES, Measured, Record, RecordError
+from hertzloop.studies.fit.solve import Free, Point, Problem, minimised, reject_outliers
+from hertzloop.studies.fit.verdicts import (
+    WIDEST,
+    Combination,
+    Model,
+    Uncertainty,
+    Verdict,
+    bootstrapped,
+    fitness,
+    uncertainty,
+)
+
+_FACTOR, _LOSS_FACTOR, _PRESSURE_FACTOR = 5.0, 100.0, 20.0  # of a start, for default bounds
+_PRESSURE = "contact.limiting_pressure_pa"
+_MATERIAL_KEYS = {"young_pa": "youngs_modulus_pa", "poisson": "poisson_ratio"}
+_STARTS = (0.25, 0.45, 0.7)  # of the elastic centre pressure: above it, nothing yields
+# Accuracy of the modes in the noise over the peak: the gap is as exact as it says, the plate's
+# velocity at the contact point ten times less, its acceleration a hundred times less.
+_ACCURACY = {"v_p": 0.03, "acceleration": 0.003}
+_ACCURACY_OF_GAP = 0.3
+_FINEST, _COARSEST = 3e-5, 1e-3
+_LONGEST_S = 0.06
+_REFREEZE = 0.01  # change of a key's logarithm for which the model is frozen anew
+_ROUNDS = 4  # of outliers
+_CERTAIN = 3.841458820694124  # chi-square of one parameter at 95 %
+_ONE_SIDED = 2.705543454095404  # at 95 % on one side
+_NORMAL = 1.959963984540054
+_NO_BOUND = 10.0  # half-widths of logarithms beyond this mean nothing
+_LEAST_DRAWN = 0.25  # of a variance
+_KNOWN_TO = 0.01  # relative standard deviation of a key measured by other means
+_EXPECTED = re.compile(
+    r"(?P<quantity>[a-z_]+):(?P<us>[0-9.eE+]+)us:(?P<noise>[0-9.eE+-]+)%(?::(?P<mhz>[0-9.eE+-]+)MHz)?"
+)
+
+
+class FitError(ValueError):
+    """The question cannot be answered as asked; one sentence."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An estimate of a free key; `low` and `high`: 95 % interval, None where it is open."""
+
+    key: str
+    value: float
+    low: float | None
+    high: float | None
+    verdict: Verdict
+    start: float
+    sd_log: float | None
+    prior_pull: float | None = None
+    alone_percent: float | None = None
+
+    @property
+    def half_width_percent(self) -> float | None:
+        """Half the interval over the value, %."""
+        if self.low is None or self.high is None:
+            return None
+        return 50.0 * (self.high - self.low) / self.value
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """Nuisance parameters of a record: see the JSON."""
+
+    record: str
+    time_shift_s: float
+    gain: float
+    offset: float
+    clock_ppm: float
+    noise_rms: float
+    residual_over_noise: float
+    samples: int
+    rejected: int
+
+
+@dataclass
+class FitResult:
+    """The result of `fit`, in numbers.
+
+    `estimates`: by key, in the order asked. `combinations`: products of keys, the worst known
+    first. `measure_next`: sentences. `covariance`: of the logarithms of the keys. `setup`: the
+    fitted scene; None of a check.
+    """
+
+    estimates: list[Estimate]
+    nuisances: list[Nuisance]
+    noise_rms: float
+    residual_over_noise: float
+    model: Model
+    statistics: dict[str, Any]
+    reasons: list[str]
+    combinations: list[Combination]
+    measure_next: list[str]
+    hold_out: dict[str, Any] | None
+    evaluations: int
+    wall_s: float
+    covariance: np.ndarray
+    setup: Setup | None
+    notes: list[str]
+    speeds_m_s: tuple[float, float]
+    records: list[Record] = field(default_factory=list)
+    curves: list[dict[str, np.ndarray]] = field(default_factory=list)
+    checked_only: bool = False
+
+    @property
+    def identifiable(self) -> bool:
+        """Whether the records tell something about every key."""
+        return all(e.verdict is not Verdict.NOT_IDENTIFIABLE for e in self.estimates)
+
+
+def free_of(setup: Setup, text: str) -> Free:
+    """Return a free key from `KEY[=LOW:HIGH][±PRIOR]`; +- may stand for ±, and a % after PRIOR.
+
+    Raises:
+        FitError: the text is not of this form, or the key is not one positive number.
+    """
+    head, sign, prior_text = text.replace("+-", "±").partition("±")
+    key, equals, bounds = (part.strip() for part in head.partition("="))
+    if not key:
+        raise FitError(f"--free {text}: names no key. Write KEY, KEY=LOW:HIGH or KEY±PRIOR.")
+    start = value_of(setup, key)
+    low, high = _bounds(setup, key, start)
+    if equals:
+        parts = bounds.split(":")
+        try:
+            low, high = (float(p) for p in parts)
+        except ValueError as error:
+            raise FitError(
+                f"--free {text}: '{bounds}' is not a range. Write LOW:HIGH, two numbers."
+            ) from error
+        if not 0.0 < low < high < math.inf:
+            raise FitError(
+                f"--free {text}: the range must be positive and rise. Write LOW:HIGH with LOW "
+                "above zero."
+            )
+        if not low <= start <= high:
+            start = math.sqrt(low * high)
+    prior = None
+    if sign:
+        try:
+            given = float(prior_text.strip().rstrip("%"))
+        except ValueError as error:
+            raise FitError(
+                f"--free {text}: '{prior_text}' is not a prior. Write a standard deviation in the "
+                "unit of the key, or in %."
+            ) from error
+        prior = given / 100.0 if prior_text.strip().endswith("%") else given / start
+        if not 0.0 < prior < math.inf:
+            raise FitError(f"--free {text}: the prior must be a positive standard deviation.")
+    return Free(key, start, low, high, prior)
+
+
+def value_of(setup: Setup, key: str) -> float:
+    """Return the starting value of a key. Raises FitError unless it is one positive number."""
+    table, _, last = key.partition(".")
+    found: Any = None
+    if key == _PRESSURE and setup.limiting_pressure:
+        found = setup.limiting_pressure["pressure_pa"]
+    elif key == "plate.loss_factor":
+        plate = setup.structure.local_plate
+        found = None if plate is None else plate.eta
+    elif key == "contact.stiffness_factor":
+        found = setup.scene.contact.stiffness_factor or 1.0
+    elif table in ("plate", "sphere") and last.startswith("material."):
+        body: Any = "plate" if table == "plate" else "sphere"
+        name = last.partition(".")[2]
+        found = getattr(setup.scene.material(body), _MATERIAL_KEYS.get(name, name), None)
+    else:
+        found = getattr(getattr(setup.scene, table, None), last, None)
+    if isinstance(found, bool) or not isinstance(found, int | float) or not found > 0.0:
+        raise FitError(f"--free {key}: {_why_not(setup, key, found)}")
+    return float(found)
+
+
+def _why_not(setup: Setup, key: str, found: Any) -> str:
+    """Why a key cannot be free, and what to do."""
+    table, _, last = key.partition(".")
+    fields = getattr(type(getattr(setup.scene, table, None)), "model_fields", {})
+    if last.partition(".")[0] not in fields:
+        near = difflib.get_close_matches(last, fields, 1)
+        hint = f"Did you mean {table}.{near[0]}?" if near else "`hertzloop keys` lists all keys."
+        return f"is not a scene key. {hint}"
+    if key == _PRESSURE:
+        return (
+            "the contact of the scene does not yield. Add --set contact.plasticity=thornton and "
+            "--set contact.limiting_pressure_pa=VALUE."
+        )
+    if found is None:
+        return "the scene has no value to start from. Give it one with --set."
+    return f"is {found} in the scene, and must be one positive number. Choose another key."
+
+
+def _bounds(setup: Setup, key: str, start: float) -> tuple[float, float]:
+    factor = _FACTOR
+    if key.endswith("loss_factor"):
+        factor = _LOSS_FACTOR
+    elif key == _PRESSURE:
+        factor = _PRESSURE_FACTOR
+    low, high = start / factor, start * factor
+    if key.endswith(("loss_factor", "poisson", "restitution")):
+        high = min(high, 0.49 if key.endswith("poisson") else 1.0)
+    return low, high
+
+
+def expected_record(setup: Setup, text: str, name: str = "expected record") -> Record:
+    """Return a made-up record of the scene as it is, for a check before an experiment.
+
+    Args:
+        setup: the scene.
+        text: `QUANTITY:DURATIONus:NOISE%[:RATEMHz]`, as `contact_force:70us:0.3%:2MHz`; the noise
+            is a share of the peak.
+        name: of the record.
+
+    Raises:
+        FitError: the text is not of this form.
+    """
+    match = _EXPECTED.fullmatch(text.strip())
+    if match is None or match["quantity"] not in QUANTITIES:
+        raise FitError(
+            f"--expect {text}: is not QUANTITY:DURATIONus:NOISE%[:RATEMHz], such as "
+            f"contact_force:70us:0.3%:2MHz. Known quantities: {', '.join(QUANTITIES)}."
+        )
+    duration_s, share = 1e-6 * float(match["us"]), 0.01 * float(match["noise"])
+    step_s = 1e-6 / float(match["mhz"] or 2.0)
+    quiet_s = max(250 * step_s, 0.2e-3)
+    model = FrozenModel(setup, duration_s, 1e-4)
+    time_s = np.arange(-quiet_s, duration_s, step_s)
+    clean = observe(model.run({}, duration_s), match["quantity"], Chain(), False).value(time_s)
+    noise = share * float(np.max(np.abs(clean)))
+    # The noise has a known size and no influence on the answer; its seed makes it repeatable.
+    noisy = clean + noise * np.random.default_rng(1).standard_normal(len(clean))
+    return Record(name, time_s, noisy, match["quantity"], Measured(quantity=match["quantity"]))
+
+
+def prepared(
+    setup: Setup,
+    records: Sequence[Record],
+    free: Sequence[Free],
+    at: dict[str, float] | None = None,
+) -> Problem:
+    """Return the problem of a fit: channels ready and aligned, models frozen.
+
+    Args:
+        setup: the scene to start from.
+        records: at least one.
+        free: the free keys; their starting values are used unless `at` says otherwise.
+        at: values of keys at which models are frozen and records aligned.
+
+    Raises:
+        RecordError, SceneError
+    """
+    channels = [make_ready(record) for record in records]
+    start = {f.key: f.start for f in free} if at is None else at
+    accuracy = min(_accuracy(c) for c in channels)
+    accuracy = min(max(accuracy, _FINEST), max(setup.accuracy, _FINEST))
+    for c in channels:
+        _cut(c)
+    models = _frozen(setup, channels, start, accuracy)
+    chains = [chain_of(c.record, setup) for c in channels]
+    problem = Problem(list(free), channels, models, chains)
+    for index, (c, model) in enumerate(zip(channels, models, strict=True)):
+        long_s = max(3.0 * model.contact_s, 30e-6)
+        align(c, problem.observed(index, dict(start), long_s), model.contact_s)
+        thinned(c, model.contact_s)
+    return problem
+
+
+def _frozen(
+    setup: Setup, channels: Sequence[Channel], values: dict[str, float], accuracy: float
+) -> list[FrozenModel]:
+    """The frozen model of every channel; channels of one drop and measuring point share one, so
+    that a simulation serves them all."""
+    of_plant = {k: v for k, v in values.items() if not k.startswith("sensors.")}
+
+    def kind(c: Channel) -> Any:
+        return tuple(sorted(c.record.measured.set.items())), c.record.measured.point_m
+
+    durations: dict[Any, float] = {}
+    for c in channels:
+        duration_s = float(c.time_s[-1]) - c.onset_s + 20e-6
+        durations[kind(c)] = max(durations.get(kind(c), 0.0), duration_s)
+    models = {}
+    for (given, point_m), duration_s in durations.items():
+        of_record = setup.vary(dict(given)) if given else setup
+        base = of_record.vary({k: v for k, v in of_plant.items() if k not in dict(given)})
+        models[given, point_m] = FrozenModel(base, duration_s, accuracy, point_m)
+    return [models[kind(c)] for c in channels]
+
+
+def _accuracy(channel: Channel) -> float:
+    factor = _ACCURACY.get(channel.record.quantity, _ACCURACY_OF_GAP)
+    return min(factor * channel.noise_over_peak, _COARSEST)
+
+
+def _cut(channel: Channel) -> None:
+    """Leave out what is later than a simulation is worth."""
+    late = channel.time_s > channel.onset_s + _LONGEST_S
+    if np.any(late):
+        channel.kept = channel.kept & ~late
+        keep = ~late
+        channel.time_s, channel.value = channel.time_s[keep], channel.value[keep]
+        channel.kept = channel.kept[keep]
+        channel.notes.append(
+            f"{channel.record.name}: {np.count_nonzero(late)} samples later than "
+            f"{1e3 * _LONGEST_S:g} ms after the impact are not used."
+        )
+
+
+def check(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> FitResult:
+    """Report what records can tell about keys, at the starting values and without a fit.
+
+    Raises:
+        RecordError, SceneError, FitError
+    """
+    began = time.perf_counter()
+    problem = prepared(setup, records, free)
+    until_s = problem.windows_s()[-1]
+    point = problem.point(problem.start(), until_s, early=False)
+    _check_rows(point)
+    known = uncertainty(problem, point)
+    estimates = [
+        _estimate(f, f.start, float(sd), float(alone), None)
+        for f, sd, alone in zip(free, known.sd, known.alone, strict=True)
+    ]
+    return FitResult(
+        estimates, _nuisances(problem, point, until_s, 0.0), _noise(problem), math.nan,
+        Model.CANNOT_TELL, {}, ["This is a check before a fit: nothing was fitted."],
+        known.combinations, _next(problem, point, known), None, problem.evaluations,
+        time.perf_counter() - began, known.covariance, None,
+        [n for c in problem.channels for n in c.notes], _speeds(problem, {}), list(records),
+        checked_only=True,
+    )  # fmt: skip
+
+
+def _check_rows(point: Point) -> None:
+    if len(point.residual) <= len(point.x):
+        raise RecordError(
+            f"the records have {len(point.residual)} samples for {len(point.x)} unknowns. Record "
+            "at a higher rate, or free fewer keys."
+        )
+
+
+def fit(
+    setup: Setup, records: Sequence[Record], free: Sequence[Free], hold_out: Sequence[Record] = ()
+) -> FitResult:
+    """Fit scene keys to records.
+
+    Args:
+        setup: the scene to start from, in which everything else is known.
+        records: at least one; all share the keys.
+        free: the keys to find.
+        hold_out: records that are only compared with the result.
+
+    Returns:
+        Estimates with 95 % intervals, verdicts, and the fitted setup.
+
+    Raises:
+        RecordError: a record cannot be used.
+        SceneError: the scene cannot be simulated.
+        FitError: the question makes no sense.
+    """
+    if not records:
+        raise FitError("no record is given. Give at least one.")
+    if not free:
+        raise FitError("no key is free. Name at least one with --free KEY.")
+    began = time.perf_counter()
+    problem = prepared(setup, records, free)
+    evaluations = 0
+    x = _best_start(problem, setup)
+    windows = problem.windows_s()
+    for end in windows[:-1]:
+        x = minimised(problem, x, end, early=True, steps=15, tolerance=1e-3).x
+    until_s = windows[-1]
+    point = minimised(problem, x, until_s, early=False, steps=15, tolerance=1e-3)
+    moved = max(abs(v - math.log(f.start)) for f, v in zip(free, point.x, strict=False))
+    if moved > _REFREEZE:
+        evaluations += problem.evaluations
+        problem, point = _refrozen(setup, records, free, problem, point)
+        until_s = problem.windows_s()[-1]
+    for c, model in zip(problem.channels, problem.models, strict=True):
+        without_contact(c, model.contact_s)  # only now: the early windows hold little else
+    point = minimised(problem, point.x, until_s, early=False)
+    for _ in range(_ROUNDS):
+        if not reject_outliers(problem, point, until_s):
+            break
+        point = minimised(problem, point.x, until_s, early=False)
+    _check_rows(point)
+    scale = _residual_scale(problem, point)
+    known = uncertainty(problem, point, scale)
+    drawn = bootstrapped(problem, point, until_s)
+    if drawn is not None:
+        # Never below half of what white noise of the same size would give.
+        least = np.diag(known.covariance) / np.diag(drawn)
+        known.covariance = drawn * max(1.0, _LEAST_DRAWN * float(np.max(least)))
+    estimates, one_sided = _estimates(problem, point, known, until_s)
+    unknown = {e.key for e in estimates if e.verdict is Verdict.NOT_IDENTIFIABLE}
+    fits = fitness(problem, point, until_s, len(point.x), one_sided | unknown)
+    values = problem.values(point.x)
+    fitted = setup.vary({k: v for k, v in values.items() if not k.startswith("sensors.")})
+    sensor_keys = {k: v for k, v in values.items() if k.startswith("sensors.")}
+    fitted = fitted.vary(sensor_keys) if sensor_keys else fitted
+    held = _held_out(fitted, hold_out) if hold_out else None
+    verdict, reasons = fits.verdict, list(fits.reasons)
+    if held is not None and verdict is Model.FITS and held["residual_over_noise"] > 2.0:
+        verdict = Model.DOES_NOT_FIT
+        reasons.append(
+            f"The held-out records are {held['residual_over_noise']:.3g} times the noise away."
+        )
+    if verdict is Model.FITS and any(e.verdict is Verdict.NOT_IDENTIFIABLE for e in estimates):
+        reasons.append("The model fits, but not every key is identifiable.")
+    return FitResult(
+        estimates, _nuisances(problem, point, until_s, scale), _noise(problem),
+        fits.residual_over_noise, verdict, fits.as_json(), reasons, known.combinations,
+        _next(problem, point, known), held, evaluations + problem.evaluations,
+        time.perf_counter() - began, known.covariance, fitted,
+        [n for c in problem.channels for n in c.notes], _speeds(problem, values), list(records),
+        _curves(problem, point, until_s),
+    )  # fmt: skip
+
+
+def _refrozen(
+    setup: Setup, records: Sequence[Record], free: Sequence[Free], problem: Problem, point: Point
+) -> tuple[Problem, Point]:
+    """The same problem with the models frozen at a solution, where the limit of the modes fits."""
+    values = problem.values(point.x)
+    accuracy = problem.models[0].setup.accuracy
+    models = _frozen(setup, problem.channels, values, accuracy)
+    new = Problem(problem.free, problem.channels, models, problem.chains)
+    return new, point
+
+
+def _best_start(problem: Problem, setup: Setup) -> np.ndarray:
+    """The starting point, of several for a limiting pressure: above the elastic pressure of the
+    impact its gradient is zero."""
+    x = problem.start()
+    keys = [f.key for f in problem.moving]
+    if _PRESSURE not in keys:
+        return x
+    place = keys.index(_PRESSURE)
+    f = problem.moving[place]
+    pressure = _elastic_pressure(problem, f)
+    end = problem.windows_s()[0]
+    best: Point | None = None
+    for share in _STARTS:
+        tried = x.copy()
+        tried[place] = math.log(min(max(share * pressure, 1.01 * f.low), 0.99 * f.high))
+        found = minimised(problem, tried, end, early=True, steps=12, tolerance=1e-2)
+        if best is None or found.chi_square < best.chi_square:
+            best = found
+    assert best is not None
+    return best.x
+
+
+def _elastic_pressure(problem: Problem, f: Free) -> float:
+    """Pressure in the centre of the contact at its largest force, if it were elastic, Pa."""
+    model = problem.models[0]
+    values = {g.key: g.start for g in problem.free if not g.key.startswith("sensors.")}
+    run = model.run(values | {f.key: 1e13}, 2.0 * model.contact_s)
+    force = float(np.max(run.force_n(run.time_s)))
+    bodies = model.setup.vary(values).bodies
+    radius = bodies.sphere.radius_m
+    modulus = 0.75 * run.contact.stiffness / math.sqrt(radius)
+    a = (0.75 * force * radius / modulus) ** (1.0 / 3.0)
+    return 1.5 * force / (math.pi * a * a)
+
+
+def _residual_scale(problem: Problem, point: Point) -> float:
+    """Factor on the noise where no record has its own: the residual has to say."""
+    if any(c.noise_from != "residual" for c in problem.channels):
+        return 1.0
+    rows = sum(s.stop - s.start for s in point.rows)
+    squares = sum(float(np.sum(point.residual[s] ** 2)) for s in point.rows)
+    scale = math.sqrt(squares / max(rows - len(point.x), 1))
+    for c in problem.channels:
+        c.noise *= scale
+    point.residual[:rows] /= max(scale, 1e-12)
+    return scale
+
+
+def _estimate(f: Free, value: float, sd: float, alone: float, pull: float | None) -> Estimate:
+    """An estimate whose interval is that of the covariance."""
+    known = math.isfinite(sd) and _NORMAL * sd < _NO_BOUND
+    low = value * math.exp(-_NORMAL * sd) if known else None
+    high = value * math.exp(_NORMAL * sd) if known else None
+    half = math.expm1(_NORMAL * sd) if known else math.inf
+    verdict = Verdict.IDENTIFIED if half <= WIDEST else Verdict.NOT_IDENTIFIABLE
+    percent = 100.0 * math.expm1(_NORMAL * alone) if _NORMAL * alone < _NO_BOUND else None
+    return Estimate(f.key, value, low, high, verdict, f.start, sd if known else None, pull, percent)
+
+
+def _estimates(
+    problem: Problem, point: Point, known: Uncertainty, until_s: float
+) -> tuple[list[Estimate], set[str]]:
+    """Estimates of all keys; which of them a bound or a flat side makes one-sided."""
+    pulls = problem.pulls(point.x)
+    found, one_sided = [], set()
+    for j, f in enumerate(problem.moving):
+        value = problem.values(point.x)[f.key]
+        sd, alone = float(known.sd[j]), float(known.alone[j])
+        estimate = _estimate(f, value, sd, alone, pulls.get(f.key))
+        at_bound = not 1e-6 < float(point.x[j]) - math.log(f.low) < math.log(f.high / f.low) - 1e-6
+        doubtful = at_bound or estimate.verdict is not Verdict.IDENTIFIED
+        if f.prior is None and (f.key == _PRESSURE or (doubtful and _flat_alone(alone, at_bound))):
+            profiled = _profiled(problem, point, until_s, j, f, estimate)
+            if profiled is not None:
+                estimate = profiled
+                one_sided.add(f.key)
+        found.append(estimate)
+    return found, one_sided
+
+
+def _flat_alone(alone: float, at_bound: bool) -> bool:
+    """Whether a key is unknown even with all other keys known: no combination is to blame."""
+    return at_bound or not math.expm1(min(_NORMAL * alone, 50.0)) <= WIDEST
+
+
+def _profiled(
+    problem: Problem, point: Point, until_s: float, j: int, f: Free, estimate: Estimate
+) -> Estimate | None:
+    """An estimate with one open end where chi-square stays flat to a bound, else None."""
+    best = point.chi_square
+
+    def rise(value: float) -> float:
+        held = replace(problem, fixed={f.key: value}, evaluations=0)
+        x = np.delete(point.x, j)
+        found = minimised(held, x, until_s, early=False, steps=12, tolerance=1e-4)
+        problem.evaluations += held.evaluations
+        return found.chi_square - best
+
+    up, down = rise(f.high), None
+    if up < _CERTAIN:
+        # The high side is open. Find the largest value below at which chi-square has risen.
+        edge = _crossing(rise, estimate.value, f.low)
+        if edge is None:
+            return None
+        # A contact that does not yield sets a limit by itself; another key is just not known.
+        verdict = Verdict.ONE_SIDED if f.key == _PRESSURE else estimate.verdict
+        return replace(estimate, low=edge, high=None, verdict=verdict, sd_log=None)
+    if f.key == _PRESSURE:
+        return None
+    down = rise(f.low)
+    if down < _CERTAIN:
+        edge = _crossing(rise, estimate.value, f.high)
+        if edge is None:
+            return None
+        return replace(estimate, low=None, high=edge, sd_log=None)
+    return None
+
+
+def _crossing(rise: Any, value: float, bound: float) -> float | None:
+    """Where chi-square has risen by the one-sided 95 % level, between a value and a bound."""
+    if rise(bound) < _ONE_SIDED:
+        return None
+    inner, outer = math.log(value), math.log(bound)
+    for _ in range(10):
+        middle = 0.5 * (inner + outer)
+        if rise(math.exp(middle)) < _ONE_SIDED:
+            inner = middle
+        else:
+            outer = middle
+        if abs(outer - inner) < 3e-3:
+            break
+    return math.exp(outer)
+
+
+def _nuisances(problem: Problem, point: Point, until_s: float, scale: float) -> list[Nuisance]:
+    found = []
+    for index, c in enumerate(problem.channels):
+        touch_s, ppm, gain, offset = problem.nuisances(point.x, index)
+        rows = point.residual[point.rows[index]]
+        rms = math.sqrt(float(np.mean(rows**2))) if len(rows) else math.nan
+        found.append(
+            Nuisance(c.record.name, touch_s, gain, offset, ppm, c.noise, rms, len(rows), c.rejected)
+        )
+    return found
+
+
+def _noise(problem: Problem) -> float:
+    return problem.channels[0].noise
+
+
+def _speeds(problem: Problem, values: dict[str, float]) -> tuple[float, float]:
+    of_plant = {k: v for k, v in values.items() if not k.startswith("sensors.")}
+    speeds = [m.spec_of(of_plant).sphere.impact_speed_m_s for m in problem.models]
+    return min(speeds), max(speeds)
+
+
+def _curves(problem: Problem, point: Point, until_s: float) -> list[dict[str, np.ndarray]]:
+    """Measured and simulated values of every record over the time after the touch."""
+    found = []
+    for index, c in enumerate(problem.channels):
+        value, _, tau = problem.predicted(point.x, index, until_s)
+        _, _, gain, offset = problem.nuisances(point.x, index)
+        inside = tau <= until_s
+        found.append({
+            "time_s": tau[inside], "measured": c.value[inside],
+            "simulated": gain * value[inside] + offset, "used": c.kept[inside],
+        })  # fmt: skip
+    return found
+
+
+def _held_out(fitted: Setup, records: Sequence[Record]) -> dict[str, Any]:
+    """Compare records with the fitted scene; only their nuisances are found anew."""
+    problem = prepared(fitted, records, [])
+    until_s = problem.windows_s()[-1]
+    point = minimised(problem, problem.start(), until_s, early=False)
+    reject_outliers(problem, point, until_s)
+    point = minimised(problem, point.x, until_s, early=False)
+    rows = np.concatenate([point.residual[s] for s in point.rows])
+    ratio = math.sqrt(float(rows @ rows) / max(len(rows) - len(point.x), 1))
+    return {
+        "records": [r.name for r in records],
+        "residual_over_noise": ratio,
+        "gain": [problem.nuisances(point.x, i)[2] for i in range(len(records))],
+    }
+
+
+def _next(problem: Problem, point: Point, known: Uncertainty) -> list[str]:
+    """Say which key, measured by other means, would help the worst known key most."""
+    n = len(problem.moving)
+    if n < 2:
+        return []
+    half = known.half_widths()
+    worst = int(np.argmax(np.where(np.isfinite(half), half, np.inf)))
+    if half[worst] <= 0.1:
+        return []
+    best: tuple[float, int] | None = None
+    for j in range(n):
+        line = np.zeros((1, len(point.x)))
+        line[0, j] = 1.0 / _KNOWN_TO
+        more = replace_point(point, line)
+        others = float(np.max(uncertainty(problem, more, known.scale).half_widths()))
+        if best is None or others < best[0]:
+            best = (others, j)
+    assert best is not None
+    key = problem.moving[best[1]].key
+    words = (
+        f"Measure {key} by other means to 1 % and give it as a prior, --free '{key}±1%': the worst "
+        f"half-width falls from {_percent(half[worst])} to {_percent(best[0])}."
+    )
+    return [words]
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 10.0 else "no bound"
+
+
+def replace_point(point: Point, line: np.ndarray) -> Point:
+    """Return a point with one more row of its Jacobian, of a residual of zero."""
+    return Point(
+        point.x, np.append(point.residual, 0.0), np.concatenate([point.jacobian, line]), point.rows
+    )
+
+
+__all__ = [
+    "Estimate", "FitError", "FitResult", "Free", "Nuisance", "SceneError", "check",
+    "expected_record", "fit", "free_of", "prepared", "value_of",
+]  # fmt: skip

@@ -1,0 +1,303 @@
+"""The simulation of a fit: a frozen plate model, and what an ideal sensor would see of it.
+
+A fit changes keys by a millionth and compares. The choice of the plate's model must not change on
+the way: each mode that enters would make a jump. So theory, tail and number of modes are those of
+the starting point; only the frequencies move.
+"""
+
+import math
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy
+
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import time_series as ts
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Contact, rigid_contact_time_s
+from hertzloop.plant.contact.yielding import above_dent_m, elastic_n
+from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.schemes.factory import plant_at_start
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
+
+LEAD_IN_S = 2e-6  # flight before the touch; the plate is at rest until then
+PHASE = 0.5
+_FINE_NS, _MIDDLE_NS, _COARSE_NS = 250, 500, 1000
+_FINE_UNTIL_S, _MIDDLE_UNTIL_S = 4e-3, 15e-3
+_LONG_CONTACT_S = 150e-6  # four times as many steps as a contact of 30 us at 250 ns
+_KEPT_PLANTS = 24
+_KEPT_RUNS = 64
+_RATE_S = 2e-9  # for the rate of the force
+_NEXT_MODE = 1.02  # how far above the limit the next mode is looked for
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """One simulated drop.
+
+    `time_s`: times of the rows after the first touch, s, shape (steps,). `rows`: the columns of
+    `hertzloop.plant.time_series.TRUTH`, shape (10, steps). `contact`, `speed_m_s`, `drop_m`: the
+    contact, the impact speed and the drop height of the case.
+    """
+
+    time_s: np.ndarray
+    rows: np.ndarray
+    contact: Contact
+    speed_m_s: float
+    drop_m: float
+    mobility_m_ns: float = 0.0
+
+    @property
+    def step_s(self) -> float:
+        """Length of a step, s."""
+        return float(self.time_s[1] - self.time_s[0])
+
+    @cached_property
+    def _gap(self) -> Any:
+        return scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.XI])
+
+    @cached_property
+    def _velocity(self) -> Any:
+        """Velocity of the plate at the contact point, but for what follows the force at once.
+
+        Behind a damped tail the velocity has a share Y F, as sharp as the force is where contact
+        begins. The rest is smooth. Without a damped tail the velocity is the derivative of the
+        displacement's spline, which is of fourth order at its knots.
+        """
+        if self.mobility_m_ns:
+            at_once = self.mobility_m_ns * (self.rows[ts.F_C] - self.rows[ts.F_C1])
+            return scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.V_P] + at_once)
+        moved = scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.XI_P])
+        return scipy.interpolate.CubicSpline(self.time_s, moved(self.time_s, 1))
+
+    def _velocity_m_s(self, time_s: np.ndarray) -> np.ndarray:
+        found = self._velocity(time_s)
+        return found - self.mobility_m_ns * self.force_n(time_s) if self.mobility_m_ns else found
+
+    def _acceleration_m_s2(self, time_s: np.ndarray) -> np.ndarray:
+        found = self._velocity(time_s, 1)
+        if self.mobility_m_ns:
+            rise = self.force_n(time_s + _RATE_S) - self.force_n(time_s - _RATE_S)
+            found = found - self.mobility_m_ns * rise / (2.0 * _RATE_S)
+        return np.asarray(found)
+
+    @cached_property
+    def _at_point(self) -> tuple[Any, Any]:
+        moved = scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.XI_A])
+        return moved, scipy.interpolate.CubicSpline(self.time_s, moved(self.time_s, 1))
+
+    def force_n(self, time_s: np.ndarray) -> np.ndarray:
+        """Contact force at times after the touch (s, any shape): the contact law of the gap's
+        spline. The rows hold means of a step, which are 5e-3 of the peak away from it."""
+        time_s = np.clip(time_s, self.time_s[0], self.time_s[-1])
+        gap = self._gap(time_s)
+        deepest = self._deepest(time_s, -gap)
+        above = above_dent_m(self.contact, gap, deepest)
+        found = elastic_n(self.contact, -gap, deepest)
+        if self.contact.has_damper:
+            rate = -self._gap(time_s, 1)
+            elastic = self.contact.stiffness * np.maximum(-gap, 0.0) ** 1.5
+            damper = self.contact.viscous_n_s_m + self.contact.hunt_crossley_s_m * elastic
+            found = found + damper * rate
+        return np.asarray(np.where(above < 0.0, found, 0.0))
+
+    def _deepest(self, time_s: np.ndarray, penetration_m: np.ndarray) -> np.ndarray:
+        if self.contact.limit is None:
+            return np.maximum(penetration_m, 0.0)
+        deepest = self.rows[ts.DEEPEST]
+        row = np.clip(((time_s - self.time_s[0]) / self.step_s).astype(int), 0, len(deepest) - 1)
+        after = deepest[np.minimum(row + 1, len(deepest) - 1)]
+        return np.asarray(np.clip(penetration_m, deepest[row], np.maximum(after, deepest[row])))
+
+    def value(self, quantity: str, time_s: np.ndarray, elsewhere: bool = False) -> np.ndarray:
+        """Return a quantity at times after the first touch.
+
+        Args:
+            quantity: a key of `hertzloop.studies.fit.records.QUANTITIES`.
+            time_s: s, shape (samples,); before the touch the plate is at rest.
+            elsewhere: at the measuring point instead of the contact point.
+
+        Returns:
+            Values in SI units, shape (samples,).
+        """
+        if quantity == "contact_force":
+            return np.asarray(np.where(time_s > self.time_s[0], self.force_n(time_s), 0.0))
+        if quantity in ("xi", "xi_s"):
+            column = self._gap if quantity == "xi" else self._sphere
+            inside = np.clip(time_s, self.time_s[0], self.time_s[-1])
+            return np.asarray(np.where(time_s < 0.0, self._flight(time_s), column(inside)))
+        inside = np.clip(time_s, self.time_s[0], self.time_s[-1])
+        moved, velocity = self._at_point if elsewhere else (None, None)
+        if quantity == "v_p":
+            found = self._velocity_m_s(inside) if velocity is None else velocity(inside)
+        elif quantity == "acceleration":
+            found = self._acceleration_m_s2(inside) if velocity is None else velocity(inside, 1)
+        elif quantity == "xi_p":
+            found = self._plate(inside) if moved is None else moved(inside)
+        else:
+            raise ValueError(f"quantity = '{quantity}': not known. Give one of the quantities.")
+        return np.asarray(np.where(time_s > self.time_s[0], found, 0.0))
+
+    @cached_property
+    def _sphere(self) -> Any:
+        return scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.XI_S])
+
+    @cached_property
+    def _plate(self) -> Any:
+        return scipy.interpolate.CubicSpline(self.time_s, self.rows[ts.XI_P])
+
+    def _flight(self, time_s: np.ndarray) -> np.ndarray:
+        """Height before the touch, at most that of the release, m."""
+        before = np.minimum(-time_s, self.speed_m_s / GRAVITY_M_S2)
+        return np.asarray(before * (self.speed_m_s - 0.5 * GRAVITY_M_S2 * before))
+
+
+class FrozenModel:
+    """Simulations of one scene with other values of its keys, on one frozen model of the plate.
+
+    Args:
+        setup: the starting point; its law is switched off.
+        duration_s: the longest time after the touch that will be asked for, s.
+        accuracy: relative error that leaving out modes may cause.
+        point_m: where plate motion is measured, or None for the contact point, m.
+        step_ns: length of a step; by contact and duration if left out.
+
+    Raises:
+        SceneError: the scene cannot be simulated.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        duration_s: float,
+        accuracy: float,
+        point_m: tuple[float, float] | None = None,
+        step_ns: int | None = None,
+    ) -> None:
+        free = setup.without_control()
+        lasts_s = rigid_contact_time_s(
+            free.sphere.mass_kg, free.contact.stiffness, free.sphere.impact_speed_m_s
+        )
+        self.step_ns = step_ns or _step_ns(lasts_s, duration_s)
+        self.contact_s = lasts_s
+        changed: dict[str, Any] = {
+            "run.scheme": "modal", "run.plate_model": "modal", "run.lead_in_s": LEAD_IN_S,
+            "run.touch_phase": PHASE, "run.step_ns": self.step_ns, "run.accuracy": accuracy,
+            "run.duration_s": 2.0 * LEAD_IN_S + duration_s, "plate.theory": free.theory,
+        }  # fmt: skip
+        if point_m is not None:
+            changed["plate.actuator_point_m"] = point_m
+        self.setup = free.vary(changed)
+        self.elsewhere = point_m is not None
+        self.spec = self.setup.plant
+        self._limit_hz = _between_modes(self.spec)
+        self._scale = _frequency_scale(self.spec)
+        self._plants: dict[Any, Any] = {}
+        self._runs: dict[Any, Simulated] = {}
+        self.simulations = 0
+
+    def spec_of(self, values: Mapping[str, float]) -> PlantSpec:
+        """Return the plant with other values of some scene keys. Raises SceneError."""
+        bodies = self.setup.vary(values).bodies if values else self.setup.bodies
+        spec = replace(
+            self.spec,
+            sphere=bodies.sphere,
+            plate=bodies.structure,
+            contact=bodies.contact,
+            contact_point_m=bodies.contact_point_m,
+            actuator_point_m=bodies.actuator_point_m,
+            actuator=bodies.actuator,
+        )
+        limit_hz = self._limit_hz * _frequency_scale(spec) / self._scale
+        return replace(spec, frequency_limit_hz=min(limit_hz, spec.plate.highest_hz))
+
+    def run(self, values: Mapping[str, float], until_s: float) -> Simulated:
+        """Simulate the drop with other values of some keys until `until_s` after the touch.
+
+        Raises:
+            SceneError: a value that the scene refuses.
+        """
+        steps = 16 + math.ceil((until_s + LEAD_IN_S) * 1e9 / self.step_ns)
+        key = (tuple(sorted(values.items())), steps)
+        found = self._runs.get(key)
+        if found is None:
+            found = self._simulated(self.spec_of(values), steps)
+            if len(self._runs) >= _KEPT_RUNS:
+                self._runs.pop(next(iter(self._runs)))
+            self._runs[key] = found
+        return found
+
+    def _simulated(self, spec: PlantSpec, steps: int) -> Simulated:
+        self.simulations += 1
+        plant = self._plant(spec)
+        rows = ts.series_under(plant, np.zeros(steps))
+        speed = spec.sphere.impact_speed_m_s
+        lead_s, _ = _lead(spec, speed)
+        time_s = np.arange(steps) * spec.step_s - lead_s
+        tail = plant.model.tail
+        mobility = 0.0 if tail is None else tail.mobility_m_ns
+        return Simulated(time_s, rows, spec.contact, speed, spec.sphere.drop_height_m, mobility)
+
+    def _plant(self, spec: PlantSpec) -> Any:
+        """The plant at the start of the drop; its modes are computed once for a structure."""
+        from hertzloop.plant.schemes.collocation import with_contact
+
+        key = (spec.plate, spec.frequency_limit_hz, spec.contact_point_m, spec.actuator_point_m,
+               spec.actuator)  # fmt: skip
+        base = self._plants.get(key)
+        if base is None or base.model.air is not None:
+            try:
+                base = plant_at_start(spec, "modal", 1, PHASE)
+            except ValueError as error:
+                raise SceneError(str(error)) from error
+            if len(self._plants) >= _KEPT_PLANTS:
+                self._plants.pop(next(iter(self._plants)))
+            self._plants[key] = base
+        new = copy(base)
+        new.spec = spec
+        if new.model.air is None:
+            new.model = with_contact(base.model, spec)
+        return new.at_start(PHASE)
+
+
+def _lead(spec: PlantSpec, speed_m_s: float) -> tuple[float, float]:
+    """Flight before the touch, s, as the plant rounds it, and the fall, s."""
+    fall_s = speed_m_s / GRAVITY_M_S2
+    height, _ = pk.released(speed_m_s, GRAVITY_M_S2, spec.lead_in_s, spec.step_s, PHASE)
+    # Height = lead (v - g lead/2); the smaller root is the lead.
+    root = math.sqrt(max(speed_m_s**2 - 2.0 * GRAVITY_M_S2 * float(height), 0.0))
+    return min(2.0 * float(height) / (speed_m_s + root), fall_s), fall_s
+
+
+def _step_ns(contact_s: float, duration_s: float) -> int:
+    if contact_s > _LONG_CONTACT_S or duration_s > _MIDDLE_UNTIL_S:
+        return _COARSE_NS if contact_s > 10e-6 else _MIDDLE_NS
+    if duration_s > _FINE_UNTIL_S:
+        return _MIDDLE_NS
+    return _FINE_NS
+
+
+def _frequency_scale(spec: PlantSpec) -> float:
+    """What all frequencies of a plate are proportional to as its sizes and material change."""
+    plate = spec.plate.local_plate
+    if plate is None or spec.plate.mode_table is not None:
+        return 1.0
+    speed = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2)
+    return speed / (plate.size_m[0] * plate.size_m[1])
+
+
+def _between_modes(spec: PlantSpec) -> float:
+    """The limit, moved to the middle between two modes: rounding must not decide on one."""
+    if spec.plate.local_plate is None or spec.plate.mode_table is not None or spec.plate.solid:
+        return spec.frequency_limit_hz
+    limit = 2.0 * math.pi * spec.frequency_limit_hz
+    omega = spec.plate.modes(_NEXT_MODE * limit, spec.contact_point_m, spec.actuator_point_m).omega
+    above = omega[omega > limit * (1.0 + 1e-9)]
+    below = omega[omega < limit * (1.0 + 1e-9)]
+    if not len(above) or not len(below):
+        return spec.frequency_limit_hz
+    return 0.5 * float(above[0] + below[-1]) / (2.0 * math.pi)

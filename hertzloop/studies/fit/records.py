@@ -1,0 +1,525 @@
+"""Measured records: values over time, with what is known of the measurement.
+
+A record comes from a file. Its `[record]` table is in a TOML file of the same name beside it, or in
+lines of a CSV file that begin with `#`.
+"""
+
+import csv
+import hashlib
+import math
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class RecordError(ValueError):
+    """A record cannot be used; one sentence with field, value and remedy."""
+
+
+class Quantity(NamedTuple):
+    """A quantity that can be measured: SI unit, meaning, and the `sensors.quantity` of a scene that
+    samples it, "" if none does."""
+
+    unit: str
+    meaning: str
+    sensed: str
+
+
+QUANTITIES = {
+    "contact_force": Quantity("N", "contact force, up on the sphere", "contact_force"),
+    "v_p": Quantity("m/s", "plate velocity, up positive", "v_p"),
+    "acceleration": Quantity("m/s^2", "plate acceleration, up positive", "acceleration"),
+    "xi_p": Quantity("m", "plate displacement, up positive", ""),
+    "xi": Quantity("m", "gap between sphere and plate", "xi"),
+    "xi_s": Quantity("m", "sphere's lowest point", ""),
+}
+_ALIASES = {
+    "force": "contact_force", "velocity": "v_p", "plate_velocity": "v_p", "accel": "acceleration",
+    "plate_acceleration": "acceleration", "displacement": "xi_p", "plate_displacement": "xi_p",
+    "gap": "xi", "sphere_position": "xi_s",
+}  # fmt: skip
+# Factor to the SI unit, by the quantity's SI unit.
+UNITS: dict[str, dict[str, float]] = {
+    "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": 4.4482216152605},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "um/s": 1e-6, "cm/s": 1e-2, "in/s": 0.0254},
+    "m/s^2": {"m/s^2": 1.0, "m/s2": 1.0, "g": 9.80665, "mm/s^2": 1e-3},
+    "m": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
+}
+_FEWEST = 8  # samples of a record
+_PLATEAU = 3  # equal extreme values in a row that count as clipped
+_LEVELS = 4096  # distinct values; more than these are no visible converter
+_OWN_TIME = " (its times)"  # ends the name of the times of a column that has its own
+DEFAULT_GAIN_UNCERTAINTY = 0.03
+DEFAULT_CLOCK_PPM = 50.0
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The `[record]` table: what is known of a measurement.
+
+    `quantity`, `unit`: what the values are; `column`, `channel`: where they are in the file.
+    `sensitivity`: units of the file for one unit of `unit`, e.g. V for N (1 if left out), and
+    `sensitivity_uncertainty`, relative standard deviation. `rate_hz`: where the file has no times.
+    `clock_tolerance_ppm`: standard deviation of the clock's relative error. `low_pass_hz`,
+    `ac_coupling_hz`, `resonance_hz`, `resonance_damping`: filters of the measuring chain.
+    `range`, `bits`: of the converter, in `unit`. `point_m`: measuring point, m. `set`: scene keys
+    that hold for this record only, such as its drop height.
+    """
+
+    quantity: str | None = None
+    unit: str | None = None
+    column: str | None = None
+    sensitivity: float = 1.0
+    sensitivity_uncertainty: float = DEFAULT_GAIN_UNCERTAINTY
+    rate_hz: float | None = None
+    clock_tolerance_ppm: float = DEFAULT_CLOCK_PPM
+    low_pass_hz: float | None = None
+    ac_coupling_hz: float | None = None
+    resonance_hz: float | None = None
+    resonance_damping: float = 0.02
+    range: tuple[float, float] | None = None
+    bits: int | None = None
+    point_m: tuple[float, float] | None = None
+    set: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def filtered(self) -> bool:
+        """Whether the table names a filter."""
+        return any(f is not None for f in (self.low_pass_hz, self.ac_coupling_hz,
+                                           self.resonance_hz))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Record:
+    """A measured record.
+
+    Args:
+        name: what messages call it.
+        time_s: times by the record's clock, s, shape (samples,), rising; the zero is arbitrary.
+        value: in the SI unit of the quantity, shape (samples,); nan where nothing is known.
+        quantity: a key of QUANTITIES.
+        measured: what is known of the measurement.
+        sha256: digest of the file, "" of a record from memory.
+
+    Raises:
+        RecordError: the arrays cannot be a record.
+    """
+
+    name: str
+    time_s: np.ndarray
+    value: np.ndarray
+    quantity: str
+    measured: Measured = field(default_factory=Measured)
+    sha256: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.quantity not in QUANTITIES:
+            raise RecordError(
+                f"record.quantity = '{self.quantity}': not known in {self.name}. Give one of "
+                f"{', '.join(QUANTITIES)}."
+            )
+        if len(self.time_s) != len(self.value) or np.ndim(self.value) != 1:
+            raise RecordError(
+                f"{self.name}: has {len(self.time_s)} times and values of shape "
+                f"{np.shape(self.value)}. Give one value for each time."
+            )
+        if len(self.value) == 0:
+            raise RecordError(f"{self.name}: has no samples. Give a record of one impact.")
+        if len(self.value) < _FEWEST:
+            raise RecordError(
+                f"{self.name}: has {len(self.value)} samples. Give at least {_FEWEST}, with some "
+                "before the impact."
+            )
+        if not np.all(np.isfinite(self.time_s)) or not np.all(np.diff(self.time_s) > 0.0):
+            raise RecordError(
+                f"{self.name}: its times do not rise from sample to sample. Give one record of one "
+                "impact, in the order of time, in seconds."
+            )
+
+    @property
+    def interval_s(self) -> float:
+        """Median time between two samples, s."""
+        return float(np.median(np.diff(self.time_s)))
+
+    @property
+    def uniform(self) -> bool:
+        """Whether samples have one distance, to a hundredth of it."""
+        steps = np.diff(self.time_s)
+        return bool(np.max(np.abs(steps - self.interval_s)) < 1e-2 * self.interval_s)
+
+
+def clipped(record: Record) -> np.ndarray:
+    """Return which samples are at the end of the range, shape (samples,), bool.
+
+    These are samples outside the range of the table, or three and more equal extremes in a row far
+    from the usual value.
+    """
+    value = record.value
+    found = np.zeros(len(value), bool)
+    if record.measured.range is not None:
+        factor = _factor(record.quantity, record.measured)
+        low, high = (factor * end for end in record.measured.range)
+        margin = 1e-6 * (high - low)
+        found |= (value <= low + margin) | (value >= high - margin)
+        # A sensor that rests at the end of its range is not clipped there.
+        if np.mean(found) > 0.5:
+            found[:] = False
+    usual = float(np.nanmedian(value))
+    largest = float(np.nanmax(np.abs(value - usual)))
+    if largest == 0.0:
+        return found
+    for extreme in (np.nanmin(value), np.nanmax(value)):
+        if abs(extreme - usual) < 0.3 * largest:
+            continue
+        same = value == extreme
+        starts = np.flatnonzero(np.diff(np.concatenate([[False], same]).astype(int)) == 1)
+        for start in starts:
+            end = start
+            while end < len(value) and same[end]:
+                end += 1
+            if end - start >= _PLATEAU:
+                found[start:end] = True
+    return found
+
+
+def converter_step(record: Record) -> float:
+    """Distance of two levels of the converter, in SI units; zero if none is visible."""
+    if record.measured.bits and record.measured.range:
+        low, high = record.measured.range
+        return (
+            _factor(record.quantity, record.measured) * (high - low) / (2**record.measured.bits - 1)
+        )
+    known = record.value[np.isfinite(record.value)]
+    levels = np.unique(known)
+    if not 2 <= len(levels) <= min(_LEVELS, len(known) // 2):
+        return 0.0
+    steps = np.diff(levels)
+    step = float(np.min(steps))
+    if step <= 1e-9 * (levels[-1] - levels[0]):
+        return 0.0
+    turns = steps / step
+    return step if bool(np.all(np.abs(turns - np.round(turns)) < 0.05)) else 0.0
+
+
+def read_record(path: Path, given: Mapping[str, Any] | None = None) -> Record:
+    """Read a record.
+
+    Args:
+        path: CSV, Parquet, NPZ, HDF5, WAV, MCAP, TDMS, UFF or MDF.
+        given: keys of the `[record]` table that replace those of the file.
+
+    Raises:
+        RecordError: the file is not a record, or its table is wrong.
+        ModuleNotFoundError: the format needs a package of an extra.
+    """
+    if not path.is_file():
+        raise RecordError(f"{path}: there is no such file. Give the path of a record.")
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise RecordError(
+            f"{path}: '{path.suffix}' is not a known format. Give one of "
+            f"{', '.join(sorted(_READERS))}."
+        )
+    try:
+        content = path.read_bytes() if path.stat().st_size < 1 << 30 else b""
+        columns, inside = reader(path)
+    except RecordError:
+        raise
+    except ModuleNotFoundError:
+        raise
+    except Exception as error:  # every library has its own ways to say that a file is damaged
+        words = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise RecordError(f"{path}: cannot be read as {path.suffix[1:]}: {words}.") from error
+    beside = path.with_suffix(".toml")
+    table = dict(inside)
+    if beside.is_file():
+        try:
+            table |= tomllib.loads(beside.read_text("utf-8")).get("record", {})
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise RecordError(f"{beside}: is not valid TOML: {error}.") from error
+    table |= dict(given or {})
+    digest = hashlib.sha256(content).hexdigest() if content else ""
+    return _made(path.name, columns, measured_of(table, path.name), digest)
+
+
+def measured_of(table: Mapping[str, Any], name: str) -> Measured:
+    """Return a `[record]` table as an object. Raises RecordError for a wrong key or value."""
+    known = {part.name for part in fields(Measured)}
+    for key in table:
+        if key not in known:
+            raise RecordError(
+                f"record.{key}: not a key of the record table of {name}. Known keys: "
+                f"{', '.join(sorted(known))}."
+            )
+    values = dict(table)
+    for key in ("range", "point_m"):
+        if key in values:
+            try:
+                low, high = (float(x) for x in values[key])
+            except (TypeError, ValueError) as error:
+                raise RecordError(f"record.{key} = {values[key]}: must be two numbers.") from error
+            values[key] = (low, high)
+    numbers = ("sensitivity", "sensitivity_uncertainty", "rate_hz", "clock_tolerance_ppm",
+               "low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")  # fmt: skip
+    for key in numbers:
+        if key not in values:
+            continue
+        value = values[key]
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        least_ok = key in ("sensitivity_uncertainty", "clock_tolerance_ppm")
+        good = number and math.isfinite(value) and (value >= 0 if least_ok else value != 0)
+        if not good or (key != "sensitivity" and value < 0):
+            raise RecordError(f"record.{key} = {value}: must be a positive number in {name}.")
+    return Measured(**values)
+
+
+def _factor(quantity: str, measured: Measured) -> float:
+    """SI value of one of the file's units."""
+    units = UNITS[QUANTITIES[quantity].unit]
+    unit = measured.unit or QUANTITIES[quantity].unit
+    if unit not in units:
+        raise RecordError(
+            f"record.unit = '{unit}': not a unit of {quantity}. Give one of {', '.join(units)}."
+        )
+    return units[unit] / measured.sensitivity
+
+
+def quantity_of(column: str) -> tuple[str, str | None] | None:
+    """Return quantity and unit of a column by its name, such as `v_p_mm_s`; None if unknown."""
+    name = column.strip().lower()
+    names = {**{q: q for q in QUANTITIES}, **_ALIASES}
+    for start in sorted(names, key=len, reverse=True):
+        if name == start:
+            return names[start], None
+        if name.startswith(start + "_"):
+            quantity = names[start]
+            rest = name[len(start) + 1 :]
+            for unit in UNITS[QUANTITIES[quantity].unit]:
+                if rest == unit.lower().replace("/", "_").replace("^", ""):
+                    return quantity, unit
+    return None
+
+
+def _made(name: str, columns: Mapping[str, np.ndarray], measured: Measured, digest: str) -> Record:
+    if not columns or all(len(column) == 0 for column in columns.values()):
+        raise RecordError(f"{name}: has no samples. Give a record of one impact.")
+    time_name = next((c for c in columns if c.strip().lower() in ("time_s", "t_s", "time")), None)
+    others = [c for c in columns if c != time_name and not c.endswith(_OWN_TIME)]
+    column = measured.column
+    if column is None:
+        column = next((c for c in others if quantity_of(c)), None)
+        if column is None and measured.quantity and others:
+            column = others[0]
+    if column is None or column not in columns:
+        raise RecordError(
+            f"record.column = '{column or ''}': no column of {name} is a known quantity. Name a "
+            f"column such as contact_force_n or v_p_m_s, or give record.quantity and "
+            f"record.column; the columns are {', '.join(others)}."
+        )
+    said = quantity_of(column)
+    quantity = measured.quantity or (said[0] if said else None)
+    quantity = _ALIASES.get(quantity or "", quantity)
+    if quantity not in QUANTITIES:
+        raise RecordError(
+            f"record.quantity = '{quantity}': not known in {name}. Give one of "
+            f"{', '.join(QUANTITIES)}."
+        )
+    if measured.unit is None and said and said[0] == quantity and said[1]:
+        measured = replace(measured, unit=said[1])
+    value = np.asarray(columns[column], float)
+    own_time = columns.get(column + _OWN_TIME)
+    if own_time is not None:
+        time_s = np.asarray(own_time, float)
+    elif time_name is not None:
+        time_s = np.asarray(columns[time_name], float)
+    elif measured.rate_hz:
+        time_s = np.arange(len(value)) / measured.rate_hz
+    else:
+        raise RecordError(
+            f"{name}: has no column time_s. Add one, or give record.rate_hz in samples per second."
+        )
+    notes = []
+    known = np.isfinite(time_s)
+    if not np.all(known):
+        notes.append(f"{name}: {np.count_nonzero(~known)} samples have no time and are not used.")
+        time_s, value = time_s[known], value[known]
+    gone = ~np.isfinite(value)
+    if np.any(gone):
+        if np.count_nonzero(~gone) < _FEWEST or np.mean(gone) > 0.5:
+            raise RecordError(
+                f"{name}: {np.count_nonzero(gone)} of {len(value)} samples are not numbers. Give a "
+                "record without gaps."
+            )
+        notes.append(f"{name}: {np.count_nonzero(gone)} samples are not numbers and are not used.")
+    measured = replace(measured, quantity=quantity)
+    value = value * _factor(quantity, measured)
+    return Record(name, time_s, value, quantity, measured, digest, tuple(notes))
+
+
+# Readers: columns by name, and the `[record]` table in the file.
+
+_Read = tuple[dict[str, np.ndarray], dict[str, Any]]
+
+
+def _csv(path: Path) -> _Read:
+    table_lines: list[str] = []
+    with path.open(encoding="utf-8-sig", newline="") as file:
+        position = file.tell()
+        line = file.readline()
+        while line.startswith("#"):
+            table_lines.append(line[1:].strip())
+            position = file.tell()
+            line = file.readline()
+        if not line.strip():
+            return {}, {}
+        # Programs of some languages write semicolons, or tabs.
+        delimiter = next((d for d in ",;\t" if d in line), ",")
+        header = next(csv.reader([line], delimiter=delimiter))
+        file.seek(position)
+        file.readline()
+        lines = [text for text in file if text.strip()]
+        if not lines:
+            return {}, {}
+        try:
+            table = np.genfromtxt(lines, delimiter=delimiter, dtype=float, ndmin=2)
+        except ValueError as error:
+            raise RecordError(
+                f"{path}: not all rows have {len(header)} columns as the first line has. Write the "
+                "file again; it may be cut off."
+            ) from error
+    if table.size == 0:
+        return {}, {}
+    if table.shape[1] != len(header):
+        raise RecordError(
+            f"{path}: the first line names {len(header)} columns and the rows have "
+            f"{table.shape[1]}. Give a first line with a name for each column."
+        )
+    return (
+        {name.strip(): table[:, i] for i, name in enumerate(header)},
+        _inner_table("\n".join(table_lines)),
+    )
+
+
+def _inner_table(text: str) -> dict[str, Any]:
+    """The `[record]` table of comment lines; other comments mean nothing."""
+    if "[record]" not in text:
+        return {}
+    try:
+        found: dict[str, Any] = tomllib.loads(text[text.index("[record]") :]).get("record", {})
+    except tomllib.TOMLDecodeError as error:
+        raise RecordError(
+            f"the record table in the comments is not valid TOML: {error}."
+        ) from error
+    return found
+
+
+def _json_table(value: Any) -> dict[str, Any]:
+    """A `[record]` table that a format keeps as TOML text."""
+    if isinstance(value, bytes):
+        value = value.decode("utf-8")
+    return _inner_table(str(value))
+
+
+def _parquet(path: Path) -> _Read:
+    import pyarrow.parquet
+
+    table = pyarrow.parquet.read_table(path)
+    inside = (table.schema.metadata or {}).get(b"record", b"")
+    return {n: np.asarray(table[n], float) for n in table.column_names}, _json_table(inside)
+
+
+def _npz(path: Path) -> _Read:
+    with np.load(path, allow_pickle=False) as data:
+        found = {name: data[name] for name in data.files}
+    inside = found.pop("record", "")
+    return {n: np.asarray(v, float) for n, v in found.items() if np.ndim(v) == 1}, _json_table(
+        inside
+    )
+
+
+def _hdf5(path: Path) -> _Read:
+    import h5py
+
+    found: dict[str, np.ndarray] = {}
+    with h5py.File(path) as file:
+
+        def keep(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset) and item.ndim == 1:
+                found[name.rpartition("/")[2]] = np.asarray(item, float)
+
+        file.visititems(keep)
+        inside = file.attrs.get("record", "")
+    return found, _json_table(inside)
+
+
+def _wav(path: Path) -> _Read:
+    import scipy.io.wavfile
+
+    rate, data = scipy.io.wavfile.read(path)
+    values = np.asarray(data, float)
+    if values.ndim > 1:
+        values = values[:, 0]
+    if np.issubdtype(data.dtype, np.integer):
+        values = values / float(np.iinfo(data.dtype).max)
+    return {"time_s": np.arange(len(values)) / rate, "value": values}, {}
+
+
+def _mcap(path: Path) -> _Read:
+    from hertzloop.recordings.reader import read
+    from hertzloop.setup import parse
+
+    found = read(path)
+    setup = parse(found.scene_toml, recorded=True)
+    values = np.asarray(found.daq_values, float)
+    sampled_s = np.arange(len(values)) * setup.every_steps * setup.step_s
+    return {"time_s": sampled_s, "value": values}, {"quantity": setup.quantity, "column": "value"}
+
+
+def _tdms(path: Path) -> _Read:
+    from nptdms import TdmsFile
+
+    found: dict[str, np.ndarray] = {}
+    for group in TdmsFile.read(path).groups():
+        for channel in group.channels():
+            found[channel.name] = np.asarray(channel[:], float)
+            if "wf_increment" in channel.properties:
+                # Channels may start at different times.
+                found[channel.name + _OWN_TIME] = np.asarray(channel.time_track(), float)
+    return found, {}
+
+
+def _uff(path: Path) -> _Read:
+    import pyuff
+
+    found: dict[str, np.ndarray] = {}
+    sets = pyuff.UFF(str(path)).read_sets()
+    for i, data in enumerate(sets if isinstance(sets, list) else [sets]):
+        if data.get("type") == 58:
+            name = str(data.get("id1") or f"channel_{i}").strip()
+            found[name] = np.real(np.asarray(data["data"]))
+            found[name + _OWN_TIME] = np.asarray(data["x"], float)
+    return found, {}
+
+
+def _mdf(path: Path) -> _Read:
+    from asammdf import MDF
+
+    found: dict[str, np.ndarray] = {}
+    with MDF(path) as file:
+        for signal in file.iter_channels():
+            if np.ndim(signal.samples) == 1 and len(signal.samples):
+                found[signal.name] = np.asarray(signal.samples, float)
+                found[signal.name + _OWN_TIME] = np.asarray(signal.timestamps, float)
+    return found, {}
+
+
+_READERS: dict[str, Callable[[Path], _Read]] = {
+    ".csv": _csv, ".txt": _csv, ".parquet": _parquet, ".npz": _npz, ".h5": _hdf5, ".hdf5": _hdf5,
+    ".wav": _wav, ".mcap": _mcap, ".tdms": _tdms, ".uff": _uff, ".unv": _uff, ".mf4": _mdf,
+    ".mdf": _mdf,
+}  # fmt: skip

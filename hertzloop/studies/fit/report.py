@@ -1,0 +1,153 @@
+"""A fit as JSON, as a scene with a `[fit]` table, and as text for the terminal."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hertzloop.scenes.tables import FitTable
+from hertzloop.setup import Setup
+from hertzloop.studies.fit.fit import Estimate, FitResult
+from hertzloop.studies.fit.verdicts import Model, Verdict
+from hertzloop.views.format import Table
+
+_OPEN = "open"
+_MODEL_WORDS = {
+    Model.FITS: "The model fits.",
+    Model.DOES_NOT_FIT: "The model does not fit.",
+    Model.CANNOT_TELL: "The records cannot tell whether the model fits.",
+}
+
+
+def as_json(result: FitResult) -> dict[str, Any]:
+    """Return a fit as data for JSON: see docs/fit.md for the fields."""
+    by_record = {
+        n.record: {
+            "time_shift_s": n.time_shift_s, "gain": n.gain, "offset": n.offset,
+            "clock_ppm": n.clock_ppm, "noise_rms": n.noise_rms,
+            "residual_over_noise": n.residual_over_noise, "samples": n.samples,
+            "rejected_samples": n.rejected,
+        }
+        for n in result.nuisances
+    }  # fmt: skip
+    first = next(iter(by_record.values()))
+    keys = ("time_shift_s", "gain", "offset", "clock_ppm")
+    return {
+        "parameters": {e.key: _of_estimate(e) for e in result.estimates},
+        "nuisances": {key: first[key] for key in keys} | {"by_record": by_record},
+        "noise_rms": result.noise_rms,
+        "residual_over_noise": result.residual_over_noise,
+        "model": str(result.model),
+        "statistics": result.statistics,
+        "reasons": result.reasons,
+        "combinations": [
+            {
+                "keys": c.exponents, "combination": str(c),
+                "half_width_percent": c.half_width_percent,
+            }
+            for c in result.combinations
+        ],
+        "measure_next": result.measure_next,
+        "hold_out": result.hold_out,
+        "covariance_log": np.asarray(result.covariance).tolist(),
+        "speeds_m_s": list(result.speeds_m_s),
+        "records": [{"name": r.name, "sha256": r.sha256} for r in result.records],
+        "notes": result.notes,
+        "checked_only": result.checked_only,
+        "evaluations": result.evaluations,
+        "wall_s": result.wall_s,
+    }  # fmt: skip
+
+
+def _of_estimate(e: Estimate) -> dict[str, Any]:
+    return {
+        "value": e.value, "low": e.low, "high": e.high, "verdict": str(e.verdict),
+        "half_width_percent": e.half_width_percent, "start": e.start,
+        "half_width_alone_percent": e.alone_percent, "prior_pull_sigma": e.prior_pull,
+    }  # fmt: skip
+
+
+def fit_table(result: FitResult) -> FitTable:
+    """Return the `[fit]` table of a fitted scene."""
+    covariance = np.where(np.isfinite(result.covariance), result.covariance, 0.0)
+    for i, e in enumerate(result.estimates):
+        if e.verdict is not Verdict.IDENTIFIED:
+            covariance[i, :] = covariance[:, i] = 0.0
+    return FitTable(
+        keys=tuple(e.key for e in result.estimates),
+        values=tuple(e.value for e in result.estimates),
+        low=tuple(_OPEN if e.low is None else e.low for e in result.estimates),  # type: ignore[misc]
+        high=tuple(_OPEN if e.high is None else e.high for e in result.estimates),  # type: ignore[misc]
+        verdicts=tuple(str(e.verdict) for e in result.estimates),
+        covariance_log=tuple(float(v) for v in covariance.ravel()),
+        model=str(result.model),
+        residual_over_noise=float(result.residual_over_noise),
+        records=tuple(r.name for r in result.records),
+        sha256=tuple(r.sha256 for r in result.records),
+        speeds_m_s=result.speeds_m_s,
+    )
+
+
+def fitted_scene(result: FitResult, name: str) -> str:
+    """Return the fitted scene as TOML, with its `[fit]` table. Raises ValueError of a check."""
+    if result.setup is None:
+        raise ValueError("a check has no fitted scene")
+    scene = result.setup.scene.replaced(name=name, fit=fit_table(result))
+    return Setup(scene).toml
+
+
+def number(value: float | None, digits: int = 5) -> str:
+    """Write a number, or "open" for the end of an interval that is open."""
+    return _OPEN if value is None else f"{value:.{digits}g}"
+
+
+def parameter_table(result: FitResult) -> Table:
+    """Return the table of keys, estimates, intervals and verdicts."""
+    title = "What the records can tell" if result.checked_only else "Fitted keys"
+    table = Table(title=title)
+    for heading in ("key", "value", "95 % interval", "half-width", "verdict"):
+        table.add_column(heading, justify="left" if heading in ("key", "verdict") else "right")
+    for e in result.estimates:
+        half = e.half_width_percent
+        width = "-" if half is None else f"{half:.2g} %" if half < 1e3 else "no bound"
+        interval = f"{number(e.low)} to {number(e.high)}"
+        table.add_row(e.key, number(e.value, 6), interval, width, str(e.verdict))
+    return table
+
+
+def sentences(result: FitResult) -> list[str]:
+    """Return what a fit comes to, in sentences."""
+    found = list(result.notes)
+    for e in result.estimates:
+        if e.verdict is Verdict.ONE_SIDED:
+            limit = f"at least {number(e.low)}" if e.high is None else f"at most {number(e.high)}"
+            low, high = result.speeds_m_s
+            found.append(
+                f"{e.key} is {limit} (95 %): the records, at impact speeds of {low:.3g} to "
+                f"{high:.3g} m/s, set no limit on the other side."
+            )
+    if not result.identifiable:
+        worst = [c for c in result.combinations if c.half_width_percent > 30.0]
+        named = "; ".join(str(c) for c in worst) or ", ".join(
+            e.key for e in result.estimates if e.verdict is Verdict.NOT_IDENTIFIABLE
+        )
+        found.append(f"Not identifiable from these records: {named}.")
+    found += result.measure_next
+    if result.checked_only:
+        return found
+    found.append(
+        f"Residual over noise: {result.residual_over_noise:.3g}. {_MODEL_WORDS[result.model]}"
+    )
+    found += result.reasons
+    if result.hold_out is not None:
+        found.append(
+            f"Held-out records: residual over noise {result.hold_out['residual_over_noise']:.3g}."
+        )
+    for n in result.nuisances:
+        found.append(
+            f"{n.record}: touch at {n.time_shift_s:.9g} s, gain {n.gain:.4g}, offset "
+            f"{n.offset:.3g}, clock {n.clock_ppm:+.3g} ppm, noise {n.noise_rms:.3g}."
+        )
+    if not math.isnan(result.wall_s):
+        found.append(f"{result.evaluations} simulations in {result.wall_s:.2f} s.")
+    return found

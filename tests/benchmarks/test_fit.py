@@ -1,0 +1,29 @@
+"""The benchmarks of `fit`: theory that they compare with, and one problem of each kind."""
+
+import pytest
+
+from benchmarks import fit_coverage, fit_validation
+
+
+@pytest.mark.parametrize(("inelasticity", "restitution"), [
+    (0.05, 0.9178), (0.5, 0.4369), (1.5, 0.0664),
+])  # fmt: skip
+def test_zeners_equation_gives_the_published_restitution(
+    inelasticity: float, restitution: float
+) -> None:
+    assert fit_validation.zener(inelasticity) == pytest.approx(restitution, abs=5e-5)
+
+
+def test_the_infinite_plate_follows_zener() -> None:
+    """Up to gravity, which takes about g T of the speed."""
+    simulated = fit_validation.restitution_on_infinite_plate(0.25)
+    assert simulated == pytest.approx(fit_validation.zener(0.25), abs=3e-4)
+
+
+def test_a_right_class_is_covered_and_a_wrong_one_is_flagged() -> None:
+    lines: list[str] = []
+    right = fit_coverage.summary("force 90 us", 2, lines.append)
+    wrong = fit_coverage.summary("yield fitted elastic", 2, lines.append)
+    assert wrong["models"] == {"does not fit": 2}
+    assert sum(right["covered"].values()) >= 3
+    assert len(lines) == 2

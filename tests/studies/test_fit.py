@@ -1,0 +1,503 @@
+"""`hertzloop fit`: estimates, intervals, verdicts on synthetic records whose truth is known."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy
+
+from hertzloop.setup import Setup, load
+from hertzloop.studies.fit.fit import FitError, FitResult, check, expected_record, fit, free_of
+from hertzloop.studies.fit.model import FrozenModel
+from hertzloop.studies.fit.observation import Chain, observe
+from hertzloop.studies.fit.records import Measured, Record, RecordError, read_record
+from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
+from hertzloop.studies.fit.verdicts import Model, Verdict
+from tests.commands import invoke
+from tests.studies.drops import Drop
+
+YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
+PRESSURE, HEIGHT = "contact.limiting_pressure_pa", "sphere.drop_height_m"
+RADIUS, THICKNESS = "sphere.radius_m", "plate.thickness_m"
+
+
+def scene(*changes: str) -> Setup:
+    return load("aluminium-3mm", ["controller.law=off", *changes])
+
+
+def record(setup: Setup, quantity: str = "contact_force", duration_s: float = 80e-6,
+           seed: int = 3, **spoilt: float) -> Record:  # fmt: skip
+    seen = truth(setup, quantity, duration_s, accuracy=1e-4)
+    return measured(seen, Spoilt(**spoilt), seed)  # type: ignore[arg-type]
+
+
+def fitted(setup: Setup, one: Record, *keys: str) -> FitResult:
+    return fit(setup, [one], [free_of(setup, key) for key in keys])
+
+
+def test_intervals_hold_the_truth_and_the_model_fits() -> None:
+    one = record(scene(*YIELDS), gain=1.01, offset=0.02)
+    start = scene(YIELDS[0], "contact.limiting_pressure_pa=1.1e9")
+    found = fitted(start, one, PRESSURE, HEIGHT)
+    for estimate, true, widest in zip(found.estimates, (8e8, 0.05), (1.0, 5.0), strict=True):
+        assert estimate.low is not None
+        assert estimate.high is not None
+        assert estimate.low < true < estimate.high
+        assert estimate.half_width_percent is not None
+        assert estimate.half_width_percent < widest
+        assert estimate.verdict is Verdict.IDENTIFIED
+    assert found.model is Model.FITS
+    assert found.residual_over_noise == pytest.approx(1.0, abs=0.15)
+    [nuisance] = found.nuisances
+    assert nuisance.gain == pytest.approx(1.01, abs=0.03)
+    assert nuisance.offset == pytest.approx(0.02 * 60.0, rel=0.2)
+
+
+def test_a_start_20_percent_off_is_found_by_growing_windows() -> None:
+    one = record(scene(*YIELDS), "v_p", 1e-3)
+    found = fitted(scene(*YIELDS, "plate.thickness_m=0.0036"), one, THICKNESS)
+    [estimate] = found.estimates
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert estimate.low < 0.003 < estimate.high
+
+
+def test_a_wrong_class_of_models_is_flagged() -> None:
+    one = record(scene(*YIELDS))
+    found = fitted(scene(), one, HEIGHT, "contact.stiffness_factor")
+    assert found.model is Model.DOES_NOT_FIT
+    assert found.residual_over_noise > 2.0
+    assert found.statistics["f_test_p"] < 1e-6
+
+
+def test_an_elastic_truth_leaves_the_limiting_pressure_open_above() -> None:
+    found = fitted(scene(*YIELDS), record(scene()), PRESSURE)
+    [estimate] = found.estimates
+    assert estimate.verdict is Verdict.ONE_SIDED
+    assert estimate.high is None
+    assert estimate.low is not None
+    assert 1.4e9 < estimate.low < 1.95e9  # the centre pressure of this impact is 1.9 GPa
+    assert found.model is Model.FITS
+
+
+@pytest.mark.parametrize("keys", [
+    ("sphere.material.young_pa", "contact.stiffness_factor"),
+    ("plate.material.density_kg_m3", "plate.thickness_m"),
+    ("plate.loss_factor",),
+])  # fmt: skip
+def test_keys_that_a_force_cannot_tell_apart_are_refused_by_name(keys: tuple[str, ...]) -> None:
+    found = fitted(scene(*YIELDS), record(scene(*YIELDS)), *keys)
+    assert not found.identifiable
+    assert {e.verdict for e in found.estimates} == {Verdict.NOT_IDENTIFIABLE}
+    if len(keys) > 1:
+        assert set(found.combinations[0].exponents) == set(keys)
+    assert found.model is Model.FITS
+
+
+def test_a_check_before_the_experiment_says_what_will_be_known() -> None:
+    setup = scene(*YIELDS)
+    supposed = expected_record(setup, "contact_force:80us:0.3%:2MHz")
+    keys = [free_of(setup, key) for key in (PRESSURE, HEIGHT)]
+    before = check(setup, [supposed], keys)
+    after = fitted(setup, record(setup), PRESSURE, HEIGHT)
+    for one, other in zip(before.estimates, after.estimates, strict=True):
+        assert one.half_width_percent == pytest.approx(other.half_width_percent, rel=0.2)
+
+
+def test_a_prior_that_is_wrong_is_reported_as_pulled() -> None:
+    one = record(scene())
+    start = scene("sphere.radius_m=0.0033")
+    found = fit(start, [one], [free_of(start, "sphere.radius_m±0.5%")])
+    assert abs(found.statistics["prior_pulls_sigma"][RADIUS]) > 3.0
+    assert found.model is Model.DOES_NOT_FIT
+
+
+def test_a_clock_that_is_off_does_not_move_the_thickness_out_of_its_interval() -> None:
+    one = record(scene(*YIELDS), "v_p", 3e-3, clock_ppm=40.0)
+    [estimate] = fitted(scene(*YIELDS), one, THICKNESS).estimates
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert estimate.low < 0.003 < estimate.high
+    # A thickness 1e-4 off is as good as a clock of 50 ppm, which the prior allows.
+    assert estimate.half_width_percent == pytest.approx(0.01, rel=0.3)
+
+
+def test_several_records_share_the_keys() -> None:
+    low, high = scene(*YIELDS), scene(*YIELDS, "sphere.drop_height_m=0.1")
+    one = record(low, seed=5)
+    other = replace(
+        record(high, seed=6), name="higher",
+        measured=Measured(quantity="contact_force", set={HEIGHT: 0.1}),
+    )  # fmt: skip
+    found = fit(low, [one, other], [free_of(low, PRESSURE), free_of(low, RADIUS)])
+    assert [n.record for n in found.nuisances] == ["synthetic", "higher"]
+    assert found.model is Model.FITS
+    assert found.speeds_m_s == pytest.approx(
+        (math.sqrt(2 * 9.81 * 0.05), math.sqrt(2 * 9.81 * 0.1))
+    )
+    for estimate, true in zip(found.estimates, (8e8, 0.003), strict=True):
+        assert estimate.low is not None
+        assert estimate.high is not None
+        assert estimate.low < true < estimate.high
+
+
+def test_a_hold_out_at_another_height_finds_the_wrong_class() -> None:
+    """A stiffness can stand in for yielding at one height, not at two."""
+    one = record(scene(*YIELDS), noise=0.05)
+    other = replace(
+        record(scene(*YIELDS, "sphere.drop_height_m=0.2"), noise=0.005), name="higher",
+        measured=Measured(quantity="contact_force", set={HEIGHT: 0.2}),
+    )  # fmt: skip
+    for fits, setup, key in ((True, scene(*YIELDS), PRESSURE),
+                             (False, scene(), "contact.stiffness_factor")):  # fmt: skip
+        found = fit(setup, [one], [free_of(setup, key)], [other])
+        assert found.hold_out is not None
+        assert (found.hold_out["residual_over_noise"] < 1.5) == fits
+
+
+# Bad records: a sentence each, or a right answer.
+
+
+def changed(one: Record, value: np.ndarray, time_s: np.ndarray | None = None) -> Record:
+    return replace(one, value=value, time_s=one.time_s if time_s is None else time_s)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    (lambda v: 1000.0 * v, "times the simulation"),
+    (lambda v: -v, "opposite sign"),
+    (lambda v: 0.2 * np.random.default_rng(1).standard_normal(len(v)), "no impact"),
+    (lambda v: np.zeros(len(v)), "with an impact"),
+])  # fmt: skip
+def test_a_record_that_cannot_be_right_is_refused(change: object, words: str) -> None:
+    one = record(scene())
+    with pytest.raises(RecordError, match=words):
+        fitted(scene(), changed(one, change(one.value)), RADIUS)  # type: ignore[operator]
+
+
+def test_a_clipped_record_gives_the_right_answer() -> None:
+    one = record(scene())
+    cut = changed(one, np.minimum(one.value, 60.0))
+    found = fitted(scene(), cut, RADIUS)
+    [estimate] = found.estimates
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert estimate.low < 0.003 < estimate.high
+    assert any("end of the range" in note for note in found.notes)
+
+
+def test_samples_that_are_not_numbers_are_left_aside() -> None:
+    one = record(scene())
+    value = one.value.copy()
+    value[100:110] = np.nan
+    value[520] = np.nan
+    [estimate] = fitted(scene(), changed(one, value), RADIUS).estimates
+    assert estimate.value == pytest.approx(0.003, rel=5e-3)
+
+
+def test_a_record_without_samples_before_the_impact_cannot_tell() -> None:
+    one = record(scene())
+    late = one.time_s > one.time_s[np.argmax(one.value)] - 12e-6
+    cut = changed(one, one.value[late], one.time_s[late])
+    found = fitted(scene(), cut, RADIUS)
+    assert found.model is Model.CANNOT_TELL
+    assert found.estimates[0].value == pytest.approx(0.003, rel=1e-2)
+
+
+def test_a_second_impact_is_part_of_the_simulation() -> None:
+    """The 20 mm ball does not leave the plate at once: it hits it again 1.6 ms later."""
+    setup = load("aluminium-20mm", ["controller.law=off"])
+    one = measured(truth(setup, "contact_force", 2.2e-3, accuracy=1e-4), Spoilt(), 4, rate_hz=5e5,
+                   quiet_s=600e-6)  # fmt: skip
+    [estimate] = fitted(setup, one, THICKNESS).estimates
+    assert estimate.value == pytest.approx(0.003, rel=1e-3)
+
+
+@pytest.mark.full
+def test_ten_million_samples_are_thinned() -> None:
+    one = record(scene())
+    step = one.interval_s
+    more = 10_000_000 - len(one.value)
+    value = np.concatenate([one.value, 0.2 * np.random.default_rng(1).standard_normal(more)])
+    time_s = np.concatenate([one.time_s, one.time_s[-1] + step * np.arange(1, more + 1)])
+    found = fitted(scene(), Record("long", time_s, value, "contact_force"), RADIUS)
+    assert found.estimates[0].value == pytest.approx(0.003, rel=5e-3)
+
+
+def test_a_coarse_record_is_fitted_as_it_was_sampled() -> None:
+    """Five samples in a contact: the samples alias nothing if none were averaged."""
+    seen = truth(scene(), "contact_force", 80e-6, accuracy=1e-4)
+    one = measured(seen, Spoilt(), 3, rate_hz=2e5, quiet_s=2e-3)
+    [estimate] = fitted(scene(), one, RADIUS).estimates
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert estimate.low < 0.003 < estimate.high
+
+
+# The frozen model and the chain.
+
+
+def test_the_frozen_model_has_the_same_modes_at_every_value() -> None:
+    model = FrozenModel(scene(), 1e-4, 1e-4)
+    counts = {
+        model._plant(model.spec_of({THICKNESS: 0.003 * (1.0 + change)})).model.table.shape
+        for change in np.linspace(-1e-3, 1e-3, 9)
+    }
+    assert len(counts) == 1
+
+
+def test_a_changed_sphere_has_the_bits_of_a_plant_built_anew() -> None:
+    model = FrozenModel(scene(*YIELDS), 1e-4, 1e-4)
+    values = {RADIUS: 0.0031, HEIGHT: 0.06, "contact.stiffness_factor": 1.1}
+    model.run({}, 1e-4)
+    shared = model.run(values, 1e-4)
+    fresh = FrozenModel(scene(*YIELDS), 1e-4, 1e-4).run(values, 1e-4)
+    assert np.array_equal(shared.rows, fresh.rows)
+
+
+def test_the_chain_agrees_with_the_sensor_of_a_run() -> None:
+    """The scene's sensor holds its input over a step; the chain takes straight lines."""
+    from hertzloop.loop.compiled import simulate
+
+    changes = (
+        "sensors.quantity=v_p", "sensors.low_pass_hz=80e3", "sensors.ac_coupling_hz=2e3",
+        "sensors.resonance_hz=150e3", "sensors.resonance_damping=0.1", "run.step_ns=100",
+        "run.duration_s=3e-4", "run.lead_in_s=1e-4", "run.plate_model=modal", "run.accuracy=1e-4",
+    )  # fmt: skip
+    setup = scene(*changes)
+    values = simulate(setup).values
+    # The sensor reads the end of a step.
+    time_s = 100e-9 * (np.arange(len(values)) + 1.5) - 1e-4 - 100e-9
+    model = FrozenModel(setup, 2.5e-4, 1e-4)
+    chain = Chain(150e3, 0.1, 2e3, 80e3)
+    seen = observe(model.run({}, 2.5e-4), "v_p", chain, False).value(time_s)
+    inside = time_s < 1.9e-4
+    peak = np.max(np.abs(values))
+    assert np.max(np.abs(seen - values)[inside]) < 0.02 * peak
+
+
+def test_stiffness_factor_is_a_factor_on_the_contact() -> None:
+    plain, twice = scene(), scene("contact.stiffness_factor=2.0")
+    assert twice.contact.stiffness == 2.0 * plain.contact.stiffness
+
+
+# Files and the command.
+
+
+def test_units_and_table_of_a_csv_file(tmp_path: Path) -> None:
+    path = tmp_path / "r.csv"
+    rows = "\n".join(f"{i * 1e-6:.9g},{i % 5}" for i in range(20))
+    path.write_text(f"time_s,v_p_mm_s\n{rows}\n")
+    one = read_record(path)
+    assert one.quantity == "v_p"
+    assert one.value[3] == pytest.approx(3e-3)
+    (tmp_path / "r.toml").write_text("[record]\nsensitivity = 10.0\nclock_tolerance_ppm = 5\n")
+    one = read_record(path)
+    assert one.value[3] == pytest.approx(3e-4)
+    assert one.measured.clock_tolerance_ppm == 5
+    (tmp_path / "r.toml").write_text("[record]\nsensitvity = 10.0\n")
+    with pytest.raises(RecordError, match="sensitvity"):
+        read_record(path)
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("", "no samples"),
+    ("time_s,contact_force_n\n", "no samples"),
+    ("time_s,what\n0,1\n1,2\n", "known quantity"),
+    ("contact_force_n\n" + "1\n" * 20, "rate_hz"),
+    ("time_s,contact_force_n\n" + "1,1\n" * 20, "rise"),
+])  # fmt: skip
+def test_files_that_are_no_records(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "r.csv"
+    path.write_text(text)
+    with pytest.raises(RecordError, match=words):
+        read_record(path)
+
+
+def test_npz_parquet_and_wav_hold_the_same_record(tmp_path: Path) -> None:
+    import pyarrow
+    import pyarrow.parquet
+    import scipy.io.wavfile
+
+    time_s, force = np.arange(50) * 1e-5, np.linspace(0.0, 0.98, 50)
+    np.savez(tmp_path / "r.npz", time_s=time_s, contact_force_n=force)
+    table = pyarrow.table({"time_s": time_s, "contact_force_n": force})
+    pyarrow.parquet.write_table(table, tmp_path / "r.parquet")
+    scipy.io.wavfile.write(tmp_path / "r.wav", 100_000, force.astype(np.float32))
+    for name in ("r.npz", "r.parquet", "r.wav"):
+        given = {"quantity": "contact_force"} if name == "r.wav" else {}
+        one = read_record(tmp_path / name, given)
+        np.testing.assert_allclose(one.value, force, atol=1e-6)
+        np.testing.assert_allclose(one.time_s, time_s, atol=1e-12)
+
+
+def test_free_keys_are_read_from_their_text() -> None:
+    setup = scene()
+    one = free_of(setup, "sphere.drop_height_m=0.04:0.06±2%")
+    assert (one.low, one.high, one.prior) == (0.04, 0.06, 0.02)
+    assert free_of(setup, "sphere.drop_height_m+-0.001").prior == pytest.approx(0.02)
+    for text, words in (
+        ("plate.size_m", "one positive number"),
+        ("plate.thicknes_m", "Did you mean plate.thickness_m"),
+        (PRESSURE, "does not yield"),
+        ("sphere.radius_m=2:1", "rise"), ("sphere.radius_m=a:b", "not a range"),
+        ("sphere.radius_m±x", "not a prior"), ("=1:2", "names no key"),
+    ):  # fmt: skip
+        with pytest.raises(FitError, match=words):
+            free_of(setup, text)
+
+
+def test_the_command_writes_json_scene_page_and_replay(tmp_path: Path) -> None:
+    one = record(scene())
+    path = tmp_path / "drop.csv"
+    np.savetxt(path, np.stack([one.time_s, one.value], 1), delimiter=",",
+               header="time_s,contact_force_n", comments="", fmt="%.12g")  # fmt: skip
+    out = {name: tmp_path / name for name in ("f.json", "f.toml", "f.html", "f.rrd")}
+    words = ["fit", "aluminium-3mm", str(path), "--free", RADIUS, "--json", str(out["f.json"]),
+             "--out", str(out["f.toml"]), "--report", str(out["f.html"]),
+             "--replay", str(out["f.rrd"])]  # fmt: skip
+    ended = invoke(words)
+    assert ended.exit_code == 0, ended.output
+    data = json.loads(out["f.json"].read_text())
+    low, high = (data["parameters"][RADIUS][end] for end in ("low", "high"))
+    assert low < 0.003 < high
+    assert data["parameters"][RADIUS]["verdict"] == "identified"
+    assert data["model"] == "fits"
+    assert {"time_shift_s", "gain", "offset", "clock_ppm"} <= data["nuisances"].keys()
+    assert data["hold_out"] is None
+    assert data["evaluations"] > 0
+    again = load(str(out["f.toml"]))
+    assert again.sphere.radius_m == data["parameters"][RADIUS]["value"]
+    assert again.scene.fit is not None
+    assert again.scene.fit.sha256 == (data["records"][0]["sha256"],)
+    assert "<svg" in out["f.html"].read_text()
+    assert out["f.rrd"].stat().st_size > 1000
+
+
+def test_exit_codes_of_the_command(tmp_path: Path) -> None:
+    one = record(scene(*YIELDS))
+    path = tmp_path / "drop.csv"
+    np.savetxt(path, np.stack([one.time_s, one.value], 1), delimiter=",",
+               header="time_s,contact_force_n", comments="", fmt="%.12g")  # fmt: skip
+    base = ["fit", "aluminium-3mm", str(path), "--out", str(tmp_path / "o.toml")]
+    run = invoke
+    assert run([*base, "--free", HEIGHT]).exit_code == 1
+    assert run([*base, "--free", "plate.loss_factor", "--overwrite"]).exit_code == 2
+    assert run([*base, "--overwrite"]).exit_code == 2
+    missing = ["fit", "aluminium-3mm", str(tmp_path / "no.csv"), "--free", RADIUS]
+    assert run(missing).exit_code == 2
+
+
+# Records of a solver that shares nothing with the package.
+
+
+def of_drop(drop: Drop, quantity: str, duration_s: float, seed: int) -> Record:
+    """A record at 2 MHz with 0.3 % noise, of a gain 1 % and a clock 30 ppm off."""
+    time_s, force, speed = drop.simulate(duration_s)
+    spline = scipy.interpolate.CubicSpline(time_s, force if quantity == "contact_force" else speed)
+    generator = np.random.default_rng(seed)
+    tau = np.arange(-250e-6 + generator.uniform() * 0.5e-6, duration_s, 0.5e-6)
+    clean = np.where(tau > 0.0, spline(np.maximum(tau, 0.0)), 0.0)
+    noise = 0.003 * np.max(np.abs(clean)) * generator.standard_normal(len(tau))
+    return Record("drop", 0.0123 + tau * (1.0 + 3e-5), 1.01 * clean + noise, quantity)
+
+
+@pytest.mark.parametrize(("drop", "quantity", "duration_s", "changes", "true"), [
+    (Drop(pressure=9e8, height=0.06), "contact_force", 80e-6, (YIELDS[0],),
+     {PRESSURE: 9e8, HEIGHT: 0.06}),
+    (Drop(thickness=3.2e-3), "v_p", 6e-4, (), {THICKNESS: 3.2e-3, RADIUS: 3e-3}),
+])  # fmt: skip
+def test_records_of_another_solver_are_fitted(
+    drop: Drop, quantity: str, duration_s: float, changes: tuple[str, ...], true: dict[str, float]
+) -> None:
+    start = scene("plate.loss_factor=1e-3", *changes)
+    found = fitted(start, of_drop(drop, quantity, duration_s, 77), *true)
+    assert found.model is Model.FITS
+    for estimate, value in zip(found.estimates, true.values(), strict=True):
+        assert estimate.low is not None
+        assert estimate.high is not None
+        assert estimate.low < value < estimate.high
+
+
+def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path: Path) -> None:
+    from hertzloop.studies.fit.report import fitted_scene
+    from hertzloop.studies.fit.uncertain import draws
+
+    found = fitted(scene(), record(scene()), RADIUS, HEIGHT)
+    path = tmp_path / "rig.toml"
+    path.write_text(fitted_scene(found, "rig"))
+    keys, rows = draws(load(str(path)), 4000, 1)
+    assert keys == (RADIUS, HEIGHT)
+    np.testing.assert_allclose(np.cov(np.log(rows).T), found.covariance, rtol=0.1, atol=1e-12)
+    with pytest.raises(FitError, match="has no"):
+        draws(scene(), 5, 1)
+    with pytest.raises(FitError, match="does not hold"):
+        draws(load(str(path), ["sphere.radius_m=0.004"]), 5, 1)
+
+
+def test_a_record_without_noise_is_as_exact_as_the_simulation() -> None:
+    drop = Drop(radius=3.1e-3)
+    time_s, force, _ = drop.simulate(80e-6)
+    tau = np.arange(-250e-6, 80e-6, 0.5e-6)
+    clean = np.interp(tau, time_s, force)
+    found = fitted(scene("plate.loss_factor=1e-3"), Record("r", tau, clean, "contact_force"),
+                   RADIUS)  # fmt: skip
+    assert found.estimates[0].value == pytest.approx(3.1e-3, rel=1e-4)
+    assert found.model is Model.FITS
+
+
+def test_a_plate_is_fitted_by_its_motion_beside_the_contact() -> None:
+    point = (0.3, 0.27)
+    model = FrozenModel(scene(), 5e-4, 1e-4, point)
+    tau = np.arange(-2e-4, 4.5e-4, 1e-6)
+    value = observe(model.run({}, 5e-4), "v_p", Chain(), True).value(tau)
+    # Waves of 200 kHz run 54 mm in about 20 us: nothing moves there at once.
+    early = (tau > 0.0) & (tau < 8e-6)
+    assert np.max(np.abs(value[early])) < 0.05 * np.max(np.abs(value))
+    noise = 0.003 * np.max(np.abs(value)) * np.random.default_rng(1).standard_normal(len(tau))
+    one = Record("beside", tau, value + noise, "v_p", Measured(quantity="v_p", point_m=point))
+    [estimate] = fitted(scene("plate.thickness_m=0.0032"), one, THICKNESS).estimates
+    assert estimate.low is not None
+    assert estimate.high is not None
+    assert estimate.low < 0.003 < estimate.high
+
+
+@pytest.mark.full
+def test_the_records_of_the_tutorial_give_the_true_values() -> None:
+    from benchmarks.fit_example import EXAMPLES, TRUE
+
+    setup = load(str(EXAMPLES / "bench.toml"))
+    names = ("bench-force", "bench-velocity", "bench-force-higher")
+    *records, held = (read_record(EXAMPLES / f"{name}.csv") for name in names)
+    found = fit(setup, records, [free_of(setup, key) for key in TRUE], [held])
+    assert found.model is Model.FITS
+    assert found.hold_out is not None
+    assert found.hold_out["residual_over_noise"] < 1.2
+    for estimate in found.estimates:
+        assert estimate.low is not None
+        assert estimate.high is not None
+        assert estimate.low < TRUE[estimate.key] < estimate.high
+
+
+def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path: Path) -> None:
+    from hertzloop.studies.fit.report import fitted_scene
+    from hertzloop.studies.sweeps.replay_cases import replay_cases
+    from hertzloop.studies.sweeps.sweep import read_results
+
+    found = fitted(
+        scene("run.duration_s=1.2e-3", "controller.law=slope_threshold"), record(scene()), RADIUS
+    )
+    path, results = tmp_path / "rig.toml", tmp_path / "rig.parquet"
+    path.write_text(fitted_scene(found, "rig"))
+    words = ["sweep", str(path), "--over", "controller.latency_us=0,2", "--uncertain", "3",
+             "--workers", "1", "--out", str(results)]  # fmt: skip
+    ended = invoke(words)
+    assert ended.exit_code == 0, ended.output
+    assert "median (2.5 to 97.5 %)" in ended.output
+    rows, header = read_results(results)
+    assert len({row[RADIUS] for row in rows}) == 3
+    assert len(rows) == 6
+    checked = list(replay_cases(rows, header, 2, "compiled", 1))
+    assert [one.same for one in checked] == [True, True]
