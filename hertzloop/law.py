@@ -1,5 +1,7 @@
 """What a law's file imports: `from hertzloop.law import Keys, About, kernel`. See docs/laws.md."""
 
+from pydantic import Field
+
 from hertzloop.controller.law import (
     ACTING,
     IDLE,
@@ -16,6 +18,6 @@ from hertzloop.controller.law import (
 )
 
 __all__ = [
-    "ACTING", "IDLE", "NO_PROMISE", "SPENT", "WATCHING", "About", "Force", "Gain", "Keys", "Reach",
-    "StepsUs", "kernel",
+    "ACTING", "IDLE", "NO_PROMISE", "SPENT", "WATCHING", "About", "Field", "Force", "Gain", "Keys",
+    "Reach", "StepsUs", "kernel",
 ]  # fmt: skip

@@ -14,9 +14,9 @@ from pydantic.fields import FieldInfo
 from scipy.integrate import solve_ivp
 
 from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.law import WHOLE_STEPS, About
 from hertzloop.controller.laws._local_model import acceleration, look_ahead
 from hertzloop.controller.loading.registry import find, shipped
-from hertzloop.law import WHOLE_STEPS, About
 from hertzloop.processes.law_trial import impact_samples
 from hertzloop.setup import Setup, load
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import hertzloop
-from hertzloop import interface
+from hertzloop import api as interface
 from hertzloop.loop.compiled import simulate
 from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.setup import resolve

@@ -73,9 +73,9 @@ def quantities(words: str) -> list[float]:
 
 @pytest.mark.full
 def test_what_the_run_leaves_out(report: dict[str, Any]) -> None:
-    _, *rows = lines(table_of(report["scene", "check"]))
+    _, *rows = lines(table_of(report["validity"]))
     sides = set()
-    for (name, _, value, asked, state), found in zip(rows, report["scene", "check"], strict=True):
+    for (name, _, value, asked, state), found in zip(rows, report["validity"], strict=True):
         assert (name, state) == (found["name"], found["state"])
         side, threshold = asked.split()
         if value:
@@ -178,7 +178,7 @@ def test_no_cell_of_a_table_is_cut(report: dict[str, Any], tmp_path: Path) -> No
     for width in (80, 50, 30):
         for table in (
             impacts_table("Impacts", report["impacts"]), tables.run_table(report),
-            table_of(report["scene", "check"]),
+            table_of(report["validity"]),
         ):  # fmt: skip
             printed = io.StringIO()
             Console(file=printed, width=width).print(table)

@@ -17,7 +17,7 @@ SHORT = ("run.duration_s=0.0013", "controller.law=off")
 
 def found(name: str, *settings: str) -> dict[str, dict[str, Any]]:
     data = effects_as_json(neglected_of_scene(load(name, settings)))
-    return {finding["name"]: finding for finding in data["scene", "check"]}
+    return {finding["name"]: finding for finding in data["validity"]}
 
 
 def test_the_3_mm_scene_by_hand() -> None:
@@ -114,9 +114,9 @@ def test_run_inspect_validity_and_sweep_tell_the_same(
         assert "OUT OF RANGE: the plate yields" in done.output
         assert "Left out: waves are hardly longer than the plate is thick" in done.output
         told[command[0]] = json.loads((tmp_path / "a.json").read_text())
-    said = [[f["sentence"] for f in data["scene", "check"]] for data in told.values()]
+    said = [[f["sentence"] for f in data["validity"]] for data in told.values()]
     assert said[0] == said[1] == said[2]
-    assert told["run"]["warnings"] == told["scene", "check"]["warnings"]
+    assert told["run"]["warnings"] == told["scene"]["warnings"]
     assert told["run"]["warnings"][0].startswith("yield: the plate yields")
     over = ["--over", "plate.thickness_m=0.003,0.03", "--out", "s.csv"]
     sweep = invoke(["sweep", "aluminium-3mm", *short, *over, "--workers", "1", "--json", "s.json"])

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop import __version__, interface
+from hertzloop import __version__
+from hertzloop import api as interface
 from hertzloop.bus import wire
 from hertzloop.bus.messages_pb2 import Hello, SetUp
 from hertzloop.bus.streams import STREAMS, Envelope, StreamFault, other_version

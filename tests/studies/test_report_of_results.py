@@ -29,7 +29,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done("sweep", "aluminium-3mm", *COARSE, *MIXED, "--design", "lhs", "--cases", 6,
          "--out", folder / "mixed" / "m.csv")  # fmt: skip
     done("tune", "aluminium-3mm", *COARSE, "--generations", 1, "--population", 4,
-         "--minimise", "plate_energy_db", "--out", folder / "tune")  # fmt: skip
+         "--minimise", "plate_energy_db", "--out-dir", folder / "tune")  # fmt: skip
     return folder
 
 

@@ -36,8 +36,8 @@ KAPPA = ["--vary", "controller.kappa=0:1"]
         ),
         (["--population", "1001"], "Invalid value for '--population'"),
         (["--generations", "10001"], "Invalid value for '--generations'"),
-        (["--out", __file__], "is no folder"),
-        (["--out", "/proc"], "cannot write into the folder /proc"),
+        (["--out-dir", __file__], "is no folder"),
+        (["--out-dir", "/proc"], "cannot write into the folder /proc"),
     ],
 )
 def test_mistakes_are_the_users(
