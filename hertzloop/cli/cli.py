@@ -15,6 +15,7 @@ from typing import Annotated, cast
 import typer
 
 from hertzloop.bus import LEAVING
+from hertzloop.cli import budget as budget_command
 from hertzloop.cli import export as export_command
 from hertzloop.cli import export as export_plant_command
 from hertzloop.cli import latency as bench_command
@@ -205,6 +206,7 @@ app.command()(listen_command.listen)
 app.command()(report_page.report)
 app.command()(watch_command.watch)
 app.command()(tune_command.tune)
+budget_command.register(app)
 app.command()(conformance_command.conformance)
 
 
