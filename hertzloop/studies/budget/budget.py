@@ -13,6 +13,7 @@ from hertzloop.studies.budget.limits import (
     Case,
     Limit,
     Search,
+    contact_us,
     converter_width,
     limit_of,
     quantities_of,
@@ -26,6 +27,8 @@ _MARGIN = "hertzloop.studies.margin"  # the linear margin, where it is installed
 _PHASES, _QUICK_PHASES = 5, 3
 _SEEDS, _QUICK_SEEDS = 3, 1
 _POINTS, _QUICK_POINTS = 8, 5
+# Contact times after the touch that a search simulates at most, and the run that confirms it.
+_SHORT_CONTACTS, _LONG_CONTACTS = 60.0, 400.0
 # A plate in three dimensions takes a hundred times as long as a thin one.
 _QUICK_WITHOUT = ("plate.theory", "run.accuracy")
 
@@ -71,13 +74,18 @@ class Budget:
     cases: int
 
 
-def search_of(setup: Setup, quick: bool) -> Search:
-    """Return how thoroughly to search."""
+def search_of(setup: Setup, quick: bool, span: Span) -> Search:
+    """Return how thoroughly to search. See `limits` on the short runs of the search."""
     seeds = _QUICK_SEEDS if quick else _SEEDS
+    short_s = setup.first_touch_s + _SHORT_CONTACTS * 1e-6 * contact_us(setup)
+    long_s = setup.first_touch_s + _LONG_CONTACTS * 1e-6 * contact_us(setup)
+    first = span == "impact"
     return Search(
         phases=phases(_QUICK_PHASES if quick else _PHASES),
         seeds=tuple(setup.seed + i for i in range(seeds)),
         points=_QUICK_POINTS if quick else _POINTS,
+        short_s=float(f"{short_s:.3g}") if first and 2.0 * short_s < setup.duration_s else None,
+        long_s=float(f"{long_s:.3g}") if first and long_s < setup.duration_s else None,
     )
 
 
@@ -157,8 +165,8 @@ def budget(
             counted[0] += len(cases)
             return evaluate(pool, found, span, cases)
 
-        search = search_of(found, quick)
-        nominal = nominal_of(run, found, goals, search.phases)
+        search = search_of(found, quick, span)
+        nominal = nominal_of(run, found, goals, search, whole=part == 0)
         wanted = [q for q in quantities_of(found) if q.name in names or not names]
         limits = side_by_side(
             [limit_of(q, goals, search) for q in wanted],
@@ -183,10 +191,17 @@ def _second(found: tuple[Setup, tuple[str, ...]]) -> tuple[Setup, int, tuple[str
 
 
 def nominal_of(
-    run: Callable[[list[Case]], Rows], setup: Setup, goals: Sequence[Goal], at: Sequence[float]
+    run: Callable[[list[Case]], Rows],
+    setup: Setup,
+    goals: Sequence[Goal],
+    search: Search,
+    whole: bool,
 ) -> Nominal:
-    """Measure what a law does in a scene as it is. Raises SceneError if that cannot be run."""
-    own, *rows = run([{}, *({"run.touch_phase": phase} for phase in at)])
+    """Measure what a law does in a scene as it is; `whole`: simulate the scene's own touch phase as
+    long as the scene says, as `hertzloop run` does. Raises SceneError if that cannot be run."""
+    lasts = {} if search.long_s is None else {"run.duration_s": search.long_s}
+    at = [lasts | {"run.touch_phase": phase} for phase in search.phases]
+    own, *rows = run([{} if whole else lasts, *at])
     for row in (own, *rows):
         if row["state"] == CaseState.NOT_RUN:
             raise SceneError(f"{setup.name}: the law cannot be run in this scene: {row['status']}")

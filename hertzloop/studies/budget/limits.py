@@ -7,6 +7,11 @@ scan beyond the boundary that meet the goals show that the region is not an inte
 A value meets the goals if it does so in every variant: at every touch phase and, for a quantity
 that works by chance, with every seed. One variant that fails settles the value, so the variant that
 failed last is tried first, and the others only where it passes.
+
+Feedback acts for as long as the plate moves, so that the first impact of a long run has no end.
+The search then simulates `Search.short_s` only, and confirms its result with a run of
+`Search.long_s`. Where that disagrees, as with a loop that grows slowly, the search is repeated
+with the longer runs.
 """
 
 import math
@@ -45,7 +50,8 @@ class Quantity:
 
     `values`: from harmless to harsh, as the scene key takes them; `scale`: reported value over
     value of the key; `own`: place in the list of the scene's own value; `by_chance`: whether the
-    effect depends on the seed.
+    effect depends on the seed; `dense`: whether the scan takes every value, as for bits, of which
+    there are few and which often have gaps.
     """
 
     name: str
@@ -55,6 +61,7 @@ class Quantity:
     own: int = 0
     scale: float = 1.0
     by_chance: bool = False
+    dense: bool = False
 
     def reported(self, place: int) -> float | None:
         """Return a value in the unit of the report; None for an ideal part."""
@@ -125,7 +132,7 @@ def quantities_of(setup: Setup) -> list[Quantity]:
         Quantity("jitter_us", "controller.jitter_us", "us", times,
                  _place(times, line.jitter_us), by_chance=True),
         Quantity("bits", "sensors.bits", "bits", bits,
-                 bits.index(sensors.bits)),
+                 bits.index(sensors.bits), dense=True),
         Quantity("noise", "sensors.noise_rms", "rms", noises,
                  _place(noises, sensors.noise_rms), by_chance=True),
         Quantity("sampling_us", "sensors.every_steps", "us", periods,
@@ -160,12 +167,15 @@ def _place(values: Sequence[float], own: float) -> int:
 
 @dataclass(frozen=True)
 class Search:
-    """How thoroughly to search: touch phases, seeds for a quantity that works by chance, and the
-    number of values in the scan."""
+    """How thoroughly to search: touch phases, seeds for a quantity that works by chance, the
+    number of values in the scan, and how much of a run to simulate in the search and to confirm
+    its result, s; None for the whole."""
 
     phases: tuple[float, ...]
     seeds: tuple[int, ...]
     points: int
+    short_s: float | None = None
+    long_s: float | None = None
 
 
 def variants(quantity: Quantity, search: Search) -> list[Case]:
@@ -182,9 +192,11 @@ class _Known:
     def __init__(self, quantity: Quantity, goals: Sequence[Goal], search: Search) -> None:
         self.quantity, self.goals = quantity, goals
         self.order = variants(quantity, search)
+        self.lasts_s, self.long_s = search.short_s, search.long_s
         self.holds: dict[int, bool] = {}
         self.cases = 0
         self.reason = ""
+        self.refused: set[int] = set()  # places of which a case could not be run
 
     def ask(self, places: Sequence[int]) -> Generator[list[Case], Rows, None]:
         """Find out about places: one variant of each first, then the rest of those that pass."""
@@ -211,6 +223,8 @@ class _Known:
             self.reason = f"{quantity.key}: {lacking[0]['status']}"
         for i, place in enumerate(places):
             mine = rows[i * len(some) : (i + 1) * len(some)]
+            if not_run(mine):
+                self.refused.add(place)
             failed = [n for n, row in enumerate(mine) if not all_met(self.goals, row)]
             if failed:
                 worst = some[failed[0]]
@@ -220,7 +234,22 @@ class _Known:
         return passed
 
     def _at(self, place: int) -> Case:
-        return {self.quantity.key: self.quantity.values[place]}
+        case = {self.quantity.key: self.quantity.values[place]}
+        return case if self.lasts_s is None else case | {"run.duration_s": self.lasts_s}
+
+    def confirm(self, place: int) -> Generator[list[Case], Rows, bool]:
+        """Whether longer runs agree that a value meets the goals; from then on all runs are longer,
+        and nothing is known unless they agree."""
+        if self.lasts_s == self.long_s:
+            return True
+        self.lasts_s = self.long_s
+        before = self.holds
+        self.holds = {}
+        yield from self.ask([place])
+        agrees = self.holds[place]
+        if agrees:
+            self.holds = before
+        return agrees
 
 
 def limit_of(quantity: Quantity, goals: Sequence[Goal], search: Search) -> Asks:
@@ -230,16 +259,35 @@ def limit_of(quantity: Quantity, goals: Sequence[Goal], search: Search) -> Asks:
     known = _Known(quantity, goals, search)
     if last < 1:
         return _result(quantity, known, None, [], Boundary.IMPOSSIBLE)
-    count = min(search.points, last + 1)
+    count = last + 1 if quantity.dense else min(search.points, last + 1)
     scan = sorted({round(i * last / (count - 1)) for i in range(count)} | {min(1, last)})
     yield from known.ask(scan)
-    if known.reason and not any(known.holds.values()):
+    if known.refused.issuperset(scan[1:]):
         return _result(quantity, known, None, scan, Boundary.IMPOSSIBLE)
-    first_bad = next((place for place in scan if not known.holds[place]), None)
-    if first_bad is None:
-        return _result(quantity, known, last, scan, Boundary.BEYOND)
-    if first_bad == 0:
+    good = yield from _last_good(known, scan)
+    if good is not None:
+        agreed = yield from known.confirm(good)
+        if not agreed:
+            yield from known.ask([place for place in scan if place <= good])
+            good = yield from _last_good(known, scan)
+    if good is None:
         return _result(quantity, known, None, scan, Boundary.NEVER)
+    if good == last:
+        return _result(quantity, known, last, scan, Boundary.BEYOND)
+    only_ideal = quantity.reported(good) is None
+    return _result(
+        quantity, known, good, scan, Boundary.IDEAL_ONLY if only_ideal else Boundary.FOUND
+    )
+
+
+def _last_good(known: _Known, scan: Sequence[int]) -> Generator[list[Case], Rows, int | None]:
+    """The last place before the first that misses the goals, by bisection between those of a scan;
+    None where the first place misses them."""
+    first_bad = next((place for place in scan if not known.holds.get(place)), None)
+    if first_bad is None:
+        return scan[-1]
+    if first_bad == scan[0]:
+        return None
     good = max(place for place in scan if place < first_bad)
     while first_bad - good > 1:
         middle = (good + first_bad) // 2
@@ -248,10 +296,7 @@ def limit_of(quantity: Quantity, goals: Sequence[Goal], search: Search) -> Asks:
             good = middle
         else:
             first_bad = middle
-    only_ideal = quantity.reported(good) is None
-    return _result(
-        quantity, known, good, scan, Boundary.IDEAL_ONLY if only_ideal else Boundary.FOUND
-    )
+    return good
 
 
 def _result(
