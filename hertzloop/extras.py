@@ -12,6 +12,7 @@ EXTRAS = {
     "fmpy": "fmu",
     "h5py": "h5",
     "distributed": "dask",
+    "SALib": "uncertain",
 }
 
 

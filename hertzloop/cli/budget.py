@@ -1,8 +1,11 @@
 """The command `budget`."""
 
+import shlex
 import time
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -11,10 +14,13 @@ from hertzloop.cli.options import (
     SceneArgument,
     SeedOption,
     SetOption,
+    check_folder,
     check_json,
+    check_law,
     check_writable,
     compile_first,
     fail,
+    if_interrupted,
     make_folder,
     out,
     progress,
@@ -22,13 +28,15 @@ from hertzloop.cli.options import (
     write_json,
 )
 from hertzloop.cli.study_frame import resumable
+from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
-from hertzloop.views.format import Table
+from hertzloop.views.format import Table, styled
 
 if TYPE_CHECKING:
     from hertzloop.studies.budget.budget import Budget, InPlant
     from hertzloop.studies.budget.limits import Limit
+    from hertzloop.studies.budget.uncertain import Probability, Sensitivity
 
 
 def budget(
@@ -64,6 +72,34 @@ def budget(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Number of processes; all cores if not given.")
     ] = None,
+    uncertain_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--uncertain",
+            help="Compute the probability of the goal for the distributions in this TOML file.",
+        ),
+    ] = None,
+    within: Annotated[
+        float,
+        typer.Option(
+            min=1e-4, max=0.5, help="Half the width at which the interval is narrow enough."
+        ),
+    ] = 0.03,
+    most_cases: Annotated[
+        int, typer.Option(min=16, max=1_000_000, help="Stop drawing after this many cases.")
+    ] = 4096,
+    sobol: Annotated[
+        int,
+        typer.Option(min=0, help="Base points for Sobol indices, a power of 2; 0 for none."),
+    ] = 0,
+    requirements: Annotated[
+        Path | None,
+        typer.Option("--check", help="Check the requirements in this file instead of searching."),
+    ] = None,
+    junit_file: Annotated[
+        Path | None,
+        typer.Option("--junit", help="Write the results of --check to this file as JUnit XML."),
+    ] = None,
     folder: Annotated[
         Path | None, typer.Option("--out-dir", "-o", help="Folder for the results as a page.")
     ] = None,
@@ -79,11 +115,18 @@ def budget(
     from hertzloop.studies.budget import budget as study
     from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
     from hertzloop.studies.budget.limits import quantities_of
+    from hertzloop.studies.budget.uncertain import probability, read_uncertain, sensitivities
     from hertzloop.studies.sweeps.design import Design
     from hertzloop.studies.sweeps.pool import local_pool
     from hertzloop.studies.sweeps.sweep import work_of
 
     check_json(json_file)
+    check_folder(junit_file)
+    if requirements is not None:
+        check_requirements(requirements, workers, junit_file, json_file)
+        return
+    if junit_file is not None:
+        fail("--junit needs --check. Name a file of requirements", 2)
     given = [*(settings or []), *([f"controller.law={law}"] if law is not None else [])]
     resolved = scene_from(scene, given, seed)
     if not SCHEMES[resolved.scheme].conserves:
@@ -101,8 +144,15 @@ def budget(
                 raise SceneError(
                     f"--only = '{name}': is not a quantity. Choose from {', '.join(names)}"
                 )
+        uncertain = read_uncertain(uncertain_file, resolved) if uncertain_file else None
+        if sobol and not uncertain:
+            raise SceneError("--sobol needs --uncertain. Name a file of distributions")
+        if sobol & (sobol - 1):
+            raise SceneError(f"--sobol = {sobol}: must be a power of 2, for example 256")
     except SceneError as error:
         fail(str(error), 2)
+    if sobol:
+        need("SALib")
     if folder is not None:
         make_folder(folder)
     else:
@@ -123,11 +173,121 @@ def budget(
                 finished.of(pool), resolved, wanted, span, quick=quick, with_real=with_real,
                 only=only or (), on_progress=lambda share: advance(round(1000 * share)),
             )  # fmt: skip
+            likely, indices = None, []
+            if uncertain:
+                counted = finished.of(pool)
+                likely = probability(
+                    counted, resolved, wanted, uncertain, span, within=within, most=most_cases
+                )
+                if sobol:
+                    indices = sensitivities(counted, resolved, wanted, uncertain, span, sobol)
     except SceneError as error:
         fail(str(error), 2)
     print_budget(found)
-    out.print(f"{found.cases} cases in {time.perf_counter() - began_s:.1f} s")
-    write_json(json_file, study.as_data(found))
+    data = study.as_data(found)
+    if likely:
+        worst = run_command(scene, given, resolved.seed, likely.worst)
+        print_probability(likely, indices, worst)
+        data["probability"] = {
+            **{key: value for key, value in asdict(likely).items() if key != "drawn"},
+            "worst_command": worst,
+            "drawn": list(likely.drawn),
+            "sobol": [asdict(index) for index in indices],
+        }
+    total = found.cases + (likely.cases if likely else 0)
+    total += sobol * (len(uncertain.parts) + 2) if uncertain and sobol else 0
+    out.print(f"{total} cases in {time.perf_counter() - began_s:.1f} s")
+    write_json(json_file, data)
+
+
+def run_command(scene: str, settings: list[str], seed: int, case: dict[str, Any]) -> str:
+    """Return the command that runs a case again."""
+    words = [*settings, *(f"{key}={value}" for key, value in case.items())]
+    given = [part for word in words for part in ("--set", word)]
+    seeded = [] if "run.seed" in case else ["--seed", str(seed)]
+    return shlex.join(["hertzloop", "run", scene, *given, *seeded])
+
+
+def print_probability(likely: "Probability", indices: "Sequence[Sensitivity]", worst: str) -> None:
+    """Print how likely the goals are met."""
+    low, high = likely.interval
+    out.print(
+        f"Probability that the goal is met: {likely.value:.3f} ({low:.3f} to {high:.3f} at "
+        f"{100 * likely.confidence:g} %, {likely.cases} cases, {likely.unstable} unstable).",
+        soft_wrap=True,
+    )
+    table = Table(title="Quantiles over the uncertain cases")
+    names = ("plate_energy_db", "rebound_percent", "radiated_db", "peak_force_n")
+    table.add_column("figure")
+    for quantile in likely.quantiles[names[0]]:
+        table.add_column(f"{100 * quantile:g} %", justify="right")
+    for name in names:
+        table.add_row(name, *(f"{x:.4g}" for x in likely.quantiles[name].values()))
+    out.print(table)
+    if indices:
+        shares = Table(title="Sobol indices, each with half its 95 % interval")
+        for heading in ("keys", "figure", "first order", "total"):
+            shares.add_column(heading, justify="left" if heading == "keys" else "right")
+        for one in indices:
+            shares.add_row(
+                ", ".join(one.keys), one.figure, f"{one.first:.3f} ± {one.first_half:.3f}",
+                f"{one.total:.3f} ± {one.total_half:.3f}",
+            )  # fmt: skip
+        out.print(shares)
+    out.print(f"Run the worst case again: {worst}", soft_wrap=True)
+
+
+def check_requirements(
+    path: Path, workers: int | None, junit_file: Path | None, json_file: Path | None
+) -> None:
+    """Check a file of requirements; end with exit code 1 if one fails."""
+    from hertzloop.studies.budget.requirements import check, junit, read_requirements
+    from hertzloop.studies.sweeps.pool import SweepFailed, local_pool
+
+    found = []
+    try:
+        rows = read_requirements(path)
+        setups = [row.setup() for row in rows]
+        for setup in {setup.law_reference: setup for setup in setups}.values():
+            check_law(setup)
+        compile_first(*{(s.name, s.law_reference): s for s in setups}.values())
+        with (
+            if_interrupted(), progress("requirements", len(rows)) as advance,
+            local_pool(workers) as pool,
+        ):  # fmt: skip
+            for row in rows:
+                found.append(check(pool, row))
+                advance(len(found))
+    except SceneError as error:
+        fail(str(error), 2)
+    except SweepFailed as error:
+        fail(str(error), 1)
+    for one in found:
+        out.print(styled(("holds", "green") if one.passed else ("FAILS", "bold red"),
+                         f"  {one.row.name}"), soft_wrap=True)  # fmt: skip
+        for sentence in (*one.fails, *one.holds):
+            out.print(f"    {sentence}", soft_wrap=True)
+        if not one.passed:
+            out.print(f"    Reproduce: {one.command}", soft_wrap=True)
+    failed = [one for one in found if not one.passed]
+    out.print(f"{len(found) - len(failed)} of {len(found)} requirements hold")
+    if junit_file is not None:
+        try:
+            junit(junit_file, found)
+        except OSError as error:
+            fail(f"cannot write {junit_file}: {error.strerror}", 1)
+    rows_of = [
+        {"name": one.row.name, "scene": one.row.scene, "passed": one.passed,
+         "holds": list(one.holds), "fails": list(one.fails), "unstable": one.unstable,
+         "measured": one.measured, "command": one.command, "seconds": one.seconds}
+        for one in found
+    ]  # fmt: skip
+    write_json(json_file, {
+        "requirements": rows_of, "passed": not failed, "failed": len(failed),
+        "unstable": any(one.unstable for one in found),
+    })  # fmt: skip
+    if failed:
+        raise typer.Exit(1)
 
 
 def print_budget(found: "Budget") -> None:

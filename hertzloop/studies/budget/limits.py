@@ -32,6 +32,7 @@ _NOISE_DECADES, _PLACES_A_DECADE = 6, 25
 _BANDWIDTHS_HZ = (1e3, 1e7)  # the largest acts within a tenth of a step: it stands for ideal
 _MASSES = (1e-3, 1e2)  # of the mass of the sphere
 _MOST_BITS = 24
+_FEW = 64  # sampling periods that are all scanned: a law may miss its goal at every other one
 
 
 class Boundary(StrEnum):
@@ -50,8 +51,8 @@ class Quantity:
 
     `values`: from harmless to harsh, as the scene key takes them; `scale`: reported value over
     value of the key; `own`: place in the list of the scene's own value; `by_chance`: whether the
-    effect depends on the seed; `dense`: whether the scan takes every value, as for bits, of which
-    there are few and which often have gaps.
+    effect depends on the seed; `dense`: whether the scan takes every value, as for bits and
+    sampling periods, which are few and often have gaps.
     """
 
     name: str
@@ -136,7 +137,8 @@ def quantities_of(setup: Setup) -> list[Quantity]:
         Quantity("noise", "sensors.noise_rms", "rms", noises,
                  _place(noises, sensors.noise_rms), by_chance=True),
         Quantity("sampling_us", "sensors.every_steps", "us", periods,
-                 _place(periods, sensors.every_steps), scale=step_us),
+                 _place(periods, sensors.every_steps), scale=step_us,
+                 dense=len(periods) <= _FEW),
         Quantity("bandwidth_hz", "actuator.bandwidth_hz", "Hz", bandwidths,
                  0 if own_hz is None else max(0, sum(hz >= own_hz for hz in bandwidths) - 1)),
         Quantity("mass_kg", "actuator.mass_kg", "kg", masses,
