@@ -7,7 +7,9 @@ import numpy as np
 
 from hertzloop.jit import kernel
 
-FILTERED, STARTED = range(2)  # indices into the state
+FILTERED, STARTED, LAST = range(3)  # indices into the state; the last: of a channel with a fault
+STATE_SIZE = 3
+HELD, ADDED, LIMITED = range(1, 4)  # what a fault does to a sample; 0: nothing
 
 
 class SensorModel(NamedTuple):
@@ -25,6 +27,8 @@ class SensorModel(NamedTuple):
     first_code: int
     last_code: int
     noise: np.ndarray  # one value a sample, in units of the quantity; empty without noise
+    fault: np.ndarray  # what is wrong with each sample; empty without a fault
+    fault_size: float
 
 
 @kernel(inline=True)
@@ -53,6 +57,15 @@ def sample(model, state, index):
     value = state[FILTERED]
     if model.noise.size > 0:
         value += model.noise[index]
+    if model.fault.size > 0:
+        kind = model.fault[index]
+        if kind == HELD:
+            value = state[LAST]
+        elif kind == ADDED:
+            value += model.fault_size
+        elif kind == LIMITED:
+            value = min(max(value, -abs(model.fault_size)), abs(model.fault_size))
+        state[LAST] = value
     clipped = 0
     if model.limited:
         if value < model.low or value > model.high:
