@@ -72,6 +72,13 @@ def budget(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Number of processes; all cores if not given.")
     ] = None,
+    trace: Annotated[
+        Path | None,
+        typer.Option(
+            help="Latencies by sample in place of controller.latency_us: a CSV file, or a "
+            "recording of a paced run (.mcap)."
+        ),
+    ] = None,
     uncertain_file: Annotated[
         Path | None,
         typer.Option(
@@ -128,6 +135,8 @@ def budget(
     if junit_file is not None:
         fail("--junit needs --check. Name a file of requirements", 2)
     given = [*(settings or []), *([f"controller.law={law}"] if law is not None else [])]
+    if trace is not None:
+        given += ["controller.latency_us=0", f"controller.latency_trace={trace}"]
     resolved = scene_from(scene, given, seed)
     if not SCHEMES[resolved.scheme].conserves:
         fail(NO_CASE_OF_THESIS, 2)
@@ -183,6 +192,9 @@ def budget(
                     indices = sensitivities(counted, resolved, wanted, uncertain, span, sobol)
     except SceneError as error:
         fail(str(error), 2)
+    latencies = resolved.scene.controller.latency_trace
+    if latencies:
+        out.print(_trace_words(latencies))
     print_budget(found)
     data = study.as_data(found)
     if likely:
@@ -322,6 +334,16 @@ def print_budget(found: "Budget") -> None:
                           "the tolerated values are not an interval.", soft_wrap=True)  # fmt: skip
     if found.margin is None:
         out.print("Linear margin: not available.")
+
+
+def _trace_words(latencies: Sequence[float]) -> str:
+    """Return what a trace of latencies (us) holds, in a sentence."""
+    ordered = sorted(latencies)
+    middle, much = (ordered[int(share * (len(ordered) - 1))] for share in (0.5, 0.99))
+    return (
+        f"Trace of {len(ordered)} latencies: median {middle:g} us, 99 % below {much:g} us, largest "
+        f"{ordered[-1]:g} us."
+    )
 
 
 _MOST = ("bits", "bandwidth_hz")  # the limit is the least value, not the largest

@@ -42,7 +42,8 @@ class ControllerTable(Table):
     latency_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """beyond the one step that cannot be avoided"""
     latency_trace: tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...] | None = None
-    """latencies by sample, us, in place of latency_us: a CSV file or a list, repeated to the end of
+    """latencies by sample, us, in place of latency_us: a CSV file, a recording of
+    a paced run, or a list; repeated to the end of
     the run and rounded to whole steps"""
     latency_trace_use: Literal["replay", "resample"] | None = None
     """replay the trace as it is (default), or resample blocks of it by the seed"""

@@ -52,8 +52,15 @@ _MOST_LATENCIES = 1_000_000
 
 def _latencies(path: Path) -> list[float]:
     """Latencies of a CSV file, us: its only column, or the one called latency_us; lines that begin
-    with # are comments."""
+    with # are comments. Of a recording (.mcap) of a paced run, those that it had."""
     said = f"controller.latency_trace = {_echoed(path)}"
+    if path.suffix == ".mcap":
+        from hertzloop.recordings.latencies import read_latencies
+
+        try:
+            return read_latencies(path)
+        except (ValueError, OSError, RuntimeError) as error:
+            raise ValueError(f"{said}: {shortened(str(error))}") from error
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:

@@ -1,16 +1,26 @@
 """Measured latencies, faults of sensor and actuator: from scene keys to the closed loop."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from hertzloop.analysis.cases import figures_of_case
+from hertzloop.analysis.recorded import rows_of
 from hertzloop.controller.controller import Controller, LineSpec, _traced
 from hertzloop.controller.law import About, Keys
 from hertzloop.controller.loading.registry import find
+from hertzloop.loop.compiled import simulate
+from hertzloop.processes.launcher import RunOptions
+from hertzloop.recordings.latencies import latencies_of
+from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.reader import read as read_recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.sensors import kernels as k
 from hertzloop.sensors.acquisition import Fault, Sensor, SensorSpec
 from hertzloop.setup import load, parse
+from hertzloop.views.data import run_scene
 
 SHORT = ["run.duration_s=0.0013", "controller.law=force_feedback"]
 
@@ -76,6 +86,28 @@ def test_a_scene_with_a_trace_survives_its_file(trace, tmp_path):
 def test_a_trace_that_makes_no_sense_is_refused(trace, text, more, word):
     with pytest.raises(SceneError, match=word):
         load("aluminium-3mm", [*SHORT, trace(text), *more])
+
+
+def test_a_recording_of_a_paced_run_tells_its_latencies():
+    """Samples every 2 steps with a latency of 1: their forces are due at 2, 4, 6, 8, 10."""
+    held = np.array([0, 0, 0, 1, 2, 3, 4, 0, 1, 2])  # the force of step 2 acts until step 7
+    scene = "[run]\nstep_ns = 1000\n[sensors]\nevery_steps = 2\n[controller]\nlatency_us = 1.0\n"
+    recording = Recording(Path("a.mcap"), scene_toml=scene)
+    recording.truth = replace(recording.truth, arrays={"held_steps": held})
+    assert list(latencies_of(recording)) == [1.0, 4.0, 2.0, 1.0, 1.0]
+    recording.truth = replace(recording.truth, arrays={})
+    with pytest.raises(ValueError, match="--pace"):
+        latencies_of(recording)
+
+
+@pytest.mark.full
+def test_the_trace_of_a_paced_run_repeats_it(tmp_path):
+    path, short = tmp_path / "paced.mcap", ["run.duration_s=0.0012", SHORT[1]]
+    setup = load("aluminium-3mm", short)
+    run_scene(setup, path, RunOptions(pace=0.01), lambda step: None)
+    again = load("aluminium-3mm", [*short, f"controller.latency_trace={path}"])
+    rows = simulate(again.on_plate(setup.plate_model)).rows
+    assert np.array_equal(rows, rows_of(read_recording(path)))
 
 
 def read(fault, values, seed=1):
