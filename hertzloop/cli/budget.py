@@ -163,6 +163,8 @@ def budget(
     if sobol:
         need("SALib")
     if folder is not None:
+        need("matplotlib", "jinja2")
+    if folder is not None:
         make_folder(folder)
     else:
         check_writable(Path())  # for unfinished work
@@ -182,6 +184,11 @@ def budget(
                 finished.of(pool), resolved, wanted, span, quick=quick, with_real=with_real,
                 only=only or (), on_progress=lambda share: advance(round(1000 * share)),
             )  # fmt: skip
+            mapped = None
+            if folder is not None:
+                from hertzloop.studies.budget.page import map_of
+
+                mapped = map_of(finished.of(pool), resolved, wanted, span, found.ideal, quick)
             likely, indices = None, []
             if uncertain:
                 counted = finished.of(pool)
@@ -209,6 +216,22 @@ def budget(
     total = found.cases + (likely.cases if likely else 0)
     total += sobol * (len(uncertain.parts) + 2) if uncertain and sobol else 0
     out.print(f"{total} cases in {time.perf_counter() - began_s:.1f} s")
+    if folder is not None:
+        from hertzloop.studies.budget.page import write_page
+
+        lines = effect_lines(found)
+        if likely:
+            lines.append(probability_line(likely))
+        command = shlex.join(
+            ["hertzloop", "budget", scene, *(part for one in given for part in ("--set", one)),
+             *(part for goal in wanted for part in ("--goal", str(goal))),
+             *(["--quick"] if quick else []), "--out-dir", str(folder)]
+        )  # fmt: skip
+        try:
+            page = write_page(folder, resolved, found, mapped, lines, command)
+        except OSError as error:
+            fail(f"cannot write into {folder}: {error.strerror}", 1)
+        out.print(f"written: {page}", soft_wrap=True)
     write_json(json_file, data)
 
 
@@ -222,12 +245,7 @@ def run_command(scene: str, settings: list[str], seed: int, case: dict[str, Any]
 
 def print_probability(likely: "Probability", indices: "Sequence[Sensitivity]", worst: str) -> None:
     """Print how likely the goals are met."""
-    low, high = likely.interval
-    out.print(
-        f"Probability that the goal is met: {likely.value:.3f} ({low:.3f} to {high:.3f} at "
-        f"{100 * likely.confidence:g} %, {likely.cases} cases, {likely.unstable} unstable).",
-        soft_wrap=True,
-    )
+    out.print(probability_line(likely), soft_wrap=True)
     table = Table(title="Quantiles over the uncertain cases")
     names = ("plate_energy_db", "rebound_percent", "radiated_db", "peak_force_n")
     table.add_column("figure")
@@ -302,24 +320,41 @@ def check_requirements(
         raise typer.Exit(1)
 
 
-def print_budget(found: "Budget") -> None:
-    """Print a budget on one screen."""
+def probability_line(likely: "Probability") -> str:
+    """Return how likely the goals are met, in a sentence."""
+    low, high = likely.interval
+    return (
+        f"Probability that the goal is met: {likely.value:.3f} ({low:.3f} to {high:.3f} at "
+        f"{100 * likely.confidence:g} %, {likely.cases} cases, {likely.unstable} unstable)."
+    )
+
+
+def _plants(found: "Budget") -> "list[tuple[str, InPlant]]":
+    real = [("the real plant", found.real)] if found.real else []
+    return [("the scene", found.ideal), *real]
+
+
+def effect_lines(found: "Budget") -> list[str]:
+    """Return the goal, and what the law does in each plant, in sentences."""
     goal = " and ".join(map(str, found.goals))
-    out.print(f"{found.scene}, law {found.law}. Goal: {goal}, at every touch phase.",
-              soft_wrap=True)  # fmt: skip
-    plants = [("the scene", found.ideal)]
-    if found.real:
-        plants.append(("the real plant", found.real))
-    for name, plant in plants:
+    lines = [f"{found.scene}, law {found.law}. Goal: {goal}, at every touch phase."]
+    for name, plant in _plants(found):
         energy = plant.nominal.over_phases["plate_energy_db"]
         words = "meets the goal" if plant.nominal.met else "misses the goal"
         if plant.nominal.unstable:
             words += "; the loop is unstable"
-        out.print(f"In {name} the law {words}: plate energy {energy} dB over touch phases.",
-                  soft_wrap=True)  # fmt: skip
+        lines.append(f"In {name} the law {words}: plate energy {energy} dB over touch phases.")
         if plant.left_out:
-            out.print(f"  Not part of it, as the scene refuses them: {', '.join(plant.left_out)}",
-                      soft_wrap=True)  # fmt: skip
+            refused = ", ".join(plant.left_out)
+            lines.append(f"The real plant is without {refused}, which the scene refuses.")
+    return lines
+
+
+def print_budget(found: "Budget") -> None:
+    """Print a budget on one screen."""
+    for line in effect_lines(found):
+        out.print(line, soft_wrap=True)
+    plants = _plants(found)
     out.print(_limits_table(plants))
     for name, plant in plants:
         first = plant.binds_first

@@ -386,3 +386,21 @@ def test_the_command_ends_as_documented(requirements):
     refused = _python("hertzloop", "budget", "--law", "off", folder=folder)
     assert refused.returncode == 2
     assert "has no limits" in refused.stderr
+
+
+def test_the_page_shows_limits_and_a_map(pool, tmp_path):
+    page = pytest.importorskip("hertzloop.studies.budget.page")
+    setup = load("aluminium-3mm", SHORT)
+    found = study.budget(
+        pool, setup, [GOAL], "impact", quick=True, with_real=False,
+        only=("latency_us", "jitter_us"),
+    )  # fmt: skip
+    mapped = page.map_of(pool, setup, [GOAL], "impact", found.ideal, True)
+    assert mapped.across.name == found.ideal.binds_first == "latency_us"
+    limit = next(x.value for x in found.ideal.limits if x.quantity == "latency_us")
+    alone = dict(zip(mapped.across_places, mapped.met[0], strict=True))
+    assert all((share == 1.0) == (place <= limit) for place, share in alone.items())
+    written = page.write_page(tmp_path, setup, found, mapped, ["A line."], "hertzloop budget")
+    text = written.read_text()
+    assert "A line." in text
+    assert text.count("<svg") == 2
