@@ -45,8 +45,18 @@ _KINDS = {"law": (".py", ".c"), "scene": (".toml",)}
 def new(
     kind: Annotated[Literal["law", "scene"], typer.Argument(help="What to start.")],
     file: Annotated[Path, typer.Argument(help="mine.py or mine.c for a law, mine.toml.")],
+    with_check: Annotated[
+        bool,
+        typer.Option(
+            "--with-check",
+            help="Write requirements.toml and a workflow for continuous integration beside a law.",
+        ),
+    ] = False,
 ) -> None:
-    """Write a commented law (Python, or C) or scene that runs as it is."""
+    """Write a commented law (Python, or C) or scene that runs as it is.
+
+    Example: hertzloop new law mine.py --with-check
+    """
     if file.suffix not in _KINDS[kind]:
         fail(f"{file} has to end in {' or '.join(_KINDS[kind])} for a {kind}", 2)
     check_folder(file)
@@ -54,6 +64,14 @@ def new(
     header = file.with_name("hertzloop_law.h")
     if file.suffix == ".c" and not header.exists():
         texts[header] = _resource("hertzloop_law.h")
+    if with_check:
+        if kind != "law":
+            fail("--with-check needs a law. Leave it out for a scene", 2)
+        for name in ("requirements.toml", "workflow.yml"):
+            beside = file.with_name(name)
+            if beside.exists():
+                fail(f"{beside} exists; move it away, or leave --with-check out", 2)
+            texts[beside] = _resource(f"{name}.txt").replace("FILE", file.name)
     try:
         for path, text in texts.items():
             with path.open("x", encoding="utf-8") as target:
