@@ -66,6 +66,13 @@ def sweep(
         int | None,
         typer.Option(min=2, max=1000, help="Every case at so many touch phases; mean and range."),
     ] = None,
+    uncertain_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--uncertain",
+            help="Draw --cases from the distributions in this TOML file, in place of --over.",
+        ),
+    ] = None,
     dask: Annotated[
         str | None, typer.Option(help="Scheduler of a Dask cluster, e.g. tcp://host:8786.")
     ] = None,
@@ -74,6 +81,7 @@ def sweep(
 ) -> None:
     """Simulate a scene over ranges of its keys; a killed sweep goes on with the same command."""
     from hertzloop.plant.schemes.registry import SCHEMES
+    from hertzloop.studies.budget.uncertain import drawn_design, read_uncertain
     from hertzloop.studies.sweeps import sweep as study
     from hertzloop.studies.sweeps.design import KEY as PHASE
     from hertzloop.studies.sweeps.design import DesignError, grouped, make_design
@@ -95,6 +103,10 @@ def sweep(
         _check_scheduler(dask)
     try:
         over = list(over or [])
+        if uncertain_file is not None and (over or phases is not None or design != "grid"):
+            raise DesignError(
+                "--uncertain draws all cases itself. Leave --over, --phases and --design out"
+            )
         if phases is not None:
             if any(text.partition("=")[0].strip() == PHASE for text in over):
                 raise DesignError(
@@ -106,7 +118,11 @@ def sweep(
                     f"rest, --over {PHASE}=0:1"
                 )
             over.append(f"{PHASE}={','.join(map(str, spread_evenly(phases)))}")
-        planned = make_design(resolved, over, design, cases, resolved.seed)
+        planned = (
+            make_design(resolved, over, design, cases, resolved.seed)
+            if uncertain_file is None
+            else drawn_design(resolved, read_uncertain(uncertain_file, resolved), cases)
+        )
         for axis in planned.axes:
             for law in axis.values if axis.key == "controller.law" else ():
                 check_law(resolved.vary({"controller.law": law}))
@@ -135,7 +151,8 @@ def sweep(
     figureless = len(found.not_run) + found.unstable
     if figureless < total:
         out.print(_extremes(found.rows, keys))
-    over_phases = grouped(found.rows, keys, SHOWN) if PHASE in keys and design == "grid" else []
+    phased = PHASE in keys and design == "grid" and uncertain_file is None
+    over_phases = grouped(found.rows, keys, SHOWN) if phased else []
     if over_phases:
         out.print(_spreads(over_phases, [key for key in keys if key != PHASE]))
     rate = found.ran / found.wall_s if found.wall_s else 0.0

@@ -28,6 +28,7 @@ from hertzloop.studies.budget.limits import (
 from hertzloop.studies.budget.requirements import check, junit, read_requirements
 from hertzloop.studies.budget.uncertain import (
     Part,
+    drawn_design,
     probability,
     sobol_indices,
     uncertain_of,
@@ -35,6 +36,7 @@ from hertzloop.studies.budget.uncertain import (
 )
 from hertzloop.studies.sweeps.evaluate import evaluate
 from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.studies.sweeps.sweep import read_results, sweep
 
 SHORT = ["run.duration_s=0.0016", "controller.law=force_feedback"]
 GOAL = parse_goal("plate_energy_db <= -0.1")
@@ -406,6 +408,7 @@ def test_the_page_shows_limits_and_a_map(pool, tmp_path):
     assert text.count("<svg") == 2
 
 
+@pytest.mark.full
 def test_a_new_law_brings_requirements_that_hold(tmp_path):
     made = _python("hertzloop", "new", "law", "mine.py", "--with-check", folder=tmp_path)
     assert made.returncode == 0, made.stderr
@@ -417,3 +420,16 @@ def test_a_new_law_brings_requirements_that_hold(tmp_path):
     again = _python("hertzloop", "new", "law", "other.py", "--with-check", folder=tmp_path)
     assert again.returncode == 2
     assert "requirements.toml exists" in again.stderr
+
+
+def test_a_sweep_records_every_drawn_value(tmp_path):
+    setup, out = load("aluminium-3mm", SHORT), tmp_path / "drawn.parquet"
+    table = {"sphere.drop_height_m": {"distribution": "uniform", "low": 0.04, "high": 0.06}}
+    design = drawn_design(setup, uncertain_of(table, setup), 20)
+    sweep(setup, design, "impact", out, workers=1)
+    rows, header = read_results(out)
+    drawn = [row["sphere.drop_height_m"] for row in rows]
+    assert 0.04 < min(drawn) < 0.045
+    assert 0.055 < max(drawn) < 0.06
+    assert [one["sphere.drop_height_m"] for one in header["design"]["drawn"]] == drawn
+    assert len({row["digest"] for row in rows}) == 20

@@ -20,6 +20,7 @@ from hertzloop.analysis.cases import CaseState, Span
 from hertzloop.scenes.errors import SceneError, shown
 from hertzloop.setup import Setup
 from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
+from hertzloop.studies.sweeps.design import Axis, Design
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 
 _STREAM = 11  # random stream of the draws; noise, jitter, drop-outs and touch phase have others
@@ -232,6 +233,27 @@ def wilson(met: int, cases: int, confidence: float = 0.95) -> tuple[float, float
     half = z * math.sqrt(share * (1.0 - share) / cases + 0.25 * weight / cases) / (1.0 + weight)
     low = 0.0 if met == 0 else max(0.0, middle - half)
     return low, 1.0 if met == cases else min(1.0, middle + half)
+
+
+@dataclass(frozen=True)
+class DrawnDesign(Design):
+    """Cases of a sweep that are drawn from distributions. `drawn`: their values, in order."""
+
+    drawn: tuple[dict[str, Any], ...] = ()
+
+    def cases(self) -> list[dict[str, Any]]:
+        """Return the values of each case."""
+        return [dict(case) for case in self.drawn]
+
+
+def drawn_design(setup: Setup, uncertain: Uncertain, count: int) -> DrawnDesign:
+    """Return a sweep over so many cases of an uncertain scene. Raises SceneError for a case that no
+    scene can have."""
+    drawn = tuple(uncertain.draw(setup.seed, number) for number in range(count))
+    for case in drawn:
+        setup.vary(case)
+    axes = tuple(Axis(key, tuple(case[key] for case in drawn)) for key in drawn[0])
+    return DrawnDesign(axes, "grid", count, setup.seed, drawn)
 
 
 @dataclass(frozen=True)
