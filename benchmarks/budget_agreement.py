@@ -38,8 +38,8 @@ def by_brute_force(
     """Return the limit of a quantity, None where there is none in the range, and whether the
     tolerated values are an interval."""
     goals, each = [parse_goal(DEFAULT_GOAL)], variants(quantity, search)
-    rows = evaluate(pool, setup, "impact",
-                    [{quantity.key: value} | one for value in quantity.values for one in each])  # fmt: skip
+    cases = [{quantity.key: value} | one for value in quantity.values for one in each]
+    rows = evaluate(pool, setup, "impact", cases)
     holds = [all(all_met(goals, row) for row in rows[i : i + len(each)])
              for i in range(0, len(rows), len(each))]  # fmt: skip
     first_bad = holds.index(False) if False in holds else len(holds)
