@@ -9,7 +9,9 @@ from hertzloop.controller import kernels as k
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.loading.bound import BoundLaw, LawFault
 
-_JITTER_STREAM, _DROP_OUT_STREAM = 2, 3  # random streams; the sensor's noise is another
+# Random streams; the sensor's noise and the touch phase are others.
+_JITTER_STREAM, _DROP_OUT_STREAM, _TRACE_STREAM = 2, 3, 6
+_BLOCK = 50  # latencies of a trace that stay together when it is resampled
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,10 @@ class LineSpec:
     jitter uniform over 0..jitter_steps; a command is lost with `drop_out_probability` and
     the last force is then held. `bits` and `full_scale_n` (N) describe the converter, None
     means ideal or unlimited; `slew_n_s` limits the rate of the force (N/s).
+
+    `trace`: latency by sample beyond `latency_steps`, in steps, repeated to the end of the run, or
+    `resampled`: in blocks drawn by the seed, so that neighbours stay neighbours. `dead_steps`: a
+    delay that every command has on top. Commands that would act at `stuck_step` or later are lost.
     """
 
     latency_steps: int = 0
@@ -28,6 +34,15 @@ class LineSpec:
     bits: int | None = None
     full_scale_n: float | None = None
     slew_n_s: float | None = None
+    trace: tuple[int, ...] = ()
+    resampled: bool = False
+    dead_steps: int = 0
+    stuck_step: int | None = None
+
+    @property
+    def most_added_steps(self) -> int:
+        """Largest latency of a command beyond `latency_steps`."""
+        return self.jitter_steps + max(self.trace, default=0) + self.dead_steps
 
 
 @dataclass
@@ -58,8 +73,15 @@ class Controller:
         jitter, dropped = np.empty(0, np.int64), np.empty(0, np.bool_)
         if line.jitter_steps > 0:
             jitter = _random(seed, _JITTER_STREAM).integers(0, line.jitter_steps + 1, samples)
+        if line.trace or line.dead_steps:
+            added = _traced(line, samples, seed) + line.dead_steps
+            jitter = added if jitter.size == 0 else jitter + added
         if line.drop_out_probability > 0.0:
             dropped = _random(seed, _DROP_OUT_STREAM).random(samples) < line.drop_out_probability
+        if line.stuck_step is not None:
+            acts = np.arange(samples) * every_steps + 1 + line.latency_steps
+            late = (acts if jitter.size == 0 else acts + jitter) >= line.stuck_step
+            dropped = late if dropped.size == 0 else dropped | late
         full_scale = line.full_scale_n or 0.0
         if line.bits is not None and line.full_scale_n is None:
             raise ValueError("a converter with bits needs a full-scale force")
@@ -125,6 +147,19 @@ class Controller:
         if self.failed_at >= 0:
             seen = self.law_state.history[: self.law_state.counts[laws.SAMPLES]]
             raise LawFault(self.bound.explain(seen, self.failed_at))
+
+
+def _traced(line: LineSpec, samples: int, seed: int) -> np.ndarray:
+    """Latency of each sample beyond the least one by the trace of a line, in steps; zeros without
+    a trace."""
+    trace = np.array(line.trace or (0,), np.int64)
+    if not line.resampled:
+        return np.resize(trace, samples)
+    length = min(_BLOCK, trace.size)
+    blocks = -(-samples // length)
+    starts = _random(seed, _TRACE_STREAM).integers(0, trace.size, blocks)
+    places = (starts[:, None] + np.arange(length)) % trace.size
+    return trace[places.ravel()[:samples]]
 
 
 def _random(seed: int, stream: int) -> np.random.Generator:

@@ -15,6 +15,7 @@ EXTRAS = {
     "pyuff": "records",
     "asammdf": "mdf",
     "distributed": "dask",
+    "SALib": "uncertain",
 }
 
 

@@ -8,7 +8,25 @@ import numpy as np
 
 from hertzloop.sensors import kernels as k
 
-NOISE_STREAM = 1  # random stream of the noise; the controller has others
+NOISE_STREAM, _FAULT_STREAM = 1, 7  # random streams; the controller has others
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of a channel, of the samples from `start` on and `lasts` samples long (None: to the
+    end of the run).
+
+    `kind`: "stuck" repeats the reading before; "offset" adds `size`; "spikes" adds `size` to
+    samples with a `probability`; "drop_outs" repeats a reading for `lasts` samples (None: one),
+    each sample beginning a burst with the `probability`; "saturation" limits readings to `size`
+    either way. `size` is in the unit of the quantity.
+    """
+
+    kind: str
+    start: int = 0
+    lasts: int | None = None
+    size: float = 0.0
+    probability: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -33,6 +51,7 @@ class SensorSpec:
     ac_coupling_hz: float | None = None
     resonance_hz: float | None = None
     resonance_damping: float = 0.02
+    fault: Fault | None = None
 
     def __post_init__(self) -> None:
         for problem in _problems(self):
@@ -103,6 +122,9 @@ class Sensor:
         if spec.noise_rms > 0.0:
             generator = np.random.Generator(np.random.Philox(key=[seed, NOISE_STREAM]))
             noise = spec.noise_rms * generator.standard_normal(samples)
+        fault = np.empty(0, np.int64)
+        if spec.fault is not None:
+            fault = _faulty(spec.fault, samples, seed)
         low, high = spec.full_scale or (0.0, 0.0)
         scale, offset, first, last = 1.0, 0.0, 0, 0
         if spec.bits is not None:
@@ -131,5 +153,28 @@ class Sensor:
             first_code=first,
             last_code=last,
             noise=noise,
+            fault=fault,
+            fault_size=0.0 if spec.fault is None else spec.fault.size,
         )
         self.state = np.zeros(k.STATE_SIZE)
+
+
+_KINDS = {"stuck": k.HELD, "drop_outs": k.HELD, "offset": k.ADDED, "spikes": k.ADDED,
+          "saturation": k.LIMITED}  # fmt: skip
+
+
+def _faulty(fault: Fault, samples: int, seed: int) -> np.ndarray:
+    """What is wrong with each sample: a function of seed and number alone."""
+    found = np.zeros(samples, np.int64)
+    bursts = fault.kind == "drop_outs"
+    end = samples if fault.lasts is None or bursts else fault.start + fault.lasts
+    wrong = np.zeros(samples, np.bool_)
+    wrong[fault.start : end] = True
+    if fault.kind in ("spikes", "drop_outs"):
+        generator = np.random.Generator(np.random.Philox(key=[seed, _FAULT_STREAM]))
+        wrong &= generator.random(samples) < fault.probability
+    if bursts and fault.lasts:
+        for first in np.flatnonzero(wrong):
+            wrong[first : first + fault.lasts] = True
+    found[wrong] = _KINDS[fault.kind]
+    return found

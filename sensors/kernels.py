@@ -8,9 +8,10 @@ import numpy as np
 from hertzloop.jit import kernel
 
 # Indices into the state. RESONANT: output of the sensor's own resonance, RESONANT_RATE: its rate
-# over w; COUPLED: the mean that AC coupling takes away.
-FILTERED, STARTED, RESONANT, RESONANT_RATE, COUPLED = range(5)
-STATE_SIZE = 5
+# over w; COUPLED: the mean that AC coupling takes away; LAST: of a channel with a fault.
+FILTERED, STARTED, RESONANT, RESONANT_RATE, COUPLED, LAST = range(6)
+STATE_SIZE = 6
+HELD, ADDED, LIMITED = range(1, 4)  # what a fault does to a sample; 0: nothing
 
 
 class SensorModel(NamedTuple):
@@ -35,6 +36,8 @@ class SensorModel(NamedTuple):
     first_code: int
     last_code: int
     noise: np.ndarray  # one value a sample, in units of the quantity; empty without noise
+    fault: np.ndarray  # what is wrong with each sample; empty without a fault
+    fault_size: float
 
 
 @kernel(inline=True)
@@ -78,6 +81,15 @@ def sample(model, state, index):
     value = state[FILTERED]
     if model.noise.size > 0:
         value += model.noise[index]
+    if model.fault.size > 0:
+        kind = model.fault[index]
+        if kind == HELD:
+            value = state[LAST]
+        elif kind == ADDED:
+            value += model.fault_size
+        elif kind == LIMITED:
+            value = min(max(value, -abs(model.fault_size)), abs(model.fault_size))
+        state[LAST] = value
     clipped = 0
     if model.limited:
         if value < model.low or value > model.high:

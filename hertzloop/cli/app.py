@@ -53,6 +53,11 @@ MAIN = (
         "tune aluminium-20mm --law slope_threshold --law shifted_threshold --out-dir tuned",
     ),
     Leaf(
+        "budget", "budget:budget",
+        "Find how much latency and how few bits a law tolerates.",
+        "budget aluminium-3mm --law slope_threshold --goal 'plate_energy_db <= -3' --quick",
+    ),
+    Leaf(
         "fit", "fit:fit", "Fit keys of a scene to measured records.",
         "fit aluminium-3mm drop.csv --free sphere.radius_m --json fit.json",
     ),

@@ -46,19 +46,31 @@ def list_laws() -> None:
 
 def new(
     file: Annotated[Path, typer.Argument(help="File to write.", metavar="F.py|F.c")],
+    with_check: Annotated[
+        bool,
+        typer.Option(
+            "--with-check",
+            help="Write requirements.toml and a workflow for continuous integration beside it.",
+        ),
+    ] = False,
 ) -> None:
     """Write a commented law, in Python or C, that runs as it is.
 
     A law in C gets the header hertzloop_law.h beside it.
     """
-    write_new(file, (".py", ".c"), "law", lambda: _start_of(file), _next(file))
+    write_new(file, (".py", ".c"), "law", lambda: _start_of(file, with_check), _next(file))
 
 
-def _start_of(file: Path) -> dict[Path, str]:
+def _start_of(file: Path, with_check: bool) -> dict[Path, str]:
     texts = {file: _resource(f"law{file.suffix}.txt").replace("NAME", file.stem)}
     header = file.with_name("hertzloop_law.h")
     if file.suffix == ".c" and not header.exists():
         texts[header] = _resource("hertzloop_law.h")
+    for name in ("requirements.toml", "workflow.yml") if with_check else ():
+        beside = file.with_name(name)
+        if beside.exists():
+            fail(f"{beside} exists; move it away, or leave --with-check out", 2)
+        texts[beside] = _resource(f"{name}.txt").replace("FILE", file.name)
     return texts
 
 

@@ -68,12 +68,12 @@ def sweep(
         typer.Option(min=2, max=1000, help="Every case at so many touch phases; mean and range."),
     ] = None,
     uncertain: Annotated[
-        int | None,
+        str | None,
         typer.Option(
-            min=1,
-            max=100_000,
-            help="Every case at so many draws of the fitted keys, from the covariance of a scene "
-            "that `hertzloop fit` wrote.",
+            help="Draw cases: a TOML file of distributions draws --cases in place of --over; a "
+            "whole number draws so many of the keys that `hertzloop fit` has fitted, for every "
+            "case.",
+            metavar="FILE|N",
         ),
     ] = None,
     dask: Annotated[
@@ -100,7 +100,12 @@ def sweep(
                 json_file)  # fmt: skip
         return
     cases = 256 if cases is None else cases
+    draws = int(uncertain) if uncertain is not None and uncertain.isdecimal() else None
+    if draws is not None and not 1 <= draws <= 100_000:
+        fail(f"--uncertain = {draws}: must be between 1 and 100000 draws", 2)
+    uncertain_file = Path(uncertain) if uncertain is not None and draws is None else None
     from hertzloop.plant.schemes.registry import SCHEMES
+    from hertzloop.studies.budget.uncertain import drawn_design, read_uncertain
     from hertzloop.studies.sweeps import sweep as study
     from hertzloop.studies.sweeps.design import KEY as PHASE
     from hertzloop.studies.sweeps.design import Design, DesignError, grouped, make_design
@@ -122,6 +127,10 @@ def sweep(
         _check_scheduler(dask)
     try:
         over = list(over or [])
+        if uncertain_file is not None and (over or phases is not None or design != "grid"):
+            raise DesignError(
+                "--uncertain draws all cases itself. Leave --over, --phases and --design out"
+            )
         if phases is not None:
             if any(text.partition("=")[0].strip() == PHASE for text in over):
                 raise DesignError(
@@ -133,12 +142,14 @@ def sweep(
                     f"rest, --over {PHASE}=0:1"
                 )
             over.append(f"{PHASE}={','.join(map(str, spread_evenly(phases)))}")
-        if uncertain is None or over:
+        if uncertain_file is not None:
+            planned = drawn_design(resolved, read_uncertain(uncertain_file, resolved), cases)
+        elif draws is None or over:
             planned = make_design(resolved, over, design, cases, resolved.seed)
         else:
             planned = Design(())
-        if uncertain is not None:
-            drawn_keys, drawn = _drawn(resolved, uncertain)
+        if draws is not None:
+            drawn_keys, drawn = _drawn(resolved, draws)
             planned = replace(planned, drawn_keys=drawn_keys, drawn=drawn)
             resolved.vary(dict(zip(drawn_keys, drawn[0], strict=True)))
         for axis in planned.axes:
@@ -169,9 +180,10 @@ def sweep(
     figureless = len(found.not_run) + found.unstable
     if figureless < total:
         out.print(_extremes(found.rows, keys))
-    if uncertain is not None and figureless < total:
+    if draws is not None and figureless < total:
         out.print(_uncertainties(found.rows, [axis.key for axis in planned.axes]))
-    over_phases = grouped(found.rows, keys, SHOWN) if PHASE in keys and design == "grid" else []
+    phased = PHASE in keys and design == "grid" and uncertain_file is None
+    over_phases = grouped(found.rows, keys, SHOWN) if phased else []
     if over_phases:
         out.print(_spreads(over_phases, [key for key in keys if key != PHASE]))
     rate = found.ran / found.wall_s if found.wall_s else 0.0

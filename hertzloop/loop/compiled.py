@@ -36,13 +36,13 @@ _SIGMAS = 8.0  # no noise is larger
 
 def quiet_steps(setup: Setup) -> int:
     """Steps of silence after which a new force may belong to the next contact."""
-    quiet = round(_QUIET_S / setup.step_s) + setup.line.jitter_steps
+    quiet = round(_QUIET_S / setup.step_s) + setup.line.most_added_steps
     return max(quiet, _LEAST_STEPS)
 
 
 def answer_of(setup: Setup) -> Answer:
     """An impact of the scene, before its first touch, for rows that are known."""
-    return answer(quiet_steps(setup), 1 + setup.line.latency_steps + setup.line.jitter_steps)
+    return answer(quiet_steps(setup), 1 + setup.line.latency_steps + setup.line.most_added_steps)
 
 
 def ending_of(setup: Setup) -> Answer:

@@ -41,6 +41,12 @@ class ControllerTable(Table):
     """of a law that is not shipped; another one is refused"""
     latency_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """beyond the one step that cannot be avoided"""
+    latency_trace: tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...] | None = None
+    """latencies by sample, us, in place of latency_us: a CSV file, a recording of
+    a paced run, or a list; repeated to the end of
+    the run and rounded to whole steps"""
+    latency_trace_use: Literal["replay", "resample"] | None = None
+    """replay the trace as it is (default), or resample blocks of it by the seed"""
     jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """largest random addition to the latency"""
     drop_out_probability: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
@@ -51,6 +57,11 @@ class ControllerTable(Table):
     """of that converter, either way"""
     slew_n_s: Annotated[float, Field(ge=1e-9, le=1e15)] | None = None
     """fastest change of the force"""
+
+    @property
+    def least_latency_us(self) -> float:
+        """The latency that every sample has at least, us."""
+        return min(self.latency_trace) if self.latency_trace else self.latency_us
 
     @property
     def found(self) -> Law:

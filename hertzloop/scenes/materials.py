@@ -41,6 +41,47 @@ def take_in(data: dict[str, Any], folder: Path) -> None:
     plate = data.get("plate")
     if isinstance(plate, dict) and isinstance(plate.get("modes"), str):
         plate["modes"] = _modes(folder / plate["modes"])
+    control = data.get("controller")
+    if isinstance(control, dict) and isinstance(control.get("latency_trace"), str):
+        control["latency_trace"] = _latencies(folder / control["latency_trace"])
+
+
+_LATENCY = "latency_us"  # column of a trace that has several
+_MOST_LATENCIES = 1_000_000
+
+
+def _latencies(path: Path) -> list[float]:
+    """Latencies of a CSV file, us: its only column, or the one called latency_us; lines that begin
+    with # are comments. Of a recording (.mcap) of a paced run, those that it had."""
+    said = f"controller.latency_trace = {_echoed(path)}"
+    if path.suffix == ".mcap":
+        from hertzloop.recordings.latencies import read_latencies
+
+        try:
+            return read_latencies(path)
+        except (ValueError, OSError, RuntimeError) as error:
+            raise ValueError(f"{said}: {shortened(str(error))}") from error
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{said}: cannot be read: {shortened(str(error))}") from error
+    lines = [line.split(",") for line in text.splitlines() if line.strip() and line[0] != "#"]
+    names = [name.strip() for name in lines[0]] if lines else []
+    column = names.index(_LATENCY) if _LATENCY in names else 0
+    if len(names) > 1 and _LATENCY not in names:
+        raise ValueError(f"{said}: has several columns. Call one of them {_LATENCY}")
+    found = []
+    for number, line in enumerate(lines):
+        try:
+            found.append(float(line[column]))
+        except (ValueError, IndexError):
+            if number:
+                raise ValueError(
+                    f"{said}: line {number + 1} has no number. Give a latency in us in every line"
+                ) from None
+    if not 1 <= len(found) <= _MOST_LATENCIES:
+        raise ValueError(f"{said}: has {len(found)} latencies. Give 1 to {_MOST_LATENCIES}")
+    return found
 
 
 def open_material(data: dict[str, Any], body: str) -> None:

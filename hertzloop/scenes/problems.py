@@ -106,6 +106,25 @@ def problems(scene: SceneTables) -> list[str]:
             f"controller.latency_us = {control.latency_us:g}: is as long as the run, so that no "
             f"force ever acts. Give less latency, or more run.duration_s (now {run.duration_s:g})"
         )
+    if control.latency_trace is not None and control.latency_us != 0.0:
+        found.append(
+            f"controller.latency_us = {control.latency_us:g}: has no effect beside "
+            "controller.latency_trace. Leave one of them out"
+        )
+    dead_us = scene.actuator.dead_time_us or 0.0
+    if abs(dead_us * 1000 / run.step_ns - scene.in_steps(dead_us)) > 1e-9 * max(1.0, dead_us):
+        found.append(
+            f"actuator.dead_time_us = {dead_us:g}: must be a whole number of steps. Give a "
+            f"multiple of {run.step_ns / 1000:g} us"
+        )
+    sensors = scene.sensors
+    if sensors.fault is None and sensors.has_fault_keys:
+        found.append("sensors.fault: is missing beside other keys of a fault. Say which fault")
+    if sensors.fault in ("offset", "spikes", "saturation") and sensors.fault_size is None:
+        found.append(
+            f"sensors.fault = '{sensors.fault}': needs sensors.fault_size, in the unit of "
+            "sensors.quantity. Give a number"
+        )
     wanted = scene.law.senses
     if wanted not in (*SENSED, "any"):
         found.append(f"{scene.law.name} senses '{wanted}'; known are {', '.join(SENSED)} and any")

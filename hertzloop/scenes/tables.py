@@ -149,6 +149,24 @@ class SensorsTable(Table):
     """damping of that response, of critical; 0.02 if left out"""
     noise_rms: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
     """standard deviation of the noise, in the quantity's unit"""
+    fault: Literal["stuck", "offset", "spikes", "drop_outs", "saturation"] | None = None
+    """fault of the sensor: it repeats one reading, adds an offset, adds spikes to some samples,
+    repeats a reading in bursts, or cannot read beyond a size; none if left out"""
+    fault_start_s: Annotated[float, Field(ge=0.0, le=1e9)] | None = None
+    """time at which the fault begins, from the start of the run; 0 if left out"""
+    fault_duration_s: Annotated[float, Field(gt=0.0, le=1e9)] | None = None
+    """length of the fault, or of a burst of drop_outs (default: one sample); to the end of the run
+    if left out"""
+    fault_size: Annotated[float, Field(ge=-1e9, le=1e9)] | None = None
+    """offset, size of a spike, or largest reading either way, in the quantity's unit"""
+    fault_probability: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
+    """probability that a sample has a spike, or begins a burst of drop_outs; 0.01 if left out"""
+
+    @property
+    def has_fault_keys(self) -> bool:
+        """Whether a key of a fault is given beside its kind."""
+        keys = (self.fault_start_s, self.fault_duration_s, self.fault_size, self.fault_probability)
+        return any(key is not None for key in keys)
 
 
 class ActuatorTable(Table):
@@ -164,6 +182,10 @@ class ActuatorTable(Table):
     """mass that moves with the plate; 0 is none"""
     force_limit_n: Annotated[float, Field(gt=0.0, le=1e9)] | None = None
     """largest force, either way"""
+    dead_time_us: Annotated[float, Field(ge=0.0, le=1e6)] | None = None
+    """delay between command and force that the law does not know; none if left out"""
+    stuck_from_s: Annotated[float, Field(ge=0.0, le=1e9)] | None = None
+    """time from which the actuator holds its force and ignores commands; never if left out"""
 
     @field_validator("mass_kg", mode="before")
     @classmethod

@@ -24,12 +24,13 @@ from hertzloop.plant.figures.impacts import contacts
 from hertzloop.scenes.controller_table import ControllerTable
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED, Expected
-from hertzloop.scenes.tables import SensorsTable
-from hertzloop.sensors.acquisition import SensorSpec
+from hertzloop.scenes.tables import ActuatorTable, SensorsTable
+from hertzloop.sensors.acquisition import Fault, SensorSpec
 from hertzloop.setup.bodies import KEPT, Bodies
 
 # A law that looks ahead, as `predicted`, watches from twice the flight in its horizon on.
 _RESONANCE_DAMPING = 0.02  # of a bare force cell
+_FAULTY = 0.01  # of samples, where a scene does not say how many
 _HORIZONS, _LEAST_FLIGHT_S = 2.5, 20e-6
 
 
@@ -48,6 +49,22 @@ def sensor_of(table: SensorsTable, bodies: Bodies, step_s: float, latency_us: fl
         resonance_damping=(
             _RESONANCE_DAMPING if table.resonance_damping is None else table.resonance_damping
         ),
+        fault=_fault_of(table, step_s),
+    )
+
+
+def _fault_of(table: SensorsTable, step_s: float) -> Fault | None:
+    """The fault of a sensor, in samples; None of a sensor without one."""
+    if table.fault is None:
+        return None
+    sample_s, lasts_s = step_s * table.every_steps, table.fault_duration_s
+    lasts = None if lasts_s is None else max(1, round(lasts_s / sample_s))
+    return Fault(
+        kind=table.fault,
+        start=round((table.fault_start_s or 0.0) / sample_s),
+        lasts=lasts,
+        size=table.fault_size or 0.0,
+        probability=table.fault_probability or _FAULTY,
     )
 
 
@@ -124,10 +141,20 @@ def about_impact(bodies: Bodies, s: float) -> About:
     )
 
 
-def line_of(table: ControllerTable, step_ns: int) -> LineSpec:
+@lru_cache(maxsize=KEPT)
+def line_of(table: ControllerTable, actuator: ActuatorTable, step_ns: int) -> LineSpec:
     """The line from the law to the actuator."""
+
+    def steps(time_us: float) -> int:
+        return round(time_us * 1000 / step_ns)
+
+    least, stuck_s = steps(table.least_latency_us), actuator.stuck_from_s
     return LineSpec(
-        latency_steps=round(table.latency_us * 1000 / step_ns),
+        trace=tuple(steps(time_us) - least for time_us in table.latency_trace or ()),
+        resampled=table.latency_trace_use == "resample",
+        dead_steps=steps(actuator.dead_time_us or 0.0),
+        stuck_step=None if stuck_s is None else steps(1e6 * stuck_s),
+        latency_steps=least,
         jitter_steps=round(table.jitter_us * 1000 / step_ns),
         drop_out_probability=table.drop_out_probability,
         bits=None if table.bits == "ideal" else int(table.bits),

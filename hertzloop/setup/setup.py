@@ -130,8 +130,12 @@ class Setup:
 
     @property
     def latency_us(self) -> float:
-        """Latency of the line beyond the one step that cannot be avoided, us."""
-        return self.scene.controller.latency_us
+        """Latency of the line beyond the one step that cannot be avoided, us; of a trace, the
+        least."""
+        control = self.scene.controller
+        if control.latency_trace is None:
+            return control.latency_us
+        return self.line.latency_steps * self.step_ns / 1000
 
     @cached_property
     def toml(self) -> str:
@@ -302,9 +306,12 @@ class Setup:
             smooth=sensors.bits == control.bits == "ideal"
             and sensors.every_steps == 1
             and sensors.noise_rms == control.jitter_us == 0.0
+            and sensors.fault is None
+            and self.line.most_added_steps == self.line.dead_steps
+            and self.line.stuck_step is None
             and control.drop_out_probability == 0.0
             and control.slew_n_s is None,
-            latency_s=1e-6 * control.latency_us,
+            latency_s=1e-6 * self.latency_us,
         )
 
     @cached_property
@@ -395,7 +402,7 @@ class Setup:
     @cached_property
     def line(self) -> LineSpec:
         """The line from the law to the actuator."""
-        return of_law.line_of(self.scene.controller, self.step_ns)
+        return of_law.line_of(self.scene.controller, self.scene.actuator, self.step_ns)
 
     # Stage 7: the law.
 

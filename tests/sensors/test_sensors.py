@@ -120,7 +120,7 @@ def test_the_gap_is_sensed_unless_told() -> None:
 
 def test_the_state_has_room_for_what_the_kernels_keep() -> None:
     """Compiled, they would write beyond it without a word."""
-    assert Sensor(SensorSpec(), STEP_S, 1, 1).state.tolist() == [0.0] * (1 + k.COUPLED)
+    assert Sensor(SensorSpec(), STEP_S, 1, 1).state.tolist() == [0.0] * k.STATE_SIZE
 
 
 def test_each_quantity_is_read_from_its_own_place() -> None:

@@ -197,7 +197,7 @@ def _why_not(setup: Setup, key: str, found: Any) -> str:
     fields = getattr(type(getattr(setup.scene, table, None)), "model_fields", {})
     if last.partition(".")[0] not in fields:
         near = difflib.get_close_matches(last, fields, 1)
-        hint = f"Did you mean {table}.{near[0]}?" if near else "`hertzloop keys` lists all keys."
+        hint = f"Did you mean {table}.{near[0]}?" if near else "See `hertzloop scene keys`."
         return f"is not a scene key. {hint}"
     if key == _PRESSURE:
         return (

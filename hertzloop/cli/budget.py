@@ -1,0 +1,404 @@
+"""The command `budget`."""
+
+import shlex
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from hertzloop.cli.options import (
+    JsonOption,
+    SceneArgument,
+    SeedOption,
+    SetOption,
+    check_folder,
+    check_json,
+    check_law,
+    check_writable,
+    compile_first,
+    make_folder,
+    scene_from,
+    write_json,
+)
+from hertzloop.cli.study_frame import resumable
+from hertzloop.cli.terminal import fail, if_interrupted, out, progress
+from hertzloop.extras import need
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
+from hertzloop.views.format import Table, styled
+
+if TYPE_CHECKING:
+    from hertzloop.studies.budget.budget import Budget, InPlant
+    from hertzloop.studies.budget.limits import Limit
+    from hertzloop.studies.budget.uncertain import Probability, Sensitivity
+
+
+def budget(
+    scene: SceneArgument = DEFAULT,
+    law: Annotated[
+        str | None, typer.Option(help="Law: a shipped name or a file; the scene's if not given.")
+    ] = None,
+    goals: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--goal",
+            help="Condition that the law must meet at every touch phase, e.g. "
+            "'plate_energy_db <= -3'. May be given several times. Default: "
+            "plate_energy_db <= -0.1.",
+        ),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Search coarsely, with a thin plate as the real one.")
+    ] = False,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help="Quantity to search, e.g. latency_us. May be given several times."),
+    ] = None,
+    with_real: Annotated[
+        bool, typer.Option("--real-plant/--no-real-plant", help="Search in the real plant too.")
+    ] = True,
+    span: Annotated[
+        Literal["impact", "run"],
+        typer.Option(help="Take figures of the first impact, or of the whole run."),
+    ] = "impact",
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Number of processes; all cores if not given.")
+    ] = None,
+    trace: Annotated[
+        Path | None,
+        typer.Option(
+            help="Latencies by sample in place of controller.latency_us: a CSV file, or a "
+            "recording of a paced run (.mcap)."
+        ),
+    ] = None,
+    uncertain_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--uncertain",
+            help="Compute the probability of the goal for the distributions in this TOML file.",
+        ),
+    ] = None,
+    within: Annotated[
+        float,
+        typer.Option(
+            min=1e-4, max=0.5, help="Half the width at which the interval is narrow enough."
+        ),
+    ] = 0.03,
+    most_cases: Annotated[
+        int, typer.Option(min=16, max=1_000_000, help="Stop drawing after this many cases.")
+    ] = 4096,
+    sobol: Annotated[
+        int,
+        typer.Option(min=0, help="Base points for Sobol indices, a power of 2; 0 for none."),
+    ] = 0,
+    requirements: Annotated[
+        Path | None,
+        typer.Option("--check", help="Check the requirements in this file instead of searching."),
+    ] = None,
+    junit_file: Annotated[
+        Path | None,
+        typer.Option("--junit", help="Write the results of --check to this file as JUnit XML."),
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out-dir", "-o", help="Folder for the results as a page.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Find how much latency and how few bits a law tolerates.
+
+    It also searches jitter, noise, sampling period, and the bandwidth and mass of the actuator.
+
+    The same command continues an interrupted search.
+    """
+    from hertzloop.plant.schemes.registry import SCHEMES
+    from hertzloop.studies.budget import budget as study
+    from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
+    from hertzloop.studies.budget.limits import quantities_of
+    from hertzloop.studies.budget.uncertain import probability, read_uncertain, sensitivities
+    from hertzloop.studies.sweeps.design import Design
+    from hertzloop.studies.sweeps.pool import local_pool
+    from hertzloop.studies.sweeps.sweep import work_of
+
+    check_json(json_file)
+    check_folder(junit_file)
+    if requirements is not None:
+        check_requirements(requirements, workers, junit_file, json_file)
+        return
+    if junit_file is not None:
+        fail("--junit needs --check. Name a file of requirements", 2)
+    given = [*(settings or []), *([f"controller.law={law}"] if law is not None else [])]
+    if trace is not None:
+        given += ["controller.latency_us=0", f"controller.latency_trace={trace}"]
+    resolved = scene_from(scene, given, seed)
+    if not SCHEMES[resolved.scheme].conserves:
+        fail(NO_CASE_OF_THESIS, 2)
+    try:
+        wanted = [parse_goal(text) for text in goals or [DEFAULT_GOAL]]
+        if not resolved.has_law:
+            raise SceneError(
+                "controller.law = 'off': has no limits. Name a law, for example --law "
+                "slope_threshold"
+            )
+        names = [quantity.name for quantity in quantities_of(resolved)]
+        for name in only or []:
+            if name not in names:
+                raise SceneError(
+                    f"--only = '{name}': is not a quantity. Choose from {', '.join(names)}"
+                )
+        uncertain = read_uncertain(uncertain_file, resolved) if uncertain_file else None
+        if sobol and not uncertain:
+            raise SceneError("--sobol needs --uncertain. Name a file of distributions")
+        if sobol & (sobol - 1):
+            raise SceneError(f"--sobol = {sobol}: must be a power of 2, for example 256")
+    except SceneError as error:
+        fail(str(error), 2)
+    if sobol:
+        need("SALib")
+    if folder is not None:
+        need("matplotlib", "jinja2")
+    if folder is not None:
+        make_folder(folder)
+    else:
+        check_writable(Path())  # for unfinished work
+    compile_first(resolved)
+    header = {
+        **work_of([resolved], [resolved.law_reference], Design(())),
+        "budget": [*map(str, wanted), span, quick, with_real, *(only or [])],
+    }
+    began_s = time.perf_counter()
+    try:
+        with (
+            resumable(folder or Path(), "budget", header) as finished,
+            progress("budget", 1000) as advance,
+            local_pool(workers) as pool,
+        ):
+            found = study.budget(
+                finished.of(pool), resolved, wanted, span, quick=quick, with_real=with_real,
+                only=only or (), on_progress=lambda share: advance(round(1000 * share)),
+            )  # fmt: skip
+            mapped = None
+            if folder is not None:
+                from hertzloop.studies.budget.page import map_of
+
+                mapped = map_of(finished.of(pool), resolved, wanted, span, found.ideal, quick)
+            likely, indices = None, []
+            if uncertain:
+                counted = finished.of(pool)
+                likely = probability(
+                    counted, resolved, wanted, uncertain, span, within=within, most=most_cases
+                )
+                if sobol:
+                    indices = sensitivities(counted, resolved, wanted, uncertain, span, sobol)
+    except SceneError as error:
+        fail(str(error), 2)
+    latencies = resolved.scene.controller.latency_trace
+    if latencies:
+        out.print(_trace_words(latencies))
+    print_budget(found)
+    data = study.as_data(found)
+    if likely:
+        worst = run_command(scene, given, resolved.seed, likely.worst)
+        print_probability(likely, indices, worst)
+        data["probability"] = {
+            **{key: value for key, value in asdict(likely).items() if key != "drawn"},
+            "worst_command": worst,
+            "drawn": list(likely.drawn),
+            "sobol": [asdict(index) for index in indices],
+        }
+    total = found.cases + (likely.cases if likely else 0)
+    total += sobol * (len(uncertain.parts) + 2) if uncertain and sobol else 0
+    out.print(f"{total} cases in {time.perf_counter() - began_s:.1f} s")
+    if folder is not None:
+        from hertzloop.studies.budget.page import write_page
+
+        lines = effect_lines(found)
+        if likely:
+            lines.append(probability_line(likely))
+        command = shlex.join(
+            ["hertzloop", "budget", scene, *(part for one in given for part in ("--set", one)),
+             *(part for goal in wanted for part in ("--goal", str(goal))),
+             *(["--quick"] if quick else []), "--out-dir", str(folder)]
+        )  # fmt: skip
+        try:
+            page = write_page(folder, resolved, found, mapped, lines, command)
+        except OSError as error:
+            fail(f"cannot write into {folder}: {error.strerror}", 1)
+        out.print(f"written: {page}", soft_wrap=True)
+    write_json(json_file, data)
+
+
+def run_command(scene: str, settings: list[str], seed: int, case: dict[str, Any]) -> str:
+    """Return the command that runs a case again."""
+    words = [*settings, *(f"{key}={value}" for key, value in case.items())]
+    given = [part for word in words for part in ("--set", word)]
+    seeded = [] if "run.seed" in case else ["--seed", str(seed)]
+    return shlex.join(["hertzloop", "run", scene, *given, *seeded])
+
+
+def print_probability(likely: "Probability", indices: "Sequence[Sensitivity]", worst: str) -> None:
+    """Print how likely the goals are met."""
+    out.print(probability_line(likely), soft_wrap=True)
+    table = Table(title="Quantiles over the uncertain cases")
+    names = ("plate_energy_db", "rebound_percent", "radiated_db", "peak_force_n")
+    table.add_column("figure")
+    for quantile in likely.quantiles[names[0]]:
+        table.add_column(f"{100 * quantile:g} %", justify="right")
+    for name in names:
+        table.add_row(name, *(f"{x:.4g}" for x in likely.quantiles[name].values()))
+    out.print(table)
+    if indices:
+        shares = Table(title="Sobol indices, each with half its 95 % interval")
+        for heading in ("keys", "figure", "first order", "total"):
+            shares.add_column(heading, justify="left" if heading == "keys" else "right")
+        for one in indices:
+            shares.add_row(
+                ", ".join(one.keys), one.figure, f"{one.first:.3f} ± {one.first_half:.3f}",
+                f"{one.total:.3f} ± {one.total_half:.3f}",
+            )  # fmt: skip
+        out.print(shares)
+    out.print(f"Run the worst case again: {worst}", soft_wrap=True)
+
+
+def check_requirements(
+    path: Path, workers: int | None, junit_file: Path | None, json_file: Path | None
+) -> None:
+    """Check a file of requirements; end with exit code 1 if one fails."""
+    from hertzloop.studies.budget.requirements import check, junit, read_requirements
+    from hertzloop.studies.sweeps.pool import SweepFailed, local_pool
+
+    found = []
+    try:
+        rows = read_requirements(path)
+        setups = [row.setup() for row in rows]
+        for setup in {setup.law_reference: setup for setup in setups}.values():
+            check_law(setup)
+        compile_first(*{(s.name, s.law_reference): s for s in setups}.values())
+        with (
+            if_interrupted(), progress("requirements", len(rows)) as advance,
+            local_pool(workers) as pool,
+        ):  # fmt: skip
+            for row in rows:
+                found.append(check(pool, row))
+                advance(len(found))
+    except SceneError as error:
+        fail(str(error), 2)
+    except SweepFailed as error:
+        fail(str(error), 1)
+    for one in found:
+        out.print(styled(("holds", "green") if one.passed else ("FAILS", "bold red"),
+                         f"  {one.row.name}"), soft_wrap=True)  # fmt: skip
+        for sentence in (*one.fails, *one.holds):
+            out.print(f"    {sentence}", soft_wrap=True)
+        if not one.passed:
+            out.print(f"    Reproduce: {one.command}", soft_wrap=True)
+    failed = [one for one in found if not one.passed]
+    out.print(f"{len(found) - len(failed)} of {len(found)} requirements hold")
+    if junit_file is not None:
+        try:
+            junit(junit_file, found)
+        except OSError as error:
+            fail(f"cannot write {junit_file}: {error.strerror}", 1)
+    rows_of = [
+        {"name": one.row.name, "scene": one.row.scene, "passed": one.passed,
+         "holds": list(one.holds), "fails": list(one.fails), "unstable": one.unstable,
+         "measured": one.measured, "command": one.command, "seconds": one.seconds}
+        for one in found
+    ]  # fmt: skip
+    write_json(json_file, {
+        "requirements": rows_of, "passed": not failed, "failed": len(failed),
+        "unstable": any(one.unstable for one in found),
+    })  # fmt: skip
+    if failed:
+        raise typer.Exit(1)
+
+
+def probability_line(likely: "Probability") -> str:
+    """Return how likely the goals are met, in a sentence."""
+    low, high = likely.interval
+    return (
+        f"Probability that the goal is met: {likely.value:.3f} ({low:.3f} to {high:.3f} at "
+        f"{100 * likely.confidence:g} %, {likely.cases} cases, {likely.unstable} unstable)."
+    )
+
+
+def _plants(found: "Budget") -> "list[tuple[str, InPlant]]":
+    real = [("the real plant", found.real)] if found.real else []
+    return [("the scene", found.ideal), *real]
+
+
+def effect_lines(found: "Budget") -> list[str]:
+    """Return the goal, and what the law does in each plant, in sentences."""
+    goal = " and ".join(map(str, found.goals))
+    lines = [f"{found.scene}, law {found.law}. Goal: {goal}, at every touch phase."]
+    for name, plant in _plants(found):
+        energy = plant.nominal.over_phases["plate_energy_db"]
+        words = "meets the goal" if plant.nominal.met else "misses the goal"
+        if plant.nominal.unstable:
+            words += "; the loop is unstable"
+        lines.append(f"In {name} the law {words}: plate energy {energy} dB over touch phases.")
+        if plant.left_out:
+            refused = ", ".join(plant.left_out)
+            lines.append(f"The real plant is without {refused}, which the scene refuses.")
+    return lines
+
+
+def print_budget(found: "Budget") -> None:
+    """Print a budget on one screen."""
+    for line in effect_lines(found):
+        out.print(line, soft_wrap=True)
+    plants = _plants(found)
+    out.print(_limits_table(plants))
+    for name, plant in plants:
+        first = plant.binds_first
+        if first is None:
+            out.print(f"In {name} no limit was found in the ranges searched.")
+        else:
+            out.print(f"In {name} {first} binds first.")
+        for limit in plant.limits:
+            if not limit.interval:
+                places = ", ".join(f"{x:.4g}" for x in limit.holds_again[:6])
+                out.print(f"In {name} the goal is met again at {limit.quantity} = {places}: "
+                          "the tolerated values are not an interval.", soft_wrap=True)  # fmt: skip
+    if found.margin is None:
+        out.print("Linear margin: not available.")
+
+
+def _trace_words(latencies: Sequence[float]) -> str:
+    """Return what a trace of latencies (us) holds, in a sentence."""
+    ordered = sorted(latencies)
+    middle, much = (ordered[int(share * (len(ordered) - 1))] for share in (0.5, 0.99))
+    return (
+        f"Trace of {len(ordered)} latencies: median {middle:g} us, 99 % below {much:g} us, largest "
+        f"{ordered[-1]:g} us."
+    )
+
+
+_MOST = ("bits", "bandwidth_hz")  # the limit is the least value, not the largest
+
+
+def _limits_table(plants: "list[tuple[str, InPlant]]") -> Table:
+    """Limits, a quantity a row, a plant a column."""
+    table = Table(title="Tolerated, each with the other quantities as in the plant")
+    table.add_column("quantity")
+    for name, _ in plants:
+        table.add_column(name, justify="right")
+    table.add_column("searched", justify="right")
+    for rows in zip(*(plant.limits for _, plant in plants), strict=True):
+        one = rows[0]
+        low, high = one.searched
+        searched = f"{low:.3g} to {high:.3g} {one.unit}"
+        table.add_row(one.quantity, *map(limit_words, rows), searched)
+    return table
+
+
+def limit_words(limit: "Limit") -> str:
+    """Return a limit in words."""
+    if limit.value is not None:
+        least = limit.quantity in _MOST
+        return f"{'at least' if least else 'up to'} {limit.value:.4g} {limit.unit}"
+    return limit.boundary.value

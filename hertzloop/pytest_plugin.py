@@ -1,0 +1,143 @@
+"""A plug-in for pytest: rows of requirements.toml as tests, and fixtures that simulate a scene.
+
+pytest finds it by its entry point once hertzloop is installed. Nothing of hertzloop is imported
+until a file of requirements is found or a fixture is used.
+"""
+
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import pytest
+
+if TYPE_CHECKING:
+    from hertzloop.analysis.cases import CaseFigures
+    from hertzloop.studies.budget.requirements import Row
+
+_FILE = "requirements.toml"
+
+
+class RequirementFailed(Exception):
+    """A row of requirements.toml does not hold."""
+
+
+def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+    """Collect files called requirements.toml that have a row [[requirement]]."""
+    if file_path.name != _FILE:
+        return None
+    try:
+        data = tomllib.loads(file_path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None  # another tool may use this name
+    if not isinstance(data.get("requirement"), list):
+        return None
+    return RequirementsFile.from_parent(parent, path=file_path)
+
+
+class RequirementsFile(pytest.File):
+    """A file of requirements; its rows are the tests."""
+
+    def collect(self) -> Iterable[pytest.Item]:
+        """Return a test for each row in each of its scenes."""
+        from hertzloop.scenes.errors import SceneError
+        from hertzloop.studies.budget.requirements import read_requirements
+
+        try:
+            rows = read_requirements(self.path)
+        except SceneError as error:
+            raise self.CollectError(str(error)) from error
+        for row in rows:
+            yield RequirementItem.from_parent(self, name=row.name, row=row)
+
+
+class RequirementItem(pytest.Item):
+    """A row of requirements."""
+
+    def __init__(self, *, row: "Row", **named: Any) -> None:
+        super().__init__(**named)
+        self.row = row
+
+    def runtest(self) -> None:
+        """Check the row. Raises RequirementFailed."""
+        from hertzloop.studies.budget.requirements import check
+        from hertzloop.studies.sweeps.pool import local_pool
+
+        with local_pool(1) as pool:
+            found = check(pool, self.row)
+        self.add_report_section("call", "holds", "\n".join(found.holds))
+        if not found.passed:
+            raise RequirementFailed("; ".join(found.fails) + f"\nReproduce: {found.command}")
+
+    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+        """Return the sentences on what fails, without a traceback."""
+        from hertzloop.scenes.errors import SceneError
+
+        if isinstance(excinfo.value, RequirementFailed | SceneError):
+            return str(excinfo.value)
+        return super().repr_failure(excinfo, style)
+
+    def reportinfo(self) -> tuple[Path, int | None, str]:
+        """Return where the row stands, and its name."""
+        return self.path, None, f"requirement: {self.name}"
+
+
+@contextmanager
+def _here() -> Iterator[Any]:
+    from hertzloop.studies.sweeps.pool import local_pool
+
+    with local_pool(1) as pool:
+        yield pool
+
+
+def _rows(
+    scene: str, cases: Sequence[Mapping[str, Any]], law: str | None, span: Literal["impact", "run"]
+) -> list[dict[str, Any]]:
+    from hertzloop.setup import load
+    from hertzloop.studies.sweeps.evaluate import evaluate
+
+    setup = load(scene, [] if law is None else [f"controller.law={law}"])
+    with _here() as pool:
+        return evaluate(pool, setup, span, [dict(case) for case in cases])
+
+
+@pytest.fixture
+def hertzloop_run() -> "Callable[..., CaseFigures]":
+    """Simulate one case: a function of scene, `law`, `changes` (scene keys and values) and `span`
+    that returns its figures against no control (`CaseFigures`). It raises SceneError for a case
+    that cannot be run, UnstableLoop for an unstable loop."""
+
+    def run(
+        scene: str = "aluminium-3mm",
+        law: str | None = None,
+        changes: Mapping[str, Any] | None = None,
+        span: Literal["impact", "run"] = "impact",
+    ) -> "CaseFigures":
+        from hertzloop.analysis.cases import figures_of_case
+        from hertzloop.setup import load
+
+        setup = load(scene, [] if law is None else [f"controller.law={law}"])
+        return figures_of_case(setup.vary(changes) if changes else setup, span)
+
+    return run
+
+
+@pytest.fixture
+def hertzloop_sweep() -> Callable[..., list[dict[str, Any]]]:
+    """Simulate many cases: a function of scene, `over` (scene keys and lists of values, all
+    combinations), `law` and `span` that returns a row a case: the keys, the figures against no
+    control, `state` and `status`."""
+
+    def sweep(
+        scene: str,
+        over: Mapping[str, Sequence[Any]],
+        law: str | None = None,
+        span: Literal["impact", "run"] = "impact",
+    ) -> list[dict[str, Any]]:
+        from itertools import product
+
+        cases = [dict(zip(over, values, strict=True)) for values in product(*over.values())]
+        return _rows(scene, cases, law, span)
+
+    return sweep

@@ -1,0 +1,280 @@
+"""The budget of a law in a scene: its effect, its limits, in the scene's and in a real plant."""
+
+import importlib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from hertzloop.analysis.cases import CaseState, Span
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
+from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
+from hertzloop.studies.budget.limits import (
+    Case,
+    Limit,
+    Search,
+    contact_us,
+    converter_width,
+    limit_of,
+    quantities_of,
+    side_by_side,
+)
+from hertzloop.studies.real import NOISE, REAL
+from hertzloop.studies.sweeps.design import Spread, phases, spread_of
+from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
+
+_MARGIN = "hertzloop.studies.margin"  # the linear margin, where it is installed
+_PHASES, _QUICK_PHASES = 5, 3
+_SEEDS, _QUICK_SEEDS = 3, 1
+_POINTS, _QUICK_POINTS = 8, 5
+# Contact times after the touch that a search simulates at most, and the run that confirms it.
+_SHORT_CONTACTS, _LONG_CONTACTS = 60.0, 400.0
+# A plate in three dimensions takes a hundred times as long as a thin one.
+_QUICK_WITHOUT = ("plate.theory", "run.accuracy")
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """What a law does in a scene as it is: figures against no control at the scene's own touch
+    phase, their spread over phases, whether the goals are met at every phase, and whether the loop
+    was unstable at one of them."""
+
+    figures: dict[str, float]
+    over_phases: dict[str, Spread]
+    met: bool
+    unstable: bool
+    missed: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class InPlant:
+    """Effect and limits in one plant; `binds_first`: the quantity whose limit is the nearest, by
+    `Limit.share`, None where no limit was found; `left_out`: keys of the real plant that the scene
+    does not accept."""
+
+    nominal: Nominal
+    limits: tuple[Limit, ...]
+    binds_first: str | None
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The answer of `hertzloop budget`; `real` is None where it was not asked for; `margin`: the
+    linear margin, None where hertzloop.studies.margin is not installed or has no answer."""
+
+    scene: str
+    law: str
+    span: Span
+    goals: tuple[Goal, ...]
+    ideal: InPlant
+    real: InPlant | None
+    margin: dict[str, Any] | None
+    unstable: bool | None
+    cases: int
+
+
+def search_of(setup: Setup, quick: bool, span: Span) -> Search:
+    """Return how thoroughly to search. See `limits` on the short runs of the search."""
+    seeds = _QUICK_SEEDS if quick else _SEEDS
+    short_s = setup.first_touch_s + _SHORT_CONTACTS * 1e-6 * contact_us(setup)
+    long_s = setup.first_touch_s + _LONG_CONTACTS * 1e-6 * contact_us(setup)
+    first = span == "impact"
+    return Search(
+        phases=phases(_QUICK_PHASES if quick else _PHASES),
+        seeds=tuple(setup.seed + i for i in range(seeds)),
+        points=_QUICK_POINTS if quick else _POINTS,
+        short_s=float(f"{short_s:.3g}") if first and 2.0 * short_s < setup.duration_s else None,
+        long_s=float(f"{long_s:.3g}") if first and long_s < setup.duration_s else None,
+    )
+
+
+def real_plant(setup: Setup, quick: bool = False) -> tuple[Setup, tuple[str, ...]]:
+    """Return the scene with a contact that yields, a solid plate, an actuator with a bandwidth, and
+    a converter with noise, each where the scene is ideal and accepts it.
+
+    Args:
+        setup: The scene.
+        quick: Leave the plate thin, which costs a hundredth of the time.
+
+    Returns:
+        The setup, and the keys that the scene does not accept.
+    """
+    found, left_out = setup, []
+    for key, value in REAL.items():
+        if quick and key in _QUICK_WITHOUT:
+            continue
+        if not _is_ideal(setup, key):
+            continue
+        try:
+            tried = found.vary({key: value})
+            _ = tried.plant, tried.sensor  # a stage may refuse what the tables accept
+            found = tried
+        except SceneError:
+            left_out.append(key)
+    width = converter_width(found)
+    if width and not found.scene.sensors.noise_rms:
+        found = found.vary({"sensors.noise_rms": NOISE * width})
+    return found, tuple(left_out)
+
+
+def _is_ideal(setup: Setup, key: str) -> bool:
+    """Whether a scene leaves a key as it is by default: what it says otherwise stays."""
+    table, _, name = key.partition(".")
+    given = getattr(setup.scene, table)
+    if key in ("run.accuracy", "actuator.damping"):
+        return key == "run.accuracy" or setup.scene.actuator.bandwidth_hz is None
+    return bool(getattr(given, name) == type(given).model_fields[name].default)
+
+
+def budget(
+    pool: Pool,
+    setup: Setup,
+    goals: Sequence[Goal],
+    span: Span,
+    *,
+    quick: bool = False,
+    with_real: bool = True,
+    only: Iterable[str] = (),
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> Budget:
+    """Measure the budget of the law of a scene.
+
+    Args:
+        pool: Runs cases, see `local_pool`.
+        setup: The scene with its law.
+        goals: What the law has to do, all of it.
+        span: Figures of the first impact, or of the whole run.
+        quick: Search coarsely, with a thin plate as the real one.
+        with_real: Whether to search in the real plant too.
+        only: Names of the quantities to search; all if empty.
+        on_progress: Is told the finished share of the work.
+
+    Raises:
+        SceneError: the scene has no law, or its nominal case cannot be run.
+    """
+    if not setup.has_law:
+        raise SceneError(
+            "controller.law = 'off': has no limits. Name a law, for example --law slope_threshold"
+        )
+    names, parts = tuple(only), 2 if with_real else 1
+    counted = [0]
+
+    def of_plant(found: Setup, part: int, left_out: tuple[str, ...]) -> InPlant:
+        def run(cases: list[Case]) -> Rows:
+            counted[0] += len(cases)
+            return evaluate(pool, found, span, cases)
+
+        search = search_of(found, quick, span)
+        nominal = nominal_of(run, found, goals, search, whole=part == 0)
+        wanted = [q for q in quantities_of(found) if q.name in names or not names]
+        limits = side_by_side(
+            [limit_of(q, goals, search) for q in wanted],
+            run,
+            lambda done: on_progress((part + done / len(wanted)) / parts),
+        )
+        return InPlant(nominal, tuple(limits), binds_first(limits), left_out)
+
+    ideal = of_plant(setup, 0, ())
+    real = of_plant(*_second(real_plant(setup, quick))) if with_real else None
+    on_progress(1.0)
+    margin = linear_margin(setup)
+    unstable = True if ideal.nominal.unstable else (margin or {}).get("unstable")
+    return Budget(
+        setup.name, setup.law_reference, span, tuple(goals), ideal, real, margin, unstable,
+        counted[0],
+    )  # fmt: skip
+
+
+def _second(found: tuple[Setup, tuple[str, ...]]) -> tuple[Setup, int, tuple[str, ...]]:
+    return found[0], 1, found[1]
+
+
+def nominal_of(
+    run: Callable[[list[Case]], Rows],
+    setup: Setup,
+    goals: Sequence[Goal],
+    search: Search,
+    whole: bool,
+) -> Nominal:
+    """Measure what a law does in a scene as it is; `whole`: simulate the scene's own touch phase as
+    long as the scene says, as `hertzloop run` does. Raises SceneError if that cannot be run."""
+    lasts = {} if search.long_s is None else {"run.duration_s": search.long_s}
+    at = [lasts | {"run.touch_phase": phase} for phase in search.phases]
+    own, *rows = run([{} if whole else lasts, *at])
+    for row in (own, *rows):
+        if row["state"] == CaseState.NOT_RUN:
+            raise SceneError(f"{setup.name}: the law cannot be run in this scene: {row['status']}")
+    worst = max(rows, key=lambda row: worst_excess(goals, row))
+    return Nominal(
+        figures={name: float("nan") if own[name] is None else own[name] for name in FIGURES},
+        over_phases={
+            name: spread_of([float("nan") if row[name] is None else row[name] for row in rows])
+            for name in FIGURES
+        },
+        met=all(all_met(goals, row) for row in rows),
+        unstable=any(row["state"] == CaseState.UNSTABLE for row in (own, *rows)),
+        missed=tuple(str(goal) for goal in goals if not goal.met(worst)),
+    )
+
+
+def binds_first(limits: Iterable[Limit]) -> str | None:
+    """Return the quantity with the least share of its searched range left before its limit."""
+    found = [limit for limit in limits if limit.share is not None]
+    return min(found, key=lambda limit: limit.share or 0.0).quantity if found else None
+
+
+def linear_margin(setup: Setup) -> dict[str, Any] | None:
+    """Return the linear margin by `hertzloop.studies.margin`, as a dictionary; None where that is
+    not installed or the law has none."""
+    try:
+        module = importlib.import_module(_MARGIN)
+        found = module.margin(setup)
+    except (ImportError, AttributeError, SceneError):
+        return None
+    if found is None or isinstance(found, dict):
+        return found
+    return asdict(found)
+
+
+def as_data(found: Budget) -> dict[str, Any]:
+    """Return a budget as the data of `--json`."""
+    real = found.real
+    return {
+        "scene": found.scene,
+        "law": found.law,
+        "span": found.span,
+        "goal": " and ".join(map(str, found.goals)),
+        "goals": [{"figure": g.figure, "relation": g.relation, "limit": g.limit}
+                  for g in found.goals],
+        "met": found.ideal.nominal.met,
+        "missed": list(found.ideal.nominal.missed),
+        "nominal": found.ideal.nominal.figures,
+        "nominal_over_phases": _spreads(found.ideal.nominal),
+        "limits": {limit.quantity: _limit(limit) for limit in found.ideal.limits},
+        "binds_first": found.ideal.binds_first,
+        "real_plant": {limit.quantity: _limit(limit) for limit in real.limits} if real else None,
+        "real_plant_met": real.nominal.met if real else None,
+        "real_plant_nominal": real.nominal.figures if real else None,
+        "real_plant_over_phases": _spreads(real.nominal) if real else None,
+        "real_plant_binds_first": real.binds_first if real else None,
+        "real_plant_left_out": list(real.left_out) if real else None,
+        "linear_margin": found.margin,
+        "unstable": found.unstable,
+        "probability": None,
+        "cases": found.cases,
+    }  # fmt: skip
+
+
+def _spreads(nominal: Nominal) -> dict[str, dict[str, float]]:
+    return {name: asdict(spread) for name, spread in nominal.over_phases.items()}
+
+
+def _limit(limit: Limit) -> dict[str, Any]:
+    data = asdict(limit)
+    del data["quantity"]
+    return data | {
+        "boundary": limit.boundary.value,
+        "searched": list(limit.searched),
+        "holds_again": list(limit.holds_again),
+    }

@@ -1,0 +1,372 @@
+"""Find up to which value of a quantity a law meets its goals.
+
+A quantity has a finite list of values, from harmless to harsh. A scan at a few of them finds the
+first that misses a goal; bisection then finds the boundary to one place of the list. Values of the
+scan beyond the boundary that meet the goals show that the region is not an interval.
+
+A value meets the goals if it does so in every variant: at every touch phase and, for a quantity
+that works by chance, with every seed. One variant that fails settles the value, so the variant that
+failed last is tried first, and the others only where it passes.
+
+Feedback acts for as long as the plate moves, so that the first impact of a long run has no end.
+The search then simulates `Search.short_s` only, and confirms its result with a run of
+`Search.long_s`. Where that disagrees, as with a loop that grows slowly, the search is repeated
+with the longer runs.
+"""
+
+import math
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+from hertzloop.plant.contact.hertz import rigid_contact_time_s
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
+from hertzloop.studies.budget.goal import Goal, all_met
+from hertzloop.studies.sweeps.evaluate import Rows, not_run
+
+Case = dict[str, Any]
+Asks = Generator[list[Case], Rows, "Limit"]  # yields cases, is sent their rows
+_NOISE_DECADES, _PLACES_A_DECADE = 6, 25
+_BANDWIDTHS_HZ = (1e3, 1e7)  # the largest acts within a tenth of a step: it stands for ideal
+_MASSES = (1e-3, 1e2)  # of the mass of the sphere
+_MOST_BITS = 24
+_FEW = 64  # sampling periods that are all scanned: a law may miss its goal at every other one
+
+
+class Boundary(StrEnum):
+    """How a search ended."""
+
+    FOUND = "found"
+    BEYOND = "beyond the range"  # every value tried meets the goals
+    NEVER = "never met"  # the most harmless value misses a goal
+    IDEAL_ONLY = "ideal only"  # no finite value meets the goals
+    IMPOSSIBLE = "not possible"  # the scene refuses the quantity
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity whose limit is asked for.
+
+    `values`: from harmless to harsh, as the scene key takes them; `scale`: reported value over
+    value of the key; `own`: place in the list of the scene's own value; `by_chance`: whether the
+    effect depends on the seed; `dense`: whether the scan takes every value, as for bits and
+    sampling periods, which are few and often have gaps.
+    """
+
+    name: str
+    key: str
+    unit: str
+    values: tuple[Any, ...]
+    own: int = 0
+    scale: float = 1.0
+    by_chance: bool = False
+    dense: bool = False
+
+    def reported(self, place: int) -> float | None:
+        """Return a value in the unit of the report; None for an ideal part."""
+        value = self.values[place]
+        return None if isinstance(value, str) else float(f"{value * self.scale:.12g}")
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Up to where a law meets its goals.
+
+    `value`: the last value that does, None where no limit was found; `first_failure`: the next
+    value of the list, which misses a goal; `searched`: least and largest value of the list;
+    `interval`: whether no value of the scan beyond the boundary meets the goals again;
+    `holds_again`: those that do; `share`: the part of the searched list between the scene's own
+    value and the boundary, negative where the scene is beyond it; `reason`: why the quantity is not
+    possible. Values are in `unit`.
+    """
+
+    quantity: str
+    key: str
+    unit: str
+    boundary: Boundary
+    value: float | None
+    first_failure: float | None
+    searched: tuple[float, float]
+    interval: bool
+    holds_again: tuple[float, ...]
+    share: float | None
+    cases: int
+    reason: str = ""
+
+
+def contact_us(setup: Setup) -> float:
+    """Return the contact time on a rigid plate, us: the time scale of a scene."""
+    seconds = rigid_contact_time_s(
+        setup.sphere.mass_kg, setup.contact.stiffness, setup.sphere.impact_speed_m_s
+    )
+    return 1e6 * seconds
+
+
+def quantities_of(setup: Setup) -> list[Quantity]:
+    """Return the quantities of a scene with the values that are searched.
+
+    Latency and jitter go to twice the contact time on a rigid plate in whole steps, but not beyond
+    0.45 of the time after the lead-in; the sampling period to the contact time itself; bits from
+    24 to 1 after an ideal converter; noise over six decades up to the range of a converter;
+    bandwidth from 10 MHz to 1 kHz; mass from 1e-3 to 100 times that of the sphere. The last three
+    have 25 values a decade.
+    """
+    scene, step_us = setup.scene, setup.step_ns / 1000.0
+    time_us = contact_us(setup)
+    most = min(2.0 * time_us, 0.45e6 * (setup.duration_s - setup.lead_in_s))
+    times = tuple(i * step_us for i in range(max(2, math.ceil(most / step_us)) + 1))
+    periods = tuple(range(1, max(2, math.ceil(time_us / step_us)) + 1))
+    bits = ("ideal", *range(_MOST_BITS, 0, -1))
+    high_hz, low_hz = max(_BANDWIDTHS_HZ), min(_BANDWIDTHS_HZ)
+    bandwidths = tuple(reversed(_spread(low_hz, high_hz)))
+    least_kg, most_kg = (share * setup.sphere.mass_kg for share in _MASSES)
+    masses = (0.0, *_spread(max(least_kg, 1e-6), min(most_kg, 1e3)))
+    width = converter_width(setup)
+    noises = (0.0, *(() if width is None else _spread(width * 10.0**-_NOISE_DECADES, width)))
+    line, sensors, actuator = scene.controller, scene.sensors, scene.actuator
+    own_hz = actuator.bandwidth_hz
+    return [
+        Quantity("latency_us", "controller.latency_us", "us", times,
+                 _place(times, line.latency_us)),
+        Quantity("jitter_us", "controller.jitter_us", "us", times,
+                 _place(times, line.jitter_us), by_chance=True),
+        Quantity("bits", "sensors.bits", "bits", bits,
+                 bits.index(sensors.bits), dense=True),
+        Quantity("noise", "sensors.noise_rms", "rms", noises,
+                 _place(noises, sensors.noise_rms), by_chance=True),
+        Quantity("sampling_us", "sensors.every_steps", "us", periods,
+                 _place(periods, sensors.every_steps), scale=step_us,
+                 dense=len(periods) <= _FEW),
+        Quantity("bandwidth_hz", "actuator.bandwidth_hz", "Hz", bandwidths,
+                 0 if own_hz is None else max(0, sum(hz >= own_hz for hz in bandwidths) - 1)),
+        Quantity("mass_kg", "actuator.mass_kg", "kg", masses,
+                 _place(masses, actuator.mass_kg or 0.0)),
+    ]  # fmt: skip
+
+
+def converter_width(setup: Setup) -> float | None:
+    """Return the range of a converter for what the scene samples, in the unit of that quantity;
+    None where the scene allows none."""
+    try:
+        found = setup.vary({"sensors.bits": 16}).sensor.full_scale
+    except SceneError:
+        return None
+    return None if found is None else found[1] - found[0]
+
+
+def _spread(low: float, high: float) -> tuple[float, ...]:
+    """Values evenly spread on a logarithmic scale, both ends included, in four digits."""
+    count = max(1, round(math.log10(high / low) * _PLACES_A_DECADE))
+    return tuple(float(f"{low * (high / low) ** (i / count):.4g}") for i in range(count + 1))
+
+
+def _place(values: Sequence[float], own: float) -> int:
+    """Place of the last value that is not beyond the scene's own."""
+    return max(0, sum(value <= own for value in values) - 1)
+
+
+@dataclass(frozen=True)
+class Search:
+    """How thoroughly to search: touch phases, seeds for a quantity that works by chance, the
+    number of values in the scan, and how much of a run to simulate in the search and to confirm
+    its result, s; None for the whole."""
+
+    phases: tuple[float, ...]
+    seeds: tuple[int, ...]
+    points: int
+    short_s: float | None = None
+    long_s: float | None = None
+
+
+def variants(quantity: Quantity, search: Search) -> list[Case]:
+    """Return the settings in which a value has to meet the goals."""
+    at = [{"run.touch_phase": phase} for phase in search.phases]
+    if not quantity.by_chance:
+        return at
+    return [one | {"run.seed": seed} for seed in search.seeds for one in at]
+
+
+class _Known:
+    """Which values of a quantity meet the goals, as far as they were asked for."""
+
+    def __init__(self, quantity: Quantity, goals: Sequence[Goal], search: Search) -> None:
+        self.quantity, self.goals = quantity, goals
+        self.order = variants(quantity, search)
+        self.lasts_s, self.long_s = search.short_s, search.long_s
+        self.holds: dict[int, bool] = {}
+        self.cases = 0
+        self.reason = ""
+        self.refused: set[int] = set()  # places of which a case could not be run
+
+    def ask(self, places: Sequence[int]) -> Generator[list[Case], Rows, None]:
+        """Find out about places: one variant of each first, then the rest of those that pass."""
+        wanted = [place for place in dict.fromkeys(places) if place not in self.holds]
+        first, others = self.order[:1], self.order[1:]
+        passed = yield from self._try(wanted, first)
+        if passed and others:
+            passed = yield from self._try(passed, others)
+        for place in wanted:
+            self.holds[place] = place in passed
+
+    def _try(
+        self, places: Sequence[int], some: Sequence[Case]
+    ) -> Generator[list[Case], Rows, list[int]]:
+        """Places that pass some variants; a variant that fails comes first from then on."""
+        quantity, passed = self.quantity, []
+        cases = [self._at(place) | one for place in places for one in some]
+        if not cases:
+            return []
+        rows = yield cases
+        self.cases += len(rows)
+        lacking = not_run(rows)
+        if lacking and not self.reason:
+            self.reason = f"{quantity.key}: {lacking[0]['status']}"
+        for i, place in enumerate(places):
+            mine = rows[i * len(some) : (i + 1) * len(some)]
+            if not_run(mine):
+                self.refused.add(place)
+            failed = [n for n, row in enumerate(mine) if not all_met(self.goals, row)]
+            if failed:
+                worst = some[failed[0]]
+                self.order = [worst, *(one for one in self.order if one is not worst)]
+            else:
+                passed.append(place)
+        return passed
+
+    def _at(self, place: int) -> Case:
+        case = {self.quantity.key: self.quantity.values[place]}
+        return case if self.lasts_s is None else case | {"run.duration_s": self.lasts_s}
+
+    def confirm(self, place: int) -> Generator[list[Case], Rows, bool]:
+        """Whether longer runs agree that a value meets the goals; from then on all runs are longer,
+        and nothing is known unless they agree."""
+        if self.lasts_s == self.long_s:
+            return True
+        self.lasts_s = self.long_s
+        before = self.holds
+        self.holds = {}
+        yield from self.ask([place])
+        agrees = self.holds[place]
+        if agrees:
+            self.holds = before
+        return agrees
+
+
+def limit_of(quantity: Quantity, goals: Sequence[Goal], search: Search) -> Asks:
+    """Search the limit of one quantity: a generator of lists of cases that is sent their rows, in
+    the same order, and returns the `Limit`."""
+    last = len(quantity.values) - 1
+    known = _Known(quantity, goals, search)
+    if last < 1:
+        return _result(quantity, known, None, [], Boundary.IMPOSSIBLE)
+    count = last + 1 if quantity.dense else min(search.points, last + 1)
+    scan = sorted({round(i * last / (count - 1)) for i in range(count)} | {min(1, last)})
+    yield from known.ask(scan)
+    if known.refused.issuperset(scan[1:]):
+        return _result(quantity, known, None, scan, Boundary.IMPOSSIBLE)
+    good = yield from _last_good(known, scan)
+    if good is not None:
+        agreed = yield from known.confirm(good)
+        if not agreed:
+            yield from known.ask([place for place in scan if place <= good])
+            good = yield from _last_good(known, scan)
+    if good is None:
+        return _result(quantity, known, None, scan, Boundary.NEVER)
+    if good == last:
+        return _result(quantity, known, last, scan, Boundary.BEYOND)
+    only_ideal = quantity.reported(good) is None
+    return _result(
+        quantity, known, good, scan, Boundary.IDEAL_ONLY if only_ideal else Boundary.FOUND
+    )
+
+
+def _last_good(known: _Known, scan: Sequence[int]) -> Generator[list[Case], Rows, int | None]:
+    """The last place before the first that misses the goals, by bisection between those of a scan;
+    None where the first place misses them."""
+    first_bad = next((place for place in scan if not known.holds.get(place)), None)
+    if first_bad is None:
+        return scan[-1]
+    if first_bad == scan[0]:
+        return None
+    good = max(place for place in scan if place < first_bad)
+    while first_bad - good > 1:
+        middle = (good + first_bad) // 2
+        yield from known.ask([middle])
+        if known.holds[middle]:
+            good = middle
+        else:
+            first_bad = middle
+    return good
+
+
+def _result(
+    quantity: Quantity, known: _Known, good: int | None, scan: Sequence[int], boundary: Boundary
+) -> Limit:
+    last = len(quantity.values) - 1
+    again = [place for place in scan if known.holds.get(place) and place > (-1 if good is None
+             else good)]  # fmt: skip
+    ends = [quantity.reported(place) for place in (0, 1, last) if place <= last]
+    finite = [value for value in ends if value is not None]
+    found = boundary is Boundary.FOUND
+    share = None
+    if found or boundary is Boundary.IDEAL_ONLY:
+        assert good is not None
+        share = (good - quantity.own) / last
+    return Limit(
+        quantity=quantity.name,
+        key=quantity.key,
+        unit=quantity.unit,
+        boundary=boundary,
+        value=quantity.reported(good) if found and good is not None else None,
+        first_failure=None
+        if good is None or good == last or boundary is Boundary.IMPOSSIBLE
+        else quantity.reported(good + 1),
+        searched=(min(finite), max(finite)) if finite else (0.0, 0.0),
+        interval=not again,
+        holds_again=tuple(x for x in map(quantity.reported, again) if x is not None),
+        share=share,
+        cases=known.cases,
+        reason=known.reason if boundary is Boundary.IMPOSSIBLE else "",
+    )
+
+
+def side_by_side(
+    searches: Sequence[Asks],
+    run: Callable[[list[Case]], Rows],
+    on_round: Callable[[int], None] = lambda finished: None,
+) -> list[Limit]:
+    """Advance several searches together, so that all cores have work.
+
+    Args:
+        searches: Generators as of `limit_of`.
+        run: Returns the rows of cases, in their order.
+        on_round: Is told after each round how many searches have finished.
+
+    Returns:
+        The limits, in the order of the searches.
+    """
+    found: dict[int, Limit] = {}
+    asked: dict[int, list[Case]] = {}
+
+    def advance(number: int, rows: Rows | None) -> None:
+        try:
+            search = searches[number]
+            asked[number] = next(search) if rows is None else search.send(rows)
+        except StopIteration as end:
+            asked.pop(number, None)
+            found[number] = end.value
+
+    for number in range(len(searches)):
+        advance(number, None)
+    while asked:
+        numbers = list(asked)
+        rows = run([case for number in numbers for case in asked[number]])
+        at = 0
+        for number in numbers:
+            count = len(asked[number])
+            advance(number, rows[at : at + count])
+            at += count
+        on_round(len(found))
+    return [found[number] for number in range(len(searches))]

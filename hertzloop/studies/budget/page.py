@@ -1,0 +1,168 @@
+"""A budget as one HTML page: effect, limits, and maps of the two tightest quantities."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from hertzloop.analysis.cases import Span
+from hertzloop.setup import Setup
+from hertzloop.studies import pictures
+from hertzloop.studies.budget.budget import Budget, InPlant, search_of
+from hertzloop.studies.budget.goal import Goal, all_met
+from hertzloop.studies.budget.limits import Limit, Quantity, quantities_of
+from hertzloop.studies.report.page import svg, template
+from hertzloop.studies.sweeps.evaluate import Pool, evaluate
+from hertzloop.studies.sweeps.sweep import code_version
+
+_PLACES = 11  # values of a quantity in a map
+_BEYOND = 1.6  # times the distance to the limit, in places, that a map shows
+
+
+@dataclass(frozen=True)
+class Map:
+    """Where two quantities together meet the goals: `met` is the share of the touch phases, shape
+    (values of `down`, values of `across`); values in the units of the report."""
+
+    across: Quantity
+    down: Quantity
+    across_places: tuple[int, ...]
+    down_places: tuple[int, ...]
+    met: np.ndarray
+
+
+def tightest(plant: InPlant) -> list[Limit]:
+    """Return the limits with the smallest share, at most two of them."""
+    found = [limit for limit in plant.limits if limit.share is not None]
+    return sorted(found, key=lambda limit: limit.share or 0.0)[:2]
+
+
+def map_of(
+    pool: Pool, setup: Setup, goals: Sequence[Goal], span: Span, plant: InPlant, quick: bool
+) -> Map | None:
+    """Simulate a map of the two tightest quantities; None where fewer than two have a limit."""
+    limits = tightest(plant)
+    if len(limits) < 2:
+        return None
+    known = {quantity.name: quantity for quantity in quantities_of(setup)}
+    search = search_of(setup, quick, span)
+    lasts = {} if search.short_s is None else {"run.duration_s": search.short_s}
+    across, down = (known[limit.quantity] for limit in limits)
+    places = [_places(known[limit.quantity], limit) for limit in limits]
+    cases = [
+        {across.key: across.values[i], down.key: down.values[j], "run.touch_phase": phase} | lasts
+        for j in places[1] for i in places[0] for phase in search.phases
+    ]  # fmt: skip
+    rows = evaluate(pool, setup, span, cases)
+    met = np.array([all_met(goals, row) for row in rows], dtype=float)
+    shape = (len(places[1]), len(places[0]), len(search.phases))
+    return Map(across, down, places[0], places[1], met.reshape(shape).mean(axis=2))
+
+
+def _places(quantity: Quantity, limit: Limit) -> tuple[int, ...]:
+    """Places of a quantity around its limit."""
+    last = len(quantity.values) - 1
+    good = quantity.own + round((limit.share or 0.0) * last)
+    end = min(last, max(good + 3, round(_BEYOND * good)))
+    return tuple(sorted({round(x) for x in np.linspace(0, end, _PLACES)}))
+
+
+def draw_map(found: Map) -> Figure:
+    """Draw a map; both axes have a place for each value."""
+    sheet, axes = pictures.sheet(1, 1, width=6.5, height=4.6)
+    ax = axes[0, 0]
+    shown = ax.imshow(found.met, origin="lower", aspect="auto", vmin=0.0, vmax=1.0, cmap="RdYlBu")
+    ax.grid(False)
+    for axis, quantity, places in (
+        (ax.xaxis, found.across, found.across_places), (ax.yaxis, found.down, found.down_places),
+    ):  # fmt: skip
+        words = [str(quantity.values[place]) if quantity.reported(place) is None
+                 else f"{quantity.reported(place):.3g}" for place in places]  # fmt: skip
+        axis.set_major_locator(MaxNLocator(8, integer=True))
+        axis.set_major_formatter(FuncFormatter(
+            lambda x, _, w=words: w[round(x)] if 0 <= round(x) < len(w) else ""
+        ))  # fmt: skip
+    ax.set_xlabel(f"{found.across.name} ({found.across.unit})")
+    ax.set_ylabel(f"{found.down.name} ({found.down.unit})")
+    sheet.colorbar(shown, ax=ax, label="share of touch phases that meet the goal")
+    return sheet
+
+
+def _share_bars(found: Budget) -> Figure:
+    """Draw how much of each searched range is left, a bar a quantity and plant."""
+    plants = [("scene", found.ideal), *([("real plant", found.real)] if found.real else [])]
+    sheet, axes = pictures.sheet(1, 1, width=8.0, height=3.2)
+    ax = axes[0, 0]
+    names = [limit.quantity for limit in found.ideal.limits]
+    for i, (name, plant) in enumerate(plants):
+        shares = [{"beyond the range": 1.0}.get(limit.boundary.value, limit.share or 0.0)
+                  for limit in plant.limits]  # fmt: skip
+        places = np.arange(len(names)) + 0.38 * i
+        ax.barh(places, shares, height=0.36, label=name, color=pictures.COLOURS[i])
+    ax.set_yticks(np.arange(len(names)) + 0.19 * (len(plants) - 1), names)
+    ax.invert_yaxis()
+    ax.set_xlabel("part of the searched values up to the limit; 1: no limit found, 0: goal missed")
+    ax.legend(loc="lower right")
+    return sheet
+
+
+def write_page(
+    folder: Path, setup: Setup, found: Budget, mapped: Map | None, lines: Sequence[str],
+    command: str,
+) -> Path:  # fmt: skip
+    """Write budget.html into a folder.
+
+    Args:
+        folder: An existing folder.
+        setup: The scene.
+        found: Its budget.
+        mapped: A map of the two tightest quantities, if there is one.
+        lines: Sentences on top of the page.
+        command: The command that makes the page again.
+
+    Returns:
+        The path of the page. Raises OSError where it cannot be written.
+    """
+    charts: list[dict[str, Any]] = [
+        {"title": "How far each limit is", "words": "", "svg": svg(_share_bars(found))}
+    ]
+    if mapped is not None:
+        charts.append({
+            "title": f"{mapped.across.name} and {mapped.down.name} together",
+            "words": "Blue: the goal is met at every touch phase. Red: at none.",
+            "svg": svg(draw_map(mapped)),
+        })  # fmt: skip
+    plants = [("In the scene", found.ideal)]
+    if found.real:
+        plants.append(("In the real plant", found.real))
+    tables = [
+        {"title": name, "words": "Each quantity alone, with the others as in the plant.",
+         "sorts": False,
+         "headings": ["quantity", "limit", "next value misses", "searched", "interval", "unit"],
+         "rows": [_cells(limit) for limit in plant.limits]}
+        for name, plant in plants
+    ]  # fmt: skip
+    text = template("results.html.j2").render(
+        title=f"Budget of {found.law} in {found.scene}", lines=list(lines), warnings=[],
+        charts=charts, tables=tables, commands=[command], versions=code_version(),
+        scenes=[(found.scene, setup.toml)],
+    )  # fmt: skip
+    path = folder / "budget.html"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def _cells(limit: Limit) -> list[str]:
+    again = ", ".join(f"{x:.4g}" for x in limit.holds_again)
+    return [
+        limit.quantity,
+        limit.boundary.value if limit.value is None else f"{limit.value:.4g}",
+        "" if limit.first_failure is None else f"{limit.first_failure:.4g}",
+        f"{limit.searched[0]:.3g} to {limit.searched[1]:.3g}",
+        "yes" if limit.interval else f"no: met again at {again}",
+        limit.unit,
+    ]

@@ -1,0 +1,333 @@
+"""Requirements on a law in a file beside it: rows that a command or pytest checks.
+
+```toml
+law = "mine.py"                                # for all rows; a row may name another
+
+[[requirement]]
+name = "works with 5 us of latency"
+scene = "aluminium-3mm"                        # or scenes = ["aluminium-3mm", "oak-20mm"]
+set = { "controller.latency_us" = 5 }
+goal = "plate_energy_db <= -0.1"               # or a list
+phases = 5
+```
+
+A row may also have `expect` (figures and their values), `limit` (quantities of `hertzloop budget`
+that must be tolerated), or `probability` with `uncertain`.
+"""
+
+import math
+import time
+import tomllib
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from hertzloop.analysis.cases import CaseState, Span
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
+from hertzloop.studies.budget.budget import search_of
+from hertzloop.studies.budget.goal import FIGURES, Goal, parse_goal, worst_excess
+from hertzloop.studies.budget.limits import Boundary, limit_of, quantities_of, side_by_side
+from hertzloop.studies.budget.uncertain import probability, read_uncertain
+from hertzloop.studies.sweeps.design import phases as spread_evenly
+from hertzloop.studies.sweeps.evaluate import Pool, evaluate
+
+_LEAST = ("bits", "bandwidth_hz")  # a law tolerates these down to a value, the others up to one
+_AMPLITUDES = ("plate_speed_db", "pressure_db")
+
+
+class Requirement(BaseModel):
+    """A row of a file of requirements."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str
+    scene: str | None = None
+    scenes: tuple[str, ...] = ()
+    law: str | None = None
+    set: dict[str, Any] = Field(default_factory=dict)
+    goal: str | tuple[str, ...] = ()
+    expect: dict[str, float] = Field(default_factory=dict)
+    limit: dict[str, float] = Field(default_factory=dict)
+    tolerance: dict[str, float] = Field(default_factory=dict)
+    phases: int = Field(default=5, ge=1, le=1000)
+    span: Span = "impact"
+    probability: float | None = Field(default=None, gt=0.0, lt=1.0)
+    uncertain: str | None = None
+    cases: int = Field(default=1024, ge=16)
+
+    @property
+    def goals(self) -> tuple[Goal, ...]:
+        """The goals."""
+        texts = (self.goal,) if isinstance(self.goal, str) else self.goal
+        return tuple(parse_goal(text) for text in texts)
+
+    @model_validator(mode="after")
+    def _complete(self) -> "Requirement":
+        if bool(self.scene) == bool(self.scenes):
+            raise ValueError("needs scene or scenes, one of them")
+        if not (self.goal or self.expect or self.limit):
+            raise ValueError("needs goal, expect or limit")
+        if (self.probability is None) != (self.uncertain is None):
+            raise ValueError("needs probability and uncertain together")
+        if self.probability is not None and not self.goal:
+            raise ValueError("has a probability, so it needs a goal")
+        for figure in (*self.expect, *self.tolerance):
+            if figure not in FIGURES:
+                raise ValueError(f"{figure} is not a figure; choose from {', '.join(FIGURES)}")
+        _ = self.goals
+        return self
+
+
+@dataclass(frozen=True)
+class Row:
+    """A requirement in one scene; files that it names are beside `folder`."""
+
+    requirement: Requirement
+    scene: str
+    law: str | None
+    folder: Path
+
+    @property
+    def name(self) -> str:
+        """Name of the row, with the scene where the requirement has several."""
+        several = len(self.requirement.scenes) > 1
+        return f"{self.requirement.name} [{self.scene}]" if several else self.requirement.name
+
+    @property
+    def source(self) -> str:
+        """The scene as a path from the working folder, or its shipped name."""
+        return _beside(self.folder, self.scene) if self.scene.endswith(".toml") else self.scene
+
+    def settings(self) -> dict[str, Any]:
+        """Return the scene keys that the row sets, the law first."""
+        law = {} if self.law is None else {"controller.law": _beside(self.folder, self.law)}
+        return law | self.requirement.set
+
+    def setup(self) -> Setup:
+        """Return the scene of the row. Raises SceneError."""
+        try:
+            return load(self.source, [f"{k}={_toml(v)}" for k, v in self.settings().items()])
+        except SceneError as error:
+            raise SceneError(f"{self.name}: {error}") from error
+
+    def command(self, case: dict[str, Any]) -> str:
+        """Return the command that runs one case of the row again."""
+        given = self.settings() | case
+        words = " ".join(f"--set '{key}={_toml(value)}'" for key, value in given.items())
+        return f"hertzloop run {self.source} {words} --transport compiled".replace("  ", " ")
+
+
+def _beside(folder: Path, name: str) -> str:
+    file, colon, rest = name.partition(":")
+    path = folder / file
+    return f"{path}{colon}{rest}" if path.is_file() else name
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return str(value)
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What became of a row: sentences on what holds and by how much, and on what fails; the command
+    that reproduces the failure."""
+
+    row: Row
+    holds: tuple[str, ...]
+    fails: tuple[str, ...]
+    command: str
+    unstable: bool
+    seconds: float
+    measured: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the row holds."""
+        return not self.fails
+
+
+def read_requirements(path: Path) -> list[Row]:
+    """Read a file of requirements. Raises SceneError with the row and what is wrong in it."""
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise SceneError(f"{path}: cannot be read: {error}") from error
+    unknown = set(data) - {"law", "requirement"}
+    if unknown:
+        raise SceneError(f"{path}: {', '.join(sorted(unknown))} is unknown. Use law, requirement")
+    rows = []
+    for number, given in enumerate(data.get("requirement", []), 1):
+        try:
+            one = Requirement.model_validate(given)
+        except ValidationError as error:
+            problem = error.errors()[0]
+            where = ".".join(map(str, problem["loc"]))
+            said = problem["msg"].removeprefix("Value error, ")
+            raise SceneError(
+                f"{path}, requirement {number}{where and f', {where}'}: {said}. Correct the row"
+            ) from error
+        for scene in one.scenes or (one.scene or "",):
+            rows.append(Row(one, scene, one.law or data.get("law"), path.parent))
+    if not rows:
+        raise SceneError(f"{path}: has no [[requirement]]. Add at least one")
+    names = [row.name for row in rows]
+    for name in names:
+        if names.count(name) > 1:
+            raise SceneError(f"{path}: two requirements are called '{name}'. Rename one of them")
+    return rows
+
+
+def digits_of(setup: Setup, figure: str, value: float) -> float:
+    """Return the part of a figure that cannot be predicted, in its unit: what the expected error of
+    the plate's model makes of it, at least the accuracy of the scene."""
+    error = max(setup.accuracy, setup.expected_error)
+    if figure.endswith("_db"):
+        return (20.0 if figure in _AMPLITUDES else 10.0) * math.log10(1.0 + error)
+    return 2.0 * error * abs(value)
+
+
+def check(pool: Pool, row: Row) -> Checked:
+    """Check one row.
+
+    Args:
+        pool: Runs cases.
+        row: The requirement in one scene.
+
+    Raises:
+        SceneError: the row cannot be run.
+    """
+    began_s = time.perf_counter()
+    one, setup = row.requirement, row.setup()
+    holds: list[str] = []
+    fails: list[str] = []
+    command, measured, unstable = "", {}, False
+    if (one.goal and one.probability is None) or one.expect:
+        cases = [{"run.touch_phase": phase} for phase in spread_evenly(one.phases)]
+        expected_at: list[dict[str, Any]] = [{}] if one.expect else []
+        rows = evaluate(pool, setup, one.span, [*expected_at, *cases])
+        for each in rows:
+            if each["state"] == CaseState.NOT_RUN:
+                raise SceneError(f"{row.name}: {each['status']}")
+        over = rows[len(expected_at) :]
+        for each, case in zip(rows, [*expected_at, *cases], strict=True):
+            if each["state"] == CaseState.UNSTABLE and not unstable:
+                unstable, command = True, row.command(case)
+                fails.append("the closed loop is unstable")
+        for figure, value in one.expect.items():
+            got = rows[0][figure]
+            measured[figure] = math.nan if got is None else float(got)
+            allowed = one.tolerance.get(figure, digits_of(setup, figure, value))
+            off = abs(measured[figure] - value)
+            said = f"{figure} = {measured[figure]:.6g}, expected {value:.6g} within {allowed:.2g}"
+            if off <= allowed:
+                holds.append(said)
+            elif not unstable:
+                fails.append(said)
+                command = command or row.command({})
+        for goal in one.goals if one.probability is None else ():
+            worst = max(range(len(over)), key=lambda i: worst_excess([goal], over[i]))
+            excess = goal.excess(over[worst])
+            allowed = one.tolerance.get(goal.figure, digits_of(setup, goal.figure, goal.limit))
+            if excess <= allowed:
+                holds.append(f"{goal} with {-excess:.3g} to spare")
+            elif math.isfinite(excess):
+                fails.append(
+                    f"{goal} is missed by {excess:.3g}: {goal.figure} = "
+                    f"{over[worst][goal.figure]:.6g} at run.touch_phase = "
+                    f"{cases[worst]['run.touch_phase']:g}"
+                )
+                command = command or row.command(cases[worst])
+            elif not unstable:
+                fails.append(f"{goal}: the figure is not defined in this scene")
+                command = command or row.command(cases[worst])
+    if one.limit:
+        more, worst_case = _check_limits(pool, setup, one, holds)
+        fails += more
+        if more:
+            command = command or row.command(worst_case)
+    if one.probability is not None and one.uncertain is not None:
+        uncertain = read_uncertain(Path(_beside(row.folder, one.uncertain)), setup)
+        found = probability(
+            pool, setup, one.goals, uncertain, one.span, within=0.01, most=one.cases
+        )
+        low, high = found.interval
+        said = (f"probability {found.value:.4f} ({low:.4f} to {high:.4f}, {found.cases} cases), "
+                f"required {one.probability:g}")  # fmt: skip
+        # The lower end counts: the required probability has to be shown, not only possible.
+        if low >= one.probability:
+            holds.append(said)
+        else:
+            fails.append(said)
+            command = command or row.command(found.worst)
+    return Checked(
+        row, tuple(holds), tuple(fails), command, unstable, time.perf_counter() - began_s, measured
+    )
+
+
+def _check_limits(
+    pool: Pool, setup: Setup, one: Requirement, holds: list[str]
+) -> tuple[list[str], dict[str, Any]]:
+    """What fails of the limits of a row, and a case that shows it; what holds goes to `holds`."""
+    known = {quantity.name: quantity for quantity in quantities_of(setup)}
+    for name in one.limit:
+        if name not in known:
+            raise SceneError(
+                f"{one.name}, limit.{name}: is not a quantity. Choose from {', '.join(known)}"
+            )
+    goals = one.goals or (parse_goal("plate_energy_db <= -0.1"),)
+    search = search_of(setup, False, one.span)
+    limits = side_by_side(
+        [limit_of(known[name], goals, search) for name in one.limit],
+        lambda cases: evaluate(pool, setup, one.span, cases),
+    )
+    fails: list[str] = []
+    case: dict[str, Any] = {}
+    for found in limits:
+        wanted = one.limit[found.quantity]
+        least = found.quantity in _LEAST
+        enough = found.boundary is Boundary.BEYOND or (
+            found.value is not None
+            and (found.value <= wanted if least else found.value >= wanted - 1e-12)
+        )
+        got = found.boundary.value if found.value is None else f"{found.value:.6g}"
+        said = f"{found.quantity}: tolerated {got} {found.unit}, required {wanted:.6g}"
+        if enough:
+            holds.append(said)
+        else:
+            fails.append(said)
+            scale = known[found.quantity].scale
+            value = wanted / scale
+            whole = found.key in ("sensors.bits", "sensors.every_steps")
+            case = case or {found.key: round(value) if whole else value}
+    return fails, case
+
+
+def junit(path: Path, found: Sequence[Checked]) -> None:
+    """Write the results as JUnit XML. Raises OSError."""
+    suite = ET.Element(
+        "testsuite", name="hertzloop budget", tests=str(len(found)),
+        failures=str(sum(not one.passed for one in found)), errors="0", skipped="0",
+        time=f"{sum(one.seconds for one in found):.3f}",
+    )  # fmt: skip
+    for one in found:
+        case = ET.SubElement(
+            suite, "testcase", classname=f"requirements.{one.row.scene}", name=one.row.name,
+            time=f"{one.seconds:.3f}",
+        )  # fmt: skip
+        if not one.passed:
+            failure = ET.SubElement(case, "failure", message="; ".join(one.fails))
+            failure.text = f"{'; '.join(one.fails)}\nReproduce: {one.command}"
+        ET.SubElement(case, "system-out").text = "\n".join(one.holds)
+    root = ET.Element("testsuites")
+    root.append(suite)
+    ET.indent(root)
+    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)

@@ -1,0 +1,186 @@
+"""Measured latencies, faults of sensor and actuator: from scene keys to the closed loop."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hertzloop.analysis.cases import figures_of_case
+from hertzloop.analysis.recorded import rows_of
+from hertzloop.controller.controller import Controller, LineSpec, _traced
+from hertzloop.controller.law import About, Keys
+from hertzloop.controller.loading.registry import find
+from hertzloop.loop.compiled import simulate
+from hertzloop.processes.launcher import RunOptions
+from hertzloop.recordings.latencies import latencies_of
+from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.reader import read as read_recording
+from hertzloop.scenes.errors import SceneError
+from hertzloop.sensors import kernels as k
+from hertzloop.sensors.acquisition import Fault, Sensor, SensorSpec
+from hertzloop.setup import load, parse
+from hertzloop.views.data import run_scene
+
+SHORT = ["run.duration_s=0.0013", "controller.law=force_feedback"]
+
+
+def digest(*settings):
+    """Fingerprint of all samples of a case."""
+    return figures_of_case(load("aluminium-3mm", [*SHORT, *settings])).digest
+
+
+@pytest.fixture
+def trace(tmp_path):
+    """Write a trace; returns the setting that names it."""
+
+    def write(text):
+        path = tmp_path / "trace.csv"
+        path.write_text(text)
+        return f"controller.latency_trace={path}"
+
+    return write
+
+
+@pytest.mark.parametrize("law", ["force_feedback", "slope_threshold"])
+def test_a_constant_trace_gives_the_bytes_of_the_latency(trace, law):
+    law = f"controller.law={law}"
+    bits = "sensors.bits=12"  # the range of the converter depends on the latency
+    constant = digest("controller.latency_us=4", law, bits)
+    assert digest(trace("latency_us\n4.2\n4\n3.9\n"), law, bits) == constant
+    assert digest(law, bits) != constant
+
+
+def test_a_trace_is_repeated_or_resampled_by_the_seed(trace):
+    given = trace("0\n1\n2\n3\n4\n5\n6\n7\n")
+    replayed = digest(given)
+    assert digest(given, "run.seed=2") == replayed
+    resampled = "controller.latency_trace_use=resample"
+    assert digest(given, resampled) == digest(given, resampled)
+    assert digest(given, resampled) != digest(given, resampled, "run.seed=2")
+    line = LineSpec(trace=tuple(range(1000)))
+    assert list(_traced(line, 2002, 1)[998:]) == [998, 999, *range(1000), 0, 1]
+    kept = _traced(LineSpec(trace=tuple(range(1000)), resampled=True), 2000, 1)
+    neighbours = np.mean(np.diff(kept) == 1)
+    assert 0.95 < neighbours < 1.0  # blocks keep the autocorrelation
+    assert np.mean(kept) == pytest.approx(499.5, abs=120)
+
+
+def test_a_scene_with_a_trace_survives_its_file(trace, tmp_path):
+    setup = load("aluminium-3mm", [*SHORT, trace("2\n6\n")])
+    (tmp_path / "trace.csv").unlink()
+    again = parse(setup.toml)
+    assert figures_of_case(again).digest == figures_of_case(setup).digest
+    assert again.latency_us == 2.0
+    assert again.line.most_added_steps == 4
+    other = setup.vary({"controller.latency_trace": [3.0]})
+    assert figures_of_case(other).digest == digest("controller.latency_us=3")
+
+
+@pytest.mark.parametrize(
+    ("text", "more", "word"),
+    [("", (), "has 0 latencies"), ("1\nx\n", (), "line 2 has no number"),
+     ("a,b\n1,2\n", (), "Call one of them latency_us"), ("-1\n", (), "latency_trace"),
+     ("1\n", ("controller.latency_us=2",), "has no effect beside")],
+)  # fmt: skip
+def test_a_trace_that_makes_no_sense_is_refused(trace, text, more, word):
+    with pytest.raises(SceneError, match=word):
+        load("aluminium-3mm", [*SHORT, trace(text), *more])
+
+
+def test_a_recording_of_a_paced_run_tells_its_latencies():
+    """Samples every 2 steps with a latency of 1: their forces are due at 2, 4, 6, 8, 10."""
+    held = np.array([0, 0, 0, 1, 2, 3, 4, 0, 1, 2])  # the force of step 2 acts until step 7
+    scene = "[run]\nstep_ns = 1000\n[sensors]\nevery_steps = 2\n[controller]\nlatency_us = 1.0\n"
+    recording = Recording(Path("a.mcap"), scene_toml=scene)
+    recording.truth = replace(recording.truth, arrays={"held_steps": held})
+    assert list(latencies_of(recording)) == [1.0, 4.0, 2.0, 1.0, 1.0]
+    recording.truth = replace(recording.truth, arrays={})
+    with pytest.raises(ValueError, match="--pace"):
+        latencies_of(recording)
+
+
+@pytest.mark.full
+def test_the_trace_of_a_paced_run_repeats_it(tmp_path):
+    path, short = tmp_path / "paced.mcap", ["run.duration_s=0.0012", SHORT[1]]
+    setup = load("aluminium-3mm", short)
+    run_scene(setup, path, RunOptions(pace=0.01), lambda step: None)
+    again = load("aluminium-3mm", [*short, f"controller.latency_trace={path}"])
+    rows = simulate(again.on_plate(setup.plate_model)).rows
+    assert np.array_equal(rows, rows_of(read_recording(path)))
+
+
+def read(fault, values, seed=1):
+    """What a channel with a fault reads."""
+    sensor = Sensor(SensorSpec(fault=fault), 1e-6, len(values), seed)
+    found = []
+    for index, value in enumerate(values):
+        k.follow(sensor.model, sensor.state, value)
+        found.append(k.sample(sensor.model, sensor.state, index)[1])
+    return found
+
+
+def test_faults_of_a_sensor_do_what_they_say():
+    values = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+    assert read(None, values) == values
+    assert read(Fault("stuck", 2, 3), values) == [1.0, 2.0, 2.0, 2.0, 2.0, 6.0]
+    assert read(Fault("offset", 4, size=0.5), values) == [1.0, 2.0, 3.0, 4.0, 5.5, 6.5]
+    assert read(Fault("saturation", size=-3.5), values) == [1.0, 2.0, 3.0, 3.5, 3.5, 3.5]
+    assert read(Fault("spikes", size=9.0, probability=1.0), values)[0] == 10.0
+    many = [float(i) for i in range(5000)]
+    spikes = np.flatnonzero(np.array(read(Fault("spikes", 100, size=9.0), many)) - many)
+    assert 20 < len(spikes) < 90
+    assert spikes[0] >= 100
+    assert list(spikes) == list(
+        np.flatnonzero(np.array(read(Fault("spikes", 100, size=9.0), many)) - many)
+    )
+    bursts = np.array(read(Fault("drop_outs", lasts=5, probability=0.01), many)) - many
+    assert bursts.min() <= -5.0
+    assert read(Fault("drop_outs", probability=0.01), many, 2) != read(
+        Fault("drop_outs", probability=0.01), many
+    )
+
+
+def test_an_actuator_may_be_late_or_stuck():
+    def line(**given):
+        bound = find("off").bind(Keys(), About())
+        return Controller(bound, LineSpec(**given), 1e-6, 20, 1, 1).line
+
+    assert line().jitter_steps.size == line().dropped.size == 0
+    assert list(line(dead_steps=3).jitter_steps[:2]) == [3, 3]
+    assert list(np.flatnonzero(line(latency_steps=2, stuck_step=10).dropped)) == list(range(7, 20))
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [("sensors.fault=stuck", "sensors.fault_start_s=0.00101"),
+     ("sensors.fault=offset", "sensors.fault_size=5"),
+     ("sensors.fault=spikes", "sensors.fault_size=20"),
+     ("sensors.fault=drop_outs", "sensors.fault_probability=0.3"),
+     ("sensors.fault=saturation", "sensors.fault_size=30"), ("actuator.dead_time_us=3",),
+     ("actuator.stuck_from_s=0.00102",)],
+    ids=lambda given: given[0],
+)  # fmt: skip
+def test_every_fault_reaches_the_closed_loop(settings):
+    assert digest(*settings) == digest(*settings)
+    assert digest(*settings) != digest()
+
+
+def test_a_dead_time_acts_like_a_latency_that_the_law_does_not_know():
+    """Force feedback has no model of its latency, so the figures agree."""
+    late, dead = (
+        figures_of_case(load("aluminium-3mm", [*SHORT, setting]))
+        for setting in ("controller.latency_us=3", "actuator.dead_time_us=3")
+    )
+    assert late.plate_energy_db == dead.plate_energy_db
+
+
+@pytest.mark.parametrize(
+    ("settings", "word"),
+    [(("sensors.fault=offset",), "needs sensors.fault_size"),
+     (("sensors.fault_size=1",), "sensors.fault: is missing"),
+     (("actuator.dead_time_us=0.5",), "whole number of steps")],
+)  # fmt: skip
+def test_a_fault_that_makes_no_sense_is_refused(settings, word):
+    with pytest.raises(SceneError, match=word):
+        load("aluminium-3mm", [*SHORT, *settings])

@@ -1,0 +1,435 @@
+"""The budget of a law: goals, limits, requirements, uncertainty, and the command."""
+
+import json
+import math
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hertzloop.analysis.cases import CaseState
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import load
+from hertzloop.studies.budget import budget as study
+from hertzloop.studies.budget.goal import FIGURES, GoalError, all_met, parse_goal
+from hertzloop.studies.budget.limits import (
+    Boundary,
+    Quantity,
+    Search,
+    limit_of,
+    quantities_of,
+    side_by_side,
+    variants,
+)
+from hertzloop.studies.budget.requirements import check, junit, read_requirements
+from hertzloop.studies.budget.uncertain import (
+    Part,
+    drawn_design,
+    probability,
+    sobol_indices,
+    uncertain_of,
+    wilson,
+)
+from hertzloop.studies.sweeps.evaluate import evaluate
+from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.studies.sweeps.sweep import read_results, sweep
+
+SHORT = ["run.duration_s=0.0016", "controller.law=force_feedback"]
+GOAL = parse_goal("plate_energy_db <= -0.1")
+
+
+def row(value, state=CaseState.FIGURES):
+    """A row of a case with one figure."""
+    bad = state is not CaseState.FIGURES
+    return {"plate_energy_db": None if bad else value, "status": "no" if bad else "",
+            "state": state.value}  # fmt: skip
+
+
+def found_by(holds, quantity, search=None):
+    """The limit where `holds(value, case)` decides, and the values asked for."""
+    asked = []
+
+    def run(cases):
+        asked.extend(cases)
+        return [row(-1.0 if holds(case["a.b"], case) else 1.0) for case in cases]
+
+    search = search or Search((0.1, 0.5, 0.9), (1,), 6)
+    (limit,) = side_by_side([limit_of(quantity, [GOAL], search)], run)
+    assert limit.cases == len(asked)
+    return limit, asked
+
+
+def test_a_goal_is_read_and_says_whether_a_row_meets_it():
+    goal = parse_goal("plate_energy_db<=-3")
+    assert str(goal) == "plate_energy_db <= -3"
+    assert goal.met(row(-3.0))
+    assert not goal.met(row(-2.99))
+    assert goal.met(row(-2.99), tolerance=0.02)
+    assert not parse_goal("plate_energy_db < -3").met(row(-3.0))
+    assert parse_goal("plate_energy_db >= 1").met(row(1.5))
+    assert not goal.met(row(-9.0, CaseState.UNSTABLE))
+    assert goal.excess(row(math.nan)) == math.inf
+    assert "digest" not in FIGURES
+    assert "pumps" not in FIGURES
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [("plate_energi_db <= 1", "Did you mean plate_energy_db"), ("plate_energy_db = 1", "must be"),
+     ("plate_energy_db <= x", "must be"), ("plate_energy_db <= 1.2.3", "must be"),
+     ("", "must be")],
+)  # fmt: skip
+def test_a_goal_that_cannot_be_read_is_refused(text, word):
+    with pytest.raises(GoalError, match=word):
+        parse_goal(text)
+
+
+@pytest.mark.parametrize("last", [0, 1, 2, 7, 50, 98])
+def test_bisection_finds_the_last_value_that_holds(last):
+    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    limit, asked = found_by(lambda value, _: value <= last, quantity)
+    assert limit.boundary is Boundary.FOUND
+    assert (limit.value, limit.first_failure) == (last, last + 1)
+    assert limit.interval
+    assert limit.searched == (0.0, 99.0)
+    assert len(asked) < 60  # of 300 by brute force
+
+
+def test_ends_of_the_range_are_told_apart():
+    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    assert found_by(lambda *_: True, quantity)[0].boundary is Boundary.BEYOND
+    never, _ = found_by(lambda *_: False, quantity)
+    assert (never.boundary, never.value, never.share) == (Boundary.NEVER, None, None)
+    bits = Quantity("bits", "a.b", "bits", ("ideal", 3, 2, 1))
+    ideal, _ = found_by(lambda value, _: value == "ideal", bits)
+    assert (ideal.boundary, ideal.value, ideal.first_failure) == (Boundary.IDEAL_ONLY, None, 3)
+
+
+def test_a_region_that_is_not_an_interval_is_reported():
+    quantity = Quantity("latency_us", "a.b", "us", tuple(range(101)))
+    limit, _ = found_by(lambda value, _: value <= 10 or value >= 70, quantity)
+    assert limit.value == 10
+    assert not limit.interval
+    assert limit.holds_again == (80.0, 100.0)
+
+
+def test_every_phase_and_seed_counts():
+    quantity = Quantity("noise", "a.b", "rms", tuple(range(100)), by_chance=True)
+    search = Search((0.1, 0.9), (4, 5), 6)
+    assert len(variants(quantity, search)) == 4
+
+    def holds(value, case):
+        return value <= (20 if case["run.touch_phase"] == 0.9 and case["run.seed"] == 5 else 60)
+
+    assert found_by(holds, quantity, search)[0].value == 20
+
+
+def test_a_loop_that_fails_late_is_found_by_the_longer_run():
+    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    search = Search((0.5,), (1,), 6, short_s=0.001, long_s=0.01)
+    limit, _ = found_by(
+        lambda value, case: value <= (60 if case["run.duration_s"] < 0.005 else 33),
+        quantity,
+        search,
+    )
+    assert limit.value == 33
+
+
+@pytest.fixture(scope="module")
+def pool():
+    with local_pool(1) as found:
+        yield found
+
+
+def test_limits_agree_with_brute_force(pool):
+    setup = load("aluminium-3mm", SHORT)
+    search = study.search_of(setup, True, "impact")
+    found = study.budget(
+        pool, setup, [GOAL], "impact", quick=True, with_real=False,
+        only=("latency_us", "sampling_us"),
+    )  # fmt: skip
+    for limit in found.ideal.limits:
+        quantity = next(q for q in quantities_of(setup) if q.name == limit.quantity)
+        others = variants(quantity, search)
+        cases = [{quantity.key: value} | one for value in quantity.values for one in others]
+        rows = evaluate(pool, setup, "impact", cases)
+        holds = [all(all_met([GOAL], r) for r in rows[i : i + len(others)])
+                 for i in range(0, len(rows), len(others))]  # fmt: skip
+        assert limit.value == quantity.reported(holds.index(False) - 1)
+        if quantity.dense:
+            again = [quantity.reported(i) for i, ok in enumerate(holds) if ok]
+            assert list(limit.holds_again) == [x for x in again if x > limit.value]
+        else:
+            assert limit.cases < len(rows) / 3
+    data = study.as_data(found)
+    assert (
+        data["nominal"]["plate_energy_db"]
+        == evaluate(pool, setup, "impact", [{}])[0]["plate_energy_db"]
+    )
+    assert {
+        "nominal",
+        "goal",
+        "limits",
+        "real_plant",
+        "binds_first",
+        "probability",
+        "unstable",
+    } <= (data.keys())
+    assert data["limits"]["latency_us"].keys() >= {"value", "searched", "interval"}
+
+
+def test_the_wilson_interval_is_that_of_the_formula():
+    low, high = wilson(8, 10)
+    assert (low, high) == pytest.approx((0.4901625, 0.9433178), abs=1e-6)
+    assert wilson(0, 10)[0] == 0.0
+    assert wilson(10, 10)[1] == 1.0
+
+
+def test_a_correlated_normal_keeps_its_covariance():
+    covariance = [[4e-6, 1.5e-6], [1.5e-6, 1e-6]]
+    found = uncertain_of(
+        {"correlated": [{"keys": ["sphere.drop_height_m", "plate.thickness_m"],
+                         "mean": [0.05, 0.003], "covariance": covariance}]},
+        _Loose(),
+    )  # fmt: skip
+    drawn = [found.draw(3, number) for number in range(20_000)]
+    values = np.array([[one[key] for key in found.keys] for one in drawn])
+    assert values.mean(axis=0) == pytest.approx([0.05, 0.003], abs=1e-4)
+    assert np.cov(values.T) == pytest.approx(np.array(covariance), rel=0.05)
+    assert drawn[7] == found.draw(3, 7)
+    assert drawn[7] != found.draw(4, 7)
+
+
+class _Loose:
+    """A setup that accepts any value: the distribution reaches below zero."""
+
+    def grain_of(self, key):
+        return 0.0
+
+    def vary(self, values):
+        return self
+
+
+def test_distributions_have_their_quantiles():
+    numbers = {"uniform": (2.0, 4.0), "triangular": (0.0, 1.0, 4.0), "normal": (1.0, 2.0),
+               "log_normal": (3.0, 0.5), "values": (1.0, 5.0, 9.0)}  # fmt: skip
+    median = {"uniform": 3.0, "triangular": 4.0 - math.sqrt(6.0), "normal": 1.0,
+              "log_normal": 3.0, "values": 5.0}  # fmt: skip
+    for kind, given in numbers.items():
+        part = Part(("a.b",), kind, given)
+        assert part.at([0.5])["a.b"] == pytest.approx(median[kind])
+        drawn = [part.at([(i + 0.5) / 500])["a.b"] for i in range(500)]
+        assert sorted(drawn) == drawn
+
+
+def test_every_drawn_key_reaches_the_model(pool):
+    setup = load("aluminium-3mm", SHORT)
+    keys = {
+        "sphere.drop_height_m": 0.05, "sphere.radius_m": 0.002, "plate.thickness_m": 0.003,
+        "plate.loss_factor": 0.01, "actuator.bandwidth_hz": 2e5, "controller.latency_us": 4,
+        "controller.kappa": 0.5, "sensors.noise_rms": 0.1, "actuator.mass_kg": 0.001,
+    }  # fmt: skip
+    cases = [{key: value * share} for key, value in keys.items() for share in (0.75, 1.0)]
+    digests = [one["digest"] for one in evaluate(pool, setup, "impact", cases)]
+    for i, key in enumerate(keys):
+        assert digests[2 * i] != digests[2 * i + 1], key
+
+
+def test_probability_is_recorded_and_narrow_enough(pool):
+    setup = load("aluminium-3mm", SHORT)
+    found = probability(
+        pool, setup, [parse_goal("plate_energy_db <= -3")],
+        uncertain_of({"controller.latency_us": {
+            "distribution": "uniform", "low": 0, "high": 8}}, setup),
+        "impact", within=0.08,
+    )  # fmt: skip
+    assert found.cases in (64, 128, 256)
+    assert 0.5 * (found.interval[1] - found.interval[0]) <= 0.08
+    assert len(found.drawn) == found.cases
+    again = evaluate(pool, setup, "impact", [found.worst])[0]
+    assert again["plate_energy_db"] == found.worst_figures["plate_energy_db"]
+    assert found.interval[0] < found.value < found.interval[1]
+
+
+@pytest.mark.parametrize(
+    ("data", "word"),
+    [({}, "no key"), ({"a.b": {"distribution": "cauchy"}}, "unknown"),
+     ({"sphere.radius_m": {"distribution": "normal", "mean": 1.0}}, "needs mean"),
+     ({"sphere.radius_m": {"distribution": "uniform", "low": 2, "high": 1}}, "increase"),
+     ({"sphere.radius": {"distribution": "uniform", "low": 1, "high": 2}}, "sphere.radius"),
+     ({"correlated": [{"keys": ["a.b", "a.c"], "mean": [1, 2],
+                       "covariance": [[1, 2], [2, 1]]}]}, "positive definite")],
+)  # fmt: skip
+def test_distributions_that_make_no_sense_are_refused(data, word):
+    with pytest.raises(SceneError, match=word):
+        uncertain_of(data, load("aluminium-3mm"))
+
+
+def test_sobol_indices_of_the_ishigami_function():
+    pytest.importorskip("SALib")
+    parts = [Part((key,), "uniform", (-math.pi, math.pi)) for key in ("a", "b", "c")]
+
+    def run(points):
+        x = np.array(points) * 2.0 * math.pi - math.pi
+        y = np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
+        return [{"y": float(value)} for value in y]
+
+    found = sobol_indices(parts, ["y"], 8192, run)
+    first = [0.3139, 0.4424, 0.0]
+    total = [0.5576, 0.4424, 0.2437]
+    assert [one.first for one in found] == pytest.approx(first, abs=0.02)
+    assert [one.total for one in found] == pytest.approx(total, abs=0.02)
+
+
+REQUIREMENTS = """
+law = "force_feedback"
+
+[[requirement]]
+name = "quiet"
+scene = "aluminium-3mm"
+set = { "run.duration_s" = 0.0016 }
+goal = "plate_energy_db <= -3"
+expect = { plate_energy_db = -9.044 }
+
+[[requirement]]
+name = "late"
+scene = "aluminium-3mm"
+set = { "run.duration_s" = 0.0016, "controller.latency_us" = 12 }
+goal = "plate_energy_db <= -0.1"
+"""
+
+
+@pytest.fixture
+def requirements(tmp_path):
+    path = tmp_path / "requirements.toml"
+    path.write_text(REQUIREMENTS)
+    return path
+
+
+def test_requirements_say_what_holds_and_what_fails(pool, requirements, tmp_path):
+    quiet, late = (check(pool, one) for one in read_requirements(requirements))
+    assert quiet.passed
+    assert "to spare" in " ".join(quiet.holds)
+    assert not late.passed
+    assert "is missed by" in late.fails[0]
+    assert "controller.latency_us=12" in late.command
+    junit(tmp_path / "junit.xml", [quiet, late])
+    suite = ET.parse(tmp_path / "junit.xml").getroot()[0]
+    assert (suite.get("tests"), suite.get("failures")) == ("2", "1")
+
+
+def test_an_expected_figure_may_differ_by_its_digits_only(pool, tmp_path):
+    path = tmp_path / "requirements.toml"
+    for value, passes in ((-9.044, True), (-9.08, False)):
+        path.write_text(REQUIREMENTS.replace("-9.044", str(value)))
+        assert check(pool, read_requirements(path)[0]).passed is passes
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [("x = 1", "unknown"), ("", "Add at least one"), ("[[requirement]]\nname = 'a'", "scene"),
+     ("[[requirement]]\nname = 'a'\nscene = 'b'", "needs goal"),
+     ("[[requirement]]\nname = 'a'\nscene = 'b'\ngoal = 'x <= 1'", "not a figure")],
+)  # fmt: skip
+def test_requirements_that_cannot_be_read_are_refused(tmp_path, text, word):
+    path = tmp_path / "requirements.toml"
+    path.write_text(text)
+    with pytest.raises(SceneError, match=word):
+        read_requirements(path)
+
+
+def _python(*words, folder):
+    plugins = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    plugins.pop("PYTEST_XDIST_WORKER", None)
+    root = str(Path(__file__).parents[2])
+    plugins["PYTHONPATH"] = os.pathsep.join([root, plugins.get("PYTHONPATH", "")])
+    return subprocess.run(
+        [sys.executable, "-m", *words], cwd=folder, env=plugins, capture_output=True, text=True,
+        timeout=300,
+    )  # fmt: skip
+
+
+def test_rows_are_tests_of_pytest(requirements):
+    (requirements.parent / "test_mine.py").write_text(
+        "def test_run(hertzloop_run, hertzloop_sweep):\n"
+        "    changes = {'run.duration_s': 0.0016}\n"
+        "    found = hertzloop_run('aluminium-3mm', 'force_feedback', changes)\n"
+        "    assert found.plate_energy_db < -9\n"
+        "    over = {'run.duration_s': [0.0016], 'controller.latency_us': [0, 2]}\n"
+        "    rows = hertzloop_sweep('aluminium-3mm', over, 'force_feedback')\n"
+        "    assert rows[0]['digest'] == found.digest != rows[1]['digest']\n"
+    )
+    ran = _python("pytest", "-p", "hertzloop.pytest_plugin", "-q", folder=requirements.parent)
+    assert "1 failed, 2 passed" in ran.stdout, ran.stdout + ran.stderr
+    assert "Reproduce: hertzloop run aluminium-3mm" in ran.stdout
+    assert "Traceback" not in ran.stdout
+
+
+def test_the_command_ends_as_documented(requirements):
+    folder = requirements.parent
+    checked = _python(
+        "hertzloop", "budget", "--check", "requirements.toml", "--junit", "j.xml", folder=folder
+    )
+    assert checked.returncode == 1, checked.stderr
+    assert "1 of 2 requirements hold" in checked.stdout
+    assert (folder / "j.xml").is_file()
+    ran = _python(
+        "hertzloop", "budget", "aluminium-3mm", "--law", "force_feedback",
+        "--set", "run.duration_s=0.0016", "--quick", "--no-real-plant", "--only", "latency_us",
+        "--json", "-", folder=folder,
+    )  # fmt: skip
+    assert ran.returncode == 0, ran.stderr
+    assert json.loads(ran.stdout)["limits"]["latency_us"]["value"] == 9.0
+    assert not list(folder.glob("*.partial"))
+    refused = _python("hertzloop", "budget", "--law", "off", folder=folder)
+    assert refused.returncode == 2
+    assert "has no limits" in refused.stderr
+
+
+def test_the_page_shows_limits_and_a_map(pool, tmp_path):
+    page = pytest.importorskip("hertzloop.studies.budget.page")
+    setup = load("aluminium-3mm", SHORT)
+    found = study.budget(
+        pool, setup, [GOAL], "impact", quick=True, with_real=False,
+        only=("latency_us", "jitter_us"),
+    )  # fmt: skip
+    mapped = page.map_of(pool, setup, [GOAL], "impact", found.ideal, True)
+    assert mapped.across.name == found.ideal.binds_first == "latency_us"
+    limit = next(x.value for x in found.ideal.limits if x.quantity == "latency_us")
+    alone = dict(zip(mapped.across_places, mapped.met[0], strict=True))
+    assert all((share == 1.0) == (place <= limit) for place, share in alone.items())
+    written = page.write_page(tmp_path, setup, found, mapped, ["A line."], "hertzloop budget")
+    text = written.read_text()
+    assert "A line." in text
+    assert text.count("<svg") == 2
+
+
+@pytest.mark.full
+def test_a_new_law_brings_requirements_that_hold(tmp_path):
+    made = _python("hertzloop", "new", "law", "mine.py", "--with-check", folder=tmp_path)
+    assert made.returncode == 0, made.stderr
+    assert "requirements.toml" in made.stdout
+    assert "budget --check requirements.toml" in (tmp_path / "workflow.yml").read_text()
+    ran = _python("hertzloop", "budget", "--check", "requirements.toml", folder=tmp_path)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert "2 of 2 requirements hold" in ran.stdout
+    again = _python("hertzloop", "new", "law", "other.py", "--with-check", folder=tmp_path)
+    assert again.returncode == 2
+    assert "requirements.toml exists" in again.stderr
+
+
+def test_a_sweep_records_every_drawn_value(tmp_path):
+    setup, out = load("aluminium-3mm", SHORT), tmp_path / "drawn.parquet"
+    table = {"sphere.drop_height_m": {"distribution": "uniform", "low": 0.04, "high": 0.06}}
+    design = drawn_design(setup, uncertain_of(table, setup), 20)
+    sweep(setup, design, "impact", out, workers=1)
+    rows, header = read_results(out)
+    drawn = [row["sphere.drop_height_m"] for row in rows]
+    assert 0.04 < min(drawn) < 0.045
+    assert 0.055 < max(drawn) < 0.06
+    assert [one["sphere.drop_height_m"] for one in header["design"]["drawn"]] == drawn
+    assert len({row["digest"] for row in rows}) == 20
