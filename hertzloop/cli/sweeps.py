@@ -142,6 +142,7 @@ def sweep(
                     f"rest, --over {PHASE}=0:1"
                 )
             over.append(f"{PHASE}={','.join(map(str, spread_evenly(phases)))}")
+        planned: Design
         if uncertain_file is not None:
             planned = drawn_design(resolved, read_uncertain(uncertain_file, resolved), cases)
         elif draws is None or over:

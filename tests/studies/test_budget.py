@@ -431,5 +431,5 @@ def test_a_sweep_records_every_drawn_value(tmp_path):
     drawn = [row["sphere.drop_height_m"] for row in rows]
     assert 0.04 < min(drawn) < 0.045
     assert 0.055 < max(drawn) < 0.06
-    assert [one["sphere.drop_height_m"] for one in header["design"]["drawn"]] == drawn
+    assert [one["sphere.drop_height_m"] for one in header["design"]["listed"]] == drawn
     assert len({row["digest"] for row in rows}) == 20

@@ -237,13 +237,13 @@ def wilson(met: int, cases: int, confidence: float = 0.95) -> tuple[float, float
 
 @dataclass(frozen=True)
 class DrawnDesign(Design):
-    """Cases of a sweep that are drawn from distributions. `drawn`: their values, in order."""
+    """Cases of a sweep that are drawn from distributions. `listed`: their values, in order."""
 
-    drawn: tuple[dict[str, Any], ...] = ()
+    listed: tuple[dict[str, Any], ...] = ()
 
     def cases(self) -> list[dict[str, Any]]:
         """Return the values of each case."""
-        return [dict(case) for case in self.drawn]
+        return [dict(case) for case in self.listed]
 
 
 def drawn_design(setup: Setup, uncertain: Uncertain, count: int) -> DrawnDesign:
@@ -253,7 +253,7 @@ def drawn_design(setup: Setup, uncertain: Uncertain, count: int) -> DrawnDesign:
     for case in drawn:
         setup.vary(case)
     axes = tuple(Axis(key, tuple(case[key] for case in drawn)) for key in drawn[0])
-    return DrawnDesign(axes, "grid", count, setup.seed, drawn)
+    return DrawnDesign(axes, "grid", count, setup.seed, listed=drawn)
 
 
 @dataclass(frozen=True)
