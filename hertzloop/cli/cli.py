@@ -24,6 +24,7 @@ from hertzloop.cli import laws as law_commands
 from hertzloop.cli import listen as listen_command
 from hertzloop.cli import listing as listing_commands
 from hertzloop.cli import listing as modes_command
+from hertzloop.cli import margin as margin_command
 from hertzloop.cli import recordings as pictures_command
 from hertzloop.cli import recordings as recording_commands
 from hertzloop.cli import recordings as report_page
@@ -205,6 +206,7 @@ app.command()(listen_command.listen)
 app.command()(report_page.report)
 app.command()(watch_command.watch)
 app.command()(tune_command.tune)
+app.command()(margin_command.margin)
 app.command()(conformance_command.conformance)
 
 
