@@ -100,12 +100,12 @@ def _through_actuator(by_mean: PoleForm, by_slope: PoleForm, actuator: Any) -> P
     residues = by_mean.residues * passes(0, by_mean.poles)
     residues = residues + by_slope.residues * passes(1, by_mean.poles)
     of_own = by_mean.at(own) * exits[0] + by_slope.at(own) * exits[1]
+    zero = np.array([0.0 + 0.0j])
+    first = by_mean.fir[0] * passes(0, zero)[0].real + by_slope.fir[0] * passes(1, zero)[0].real
     if abs(own[0].imag) > 0.0:
         own, of_own = own[:1], of_own[:1]
     else:
         of_own = 0.5 * of_own
-    zero = np.array([0.0 + 0.0j])
-    first = by_mean.fir[0] * passes(0, zero)[0].real + by_slope.fir[0] * passes(1, zero)[0].real
     return PoleForm(
         np.append(by_mean.poles, own), np.append(residues, of_own), np.array([first, 0.0])
     )

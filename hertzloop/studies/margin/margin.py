@@ -14,6 +14,7 @@ from hertzloop.studies.margin.table import Table, make_table
 _SCANNED = 1 << 16  # largest latency, steps, that is looked at for the limit
 _WINDOWS = 2000  # latencies, steps, up to which stable windows are listed
 _NEWTON = 60
+_DENSE = 1600  # states up to which eigenvalues are computed, about 5 s
 
 
 @dataclass(frozen=True)
@@ -111,6 +112,9 @@ def margin_of(setup: Setup) -> Margin:
     if count:
         poles = unstable_poles(loop, delay)
         found = sum(1 if abs(p.imag) < 1e-12 else 2 for p in poles)
+        if found != count:
+            poles = _dense_poles(loop, delay)
+            found = len(poles)
         if found == count:
             fastest = poles[int(np.argmax(np.abs(poles)))]
             growth = math.log(abs(fastest)) / sample_s
@@ -263,6 +267,37 @@ def unstable_poles(loop: Loop, delay: int) -> np.ndarray:
         if all(abs(one - other) > 1e-7 for other in kept):
             kept.append(complex(one))
     return np.exp(np.array(kept, complex))
+
+
+def _dense_poles(loop: Loop, delay: int) -> np.ndarray:
+    """Return all closed-loop poles outside the unit circle as eigenvalues; none if too many."""
+    plant, law = loop.plant, loop.law
+    p = np.concatenate([plant.poles, plant.poles.conj()])
+    residues = np.concatenate([plant.residues, plant.residues.conj()])
+    n, m, late = len(p), len(law.poles), delay + 2
+    total = n + m + late
+    if total > _DENSE:
+        return np.empty(0, complex)
+    # State: plant, law, commands of the last `late` samples, the newest first.
+    a = np.zeros((total, total), complex)
+    a[np.arange(n), np.arange(n)] = p
+    first = n + m
+    a[:n, first + delay - 1 if delay else first] = residues
+    seen = np.zeros(total, complex)
+    seen[:n] = 1.0
+    seen[first + delay] += plant.fir[0]
+    seen[first + delay + 1] += plant.fir[1]
+    a[n : n + m] = law.residues[:, None] * seen
+    a[np.arange(n, n + m), np.arange(n, n + m)] += law.poles
+    command = law.direct * seen
+    command[n : n + m] += 1.0
+    if not delay:
+        a[:n] = residues[:, None] * command
+        a[np.arange(n), np.arange(n)] += p
+    a[first] = command
+    a[np.arange(first + 1, total), np.arange(first, total - 1)] = 1.0
+    found = np.linalg.eigvals(a)
+    return np.asarray(found[np.abs(found) > 1.0 + 1e-13])
 
 
 def _sensitivity(loop: Loop, delay: int) -> tuple[float, float]:

@@ -5,8 +5,9 @@ import pytest
 
 from hertzloop.plant import time_series as ts
 from hertzloop.setup import load
+from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
-from hertzloop.studies.margin.margin import margin_of
+from hertzloop.studies.margin.margin import _dense_poles, loop_of, margin_of
 
 VELOCITY = ["controller.law=velocity_feedback", "sensors.quantity=v_p", "controller.kappa=0.4"]
 
@@ -61,3 +62,13 @@ def test_a_loop_that_is_not_linear_has_no_margin(law):
     found = margin_of(load("aluminium-20mm", [f"controller.law={law}"]))
     assert not found.applicable
     assert found.reason
+
+
+def test_eigenvalues_agree_with_the_table():
+    setup = load("oak-20mm", [*VELOCITY, "controller.kappa=1.1"])
+    plant, law = plant_in_flight(setup), law_filter(setup)
+    for every, latency in ((1, 0), (1, 5), (3, 0), (3, 4), (3, 7)):
+        delay, remainder = divmod(latency + 1, every)
+        loop = loop_of(plant, law, every, remainder)
+        dense = _dense_poles(loop, delay)
+        assert len(dense) == loop.table.unstable(np.array([delay]))[0]
