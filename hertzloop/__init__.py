@@ -16,7 +16,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "Impact", "ImpactNoise",
     "RecordingError", "Run", "RunFailed", "RunFigures", "Scene", "SceneError", "SpanFigures",
-    "StreamFault", "SweepFailed", "__version__", "compare", "load", "modes", "read", "run",
+    "StreamFault", "SweepFailed", "__version__", "compare", "linear", "load", "modes", "read", "run",
     "scene_names", "simulate", "sweep", "tune", "vary",
 ]  # fmt: skip
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         StreamFault,
         SweepFailed,
         compare,
+        linear,
         load,
         modes,
         read,

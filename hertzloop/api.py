@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from hertzloop.processes.launcher import RunFailed, RunOptions
     from hertzloop.recordings.reader import Event, Recording
     from hertzloop.recordings.writer import RecordingError
+    from hertzloop.studies.margin.linear import PoleForm
     from hertzloop.studies.sweeps.design import DesignError
     from hertzloop.studies.sweeps.pool import SweepFailed
     from hertzloop.studies.tuning import Found
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "Impact", "ImpactNoise",
     "RecordingError", "Run", "RunFailed", "RunFigures", "Scene", "SceneError", "SpanFigures",
-    "StreamFault", "SweepFailed", "compare", "load", "modes", "read", "run", "scene_names",
+    "StreamFault", "SweepFailed", "compare", "linear", "load", "modes", "read", "run", "scene_names",
     "simulate", "sweep", "tune", "vary",
 ]  # fmt: skip
 
@@ -352,3 +353,21 @@ def tune(
             pool, bases, span, laws or [bases[0].law_reference], given, tuple(minimise),
             at_most=dict(at_most or {}), generations=generations, population=population, seed=seed,
         )  # fmt: skip
+
+
+def linear(scene: Scene | Setup, quantity: str | None = None) -> "PoleForm":
+    """Return the sampled response of the plant in flight to a force command.
+
+    Args:
+        scene: the scene, or its setup.
+        quantity: "v_p" (m/s), "acceleration" (m/s^2) or "xi" (m); that of the scene if left out.
+
+    Returns:
+        Poles, residues and finite impulse response; `at(z)` evaluates it, per newton.
+
+    Raises:
+        SceneError: the scheme or the quantity has no such response.
+    """
+    from hertzloop.studies.margin.linear import plant_in_flight
+
+    return plant_in_flight(resolve(scene), quantity)
