@@ -16,8 +16,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "Impact", "ImpactNoise",
     "RecordingError", "Run", "RunFailed", "RunFigures", "Scene", "SceneError", "SpanFigures",
-    "StreamFault", "SweepFailed", "__version__", "compare", "linear", "load", "modes", "read", "run",
-    "scene_names", "simulate", "sweep", "tune", "vary",
+    "StreamFault", "SweepFailed", "__version__", "compare", "linear", "load", "modes", "read",
+    "run", "scene_names", "simulate", "sweep", "tune", "vary",
 ]  # fmt: skip
 if TYPE_CHECKING:
     from hertzloop.api import (

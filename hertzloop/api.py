@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "Impact", "ImpactNoise",
     "RecordingError", "Run", "RunFailed", "RunFigures", "Scene", "SceneError", "SpanFigures",
-    "StreamFault", "SweepFailed", "compare", "linear", "load", "modes", "read", "run", "scene_names",
-    "simulate", "sweep", "tune", "vary",
+    "StreamFault", "SweepFailed", "compare", "linear", "load", "modes", "read", "run",
+    "scene_names", "simulate", "sweep", "tune", "vary",
 ]  # fmt: skip
 
 # Names that are loaded when they are used: a script that only simulates needs none of them.
