@@ -8,7 +8,7 @@ def margin_lines(m: Margin) -> list[str]:
     if not m.applicable:
         return [
             f"No margin: {m.reason.removeprefix('no margin: ')}.",
-            "Use 'hertzloop latency' to simulate what latency costs over an impact.",
+            "Use 'hertzloop sweep' over controller.latency_us to simulate what latency costs.",
         ]
     lines = [f"Linear loop in flight, ideal converters, {m.modes} modes, step {m.step_ns} ns"]
     if m.stable:
