@@ -17,8 +17,8 @@ __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
     "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed", "RunFigures",
     "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "__version__", "compare",
-    "fit", "load", "modes", "read", "read_record", "run", "scene_names", "simulate", "sweep",
-    "tune", "vary",
+    "fit", "linear", "load", "modes", "read", "read_record", "run", "scene_names", "simulate",
+    "sweep", "tune", "vary",
 ]  # fmt: skip
 if TYPE_CHECKING:
     from hertzloop.api import (
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
         SweepFailed,
         compare,
         fit,
+        linear,
         load,
         modes,
         read,

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.studies.fit.fit import FitError, FitResult
     from hertzloop.studies.fit.records import Record, RecordError
+    from hertzloop.studies.margin.linear import PoleForm
     from hertzloop.studies.sweeps.design import DesignError
     from hertzloop.studies.sweeps.pool import SweepFailed
     from hertzloop.studies.tuning import Found
@@ -44,8 +45,9 @@ if TYPE_CHECKING:
 __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
     "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed", "RunFigures",
-    "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "compare", "fit", "load",
-    "modes", "read", "read_record", "run", "scene_names", "simulate", "sweep", "tune", "vary",
+    "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "compare", "fit", "linear",
+    "load", "modes", "read", "read_record", "run", "scene_names", "simulate", "sweep", "tune",
+    "vary",
 ]  # fmt: skip
 
 # Names that are loaded when they are used: a script that only simulates needs none of them.
@@ -385,3 +387,21 @@ def fit(
     setup = resolve(scene)
     several = [records] if isinstance(records, Record) else list(records)
     return study(setup, several, [free_of(setup, text) for text in free], hold_out)
+
+
+def linear(scene: Scene | Setup, quantity: str | None = None) -> "PoleForm":
+    """Return the sampled response of the plant in flight to a force command.
+
+    Args:
+        scene: the scene, or its setup.
+        quantity: "v_p" (m/s), "acceleration" (m/s^2) or "xi" (m); that of the scene if left out.
+
+    Returns:
+        Poles, residues and finite impulse response; `at(z)` evaluates it, per newton.
+
+    Raises:
+        SceneError: the scheme or the quantity has no such response.
+    """
+    from hertzloop.studies.margin.linear import plant_in_flight
+
+    return plant_in_flight(resolve(scene), quantity)

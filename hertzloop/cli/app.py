@@ -58,6 +58,10 @@ MAIN = (
         "budget aluminium-3mm --law slope_threshold --goal 'plate_energy_db <= -3' --quick",
     ),
     Leaf(
+        "margin", "margin:margin", "Tell how stable a linear law's loop is in flight.",
+        "margin aluminium-20mm --set controller.law=velocity_feedback --set controller.kappa=0.05",
+    ),
+    Leaf(
         "fit", "fit:fit", "Fit keys of a scene to measured records.",
         "fit aluminium-3mm drop.csv --free sphere.radius_m --json fit.json",
     ),

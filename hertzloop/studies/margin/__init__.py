@@ -1,0 +1,1 @@
+"""Linear margins of the sampled loop: transfer function, table of arcs, result."""

@@ -1,0 +1,166 @@
+"""Decide whether a law is linear, and find its transfer function.
+
+Shipped feedback laws are read from their constants. Any other law is probed through its own
+interface with ideal converters: zero input, superposition and proportionality over twelve orders
+of magnitude. Then its impulse response is identified (Ho and Kalman 1966) and checked on other
+samples.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.setup.setup import Setup
+
+_SAMPLES = 1500
+_CHECKED = 12_000
+_HANKEL = 250
+_TOLERANCE = 1e-9
+_RANK = 1e-10
+_AMPLITUDES = (1e-9, 1e-3, 1.0, 1e3)
+
+
+class NotLinearError(Exception):
+    """The law is not linear; the message gives the reason."""
+
+
+@dataclass(frozen=True)
+class LawFilter:
+    """Transfer function of a law: direct + sum of residues/(Z - pole), all poles listed, (n,)."""
+
+    direct: float
+    poles: np.ndarray
+    residues: np.ndarray
+
+    def at(self, z: np.ndarray) -> np.ndarray:
+        """Return the response at complex `z`, same shape."""
+        z = np.asarray(z, complex)
+        if not len(self.poles):
+            return np.full(z.shape, complex(self.direct))
+        return np.asarray(self.direct + (self.residues / (z[..., None] - self.poles)).sum(axis=-1))
+
+
+def law_filter(setup: Setup) -> LawFilter:
+    """Return the transfer function from a sample to the command of that sample.
+
+    Raises:
+        NotLinearError: the law, or the line behind it, is not linear.
+    """
+    line = setup.line
+    for name, found in (
+        ("jitter_us", line.jitter_steps), ("drop_out_probability", line.drop_out_probability),
+    ):  # fmt: skip
+        if found:
+            raise NotLinearError(f"controller.{name} is not zero, so the line varies with time")
+    if line.slew_n_s is not None:
+        raise NotLinearError("controller.slew_n_s limits the slope of the force")
+    ideal = setup.vary({"sensors.bits": "ideal", "controller.bits": "ideal"})
+    if setup.law_reference in ("velocity_feedback", "acceleration_feedback"):
+        known = ideal.about
+        gain = -setup.law_keys.kappa * known.impedance_n_s_m
+        none = np.empty(0, complex)
+        if setup.law_reference == "velocity_feedback":
+            return LawFilter(gain, none, none)
+        keep = float(np.exp(-2.0 * np.pi * setup.law_keys.leak_hz * known.sample_s))
+        scale = gain * keep * known.sample_s  # times Z/(Z - keep) = 1 + keep/(Z - keep)
+        return LawFilter(scale, np.array([keep + 0j]), np.array([scale * keep + 0j]))
+    if setup.law_reference == "force_feedback":
+        none = np.empty(0, complex)
+        return LawFilter(float(setup.law_keys.kappa), none, none)
+    return probe(ideal)
+
+
+def probe(setup: Setup) -> LawFilter:
+    """Identify the law of a setup with ideal converters. Raises NotLinearError."""
+    bound = setup.bound_law(ahead=False)
+
+    def answer(samples: np.ndarray) -> np.ndarray:
+        count = len(samples)
+        controller = Controller(bound, LineSpec(), setup.step_s, count + 2, 1, 0)
+        forces = controller.process(samples, look_ahead=False).forces
+        found = np.zeros(count)
+        usable = np.asarray(forces)[-count:] if len(forces) >= count else np.asarray(forces)
+        found[-len(usable) :] = usable
+        return found
+
+    scale = _amplitude(setup)
+    if np.any(answer(np.zeros(_SAMPLES)) != 0.0):
+        raise NotLinearError("it commands a force at zero input")
+    rng = np.random.default_rng(1)
+    noise = rng.standard_normal((2, _SAMPLES))
+    slow = np.sin(np.linspace(0.0, 3.0, _SAMPLES))
+    for one, kind in (
+        (noise[0], "random"), (np.abs(noise[0]), "positive"), (-np.abs(noise[0]), "negative"),
+        (slow, "slow"),
+    ):  # fmt: skip
+        base = answer(scale * one)
+        size = max(float(np.abs(base).max()), 1e-300)
+        for factor in _AMPLITUDES:
+            away = float(np.abs(answer(factor * scale * one) / factor - base).max())
+            if not away <= _TOLERANCE * size:
+                raise NotLinearError(
+                    f"it is not proportional: {factor:g} times a {kind} input of {scale:.3g} gives "
+                    f"a force that differs by {away / size:.1e}"
+                )
+        both = answer(scale * (one + noise[1]))
+        rest = both - base - answer(scale * noise[1])
+        if not float(np.abs(rest).max()) <= _TOLERANCE * max(size, float(np.abs(both).max())):
+            raise NotLinearError("superposition fails: it is not additive")
+    impulse = np.zeros(_SAMPLES)
+    impulse[0] = scale
+    markov = answer(impulse) / scale
+    for at in (1, 7, 300):
+        later = np.zeros(_SAMPLES)
+        later[at] = scale
+        away = np.abs(answer(later)[at:] / scale - markov[: _SAMPLES - at]).max()
+        if not away <= _TOLERANCE * max(float(np.abs(markov).max()), 1e-300):
+            raise NotLinearError(f"it varies with time: an impulse at sample {at} differs")
+    found = _realise(markov)
+    test = rng.standard_normal(_CHECKED)
+    expected = _filtered(found, test)
+    real = answer(scale * test) / scale
+    size = max(float(np.abs(real).max()), 1e-300)
+    if not float(np.abs(real - expected).max()) <= 1e-7 * size:
+        raise NotLinearError("no finite linear model reproduces it on random samples")
+    return found
+
+
+def _amplitude(setup: Setup) -> float:
+    known = setup.about_bodies
+    speed = known.impact_speed_m_s
+    if setup.quantity == "xi":
+        return max(speed * known.rigid_contact_s, 1e-9)
+    if setup.quantity == "acceleration":
+        return speed / known.rigid_contact_s
+    return known.rigid_peak_n if setup.quantity == "contact_force" else speed
+
+
+def _realise(markov: np.ndarray) -> LawFilter:
+    """Ho-Kalman realisation of an impulse response, as poles and residues."""
+    direct = float(markov[0])
+    none = np.empty(0, complex)
+    if not np.any(markov[1:]):
+        return LawFilter(direct, none, none)
+    n = _HANKEL
+    hankel = scipy.linalg.hankel(markov[1 : n + 1], markov[n : 2 * n])
+    shifted = scipy.linalg.hankel(markov[2 : n + 2], markov[n + 1 : 2 * n + 1])
+    u, s, vt = np.linalg.svd(hankel)
+    rank = int(np.sum(s > _RANK * s[0]))
+    if rank > n // 2:
+        raise NotLinearError(f"its order is above {n // 2}; the identification stops there")
+    root = np.sqrt(s[:rank])
+    a = (u[:, :rank] / root).T @ shifted @ (vt[:rank].T / root)
+    b, c = (root[:, None] * vt[:rank])[:, 0], (u[:, :rank] * root)[0]
+    poles, vectors = np.linalg.eig(a)
+    if np.linalg.cond(vectors) > 1e8:
+        raise NotLinearError("its poles coincide, and the margin needs distinct ones")
+    return LawFilter(direct, poles, (c @ vectors) * np.linalg.solve(vectors, b.astype(complex)))
+
+
+def _filtered(law: LawFilter, samples: np.ndarray) -> np.ndarray:
+    total = law.direct * samples.astype(complex)
+    for pole, residue in zip(law.poles, law.residues, strict=True):
+        total += scipy.signal.lfilter([0.0, residue], [1.0, -pole], samples.astype(complex))
+    return np.asarray(total.real)

@@ -1,0 +1,163 @@
+"""The plant in flight as a linear sampled system, from the coefficients of its kernels.
+
+A command of step k first reaches the sample of step k + 1, so the response is strictly proper:
+P(Z) = sum of [R/(Z - p) + conjugate] + sum of real poles + b_1/Z + b_2/Z^2.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hertzloop.plant.actuator_kernels import SecondOrder
+from hertzloop.plant.schemes import collocation_kernels as k
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup.setup import Setup
+
+_CHUNK = 1 << 21  # complex numbers at a time
+
+
+@dataclass(frozen=True)
+class PoleForm:
+    """A strictly proper real transfer function in 1/Z.
+
+    Attributes:
+        poles: one of each conjugate pair, and real poles; shape (n,), complex.
+        residues: of these; a real pole has half its residue, as its conjugate is added, shape (n,).
+        fir: coefficients of 1/Z and 1/Z^2, shape (2,).
+    """
+
+    poles: np.ndarray
+    residues: np.ndarray
+    fir: np.ndarray
+
+    def at(self, z: np.ndarray) -> np.ndarray:
+        """Return the response at complex numbers `z` of any shape."""
+        points = np.atleast_1d(np.asarray(z, complex)).ravel()
+        found = self.fir[0] / points + self.fir[1] / points**2
+        rows = max(1, _CHUNK // max(1, len(self.poles)))
+        for i in range(0, len(points), rows):
+            part = points[i : i + rows, None]
+            found[i : i + rows] += (1.0 / (part - self.poles)) @ self.residues
+            found[i : i + rows] += (1.0 / (part - self.poles.conj())) @ self.residues.conj()
+        return found.reshape(np.shape(z))
+
+    def times_low_pass(self, gain: float) -> "PoleForm":
+        """Return it times gain Z/(Z - 1 + gain), the low-pass of the data acquisition."""
+        if gain == 1.0:
+            return self
+        q = 1.0 - gain
+        at_q = self.at(np.array([q]))[0].real * gain * q if q else 0.0
+        residues = self.residues * gain * self.poles / (self.poles - q)
+        fir = np.array([-gain * self.fir[1] / q, 0.0])
+        return PoleForm(np.append(self.poles, q), np.append(residues, 0.5 * at_q), fir)
+
+    def difference(self, step_s: float) -> "PoleForm":
+        """Return it times (1 - 1/Z)/h, the mean acceleration of a velocity."""
+        residues = self.residues * (1.0 - 1.0 / self.poles) / step_s
+        first = self.fir[0] + 2.0 * np.sum((self.residues / self.poles).real)
+        return PoleForm(self.poles, residues, np.array([first, self.fir[1] - self.fir[0]]) / step_s)
+
+    def held(self, every: int, shift: int) -> "PoleForm":
+        """Return the response from sample to sample, `every` steps apart, to a command that is held
+        and acts `shift` steps (0 to every - 1) late."""
+        if every == 1:
+            return self
+        p, n, r = self.poles, every, shift
+        whole = self.residues * p ** (-r) * np.expm1(n * np.log(p)) / (p - 1.0)
+        first = 2.0 * np.sum((self.residues * (p ** (-r) - 1.0) / (p - 1.0)).real) + self.fir[0]
+        late = self.fir[1]
+        fir = np.array([first + late, 0.0]) if n - r >= 2 else np.array([first, late])
+        return PoleForm(p**n, whole, fir)
+
+
+def _of_actuator(actuator: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Matrix of the actuator's state, its input, and rows (mean, slope) of its output with the
+    direct term last."""
+    a = np.array([[actuator.turn_ff, actuator.turn_fd], [actuator.turn_df, actuator.turn_dd]])
+    out = np.array([
+        [actuator.mean_f, actuator.mean_d, 1.0 - actuator.mean_f],
+        [actuator.slope_f, actuator.slope_d, -actuator.slope_f],
+    ])  # fmt: skip
+    return a, np.array([1.0 - actuator.turn_ff, -actuator.turn_df]), out
+
+
+def _through_actuator(by_mean: PoleForm, by_slope: PoleForm, actuator: Any) -> PoleForm:
+    a, b, out = _of_actuator(actuator)
+    own, vectors = np.linalg.eig(a)
+    if abs(own[0] - own[1]) < 1e-9:
+        raise SceneError(
+            "actuator: its two poles coincide, and the margin needs distinct ones. "
+            "Change the damping ratio slightly."
+        )
+    entry = np.linalg.solve(vectors, b.astype(complex))
+    exits = out[:, :2] @ vectors * entry  # residues, shape (2 outputs, 2 poles)
+
+    def passes(row: int, z: np.ndarray) -> np.ndarray:
+        z = np.asarray(z, complex)
+        return np.asarray(out[row, 2] + (exits[row] / (z[..., None] - own)).sum(axis=-1))
+
+    residues = by_mean.residues * passes(0, by_mean.poles)
+    residues = residues + by_slope.residues * passes(1, by_mean.poles)
+    of_own = by_mean.at(own) * exits[0] + by_slope.at(own) * exits[1]
+    zero = np.array([0.0 + 0.0j])
+    first = by_mean.fir[0] * passes(0, zero)[0].real + by_slope.fir[0] * passes(1, zero)[0].real
+    if abs(own[0].imag) > 0.0:
+        own, of_own = own[:1], of_own[:1]
+    else:
+        of_own = 0.5 * of_own
+    return PoleForm(
+        np.append(by_mean.poles, own), np.append(residues, of_own), np.array([first, 0.0])
+    )
+
+
+def plant_in_flight(setup: Setup, quantity: str | None = None) -> PoleForm:
+    """Return the response of the samples to a force command while the sphere is in flight.
+
+    The data acquisition's low-pass is part of it; sampling every n steps is not (`PoleForm.held`).
+
+    Args:
+        setup: the run.
+        quantity: "v_p", "acceleration" or "xi"; that of the scene if left out.
+
+    Raises:
+        SceneError: the scheme or the quantity has no such response.
+    """
+    quantity = quantity or setup.quantity
+    if quantity not in ("v_p", "acceleration", "xi"):
+        raise SceneError(
+            f"sensors.quantity = '{quantity}': has no linear response in flight. "
+            "Use 'v_p', 'acceleration' or 'xi'."
+        )
+    model = setup.on_plate("modal").start_plant().model
+    if not isinstance(model, k.CollocationModel):
+        raise SceneError(
+            "run.scheme: the margin needs the scheme 'modal'. Set run.scheme = 'modal'."
+        )
+    t = model.table
+    poles = t[k.ROT_RE] + 1j * t[k.ROT_IM]
+    rho = np.broadcast_to(np.asarray(model.rho), poles.shape)
+    gap = quantity == "xi"
+    weight = 1j * t[k.OUT] if gap else t[k.B_C] * (1.0 + 1j * rho)
+    by = [t[k.A_RE] + 1j * t[k.A_IM], t[k.A1_RE] + 1j * t[k.A1_IM]]
+    residues = [0.5 * weight * b for b in by]
+    fir = [0.0, 0.0]
+    tail = model.tail
+    if tail is not None and model.same_point:
+        look = 1j if gap else complex(tail.speed_re, -tail.speed_im)
+        poles = np.append(poles, complex(tail.turn_re, tail.turn_im))
+        drives = complex(tail.by_0_re, tail.by_0_im), complex(tail.by_1_re, tail.by_1_im)
+        residues = [np.append(r, 0.5 * look * d) for r, d in zip(residues, drives, strict=True)]
+        if not gap:
+            fir = [tail.mobility_m_ns] * 2
+    if model.same_point and model.flexibility_m_n:
+        if gap:
+            fir = [f - model.flexibility_m_n for f in fir]
+        else:
+            fir[1] += 2.0 * model.flexibility_m_n / model.step_s
+    forms = [PoleForm(poles, r, np.array([f, 0.0])) for r, f in zip(residues, fir, strict=True)]
+    form = forms[0]
+    if isinstance(model.actuator, SecondOrder):
+        form = _through_actuator(forms[0], forms[1], model.actuator)
+    form = form.times_low_pass(float(setup.start_sensor().model.filter_gain))
+    return form.difference(model.step_s) if quantity == "acceleration" else form

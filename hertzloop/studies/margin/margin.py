@@ -1,0 +1,324 @@
+"""The margin of a scene's sampled loop in flight: stability, growth, latency limit, gain margin."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hertzloop.setup.setup import Setup
+from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
+from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
+from hertzloop.studies.margin.table import Table, make_table
+
+_SCANNED = 1 << 16  # largest latency, steps, that is looked at for the limit
+_WINDOWS = 2000  # latencies, steps, up to which stable windows are listed
+_NEWTON = 60
+_DENSE = 1600  # states up to which eigenvalues are computed, about 5 s
+
+
+@dataclass(frozen=True)
+class Margin:
+    """What linear theory says about a loop. None where a number does not exist.
+
+    Attributes:
+        applicable: whether the loop is linear; `reason` says why not, or is empty.
+        stable: at the scene's latency.
+        unstable_poles: closed-loop poles outside the unit circle there.
+        growth_per_s: fastest growth of an unstable pole, 1/s; 0 if stable, None if undecided.
+        e_folds: growth times the length of the run.
+        latency_limit_steps: largest latency up to which the loop is stable at every latency from 0
+            on; -1 if at none, None without limit.
+        latency_limit_us: where stability ends between two steps, us; -1 and None as above.
+        stable_windows_us: stable stretches of latency, (first, last), us; the last may be None.
+        gain_margin: factor on the gain at which stability ends; None without limit.
+        peak_sensitivity: largest |1/(1 + L)|; None if unstable.
+        disk_margin: 1/max|S - 1/2|; None if unstable.
+        binding_frequency_hz: where the loop becomes unstable at the limit, or grows fastest, Hz.
+    """
+
+    applicable: bool
+    reason: str
+    stable: bool | None = None
+    unstable_poles: int | None = None
+    growth_per_s: float | None = None
+    growth_frequency_hz: float | None = None
+    e_folds: float | None = None
+    latency_us: float | None = None
+    latency_limit_steps: int | None = None
+    latency_limit_us: float | None = None
+    stable_windows_us: list[list[float | None]] | None = None
+    gain_margin: float | None = None
+    peak_sensitivity: float | None = None
+    disk_margin: float | None = None
+    binding_frequency_hz: float | None = None
+    modes: int | None = None
+    step_ns: int | None = None
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The loop gain of one remainder of the latency by the sampling interval."""
+
+    plant: PoleForm
+    law: LawFilter
+    table: Table
+
+    def gain(self, z: np.ndarray) -> np.ndarray:
+        """Return L without the whole samples of delay at complex `z`."""
+        return -self.law.at(z) * self.plant.at(z)
+
+
+def loop_of(plant: PoleForm, law: LawFilter, every: int, remainder: int) -> Loop:
+    """Return the loop and its table for a remainder of steps, 0 to `every` - 1."""
+    held = plant.held(every, remainder)
+    own = law.poles[law.poles.imag >= -1e-14]
+    poles = np.concatenate([held.poles, own])
+    table = make_table(lambda z: -law.at(z) * held.at(z), poles)
+    return Loop(held, law, table)
+
+
+def margin_of(setup: Setup) -> Margin:
+    """Return the margin of a setup's loop in flight. Raises SceneError for an invalid scene."""
+    if not setup.has_law:
+        return Margin(False, "the scene has no law, so there is no loop")
+    if setup.scheme != "modal":
+        return Margin(False, f"run.scheme = '{setup.scheme}' has no linear model; use 'modal'")
+    if setup.quantity == "contact_force":
+        return Margin(
+            False, "the contact force is zero in flight, so the loop is closed in contact only"
+        )
+    try:
+        law = law_filter(setup)
+    except NotLinearError as error:
+        return Margin(False, f"no margin: not a linear loop ({error})")
+    plant, every = plant_in_flight(setup), setup.every_steps
+    loops = [loop_of(plant, law, every, r) for r in range(every)]
+    step_s, step_us = setup.step_s, 1e6 * setup.step_s
+
+    def unstable(latency: np.ndarray) -> np.ndarray:
+        whole, rest = np.divmod(np.asarray(latency) + 1, every)
+        found = np.empty(len(whole), int)
+        for r in range(every):
+            found[rest == r] = loops[r].table.unstable(whole[rest == r])
+        return found
+
+    latency = setup.line.latency_steps
+    count = int(unstable(np.array([latency]))[0])
+    loop, delay = loops[(latency + 1) % every], (latency + 1) // every
+    limit = _limit(unstable, loops)
+    sample_s = every * step_s
+    growth, at_hz = 0.0 if count == 0 else None, None
+    if count:
+        poles = unstable_poles(loop, delay)
+        found = sum(1 if abs(p.imag) < 1e-12 else 2 for p in poles)
+        if found != count:
+            poles = _dense_poles(loop, delay)
+            found = len(poles)
+        if found == count:
+            fastest = poles[int(np.argmax(np.abs(poles)))]
+            growth = math.log(abs(fastest)) / sample_s
+            at_hz = abs(float(np.angle(fastest))) / (2.0 * math.pi * sample_s)
+    if limit is None or limit < 0:
+        limit_us = None if limit is None else -1.0
+        binding = at_hz
+    elif every == 1:
+        d, angle = _between(loops[0].table, limit)
+        limit_us, binding = d * step_us, angle / (2.0 * math.pi * sample_s)
+    else:
+        limit_us, binding = limit * step_us, None
+    peak, disk = _sensitivity(loop, delay) if count == 0 else (None, None)
+    return Margin(
+        applicable=True, reason="", stable=count == 0, unstable_poles=count, growth_per_s=growth,
+        growth_frequency_hz=at_hz,
+        e_folds=None if growth is None else growth * setup.duration_s, latency_us=latency * step_us,
+        latency_limit_steps=limit, latency_limit_us=limit_us,
+        stable_windows_us=_windows(unstable, loops, limit, step_us),
+        gain_margin=_gain_margin(loop, delay), peak_sensitivity=peak, disk_margin=disk,
+        binding_frequency_hz=binding, modes=len(plant.poles), step_ns=setup.step_ns,
+    )  # fmt: skip
+
+
+def _limit(unstable: Callable[[np.ndarray], np.ndarray], loops: list[Loop]) -> int | None:
+    if not any(loop.table.arcs or loop.table.outside for loop in loops):
+        return None
+    first, size = 0, 256
+    while first < _SCANNED:
+        bad = np.flatnonzero(unstable(np.arange(first, first + size)))
+        if len(bad):
+            return first + int(bad[0]) - 1
+        first += size
+        size *= 2
+    return None
+
+
+def _ends(table: Table) -> tuple[np.ndarray, np.ndarray]:
+    angles, phases = [], []
+    for arc in table.arcs:
+        for angle, phase in ((arc.start, arc.phase_start), (arc.end, arc.phase_end)):
+            if 0.0 < angle < math.pi:
+                angles.append(angle)
+                phases.append(phase)
+    return np.array(angles), np.array(phases)
+
+
+def _between(table: Table, latency: int, back: bool = False) -> tuple[float, float]:
+    """Latency (steps) between `latency` and its neighbour where stability ends, and the angle."""
+    angles, phases = _ends(table)
+    if not len(angles):
+        return float(latency), math.pi
+    low = latency - 1 if back else latency
+    # A crossing lies where phase - D angle is an odd multiple of pi.
+    first = np.ceil((phases - (low + 2) * angles + math.pi) / (2.0 * math.pi))
+    last = np.floor((phases - (low + 1) * angles + math.pi) / (2.0 * math.pi))
+    found = []
+    for i in np.flatnonzero(last >= first):
+        for turn in np.arange(first[i], last[i] + 1):
+            d = (phases[i] + math.pi - 2.0 * math.pi * turn) / angles[i] - 1.0
+            found.append((float(d), float(angles[i])))
+    if not found:
+        return float(latency), math.pi
+    found.sort(reverse=back)
+    for d, angle in found:
+        beyond = d - 1e-9 if back else d + 1e-9
+        if table.unstable(np.array([beyond + 1.0]))[0] > 0:
+            return d, angle
+    return found[-1]
+
+
+def _windows(
+    unstable: Callable[[np.ndarray], np.ndarray],
+    loops: list[Loop],
+    limit: int | None,
+    step_us: float,
+) -> list[list[float | None]]:
+    if limit is None:
+        return [[0.0, None]]
+    stable = unstable(np.arange(max(_WINDOWS, 2 * limit + 200))) == 0
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], stable.astype(int), [0]])))
+    found: list[list[float | None]] = []
+    for first, end in edges.reshape(-1, 2):
+        low, high = float(first), float(end - 1)
+        if len(loops) == 1:
+            low = 0.0 if first == 0 else _between(loops[0].table, int(first), back=True)[0]
+            high = _between(loops[0].table, int(end - 1))[0]
+        found.append([low * step_us, high * step_us])
+    return found
+
+
+def _phase_crossings(loop: Loop, delay: int) -> tuple[np.ndarray, np.ndarray]:
+    """Angles where L with its delay is real and negative, and |L| there."""
+    theta = loop.table.theta
+    value = np.exp(loop.table.log_gain)
+    if len(theta) * 1.0 < 4.0 * delay:  # the delay alone turns faster than the grid
+        more = np.linspace(0.0, math.pi, 8 * delay)
+        theta = np.concatenate([theta, more])
+        value = np.concatenate([value, loop.gain(np.exp(1j * more))])
+        order = np.argsort(theta)
+        theta, value = theta[order], value[order]
+    full = value * np.exp(-1j * delay * theta)
+    change = np.flatnonzero((full.imag[1:] > 0) != (full.imag[:-1] > 0))
+    low, high, up = theta[change], theta[change + 1], full.imag[change] > 0
+    for _ in range(45):
+        middle = 0.5 * (low + high)
+        z = np.exp(1j * middle)
+        same = ((loop.gain(z) * z ** (-float(delay))).imag > 0) == up
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    at = np.concatenate([0.5 * (low + high), [0.0, math.pi]])
+    z = np.exp(1j * at)
+    there = (loop.gain(z) * z ** (-float(delay))).real
+    return at[there < 0.0], -there[there < 0.0]
+
+
+def _gain_margin(loop: Loop, delay: int) -> float | None:
+    """Factor up to which every smaller gain is stable too; None without limit."""
+    if loop.table.outside:
+        return None
+    size = _phase_crossings(loop, delay)[1]
+    return 1.0 / float(size.max()) if len(size) and size.max() > 0.0 else None
+
+
+def unstable_poles(loop: Loop, delay: int) -> np.ndarray:
+    """Return closed-loop poles outside the unit circle in the upper half plane, by Newton's method
+    from every place where L passes the negative axis beyond -1; some may be missed."""
+    angle, size = _phase_crossings(loop, delay)
+    s = 1j * angle[size > 1.0]
+    if not len(s):
+        return np.empty(0, complex)
+
+    def error(at: np.ndarray) -> np.ndarray:
+        return np.log(-loop.gain(np.exp(at)) * np.exp(-delay * at))
+
+    for _ in range(_NEWTON):
+        step = 1e-7 * np.maximum(np.abs(error(s)), 1e-3) * 1e-1
+        value = error(s)
+        slope = (error(s + step) - value) / step
+        change = value / slope
+        limit = 0.3 * np.maximum(np.abs(s.real), 1e-3)
+        change *= np.minimum(1.0, limit / np.maximum(np.abs(change), 1e-300))
+        s = s - change
+        if np.all(np.abs(change) < 1e-12):
+            break
+    done = (np.abs(error(s)) < 1e-5) & (s.real > 0.0)
+    s = s[done]
+    s = np.where(s.imag < 0.0, s.conj(), s)
+    kept: list[complex] = []
+    for one in s[np.argsort(-s.real)]:
+        if all(abs(one - other) > 1e-7 for other in kept):
+            kept.append(complex(one))
+    return np.exp(np.array(kept, complex))
+
+
+def _dense_poles(loop: Loop, delay: int) -> np.ndarray:
+    """Return all closed-loop poles outside the unit circle as eigenvalues; none if too many."""
+    plant, law = loop.plant, loop.law
+    p = np.concatenate([plant.poles, plant.poles.conj()])
+    residues = np.concatenate([plant.residues, plant.residues.conj()])
+    n, m, late = len(p), len(law.poles), delay + 2
+    total = n + m + late
+    if total > _DENSE:
+        return np.empty(0, complex)
+    # State: plant, law, commands of the last `late` samples, the newest first.
+    a = np.zeros((total, total), complex)
+    a[np.arange(n), np.arange(n)] = p
+    first = n + m
+    a[:n, first + delay - 1 if delay else first] = residues
+    seen = np.zeros(total, complex)
+    seen[:n] = 1.0
+    seen[first + delay] += plant.fir[0]
+    seen[first + delay + 1] += plant.fir[1]
+    a[n : n + m] = law.residues[:, None] * seen
+    a[np.arange(n, n + m), np.arange(n, n + m)] += law.poles
+    command = law.direct * seen
+    command[n : n + m] += 1.0
+    if not delay:
+        a[:n] = residues[:, None] * command
+        a[np.arange(n), np.arange(n)] += p
+    a[first] = command
+    a[np.arange(first + 1, total), np.arange(first, total - 1)] = 1.0
+    found = np.linalg.eigvals(a)
+    return np.asarray(found[np.abs(found) > 1.0 + 1e-13])
+
+
+def _sensitivity(loop: Loop, delay: int) -> tuple[float, float]:
+    """Largest |S| and 1/max|S - 1/2|, from the grid, phase crossings, and a local search."""
+    theta = np.concatenate([loop.table.theta, _phase_crossings(loop, delay)[0]])
+    theta = np.unique(np.concatenate([theta, np.linspace(0.0, math.pi, 8 * delay + 2)]))
+
+    def both(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        z = np.exp(1j * at)
+        s = 1.0 / (1.0 + loop.gain(z) * z ** (-float(delay)))
+        return np.abs(s), np.abs(s - 0.5)
+
+    found = []
+    values = both(theta)
+    for kind in (0, 1):
+        best = np.argsort(-values[kind])[:30]
+        low = theta[np.maximum(best - 1, 0)]
+        high = theta[np.minimum(best + 1, len(theta) - 1)]
+        for _ in range(60):
+            a, b = low + 0.382 * (high - low), low + 0.618 * (high - low)
+            left = both(a)[kind] > both(b)[kind]
+            low, high = np.where(left, low, a), np.where(left, b, high)
+        found.append(max(float(values[kind].max()), float(both(0.5 * (low + high))[kind].max())))
+    return found[0], 1.0 / found[1]

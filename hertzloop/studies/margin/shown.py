@@ -1,0 +1,45 @@
+"""The margin of a loop as lines of text."""
+
+from hertzloop.studies.margin.margin import Margin
+
+
+def margin_lines(m: Margin) -> list[str]:
+    """Return the lines that describe a margin."""
+    if not m.applicable:
+        return [
+            f"No margin: {m.reason.removeprefix('no margin: ')}.",
+            "Use 'hertzloop sweep' over controller.latency_us to simulate what latency costs.",
+        ]
+    lines = [f"Linear loop in flight, ideal converters, {m.modes} modes, step {m.step_ns} ns"]
+    if m.stable:
+        lines.append(f"stable at the scene's latency of {m.latency_us:g} us")
+    elif m.growth_per_s is None:
+        lines.append(
+            f"unstable at {m.latency_us:g} us: {m.unstable_poles} poles outside the unit circle; "
+            "their growth could not be decided"
+        )
+    else:
+        lines.append(
+            f"unstable at {m.latency_us:g} us: grows {m.growth_per_s:.4g}/s at "
+            f"{m.growth_frequency_hz:.5g} Hz, e-folds over this run {m.e_folds:.3g}; "
+            f"{m.unstable_poles} poles outside the unit circle"
+        )
+    if m.latency_limit_steps is None:
+        lines.append("latency limit: none")
+    elif m.latency_limit_steps < 0:
+        lines.append("latency limit: none is tolerated; the loop is unstable at latency 0")
+    else:
+        at = f", set at {m.binding_frequency_hz:.5g} Hz" if m.binding_frequency_hz else ""
+        lines.append(
+            f"latency limit: {m.latency_limit_steps} steps ({m.latency_limit_us:.4g} us){at}"
+        )
+    windows = m.stable_windows_us or []
+    said = ", ".join(
+        f"{a:.4g} to {'any' if b is None else format(b, '.4g')}" for a, b in windows[:8]
+    )
+    lines.append(f"stable latencies, us: {said or 'none'}{' ...' if len(windows) > 8 else ''}")
+    gain = "without limit" if m.gain_margin is None else f"{m.gain_margin:.4g}"
+    lines.append(f"gain margin (factor on the gain at which stability ends): {gain}")
+    if m.peak_sensitivity is not None and m.disk_margin is not None:
+        lines.append(f"peak sensitivity {m.peak_sensitivity:.4g}, disk margin {m.disk_margin:.4g}")
+    return lines

@@ -1,0 +1,91 @@
+"""Whether a law is linear, and with which transfer function."""
+
+import numpy as np
+import pytest
+
+from hertzloop.setup import load
+from hertzloop.studies.margin.identify import NotLinearError, law_filter, probe
+from hertzloop.studies.margin.linear import PoleForm
+
+LAW = '''"""A filter of two poles."""
+
+senses = "v_p"
+
+
+class State:
+    """Two stages."""
+
+    a: float = 0.0
+    b: float = 0.0
+
+
+def command(p, s, samples, i):
+    """Force of sample i, N."""
+    s.a = 0.9 * s.a + samples[i]
+    s.b = 0.8 * s.b + 0.1 * s.a
+    return FORCE
+'''
+
+
+def setup_with(tmp_path, force):
+    path = tmp_path / "mine.py"
+    path.write_text(LAW.replace("FORCE", force), encoding="utf-8")
+    return load("oak-20mm", [f"controller.law={path}", "sensors.quantity=v_p"])
+
+
+def test_a_linear_law_of_the_user_is_identified(tmp_path):
+    found = law_filter(setup_with(tmp_path, "-20.0 * s.b"))
+    z = np.exp(1j * np.linspace(0.01, 3.1, 50))
+    expected = -2.0 / ((1.0 - 0.9 / z) * (1.0 - 0.8 / z))
+    assert np.abs(found.at(z) - expected).max() <= 1e-9 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    "force",
+    [
+        "min(max(-20.0 * s.b, -100.0), 100.0)",
+        "-20.0 * s.b * (1.0 + 1e-4 * i)",
+        "-20.0 * s.b + 1e-3",
+        "-20.0 * abs(s.b)",
+        "-20.0 * s.b if abs(s.b) > 1e-6 else 0.0",
+    ],
+)
+def test_a_law_that_is_not_linear_is_refused(tmp_path, force):
+    with pytest.raises(NotLinearError):
+        law_filter(setup_with(tmp_path, force))
+
+
+@pytest.mark.parametrize(
+    ("law", "quantity"), [("velocity_feedback", "v_p"), ("acceleration_feedback", "acceleration")]
+)
+def test_constants_of_shipped_laws_agree_with_a_probe(law, quantity):
+    setup = load("oak-20mm", [f"controller.law={law}", f"sensors.quantity={quantity}"])
+    setup = setup.vary({"sensors.bits": "ideal", "controller.bits": "ideal"})
+    z = np.exp(1j * np.linspace(0.01, 3.1, 50))
+    read, probed = law_filter(setup).at(z), probe(setup).at(z)
+    assert np.abs(read - probed).max() <= 1e-9 * np.abs(read).max()
+
+
+@pytest.mark.parametrize("key", ["controller.jitter_us=3", "controller.drop_out_probability=0.1"])
+def test_a_line_that_varies_is_refused(key):
+    with pytest.raises(NotLinearError):
+        law_filter(load("oak-20mm", ["controller.law=velocity_feedback", key]))
+
+
+@pytest.mark.parametrize("every", [1, 2, 5])
+def test_held_commands_between_samples(every):
+    form = PoleForm(np.array([0.9 + 0.3j]), np.array([0.2 - 0.1j]), np.array([0.3, -0.2]))
+    k = np.arange(200)
+    response = np.zeros(200)
+    response[1:] = 2.0 * (form.residues[0] * form.poles[0] ** k[:-1]).real
+    response[1:3] += form.fir
+    for shift in range(every):
+        held = form.held(every, shift)
+        command = np.zeros(200)
+        command[shift : shift + every] = 1.0
+        expected = np.convolve(command, response)[:200:every]
+        m = np.arange(len(expected))
+        found = np.zeros(len(expected))
+        found[1:] = 2.0 * (held.residues[0] * held.poles[0] ** m[:-1]).real
+        found[1:3] += held.fir[: len(found) - 1]
+        assert np.abs(found - expected).max() < 1e-12
