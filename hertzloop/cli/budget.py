@@ -349,6 +349,9 @@ def effect_lines(found: "Budget") -> list[str]:
 
 def print_budget(found: "Budget") -> None:
     """Print a budget on one screen."""
+    from hertzloop.studies.margin.margin import Margin
+    from hertzloop.studies.margin.shown import margin_lines
+
     for line in effect_lines(found):
         out.print(line, soft_wrap=True)
     plants = _plants(found)
@@ -365,7 +368,10 @@ def print_budget(found: "Budget") -> None:
                 out.print(f"In {name} the goal is met again at {limit.quantity} = {places}: "
                           "the tolerated values are not an interval.", soft_wrap=True)  # fmt: skip
     if found.margin is None:
-        out.print("Linear margin: not available.")
+        out.print("Linear margin: none, since this law makes no linear loop in flight.")
+    else:
+        for line in margin_lines(Margin(**found.margin)):
+            out.print(line, soft_wrap=True)
 
 
 def _trace_words(latencies: Sequence[float]) -> str:

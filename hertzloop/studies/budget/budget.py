@@ -1,6 +1,5 @@
 """The budget of a law in a scene: its effect, its limits, in the scene's and in a real plant."""
 
-import importlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -19,11 +18,11 @@ from hertzloop.studies.budget.limits import (
     quantities_of,
     side_by_side,
 )
+from hertzloop.studies.margin.margin import margin_of
 from hertzloop.studies.real import NOISE, REAL
 from hertzloop.studies.sweeps.design import Spread, phases, spread_of
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 
-_MARGIN = "hertzloop.studies.margin"  # the linear margin, where it is installed
 _PHASES, _QUICK_PHASES = 5, 3
 _SEEDS, _QUICK_SEEDS = 3, 1
 _POINTS, _QUICK_POINTS = 8, 5
@@ -61,7 +60,7 @@ class InPlant:
 @dataclass(frozen=True)
 class Budget:
     """The answer of `hertzloop budget`; `real` is None where it was not asked for; `margin`: the
-    linear margin, None where hertzloop.studies.margin is not installed or has no answer."""
+    linear margin, None for a law that has none."""
 
     scene: str
     law: str
@@ -179,7 +178,8 @@ def budget(
     real = of_plant(*_second(real_plant(setup, quick))) if with_real else None
     on_progress(1.0)
     margin = linear_margin(setup)
-    unstable = True if ideal.nominal.unstable else (margin or {}).get("unstable")
+    stable = None if margin is None else margin["stable"]
+    unstable = True if ideal.nominal.unstable else None if stable is None else not stable
     return Budget(
         setup.name, setup.law_reference, span, tuple(goals), ideal, real, margin, unstable,
         counted[0],
@@ -225,16 +225,13 @@ def binds_first(limits: Iterable[Limit]) -> str | None:
 
 
 def linear_margin(setup: Setup) -> dict[str, Any] | None:
-    """Return the linear margin by `hertzloop.studies.margin`, as a dictionary; None where that is
-    not installed or the law has none."""
+    """Return the linear margin as a dictionary (see `studies.margin.margin.Margin`); None for a law
+    that has none."""
     try:
-        module = importlib.import_module(_MARGIN)
-        found = module.margin(setup)
-    except (ImportError, AttributeError, SceneError):
+        found = margin_of(setup)
+    except SceneError:
         return None
-    if found is None or isinstance(found, dict):
-        return found
-    return asdict(found)
+    return asdict(found) if found.applicable else None
 
 
 def as_data(found: Budget) -> dict[str, Any]:
