@@ -71,6 +71,14 @@ def repeated(scene: Setup, repeat: Repeat, lane: bool = True) -> Pair:
     return pair.run()
 
 
+def test_nothing_is_simulated_before_the_first_exchange() -> None:
+    node, fresh = paced(feedback(), 0.01).plant, Pair(feedback()).plant
+    before, expected = node.streams.plant.state, fresh.streams.plant.state
+    assert before.counts.tolist() == expected.counts.tolist()
+    assert before.body.tolist() == expected.body.tolist()
+    assert node._pace.counts.tolist() == [0] * len(node._pace.counts)
+
+
 @pytest.mark.full
 @pytest.mark.parametrize("lane", [True, False])
 def test_with_time_to_spare_it_is_the_run_in_lock_step(lane: bool, tmp_path: Path) -> None:

@@ -182,6 +182,8 @@ def test_what_was_measured_is_plotted_where_it_belongs(
     assert found[0] == plot
     np.testing.assert_allclose(found[1].values, factor * np.array([0.5, -1.5]))
     assert found[1].time_ns.tolist() == [0, 2000]
+    # Only what a run is compared with is faint, and there is no other run.
+    assert not any(c.faint for p in replay_data.plots(recording, []) for c in p.curves)
 
 
 def test_the_first_contact_is_in_the_zoom_of_a_run_that_ends_in_it() -> None:

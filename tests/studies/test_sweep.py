@@ -314,3 +314,20 @@ def test_a_case_is_the_scene_with_its_keys() -> None:
     scene = load("aluminium-3mm")
     same = load("aluminium-3mm", ["controller.law=velocity_feedback", "controller.kappa=0.5"])
     assert scene.vary({"controller.law": "velocity_feedback", "controller.kappa": 0.5}) == same
+
+
+@pytest.mark.parametrize(("words", "count"), [([], 256), (["--cases", "5"], 5)])
+def test_spread_points_are_256_unless_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], count: int
+) -> None:
+    planned = []
+
+    def stop(setup: object, design: Any, *_: object, **__: object) -> None:
+        planned.append(len(design.cases()))
+        raise OSError(28, "stop here")
+
+    monkeypatch.setattr("hertzloop.studies.sweeps.sweep.sweep", stop)
+    over = ["--over", "controller.kappa=0.1:0.9", "--design", "lhs", "--out"]
+    done = invoke(["sweep", "aluminium-3mm", *over, str(tmp_path / "a.csv"), *words])
+    assert done.exit_code == 1
+    assert planned == [count]
