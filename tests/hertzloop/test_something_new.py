@@ -1,4 +1,4 @@
-"""A scheme, a structure, a quantity and a stream take what docs/architecture.md says, no more."""
+"""A scheme, a structure, a quantity and a stream take what docs/explanation/architecture.md says, no more."""
 
 import os
 import subprocess
