@@ -1,7 +1,7 @@
 """Documentation, README and help are in plain English: no coined words, no sentence over 35 words.
 
-The table of words is short on purpose: it holds phrases that the project used in a sense of its own,
-for which the field has a standard term.
+The table of words is short on purpose. It holds phrases that the project used in a sense of its
+own, and for which the field has a standard term.
 """
 
 import re
