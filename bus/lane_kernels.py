@@ -1,6 +1,6 @@
 """Compiled kernels of the fast lane: two rings in shared memory, as hertzloop_lane.h has them in C.
 
-See docs/lane.md.
+See docs/reference/lane.md.
 """
 
 import os

@@ -1,6 +1,6 @@
 """What a law file needs: the base of its scene keys, what is known of the run, modes of a law.
 
-See docs/laws.md; `hertzloop law new mine.py` writes a commented start.
+See docs/how-to/laws.md; `hertzloop law new mine.py` writes a commented start.
 """
 
 import math

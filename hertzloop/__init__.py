@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from hertzloop.extras import sentence_on
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # Matrices here are small: threads of the linear algebra cost more than they give. NumPy reads
 # this once, when it is imported first.

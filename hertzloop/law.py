@@ -1,4 +1,7 @@
-"""What a law's file imports: `from hertzloop.law import Keys, About, kernel`. See docs/laws.md."""
+"""What a law's file imports: `from hertzloop.law import Keys, About, kernel`.
+
+See docs/how-to/laws.md.
+"""
 
 from pydantic import Field
 

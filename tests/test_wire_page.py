@@ -1,4 +1,4 @@
-"""docs/wire.md says what the code does: streams, keys, fields, ports."""
+"""docs/reference/wire.md says what the code does: streams, keys, fields, ports."""
 
 import hashlib
 import re
@@ -27,7 +27,7 @@ from tests.hertzloop.processes import wait_for
 from tests.ports import free_ports
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = (ROOT / "docs" / "wire.md").read_text()
+PAGE = (ROOT / "docs" / "reference" / "wire.md").read_text()
 KNOWN = set(re.findall(r"`([^`]+)`", re.sub(r"```.*?```", "", PAGE, flags=re.S)))
 
 

@@ -1,4 +1,6 @@
-"""A controller of one's own, with zenoh and protobuf and nothing of hertzloop: see docs/wire.md.
+"""A controller of your own, with zenoh and protobuf, without hertzloop code.
+
+See docs/reference/wire.md.
 
 Before: python -m grpc_tools.protoc -I. --python_out=. messages.proto
 """

@@ -1,6 +1,6 @@
 """Compiled kernels of paced mode: the plant follows the wall clock and waits for no force.
 
-See docs/paced.md. Nothing allocates: arrays are `borrowed`.
+See docs/how-to/paced.md. Nothing allocates: arrays are `borrowed`.
 """
 
 from typing import NamedTuple

@@ -1,7 +1,7 @@
 """Check a controller process: a scripted plant and a recorder play a run against it.
 
-The rules are those of docs/wire.md. The first that is broken raises Broken with a sentence. The
-controller's process is started for each script, or runs already.
+The rules are those of docs/reference/wire.md. The first broken rule raises Broken with a sentence.
+The controller's process is started for each script, or runs already.
 """
 
 import math

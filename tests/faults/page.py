@@ -1,8 +1,8 @@
-"""docs/faults.md: the tables that series of faults print are put into it (`--page`)."""
+"""docs/evidence/faults.md: the tables that series of faults print are put into it (`--page`)."""
 
 from pathlib import Path
 
-PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
+PAGE = Path(__file__).parents[2] / "docs" / "evidence" / "faults.md"
 
 
 def put(name: str, command: str, table: str, page: Path = PAGE) -> None:

@@ -111,7 +111,8 @@ def main() -> int:
     options.add_argument("--first", type=int, default=0, help="leave out the tries before")
     options.add_argument("--at-once", type=int, default=1, help="tries that share the machine")
     options.add_argument("--results", type=Path, help="a file to keep, and to go on from")
-    options.add_argument("--page", action="store_true", help="put the table into docs/faults.md")
+    wish = "write the table to docs/evidence/faults.md"
+    options.add_argument("--page", action="store_true", help=wish)
     given = options.parse_args()
     print(f"seed {given.seed}", flush=True)
     random_ = random.Random(given.seed)

@@ -16,7 +16,7 @@ from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.setup import resolve
 from hertzloop.views.data import run_scene
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "python.md"
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 SHORT = {"run.duration_s": 0.0015, "controller.v_thr_m_s": -0.6}
 

@@ -1,4 +1,4 @@
-"""A scheme, a structure, a quantity and a stream take what docs/architecture.md says, no more."""
+"""A new scheme, structure, quantity and stream need what docs/explanation/architecture.md says."""
 
 import os
 import subprocess

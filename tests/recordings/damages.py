@@ -175,7 +175,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--tries", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=secrets.randbits(32))
-    parser.add_argument("--page", action="store_true", help="put the table into docs/faults.md")
+    wish = "write the table to docs/evidence/faults.md"
+    parser.add_argument("--page", action="store_true", help=wish)
     chosen = parser.parse_args()
     print(f"seed {chosen.seed}", flush=True)
     with tempfile.TemporaryDirectory() as name:

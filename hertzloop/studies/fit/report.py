@@ -20,7 +20,7 @@ _MODEL_WORDS = {
 
 
 def as_json(result: FitResult) -> dict[str, Any]:
-    """Return a fit as data for JSON: see docs/fit.md for the fields."""
+    """Return a fit as data for JSON: see docs/how-to/fit.md for the fields."""
     by_record = {
         n.record: {
             "time_shift_s": n.time_shift_s, "gain": n.gain, "offset": n.offset,

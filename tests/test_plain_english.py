@@ -1,0 +1,100 @@
+"""Documentation, README and help are in plain English: no coined words, no sentence over 35 words.
+
+The table of words is short on purpose. It holds phrases that the project used in a sense of its
+own, and for which the field has a standard term.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hertzloop.cli import app
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+# The page of scene keys is printed by the code, which `tests/test_docs.py` compares.
+PRINTED = DOCS / "reference" / "keys.md"
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *(page for page in sorted(DOCS.rglob("*.md")) if page != PRINTED),
+]
+LONGEST = 35  # words in a sentence
+
+# A coined phrase, as a regular expression, and the standard term.
+REFUSED = {
+    r"what is struck|struck (?:point|face)": "structure; contact point",
+    r"(?:energy )?books?|ledger": "energy and momentum balance; residual",
+    r"the (?:same )?door": "law loader; plug-in interface",
+    r"the plant elsewhere": "Export the plant (FMU, C library)",
+    r"strangers?|guests?": "unauthorised peer; other subscriber",
+    r"vouch(?:es)?|last words|gives? up": "confirm completion; final message; time out",
+    r"what (?:a|the) run leaves out|(?<!if )left out": "neglected effects; omitted",
+    r"what ran": "name the thing: law, scene, version",
+    r"digits that can be known": "predictable digits; prediction horizon",
+    r"rows of truth": "time series; samples",
+    r"law-on": "replay a recording through a law",
+    r"control does harm|does harm": "Control increases plate energy by ... dB",
+}
+# Words that are right where they stand: names of streams, columns and options in code are removed
+# before the search, so this holds prose alone.
+
+
+def prose(text: str) -> str:
+    """Return a page without code, tables, comments, headings and addresses of links."""
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r"```.*?```", "\n\n", text, flags=re.DOTALL)
+    text = re.sub(r"^(?: {4}|\t).*$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"^(?:\||#).*$", "\n", text, flags=re.MULTILINE)
+    text = re.sub(r"`[^`]*`", "CODE", text)
+    return re.sub(r"\]\([^)]*\)", "]", text)
+
+
+def sentences(text: str) -> Iterator[str]:
+    """Yield the sentences of prose; an item of a list and a paragraph end a sentence."""
+    for paragraph in re.split(r"\n\s*\n|\n\s*(?:[-*]|\d+\.)\s", text):
+        flat = re.sub(r"\s+", " ", paragraph).strip()
+        yield from filter(None, re.split(r"(?<=[.:;?!])(?:\*\*)?\s+", flat))
+
+
+def coined(text: str) -> list[str]:
+    """Return each coined phrase of a text, with the term to use."""
+    return [
+        f"'{found[0]}': write '{term}'"
+        for phrase, term in REFUSED.items()
+        for found in re.finditer(rf"\b(?:{phrase})\b", text, re.IGNORECASE)
+    ]
+
+
+def helps() -> Iterator[tuple[str, str]]:
+    """Yield every command with its summary, its example and all help texts of its page."""
+    for leaf in app.leaves():
+        command = app.loaded(leaf)
+        told = [leaf.summary, leaf.example, command.help or "", command.epilog or ""]
+        told += [getattr(param, "help", None) or "" for param in command.params]
+        yield leaf.words, "\n".join(told)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_page_has_no_coined_words(page: Path) -> None:
+    text = re.sub(r"```.*?```|`[^`]*`", "CODE", page.read_text(), flags=re.DOTALL)
+    assert coined(re.sub(r"\]\([^)]*\)", "]", text)) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_page_has_no_long_sentences(page: Path) -> None:
+    long = [one for one in sentences(prose(page.read_text())) if len(one.split()) > LONGEST]
+    assert long == []
+
+
+def test_help_has_no_coined_words() -> None:
+    assert {words: found for words, text in helps() if (found := coined(text))} == {}
+
+
+def test_a_coined_word_and_a_long_sentence_are_found() -> None:
+    assert coined("The struck point is kept in the books.") != []
+    assert coined("A notebook holds the contact point.") == []
+    assert max(len(one.split()) for one in sentences("word " * 36 + "end.\n\nShort.")) == 37
+    assert list(sentences(prose("One.\n\n```\n" + "word " * 50 + "\n```\n"))) == ["One."]
