@@ -254,6 +254,7 @@ def _run(
         return Ran(
             figures_of(setup, stacked(dict(columns))), law, setup.expected_error,
             books.injected_j, books.dent_m, pacing is not None, saturation,
+            setup.law_models_yield,
         )  # fmt: skip
 
     force = None

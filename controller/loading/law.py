@@ -52,6 +52,12 @@ class Law:
         """Whether the state's delay is one that the law latches."""
         return bool(getattr(self.home, "latches", False))
 
+    @property
+    def models_yield(self) -> bool:
+        """Whether the law allows for the dent that a yielding contact leaves. A law declares this
+        with `models_yield = True` in its module or class."""
+        return bool(getattr(self.home, "models_yield", False))
+
     @cached_property
     def whole_steps(self) -> list[str]:
         """Keys that have to be a whole number of steps."""

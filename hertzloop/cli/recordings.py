@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hertzloop.cli.options import (
+    DetailsOption,
     JsonOption,
     OverwriteOption,
     check_json,
@@ -60,7 +61,7 @@ def repeat_or_fail(recording: "Recording", setup: "Setup") -> "Repeat":
         fail(str(error), 2)
 
 
-FileArgument = Annotated[Path, typer.Argument(help="A recording.", metavar="F.mcap")]
+FileArgument = Annotated[Path, typer.Argument(help="Recording to read.", metavar="F.mcap")]
 
 
 def inspect(
@@ -81,10 +82,13 @@ def inspect(
         ),
     ] = None,
     overwrite: OverwriteOption = False,
+    details: DetailsOption = False,
 ) -> None:
-    """Print streams, gaps, scene and figures of a recording.
+    """Check a recording and print its figures.
 
-    The exit code is 1 if something is missing.
+    The exit code is 1 if a message is missing or damaged.
+
+    Example: hertzloop inspect aluminium-20mm.mcap --details
     """
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.views import inspection
@@ -97,7 +101,7 @@ def inspect(
         data = inspection.summary(recording)
     except RecordingError as error:
         fail(str(error), 1)
-    inspection.show(out, recording, data)
+    inspection.show(out, recording, data, details)
     if responses is not None:
         _draw_responses(recording, responses)
     write_json(json_file, data)

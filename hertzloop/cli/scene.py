@@ -128,7 +128,7 @@ def check(
     compile_first(resolved)
 
     from hertzloop.analysis.validity import State, neglected_of_scene
-    from hertzloop.views.effects import effects_as_json, show_left_out, table_of
+    from hertzloop.views.effects import effects_as_json, show_neglected, table_of
 
     try:
         neglected = neglected_of_scene(resolved)
@@ -141,7 +141,7 @@ def check(
         out.print("No contact within the run, so nothing is left out of one.")
     else:
         out.print(table_of(found["validity"]))
-        show_left_out(out, found["validity"])
+        show_neglected(out, found["validity"])
         for finding in found["validity"]:
             if finding["state"] == State.NOT_KNOWN:
                 out.print(f"Not known: {finding['sentence']}.", soft_wrap=True)

@@ -284,6 +284,14 @@ class Setup:
         return self.law_reference in shipped_laws()
 
     @property
+    def law_models_yield(self) -> bool:
+        """Whether the law declares that it allows for a permanent dent; false if it is missing."""
+        try:
+            return bool(getattr(self.scene.controller.found, "models_yield", False))
+        except LawError:
+            return False
+
+    @property
     def law_keys(self) -> Any:
         """The law's own keys, as attributes."""
         return self.scene.controller.keys

@@ -128,14 +128,15 @@ def test_run_and_inspect_print_the_demand(tmp_path: Path, monkeypatch: pytest.Mo
             "a.mcap",
             "--json",
             "a.json",
+            "--details",
             *arguments,
         ],
     )
     assert run.exit_code == 0, run.output
     assert "its bandwidth adds 2.23" in run.output
-    inspected = invoke(["inspect", "a.mcap", "--json", "b.json"])
+    inspected = invoke(["inspect", "a.mcap", "--json", "b.json", "--details"])
     assert inspected.exit_code == 0, inspected.output
-    assert "Demand on the actuator" in inspected.output
+    assert "Actuator demand" in inspected.output
     asked = [json.loads((tmp_path / name).read_text())["demand"] for name in ("a.json", "b.json")]
     assert asked[0] == asked[1]
     assert asked[0]["force_n"] > 10.0

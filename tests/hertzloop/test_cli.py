@@ -38,14 +38,25 @@ def test_first_run_of_a_new_user(here: Path) -> None:
     """Real processes, no argument but a shorter run: recording, closing table, all figures."""
     done = hertzloop("run", "--set", "run.duration_s=0.02", "--json", "a.json", cwd=here)
     assert done.returncode == 0, done.stderr
-    for words in ("Impacts with control", "The same without control", "residuals", "exchanges"):
+    lines = done.stdout.splitlines()
+    assert lines[0] == "Control reduces plate energy by 7.1 dB over all contacts."
+    assert lines[-1] == "Next: hertzloop replay aluminium-20mm.mcap"
+    assert len(lines) <= 40
+    assert max(map(len, lines)) <= 80
+    assert sum(line.startswith("│") for line in lines) <= 10
+    for words in ("with control", "without", "change", "residual", "Recording: ", "--details"):
         assert words in done.stdout
+    inspected = call("inspect", "aluminium-20mm.mcap").output
+    assert len(inspected.splitlines()) <= 40
+    for all_of_it in (call("inspect", "aluminium-20mm.mcap", "--details").output,):
+        assert "Impacts" in all_of_it
+        assert "acceleration noise, Longhorn" in all_of_it
+        assert "acceleration noise, Longhorn" not in inspected
     recording = read(here / "aluminium-20mm.mcap")
     assert not recording.problems
     assert recording.truth.samples == recording.force.samples == recording.daq.samples == 20_000
     data = json.loads((here / "a.json").read_text())
     assert data["scene"] == "aluminium-20mm"
-    assert "Control helps: plate energy -7.1 dB over all contacts" in done.stdout
     assert (data["law"], data["scene_law"]) == ("slope_threshold", "slope_threshold")
     assert (data["seed"], data["transport"], data["steps"]) == (1, "zenoh", 20_000)
     assert data["wall_s"] > 0
@@ -71,10 +82,10 @@ def test_first_run_of_a_new_user(here: Path) -> None:
 def test_the_table_says_what_was_chosen_and_what_the_full_model_would_have_cost(
     here: Path,
 ) -> None:
-    done = call("run", "aluminium-3mm", *SHORT, "--json", "a.json")
+    done = call("run", "aluminium-3mm", *SHORT, "--json", "a.json", "--details")
     for words in (
         "564 frequencies up to 244.7 kHz", "1,104 frequencies up to 500 kHz", "1.96 times as many",
-        "times as long (measured)", "would do until 1.154 ms, beyond the first contact",
+        "times as long (measured)", "sufficient until 1.154 ms, beyond the first contact",
     ):  # fmt: skip
         assert words in said(done), words
     model = json.loads((here / "a.json").read_text())["model"]
@@ -85,9 +96,11 @@ def test_the_table_says_what_was_chosen_and_what_the_full_model_would_have_cost(
     assert model["full"]["frequency_ratio"] == 1104 / 564
     assert model["full"]["measured_ratio"] > 0.0
 
-    few = call("run", "sylomer-20mm", *SHORT, "--set", "run.accuracy=0.05", "--json", "s.json")
+    few = call(
+        "run", "sylomer-20mm", *SHORT, "--set", "run.accuracy=0.05", "--json", "s.json", "--details"
+    )
     assert "a ratio of frequencies, not of measured time" in said(few)
-    assert "would do until" not in said(few)
+    assert "sufficient until" not in said(few)
     assert json.loads((here / "s.json").read_text())["model"]["full"]["measured_ratio"] is None
 
     old = call("run", "thesis-oak", *SHORT, "--json", "t.json")

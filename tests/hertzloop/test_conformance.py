@@ -251,6 +251,6 @@ def test_the_example_gives_the_shipped_laws_bytes(tmp_path: Path) -> None:
     assert np.any(other.force.arrays["force_n"])
     done = hertzloop("inspect", str(theirs))
     assert done.returncode == 0
-    assert "Law really run: own slope threshold 1.0 (the scene says slope_threshold)" in " ".join(
+    assert "Law: own slope threshold 1.0 (the scene says slope_threshold)" in " ".join(
         done.stdout.split()
     )

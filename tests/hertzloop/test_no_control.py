@@ -15,7 +15,14 @@ COMPILED = ["--transport", "compiled", "--set", "run.accuracy=0.05"]
 
 @pytest.mark.full
 def test_a_run_without_control_has_one_table(tmp_path: Path) -> None:
-    words = [*COMPILED, "--set", "run.duration_s=0.0015", "--out", str(tmp_path / "a.mcap")]
+    words = [
+        "--details",
+        *COMPILED,
+        "--set",
+        "run.duration_s=0.0015",
+        "--out",
+        str(tmp_path / "a.mcap"),
+    ]
     report = tmp_path / "a.json"
     off = ["--set", "controller.law=off", "--json", str(report)]
     alone = hertzloop("run", "aluminium-3mm", *words, *off)

@@ -159,7 +159,7 @@ def test_a_run_says_what_it_took(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.chdir(tmp_path)
     for settings, words, key in (
         (["plate.theory=auto"], "three dimensions; Kirchhoff's theory may cost 0.03", "theory"),
-        (["plate.tail=damped"], "one damped mode took", "tail"),
+        (["plate.tail=damped"], "one damped mode dissipated", "tail"),
     ):
         arguments = [x for s in [*SHORT, *settings] for x in ("--set", s)]
         done = invoke(
@@ -171,6 +171,7 @@ def test_a_run_says_what_it_took(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
                 "compiled",
                 "--json",
                 "a.json",
+                "--details",
                 "--overwrite",
             ],
         )

@@ -92,12 +92,13 @@ def test_run_inspect_and_python_tell_the_dent(
             "a.mcap",
             "--json",
             "a.json",
+            "--details",
             *arguments,
         ],
     )
     assert run.exit_code == 0, run.output
     assert "a dent of" in run.output
-    inspected = invoke(["inspect", "a.mcap", "--json", "b.json"])
+    inspected = invoke(["inspect", "a.mcap", "--json", "b.json", "--details"])
     assert inspected.exit_code == 0, inspected.output
     assert "a dent of" in inspected.output
     found = [json.loads((tmp_path / name).read_text())["yield"] for name in ("a.json", "b.json")]
