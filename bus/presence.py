@@ -161,7 +161,7 @@ class Presence:
             if count > 1:
                 raise BusError(
                     f"{count} processes are the {role} on bus '{self.name}', a run has one: end "
-                    "the others, or give each run a name of its own (--name)"
+                    "the others, or give each run its own name (--name)"
                 )
 
     def wait_for(self, roles: Sequence[str], timeout_s: float) -> None:

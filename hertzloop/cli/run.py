@@ -81,10 +81,7 @@ def run(
     ] = False,
     details: DetailsOption = False,
 ) -> None:
-    """Run and record a scene, and compare it with the same run without control.
-
-    Example: hertzloop run aluminium-3mm --set controller.latency_us=2 --details
-    """
+    """Run and record a scene, and compare it with the same run without control."""
     raise_when_ended()
     if repeat is not None and (scene != DEFAULT or settings or seed is not None):
         fail("--repeat: the recording fixes scene and seed. Remove SCENE, --set and --seed.", 2)

@@ -47,14 +47,14 @@ def show(
     Redirect the output to a file to start a scene of your own from it.
     """
     if name not in shipped():
-        fail(f"there is no scene {shown(name)}; known are {', '.join(shipped())}", 2)
+        fail(f"NAME = {shown(name)}: unknown scene. Use one of {', '.join(shipped())}.", 2)
     print(shipped_text(name), end="")
 
 
 def new(
-    file: Annotated[Path, typer.Argument(help="File to write.", metavar="F.toml")],
+    file: Annotated[Path, typer.Argument(help="Write this new file.", metavar="F.toml")],
 ) -> None:
-    """Write a commented scene that runs as it is."""
+    """Write a commented scene that runs without changes."""
     write_new(file, (".toml",), "scene", lambda: {file: _start_of(file)}, f"hertzloop run {file}")
 
 
@@ -95,7 +95,7 @@ def keys(
         fail(str(error), 2)
     chosen = [key for key in found if part in key.name]
     if part and not chosen:
-        fail(f"no key contains '{part}'; `hertzloop scene keys` lists all", 2)
+        fail(f"PART = '{part}': no key contains it. List all keys with: hertzloop scene keys", 2)
     table = Table("key", "takes", "means")
     for key in chosen:
         unit = f" ({key.unit})" if key.unit else ""
@@ -113,7 +113,7 @@ def check(
         Path | None,
         typer.Option(
             "--map",
-            help="Also map the effects over radius and thickness, into this folder.",
+            help="Map the effects over radius and thickness into this folder.",
             metavar="DIR",
         ),
     ] = None,
@@ -136,15 +136,15 @@ def check(
         fail(str(error), 2)
     found = {"stable": neglected.stable, **effects_as_json(neglected)}
     if not neglected.stable:
-        out.print("The closed loop is unstable: what else it leaves out would say nothing.")
+        out.print("The closed loop is unstable; neglected effects are not evaluated.")
     elif not found["validity"]:
-        out.print("No contact within the run, so nothing is left out of one.")
+        out.print("No contact occurs within the run, so no effect is neglected.")
     else:
         out.print(table_of(found["validity"]))
         show_neglected(out, found["validity"])
         for finding in found["validity"]:
             if finding["state"] == State.NOT_KNOWN:
-                out.print(f"Not known: {finding['sentence']}.", soft_wrap=True)
+                out.print(f"Unknown: {finding['sentence']}.", soft_wrap=True)
     if map_folder is not None:
         _draw_map(resolved, map_folder)
     write_json(json_file, {"scene": resolved.name, **found})
@@ -160,7 +160,7 @@ def _draw_map(resolved: Setup, folder: Path) -> None:
     except SceneError as error:
         fail(str(error), 2)
     except OSError as error:
-        fail(f"cannot write into {folder}: {error.strerror}", 1)
+        fail(f"cannot write to the folder {folder}: {error.strerror}", 1)
     for name, size in sizes.items():
         shares = (f"{100.0 * (size > level).mean():.0f} %" for level in (1e-3, 1e-1))
         out.print("{}: above 0.1 % in {} of the map, above 10 % in {}".format(name, *shares))
@@ -171,11 +171,11 @@ def modes(
     scene: SceneArgument = DEFAULT,
     out_file: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="File to write, .csv, .parquet or .npz."),
+        typer.Option("--out", "-o", help="Write this .csv, .parquet or .npz file."),
     ] = None,
     settings: SetOption = None,
     grid: Annotated[
-        bool, typer.Option("--grid", help="With shapes on a grid, for the replay; .npz only.")
+        bool, typer.Option("--grid", help="Add mode shapes on a grid for the replay; .npz only.")
     ] = False,
     overwrite: OverwriteOption = False,
 ) -> None:

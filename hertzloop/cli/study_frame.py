@@ -23,7 +23,7 @@ def results_in(folder: Path, *schemes: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        fail(f"cannot write into {folder}: {error.strerror}", 1)
+        fail(f"cannot write to the folder {folder}: {error.strerror}", 1)
 
 
 @contextmanager
@@ -47,6 +47,6 @@ def resumable(folder: Path, name: str, header: dict[str, Any]) -> "Iterator[Kept
                 with if_interrupted(lambda: on):
                     yield finished
             except SweepFailed as error:
-                fail(f"{error}; {on}", 1)
+                fail(f"{error}. {on}.", 1)
     except JournalError as error:
         fail(str(error), 2)

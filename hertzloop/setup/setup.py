@@ -445,8 +445,8 @@ class Setup:
         if found is None:
             raise LawError(
                 f"controller.law = '{self.law_reference}' needs the contact force without control, "
-                f"but the first contact does not end within {followed_s:g} s; take a harder plate, "
-                "less contact.viscous_n_s_m, or another law"
+                f"but the first contact does not end within {followed_s:g} s. Use a harder plate, "
+                "less contact.viscous_n_s_m, or another law."
             )
         return found
 

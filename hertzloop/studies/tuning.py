@@ -85,7 +85,7 @@ def read_tuned(path: Path) -> Tuned:
         front = [_found(one) for one in data.pop("front")]
         return Tuned(front=front, published=_found(data.pop("published")), **data)
     except FileNotFoundError as error:
-        raise ValueError(f"there are no results {path}") from error
+        raise ValueError(f"{path}: no such results. Give a file that a sweep wrote.") from error
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"{path} holds no results of a tuning: {error}") from error
 

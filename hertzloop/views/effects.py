@@ -150,8 +150,8 @@ _BRIEF: dict[str, tuple[str, str]] = {
     Effect.YIELD: ("peak contact pressure is {x:.2g} times first yield", "contact.plasticity"),
     Effect.WIDE_ON_SPHERE: ("contact radius is {x:.2g} of the sphere radius", ""),
     Effect.WIDE_ON_PLATE: ("contact radius is {x:.2g} of the plate thickness", ""),
-    Effect.THEORY_ENERGY: ("plate theory changes energy by {p}", "plate.theory"),
-    Effect.THEORY_PEAK: ("plate theory changes peak force by {p}", "plate.theory"),
+    Effect.THEORY_ENERGY: ("energy error of thin-plate theory is {p}", "plate.theory"),
+    Effect.THEORY_PEAK: ("peak-force error of thin-plate theory is {p}", "plate.theory"),
     Effect.LARGE_DEFLECTION: ("deflection is {x:.2g} of the plate thickness", ""),
     Effect.SPHERE_VIBRATION: ("contact lasts {x:.2g} vibration periods of the sphere", ""),
     Effect.THICKNESS_RESONANCE: ("contact lasts {x:.2g} periods through the thickness", ""),
@@ -161,7 +161,7 @@ _BRIEF: dict[str, tuple[str, str]] = {
     Effect.AIR_FILM: ("air film takes {p} of the energy", ""),
     Effect.DRAG: ("drag takes {p} of the fall energy", ""),
     Effect.SENSOR_RANGE: ("law needs {x:.2g} times the sensor range", "sensors.full_scale"),
-    Effect.DAMPER_BEHIND_SPRING: ("contact damping changes energy by {p}", ""),
+    Effect.DAMPER_BEHIND_SPRING: ("energy error of contact damping is {p}", ""),
     Effect.REFOCUSING: ("the modes of a square plate return in phase during the run", ""),
 }
 

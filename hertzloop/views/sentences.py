@@ -163,7 +163,7 @@ def why_not_words(found: NotAgain | None) -> str:
         return ""
     if found.law is not None:
         law = law_line(found.law)
-        return f"the forces are not known to be those of the scene's law: {law}"
+        return f"the forces may not come from the law of the scene: {law}"
     return {
         Obstacle.NOT_ENDED: "the run did not end",
         Obstacle.TOO_LONG: "it takes too long to simulate this run again",
@@ -176,7 +176,7 @@ def law_line(data: LawRan) -> str:
     ran, announced = law_words(data.law, data.law_digest), data.scene_law
     if ran and data.law == announced and data.law_digest in (None, data.scene_law_digest):
         return ran
-    said = ran or "not said by the controller"
+    said = ran or "not reported by the controller"
     scene = law_words(announced, data.scene_law_digest)
     return f"{said} (the scene says {scene})" if announced else said
 
@@ -220,11 +220,11 @@ def _pacing_advice(found: Clock) -> str:
     could = min(controller, plant)
     words = f"This machine, as it was, holds a pace of {could:.1g} with {100 * IN_TIME:g} % in time"
     if could >= found.pace:
-        return f"{words}: this one leaves room."
+        return f"{words}: this pace is below the limit."
     if plant < controller:
-        return f"{words}: the plant's own work takes the time; take --pace {could:.1g} or less."
+        return f"{words}: the plant limits the pace. Use --pace {could:.1g} or less."
     more_us = float(f"{found.latency_wanted_us:.2g}")
     return (
-        f"{words}: take --pace {could:.1g} or less, a controller.latency_us that is {more_us:g} "
-        "more, or a machine with nothing else to do (and --realtime on)."
+        f"{words}: use --pace {could:.1g} or less, increase controller.latency_us by {more_us:g}, "
+        "or use an idle computer (and --realtime on)."
     )

@@ -246,7 +246,7 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         (["bench", "--nonsense"], "No such option"),
         (
             ["law", "replay", "none.mcap", "--law", "off", "-o", "a"],
-            "a does not end in one of .png",
+            "a: unknown picture format. Use a name that ends in .png",
         ),
         (["run", "--horizon", "0"], "Invalid value for '--horizon'"),
         (["run", "--seed", "x"], "Invalid value for '--seed'"),
@@ -262,7 +262,7 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         ),
         (
             [*CONTROLLER, "--connect", "tcp/127.0.0.1"],
-            "--connect 'tcp/127.0.0.1' is no endpoint",
+            "--connect = 'tcp/127.0.0.1': invalid endpoint",
         ),
         (
             [*CONTROLLER, "--zenoh-config", "text.mcap"],
@@ -281,7 +281,7 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         ),
         (
             [*RECORDER, "--connect", "wire/x:1"],
-            "--connect 'wire/x:1' is no endpoint; write e.g.",
+            "--connect = 'wire/x:1': invalid endpoint. Write it as",
         ),
         (
             [*WATCH, "--connect", "nonsense"],
@@ -298,12 +298,12 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         ),
         pytest.param(
             [*SWEEP, "wire://127.0.0.1:80"],
-            "--dask 'wire://127.0.0.1:80' is no address",
+            "--dask = 'wire://127.0.0.1:80': invalid scheduler address",
             marks=pytest.mark.full,
         ),
         pytest.param(
             [*SWEEP, "tcp://[::1]:99999"],
-            "--dask 'tcp://[::1]:99999' has no port from 1 to 65535",
+            "--dask = 'tcp://[::1]:99999': invalid port. Give a port from 1 to 65535",
             marks=pytest.mark.full,
         ),
     ],
@@ -350,7 +350,7 @@ def test_what_cannot_be_written_is_said_before_work_starts(
     result = call(*words.replace("F", "/proc/no").split())
     assert result.exit_code == 2
     folder = words.endswith(" F")  # that would have to be made
-    sentence = "no folder that could be made" if folder else "cannot write into the folder /proc"
+    sentence = "cannot create the folder" if folder else "cannot write to the folder /proc"
     assert sentence in said(result)
 
 

@@ -178,9 +178,9 @@ def test_the_command_writes_a_library(tmp_path: Path, short: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["aluminium-3mm", "-o", "plant.dll"], "plant.dll does not end in"),
+        (["aluminium-3mm", "-o", "plant.dll"], "plant.dll: must end in"),
         (["aluminium-3mm", "-o", "no/plant.so"], "the folder no does not exist"),
-        (["aluminium-3mm", "-o", "there.so"], "there.so exists; choose another name with --out"),
+        (["aluminium-3mm", "-o", "there.so"], "there.so exists. Choose another name with --out"),
         (["aluminium-3mm", "-o", "full"], "the folder full is not empty; choose another"),
         (["thesis-aluminium", "-o", "plant.so"], "run.scheme = 'thesis2008' cannot be exported"),
         (["no-scene", "-o", "plant.so"], "there is no scene 'no-scene'"),

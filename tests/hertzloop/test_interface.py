@@ -159,8 +159,8 @@ def test_tuning_finds_no_worse_than_the_published_setting() -> None:
         (lambda s: hertzloop.vary(s, {"controller.kappa": 1e9}), "controller.kappa"),
         (lambda s: hertzloop.run(s, pace=1.0, transport="inprocess"), "processes of their own"),
         (lambda s: hertzloop.run(s, pace=1.0, horizon=3), "horizon = 3 needs the lock-step"),
-        (lambda s: hertzloop.run(s, pace=0.0), "take a pace of 8e-07 or more"),
-        (lambda s: hertzloop.run(s, pace=-1.0), "take a pace of 8e-07 or more"),
+        (lambda s: hertzloop.run(s, pace=0.0), "use a pace of 8e-07 or more"),
+        (lambda s: hertzloop.run(s, pace=-1.0), "use a pace of 8e-07 or more"),
     ],
 )
 def test_mistakes_end_in_one_sentence(scene: hertzloop.Scene, call, sentence: str) -> None:

@@ -114,8 +114,11 @@ def test_sound_is_as_fast_as_in_solids(speed_m_s: float, is_one: bool) -> None:
         ("plate.material.young_pa=1" + "0" * 400, "plate.material.young_pa = a number of that"),
         ("plate.edges=cccx", "plate.edges = 'cccx': must be"),
         ("plate.modes=none.csv", "plate.modes = 'none.csv' cannot be read: No such file"),
-        ("plate.modes=none.txt", "plate.modes = 'none.txt' is none of .csv, .parquet, .npz"),
-        ("plate.residual_flexibility_m_n=1e-9", "belongs to plate.modes"),
+        (
+            "plate.modes=none.txt",
+            "plate.modes = 'none.txt': unknown format. Use a file that ends in .csv, .parquet, .npz",
+        ),
+        ("plate.residual_flexibility_m_n=1e-9", "needs plate.modes"),
     ],
 )
 def test_refused_with_a_sentence(setting: str, words: str) -> None:

@@ -63,8 +63,8 @@ __all__ = ["here"]  # the fixture
         ("study latency -o a.png", "a.png: must be a folder, not a file"),
         (
             "run --set controller.latency_us=1500 --set run.duration_s=0.0015",
-            "controller.latency_us = 1500: is as long as the run, so that no force ever acts. Give "
-            "less latency, or more run.duration_s (now 0.0015)",
+            "controller.latency_us = 1500: is as long as the run, so no force acts. "
+            "Reduce it or increase run.duration_s (now 0.0015)",
         ),
     ],
 )

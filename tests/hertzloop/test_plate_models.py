@@ -213,4 +213,4 @@ def test_a_run_expects_what_the_steps_of_a_held_force_cost() -> None:
     assert smooth.expected_error == pytest.approx(3e-4)
     report = {"theory": None, "struck": {}, "model": {"full": {"frequency_limit_hz": 5e5}}}
     assert "held from sample to sample" in what_limits(report | {"frequency_limit_hz": 4e5})
-    assert "all that this step can carry" in what_limits(report | {"frequency_limit_hz": 5e5})
+    assert "the limit of this time step" in what_limits(report | {"frequency_limit_hz": 5e5})

@@ -127,7 +127,7 @@ def test_the_keys_that_others_rely_on() -> None:
         ("run.accuracy=2", ("run.accuracy = 2",)),
         ("run=3", ("run",)),
         ("name=../../etc/passwd", ("name",)),
-        ("kappa", ("is no setting", "table.key=value")),
+        ("kappa", ("invalid setting", "table.key=value")),
         ("sphere.radius_m.x=3", ("sphere.radius_m.x", "is a value, not a table")),
     ],
 )

@@ -64,7 +64,7 @@ BEFORE = {
     ),
     "keys": (
         "class Parameters:\n    a = 1\ndef command(p, s, samples, i):\n    return 0.0\n",
-        ["derived from hertzloop.controller.law.Keys"],
+        ["derived from hertzloop.law.Keys"],
     ),
     "state": (
         "class State:\n    name: str = 'x'\ndef command(p, s, samples, i):\n    return 0.0\n",
@@ -87,7 +87,7 @@ BEFORE = {
     ),
     "no reach": (
         "def reach(keys):\n    return 5.0\ndef command(p, s, samples, i):\n    return 0.0\n",
-        ["reach of the law mine.py returned 5.0, which is no Reach"],
+        ["law mine.py: reach returned 5.0. Return a Reach."],
     ),
     "text": ("def command(p, s, samples, i):\n    return 'much'\n", ["at sample 0", "'much'"]),
     "nothing": ("def command(p, s, samples, i):\n    pass\n", ["at sample 0", "None"]),

@@ -191,7 +191,7 @@ class TestWriter:
     def test_an_existing_file_is_kept(self, tmp_path: Path) -> None:
         path = tmp_path / "kept.mcap"
         path.write_bytes(b"precious")
-        with pytest.raises(RecordingError, match=r"kept\.mcap exists; choose another name"):
+        with pytest.raises(RecordingError, match=r"kept\.mcap exists. Choose another name"):
             RecordingWriter(path)
         assert path.read_bytes() == b"precious"
         RecordingWriter(path, overwrite=True).finish({})

@@ -91,7 +91,7 @@ def test_a_changed_digit_in_the_journal_is_named_and_its_case_run_again(tmp_path
     done = subprocess.run(command(*words), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "line 4 of" in done.stderr
-    assert "was damaged; its case was run again" in " ".join(done.stderr.split())
+    assert "was damaged. Its case was run again." in " ".join(done.stderr.split())
     assert out.read_bytes() == whole.read_bytes()
     told = json.loads(report.read_text())
     assert (told["ran"], told["damaged_lines"]) == (24 - 16 + 1, [4])
