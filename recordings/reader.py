@@ -186,7 +186,7 @@ def read(path: Path, keep: bool = False) -> Recording:
     intake.agree()
     if not intake.scene_toml:
         if walk.read(0, 8) != MAGIC and not intake.counters:
-            raise RecordingError(f"{path}: is not an MCAP file of hertzloop. Give a recording.")
+            raise RecordingError(f"{path}: is not an MCAP recording of hertzloop")
         why = f" ({walk.damage[0]})" if walk.damage else ""
         raise RecordingError(f"{path} holds no scene{why}: not a recording of hertzloop")
     damage = [f"the file is cut off or damaged ({words})" for words in walk.damage]

@@ -161,7 +161,7 @@ def controller_test(
         typer.Option(
             min=1,
             max=65533,
-            help="First of three ports: plant's, controller's, recorder's. If left out, free ones "
+            help="First of three ports: plant's, controller's, recorder's. Default: free ones "
             "with --start, else those from 7450 on.",
         ),
     ] = None,

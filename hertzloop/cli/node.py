@@ -214,7 +214,7 @@ def watch(
             try:
                 with on_interrupt(ended.append):  # what was seen until now is kept
                     for payload in truth_blocks(name, where, machine):
-                        with contextlib.suppress(MessageError):  # a stranger's
+                        with contextlib.suppress(MessageError):  # of another subscriber
                             shown += viewer.send_block(stream, payload)
                 if ended:
                     why, code = "interrupted", INTERRUPTED

@@ -96,7 +96,7 @@ def keys(
     chosen = [key for key in found if part in key.name]
     if part and not chosen:
         fail(f"PART = '{part}': no key contains it. List all keys with: hertzloop scene keys", 2)
-    table = Table("key", "takes", "means")
+    table = Table("key", "value", "meaning")
     for key in chosen:
         unit = f" ({key.unit})" if key.unit else ""
         default = key.default if key.default in ("", "needed") else f"default {key.default}"
@@ -202,7 +202,7 @@ def modes(
         fail(f"cannot write {target}: {error.strerror}", 1)
     out.print(
         f"{len(table.omega_rad_s)} modes up to {table.omega_rad_s[-1] / (2 * np.pi):.4g} Hz (modes "
-        "of equal frequency merged, modes that no force moves left out), and a residual "
+        "of equal frequency merged, modes without participation dropped), and a residual "
         f"flexibility of {table.residual_flexibility_m_n:.4g} m/N; written: {target}",
         soft_wrap=True,
     )

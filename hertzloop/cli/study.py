@@ -38,8 +38,8 @@ def latency(
     scene: Annotated[
         str | None,
         typer.Argument(
-            help="A shipped scene's name, or a .toml file; the six scenes of the documentation if "
-            "left out.",
+            help="A shipped scene's name, or a .toml file; default: the six scenes of the "
+            "documentation.",
             metavar="[SCENE]",
             show_default=False,
         ),

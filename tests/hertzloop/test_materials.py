@@ -116,7 +116,8 @@ def test_sound_is_as_fast_as_in_solids(speed_m_s: float, is_one: bool) -> None:
         ("plate.modes=none.csv", "plate.modes = 'none.csv' cannot be read: No such file"),
         (
             "plate.modes=none.txt",
-            "plate.modes = 'none.txt': unknown format. Use a file that ends in .csv, .parquet, .npz",
+            "plate.modes = 'none.txt': unknown format. Use a file that ends in .csv, "
+            ".parquet, .npz",
         ),
         ("plate.residual_flexibility_m_n=1e-9", "needs plate.modes"),
     ],

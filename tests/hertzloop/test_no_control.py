@@ -56,7 +56,7 @@ def test_books_that_are_not_finite_are_told_of(
     path = rewrite(whole, tmp_path / "b.mcap", change)
     done = hertzloop("inspect", str(path), "--json", str(tmp_path / "b.json"))
     assert done.returncode == 1
-    said = f"the books hold {field} = {value:g}"
+    said = f"the energy balance holds {field} = {value:g}"
     assert said in " ".join(done.stdout.split())
     found = json.loads((tmp_path / "b.json").read_text())
     assert not found["complete"]

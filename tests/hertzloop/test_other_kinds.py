@@ -11,7 +11,7 @@ from tests.hertzloop.test_cli import SHORT, call, here, said
 
 __all__ = ["here"]  # the fixture
 
-NO_MCAP = "is not an MCAP file of hertzloop. Give a recording."
+NO_MCAP = ": is not an MCAP recording of hertzloop"
 LAW = "def command(p, s, samples, i):\n    return 0.0\n"
 
 
@@ -21,8 +21,8 @@ LAW = "def command(p, s, samples, i):\n    return 0.0\n"
         ("inspect a.png", f"a.png {NO_MCAP}"),
         ("report a.png -o r", f"a.png {NO_MCAP}"),
         ("law replay a.json --law off", f"a.json {NO_MCAP}"),
-        ("run --repeat a.csv", f"a.csv {NO_MCAP}"),
-        ("repair a.csv", f"a.csv {NO_MCAP}: nothing to recover"),
+        ("run --repeat a.csv", f"a.csv{NO_MCAP}"),
+        ("repair a.csv", f"a.csv{NO_MCAP}: nothing to recover"),
         (
             "report a.partial -o r",
             "a.partial: is unfinished. Run the command that started it again",
