@@ -205,7 +205,7 @@ def check_materials(data: Mapping[str, Any]) -> None:
             material_of(f"{body}.material", _numbers(given))
         elif isinstance(given, str) and given not in known:
             close = difflib.get_close_matches(given[:_LONGEST], known, 1)
-            hint = f"did you mean {close[0]}? " if close else ""
+            hint = f"Did you mean {close[0]}? " if close else ""
             raise ValueError(
                 f"{body}.material = {shown(given)}: unknown material. {hint}Use one of "
                 f"{', '.join(known)}, or give young_pa, density_kg_m3 and poisson."

@@ -171,7 +171,7 @@ def test_replay_shows_the_plate_under_the_mass(tmp_path: Path) -> None:
         (["run.plate_model=infinite", "actuator.bandwidth_hz=1e5"], "plate_model 'auto'"),
         (["actuator.bandwidth_hz=0"], "actuator.bandwidth_hz = 0: must be"),
         (["actuator.mass_kg=-1"], "actuator.mass_kg = -1: must be"),
-        (["actuator.stroke_m=1"], "actuator.stroke_m is no scene key"),
+        (["actuator.stroke_m=1"], "actuator.stroke_m: unknown scene key"),
     ],
 )
 def test_what_is_refused(settings: list[str], words: str) -> None:

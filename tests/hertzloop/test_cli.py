@@ -234,7 +234,7 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["run", "no-such-scene"], "there is no scene 'no-such-scene'"),
+        (["run", "no-such-scene"], "SCENE = 'no-such-scene': unknown scene"),
         (["run", "--set", "controller.latency_us=0.5"], "controller.latency_us = 0.5"),
         (["run", "--transport", "pigeon"], "'pigeon' is not one of"),
         (["run", "--out", "no/such/folder/a.mcap"], "the folder no/such/folder does not exist"),
@@ -258,7 +258,7 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         ([*PLANT, "--set", "run.seed=-1"], "run.seed = -1"),
         (
             [*CONTROLLER, "--listen", "nonsense"],
-            "'nonsense' is no endpoint; write e.g. tcp/",
+            "'nonsense': invalid endpoint. Write it as tcp/",
         ),
         (
             [*CONTROLLER, "--connect", "tcp/127.0.0.1"],
@@ -266,9 +266,9 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         ),
         (
             [*CONTROLLER, "--zenoh-config", "text.mcap"],
-            "--zenoh-config: text.mcap is no zenoh",
+            "--zenoh-config: text.mcap: is not a zenoh",
         ),
-        ([*PLANT, "--zenoh-config", "text.mcap", *BOTH_ENDS], "text.mcap is no zenoh"),
+        ([*PLANT, "--zenoh-config", "text.mcap", *BOTH_ENDS], "text.mcap: is not a zenoh"),
         (
             [*RECORDER, "--zenoh-config", "ports.json5"],
             "ports.json5: 'tcp/[::1]:99999#iface=lo' has no",
@@ -285,16 +285,16 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         ),
         (
             [*WATCH, "--connect", "nonsense"],
-            "--connect 'nonsense' is no endpoint; write e.g.",
+            "--connect = 'nonsense': invalid endpoint. Write it as",
         ),
         ([*WATCH, "--connect", "tcp/[::1]:99999"], "has no port up to 65535"),
         pytest.param(
             [*SWEEP, "nonsense"],
-            "--dask 'nonsense' is no address of a scheduler; write e.g. tcp://",
+            "--dask = 'nonsense': invalid scheduler address. Give it as tcp://",
             marks=pytest.mark.full,
         ),
         pytest.param(
-            [*SWEEP, ""], "--dask '' is no address of a scheduler", marks=pytest.mark.full
+            [*SWEEP, ""], "--dask = '': invalid scheduler address", marks=pytest.mark.full
         ),
         pytest.param(
             [*SWEEP, "wire://127.0.0.1:80"],

@@ -146,8 +146,8 @@ def test_a_controller_that_cannot_be_started_or_does_not_stay() -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ("--script nothing", "there is no script 'nothing'; known: touch, bounce"),
-        ("--law nonsense", "controller.law = 'nonsense' is no law"),
+        ("--script nothing", "--script = 'nothing': unknown script. Use one of touch, bounce"),
+        ("--law nonsense", "controller.law = 'nonsense': unknown law"),
         ("--law off --expect README.md", "not both"),
         ("--expect README.md", "README.md"),
     ],

@@ -152,7 +152,7 @@ def test_tuning_finds_no_worse_than_the_published_setting() -> None:
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda s: hertzloop.load("alu"), "there is no scene 'alu'"),
+        (lambda s: hertzloop.load("alu"), "SCENE = 'alu': unknown scene"),
         (lambda s: hertzloop.load("aluminium-3mm", {"plate.depth": 1}), "plate.depth"),
         (lambda s: hertzloop.sweep(s, {}), "at least one"),
         (lambda s: hertzloop.sweep(s, {"controller.kappa": []}), "no values"),

@@ -20,17 +20,18 @@ __all__ = ["here"]  # the fixture
     [
         (
             "run --set controller.law=pdc.c",
-            "controller.law = 'pdc.c': is source text, which has to be compiled first. Run `cc -O2 "
+            "controller.law = 'pdc.c': is source code. Run `cc -O2 "
             "-fPIC -shared -ffp-contract=off pdc.c -o pdc.so -lm`, then give controller.law = "
             "'pdc.so'",
         ),
         (
             "run --set controller.law=mine",
-            "controller.law = 'mine': is no law, but mine.py exists. Give the whole name of the "
+            "controller.law = 'mine': unknown law, but the file mine.py exists. Give the "
+            "full name of the "
             "file, controller.law = 'mine.py'",
         ),
-        ("sweep --over controller.law=off,mine", "is no law, but mine.py exists"),
-        ("tune --law mine", "is no law, but mine.py exists"),
+        ("sweep --over controller.law=off,mine", "unknown law, but the file mine.py exists"),
+        ("tune --law mine", "unknown law, but the file mine.py exists"),
         (
             "run a.mcap",
             "a.mcap: is a recording, not a scene. `hertzloop inspect a.mcap` shows it, `hertzloop "
@@ -85,7 +86,9 @@ def test_a_file_of_a_law_beside_its_scene_is_named(here: Path) -> None:
     call("scene", "new", "scenes/a.toml")
     text = (folder / "a.toml").read_text().replace('"slope_threshold"', '"mine"')
     (folder / "a.toml").write_text(text)
-    with pytest.raises(SceneError, match=r"law = 'mine': is no law, but mine\.py exists"):
+    with pytest.raises(
+        SceneError, match=r"law = 'mine': unknown law, but the file mine\.py exists"
+    ):
         load("scenes/a.toml")
 
 

@@ -117,7 +117,7 @@ def test_the_keys_that_others_rely_on() -> None:
         ("controller.latency_us=1.5", ("controller.latency_us = 1.5", "multiple of 1 us")),
         ("controller.latency_us=-1", ("controller.latency_us = -1",)),
         ("controller.bits=8", ("controller.full_scale_n",)),
-        ("controller.kapa=1", ("controller.kapa is no scene key", "did you mean kappa?")),
+        ("controller.kapa=1", ("controller.kapa: unknown scene key", "Did you mean kappa?")),
         ("contoller.kappa=1", ("contoller", "controller")),
         ("run.duration_s=0", ("run.duration_s = 0",)),
         ("run.duration_s=1e-10", ("run.duration_s", "0 steps")),
@@ -307,7 +307,7 @@ def test_broken_scene_text(text: str, words: str) -> None:
 
 
 def test_unknown_scene_and_file(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="did you mean aluminium-3mm"):
+    with pytest.raises(SceneError, match="Did you mean aluminium-3mm"):
         load("aluminum-3mm")
     with pytest.raises(SceneError, match="cannot read the scene"):
         load(str(tmp_path / "none.toml"))

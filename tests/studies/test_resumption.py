@@ -94,7 +94,8 @@ def test_ctrl_c_says_that_the_same_command_goes_on(
     assert path is not None
     assert path.name.startswith(name)
     assert said.splitlines()[-1] == (
-        f"interrupted; finished cases are kept in {path.name}, the same command goes on with them"
+        f"interrupted; finished cases are kept in {path.name}. Run the same command again to "
+        "continue"
     )
     assert "Traceback" not in said
 

@@ -54,7 +54,7 @@ def test_values_of_an_axis(text: str, values: tuple[Any, ...]) -> None:
         (["controller.latency_us=0:inf:1"], "no range of numbers"),
         (["controller.kappa=1,,2"], "has an empty value"),
         (["controller.kappa=0:1:0.1", "controller.kappa=2"], "given twice"),
-        (["controller.latncy_us=0:5:1"], "did you mean latency_us"),
+        (["controller.latncy_us=0:5:1"], "Did you mean latency_us"),
         (["sensors.bits=4:30:1"], "sensors.bits = 30"),
         (["controller.latency_us=0:1:0.5", "run.step_ns=1000"], None),
         ([], "at least one --over"),

@@ -115,8 +115,8 @@ def test_unstable_settings_are_not_offered(pool: Pool) -> None:
     [
         (["--minimise", "noise"], "unknown figure"),
         (["--law", "magic"], "controller.law = 'magic'"),
-        (["--at-most", "rebound_percent<5"], "is no limit"),
-        (["--vary", "controller.kapa=0:1"], "did you mean kappa"),
+        (["--at-most", "rebound_percent<5"], "invalid limit"),
+        (["--vary", "controller.kapa=0:1"], "Did you mean kappa"),
         (["--vary", "controller.kappa=0:1000"], "controller.kappa = 1000"),
         (["--over", "sphere.radius_m=-1"], "sphere.radius_m = -1"),
         (["no-such-scene"], "unknown scene"),

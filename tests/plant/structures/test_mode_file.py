@@ -87,7 +87,7 @@ def test_wrong_files_end_in_one_sentence(old: str, new: str, words: str) -> None
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("m.txt", b"", "m.txt is none of .csv, .parquet, .npz"),
+        ("m.txt", b"", "m.txt is not a file of modes; its name must end in .csv, .parquet, .npz"),
         ("m.csv", b"", "is empty"),
         ("m.csv", GOOD.encode().split(b"120.5")[0], "holds no mode"),
         ("m.csv", b"\xff\xfe", "is not text in UTF-8"),
