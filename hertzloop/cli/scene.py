@@ -186,9 +186,9 @@ def modes(
     resolved = scene_from(scene, settings, None)
     target = out_file or Path(f"{resolved.name}-modes.csv")
     if target.suffix not in SUFFIXES:
-        fail(f"{target} is none of {', '.join(SUFFIXES)}, which say how to write the modes", 2)
+        fail(f"--out = {target}: unknown format. Use a name that ends in {', '.join(SUFFIXES)}.", 2)
     if grid and target.suffix != ".npz":
-        fail(f"{target} cannot hold shapes on a grid; take an .npz for --grid", 2)
+        fail(f"--out = {target}: cannot hold shapes on a grid. Use an .npz file with --grid.", 2)
     check_output(target, overwrite, read=files_of(resolved, scene, *(settings or [])))
     from hertzloop.analysis.deflection import modes_of_scene
 

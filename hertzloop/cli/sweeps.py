@@ -136,7 +136,7 @@ def sweep(
         fail(str(error), 2)
     compile_first(resolved)
     total = len(planned.cases())
-    on = "Finished cases are kept. Run the same command again to continue"
+    on = "finished cases are kept. Run the same command again to continue"
     try:
         with if_interrupted(lambda: on), progress(f"{total} cases", total) as advance:
             found = study.sweep(
@@ -145,7 +145,7 @@ def sweep(
     except JournalError as error:
         fail(str(error), 2)
     except study.SweepFailed as error:
-        fail(f"{error}. {on}.", 1)
+        fail(f"{error}; {on}.", 1)
     except OSError as error:
         fail(f"cannot write {target}: {error.strerror}", 1)
     keys = [axis.key for axis in planned.axes]
@@ -162,8 +162,8 @@ def sweep(
         out.print(_spreads(over_phases, [key for key in keys if key != PHASE]))
     rate = found.ran / found.wall_s if found.wall_s else 0.0
     out.print(
-        f"{found.ran} of {total} cases run in {found.wall_s:.2f} s: {rate:.0f} cases/s; "
-        f"written: {target}",
+        f"{found.ran} of {total} cases run in {found.wall_s:.2f} s: {rate:.0f} cases/s. "
+        f"Results: {target}",
         soft_wrap=True,
     )
     beyond = counted(found.rows, "out_of_range")
@@ -172,7 +172,7 @@ def sweep(
         out.print(styled(("OUT OF RANGE:", "bold red"), f" of {total} cases {words}"),
                   soft_wrap=True)  # fmt: skip
     if found.unstable:
-        out.print(f"{found.unstable} of {total} cases are unstable and have no figures")
+        out.print(f"{found.unstable} of {total} cases are unstable and have no figures.")
     write_json(
         json_file,
         {

@@ -120,8 +120,9 @@ def _check_below_zero(structure: Structure, sphere: Sphere, contact: Contact) ->
     named = f"{structure} with residual_flexibility_m_n = {left_out:.3g}, below zero,"
     if contact.has_damper:
         raise SceneError(
-            f"{named} do not fit contact.damping: the spring below zero would answer a damper with "
-            "more than it takes; take contact.plasticity for losses, or other modes"
+            f"{named} do not fit contact.damping: a negative residual flexibility is unstable "
+            "with a "
+            "damper. Use contact.plasticity for losses, or other modes."
         )
     if -left_out * 1.5 * s * math.sqrt(deep) > _MOST_BELOW:
         raise SceneError(
@@ -152,7 +153,7 @@ def _damped_tail(bodies: Bodies, asked: str, scheme: str, step_s: float, limit_h
             return False
         raise SceneError(
             f"plate.tail = 'damped' does not fit {plate}, whose residual_flexibility_m_n is below "
-            "zero, as of a solid's; take 'spring'"
+            "zero, as for a solid. Use 'spring'."
         )
     if asked == "damped":
         return True

@@ -134,7 +134,7 @@ def axes_of(law: str, given: tuple[Axis, ...], impact_speed_m_s: float) -> tuple
     if not axes:
         others = ", ".join(name for name in shipped() if ranges_of(name, impact_speed_m_s))
         raise DesignError(
-            f"controller.law = '{law}' has no parameters to tune; take one of {others}, or name "
+            f"controller.law = '{law}' has no parameters to tune. Use one of {others}, or name "
             "other scene keys with --vary"
         )
     return axes

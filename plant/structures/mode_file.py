@@ -250,7 +250,9 @@ def _grid(
         if len(axis) < 2 or not np.all(np.diff(axis) > 0.0):
             raise ModeFileError(f"{name}: {key} must rise, over at least two places")
     if not np.all(np.isfinite(shapes)):
-        raise ModeFileError(f"{name}: shape_grid holds a number not finite; take 0 beyond the edge")
+        raise ModeFileError(
+            f"{name}: shape_grid holds a value that is not finite. Use 0 beyond the edge"
+        )
     return x, y, shapes
 
 

@@ -56,7 +56,7 @@ def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path: Path) -
             write_modes(".npz", replace(table, residual_flexibility_m_n=share * left_out))
         )
         assert load("aluminium-3mm", by_file).plant.damped_tail is damped, share
-    with pytest.raises(SceneError, match="below zero, as of a solid's; take 'spring'"):
+    with pytest.raises(SceneError, match=r"below zero, as for a solid\. Use 'spring'"):
         load("aluminium-3mm", [*by_file, TAIL]).start_plant()
 
 

@@ -288,7 +288,7 @@ def test_an_infinite_plate_may_be_of_any_size() -> None:
     assert resolve(load("aluminium-3mm", [*huge, short[0]])).plant.infinite_plate
     with pytest.raises(SceneError, match=r"--verify needs about 2.1e\+07 modes"):
         check_verifiable(resolve(scene))
-    with pytest.raises(SceneError, match=r"about 2.523e\+07 modes below 2e\+04 Hz sound"):
+    with pytest.raises(SceneError, match=r"about 2.523e\+07 modes below 2e\+04 Hz radiate"):
         radiator_of(resolve(load("aluminium-3mm", [*huge, *short, "plate.thickness_m=1e-4"])))
 
 

@@ -172,5 +172,5 @@ def test_what_is_no_law_is_refused(unit: Path, tmp_path: Path) -> None:
     two = built(tmp_path, more=second)
     assert scene_of(two).law.senses == "xi"  # the one of a known name
     other = built(tmp_path, more=second, name="depth")
-    with pytest.raises(SceneError, match="has the real inputs depth, kept. Keep one"):
+    with pytest.raises(SceneError, match=r"has the real inputs depth, kept\. Keep one"):
         scene_of(other)

@@ -339,7 +339,7 @@ def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
     done = hertzloop(*words, cwd=here)
     said = " ".join(done.stderr.split())
     assert done.returncode == 1
-    hangs = "perhaps in a loop of the law mine.py that never ends"
+    hangs = "perhaps in an endless loop of the law mine.py"
     assert f"controller does not react any more, {hangs}; plant waited" in said
     assert "Traceback" not in said
     assert read(here / "a.mcap").truth.samples > 2000

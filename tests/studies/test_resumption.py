@@ -59,7 +59,7 @@ def test_a_killed_search_finds_what_it_would_have_and_runs_every_case_once(tmp_p
     assert len(set(finished)) == len(finished)
     done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert f"going on with {len(finished)} finished cases of {cut}/tune-aluminium-3mm-" in (
+    assert f"Continuing with {len(finished)} finished cases of {cut}/tune-aluminium-3mm-" in (
         " ".join(done.stderr.split())
     )
     told = _told(report)

@@ -256,8 +256,8 @@ def test_a_worker_that_dies_ends_a_sweep_with_a_sentence(count: int, tmp_path: P
             os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 1
     assert " ".join(said.decode().split()).endswith(
-        "error: a worker process died. Finished cases are kept. Run the same command again "
-        "to continue"
+        "error: a worker process died; finished cases are kept. Run the same command again "
+        "to continue."
     )
     assert b"Traceback" not in said
     assert not any(_runs(pid) for pid in workers)
