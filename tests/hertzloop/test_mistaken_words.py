@@ -21,21 +21,20 @@ __all__ = ["here"]  # the fixture
         (
             "run --set controller.law=pdc.c",
             "controller.law = 'pdc.c': is source code. Run `cc -O2 "
-            "-fPIC -shared -ffp-contract=off pdc.c -o pdc.so -lm`, then give controller.law = "
+            "-fPIC -shared -ffp-contract=off pdc.c -o pdc.so -lm`, then set controller.law = "
             "'pdc.so'",
         ),
         (
             "run --set controller.law=mine",
             "controller.law = 'mine': unknown law, but the file mine.py exists. Give the "
-            "full name of the "
-            "file, controller.law = 'mine.py'",
+            "full file name, controller.law = 'mine.py'",
         ),
         ("sweep --over controller.law=off,mine", "unknown law, but the file mine.py exists"),
         ("tune --law mine", "unknown law, but the file mine.py exists"),
         (
             "run a.mcap",
-            "a.mcap: is a recording, not a scene. `hertzloop inspect a.mcap` shows it, `hertzloop "
-            "run --repeat a.mcap` runs its scene again",
+            "a.mcap: is a recording, not a scene. To show it, run `hertzloop "
+            "inspect a.mcap`. To repeat it, run `hertzloop run --repeat a.mcap`.",
         ),
         ("scene check a.mcap", "a.mcap: is a recording, not a scene."),
         (
@@ -57,9 +56,9 @@ __all__ = ["here"]  # the fixture
             "contact.damping = 'oil': must be 'none', 'viscous', 'hunt_crossley' or 'relaxation'",
         ),
         ("run --set plate.material=3", "plate.material = 3: must be text or a table"),
-        ("run --out a.txt", "--out = a.txt: must end in .mcap, as a recording is written"),
-        ("node recorder --out a", "--out = a: must end in .mcap, as a recording is written"),
-        ("repair a.mcap --out a.bin", "--out = a.bin: must end in .mcap"),
+        ("run --out a.txt", "--out = a.txt: a recording must end in .mcap"),
+        ("node recorder --out a", "--out = a: a recording must end in .mcap"),
+        ("repair a.mcap --out a.bin", "--out = a.bin: a recording must end in .mcap"),
         ("tune -o tuned.csv", "tuned.csv: must be a folder, not a file. Give a name without .csv"),
         ("study latency -o a.png", "a.png: must be a folder, not a file"),
         (
@@ -126,7 +125,7 @@ def test_json_on_standard_output_is_alone_there(here: Path) -> None:
         assert key in json.loads(result.stdout)
         assert result.stderr
     assert not (here / "-").exists()
-    assert "Impacts" in call("inspect", "aluminium-3mm.mcap").stdout  # the next command as ever
+    assert "Complete" in call("inspect", "aluminium-3mm.mcap").stdout  # the next command as ever
 
     # The search before: it names the command and has written the scene of its best setting.
     printed = call("tune", *tune, "-o", "tuned").stdout.splitlines()

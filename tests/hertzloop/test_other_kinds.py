@@ -18,9 +18,9 @@ LAW = "def command(p, s, samples, i):\n    return 0.0\n"
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ("inspect a.png", f"a.png {NO_MCAP}"),
-        ("report a.png -o r", f"a.png {NO_MCAP}"),
-        ("law replay a.json --law off", f"a.json {NO_MCAP}"),
+        ("inspect a.png", f"a.png{NO_MCAP}"),
+        ("report a.png -o r", f"a.png{NO_MCAP}"),
+        ("law replay a.json --law off", f"a.json{NO_MCAP}"),
         ("run --repeat a.csv", f"a.csv{NO_MCAP}"),
         ("repair a.csv", f"a.csv{NO_MCAP}: nothing to recover"),
         (
@@ -55,7 +55,7 @@ LAW = "def command(p, s, samples, i):\n    return 0.0\n"
             "sweep --over plate.size_m=0.1,0.2",
             "must be a list in brackets, such as [0.1, 0.2]",
         ),
-        ("sweep mine.py --over sensors.bits=4,5", "mine.py is a law, and no scene"),
+        ("sweep mine.py --over sensors.bits=4,5", "mine.py: is a law, not a scene"),
     ],
 )
 def test_it_is_named(words: str, sentence: str, here: Path) -> None:

@@ -223,7 +223,7 @@ def test_laws_that_need_an_impedance_say_so(tmp_path: Path) -> None:
     scene = load(str(tmp_path / "scene.toml"))
     scene.start_controller()
     for law in ("shifted_threshold", "predicted", "velocity_feedback"):
-        with pytest.raises(SceneError, match=r"give plate\.thickness_m"):
+        with pytest.raises(SceneError, match=r"Give plate\.thickness_m"):
             load(str(tmp_path / "scene.toml"), [f"controller.law={law}"]).start_controller()
         known = [f"controller.law={law}", "plate.thickness_m=0.003"]
         load(str(tmp_path / "scene.toml"), known).start_controller()
@@ -233,7 +233,7 @@ def test_laws_that_need_an_impedance_say_so(tmp_path: Path) -> None:
 def test_a_plate_without_modes_needs_its_sizes(key: str) -> None:
     text = Path(__file__).parents[2] / "hertzloop/scenes/aluminium-3mm.toml"
     lines = [line for line in text.read_text().splitlines() if not line.startswith(key)]
-    with pytest.raises(SceneError, match=f"plate.{key} is missing"):
+    with pytest.raises(SceneError, match=f"plate.{key}: is missing"):
         parse("\n".join(lines))
 
 
