@@ -103,13 +103,13 @@ def test_the_table_says_what_was_chosen_and_what_the_full_model_would_have_cost(
     assert "sufficient until" not in said(few)
     assert json.loads((here / "s.json").read_text())["model"]["full"]["measured_ratio"] is None
 
-    old = call("run", "thesis-oak", *SHORT, "--json", "t.json")
+    old = call("run", "thesis-oak", *SHORT, "--json", "t.json", "--details")
     assert "full model" not in said(old)
     assert json.loads((here / "t.json").read_text())["model"] is None
 
 
 def test_a_run_on_an_infinite_plate(here: Path) -> None:
-    settings = ["--transport", "compiled", "--set", "controller.law=off", "--set"]
+    settings = ["--details", "--transport", "compiled", "--set", "controller.law=off", "--set"]
     done = call(
         "run", "aluminium-3mm", *settings, "run.duration_s=0.00114", "--verify", "--json", "a.json"
     )
@@ -238,7 +238,7 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         (["run", "--set", "controller.latency_us=0.5"], "controller.latency_us = 0.5"),
         (["run", "--transport", "pigeon"], "'pigeon' is not one of"),
         (["run", "--out", "no/such/folder/a.mcap"], "the folder no/such/folder does not exist"),
-        (["run", "--out", "."], "is no file"),
+        (["run", "--out", "."], "not a regular file"),
         (["run", "--json", "no/such/folder/a.json"], "the folder no/such/folder does not exist"),
         (["run", "--out", "a" * 300], "File name too long"),
         (["run", "--json", "a" * 300], "File name too long"),
@@ -358,7 +358,7 @@ def test_a_folder_is_not_written_as_a_file(here: Path) -> None:
     (here / "folder.json").mkdir()
     result = call("bench", "--json", "folder.json")
     assert result.exit_code == 2
-    assert "folder.json is a folder" in said(result)
+    assert "folder.json: is a folder" in said(result)
 
 
 @pytest.mark.full

@@ -283,10 +283,10 @@ def test_a_case_that_check_cannot_run_is_counted_apart(tmp_path: Path) -> None:
     ("words", "code", "says"),
     [
         (["thesis-aluminium"], 2, "run.scheme = 'thesis2008'"),
-        (["--out", "folder.csv", "--overwrite"], 2, "folder.csv is a folder"),
+        (["--out", "folder.csv", "--overwrite"], 2, "folder.csv: is a folder"),
         (["--json", "r.csv.json"], 2, "is another output of this command"),
         (["--set", "run.duration_s=0.0009"], 1, "2 of 2 cases failed"),
-        (["--out", "/proc/r.csv"], 2, "cannot write into the folder /proc"),
+        (["--out", "/proc/r.csv"], 2, "cannot write to the folder /proc"),
         (["--over", "controller.latency_us"], 2, "controller.latency_us=0:100:1"),
     ],
 )

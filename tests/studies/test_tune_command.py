@@ -21,7 +21,7 @@ KAPPA = ["--vary", "controller.kappa=0:1"]
         (["--at-most", "rebound_percent=nan"], "invalid limit"),
         (["--law", "nonsense"], "controller.law = 'nonsense'"),
         (["--law", "slope_threshold", "--law", "off"], "controller.law = 'off' has no parameters"),
-        (["--set", "controller.law=off"], "take one of acceleration_feedback, "),
+        (["--set", "controller.law=off"], "Use one of acceleration_feedback, "),
         (["--minimise", "nonsense"], "unknown figure"),
         (KAPPA + KAPPA, "--vary controller.kappa is given twice"),
         (["--over", "sensors.bits=8", "--over", "sensors.bits=9"], "sensors.bits is given twice"),
