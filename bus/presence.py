@@ -150,7 +150,7 @@ class Presence:
             time.sleep(_LOOK_S)
         named = sorted(deaf or self._watched.keys() - self._ended or self._watched)
         return PeerLost(
-            f"{' or '.join(named)} took no message for {patience_s:g} s; {self.role} was "
+            f"{' or '.join(named)} accepted no message for {patience_s:g} s; {self.role} was "
             f"sending '{stream}'",
             *named,
         )
@@ -160,8 +160,8 @@ class Presence:
             count = len(instances | {self._instance}) if role == self.role else len(instances)
             if count > 1:
                 raise BusError(
-                    f"{count} processes are the {role} on bus '{self.name}', a run has one: end "
-                    "the others, or give each run a name of its own (--name)"
+                    f"{count} processes are the {role} on bus '{self.name}'; a run has one. End "
+                    "the others, or give each run its own name (--name)"
                 )
 
     def wait_for(self, roles: Sequence[str], timeout_s: float) -> None:
@@ -180,7 +180,7 @@ class Presence:
             deadline = self.compiling.extended(deadline, timeout_s, lambda one, _: one in absent)
             if time.monotonic() > deadline:
                 left = [role for role in absent if role in self._left_s]
-                again = f" ({' and '.join(left)} came, but left again)" if left else ""
+                again = f" ({' and '.join(left)} appeared, but exited again)" if left else ""
                 again += self._unauthorised.words() if self._unauthorised else ""
                 again += self.compiling.words()
                 raise PeerLost(

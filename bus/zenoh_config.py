@@ -80,7 +80,7 @@ def _read(config_file: Path) -> zenoh.Config:
         return zenoh.Config.from_file(str(config_file))
     except zenoh.ZError as error:
         why = str(error).split(" at /")[0]
-        raise BusError(f"{config_file} is no zenoh configuration: {why}") from error
+        raise BusError(f"{config_file}: is not a zenoh configuration: {why}") from error
 
 
 def session_config(

@@ -84,7 +84,7 @@ class Run:
 
     `truth`: a Dataset over `step` of gap, displacements, forces; `samples`: what the law saw,
     over `sample`; `force`: what it commanded, over `step` (None where it was not kept).
-    `impacts` and `noise`: one a contact. `energy_residual`, `momentum_residual`: of the books,
+    `impacts` and `noise`: one a contact. `energy_residual`, `momentum_residual`: of the balances,
     relative. `events`: of a recording; empty otherwise. `path`: the recording, if there is one.
     `pacing`: of a run by the wall clock, what it missed and how fast it was answered, in the words
     of `inspect --json`; its `truth` has `held_steps`. None otherwise.
@@ -222,7 +222,9 @@ def read(recording: str | Path) -> Run:
 
     found = read_file(Path(recording))
     if found.problems or found.books is None:
-        raise RecordingError(f"{recording}: {[*found.problems, 'the run has no books'][0]}")
+        raise RecordingError(
+            f"{recording}: {[*found.problems, 'the run has no energy balance'][0]}"
+        )
     try:
         scene = scenes.parse(found.scene_toml)
     except SceneError as error:
@@ -262,6 +264,7 @@ def _run(
         return Ran(
             figures_of(setup, stacked(dict(columns))), law, setup.expected_error,
             books.injected_j, books.dent_m, pacing is not None, saturation,
+            setup.law_models_yield,
         )  # fmt: skip
 
     force = None

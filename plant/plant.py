@@ -172,8 +172,8 @@ def modes_of(spec: PlantSpec) -> Oscillators:
     eta = np.asarray(modes.eta + air_eta(spec, modes.omega))
     if not np.max(eta) < _MOST_ETA:
         raise ValueError(
-            f"plate.radiation would give a mode a loss factor of {np.max(eta):.3g}, the most is "
-            f"{_MOST_ETA:g}; take a thicker plate, or leave the key out"
+            f"plate.radiation would give a mode a loss factor of {np.max(eta):.3g}, the limit is "
+            f"{_MOST_ETA:g}. Use a thicker plate, or remove the key."
         )
     return replace(modes, eta=eta)
 
@@ -193,13 +193,13 @@ def _in_vacuum(spec: PlantSpec) -> Oscillators:
         return modes
     if isinstance(modes.eta, np.ndarray):
         raise ValueError(
-            f"actuator.mass_kg = {spec.actuator.mass_kg:g} needs one loss factor for all modes; "
-            "leave it out, or give plate.modes of one loss factor"
+            f"actuator.mass_kg = {spec.actuator.mass_kg:g} needs one loss factor for all modes. "
+            "Remove the key, or give plate.modes with one loss factor."
         )
     if modes.omega[0] <= RIGID_RAD_S:
         raise ValueError(
-            f"actuator.mass_kg = {spec.actuator.mass_kg:g} does not fit a plate that moves freely "
-            "as a whole; leave it out, or hold one of plate.edges"
+            f"actuator.mass_kg = {spec.actuator.mass_kg:g} is not supported for a free plate. "
+            "Remove the key, or support one of plate.edges."
         )
     spring = 0.0
     if spec.residual_flexibility:

@@ -184,7 +184,7 @@ class Intake:
                 if name == "pacing":
                     self.pacing = block
         except (MessageError, Refused) as error:
-            self._problem(f"a message of stream '{name[:40]}' is left out: {error}")
+            self._problem(f"a message of stream '{name[:40]}' is ignored: {error}")
             return
         if problem:
             self._problem(problem)
@@ -215,7 +215,7 @@ class Intake:
         elif name == "books":
             self.books = header
             if wrong := not_finite(header, {}):
-                return f"the books hold {wrong}; the run gave no finite energy"
+                return f"the energy balance holds {wrong}, which is not finite"
         elif name.startswith("end/"):
             self.ends[header.role] = header
         elif name.startswith("events/"):

@@ -186,9 +186,7 @@ def read(path: Path, keep: bool = False) -> Recording:
     intake.agree()
     if not intake.scene_toml:
         if walk.read(0, 8) != MAGIC and not intake.counters:
-            raise RecordingError(
-                f"{path} does not begin as an MCAP file: not a recording of hertzloop"
-            )
+            raise RecordingError(f"{path}: is not an MCAP recording of hertzloop")
         why = f" ({walk.damage[0]})" if walk.damage else ""
         raise RecordingError(f"{path} holds no scene{why}: not a recording of hertzloop")
     damage = [f"the file is cut off or damaged ({words})" for words in walk.damage]
@@ -255,7 +253,7 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
     except RecordingError as error:
         raise RecordingError(f"{error}: nothing to recover") from error
     if whole.exists() and whole.samefile(path):
-        raise RecordingError(f"{path} cannot be recovered into itself; choose another name")
+        raise RecordingError(f"{path} cannot be recovered into itself. Choose another name.")
     fault = old.result.get("fault", "")
     if old.problems and not fault:
         fault = f"recovered from {path.name}, which is cut off or damaged ({old.problems[0]})"

@@ -163,7 +163,7 @@ def _opened(path: Path, overwrite: bool) -> tuple[BinaryIO, bool]:
                 handle, is_new = os.open(path, flags, 0o666), False
         except FileExistsError:
             raise RecordingError(
-                f"{path} exists; choose another name with --out, or allow it with --overwrite"
+                f"{path} exists. Choose another name with --out, or add --overwrite."
             ) from None
         except OSError as error:
             reason = error.strerror
@@ -184,7 +184,7 @@ def _lock(handle: int, path: Path) -> None:
             return  # a file system without locks is no reason not to record
         os.close(handle)
         raise RecordingError(
-            f"another run is writing {path}; choose another name with --out"
+            f"another run is writing {path}. Choose another name with --out."
         ) from None
 
 

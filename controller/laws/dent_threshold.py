@@ -23,6 +23,8 @@ from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     watch,
 )
 
+models_yield = True
+
 
 class State:
     """What the law remembers; `deepest` penetration so far, `before` the present contact, and

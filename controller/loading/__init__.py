@@ -1,1 +1,1 @@
-"""The door for laws: found by name or file, loaded, compiled, or taken from a C library."""
+"""The law loader: find a law by name or file, load it, compile it, or load it from a C library."""

@@ -110,7 +110,7 @@ class BoundPython(BoundLaw):
             if isinstance(force, BaseException):
                 return f"{where}, failed: {_said(force)}"
             if not isinstance(force, numbers.Real):
-                return f"{where}, returned {force!r}, which is no number"
+                return f"{where}, returned {force!r}, which is not a number"
             if not math.isfinite(force):
                 return f"{where}, commanded {float(force)} N"
         return super().explain(samples, index)

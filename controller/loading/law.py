@@ -52,6 +52,12 @@ class Law:
         """Whether the state's delay is one that the law latches."""
         return bool(getattr(self.home, "latches", False))
 
+    @property
+    def models_yield(self) -> bool:
+        """Whether the law allows for the dent that a yielding contact leaves. A law declares this
+        with `models_yield = True` in its module or class."""
+        return bool(getattr(self.home, "models_yield", False))
+
     @cached_property
     def whole_steps(self) -> list[str]:
         """Keys that have to be a whole number of steps."""
@@ -64,7 +70,7 @@ class Law:
             return Reach()
         found = self._asked("reach", keys)
         if not isinstance(found, Reach):
-            raise LawError(f"reach of the law {self.name} returned {found!r}, which is no Reach")
+            raise LawError(f"law {self.name}: reach returned {found!r}. Return a Reach.")
         return found
 
     def ranges(self, about: About) -> dict[str, tuple[float, float]]:
@@ -76,8 +82,7 @@ class Law:
                 return {str(key): (float(low), float(high)) for key, (low, high) in said.items()}
             except (AttributeError, TypeError, ValueError):
                 raise LawError(
-                    f"tune of the law {self.name} returned {said!r}, which is no "
-                    "{key: (low, high)}"
+                    f"law {self.name}: tune returned {said!r}. Return {{key: (low, high)}}."
                 ) from None
         found = {}
         for name, info in self.keys.model_fields.items():
@@ -103,7 +108,7 @@ class Law:
             raise
         except (Exception, SystemExit) as error:
             said = said_of(error, self.path)
-            raise LawError(f"{function} of the law {self.name} failed: {said}") from error
+            raise LawError(f"law {self.name}: {function} failed: {said}") from error
 
     def bind(self, keys: Any, about: About, ahead: bool = True) -> BoundLaw:
         """The law with its constants; without `ahead` its commands alone. Raises LawError."""
@@ -118,7 +123,7 @@ class Law:
             try:
                 found = BoundPython(self.name, self.digest, self.home, constants, ahead)
             except TypeError as error:
-                raise LawError(f"the law {self.name} cannot be: {error}") from error
+                raise LawError(f"law {self.name}: is invalid: {error}") from error
             if words[0] is None:
                 return found
             if len(self._bound) >= _MOST_BOUND:
@@ -177,14 +182,14 @@ def check_home(name: str, home: Any) -> None:
             continue
         signature = f"{function}({', '.join(arguments)})"
         if not callable(found):
-            raise LawError(f"{name} has no function {signature}, so it is no law")
+            raise LawError(f"{name}: is not a law; the function {signature} is missing. Add it.")
         code = getattr(getattr(found, "py_func", found), "__code__", None)
         if code is None or code.co_argcount != len(arguments):
-            raise LawError(f"{function} of {name} has to take {signature}")
+            raise LawError(f"{name}: {function} has the wrong arguments. Define it as {signature}.")
     if hasattr(home, "known_ahead") != hasattr(home, "command_ahead"):
-        raise LawError(f"{name} has one of known_ahead and command_ahead; a law has both or none")
+        raise LawError(
+            f"{name}: defines only one of known_ahead and command_ahead. Define both or none."
+        )
     keys = getattr(home, "Parameters", Keys)
     if not (isinstance(keys, type) and issubclass(keys, Keys)):
-        raise LawError(
-            f"Parameters of {name} has to be a class derived from hertzloop.controller.law.Keys"
-        )
+        raise LawError(f"{name}: Parameters must be a class derived from hertzloop.law.Keys.")

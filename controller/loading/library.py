@@ -100,14 +100,18 @@ def library_law(path: Path, digest: str) -> LibraryLaw:
     try:
         library = ctypes.CDLL(str(path))
     except OSError as error:
-        raise LawError(f"the law {path} cannot be loaded: {_why(path, error)}") from error
+        raise LawError(f"law {path}: cannot be loaded: {_why(path, error)}") from error
     for name in ("hertzloop_law", "hertzloop_keys", "hertzloop_command"):
         if not _address(library, name):
-            raise LawError(f"{path} exports no {name}, so it is no law; see hertzloop_law.h")
+            raise LawError(
+                f"{path}: is not a law; the symbol {name} is missing. See hertzloop_law.h."
+            )
     law = LibraryLaw(path.name, path, "", digest, library)
     about = law._description
     if about.abi != _ABI:
-        raise LawError(f"{path} was built for version {about.abi} of hertzloop_law.h, not {_ABI}")
+        raise LawError(
+            f"{path}: built for version {about.abi} of hertzloop_law.h. Rebuild it for {_ABI}."
+        )
     least = 8 * (len(ABOUT_FIELDS) + len(law.keys.model_fields))
     if about.parameters_bytes < least or about.parameters_bytes % 8:
         raise LawError(
@@ -115,7 +119,9 @@ def library_law(path: Path, digest: str) -> LibraryLaw:
             f"its keys need {least}, or more in steps of 8"
         )
     if about.state_bytes < 16 or about.state_bytes % 8:
-        raise LawError(f"{path} has a state of {about.state_bytes} bytes; 16, 24, ... are possible")
+        raise LawError(
+            f"{path}: state of {about.state_bytes} bytes. Use 16, 24 or a larger multiple of 8."
+        )
     return law
 
 
@@ -273,18 +279,18 @@ def unit_law(path: Path, digest: str) -> UnitLaw:
     try:
         import fmpy
     except ModuleNotFoundError:
-        raise LawError(f"the law {path} needs FMPy: pip install 'hertzloop[fmu]'") from None
+        raise LawError(f"law {path}: needs FMPy. Run pip install 'hertzloop[fmu]'.") from None
     try:
         about = fmpy.read_model_description(str(path))
         platforms = fmpy.supported_platforms(str(path))
     except Exception as error:
         said = " ".join(str(error).split())
-        raise LawError(f"the law {path} is no co-simulation unit: {said}") from error
+        raise LawError(f"law {path}: is not a co-simulation unit: {said}") from error
     if about.fmiVersion == "1.0" or about.coSimulation is None:
         raise LawError(
             f"the law {path} is for FMI {about.fmiVersion}"
-            f"{'' if about.coSimulation else ', model exchange'}; it has to be for co-simulation, "
-            "2.0 or 3.0"
+            f"{'' if about.coSimulation else ', model exchange'}. Export it for co-simulation, "
+            "FMI 2.0 or 3.0."
         )
     if fmpy.platform not in platforms:
         raise LawError(
@@ -311,8 +317,8 @@ def _chosen(about: Any, causality: str, names: tuple[str, ...], path: str) -> An
     if len(named) != 1:
         there = ", ".join(v.name for v in found) or "none"
         raise LawError(
-            f"the law {path} has the real {causality}s {there}; it has to have one, or one called "
-            f"{' or '.join(names)}"
+            f"law {path}: has the real {causality}s {there}. Keep one, or name one "
+            f"{' or '.join(names)}."
         )
     return named[0]
 

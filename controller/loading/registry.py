@@ -57,8 +57,8 @@ def resolve(reference: str, folder: Path | None = None) -> str:
         there = [file for file in files if any(os.path.isfile(at / file) for at in tried)]
         if there and re.fullmatch(r"\w+", reference) and reference not in known():
             raise LawError(
-                f"controller.law = '{reference}': is no law, but {there[0]} exists. Give the whole "
-                f"name of the file, controller.law = '{there[0]}'"
+                f"controller.law = '{reference}': unknown law, but the file {there[0]} exists. "
+                f"Give the full file name, controller.law = '{there[0]}'."
             )
         return reference
     found = next((f / match["file"] for f in tried if os.path.isfile(f / match["file"])), None)
@@ -77,26 +77,26 @@ def find(reference: str, digest: str | None = None) -> Law:
     if Path(reference).suffix in _SOURCE:
         library = Path(reference).with_suffix(".so")
         raise LawError(
-            f"controller.law = '{reference}': is source text, which has to be compiled first. Run "
-            f"`{compilation(Path(reference))}`, then give controller.law = '{library}'"
+            f"controller.law = '{reference}': is source code. Run "
+            f"`{compilation(Path(reference))}`, then set controller.law = '{library}'."
         )
     installed = _entry_points().get(reference)
     module = _MODULE.fullmatch(installed or reference)
     if module:
         return _from_module(reference, module["module"], module["name"], digest)
     close = difflib.get_close_matches(reference, known(), 1)
-    hint = f"did you mean {close[0]}? " if close else ""
+    hint = f"Did you mean {close[0]}? " if close else ""
     raise LawError(
-        f"controller.law = '{reference}' is no law; {hint}Known: {', '.join(known())}; or give a "
-        "file, mine.py, mine.so or mine.fmu, or package.module:Name"
+        f"controller.law = '{reference}': unknown law. {hint}Use one of {', '.join(known())}, "
+        "a file such as mine.py, mine.so or mine.fmu, or package.module:Name."
     )
 
 
 def _check_digest(reference: str, found: str, wanted: str | None) -> None:
     if wanted is not None and found != wanted:
         raise LawError(
-            f"the law {reference} on this disk has the digest {found}, asked for was {wanted}; "
-            "both sides need the same file"
+            f"law {reference}: its digest here is {found}, but {wanted} is required. Copy the same "
+            "file to both sides."
         )
 
 
@@ -132,7 +132,7 @@ def _loaded_file(
     try:
         found = digest_of(path)
     except (SyntaxError, UnicodeDecodeError) as error:
-        raise LawError(f"the law {path} is not Python: {error}") from error
+        raise LawError(f"law {path}: is not valid Python: {error}") from error
     _check_digest(str(path), found, digest)
     if path.suffix == ".fmu":
         from hertzloop.controller.loading.library import unit_law
@@ -153,7 +153,7 @@ def _loaded_file(
     except Overdue:
         raise LawError(_not_over(str(path))) from None
     except (Exception, SystemExit) as error:
-        raise LawError(f"the law {path} cannot be loaded: {said_of(error, path)}") from error
+        raise LawError(f"law {path}: cannot be loaded: {said_of(error, path)}") from error
     finally:
         sys.path.remove(str(path.parent))
     return _checked(
@@ -167,7 +167,9 @@ def _from_module(reference: str, module: str, name: str | None, digest: str | No
     except (ImportError, ValueError) as error:
         raise LawError(f"controller.law = '{reference}': {error}") from error
     if spec is None or not spec.origin or not spec.origin.endswith(".py"):
-        raise LawError(f"controller.law = '{reference}': there is no Python module {module}")
+        raise LawError(
+            f"controller.law = '{reference}': the Python module {module} was not found. Install it."
+        )
     path = Path(spec.origin)
     try:
         found = digest_of(path)
@@ -179,7 +181,7 @@ def _from_module(reference: str, module: str, name: str | None, digest: str | No
     except Overdue:
         raise LawError(_not_over(reference)) from None
     except (Exception, SystemExit) as error:
-        raise LawError(f"the law {reference} cannot be loaded: {said_of(error, path)}") from error
+        raise LawError(f"law {reference}: cannot be loaded: {said_of(error, path)}") from error
     return _checked(reference, home, name, path, path.read_text(encoding="utf-8"), found)
 
 
@@ -190,15 +192,17 @@ def _checked(
     if name:
         home = getattr(module, name, None)
         if home is None:
-            raise LawError(f"{path} has no {name}, which the scene asks for as its law")
+            raise LawError(
+                f"controller.law: {path} does not define {name}. Define it or change the name."
+            )
     check_home(label, home)
     return Law(label, path, source, digest, home)
 
 
 def _not_over(law: str) -> str:
     return (
-        f"the law {law} was not loaded within {callbacks.PATIENCE_S:g} s; does a loop of it never "
-        "end?"
+        f"law {law}: was not loaded within {callbacks.PATIENCE_S:g} s. Check it for an endless "
+        "loop."
     )
 
 

@@ -250,8 +250,8 @@ def _figures(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanFigures, l
     found = impacts_of_rows(setup, rows, most, audible_modes(spec))
     if not found:
         raise SceneError(
-            f"run.duration_s = {setup.duration_s:g} ends before the first contact; take more, "
-            f"or less than run.lead_in_s = {setup.lead_in_s:g}"
+            f"run.duration_s = {setup.duration_s:g} ends before the first contact. Increase it, "
+            f"or reduce run.lead_in_s = {setup.lead_in_s:g}"
         )
     impacts = [one.impact for one in found]
     if span == "impact":

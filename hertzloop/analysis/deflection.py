@@ -383,11 +383,11 @@ def _on_grid(
     what, points = spec.plate, (spec.contact_point_m, spec.actuator_point_m)
     if what.size_m is None:
         if what.mode_table is not None:
-            raise SceneError("the modes come from a file; take its own grid")
+            raise SceneError("the modes come from a file. Use its own grid.")
         raise SceneError(f"{what} has no shapes on a grid; leave out --grid")
     if count > _GRID_MODES:
         raise SceneError(
-            f"{count} modes are too many for shapes on a grid, the most is {_GRID_MODES}; take a "
+            f"{count} modes are too many for shapes on a grid; the limit is {_GRID_MODES}. Use a "
             "larger run.accuracy"
         )
     x, y = axes(what.size_m, points[0], _NODES)

@@ -53,7 +53,8 @@ class Saturation:
 class Ran:
     """A run to be judged: its figures, and what is known of it besides. `injected_j`: the
     actuator's share of the plate energy; `dent_m`: what a contact that yields leaves, 0 without;
-    `late`: whether forces came too late, so that not the law alone decided."""
+    `late`: whether forces came too late, so that not the law alone decided;
+    `law_models_yield`: whether the law declares that it allows for a permanent dent."""
 
     figures: Figures
     scene_law: str | None
@@ -62,6 +63,7 @@ class Ran:
     dent_m: float = 0.0
     late: bool = False
     saturation: Saturation | None = None
+    law_models_yield: bool = False
 
 
 def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Figures:

@@ -100,7 +100,8 @@ def radiator_of(setup: Setup) -> Radiator:
 
 def _too_many(modes: float, limit_hz: float) -> SceneError:
     return SceneError(
-        f"about {modes:.4g} modes below {limit_hz:.3g} Hz sound, the most is {_MOST_MODES}; take a "
+        f"about {modes:.4g} modes below {limit_hz:.3g} Hz radiate; the limit is "
+        f"{_MOST_MODES}. Use a "
         "smaller or stiffer plate"
     )
 

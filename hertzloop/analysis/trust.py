@@ -72,8 +72,8 @@ def check_verifiable(setup: Setup) -> None:
     """Raise SceneError where the finer plant cannot be computed."""
     if not SCHEMES[setup.scheme].converges:
         raise SceneError(
-            f"run.scheme = '{setup.scheme}' does not converge, so there is nothing to verify; "
-            "take 'modal' or 'discrete_gradient'"
+            f"run.scheme = '{setup.scheme}' does not converge and cannot be verified. "
+            "Use 'modal' or 'discrete_gradient'."
         )
     fine = finer_spec(setup)
     modes = fine.plate.modes_below(fine.frequency_limit_hz)
@@ -81,8 +81,8 @@ def check_verifiable(setup: Setup) -> None:
         local = fine.plate.local_plate
         raise SceneError(
             f"--verify needs about {modes:.2g} modes of the plate up to "
-            f"{fine.frequency_limit_hz:.3g} Hz, the most is {MOST_MODES}; leave out --verify, or "
-            f"choose a smaller or thicker plate than plate.size_m = "
+            f"{fine.frequency_limit_hz:.3g} Hz; the limit is {MOST_MODES}. Remove --verify, or "
+            f"use a smaller or thicker plate than plate.size_m = "
             f"{list(setup.size_m or ())} with plate.thickness_m = "
             f"{local.thickness_m if local else math.nan:g}"
         )

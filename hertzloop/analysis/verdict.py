@@ -139,6 +139,7 @@ def judge(
         dent_m=books.dent_m if books else 0.0,
         late=pacing is not None,
         saturation=saturation_of(recording.events),
+        law_models_yield=setup.law_models_yield,
     )
     found = conclusions(setup, ran, free, not_again)
     return Judged(law, ran, yield_of(books), setup.accuracy, pacing, free, found)
@@ -243,7 +244,7 @@ def _reasons(ran: Ran, contact_s: float) -> Reasons:
     push = ran.figures.push
     assert push is not None
     late = push.after_touch_s / contact_s
-    mistaken = ran.dent_m != 0.0 and "dent" not in (ran.scene_law or "")
+    mistaken = ran.dent_m != 0.0 and not ran.law_models_yield
     return Reasons(
         after_touch_s=push.after_touch_s if late > _MUCH else None,
         late_share=late if late > _MUCH else None,

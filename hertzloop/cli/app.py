@@ -36,12 +36,13 @@ class Leaf:
 
 MAIN = (
     Leaf(
-        "run", "run:run", "Run and record a scene, and compare it with no control.",
+        "run", "run:run", "Run and record a scene, and compare it with the same run without "
+                          "control.",
         "run aluminium-3mm --set controller.latency_us=5",
     ),
     Leaf(
         "replay", "recordings:replay",
-        "Watch a recording in slow motion, beside one without control.",
+        "Watch a recording in slow motion beside the run without control.",
         "replay aluminium-20mm.mcap --save replay.rrd",
     ),
     Leaf(
@@ -49,7 +50,8 @@ MAIN = (
         "sweep aluminium-3mm --over controller.latency_us=0:20:1 --over sensors.bits=8,12,16",
     ),
     Leaf(
-        "tune", "tune:tune", "Find the law and parameters with the best figures in a scene.",
+        "tune", "tune:tune", "Search for the law and the parameters with the best figures in "
+                             "a scene.",
         "tune aluminium-20mm --law slope_threshold --law shifted_threshold --out-dir tuned",
     ),
     Leaf(
@@ -66,13 +68,13 @@ MAIN = (
         "fit aluminium-3mm drop.csv --free sphere.radius_m --json fit.json",
     ),
     Leaf(
-        "report", "recordings:report", "Write an HTML page on a recording, a sweep or a tuning.",
+        "report", "recordings:report", "Write an HTML report on a recording, a sweep or a tuning.",
         "report aluminium-20mm.mcap --out-dir pages",
     ),
 )  # fmt: skip
 RECORDINGS = (
     Leaf(
-        "inspect", "recordings:inspect", "Print streams, gaps, scene and figures of a recording.",
+        "inspect", "recordings:inspect", "Check a recording and print its figures.",
         "inspect aluminium-20mm.mcap --json figures.json",
     ),
     Leaf(
@@ -81,7 +83,7 @@ RECORDINGS = (
         "compare a.mcap b.mcap --figures",
     ),
     Leaf(
-        "repair", "recordings:repair", "Make a whole file of a recording that was cut off.",
+        "repair", "recordings:repair", "Recover a complete file from a truncated recording.",
         "repair broken.mcap --out whole.mcap",
     ),
     Leaf(
@@ -98,7 +100,7 @@ SCENE = (
     Leaf("scene list", "scene:list_scenes", "List the shipped scenes.", "scene list"),
     Leaf("scene show", "scene:show", "Print a shipped scene as TOML.", "scene show aluminium-3mm"),
     Leaf(
-        "scene new", "scene:new", "Write a commented scene that runs as it is.",
+        "scene new", "scene:new", "Write a commented scene that runs without changes.",
         "scene new mine.toml",
     ),
     Leaf(
@@ -118,7 +120,7 @@ SCENE = (
 LAW = (
     Leaf("law list", "law:list_laws", "List the shipped laws and their keys.", "law list"),
     Leaf(
-        "law new", "law:new", "Write a commented law, in Python or C, that runs as it is.",
+        "law new", "law:new", "Write a commented law in Python or C that runs without changes.",
         "law new mine.py",
     ),
     Leaf(
@@ -128,25 +130,25 @@ LAW = (
     ),
     Leaf(
         "law test", "law:controller_test",
-        "Test a controller program of your own against the wire protocol.",
+        "Test your own controller program against the wire protocol.",
         "law test --start 'python my_controller.py {name} {listen} {connect}'",
     ),
 )  # fmt: skip
 NODE = (
     Leaf(
-        "node plant", "node:plant", "Run the plant alone, for a controller elsewhere.",
+        "node plant", "node:plant", "Run the plant as a separate process.",
         "node plant aluminium-3mm --listen tcp/10.0.0.1:7450",
     ),
     Leaf(
-        "node controller", "node:controller", "Run the controller alone.",
+        "node controller", "node:controller", "Run the controller as a separate process.",
         "node controller --connect tcp/10.0.0.1:7450",
     ),
     Leaf(
-        "node recorder", "node:recorder", "Run the recorder alone.",
+        "node recorder", "node:recorder", "Run the recorder as a separate process.",
         "node recorder --out run.mcap --connect tcp/10.0.0.1:7450",
     ),
     Leaf(
-        "node watch", "node:watch", "Show a run while it goes on, without slowing it.",
+        "node watch", "node:watch", "Show a run in progress without delaying it.",
         "node watch --save live.rrd",
     ),
     Leaf(
@@ -162,7 +164,7 @@ STUDY = (
     ),
     Leaf(
         "study real-plant", "study:real_plant",
-        "Compare every law in the ideal plant and in a real one.",
+        "Compare every law in the ideal plant and in a realistic plant.",
         "study real-plant --quick --out-dir real",
     ),
 )  # fmt: skip
@@ -180,7 +182,7 @@ OTHER = (
 GROUPS = {
     "scene": ("Scenes: list, show, new, keys, check, modes.", SCENE),
     "law": ("Laws: list, new, replay, test.", LAW),
-    "node": ("Run the parts in terminals or on hosts of their own.", NODE),
+    "node": ("Run each process in its own terminal or on its own host.", NODE),
     "study": ("Charts of all laws over latency, bits and plants.", STUDY),
 }
 PANELS: dict[str, tuple[Leaf, ...] | dict[str, tuple[str, tuple[Leaf, ...]]]] = {

@@ -30,14 +30,14 @@ def export(
     out_file: Annotated[
         Path,
         typer.Option(
-            "--out", "-o", help="File to write: .mcap, .parquet, .csv, .npz or .h5.", metavar="F"
+            "--out", "-o", help="Write this .mcap, .parquet, .csv, .npz or .h5 file.", metavar="F"
         ),
     ],
     from_ms: Annotated[
-        float, typer.Option("--from", min=0.0, help="From this simulated time on, ms.")
+        float, typer.Option("--from", min=0.0, help="Start at this simulated time, ms.")
     ] = 0.0,
     to_ms: Annotated[
-        float | None, typer.Option("--to", min=0.0, help="Up to this simulated time, ms.")
+        float | None, typer.Option("--to", min=0.0, help="Stop at this simulated time, ms.")
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -52,11 +52,13 @@ def export(
     from hertzloop.views.labelled import export_labels
 
     if out_file.suffix not in FORMATS:
-        fail(f"{out_file} does not end in one of {', '.join(FORMATS)}, which say what to write", 2)
+        fail(
+            f"--out = {out_file}: unknown format. Use a name that ends in {', '.join(FORMATS)}.", 2
+        )
     if out_file.suffix == ".h5":
         need("h5py")
     if to_ms is not None and to_ms < from_ms:
-        fail(f"--to {to_ms:g} is before --from {from_ms:g}", 2)
+        fail(f"--to = {to_ms:g}: is before --from = {from_ms:g}. Give a later time.", 2)
     check_output(out_file, overwrite, read=[file])
     recording = read_or_fail(file)
     for problem in recording.problems:
@@ -74,7 +76,9 @@ def export(
 
 CpuOption = Annotated[
     Literal["host", "x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4"],
-    typer.Option(help="Processor that will run it; host: the bytes of the runs on this one."),
+    typer.Option(
+        help="Compile for this processor; host: the same bytes as runs on this processor."
+    ),
 ]
 
 
@@ -82,16 +86,18 @@ def export_plant(
     scene: SceneArgument,
     out_file: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="F", help="File to write, plant.fmu or plant.so."),
+        typer.Option("--out", "-o", metavar="F", help="Write this .fmu or .so file."),
     ] = None,
     out_dir: Annotated[
         Path | None,
         typer.Option(
-            "--out-dir", metavar="DIR", help="Folder for the C library, its header and an example."
+            "--out-dir",
+            metavar="DIR",
+            help="Write the C library, its header and an example into this folder.",
         ),
     ] = None,
     cpu: CpuOption = "x86-64-v3",
-    fmi: Annotated[Literal["2", "3"], typer.Option(help="Version of FMI for .fmu.")] = "3",
+    fmi: Annotated[Literal["2", "3"], typer.Option(help="Use this version of FMI for .fmu.")] = "3",
     seed: SeedOption = None,
     settings: SetOption = None,
     overwrite: OverwriteOption = False,
@@ -103,7 +109,7 @@ def export_plant(
     if (sys.platform, _machine()) != ("linux", "x86_64"):
         fail(f"a plant is exported on Linux on x86-64, not on {sys.platform} {_machine()}", 2)
     if (out_file is None) == (out_dir is None):
-        fail("give --out F for a file, or --out-dir DIR for a folder", 2)
+        fail("no output is given. Give --out F for a file, or --out-dir DIR for a folder.", 2)
     folder = out_dir is not None
     out_path = out_dir or out_file
     assert out_path is not None
@@ -114,7 +120,10 @@ def export_plant(
     if not folder:
         check_output(out_path, overwrite, read=files_of(resolved, scene, *(settings or [])))
     elif os.path.isdir(out_path) and any(out_path.iterdir()) and not overwrite:
-        fail(f"the folder {out_path} is not empty; choose another, or allow it with --overwrite", 2)
+        fail(
+            f"--out-dir = {out_path}: the folder is not empty. Choose another, or add --overwrite.",
+            2,
+        )
     from hertzloop.interop import fmu as library
     from hertzloop.interop.fmu import write_fmu
     from hertzloop.interop.image import image

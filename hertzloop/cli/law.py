@@ -45,7 +45,7 @@ def list_laws() -> None:
 
 
 def new(
-    file: Annotated[Path, typer.Argument(help="File to write.", metavar="F.py|F.c")],
+    file: Annotated[Path, typer.Argument(help="Write this new file.", metavar="F.py|F.c")],
     with_check: Annotated[
         bool,
         typer.Option(
@@ -54,7 +54,7 @@ def new(
         ),
     ] = False,
 ) -> None:
-    """Write a commented law, in Python or C, that runs as it is.
+    """Write a commented law in Python or C that runs without changes.
 
     A law in C gets the header hertzloop_law.h beside it.
     """
@@ -86,11 +86,11 @@ def _next(file: Path) -> str:
 
 
 def replay(
-    file: Annotated[Path, typer.Argument(help="A recording.", metavar="F.mcap")],
-    law: Annotated[str, typer.Option(help="Law to feed the recorded samples to.")],
+    file: Annotated[Path, typer.Argument(help="Recording to read.", metavar="F.mcap")],
+    law: Annotated[str, typer.Option(help="Feed the recorded samples to this law.")],
     settings: SetOption = None,
     picture: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Picture; F-law.png if left out.")
+        Path | None, typer.Option("--out", "-o", help="Write the picture here; default: F-law.png.")
     ] = None,
     overwrite: OverwriteOption = False,
     json_file: JsonOption = None,
@@ -136,7 +136,11 @@ def _difference(found: "Comparison", name: str) -> str:
 def _setting(text: str) -> tuple[str, object]:
     key, equals, value = text.partition("=")
     if not equals:
-        fail(f"'{text}' is no setting; write table.key=value, e.g. controller.kappa=0.5", 2)
+        fail(
+            f"--set = '{text}': invalid setting. Write table.key=value, as in "
+            "controller.kappa=0.5.",
+            2,
+        )
     return key.strip(), toml_value(value)
 
 
@@ -150,14 +154,17 @@ def controller_test(
         ),
     ] = "",
     script: Annotated[
-        list[str] | None, typer.Option(help="Script to play, several times; all with --start.")
+        list[str] | None,
+        typer.Option(help="Play this script; repeatable; default with --start: all."),
     ] = None,
     law: Annotated[
-        str | None, typer.Option(help="Our law whose forces must come, byte for byte.")
+        str | None, typer.Option(help="Require the forces of this law, byte for byte.")
     ] = None,
     expect: Annotated[
         Path | None,
-        typer.Option(help="Recording: its samples are played, its forces must come.", exists=True),
+        typer.Option(
+            help="Play the samples of this recording and require its forces.", exists=True
+        ),
     ] = None,
     settings: SetOption = None,
     name: NameOption = "hertzloop",
@@ -166,21 +173,21 @@ def controller_test(
         typer.Option(
             min=1,
             max=65533,
-            help="First of three ports: plant's, controller's, recorder's. If left out, free ones "
+            help="First of three ports: plant's, controller's, recorder's. Default: free ones "
             "with --start, else those from 7450 on.",
         ),
     ] = None,
     timeout: TimeoutOption = 5.0,
     wait: WaitOption = 30.0,
 ) -> None:
-    """Test a controller program of your own against the wire protocol.
+    """Test your own controller program against the wire protocol.
 
     It plays a plant to the controller, and prints the first thing that is wrong.
     """
     from hertzloop.processes.conformance import Broken, Checks, Meeting
 
     if law and expect:
-        fail("give --law or --expect, not both: the forces are compared with one of them", 2)
+        fail("--law: cannot be combined with --expect. Remove one of the two.", 2)
     chosen = _chosen(script, law, expect, settings or [], everything=bool(start))
     checks = Checks()
     laws: set[str] = set()
@@ -234,9 +241,9 @@ def _chosen(
     wanted = names or (list(known) if everything else ["touch"])
     for name in wanted:
         if name not in known:
-            fail(f"there is no script '{name}'; known: {', '.join(known)}", 2)
+            fail(f"--script = '{name}': unknown script. Use one of {', '.join(known)}.", 2)
     if not everything and len(wanted) > 1:
-        fail("a controller that runs already plays one --script; --start 'CMD' plays several", 2)
+        fail("--script: a running controller plays one script. Use --start 'CMD' for several.", 2)
     return [known[name] for name in wanted]
 
 

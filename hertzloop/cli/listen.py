@@ -27,20 +27,24 @@ _ENERGIES = {
 def listen(
     file: FileArgument,
     folder: Annotated[
-        Path, typer.Option("--out-dir", "-o", help="Folder for the sounds.", metavar="DIR")
+        Path,
+        typer.Option("--out-dir", "-o", help="Write the sounds into this folder.", metavar="DIR"),
     ],
     at: Annotated[
         tuple[float, float, float],
-        typer.Option("--at", help="Listener: x, y from the plate's middle and height above, m."),
+        typer.Option(
+            "--at", help="Place the listener at x, y from the plate centre and this height, m."
+        ),
     ] = (0.0, 0.0, 1.0),
     slow: Annotated[
-        float, typer.Option(min=1.0, max=1000.0, help="How many times slower than it was.")
+        float, typer.Option(min=1.0, max=1000.0, help="Slow the sound down by this factor.")
     ] = 1.0,
     tail: Annotated[
-        float, typer.Option(min=0.0, max=10.0, help="Ringing after the run's end, s.")
+        float,
+        typer.Option(min=0.0, max=10.0, help="Let the plate ring for this time after the run, s."),
     ] = 0.3,
     energy: Annotated[
-        bool, typer.Option("--energy", help="Also the sound energy through a half sphere.")
+        bool, typer.Option("--energy", help="Compute the sound energy through a half sphere.")
     ] = False,
     json_file: JsonOption = None,
 ) -> None:
@@ -55,7 +59,7 @@ def listen(
     from hertzloop.views.replaying import scene_of
 
     if not at[2] > 0.0:
-        fail(f"--at: the listener's height {at[2]:g} m is not above the plate", 2)
+        fail(f"--at = {at[2]:g} m: the listener is not above the plate. Give a positive height.", 2)
     check_json(json_file)
     recording = read_or_fail(file, keep=True)
     for problem in recording.problems:
@@ -66,7 +70,7 @@ def listen(
     except (RecordingError, SceneError) as error:
         fail(str(error), 1)
     except OSError as error:
-        fail(f"cannot write into {folder}: {error.strerror}", 1)
+        fail(f"cannot write to the folder {folder}: {error.strerror}", 1)
     _show(data)
     write_json(json_file, data)
 
@@ -88,7 +92,7 @@ def _show(data: dict[str, Any]) -> None:
             table.add_row(label, *words, *([_change(values, unit)] if compared else []))
     out.print(table)
     if data["full_scale_pa"] == 0.0:
-        out.print("Silence: nothing moves the plate.")
+        out.print("Silence: no force moves the plate.")
     for name, run in runs.items():
         _explain(name.replace("-", " "), run)
     for run in runs.values():

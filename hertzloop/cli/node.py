@@ -142,10 +142,10 @@ def check_endpoints(option: str, endpoints: list[str] | None) -> None:
         found = _ENDPOINT.fullmatch(endpoint)
         if not found:
             example = f"tcp/127.0.0.1:{BASE_PORT}"
-            fail(f"{option} '{endpoint}' is no endpoint; write e.g. {example}", 2)
+            fail(f"{option} = '{endpoint}': invalid endpoint. Write it as {example}.", 2)
         _check_port(f"{option} '{endpoint}'", endpoint)
         if too_long(endpoint):
-            fail(f"the path of '{endpoint}' is too long for a socket; Linux takes 107 bytes", 2)
+            fail(f"{option} = '{endpoint}': the path is too long. Use at most 107 bytes.", 2)
 
 
 def _check_port(named: str, endpoint: str) -> None:
@@ -183,7 +183,7 @@ def watch(
     overwrite: OverwriteOption = False,
     machine: MachineOption = False,
 ) -> None:
-    """Show a run while it goes on, without slowing it.
+    """Show a run in progress without delaying it.
 
     It shows a few samples of every millisecond, and drops what it cannot take in time.
     """
@@ -199,10 +199,10 @@ def watch(
     check_endpoints("--connect", connect)
     if save is not None:
         if save.suffix != ".rrd":
-            fail(f"--save {save} does not end in .rrd, which is what it writes", 2)
+            fail(f"--save = {save}: must end in .rrd. Change the name.", 2)
         check_output(save, overwrite, "--save")
     elif not viewer.has_display():
-        fail("there is no screen to watch on; --save F.rrd writes a file for the Rerun viewer", 2)
+        fail("no screen is available. Write a file for the Rerun viewer with --save F.rrd.", 2)
     where = connect or [f"tcp/127.0.0.1:{port}" for port in range(BASE_PORT, BASE_PORT + 3)]
     raise_when_ended()
     ended: list[str] = []
@@ -214,7 +214,7 @@ def watch(
             try:
                 with on_interrupt(ended.append):  # what was seen until now is kept
                     for payload in truth_blocks(name, where, machine):
-                        with contextlib.suppress(MessageError):  # a stranger's
+                        with contextlib.suppress(MessageError):  # of another subscriber
                             shown += viewer.send_block(stream, payload)
                 if ended:
                     why, code = "interrupted", INTERRUPTED
@@ -269,11 +269,11 @@ def plant(
     realtime: RealtimeOption = "auto",
     pace: PaceOption = None,
     repeat: Annotated[
-        Path | None, typer.Option(help="A recording of this scene whose forces act again.")
+        Path | None, typer.Option(help="Apply the recorded forces of this recording.")
     ] = None,
     machine: MachineOption = False,
 ) -> None:
-    """Run the plant alone, for a controller elsewhere.
+    """Run the plant as a separate process.
 
     It waits for controller and recorder, then runs the scene.
     """
@@ -306,7 +306,7 @@ def plant(
 def controller(
     law: Annotated[
         str | None,
-        typer.Option(help="Where this side has its law, if not where the scene says."),
+        typer.Option(help="Load the law from this file; default: controller.law of the scene."),
     ] = None,
     name: NameOption = "hertzloop",
     listen: ListenOption = None,
@@ -318,7 +318,7 @@ def controller(
     realtime: RealtimeOption = "auto",
     machine: MachineOption = False,
 ) -> None:
-    """Run the controller alone.
+    """Run the controller as a separate process.
 
     It takes the scene from the plant, then answers the plant's samples.
     """
@@ -350,7 +350,7 @@ def recorder(
     realtime: RealtimeOption = "auto",
     machine: MachineOption = False,
 ) -> None:
-    """Run the recorder alone.
+    """Run the recorder as a separate process.
 
     It writes every stream of a run into one MCAP file.
     """
@@ -370,16 +370,19 @@ def recorder(
 
 
 def keys(
-    folder: Annotated[Path, typer.Argument(help="New folder for the files.", metavar="DIR")],
+    folder: Annotated[Path, typer.Argument(help="New folder for the certificates.", metavar="DIR")],
     hosts: Annotated[
         str,
         typer.Option(
-            help="Host of each role, with a port or without.",
+            help="Assign a host to each role, with or without a port.",
             metavar="plant=A,controller=B,recorder=C",
         ),
     ],
     days: Annotated[
-        int, typer.Option(min=1, max=36500, help="How long the certificates are valid, days.")
+        int,
+        typer.Option(
+            min=1, max=36500, help="Limit the validity of the certificates to this time, days."
+        ),
     ] = 365,
 ) -> None:
     """Write certificates for a run on several hosts.
@@ -405,8 +408,8 @@ def write_keys(folder: Path, hosts: str, days: int) -> None:
 
     if os.path.isdir(folder) and any(folder.iterdir()):
         fail(
-            f"the folder {folder} is not empty; keys are never replaced, since hosts with the old "
-            "ones would be left out without a word: choose another",
+            f"DIR = {folder}: the folder is not empty, and keys are never replaced. "
+            "Choose another folder.",
             2,
         )
     make_folder(folder)
@@ -445,15 +448,17 @@ def _places(hosts: str) -> dict[str, tuple[str, int]]:
     for word in hosts.split(","):
         role, _, where = word.strip().partition("=")
         if role not in ROLES:
-            fail(f"--hosts has '{word}'; write ROLE=HOST for each role: {_EXAMPLE}", 2)
+            fail(
+                f"--hosts = '{word}': invalid entry. Write ROLE=HOST for each role: {_EXAMPLE}.", 2
+            )
         if role in places:
-            fail(f"--hosts has the {role} twice; a run has one", 2)
+            fail(f"--hosts: the {role} is given twice. Remove one entry.", 2)
         places[role] = _place(role, where, BASE_PORT + ROLES.index(role))
     if missing := [role for role in ROLES if role not in places]:
         fail(f"--hosts lacks the {' and the '.join(missing)}; write {_EXAMPLE}", 2)
     ordered = {role: places[role] for role in ROLES}
     if len(set(ordered.values())) < len(ordered):
-        fail("--hosts gives two roles the same host and port; a port has one listener", 2)
+        fail("--hosts: two roles have the same host and port. Give each role its own port.", 2)
     return ordered
 
 
@@ -478,5 +483,7 @@ def _place(role: str, where: str, port: int) -> tuple[str, int]:
     except ValueError:
         pass
     if not _NAME.fullmatch(where) or where.replace(".", "").isdecimal():
-        fail(f"--hosts has '{where}' for the {role}; it is an address or the name of a host", 2)
+        fail(
+            f"--hosts = '{where}': invalid host for the {role}. Give an address or a host name.", 2
+        )
     return where, port

@@ -20,49 +20,60 @@ from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 
-SceneArgument = Annotated[str, typer.Argument(help="A shipped scene's name, or a .toml file.")]
+SceneArgument = Annotated[str, typer.Argument(help="Name of a shipped scene, or a .toml file.")]
 SetOption = Annotated[
-    list[str] | None, typer.Option("--set", help="Change a scene key, e.g. sensors.bits=12.")
+    list[str] | None, typer.Option("--set", help="Change a scene key, for example sensors.bits=12.")
 ]
 SeedOption = Annotated[
-    int | None, typer.Option(help="Seed of all randomness; the scene's if left out.")
+    int | None, typer.Option(help="Set the random seed; default: run.seed of the scene.")
+]
+DetailsOption = Annotated[
+    bool, typer.Option("--details", help="Print all tables, figures and warnings.")
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 HorizonOption = Annotated[
     int | None,
-    typer.Option(min=1, help="Most steps between two exchanges; as the law allows if left out."),
+    typer.Option(
+        min=1, help="Exchange data after at most this many steps; default: as the law allows."
+    ),
 ]
 TimeoutOption = Annotated[
-    float, typer.Option(min=0.1, max=1e6, help="Longest wait for a message of another process, s.")
+    float,
+    typer.Option(
+        min=0.1, max=1e6, help="Stop waiting for a message of another process after this time, s."
+    ),
 ]
 WaitOption = Annotated[
-    float, typer.Option(min=0.1, max=1e6, help="Longest wait for the other processes to appear, s.")
+    float,
+    typer.Option(
+        min=0.1, max=1e6, help="Stop waiting for other processes to appear after this time, s."
+    ),
 ]
-NameOption = Annotated[str, typer.Option(help="Name of the run on the bus.")]
-ListenOption = Annotated[list[str] | None, typer.Option(help="Endpoint to listen on.")]
-ConnectOption = Annotated[list[str] | None, typer.Option(help="Endpoint to connect to.")]
+NameOption = Annotated[str, typer.Option(help="Use the run with this name on the bus.")]
+ListenOption = Annotated[list[str] | None, typer.Option(help="Listen on this endpoint.")]
+ConnectOption = Annotated[list[str] | None, typer.Option(help="Connect to this endpoint.")]
 ConfigOption = Annotated[
     Path | None,
-    typer.Option(help="zenoh configuration (JSON5), e.g. for TLS and access control.", exists=True),
+    typer.Option(help="Read the zenoh configuration from this JSON5 file.", exists=True),
 ]
 FastLaneOption = Annotated[
     bool,
     typer.Option(
         "--fast-lane/--no-fast-lane",
-        help="Let plant and controller on one host talk through shared memory.",
+        help="Exchange data between plant and controller on one host in shared memory.",
     ),
 ]
 RealtimeOption = Annotated[
     Literal["auto", "on", "off"],
-    typer.Option(help="Real-time scheduling: auto takes it where permitted and a core is left."),
+    typer.Option(help="Use real-time scheduling; auto: where it is permitted and a core is idle."),
 ]
 PaceOption = Annotated[
     float | None,
     typer.Option(
         min=1e-9,
         max=1000.0,
-        help="Follow the wall clock at this rate of simulated over wall time, and wait for no "
-        "force; in lock-step if left out.",
+        help="Follow the wall clock at this ratio of simulated to wall time, without waiting "
+        "for forces; default: lock-step.",
     ),
 ]
 MachineOption = Annotated[bool, typer.Option("--machine", hidden=True)]
@@ -70,7 +81,7 @@ JsonOption = Annotated[
     Path | None,
     typer.Option(
         "--json",
-        help="Write all figures to this file, - is standard output; an earlier one is replaced.",
+        help="Write all figures as JSON to this file and replace it; -: standard output.",
     ),
 ]
 
@@ -87,8 +98,8 @@ _OF_FILES = (*_PICTURES, ".csv", ".html", ".json", ".mcap", ".parquet", ".toml",
 def scene_from(
     source: str, settings: list[str] | None, seed: int | None, tried: bool = False
 ) -> Setup:
-    """The scene a command works on; ends the command if it cannot be simulated. Its law is `tried`
-    where whoever started the command has done so."""
+    """Return the resolved scene; end the command if it cannot be simulated. `tried`: whether the
+    caller has already tried the law."""
     try:
         setup = load(source, settings or (), seed)
         from hertzloop.processes.warmup import anything_compiled
@@ -112,7 +123,11 @@ def check_pace(setup: Setup, pace: float | None, timeout: float, **others: objec
         return
     for name, given in others.items():
         if given:
-            fail(f"--{name} needs the lock-step; with --pace the plant waits for no force", 2)
+            fail(
+                f"--{name}: cannot be combined with --pace, which does not wait for forces. "
+                f"Remove one of the two.",
+                2,
+            )
     from hertzloop.loop.paced import check_pace as check
 
     try:
@@ -148,7 +163,7 @@ def check_picture(path: Path) -> None:
     Raises ModuleNotFoundError where there is nothing to draw it with.
     """
     if path.suffix not in _PICTURES:
-        fail(f"{path} does not end in one of {', '.join(_PICTURES)}, which say how to draw it", 2)
+        fail(f"{path}: unknown picture format. Use a name that ends in {', '.join(_PICTURES)}.", 2)
     need("matplotlib")
 
 
@@ -160,11 +175,11 @@ def check_output(
     check_reachable(path)
     for file in read:
         if path.is_file() and os.path.exists(file) and path.samefile(file):
-            fail(f"{option} {path} is a file that is read; choose another name", 2)
+            fail(f"{option} = {path}: is an input of this command. Choose another name.", 2)
     if path.exists() and not path.is_file() and not overwrite:
-        fail(f"{path} is no file that could be written to", 2)
+        fail(f"cannot write {path}: not a regular file. Choose another name.", 2)
     if path.is_file() and not overwrite:
-        fail(f"{path} exists; choose another name with {option}, or allow it with --overwrite", 2)
+        fail(f"{path} exists. Choose another name with {option}, or add --overwrite.", 2)
     check_folder(path)
 
 
@@ -174,7 +189,7 @@ def check_recording(
     """End the command unless `path` is the name of a recording that can be written."""
     check_output(path, overwrite, option, read)
     if path.suffix != ".mcap":
-        fail(f"{option} = {path}: must end in .mcap, as a recording is written", 2)
+        fail(f"{option} = {path}: a recording must end in .mcap. Change the name.", 2)
 
 
 def files_of(setup: Setup, *named: str) -> list[Path]:
@@ -191,9 +206,9 @@ def check_folder(path: Path | None) -> None:
         return
     check_reachable(path)
     if path.is_dir():
-        fail(f"{path} is a folder; choose the name of a file", 2)
+        fail(f"{path}: is a folder. Give the name of a file.", 2)
     if not path.parent.is_dir():
-        fail(f"the folder {path.parent} does not exist", 2)
+        fail(f"cannot write {path}: the folder {path.parent} does not exist. Create it.", 2)
     if not path.exists():
         check_writable(path.parent)
     elif not os.access(path, os.W_OK):
@@ -211,9 +226,9 @@ def check_json(path: Path | None, *outputs: Path | None) -> None:
     if path is None:
         return
     if any(output is not None and output.resolve() == path.resolve() for output in outputs):
-        fail(f"--json {path} is a file of the results; choose another name", 2)
+        fail(f"--json = {path}: is another output of this command. Choose another name.", 2)
     if not _of_json(path):
-        fail(f"--json {path} exists and was not written by --json; choose another name", 2)
+        fail(f"--json = {path}: exists and was not written by --json. Choose another name.", 2)
 
 
 def _of_json(path: Path) -> bool:
@@ -233,7 +248,7 @@ def check_writable(folder: Path) -> None:
         # Tried, since permissions do not tell of read-only and special file systems.
         tempfile.TemporaryFile(dir=folder).close()
     except OSError as error:
-        fail(f"cannot write into the folder {folder}: {error.strerror}", 2)
+        fail(f"cannot write to the folder {folder}: {error.strerror}", 2)
 
 
 def make_folder(folder: Path) -> None:
@@ -244,7 +259,7 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        fail(f"{folder} is no folder that could be made: {error.strerror}", 2)
+        fail(f"cannot create the folder {folder}: {error.strerror}", 2)
     check_writable(folder)
 
 
@@ -257,7 +272,7 @@ def end_if_not_run(reasons: list[str], total: int) -> None:
         err.print(f"{times} times: {reason}" if times > 1 else reason, soft_wrap=True)
     if len(counted) > 3:
         err.print(f"... and {len(counted) - 3} more reasons")
-    fail(f"{len(reasons)} of {total} cases could not be run", 1)
+    fail(f"{len(reasons)} of {total} cases failed", 1)
 
 
 def write_json(path: Path | None, data: dict[str, Any]) -> None:
@@ -270,7 +285,7 @@ def write_json(path: Path | None, data: dict[str, Any]) -> None:
         return
     try:
         if not _of_json(path):
-            fail(f"--json {path} has been written by others meanwhile; it is left as it is", 1)
+            fail(f"--json = {path}: another program wrote this file. It was not changed.", 1)
         path.write_text(json.dumps(marked, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         fail(f"cannot write {path}: {error.strerror}", 1)
@@ -298,7 +313,7 @@ def compile_first(*scenes: Setup, paced: bool = False) -> None:
 @cache
 def announce_compilation() -> None:
     """Say why the next half minute is silent; once, whatever is compiled after it."""
-    err.print("Compiling the kernels: once after every change of version, about half a minute.")
+    err.print("Compiling the kernels. This happens once a version and takes about 30 s.")
 
 
 def write_new(
@@ -315,7 +330,7 @@ def write_new(
         then: The next command.
     """
     if file.suffix not in endings:
-        fail(f"{file} has to end in {' or '.join(endings)} for a {kind}", 2)
+        fail(f"{file}: a {kind} must end in {' or '.join(endings)}. Change the name.", 2)
     check_folder(file)
     written = texts()
     try:
@@ -323,7 +338,7 @@ def write_new(
             with path.open("x", encoding="utf-8") as target:
                 target.write(text)
     except FileExistsError:
-        fail(f"{file} exists; choose another name", 2)
+        fail(f"{file} exists. Choose another name.", 2)
     except OSError as error:
         fail(f"cannot write {file}: {error.strerror}", 1)
     out.print(f"written: {', '.join(map(str, written))}; {then}", soft_wrap=True)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hertzloop.cli.options import (
+    DetailsOption,
     JsonOption,
     OverwriteOption,
     check_json,
@@ -54,13 +55,13 @@ def repeat_or_fail(recording: "Recording", setup: "Setup") -> "Repeat":
 
     try:
         if setup.toml != recording.scene_toml:
-            fail(f"{recording.path} is a recording of another scene{recording.other_version}", 2)
+            fail(f"{recording.path}: recorded with a different scene{recording.other_version}", 2)
         return repeat_of(recording)
     except RecordingError as error:
         fail(str(error), 2)
 
 
-FileArgument = Annotated[Path, typer.Argument(help="A recording.", metavar="F.mcap")]
+FileArgument = Annotated[Path, typer.Argument(help="Recording to read.", metavar="F.mcap")]
 
 
 def inspect(
@@ -81,10 +82,11 @@ def inspect(
         ),
     ] = None,
     overwrite: OverwriteOption = False,
+    details: DetailsOption = False,
 ) -> None:
-    """Print streams, gaps, scene and figures of a recording.
+    """Check a recording and print its figures.
 
-    The exit code is 1 if something is missing.
+    The exit code is 1 if a message is missing or damaged.
     """
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.views import inspection
@@ -97,7 +99,7 @@ def inspect(
         data = inspection.summary(recording)
     except RecordingError as error:
         fail(str(error), 1)
-    inspection.show(out, recording, data)
+    inspection.show(out, recording, data, details)
     if responses is not None:
         _draw_responses(recording, responses)
     write_json(json_file, data)
@@ -117,7 +119,7 @@ def _draw_responses(recording: "Recording", folder: Path) -> None:
     except RecordingError as error:
         fail(str(error), 1)
     if responses is None or found is None or found.clock is None:
-        fail(f"{recording.path} has no response times; those of 'hertzloop run --pace' have", 2)
+        fail(f"{recording.path}: has no response times. Record it with hertzloop run --pace.", 2)
     make_folder(folder)
     try:
         picture.draw_response(folder / "response.png", responses, found)
@@ -153,16 +155,15 @@ def compare(
         typer.Option(
             min=0.0,
             max=1.0,
-            help="Allowed difference as a share of a field's largest value; for runs on "
-            "different processors, 1e-9 say.",
+            help="Allow this difference relative to the largest value of a field; for different "
+            "processors, for example 1e-9.",
         ),
     ] = 0.0,
     figures: Annotated[
         bool,
         typer.Option(
             "--figures",
-            help="Print the figures of both runs and their change instead; exit 0 if both have "
-            "figures.",
+            help="Print the figures of both runs and their change instead of comparing bytes.",
         ),
     ] = False,
     json_file: JsonOption = None,
@@ -175,9 +176,9 @@ def compare(
     from hertzloop.recordings.writer import RecordingError
 
     if json_file and not figures:
-        fail(f"--json {json_file} needs --figures: without it there are no figures to write", 2)
+        fail(f"--json = {json_file}: there are no figures to write. Add --figures.", 2)
     if tolerance and figures:
-        fail("give --tolerance or --figures, not both: figures are shown as they are", 2)
+        fail("--tolerance: cannot be combined with --figures. Remove one of the two.", 2)
     check_json(json_file, a, b)
     left, right = read_or_fail(a), read_or_fail(b)
     for recording in (left, right):
@@ -251,7 +252,7 @@ def replay(
     other: Annotated[
         Path | None,
         typer.Argument(
-            help="Another run to lay it over; itself without control if left out.",
+            help="Compare with this recording; default: the run without control.",
             metavar="[B.mcap]",
             show_default=False,
         ),
@@ -262,13 +263,15 @@ def replay(
     screenshot: Annotated[
         Path | None,
         typer.Option(
-            help="Write a picture of the first contact; no screen needed.", metavar="F.png"
+            help="Write a picture of the first contact; needs no screen.", metavar="F.png"
         ),
     ] = None,
-    alone: Annotated[bool, typer.Option("--alone", help="Without a run to compare with.")] = False,
+    alone: Annotated[
+        bool, typer.Option("--alone", help="Show the recording without a comparison.")
+    ] = False,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Watch a recording in slow motion, beside one without control.
+    """Watch a recording in slow motion beside the run without control.
 
     The replay shows plate, forces, energies and events. It opens a window unless --save or
     --screenshot is given. A second recording replaces the run without control.
@@ -276,10 +279,10 @@ def replay(
     for option, output, ending in (("--save", save, ".rrd"), ("--screenshot", screenshot, ".png")):
         if output is not None:
             if output.suffix != ending:
-                fail(f"{option} {output} does not end in {ending}, which is what it writes", 2)
+                fail(f"{option} = {output}: must end in {ending}. Change the name.", 2)
             check_output(output, overwrite, option, [file])
     if alone and other is not None:
-        fail(f"--alone leaves nothing to compare with, but {other} is named", 2)
+        fail(f"--alone: cannot be combined with the recording {other}. Remove one of the two.", 2)
     recording = read_or_fail(file, keep=True)
     compared = read_or_fail(other, keep=True) if other else None
 
@@ -289,8 +292,8 @@ def replay(
 
     if save is None and screenshot is None and not replaying.has_display():
         fail(
-            "there is no screen to open a window on; write a picture with --screenshot F.png, "
-            "or a file for the Rerun viewer elsewhere with --save F.rrd",
+            "no screen is available. Write a picture with --screenshot F.png, or a file for the "
+            "Rerun viewer with --save F.rrd.",
             2,
         )
     for one in (recording, compared) if compared else (recording,):
@@ -308,11 +311,12 @@ def replay(
 def repair(
     file: FileArgument,
     out_file: Annotated[
-        Path | None, typer.Option("--out", "-o", help="New file; F-repaired.mcap by default.")
+        Path | None,
+        typer.Option("--out", "-o", help="Write the repaired file here; default: F-repaired.mcap."),
     ] = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Make a whole file of a recording that was cut off.
+    """Recover a complete file from a truncated recording.
 
     Every MCAP tool opens the new file.
     """
@@ -325,7 +329,7 @@ def repair(
         messages, others = recover_file(file, whole, overwrite)
     except RecordingError as error:
         fail(str(error), 2)
-    left = f"; {others:,} of other topics are left out" if others else ""
+    left = f"; ignored: {others:,} of other topics" if others else ""
     out.print(f"repaired: {messages:,} messages are in {whole}{left}", soft_wrap=True)
 
 
@@ -333,16 +337,17 @@ def report(
     source: Annotated[
         Path,
         typer.Argument(
-            help="A recording, the results of a sweep or of tune, or the folder of these.",
+            help="Recording, results of a sweep or of tune, or a folder with them.",
             metavar="F.mcap|RESULTS",
         ),
     ],
     folder: Annotated[
-        Path, typer.Option("--out-dir", "-o", help="Folder for the page.", metavar="DIR")
+        Path,
+        typer.Option("--out-dir", "-o", help="Write the page into this folder.", metavar="DIR"),
     ],
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Write an HTML page on a recording, a sweep or a tuning.
+    """Write an HTML report on a recording, a sweep or a tuning.
 
     The page needs no other file. For a run it has figures, charts, an animation of the plate,
     sound, the scene, and how to run it again. For a sweep or a tuning it has charts, tables of

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from hertzloop.cli.options import (
+    DetailsOption,
     FastLaneOption,
     HorizonOption,
     JsonOption,
@@ -39,9 +40,11 @@ from hertzloop.scenes.scene import DEFAULT
 def run(
     scene: SceneArgument = DEFAULT,
     out_file: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Recording to write.")
+        Path | None, typer.Option("--out", "-o", help="Write the recording to this file.")
     ] = None,
-    transport: Annotated[TransportName, typer.Option(help="How the parts talk.")] = "zenoh",
+    transport: Annotated[
+        TransportName, typer.Option(help="Choose how the parts of the run communicate.")
+    ] = "zenoh",
     seed: SeedOption = None,
     settings: SetOption = None,
     json_file: JsonOption = None,
@@ -50,10 +53,12 @@ def run(
     port: Annotated[
         int | None,
         typer.Option(
-            min=1, max=65533, help="First of three ports on loopback; private if left out."
+            min=1,
+            max=65533,
+            help="Use this and the next two ports on loopback; by default, use private sockets.",
         ),
     ] = None,
-    name: Annotated[str | None, typer.Option(help="Name of the run on the bus.")] = None,
+    name: Annotated[str | None, typer.Option(help="Give the run this name on the bus.")] = None,
     timeout: TimeoutOption = 5.0,
     fast_lane: FastLaneOption = True,
     realtime: RealtimeOption = "auto",
@@ -61,25 +66,25 @@ def run(
     repeat: Annotated[
         Path | None,
         typer.Option(
-            help="Run the scene of a recording again in lock-step, under the forces that acted "
-            "there, late ones as late as they were.",
+            help="Repeat a recorded run in lock-step with the recorded forces and delays.",
             metavar="F.mcap",
         ),
     ] = None,
     verify: Annotated[
         bool,
         typer.Option(
-            "--verify", help="Repeat with half the step and twice the modes, loop closed."
+            "--verify", help="Repeat the closed loop with half the step and twice the modes."
         ),
     ] = False,
     live: Annotated[
-        bool, typer.Option("--live", help="Show it while it goes on, in a viewer beside it.")
+        bool, typer.Option("--live", help="Show the run in a viewer while it is in progress.")
     ] = False,
+    details: DetailsOption = False,
 ) -> None:
-    """Run and record a scene, and compare it with no control."""
+    """Run and record a scene, and compare it with the same run without control."""
     raise_when_ended()
     if repeat is not None and (scene != DEFAULT or settings or seed is not None):
-        fail("--repeat takes scene and seed from the recording; leave out SCENE, --set, --seed", 2)
+        fail("--repeat: the recording fixes scene and seed. Remove SCENE, --set and --seed.", 2)
     repeated = read_or_fail(repeat) if repeat else None
     resolved = scene_to_run(repeated) if repeated else scene_from(scene, settings, seed)
     recording = out_file or Path(f"{resolved.name}{'-again' if repeat else ''}.mcap")
@@ -94,10 +99,16 @@ def run(
         except SceneError as error:
             fail(str(error), 2)
     if live and transport != "zenoh":
-        fail(f"--live listens on the bus; --transport {transport} has none", 2)
+        fail(
+            f"--live: not available with --transport {transport}. Use --transport zenoh.",
+            2,
+        )
     for option in ("pace",) * bool(pace) + ("repeat",) * bool(repeat):
         if transport != "zenoh":
-            fail(f"--{option} needs processes of their own; --transport {transport} has none", 2)
+            fail(
+                f"--{option}: not available with --transport {transport}. Use --transport zenoh.",
+                2,
+            )
     check_pace(resolved, pace, timeout, horizon=horizon, verify=verify, repeat=repeat)
     if repeated is not None:
         repeat_or_fail(repeated, resolved)  # before three processes are started for nothing
@@ -146,7 +157,7 @@ def run(
         fail(str(error), 2)
     except (RunFailed, BusError, StreamFault, RecordingError) as error:
         fail(str(error), 1)
-    report.print_run(out, data)
+    report.print_run(out, data, details)
     write_json(json_file, data)
     if data.get("differs"):
         raise typer.Exit(1)

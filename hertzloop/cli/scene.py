@@ -47,14 +47,14 @@ def show(
     Redirect the output to a file to start a scene of your own from it.
     """
     if name not in shipped():
-        fail(f"there is no scene {shown(name)}; known are {', '.join(shipped())}", 2)
+        fail(f"NAME = {shown(name)}: unknown scene. Use one of {', '.join(shipped())}.", 2)
     print(shipped_text(name), end="")
 
 
 def new(
-    file: Annotated[Path, typer.Argument(help="File to write.", metavar="F.toml")],
+    file: Annotated[Path, typer.Argument(help="Write this new file.", metavar="F.toml")],
 ) -> None:
-    """Write a commented scene that runs as it is."""
+    """Write a commented scene that runs without changes."""
     write_new(file, (".toml",), "scene", lambda: {file: _start_of(file)}, f"hertzloop run {file}")
 
 
@@ -95,8 +95,8 @@ def keys(
         fail(str(error), 2)
     chosen = [key for key in found if part in key.name]
     if part and not chosen:
-        fail(f"no key contains '{part}'; `hertzloop scene keys` lists all", 2)
-    table = Table("key", "takes", "means")
+        fail(f"PART = '{part}': no key contains it. List all keys with: hertzloop scene keys", 2)
+    table = Table("key", "value", "meaning")
     for key in chosen:
         unit = f" ({key.unit})" if key.unit else ""
         default = key.default if key.default in ("", "needed") else f"default {key.default}"
@@ -113,7 +113,7 @@ def check(
         Path | None,
         typer.Option(
             "--map",
-            help="Also map the effects over radius and thickness, into this folder.",
+            help="Map the effects over radius and thickness into this folder.",
             metavar="DIR",
         ),
     ] = None,
@@ -128,7 +128,7 @@ def check(
     compile_first(resolved)
 
     from hertzloop.analysis.validity import State, neglected_of_scene
-    from hertzloop.views.effects import effects_as_json, show_left_out, table_of
+    from hertzloop.views.effects import effects_as_json, show_neglected, table_of
 
     try:
         neglected = neglected_of_scene(resolved)
@@ -136,15 +136,15 @@ def check(
         fail(str(error), 2)
     found = {"stable": neglected.stable, **effects_as_json(neglected)}
     if not neglected.stable:
-        out.print("The closed loop is unstable: what else it leaves out would say nothing.")
+        out.print("The closed loop is unstable; neglected effects are not evaluated.")
     elif not found["validity"]:
-        out.print("No contact within the run, so nothing is left out of one.")
+        out.print("No contact occurs within the run, so no effect is neglected.")
     else:
         out.print(table_of(found["validity"]))
-        show_left_out(out, found["validity"])
+        show_neglected(out, found["validity"])
         for finding in found["validity"]:
             if finding["state"] == State.NOT_KNOWN:
-                out.print(f"Not known: {finding['sentence']}.", soft_wrap=True)
+                out.print(f"Unknown: {finding['sentence']}.", soft_wrap=True)
     if map_folder is not None:
         _draw_map(resolved, map_folder)
     write_json(json_file, {"scene": resolved.name, **found})
@@ -160,7 +160,7 @@ def _draw_map(resolved: Setup, folder: Path) -> None:
     except SceneError as error:
         fail(str(error), 2)
     except OSError as error:
-        fail(f"cannot write into {folder}: {error.strerror}", 1)
+        fail(f"cannot write to the folder {folder}: {error.strerror}", 1)
     for name, size in sizes.items():
         shares = (f"{100.0 * (size > level).mean():.0f} %" for level in (1e-3, 1e-1))
         out.print("{}: above 0.1 % in {} of the map, above 10 % in {}".format(name, *shares))
@@ -171,11 +171,11 @@ def modes(
     scene: SceneArgument = DEFAULT,
     out_file: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="File to write, .csv, .parquet or .npz."),
+        typer.Option("--out", "-o", help="Write this .csv, .parquet or .npz file."),
     ] = None,
     settings: SetOption = None,
     grid: Annotated[
-        bool, typer.Option("--grid", help="With shapes on a grid, for the replay; .npz only.")
+        bool, typer.Option("--grid", help="Add mode shapes on a grid for the replay; .npz only.")
     ] = False,
     overwrite: OverwriteOption = False,
 ) -> None:
@@ -186,9 +186,9 @@ def modes(
     resolved = scene_from(scene, settings, None)
     target = out_file or Path(f"{resolved.name}-modes.csv")
     if target.suffix not in SUFFIXES:
-        fail(f"{target} is none of {', '.join(SUFFIXES)}, which say how to write the modes", 2)
+        fail(f"--out = {target}: unknown format. Use a name that ends in {', '.join(SUFFIXES)}.", 2)
     if grid and target.suffix != ".npz":
-        fail(f"{target} cannot hold shapes on a grid; take an .npz for --grid", 2)
+        fail(f"--out = {target}: cannot hold shapes on a grid. Use an .npz file with --grid.", 2)
     check_output(target, overwrite, read=files_of(resolved, scene, *(settings or [])))
     from hertzloop.analysis.deflection import modes_of_scene
 
@@ -202,7 +202,7 @@ def modes(
         fail(f"cannot write {target}: {error.strerror}", 1)
     out.print(
         f"{len(table.omega_rad_s)} modes up to {table.omega_rad_s[-1] / (2 * np.pi):.4g} Hz (modes "
-        "of equal frequency merged, modes that no force moves left out), and a residual "
+        "of equal frequency merged, modes without participation dropped), and a residual "
         f"flexibility of {table.residual_flexibility_m_n:.4g} m/N; written: {target}",
         soft_wrap=True,
     )

@@ -30,22 +30,27 @@ if TYPE_CHECKING:
 
 def latency(
     folder: Annotated[
-        Path, typer.Option("--out-dir", "-o", help="Folder for charts and numbers.", metavar="DIR")
+        Path,
+        typer.Option(
+            "--out-dir", "-o", help="Write charts and numbers into this folder.", metavar="DIR"
+        ),
     ],
     scene: Annotated[
         str | None,
         typer.Argument(
-            help="A shipped scene's name, or a .toml file; the six scenes of the documentation if "
-            "left out.",
+            help="A shipped scene's name, or a .toml file; default: the six scenes of the "
+            "documentation.",
             metavar="[SCENE]",
             show_default=False,
         ),
     ] = None,
     settings: SetOption = None,
-    quick: Annotated[bool, typer.Option("--quick", help="One scene's maps, coarser.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Compute coarser maps of one scene.")
+    ] = False,
     laws: Annotated[
         list[str] | None,
-        typer.Option("--law", help="A law of your own, beside the shipped ones; several times."),
+        typer.Option("--law", help="Add your own law to the shipped ones; repeatable."),
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
@@ -136,15 +141,18 @@ _WANTED_DB = (0.1, 3.0)  # less than the first is no help
 
 def real_plant(
     folder: Annotated[
-        Path, typer.Option("--out-dir", "-o", help="Folder for picture and numbers.", metavar="DIR")
+        Path,
+        typer.Option(
+            "--out-dir", "-o", help="Write picture and numbers into this folder.", metavar="DIR"
+        ),
     ],
-    quick: Annotated[bool, typer.Option("--quick", help="The 3 mm sphere alone.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Use the 3 mm sphere only.")] = False,
     scenes: Annotated[
-        list[str] | None, typer.Option("--scene", help="One of the scenes alone; several times.")
+        list[str] | None, typer.Option("--scene", help="Use only this scene; repeatable.")
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Compare every law in the ideal plant and in a real one.
+    """Compare every law in the ideal plant and in a realistic plant.
 
     In the real plant the contact yields, the plate has a thickness, and actuator and sensor have
     limits.
@@ -157,7 +165,7 @@ def real_plant(
     names = tuple(dict.fromkeys(scenes or (known[:2] if quick else known)))
     for name in names:
         if name not in known:
-            fail(f"--scene {name} is none of {', '.join(known)}", 2)
+            fail(f"--scene = {name}: unknown scene. Use one of {', '.join(known)}.", 2)
     try:
         with results_in(folder, "modal"), progress("real", 100) as advance:
             found = study.run(folder, names, lambda done, of: advance(round(100 * done / of)))

@@ -23,7 +23,7 @@ def results_in(folder: Path, *schemes: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        fail(f"cannot write into {folder}: {error.strerror}", 1)
+        fail(f"cannot write to the folder {folder}: {error.strerror}", 1)
 
 
 @contextmanager
@@ -37,16 +37,16 @@ def resumable(folder: Path, name: str, header: dict[str, Any]) -> "Iterator[Kept
         with kept(folder, name, header) as finished:
             path = finished.journal.path
             if finished.found:
-                err.print(f"going on with {finished.found} finished cases of {path}",
+                err.print(f"Continuing with {finished.found} finished cases of {path}.",
                           soft_wrap=True)  # fmt: skip
             for line in finished.journal.damaged:
-                err.print(f"line {line} of {path} was damaged; its case is run again",
+                err.print(f"line {line} of {path} was damaged. Its case is run again.",
                           soft_wrap=True)  # fmt: skip
-            on = f"finished cases are kept in {path}, the same command goes on with them"
+            on = f"finished cases are kept in {path}. Run the same command again to continue"
             try:
                 with if_interrupted(lambda: on):
                     yield finished
             except SweepFailed as error:
-                fail(f"{error}; {on}", 1)
+                fail(f"{error}; {on}.", 1)
     except JournalError as error:
         fail(str(error), 2)

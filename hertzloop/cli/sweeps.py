@@ -39,33 +39,36 @@ def sweep(
     over: Annotated[
         list[str] | None,
         typer.Option(
-            help="Scene key and its values: key=low:high:step, key=a,b,c; key=low:high to spread "
-            "points. May be given several times."
+            help="Vary a scene key: key=low:high:step, key=a,b,c, or key=low:high for spread "
+            "points; repeatable."
         ),
     ] = None,
     out_file: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Results, .parquet or .csv.")
+        Path | None,
+        typer.Option("--out", "-o", help="Write the results to this .parquet or .csv file."),
     ] = None,
     design: Annotated[
         Literal["grid", "lhs", "sobol"],
-        typer.Option(help="All combinations, or points spread over the ranges."),
+        typer.Option(help="Run all combinations, or points spread over the ranges."),
     ] = "grid",
     cases: Annotated[
         int | None,
-        typer.Option(min=1, help="Number of spread points, 256 by default; of --verify, 10."),
+        typer.Option(min=1, help="Run this many spread points; default: 256, with --verify 10."),
     ] = None,
     span: Annotated[
         Literal["impact", "run"],
-        typer.Option(help="Figures of the first impact, or of the whole run."),
+        typer.Option(help="Evaluate the first impact or the whole run."),
     ] = "impact",
     seed: SeedOption = None,
     settings: SetOption = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes; as many as cores if left out.")
+        int | None, typer.Option(min=1, help="Use this many processes; default: one for each core.")
     ] = None,
     phases: Annotated[
         int | None,
-        typer.Option(min=2, max=1000, help="Every case at so many touch phases; mean and range."),
+        typer.Option(
+            min=2, max=1000, help="Run every case at this many touch phases; print mean and range."
+        ),
     ] = None,
     uncertain: Annotated[
         str | None,
@@ -77,18 +80,21 @@ def sweep(
         ),
     ] = None,
     dask: Annotated[
-        str | None, typer.Option(help="Scheduler of a Dask cluster, e.g. tcp://host:8786.")
+        str | None,
+        typer.Option(help="Use the Dask scheduler at this address, for example tcp://host:8786."),
     ] = None,
     overwrite: OverwriteOption = False,
     verify: Annotated[
         Path | None,
         typer.Option(
-            help="Run --cases cases of these results again over --transport, and compare all "
-            "bytes, instead of a sweep. The exit code is 1 if any differ.",
+            help="Repeat --cases cases of these results over --transport and compare all bytes; "
+            "exit code 1 if any differ.",
             metavar="RESULTS",
         ),
     ] = None,
-    transport: Annotated[TransportName, typer.Option(help="Transport of --verify.")] = "zenoh",
+    transport: Annotated[
+        TransportName, typer.Option(help="Use this transport for --verify.")
+    ] = "zenoh",
     json_file: JsonOption = None,
 ) -> None:
     """Simulate a scene over ranges of its keys.
@@ -116,7 +122,7 @@ def sweep(
     resolved = scene_from(scene, settings, seed)
     target = out_file or Path(f"{resolved.name}-sweep.parquet")
     if target.suffix not in (".parquet", ".csv"):
-        fail(f"{target} is neither .parquet nor .csv, which say how to write the results", 2)
+        fail(f"--out = {target}: unknown format. Use a name that ends in .parquet or .csv.", 2)
     check_output(target, overwrite, read=files_of(resolved, scene, *(settings or [])))
     check_writable(target.parent)  # for what is unfinished, even where a file may be replaced
     beside = (target.with_name(target.name + end) for end in (".json", ".partial"))
@@ -160,7 +166,7 @@ def sweep(
         fail(str(error), 2)
     compile_first(resolved)
     total = len(planned.cases())
-    on = "finished cases are kept, the same command goes on with them"
+    on = "finished cases are kept. Run the same command again to continue"
     try:
         with if_interrupted(lambda: on), progress(f"{total} cases", total) as advance:
             found = study.sweep(
@@ -169,13 +175,13 @@ def sweep(
     except JournalError as error:
         fail(str(error), 2)
     except study.SweepFailed as error:
-        fail(f"{error}; {on}", 1)
+        fail(f"{error}; {on}.", 1)
     except OSError as error:
         fail(f"cannot write {target}: {error.strerror}", 1)
     keys = planned.keys
     for line in found.damaged:
         err.print(
-            f"line {line} of {study.journal_of(target)} was damaged; its case was run again",
+            f"line {line} of {study.journal_of(target)} was damaged. Its case was run again.",
             soft_wrap=True,
         )
     figureless = len(found.not_run) + found.unstable
@@ -189,8 +195,8 @@ def sweep(
         out.print(_spreads(over_phases, [key for key in keys if key != PHASE]))
     rate = found.ran / found.wall_s if found.wall_s else 0.0
     out.print(
-        f"{found.ran} of {total} cases run in {found.wall_s:.2f} s: {rate:.0f} cases/s; "
-        f"written: {target}",
+        f"{found.ran} of {total} cases run in {found.wall_s:.2f} s: {rate:.0f} cases/s. "
+        f"Results: {target}",
         soft_wrap=True,
     )
     beyond = counted(found.rows, "out_of_range")
@@ -199,7 +205,7 @@ def sweep(
         out.print(styled(("OUT OF RANGE:", "bold red"), f" of {total} cases {words}"),
                   soft_wrap=True)  # fmt: skip
     if found.unstable:
-        out.print(f"{found.unstable} of {total} cases are unstable and have no figures")
+        out.print(f"{found.unstable} of {total} cases are unstable and have no figures.")
     write_json(
         json_file,
         {
@@ -220,7 +226,7 @@ def sweep(
         },
     )
     if figureless == total:
-        out.print(f"none of the {total} cases has figures")
+        out.print(f"No case of {total} has figures.")
     end_if_not_run([row["status"] for row in found.not_run], total)
     if figureless == total:
         raise typer.Exit(1)
@@ -237,9 +243,9 @@ def _check_scheduler(address: str) -> None:
     need("distributed")
     found = _SCHEDULER.fullmatch(address)
     if not found:
-        fail(f"--dask '{address}' is no address of a scheduler; write e.g. tcp://host:8786", 2)
+        fail(f"--dask = '{address}': invalid scheduler address. Give it as tcp://host:8786.", 2)
     if not 0 < int(found["port"]) <= LARGEST_PORT:
-        fail(f"--dask '{address}' has no port from 1 to {LARGEST_PORT}", 2)
+        fail(f"--dask = '{address}': invalid port. Give a port from 1 to {LARGEST_PORT}.", 2)
 
 
 def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
@@ -320,10 +326,10 @@ def _verify(
         fail(str(error), 2)
     most = sum(not row["status"] for row in rows)
     if not most:
-        fail(f"{results} has no case with figures, which could be checked", 2)
+        fail(f"{results}: no case has figures to verify. Run the sweep with other ranges.", 2)
     cases = min(cases, most)
     if header["versions"] != code_version():
-        err.print(f"{results} was made with {header['versions']}; bits may differ", soft_wrap=True)
+        err.print(f"{results}: written by {header['versions']}; bits may differ", soft_wrap=True)
     compile_first()
     found: list[Checked] = []
     try:
@@ -337,7 +343,7 @@ def _verify(
     differing = [checked.case for checked in ran if not checked.same]
     out.print(f"{len(ran) - len(differing)} of {len(ran)} cases: the same bytes over {transport}")
     if most < len(rows):
-        without = f"{len(rows) - most} of {len(rows)} cases have no figures that could be checked"
+        without = f"{len(rows) - most} of {len(rows)} cases have no figures to verify"
         out.print(without)
     if differing:
         out.print(f"different: case {', '.join(map(str, differing))}", soft_wrap=True)

@@ -41,58 +41,63 @@ _PARTS = ("mean", "least", "most")  # of a spread over touch phases
 
 def tune(
     scenes: Annotated[
-        list[str] | None, typer.Argument(help="Scenes or .toml files; the worst of them counts.")
+        list[str] | None,
+        typer.Argument(help="Names of scenes or .toml files; the worst result counts."),
     ] = None,
     minimise: Annotated[
         list[str] | None,
         typer.Option(
-            help="Figure to lower; several for a Pareto front. Default: plate_energy_db "
+            help="Minimise this figure; repeat for a Pareto front; default: plate_energy_db "
             "and rebound_percent."
         ),
     ] = None,
     laws: Annotated[
         list[str] | None,
-        typer.Option("--law", help="Law to tune, several times, or all; the scene's if left out."),
+        typer.Option(
+            "--law", help="Tune this law, or all; repeatable; default: the law of the scene."
+        ),
     ] = None,
     ranges: Annotated[
         list[str] | None,
         typer.Option(
             "--vary",
-            help="Scene key and its range, key=low:high or key=a,b,c; what the "
-            "law has if left out.",
+            help="Search a scene key over key=low:high or key=a,b,c; default: the ranges of the "
+            "law.",
         ),
     ] = None,
     over: Annotated[
         list[str] | None,
-        typer.Option(help="Key and values to be robust over, e.g. sphere.radius_m=0.002,0.004."),
+        typer.Option(
+            help="Require robustness over these values, for example sphere.radius_m=0.002,0.004."
+        ),
     ] = None,
     at_most: Annotated[
-        list[str] | None, typer.Option(help="Limit of a figure, e.g. rebound_percent=120.")
+        list[str] | None, typer.Option(help="Limit a figure, for example rebound_percent=120.")
     ] = None,
     span: Annotated[
         Literal["impact", "run"],
-        typer.Option(help="Figures of the first impact, or of the whole run."),
+        typer.Option(help="Evaluate the first impact or the whole run."),
     ] = "impact",
     generations: Annotated[
-        int, typer.Option(min=1, max=10_000, help="Generations of the search.")
+        int, typer.Option(min=1, max=10_000, help="Stop after this many generations.")
     ] = 25,
     population: Annotated[
-        int, typer.Option(min=4, max=1000, help="Settings in a generation.")
+        int, typer.Option(min=4, max=1000, help="Evaluate this many settings in a generation.")
     ] = 40,
     phases: Annotated[
-        int, typer.Option(min=1, max=100, help="Search by the mean over so many touch phases.")
+        int, typer.Option(min=1, max=100, help="Average over this many touch phases.")
     ] = 1,
     settings: SetOption = None,
     seed: SeedOption = None,
     folder: Annotated[
         Path | None,
         typer.Option(
-            "--out-dir", "-o", help="Folder for chart and settings as CSV.", metavar="DIR"
+            "--out-dir", "-o", help="Write chart and settings into this folder.", metavar="DIR"
         ),
     ] = None,
     json_file: JsonOption = None,
 ) -> None:
-    """Find the law and parameters with the best figures in a scene.
+    """Search for the law and the parameters with the best figures in a scene.
 
     The search respects the scene's latency, bits and force limit. A killed search goes on with the
     same command.
@@ -115,7 +120,11 @@ def tune(
     limits = _limits(at_most or [])
     for figure in (*objectives, *limits):
         if figure not in study.OBJECTIVES:
-            fail(f"'{figure}' is no figure to tune for; known: {', '.join(study.OBJECTIVES)}", 2)
+            fail(
+                f"--minimise = '{figure}': unknown figure. Use one of "
+                f"{', '.join(study.OBJECTIVES)}.",
+                2,
+            )
     chosen = list(LAWS) if laws == ["all"] else laws or [bases[0].law_reference]
     try:
         given = tuple(parse_axis(text) for text in ranges or [])
@@ -123,7 +132,7 @@ def tune(
         around = _cases_of(over or [])
         for axis in given:
             if axis.key in around[0]:
-                fail(f"{axis.key} is given to --vary and to --over; take one of them", 2)
+                fail(f"{axis.key}: is given to both --vary and --over. Remove one of them.", 2)
         tried = [base.vary(case) for base in bases for case in around]
         speed = study.fastest_m_s(tried)
         for law in chosen:
@@ -176,7 +185,7 @@ def tune(
                 _repeating(chosen_one, setup, name, settings, seed)
                 for setup, name in zip(best_scenes, scenes or [DEFAULT], strict=True)
             ]
-            out.print(f"the best setting again ({_words(chosen_one.values)}):")
+            out.print(f"Repetition of the best setting ({_words(chosen_one.values)}):")
             for line in repeats:
                 out.print(f"  {line}", soft_wrap=True)
             lists = [("minimise", minimise), ("law", laws), ("vary", ranges), ("over", over),
@@ -192,9 +201,8 @@ def tune(
     if not best:
         end_if_not_run(not_run, tally.cases)
         fail(
-            "no setting of these laws has all figures and keeps to --at-most; a loop may be "
-            "unstable, and without control the sphere may not rebound within the span (try "
-            "--span run)",
+            "no setting has all figures within --at-most: the loop may be unstable, or the "
+            "sphere may not rebound. Try --span run or wider ranges.",
             1,
         )
     write_json(
@@ -261,7 +269,7 @@ def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Set
         for setup in best_scenes:
             (folder / f"tuned-{setup.name}.toml").write_text(setup.toml, encoding="utf-8")
     except OSError as error:
-        fail(f"cannot write into {folder}: {error.strerror}", 1)
+        fail(f"cannot write to the folder {folder}: {error.strerror}", 1)
     out.print(
         f"written: {folder}/{name}.csv, .json and .png; with the best setting: "
         + ", ".join(f"{folder}/tuned-{setup.name}.toml" for setup in best_scenes),
@@ -292,7 +300,10 @@ def _limits(texts: list[str]) -> dict[str, float]:
             if match and math.isfinite(float(match[2])):
                 found[match[1]] = float(match[2])
                 continue
-        fail(f"--at-most '{text}' is no limit; write figure=number, e.g. rebound_percent=120", 2)
+        fail(
+            f"--at-most = '{text}': invalid limit. Write figure=number, as in rebound_percent=120.",
+            2,
+        )
     return found
 
 

@@ -64,8 +64,9 @@ def variables(image: Image) -> list[Variable]:
         Variable("sample_clipped", "", "1 if the sample was out of range, else 0", whole=True),
         Variable("gap", "m", "gap between sphere and plate, negative in contact"),
         Variable("sphere_height", "m", "height of the sphere above the plate at rest"),
-        Variable("plate_deflection", "m", "deflection of the struck point, up positive"),
-        Variable("plate_velocity", "m/s", "of the struck point, end of the step, up positive"),
+        Variable("plate_deflection", "m", "deflection of the contact point, up positive"),
+        Variable("plate_velocity", "m/s", "velocity of the contact point, end of the step, "
+                                          "up positive"),
         Variable("contact_force", "N", "mean over the last step, up on the sphere"),
         Variable("actuator_force", "N", "mean over the last step, up on the plate"),
         Variable("kinetic_energy", "J", "of the sphere"),
@@ -75,10 +76,10 @@ def variables(image: Image) -> list[Variable]:
         Variable("injected_energy", "J", f"given by the actuator, {so_far}"),
         Variable("modal_lost_energy", "J", f"lost in the plate, {so_far}"),
         Variable("air_lost_energy", "J", f"radiated, {so_far}"),
-        Variable("tail_lost_energy", "J", f"gone to modes left out, {so_far}"),
+        Variable("tail_lost_energy", "J", f"energy of the truncated modes, {so_far}"),
         Variable("contact_lost_energy", "J", f"lost in the contact, {so_far}"),
         Variable("plastic_lost_energy", "J", f"lost by yielding, {so_far}"),
-        Variable("energy_residual", "", "what the books of energy miss, relative"),
+        Variable("energy_residual", "", "relative residual of the energy balance"),
     ]  # fmt: skip
 
 

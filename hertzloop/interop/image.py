@@ -53,7 +53,7 @@ def image(setup: Setup) -> Image:
     plant, sensor = setup.start_plant(), setup.start_sensor()
     if not is_known(plant.model):
         raise SceneError(
-            f"run.scheme = {setup.scheme!r} cannot be exported; take 'modal' or 'discrete_gradient'"
+            f"run.scheme = {setup.scheme!r} cannot be exported. Use 'modal' or 'discrete_gradient'."
         )
     unit = Unit(
         plant.model, plant.state, sensor.model, sensor.state, empty_window(1, 1), np.zeros(2),

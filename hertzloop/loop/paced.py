@@ -48,8 +48,8 @@ def check_pace(setup: Setup, pace: float, timeout_s: float) -> None:
         every_s = sample_s / pace if pace > 0.0 else math.inf
         raise SceneError(
             f"a pace of {pace:g} brings a sample every {every_s:.3g} s, but the processes wait "
-            f"{timeout_s:g} s for each other: take a pace of {sample_s / most_s:.2g} or more, or a "
-            "longer timeout"
+            f"{timeout_s:g} s for each other: use a pace of {sample_s / most_s:.2g} or more, or a "
+            "longer --timeout"
         )
 
 
@@ -98,7 +98,7 @@ class PacedPlantNode(PlantNode):
         if said == FULL:
             raise StreamFault(
                 f"the controller has not answered {len(self._pace.values):,} samples: it cannot "
-                "follow; take a lower --pace"
+                "follow. Use a lower --pace."
             )
         if said > k.SILENT:
             raise StreamFault(refusal(said, answers))

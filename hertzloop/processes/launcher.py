@@ -56,7 +56,7 @@ class Child:
             return "" if self.others else self.fault
         if how := how_ended(code):
             return f"{self.role} {how}"
-        lines = self.stderr.read_text().strip().splitlines() or ["without a word"]
+        lines = self.stderr.read_text().strip().splitlines() or ["no message"]
         return f"{self.role} failed with exit code {code}: {lines[-1]}"
 
 
@@ -231,7 +231,7 @@ def _cause(failed: list[Child], running: set[str], law: str = "") -> str:
     missed = {role for child in failed for role in child.lost}
     lost = _most_precise(failed).fault
     if hung := sorted(running & missed):
-        hangs = f", perhaps in a loop of the law {law} that never ends" * bool(law)
+        hangs = f", perhaps in an endless loop of the law {law}" * bool(law)
         why = hangs if CONTROLLER in hung else ""
         return _not_reacting(hung, lost, why)
     return lost
@@ -240,7 +240,7 @@ def _cause(failed: list[Child], running: set[str], law: str = "") -> str:
 def _not_reacting(roles: Iterable[str], how: str, why: str = "") -> str:
     named = sorted(roles)
     verb = "does" if len(named) == 1 else "do"
-    return f"{' and '.join(named)} {verb} not react any more{why}; {how}"
+    return f"{' and '.join(named)} {verb} not respond{why}; {how}"
 
 
 def _most_precise(failed: list[Child]) -> Child:
@@ -325,5 +325,5 @@ def what_is_kept(recording: Path, since_s: float) -> str:
     did not end."""
     # Until something comes to replace it, an existing file is kept.
     if holds_a_run(recording) and recording.stat().st_mtime >= since_s:
-        return f"what was recorded until now is in {recording}"
-    return "nothing was recorded"
+        return f"the recording up to now is in {recording}"
+    return "no recording was written"

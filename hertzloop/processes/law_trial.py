@@ -40,8 +40,8 @@ def try_law(setup: Setup) -> str:
             setup.law.constants(setup.law_keys, about)
     except Overdue:
         raise SceneError(
-            f"the law {setup.law.name} was not prepared within {_PREPARED_S:g} s; does a loop of "
-            "it never end?"
+            f"law {setup.law.name}: was not prepared within {_PREPARED_S:g} s. Check it for an "
+            "endless loop."
         ) from None
     with compiled_abreast():
         bound = setup.bound_law(True)

@@ -49,7 +49,7 @@ class Profile:
         )
         self._role, self.why_not = role, ""
         if wanted is Wanted.AUTO and not self._taken:
-            self.why_not = f"left out, since the loops would take all {len(cores)} cores"
+            self.why_not = f"off, because the loops would take all {len(cores)} cores"
         if not self._taken:
             return
         if len(cores) > _LOOPS:

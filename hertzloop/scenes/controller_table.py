@@ -35,12 +35,12 @@ class ControllerTable(Table):
     model_config = ConfigDict(extra="allow")
 
     law: str = "slope_threshold"
-    """a shipped name, a file (mine.py, mine.py:Name), package.module:Name, an entry point's name,
-    a library (mine.so), or a co-simulation unit (mine.fmu)"""
+    """control law: a shipped name, a file (mine.py, mine.py:Name), package.module:Name, an entry
+    point, a library (mine.so), or a co-simulation unit (mine.fmu)"""
     law_digest: str | None = None
-    """of a law that is not shipped; another one is refused"""
+    """required digest of a law that is not shipped"""
     latency_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-    """beyond the one step that cannot be avoided"""
+    """latency in addition to one step"""
     latency_trace: tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...] | None = None
     """latencies by sample, us, in place of latency_us: a CSV file, a recording of
     a paced run, or a list; repeated to the end of
@@ -50,13 +50,13 @@ class ControllerTable(Table):
     jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """largest random addition to the latency"""
     drop_out_probability: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
-    """of a command, which then repeats the last"""
+    """probability that a command drops out; the last command is then held"""
     bits: Annotated[int, Field(ge=2, le=24)] | Literal["ideal"] = "ideal"
-    """of the converter to the actuator"""
+    """DAC resolution, bits"""
     full_scale_n: Annotated[float, Field(ge=1e-9, le=1e9)] | None = None
-    """of that converter, either way"""
+    """largest force of the DAC in either direction"""
     slew_n_s: Annotated[float, Field(ge=1e-9, le=1e15)] | None = None
-    """fastest change of the force"""
+    """slew rate limit of the force"""
 
     @property
     def least_latency_us(self) -> float:

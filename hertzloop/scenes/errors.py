@@ -13,7 +13,7 @@ class SceneError(ValueError):
 
 
 NO_CASE_OF_THESIS = (
-    "run.scheme = 'thesis2008' has figures of its own; take 'modal' or 'discrete_gradient'"
+    "run.scheme = 'thesis2008': not supported here. Use 'modal' or 'discrete_gradient'."
 )
 
 
@@ -43,16 +43,16 @@ def shortened(text: str, longest: int = 3 * _LONGEST) -> str:
 def unknown_key(path: tuple[str, ...], known: list[str]) -> str:
     """Sentence on a key that there is not."""
     close = difflib.get_close_matches(path[-1][:_LONGEST], known, 1)
-    hint = f"did you mean {close[0]}? " if close else ""
+    hint = f"Did you mean {close[0]}? " if close else ""
     key = shortened(".".join(path), _LONGEST)
-    return f"{key} is no scene key; {hint}Known here: {', '.join(known)}"
+    return f"{key}: unknown scene key. {hint}Known keys: {', '.join(known)}."
 
 
 def refused(keys: tuple[str, ...], value: Any, problems: Iterable[Any], field: Any) -> str:
     """Sentence on a value that will not do, of pydantic's `problems` with it and the `field`."""
     wanted = " or ".join(dict.fromkeys(_wanted(problem) for problem in problems))
     bounds = bounds_of(field)
-    remedy = f". Give a value from {bounds}" if bounds else ""
+    remedy = f". Give a value from {bounds}." if bounds else "."
     return f"{'.'.join(keys)} = {shown(value)}: must be {wanted}{remedy}"
 
 
@@ -83,7 +83,7 @@ def sentence(error: ValidationError, model: type[BaseModel]) -> str:
     if problem["type"] == "extra_forbidden":
         return unknown_key(path, list(_table(path[:-1], model).model_fields))
     if problem["type"] == "missing":
-        return f"{'.'.join(path)} is missing from the scene"
+        return f"{'.'.join(path)}: is missing from the scene. Add it."
     if problem["type"] == "value_error":
         return shortened(str(problem["ctx"]["error"]), LONGEST)
     keys = _field_path(path, model)

@@ -109,7 +109,7 @@ def _materials(path: Path) -> list[dict[str, object]]:
         text = path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         raise ValueError(
-            f"materials = {_echoed(path)} cannot be read: {shortened(str(error))}"
+            f"materials = {_echoed(path)}: cannot be read: {shortened(str(error))}"
         ) from error
     return [{"name": name, **table} for name, table in materials_of(text, str(path)).items()]
 
@@ -117,20 +117,20 @@ def _materials(path: Path) -> list[dict[str, object]]:
 def _modes(path: Path) -> dict[str, str]:
     if path.suffix.lower() not in SUFFIXES:
         raise ValueError(
-            f"plate.modes = {_echoed(path)} is none of {', '.join(SUFFIXES)}, which a file of "
-            "modes can be"
+            f"plate.modes = {_echoed(path)}: unknown format. Use a file that ends in "
+            f"{', '.join(SUFFIXES)}."
         )
     try:
         content = path.read_bytes()
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) else error
-        raise ValueError(f"plate.modes = {_echoed(path)} cannot be read: {why}") from error
+        raise ValueError(f"plate.modes = {_echoed(path)}: cannot be read: {why}") from error
     read_modes(path.name, content)
     packed = base64.b64encode(zlib.compress(content, 9)).decode("ascii")
     if len(packed) > _MOST_PACKED:
         raise ValueError(
-            f"plate.modes = {_echoed(path)} takes {len(packed) / 1e6:.3g} MB in a recording, the "
-            f"most is {_MOST_PACKED / 1e6:.3g}; take fewer modes, or a coarser grid"
+            f"plate.modes = {_echoed(path)}: needs {len(packed) / 1e6:.3g} MB in a recording; the "
+            f"limit is {_MOST_PACKED / 1e6:.3g}. Use fewer modes or a coarser grid."
         )
     return {
         "file": path.name,
@@ -236,7 +236,7 @@ def check_materials(data: Mapping[str, Any]) -> None:
         if isinstance(own, dict):
             name = str(own.get("name", ""))
             if not name:
-                raise ValueError("materials: one has no name, by which it could be taken")
+                raise ValueError("materials: an entry has no name. Add its name.")
             material_of(f"materials: {name}", _numbers(own))
             known[name] = None
     for body in ("plate", "sphere"):
@@ -246,8 +246,8 @@ def check_materials(data: Mapping[str, Any]) -> None:
             material_of(f"{body}.material", _numbers(given))
         elif isinstance(given, str) and given not in known:
             close = difflib.get_close_matches(given[:_LONGEST], known, 1)
-            hint = f"did you mean {close[0]}? " if close else ""
+            hint = f"Did you mean {close[0]}? " if close else ""
             raise ValueError(
-                f"{body}.material = {shown(given)} is not known; {hint}Known are "
-                f"{', '.join(known)}, or give its numbers: young_pa, density_kg_m3, poisson"
+                f"{body}.material = {shown(given)}: unknown material. {hint}Use one of "
+                f"{', '.join(known)}, or give young_pa, density_kg_m3 and poisson."
             )

@@ -90,21 +90,23 @@ def problems(scene: SceneTables) -> list[str]:
     found += of_plate
     if not 1 <= scene.steps <= _MAX_STEPS:
         found.append(
-            f"run.duration_s = {run.duration_s:g} makes {scene.steps} steps of run.step_ns = "
-            f"{run.step_ns}; a run has 1 to {_MAX_STEPS} steps"
+            f"run.duration_s = {run.duration_s:g} gives {scene.steps} steps of run.step_ns = "
+            f"{run.step_ns}. A run has 1 to {_MAX_STEPS} steps; change one of the two."
         )
     for key in scene.whole_step_keys():
         value = getattr(control, key)
         if abs(value * 1000 / run.step_ns - scene.in_steps(value)) > 1e-9 * max(1.0, value):
             found.append(
-                f"controller.{key} = {value:g} is no whole number of steps; take a multiple of "
-                f"{run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})"
+                f"controller.{key} = {value:g}: must be a whole number of steps. Give a "
+                "multiple of "
+                f"{run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})."
             )
     late = control.latency_us > 0.0 and scene.in_steps(control.latency_us) + 1 >= scene.steps
     if control.law != "off" and late:
         found.append(
-            f"controller.latency_us = {control.latency_us:g}: is as long as the run, so that no "
-            f"force ever acts. Give less latency, or more run.duration_s (now {run.duration_s:g})"
+            f"controller.latency_us = {control.latency_us:g}: is as long as the run, so no "
+            "force acts. "
+            f"Reduce it or increase run.duration_s (now {run.duration_s:g})."
         )
     if control.latency_trace is not None and control.latency_us != 0.0:
         found.append(
@@ -127,32 +129,37 @@ def problems(scene: SceneTables) -> list[str]:
         )
     wanted = scene.law.senses
     if wanted not in (*SENSED, "any"):
-        found.append(f"{scene.law.name} senses '{wanted}'; known are {', '.join(SENSED)} and any")
+        found.append(
+            f"{scene.law.name}: senses = '{wanted}' is unknown. Use any, {', '.join(SENSED)}."
+        )
     elif wanted != "any" and scene.sensors.quantity != wanted:
         found.append(
-            f"sensors.quantity = '{scene.sensors.quantity}' does not fit controller.law = "
-            f"'{control.law}', which works on '{wanted}'; take that or 'auto', or law 'off'"
+            f"sensors.quantity = '{scene.sensors.quantity}': controller.law = '{control.law}' "
+            "needs "
+            f"'{wanted}'. Use '{wanted}' or 'auto'."
         )
     found += of_run
     if control.bits != "ideal" and control.full_scale_n is None:
         found.append(
-            f"controller.bits = {control.bits} needs controller.full_scale_n, the largest force (N)"
+            f"controller.bits = {control.bits}: needs the largest force. Give "
+            "controller.full_scale_n in N."
         )
     limits = scene.sensors.full_scale
     if isinstance(limits, tuple):
         if not limits[0] < limits[1]:
             found.append(
-                f"sensors.full_scale = {list(limits)} is no range; the first number must be the "
-                "lower"
+                f"sensors.full_scale = {list(limits)}: the first number must be the lower one. "
+                "Swap or change them."
             )
         elif limits[1] - limits[0] < max(_NARROWEST, _NARROWEST_SHARE * max(map(abs, limits))):
             found.append(
-                f"sensors.full_scale = {list(limits)} is too narrow; take a range of at least "
-                f"{_NARROWEST:g}, and of {_NARROWEST_SHARE:g} of its larger number"
+                f"sensors.full_scale = {list(limits)}: the range is too narrow. Use at least "
+                f"{_NARROWEST:g}, and {_NARROWEST_SHARE:g} of the larger number."
             )
     if scene.sensors.bits != "ideal" and limits == "none":
         found.append(
-            f"sensors.bits = {scene.sensors.bits} needs a range in sensors.full_scale, not 'none'"
+            f"sensors.bits = {scene.sensors.bits}: needs a range. Set sensors.full_scale, not "
+            "'none'."
         )
     return found
 
@@ -173,13 +180,15 @@ def _phase_problems(scene: _Uncontrolled) -> list[str]:
     fall_s = math.sqrt(2.0 * scene.sphere.drop_height_m / GRAVITY_M_S2)
     if not SCHEMES[run.scheme].supports_touch_phase:
         return [
-            f"{phase} is not known to run.scheme = '{run.scheme}', whose touch is a sample; leave "
-            f"it out, or take the scheme {_supporting('supports_touch_phase')}"
+            f"{phase}: not supported by run.scheme = '{run.scheme}'. Remove the key, or use "
+            "the scheme "
+            f"{_supporting('supports_touch_phase')}."
         ]
     if not scene.step_s <= run.lead_in_s < fall_s - scene.step_s:
         return [
-            f"{phase} needs a run that begins in flight; take a run.lead_in_s (now "
-            f"{run.lead_in_s:g}) of at least a step, and less than the fall, {fall_s:.3g} s"
+            f"{phase}: the run must begin in flight. Set run.lead_in_s (now "
+            f"{run.lead_in_s:g}) to at "
+            f"least a step and less than the fall time, {fall_s:.3g} s."
         ]
     return []
 
@@ -197,16 +206,16 @@ def _point_problems(plate: "PlateTable") -> list[str]:
         shares = [p / size for p, size in zip(point, plate.size_m, strict=True)]
         if not all(0 < p < size for p, size in zip(point, plate.size_m, strict=True)):
             found.append(
-                f"plate.{key} = {list(point)} lies outside the plate; both numbers must be above 0 "
-                f"and below plate.size_m = {list(plate.size_m)}"
+                f"plate.{key} = {list(point)} lies outside the plate. Give numbers above 0 and "
+                f"below plate.size_m = {list(plate.size_m)}."
             )
         elif any(
             (share < _EDGE and low != "f") or (share > 1.0 - _EDGE and high != "f")
             for share, low, high in zip(shares, edges[::2], edges[1::2], strict=True)
         ):
             found.append(
-                f"plate.{key} = {list(point)} lies on the edge, which is held; keep "
-                f"{_EDGE:g} of plate.size_m = {list(plate.size_m)} away from it"
+                f"plate.{key} = {list(point)} lies on a supported edge. Keep a distance of "
+                f"{_EDGE:g} of plate.size_m = {list(plate.size_m)}."
             )
     return found
 
@@ -222,19 +231,18 @@ def _beyond_simply_supported(scene: _Uncontrolled) -> list[str]:
         return []
     if plate.radiating_faces:
         found.append(
-            f"{words} does not fit plate.radiation = '{plate.radiation}': efficiencies are known "
-            "of a simply supported plate only; leave one of them out"
+            f"{words}: plate.radiation = '{plate.radiation}' supports a simply supported "
+            "plate only. "
+            "Remove one of the two."
         )
     if not SCHEMES[scene.run.scheme].supports_edges:
         found.append(
-            f"{words} does not fit run.scheme = '{scene.run.scheme}', which knows a simply "
-            f"supported plate only; leave {key} out, or take the scheme "
-            f"{_supporting('supports_edges')}"
+            f"{words}: run.scheme = '{scene.run.scheme}' supports a simply supported plate only. "
+            f"Remove {key}, or use the scheme {_supporting('supports_edges')}."
         )
     if scene.run.plate_model == "infinite" and plate.modes is not None:
         found.append(
-            f"{words} does not fit run.plate_model = 'infinite', which has no modes; take "
-            "plate_model 'auto'"
+            f"{words}: run.plate_model = 'infinite' has no modes. Use run.plate_model = 'auto'."
         )
     return found
 
@@ -245,24 +253,24 @@ def _structure_problems(scene: _Uncontrolled) -> list[str]:
     if plate.modes is None:
         if plate.residual_flexibility_m_n is not None:
             return [
-                f"plate.residual_flexibility_m_n = {plate.residual_flexibility_m_n:g} belongs to "
-                "plate.modes; that of a plate is computed"
+                f"plate.residual_flexibility_m_n = {plate.residual_flexibility_m_n:g}: needs "
+                "plate.modes; for a plate it is computed. Remove the key."
             ]
         return [
-            f"plate.{key} is missing from the scene"
+            f"plate.{key}: is missing from the scene. Add it."
             for key in ("size_m", "thickness_m", "contact_point_m")
             if getattr(plate, key) is None
         ]
     found = []
     if plate.edges is not None:
         found.append(
-            f"plate.edges = '{plate.edges}' does not fit plate.modes, which are what is struck; "
-            "leave one of them out"
+            f"plate.edges = '{plate.edges}': cannot be combined with plate.modes, which already "
+            "describe the structure. Remove one of the two."
         )
     if plate.loss_factor is not None:
         found.append(
-            f"plate.loss_factor = {plate.loss_factor:g} does not fit plate.modes, which have a "
-            "loss factor each; leave it out"
+            f"plate.loss_factor = {plate.loss_factor:g}: plate.modes give a loss factor for each "
+            "mode. Remove the key."
         )
     return found
 
@@ -284,13 +292,13 @@ def _needs(capability: str, scheme: str, plate_model: str, key: str) -> list[str
     """The sentence on a key that needs a capability of the scheme, and modes."""
     if not getattr(SCHEMES[scheme], capability):
         return [
-            f"{key} is known to run.scheme = {_supporting(capability)} only, not to '{scheme}'; "
-            "leave the key out, or take that scheme"
+            f"{key}: not supported by run.scheme = '{scheme}'. Remove the key, or use the scheme "
+            f"{_supporting(capability)}."
         ]
     if plate_model == "infinite":
         return [
-            f"{key} does not fit run.plate_model = 'infinite'; leave the key out, or take "
-            "plate_model 'auto'"
+            f"{key}: not supported by run.plate_model = 'infinite'. Remove the key, or use "
+            "run.plate_model = 'auto'."
         ]
     return []
 
@@ -305,29 +313,28 @@ def not_in_three_dimensions(
     """What does not fit a plate in three dimensions."""
     asked = "plate.theory = '3d'"
     found = _needs("supports_solid", scheme, plate_model, asked)
-    only = f"does not fit {asked}, which knows a simply supported plate only"
+    only = f"{asked} supports a simply supported plate only"
     if plate.modes is not None:
-        found.append(f"plate.modes of {plate.modes.file} {only}; take 'kirchhoff'")
+        found.append(f"plate.modes of {plate.modes.file}: {only}. Use 'kirchhoff'.")
     elif plate.edges not in (None, "ssss"):
-        found.append(
-            f"plate.edges = '{plate.edges}' {only}; leave the key out, or take 'kirchhoff'"
-        )
+        found.append(f"plate.edges = '{plate.edges}': {only}. Remove the key, or use 'kirchhoff'.")
     if contact.damping != "none":
         found.append(
-            f"contact.damping = '{contact.damping}' does not fit {asked}: the velocity of a point "
-            "on a solid has no limit as more modes are taken along, so a damper in the contact has "
-            "no answer; take contact.plasticity for losses, or 'kirchhoff'"
+            f"contact.damping = '{contact.damping}': not supported by {asked}, because the "
+            "velocity of "
+            "a point on a solid diverges with the number of modes. Use contact.plasticity, or "
+            "'kirchhoff'."
         )
     if actuator.mass_kg is not None:
         found.append(
-            f"actuator.mass_kg = {actuator.mass_kg:g} does not fit {asked}, where a mass on "
-            "a point of a solid has no limit as more modes are taken along; leave it out, or take "
-            "'kirchhoff'"
+            f"actuator.mass_kg = {actuator.mass_kg:g}: not supported by {asked}, because a "
+            "point mass "
+            "on a solid diverges with the number of modes. Remove the key, or use 'kirchhoff'."
         )
     if plate.tail == "damped":
         found.append(
-            f"plate.tail = 'damped' does not fit {asked}, where the modes left out are half a "
-            "space, not a thin plate; take 'auto'"
+            f"plate.tail = 'damped': not supported by {asked}, where the truncated modes form a "
+            "half space. Use 'auto'."
         )
     return found
 
@@ -339,8 +346,8 @@ def _tail_problems(scene: _Uncontrolled) -> list[str]:
     contact, actuator = scene.plate.points_m
     if scene.actuator.mass_kg is not None and contact == actuator:
         return [
-            f"plate.tail = 'damped' does not fit actuator.mass_kg = {scene.actuator.mass_kg:g} at "
-            "the struck point, where the modes left out move the mass; take 'spring' or 'auto'"
+            f"plate.tail = 'damped': not supported with actuator.mass_kg = "
+            f"{scene.actuator.mass_kg:g} at the contact point. Use 'spring' or 'auto'."
         ]
     asked = "plate.tail = 'damped'"
     return _needs("supports_tail", scene.run.scheme, scene.run.plate_model, asked)
@@ -360,10 +367,9 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
         plate = material_called(scene.plate.material, scene.materials or ())
         if contact.limiting_pressure_pa is None and plate.hardness_pa is plate.yield_pa is None:
             found.append(
-                f"contact.plasticity = '{contact.plasticity}' needs to know when "
-                f"{_plate_in_words(scene)} yields; give plate.material.yield_pa or "
-                "plate.material.hardness_pa (Pa), or contact.limiting_pressure_pa, between 1.6 "
-                "times the one and the other"
+                f"contact.plasticity = '{contact.plasticity}': the yield pressure of "
+                f"{_plate_in_words(scene)} is unknown. Give plate.material.yield_pa, "
+                "plate.material.hardness_pa or contact.limiting_pressure_pa, in Pa."
             )
     for key in ("bandwidth_hz", "mass_kg", "force_limit_n"):
         value = getattr(scene.actuator, key)
@@ -382,32 +388,31 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
     if run.plate_model == "infinite":
         if not scheme.supports_infinite_plate:
             found.append(
-                f"run.plate_model = 'infinite' is known to run.scheme = "
-                f"{_supporting('supports_infinite_plate')} only, not to '{run.scheme}'; take that "
-                "scheme, or plate_model 'auto'"
+                f"run.plate_model = 'infinite': not supported by run.scheme = '{run.scheme}'. Use "
+                f"the scheme {_supporting('supports_infinite_plate')}, or plate_model 'auto'."
             )
         if apart:
             found.append(
-                f"plate.actuator_point_m = {list(point or ())} does not fit run.plate_model = "
-                "'infinite', which knows a force at the struck point only; leave the key out, or "
-                "take plate_model 'auto'"
+                f"plate.actuator_point_m = {list(point or ())} needs modes, which "
+                "run.plate_model = 'infinite' does not have. Remove the key, or use plate_model "
+                "'auto'."
             )
     if contact.damping not in scheme.dampings:
         known = ", ".join(f"'{name}'" for name in sorted(scheme.dampings))
         others = [f"'{name}'" for name, row in SCHEMES.items() if contact.damping in row.dampings]
         found.append(
-            f"contact.damping = '{contact.damping}' is not known to run.scheme = '{run.scheme}'; "
-            f"take one of {known}, or the scheme {' or '.join(others)}"
+            f"contact.damping = '{contact.damping}': not supported by run.scheme = '{run.scheme}'. "
+            f"Use one of {known}, or the scheme {' or '.join(others)}."
         )
     if apart and not scheme.supports_separate_actuator:
         found.append(
-            f"plate.actuator_point_m = {list(point or ())} does not fit run.scheme = "
-            f"'{run.scheme}', which knows a force at the struck point only; leave the key out, or "
-            f"take the scheme {_supporting('supports_separate_actuator')}"
+            f"plate.actuator_point_m = {list(point or ())} is not supported by run.scheme = "
+            f"'{run.scheme}'. Remove the key, or use the scheme "
+            f"{_supporting('supports_separate_actuator')}."
         )
     if scheme.most_steps is not None and scene.steps > scheme.most_steps:
         found.append(
-            f"run.duration_s = {run.duration_s:g} makes {scene.steps} steps; run.scheme = "
-            f"'{run.scheme}' takes up to {scheme.most_steps}, as the work grows with their square"
+            f"run.duration_s = {run.duration_s:g} gives {scene.steps} steps; run.scheme = "
+            f"'{run.scheme}' supports at most {scheme.most_steps}. Reduce the duration."
         )
     return found

@@ -161,13 +161,14 @@ def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> 
     path = Path(source)
     if path.suffix in _OF_LAWS:
         raise SceneError(
-            f"{shortened(source)} is a law, and no scene; --set controller.law={shortened(source)}"
+            f"{shortened(source)}: is a law, not a scene. Use --set "
+            f"controller.law={shortened(source)}."
         )
     if path.suffix == ".mcap":
         raise SceneError(
-            f"{shortened(source)}: is a recording, not a scene. `hertzloop inspect "
-            f"{shortened(source)}` shows it, `hertzloop run --repeat {shortened(source)}` runs its "
-            "scene again"
+            f"{shortened(source)}: is a recording, not a scene. To show it, run `hertzloop inspect "
+            f"{shortened(source)}`. To repeat it, run `hertzloop run --repeat "
+            f"{shortened(source)}`."
         )
     text = _text(source)  # first: there may be no looking for it
     folder = path.parent if path.is_file() else None
@@ -186,10 +187,10 @@ def _text(source: str) -> str:
     names = shipped()
     if source not in names:
         close = difflib.get_close_matches(source, names, 1)
-        hint = f"; did you mean {close[0]}?" if close else "."
+        hint = f" Did you mean {close[0]}?" if close else ""
         raise SceneError(
-            f"there is no scene {shown(source)}{hint} Known scenes: {', '.join(names)}; "
-            "or give the path of a .toml file"
+            f"SCENE = {shown(source)}: unknown scene.{hint} Use one of {', '.join(names)}, "
+            "or the path of a .toml file."
         )
     return shipped_text(source)
 
@@ -332,7 +333,8 @@ def _setting(setting: str) -> tuple[str, Any]:
     key, equals, value = setting.partition("=")
     if not equals or not all(key.strip().split(".")):
         raise SceneError(
-            f"{shown(setting)} is no setting; write table.key=value, e.g. sensors.bits=12"
+            f"--set {shown(setting)}: invalid setting. Write table.key=value, as in "
+            "sensors.bits=12."
         )
     return key.strip(), toml_value(value)
 
@@ -346,7 +348,9 @@ def _put(data: dict[str, Any], key: str, value: Any) -> None:
     for part in path[:-1]:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
-            raise SceneError(f"{shown(key)} is no scene key: {shown(part)} is a value, not a table")
+            raise SceneError(
+                f"{shown(key)}: unknown scene key; {shown(part)} is a value, not a table."
+            )
     table[path[-1]] = value
 
 

@@ -24,58 +24,58 @@ class SphereTable(Table):
     """The falling sphere."""
 
     material: MaterialKey = "steel"
-    """steel and the like: a name, or numbers"""
+    """sphere material: a name, or numbers"""
     radius_m: Annotated[float, Field(ge=1e-5, le=1.0)]
-    """radius"""
+    """sphere radius"""
     drop_height_m: Annotated[float, Field(ge=1e-7, le=100.0)]
-    """height of its lowest point above the plate at the start of the fall"""
+    """drop height of the lowest point of the sphere above the plate"""
 
 
 class PlateTable(Table):
-    """The plate, the struck point and where the actuator pushes (default: the struck point).
+    """The plate, the contact point and the actuator point (default: the contact point).
 
     `edges`: c, f or s, clamped, free or simply supported, at x = 0, x = l_x, y = 0, y = l_y.
     `radiation`: how many faces radiate, each into a half space and as if in a baffle; air then
     damps the modes.
-    `modes`: a file of modes in place of a plate; it says what is struck, so that `size_m` and
-    `edges` mean nothing and `contact_point_m` serves the picture only. `thickness_m` is that of
-    the plate that it is at the struck point, if it is one, `residual_flexibility_m_n` that of all
-    modes not in the file. `tail`: the modes left out as a massless spring or as one damped mode;
+    `modes`: a file of modes that replaces the plate. It defines the structure, so that `size_m` and
+    `edges` have no effect and `contact_point_m` serves the picture only. `thickness_m` is that of
+    the plate at the contact point, if it is one; `residual_flexibility_m_n` is that of all modes
+    not in the file. `tail`: the truncated modes as a massless spring or as one damped mode;
     "auto" is "damped" where that is known. `theory`: Kirchhoff's thin plate, or the plate as a
     solid; "auto" is "kirchhoff" where that is expected to meet `run.accuracy`, or the other is not
     known.
     """
 
     material: MaterialKey
-    """a name, or numbers"""
+    """plate material: a name, or numbers"""
     size_m: (
         tuple[Annotated[float, Field(ge=0.01, le=20.0)], Annotated[float, Field(ge=0.01, le=20.0)]]
         | None
     ) = None
-    """length and width"""
+    """plate length and width"""
     thickness_m: Annotated[float, Field(ge=1e-5, le=1.0)] | None = None
-    """thickness"""
+    """plate thickness"""
     contact_point_m: Point | None = None
-    """where it is struck, from a corner"""
+    """contact point, measured from a corner"""
     actuator_point_m: Point | None = None
-    """where the actuator pushes; the struck point if left out"""
+    """actuator point; default: the contact point"""
     loss_factor: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
-    """of every mode; the material's if left out"""
+    """loss factor of every mode; default: that of the material"""
     edges: str | None = None
-    """a letter a side, at x = 0, x = l_x, y = 0, y = l_y: c clamped, s simply supported, f free;
-    all s if left out"""
+    """edge conditions at x = 0, x = l_x, y = 0, y = l_y: c clamped, s simply supported, f free;
+    default: ssss"""
     radiation: Literal["none", "one_face", "two_faces"] | None = None
-    """faces by which the modes lose energy to air; none if left out"""
+    """faces that radiate into air; default: none"""
     modes: ModesTable | None = None
-    """a file of modes in the place of a plate (CSV, Parquet, NPZ)"""
+    """file of modes that replaces the plate (CSV, Parquet, NPZ)"""
     residual_flexibility_m_n: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
-    """what the modes that are not in the file give to a static force"""
+    """static flexibility of the modes that are not in the file"""
     tail: Literal["spring", "damped", "auto"] = "auto"
-    """the modes left out as a massless spring or as one damped mode; "auto": damped where
+    """model of the truncated modes: massless spring or one damped mode; "auto": damped where
     that is known"""
     theory: Literal[(*THEORIES, "auto")] = "kirchhoff"  # type: ignore[valid-type]
-    """a thin plate or a solid; "auto": thin where that is expected to meet run.accuracy, or the
-    other is not known"""
+    """plate theory: thin plate or solid; "auto": thin plate where it meets run.accuracy or the
+    solid is not available"""
 
     @field_validator("edges")
     @classmethod
@@ -95,7 +95,7 @@ class PlateTable(Table):
 
     @property
     def points_m(self) -> tuple[Point, Point]:
-        """Struck point and actuator's point; the corner where modes say what is struck."""
+        """Contact point and actuator point; the corner if a file of modes defines the structure."""
         contact = self.contact_point_m or (0.0, 0.0)
         return contact, self.actuator_point_m or contact
 
@@ -107,40 +107,40 @@ class ContactTable(Table):
     2.8 times the yield strength of a material that has no hardness."""
 
     damping: Literal["none", "viscous", "hunt_crossley", "relaxation"] = "none"
-    """damper beside the contact spring"""
+    """damping model of the contact"""
     viscous_n_s_m: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-    """constant of viscous damping"""
+    """viscous damping constant"""
     restitution: Annotated[float, Field(ge=1e-3, le=1.0)] = 1.0
-    """of Hunt-Crossley damping, on a massive body"""
+    """coefficient of restitution of Hunt-Crossley damping on a massive body"""
     relaxation_stiffness: Annotated[float, Field(ge=0.0, le=1e15)] = 0.0
-    """s_tau of relaxation damping, N/m^1.5"""
+    """stiffness s_tau of relaxation damping, N/m^1.5"""
     relaxation_s: Annotated[float, Field(ge=1e-9, le=1e3)] = 1e-3
     """time constant of relaxation damping"""
     relaxation_solve: Literal["published", "bracketed"] = "bracketed"
-    """the published iteration, or a bracketed one with the memory as a state"""
+    """solver of relaxation damping: the published iteration or a bracketed one"""
     plasticity: Literal["none", "thornton"] = "none"
-    """elastic, or Thornton's contact that yields"""
+    """plasticity of the contact: none, or the model of Thornton"""
     limiting_pressure_pa: Annotated[float, Field(ge=1e3, le=1e13)] | None = None
-    """pressure at which it yields"""
+    """limiting contact pressure at yield"""
     stiffness_factor: Annotated[float, Field(ge=1e-2, le=1e2)] | None = None
     """factor on the stiffness of Hertz's contact, as of a fit; 1 if left out"""
 
 
 class SensorsTable(Table):
-    """Data acquisition. `quantity` "auto", or left out, becomes what the law works on;
+    """Data acquisition. `quantity` "auto", the default, is the quantity that the law needs;
     `full_scale` is lowest and highest value, "auto", which for the gap holds the flight that a law
     has to see, "contact", which does not, or "none"."""
 
     quantity: Literal[(*SENSED, "auto")] = "auto"  # type: ignore[valid-type]
-    """what is sampled; "auto" is what the law works on"""
+    """sampled quantity; "auto": the one that the law needs"""
     every_steps: Annotated[int, Field(ge=1, le=1_000_000)] = 1
-    """sampling period"""
+    """sampling period, steps"""
     bits: Annotated[int, Field(ge=1, le=24)] | Literal["ideal"] = "ideal"
-    """of the converter"""
+    """ADC resolution, bits"""
     full_scale: tuple[Level, Level] | Literal["auto", "contact", "none"] = "auto"
-    """lowest and highest value of the converter"""
+    """ADC range: lowest and highest value"""
     low_pass_hz: Annotated[float, Field(ge=1e-3, le=1e9)] | None = None
-    """first-order low-pass before sampling"""
+    """cut-off frequency of the first-order low-pass before sampling"""
     ac_coupling_hz: Annotated[float, Field(ge=1e-6, le=1e9)] | None = None
     """corner of AC coupling, a first-order high-pass; none if left out"""
     resonance_hz: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
@@ -148,7 +148,7 @@ class SensorsTable(Table):
     resonance_damping: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
     """damping of that response, of critical; 0.02 if left out"""
     noise_rms: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
-    """standard deviation of the noise, in the quantity's unit"""
+    """standard deviation of the sensor noise, in the unit of the quantity"""
     fault: Literal["stuck", "offset", "spikes", "drop_outs", "saturation"] | None = None
     """fault of the sensor: it repeats one reading, adds an offset, adds spikes to some samples,
     repeats a reading in bursts, or cannot read beyond a size; none if left out"""
@@ -175,13 +175,13 @@ class ActuatorTable(Table):
     out: none of them."""
 
     bandwidth_hz: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
-    """natural frequency of its second-order response; ideal if left out"""
+    """natural frequency of the second-order actuator; default: ideal"""
     damping: Annotated[float, Field(ge=0.01, le=10.0)] = 0.7
-    """of critical, of that response"""
+    """damping ratio of the actuator"""
     mass_kg: Annotated[float, Field(ge=1e-6, le=1e3)] | None = None
-    """mass that moves with the plate; 0 is none"""
+    """actuator mass that moves with the plate; 0: none"""
     force_limit_n: Annotated[float, Field(gt=0.0, le=1e9)] | None = None
-    """largest force, either way"""
+    """largest actuator force in either direction"""
     dead_time_us: Annotated[float, Field(ge=0.0, le=1e6)] | None = None
     """delay between command and force that the law does not know; none if left out"""
     stuck_from_s: Annotated[float, Field(ge=0.0, le=1e9)] | None = None
@@ -201,21 +201,21 @@ class RunTable(Table):
     from the last sample above the plate to the first touch, or "random", drawn by the seed."""
 
     duration_s: Annotated[float, Field(gt=0.0, le=1e9)]
-    """length"""
+    """duration of the run"""
     scheme: SchemeName = "modal"
-    """how a step is solved; "thesis2008" is the published study"""
+    """numerical scheme; "thesis2008": the scheme of the published study"""
     plate_model: Literal["auto", "modal", "infinite"] = "auto"
-    """modes, an infinite plate, or whichever does"""
+    """plate model: modes or an infinite plate; "auto": the cheaper one that meets run.accuracy"""
     lead_in_s: Annotated[float, Field(ge=0.0, le=1e3)] = 1e-3
-    """flight before the first contact"""
+    """time of flight before the first contact"""
     touch_phase: Annotated[float, Field(ge=0.0, le=1.0)] | Literal["random"] = 0.5
-    """part of a step from the last sample above the plate to the touch; "random" by the seed"""
+    """fraction of a step from the last sample in flight to first contact; "random": by seed"""
     step_ns: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
-    """length of a step"""
+    """time step"""
     accuracy: Annotated[float, Field(ge=1e-9, le=0.5)] = 1e-3
-    """error of the gap, relative, that the choice of modes may make"""
+    """requested relative accuracy of the penetration; it selects the number of modes"""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
-    """of noise, jitter and drop-outs"""
+    """random seed for noise, jitter and drop-outs"""
 
 
 class FitTable(Table):

@@ -69,9 +69,10 @@ class Bodies:
         """The plate that the contact feels first. Raises SceneError where none is known."""
         if self.structure.local_plate is None:
             raise SceneError(
-                f"what controller.law or sensors.full_scale asks for, the impedance of an infinite "
-                f"plate, is not known for {self.structure}; give plate.thickness_m if it is a "
-                "plate where it is struck, or another law, and a range in numbers"
+                "controller.law or sensors.full_scale needs the impedance of an infinite "
+                "plate, which is "
+                f"unknown for {self.structure}. Give plate.thickness_m if it is a plate at the "
+                "contact point, or use another law and a numeric range."
             )
         return self.structure.local_plate
 

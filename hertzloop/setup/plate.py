@@ -104,8 +104,8 @@ def widest_limit_hz(plate: Structure, sphere: Sphere, contact: Contact) -> float
         raise SceneError(
             f"plate.theory = '3d' with {thick} and a contact of radius "
             f"{radius:.2g} m: waves as short as the impact makes are no longer than the contact "
-            "is wide, and Hertz's contact is not known there; take a smaller sphere, a lower "
-            "drop, or 'kirchhoff'"
+            "is wide, where Hertz contact is invalid. Use a smaller sphere, a lower "
+            "drop, or 'kirchhoff'."
         )
     return limit
 
@@ -120,13 +120,15 @@ def _check_below_zero(structure: Structure, sphere: Sphere, contact: Contact) ->
     named = f"{structure} with residual_flexibility_m_n = {left_out:.3g}, below zero,"
     if contact.has_damper:
         raise SceneError(
-            f"{named} do not fit contact.damping: the spring below zero would answer a damper with "
-            "more than it takes; take contact.plasticity for losses, or other modes"
+            f"{named} do not fit contact.damping: a negative residual flexibility is unstable "
+            "with a "
+            "damper. Use contact.plasticity for losses, or other modes."
         )
     if -left_out * 1.5 * s * math.sqrt(deep) > _MOST_BELOW:
         raise SceneError(
-            f"{named} do not fit this contact, which is too stiff for it; take fewer modes, a "
-            "smaller sphere, or a lower drop"
+            f"{named}: the contact is too stiff for these modes. Use fewer modes, a smaller "
+            "sphere, "
+            "or a lower drop."
         )
 
 
@@ -143,15 +145,15 @@ def _damped_tail(bodies: Bodies, asked: str, scheme: str, step_s: float, limit_h
         if asked == "auto":
             return False
         raise SceneError(
-            f"plate.tail = 'damped' needs the mobility of a plate, which is not known for {plate}; "
-            "give plate.thickness_m if it is a plate where it is struck, or take 'spring'"
+            f"plate.tail = 'damped' the mobility of {plate} is unknown. Give "
+            "plate.thickness_m if it is a plate at the contact point, or use 'spring'."
         )
     if plate.mode_table is not None and plate.residual_flexibility_m_n(math.inf) < 0.0:
         if asked == "auto":
             return False
         raise SceneError(
             f"plate.tail = 'damped' does not fit {plate}, whose residual_flexibility_m_n is below "
-            "zero, as of a solid's; take 'spring'"
+            "zero, as for a solid. Use 'spring'."
         )
     if asked == "damped":
         return True
@@ -186,8 +188,8 @@ def _check_step(bodies: Bodies, step_ns: int) -> None:
     )
     if lasts_s < step_ns * 1e-9:
         raise SceneError(
-            f"run.step_ns = {step_ns} is longer than a contact, which may last only "
-            f"{1e9 * lasts_s:.3g} ns; take at most {1e9 * lasts_s / _STEPS_OF_CONTACT:.1g}"
+            f"run.step_ns = {step_ns}: is longer than a contact of {1e9 * lasts_s:.3g} ns. Use at "
+            f"most {1e9 * lasts_s / _STEPS_OF_CONTACT:.1g}."
         )
 
 
@@ -243,8 +245,9 @@ def _check_lowest(plate: Structure, limit_hz: float, step_ns: int) -> None:
     if lowest is not None and not lowest < _LEAST_SHARE * limit_hz:
         raise SceneError(
             f"{_sizes(plate)} has its lowest mode at {lowest:.3g} Hz, beyond the "
-            f"{limit_hz:.3g} Hz that the run carries; take a larger or thinner plate, or a smaller "
-            f"run.step_ns (now {step_ns})"
+            f"{limit_hz:.3g} Hz that the step supports. Use a larger or thinner plate, or a "
+            "smaller "
+            f"run.step_ns (now {step_ns})."
         )
 
 
@@ -257,8 +260,8 @@ def _check_modes(spec: PlantSpec, step_ns: int, scheme: str, accuracy: float) ->
         limited = SCHEMES[scheme].limits_modes
         less = f"more run.accuracy than {accuracy:g}" if limited else "another scheme"
         raise SceneError(
-            f"{_sizes(plate)} has about {modes:.2g} modes up to {limit_hz:.3g} Hz, the most is "
-            f"{MOST_MODES}; take a smaller or thicker plate, or {less}"
+            f"{_sizes(plate)} has about {modes:.2g} modes up to {limit_hz:.3g} Hz; the limit is "
+            f"{MOST_MODES}. Use a smaller or thicker plate, or {less}."
         )
 
 
@@ -323,7 +326,7 @@ def reflections_of(bodies: Bodies) -> Reflections:
     """When reflections return to the contact point. Raises SceneError where that is not known."""
     plate = bodies.structure.separable
     if plate is None:
-        raise SceneError(f"reflections are not known for {bodies.structure}")
+        raise SceneError(f"reflections are unknown for {bodies.structure}")
     return reflections(bodies.sphere, plate, bodies.contact, bodies.contact_point_m)
 
 

@@ -288,6 +288,14 @@ class Setup:
         return self.law_reference in shipped_laws()
 
     @property
+    def law_models_yield(self) -> bool:
+        """Whether the law declares that it allows for a permanent dent; false if it is missing."""
+        try:
+            return bool(getattr(self.scene.controller.found, "models_yield", False))
+        except LawError:
+            return False
+
+    @property
     def law_keys(self) -> Any:
         """The law's own keys, as attributes."""
         return self.scene.controller.keys
@@ -444,8 +452,8 @@ class Setup:
         if found is None:
             raise LawError(
                 f"controller.law = '{self.law_reference}' needs the contact force without control, "
-                f"but the first contact does not end within {followed_s:g} s; take a harder plate, "
-                "less contact.viscous_n_s_m, or another law"
+                f"but the first contact does not end within {followed_s:g} s. Use a harder plate, "
+                "less contact.viscous_n_s_m, or another law."
             )
         return found
 

@@ -85,7 +85,7 @@ def read_tuned(path: Path) -> Tuned:
         front = [_found(one) for one in data.pop("front")]
         return Tuned(front=front, published=_found(data.pop("published")), **data)
     except FileNotFoundError as error:
-        raise ValueError(f"there are no results {path}") from error
+        raise ValueError(f"{path}: no such results. Give a file that a sweep wrote.") from error
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"{path} holds no results of a tuning: {error}") from error
 
@@ -134,7 +134,7 @@ def axes_of(law: str, given: tuple[Axis, ...], impact_speed_m_s: float) -> tuple
     if not axes:
         others = ", ".join(name for name in shipped() if ranges_of(name, impact_speed_m_s))
         raise DesignError(
-            f"controller.law = '{law}' has no parameters to tune; take one of {others}, or name "
+            f"controller.law = '{law}' has no parameters to tune. Use one of {others}, or name "
             "other scene keys with --vary"
         )
     return axes

@@ -134,7 +134,7 @@ def judged_as_json(found: Judged) -> dict[str, Any]:
 
 
 def struck(setup: Setup) -> dict[str, Any]:
-    """What is struck: `name`, `closed_form`, and what its modes are worth; see `Reached` and
+    """The structure: `name`, `closed_form`, and what its modes are worth; see `Reached` and
     `ModalStructure.mobility_ratio`."""
     what = setup.structure
     if what.quality is None:
@@ -166,7 +166,7 @@ def run_as_json(
     """Everything that `run --json` writes."""
     books = recording.books
     if books is None:
-        raise ValueError("the recording has no books: the run did not end")
+        raise ValueError("the recording has no energy balance: the run did not end")
     return {
         "scene": setup.name,
         "seed": setup.seed,

@@ -101,7 +101,7 @@ _WORDS: dict[Effect, Callable[[Facts, float], str]] = {
         "sensor's range goes (sensors.full_scale)"
     ),
     Effect.DAMPER_BEHIND_SPRING: lambda f, x: (
-        "the spring of the modes left out has a rate that the damper in the contact does not feel: "
+        "the contact damper ignores the deflection rate of the truncated modes: "
         f"plate energy may be off by {percent(x)} (asked: {percent(f.accuracy)})"
     ),
     Effect.REFOCUSING: lambda f, x: (
@@ -142,12 +142,32 @@ def effects_as_json(neglected: Neglected) -> dict[str, Any]:
 
 _HEADS = {
     State.OUT_OF_RANGE: ("OUT OF RANGE:", "bold red"),
-    State.LEFT_OUT: ("Left out:", "yellow"),
+    State.LEFT_OUT: ("Neglected:", "yellow"),
+}
+_STATE_WORDS = {State.LEFT_OUT: "neglected", State.NOT_KNOWN: "unknown"}
+# The quantity that the value of an indicator is, for the one line that a run prints.
+_BRIEF: dict[str, tuple[str, str]] = {
+    Effect.YIELD: ("peak contact pressure is {x:.2g} times first yield", "contact.plasticity"),
+    Effect.WIDE_ON_SPHERE: ("contact radius is {x:.2g} of the sphere radius", ""),
+    Effect.WIDE_ON_PLATE: ("contact radius is {x:.2g} of the plate thickness", ""),
+    Effect.THEORY_ENERGY: ("energy error of thin-plate theory is {p}", "plate.theory"),
+    Effect.THEORY_PEAK: ("peak-force error of thin-plate theory is {p}", "plate.theory"),
+    Effect.LARGE_DEFLECTION: ("deflection is {x:.2g} of the plate thickness", ""),
+    Effect.SPHERE_VIBRATION: ("contact lasts {x:.2g} vibration periods of the sphere", ""),
+    Effect.THICKNESS_RESONANCE: ("contact lasts {x:.2g} periods through the thickness", ""),
+    Effect.REFLECTIONS: ("run lasts {x:.2g} times the wave return time", "run.plate_model"),
+    Effect.LOOP_DELAY: ("loop delay is {p} of the contact time", ""),
+    Effect.AIR_ON_MODES: ("air damping is {x:.2g} times plate damping", "plate.radiation"),
+    Effect.AIR_FILM: ("air film takes {p} of the energy", ""),
+    Effect.DRAG: ("drag takes {p} of the fall energy", ""),
+    Effect.SENSOR_RANGE: ("law needs {x:.2g} times the sensor range", "sensors.full_scale"),
+    Effect.DAMPER_BEHIND_SPRING: ("energy error of contact damping is {p}", ""),
+    Effect.REFOCUSING: ("the modes of a square plate return in phase during the run", ""),
 }
 
 
 def sentences_of(found: Iterable[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Heads and sentences on what is out of range, then on what is left out."""
+    """Heads and sentences on effects out of range, then on neglected effects."""
     return [(head, sentence) for head, _, sentence in _styled_sentences(found)]
 
 
@@ -159,15 +179,38 @@ def _styled_sentences(found: Iterable[dict[str, Any]]) -> list[tuple[str, str, s
     ]  # fmt: skip
 
 
-def show_left_out(console: Console, found: Iterable[dict[str, Any]]) -> None:
-    """Print these sentences."""
+def brief_warnings(found: Iterable[dict[str, Any]]) -> list[tuple[str, str, str]]:
+    """Render each effect outside its limit on one line of at most 80 columns.
+
+    Args:
+        found: The indicators, as `effects_as_json` writes them.
+
+    Returns:
+        Head, style and text of each line: effects out of range first, then neglected ones.
+    """
+    known = list(found)
+    lines = []
+    for state, (head, style) in _HEADS.items():
+        for one in known:
+            if one["state"] != state:
+                continue
+            text, key = _BRIEF.get(one["name"], (one["name"], ""))
+            if math.isnan(one["value"]):
+                text = one["name"]
+            words = text.format(x=one["value"], p=percent(one["value"]))
+            lines.append((head, style, f"{words} ({key})." if key else f"{words}."))
+    return lines
+
+
+def show_neglected(console: Console, found: Iterable[dict[str, Any]]) -> None:
+    """Print a sentence on each neglected effect."""
     for head, style, sentence in _styled_sentences(found):
         console.print(styled((head, style), f" {sentence}"), soft_wrap=True)
 
 
 def table_of(found: Iterable[dict[str, Any]]) -> Table:
     """All indicators with their thresholds."""
-    table = Table(title="What the run leaves out")
+    table = Table(title="Neglected effects")
     for heading in ("effect", "formula", "value", "threshold", ""):
         table.add_column(heading, justify="right" if heading in ("value", "threshold") else "left")
     for finding in found:
@@ -177,6 +220,6 @@ def table_of(found: Iterable[dict[str, Any]]) -> Table:
         table.add_row(
             finding["name"], finding["formula"], "" if math.isnan(value) else f"{value:.2g}",
             f"{'>' if falls else '<'} {finding['threshold']:.2g}",
-            styled((finding["state"], style)),
+            styled((_STATE_WORDS.get(finding["state"], finding["state"]), style)),
         )  # fmt: skip
     return table

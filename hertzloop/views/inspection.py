@@ -23,14 +23,16 @@ from hertzloop.views.data import (
     pacing_as_json,
     predictability_as_json,
 )
-from hertzloop.views.effects import show_left_out
+from hertzloop.views.effects import show_neglected
 from hertzloop.views.format import Table, styled
 from hertzloop.views.run import (
     demand_words,
+    figures_table,
     impacts_table,
     noise_table,
     show_pacing,
     show_verdict,
+    show_warnings,
     yield_words,
 )
 from hertzloop.views.sentences import law_line, verdict_sentences
@@ -127,8 +129,48 @@ def _figures(recording: Recording, late: bool) -> tuple[dict[str, Any], str]:
         return nothing, f"no figures follow from what was recorded: {error}"
 
 
-def show(console: Console, recording: Recording, data: dict[str, Any]) -> None:
-    """Print a summary."""
+def show(
+    console: Console, recording: Recording, data: dict[str, Any], details: bool = False
+) -> None:
+    """Print whether a recording is complete, its figures, warnings and the next command.
+
+    Args:
+        console: Where to print.
+        recording: The recording.
+        data: Its summary, from `summary`.
+        details: Whether to print all tables as well.
+    """
+    for problem in data["problems"]:
+        console.print(styled(("Missing or damaged:", "red"), f" {problem}"), soft_wrap=True)
+    if not data["problems"]:
+        console.print(styled(("Complete: no announced message is missing.", "bold")))
+    show_verdict(console, data)
+    if data["impacts"] and data["stability"]:
+        console.print(figures_table(data))
+    known = data["predictability"]
+    if known and known["why_not"] and len(data["impacts"]) > 1 and not details:
+        console.print(f"Later impacts: digits as recorded, since {known['why_not']}.")
+    show_warnings(console, data)
+    if details:
+        _show_details(console, data)
+    show_pacing(console, data)
+    console.print(
+        styled(f"Scene {data['scene']}, seed {data['seed']}. Law: {law_line(law_in(data))}.")
+    )
+    if "residuals" in data:
+        console.print(
+            f"Energy residual {data['residuals']['energy']:.1e}, "
+            f"momentum {data['residuals']['momentum']:.1e} (relative)."
+        )
+    console.print(
+        styled("Recording: ", (data["file"], "bold"), ". --details prints all figures."),
+        soft_wrap=True,
+    )
+    console.print(styled("Next: ", (f"hertzloop replay {data['file']}", "bold")), soft_wrap=True)
+
+
+def _show_details(console: Console, data: dict[str, Any]) -> None:
+    """Print streams, all impacts, noise figures and neglected effects."""
     title = f"{data['file']}: scene {data['scene']}, seed {data['seed']}"
     table = Table(title=title)
     for heading in ("stream", "messages", "samples", "fields"):
@@ -140,8 +182,7 @@ def show(console: Console, recording: Recording, data: dict[str, Any]) -> None:
     table.add_row("/events", f"{len(data['events']):,}", "", "")
     console.print(table)
     if data["other_messages"]:
-        console.print(f"Passed over: {data['other_messages']:,} messages of other topics.")
-    console.print(styled("Law really run: ", law_line(law_in(data))), soft_wrap=True)
+        console.print(f"Ignored: {data['other_messages']:,} messages of other topics.")
     known = data["predictability"] or {"controlled": None, "why_not": ""}
     own = known["controlled"]
     console.print(impacts_table("Impacts", data["impacts"], own, known["why_not"]))
@@ -149,21 +190,10 @@ def show(console: Console, recording: Recording, data: dict[str, Any]) -> None:
         errors = [errors_of(known_in(own), 0, "noise_errors")]
         console.print(noise_table([("", data["noise"][0])], errors=errors))
     if data["demand"]:
-        console.print(f"Demand on the actuator: {demand_words(data['demand'])}.")
+        console.print(f"Actuator demand: {demand_words(data['demand'])}.")
     if data.get("yield"):
         console.print(f"Yield: {yield_words(data['yield'])}.")
-    show_left_out(console, data["validity"])
-    show_verdict(console, data)
-    show_pacing(console, data)
-    if "residuals" in data:
-        console.print(
-            f"Residuals: energy {data['residuals']['energy']:.1e}, "
-            f"momentum {data['residuals']['momentum']:.1e} (relative)"
-        )
-    for problem in data["problems"]:
-        console.print(styled(("missing or damaged:", "red"), f" {problem}"), soft_wrap=True)
-    if not data["problems"]:
-        console.print("Complete: every announced message is here.")
+    show_neglected(console, data["validity"])
 
 
 _SPANS = {"first_impact": "first impact", "whole_run": "whole run"}

@@ -98,7 +98,7 @@ def description(setup: Setup, recording: Recording) -> list[str]:
     lines = [bodies(setup) + f", drop {1e3 * setup.sphere.drop_height_m:g} mm", control(setup)]
     ran = law_of(recording)
     if ran.law and ran.law != setup.law_reference:
-        lines.append(f"Law that really ran: {law_line(ran)}")
+        lines.append(f"Law that ran: {law_line(ran)}")
     if changed:
         listed = [f"{key} = {_value(own)} ({_value(theirs)})" for key, own, theirs in changed[:8]]
         more = f" and {len(changed) - 8} more" if len(changed) > 8 else ""

@@ -205,7 +205,7 @@ def _told(
 
 
 def _energies(setup: Setup, own: Overlay, twin: Twin | None, explodes: bool) -> Plot:
-    """The ledger as a plot in a unit with readable numbers."""
+    """The energy balance as a plot in a unit with readable numbers."""
     # Where the published scheme ends a contact, its sphere jumps.
     whole = SCHEMES[setup.scheme].conserves
     size_j = own.start_j if whole else float(np.max(own.lines["plate"].values, initial=0.0))

@@ -11,7 +11,7 @@ from hertzloop.analysis.spans import change_db
 from hertzloop.analysis.trust import errors_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.views.data import known_in, law_in, pacing_in
-from hertzloop.views.effects import show_left_out
+from hertzloop.views.effects import brief_warnings, show_neglected
 from hertzloop.views.format import LEGEND, UNKNOWN, Table, about, known_digits, styled
 from hertzloop.views.sentences import UNSTABLE, law_line, pacing_sentences
 
@@ -23,8 +23,8 @@ _COLUMNS = (
     ("impact (m/s)", "impact_speed_m_s", 1.0, ".4f"),
     ("rebound (m/s)", "rebound_speed_m_s", 1.0, ".4f"),
     ("peak force (N)", "peak_force_n", 1.0, ".4g"),
-    ("into the plate ({unit})", "plate_energy_j", 0.0, ".4g"),  # factor: see `energy_unit`
-    ("plate, at most (m/s)", "plate_speed_max_m_s", 1.0, ".4g"),
+    ("plate energy ({unit})", "plate_energy_j", 0.0, ".4g"),  # factor: see `energy_unit`
+    ("plate speed (m/s)", "plate_speed_max_m_s", 1.0, ".4g"),
 )
 
 
@@ -183,7 +183,7 @@ def _change(
         return ""
     if key in ("contact_time_s", "next_impact_speed_m_s", "rebound_height_m"):
         if value > 1e3 * reference:  # what is divided by lies within the model's error
-            return "of next to nothing"
+            return "from nearly zero"
         percent = 100.0 * value / reference
         wrong = 100.0 * (error + reference_error * abs(value / reference)) / abs(reference)
         return _with_unit(known_digits(percent, ".1f", wrong), "%")
@@ -201,36 +201,36 @@ def run_table(report: dict[str, Any]) -> Table:
     table.add_row(
         "scene, seed, transport", f"{report['scene']}, {report['seed']}, {report['transport']}"
     )
-    table.add_row("law really run", styled(law_line(law_in(report))))
+    table.add_row("law that ran", styled(law_line(law_in(report))))
     table.add_row("steps", f"{report['steps']:,}")
     table.add_row(
-        "wall time of the loop",
+        "wall time",
         f"{report['wall_s']:.4g} s, {report['real_time_factor']:.3g} times real time, "
         f"{report['steps'] / max(report['wall_s'], 1e-9):,.0f} steps/s",
     )
     if note := SCHEMES[report["scheme"]].note:
         table.add_row("scheme", f"{report['scheme']}: {note}")
     if report["demand"]:
-        table.add_row("demand on the actuator", demand_words(report["demand"]))
+        table.add_row("actuator demand", demand_words(report["demand"]))
     if report["limiting_pressure"]:
         table.add_row("limiting pressure", pressure_words(report["limiting_pressure"]))
     if report["yield"]:
         table.add_row("yield", yield_words(report["yield"]))
     if report["radiation"]:
         table.add_row("radiation", radiation_words(report["radiation"]))
-    table.add_row("exchanges waited for", _exchanges(report))
+    table.add_row("exchanges", _exchanges(report))
     if report["realtime"]:
         table.add_row("real-time profile", styled(report["realtime"]))
     if not report["struck"]["closed_form"]:
-        table.add_row("what is struck", _struck(report["struck"]))
+        table.add_row("structure", _struck(report["struck"]))
     if report["theory"] and report["theory"]["asked"] != "kirchhoff":
-        table.add_row("theory of the plate", theory_words(report["theory"]))
-    table.add_row("model of the plate", _model_order(report))
+        table.add_row("plate theory", theory_words(report["theory"]))
+    table.add_row("plate model", _model_order(report))
     if report["tail"]:
-        table.add_row("modes left out", tail_words(report["tail"]))
+        table.add_row("truncated modes", tail_words(report["tail"]))
     if report["model"] is not None:
         if "modes_in_file" not in report["struck"]:
-            table.add_row("the full model", _full_model(report["model"]))
+            table.add_row("full model", _full_model(report["model"]))
         if offered := _infinite_plate(report):
             table.add_row("infinite plate", offered)
     table.add_row("contact solve", f"at most {report['newton_iterations_max']} evaluations a step")
@@ -260,7 +260,7 @@ def _exchanges(report: dict[str, Any]) -> str:
 
 
 def _struck(struck: dict[str, Any]) -> str:
-    """What is struck where that is no simply supported plate, and how well it is known."""
+    """Describe a structure that is not a simply supported plate, and how well it is known."""
     if "low_modes" in struck:
         return (
             f"{struck['name']}: {struck['low_modes']} modes by Ritz's method, whose frequencies "
@@ -276,8 +276,10 @@ def _struck(struck: dict[str, Any]) -> str:
 
 
 def yield_words(found: dict[str, float]) -> str:
-    """What a contact that yielded left and took."""
-    return f"a dent of {found['dent_m'] * 1e6:.3g} um, {found['dissipated_j'] * 1e6:.4g} uJ taken"
+    """Describe the permanent dent and the dissipated energy of a contact that yielded."""
+    return (
+        f"a dent of {found['dent_m'] * 1e6:.3g} um, {found['dissipated_j'] * 1e6:.4g} uJ dissipated"
+    )
 
 
 def pressure_words(limit: dict[str, Any]) -> str:
@@ -294,7 +296,7 @@ def pressure_words(limit: dict[str, Any]) -> str:
 def radiation_words(found: dict[str, float]) -> str:
     """What the plate gave to the air."""
     faces = "one face" if found["faces"] == 1 else "two faces"
-    return f"{found['dissipated_j'] * 1e6:.4g} uJ went into air by {faces} until the run's end"
+    return f"{found['dissipated_j'] * 1e6:.4g} uJ radiated into air from {faces} during the run"
 
 
 def demand_words(asked: dict[str, float]) -> str:
@@ -316,8 +318,7 @@ def _model_order(report: dict[str, Any]) -> str:
         return _chosen_infinite(report)
     chosen = (
         f"{report['frequencies']} frequencies up to {report['frequency_limit_hz'] / 1e3:.4g} kHz; "
-        f"leaving out the rest may cost {report['expected_error']:.1g} of penetration or plate "
-        "energy"
+        f"expected truncation error {report['expected_error']:.1g} of penetration or plate energy"
     )
     if report["expected_error"] > 1.001 * report["requested_accuracy"]:
         return f"{chosen} (asked: {report['requested_accuracy']:g}; {what_limits(report)})"
@@ -361,18 +362,18 @@ def _infinite_plate(report: dict[str, Any]) -> str:
     if first["start_s"] + first["duration_s"] > until_s:
         return ""
     return (
-        f"would do until {until_s * 1e3:.4g} ms, beyond the first contact "
+        f"sufficient until {until_s * 1e3:.4g} ms, beyond the first contact "
         f"(run.plate_model, asked: {report['requested_accuracy']:g})"
     )
 
 
 def show_verdict(console: Console, data: dict[str, Any]) -> None:
-    """What a run comes to, in sentences."""
+    """Print the verdict on a run, the first sentence in bold."""
     for i, sentence in enumerate(data["verdict"]):
-        text = styled((sentence, "bold"))
+        text = styled((sentence, "" if i else "bold"))
         if i == 0 and data["stability"]["unstable"]:
             text = styled((UNSTABLE, "bold red"), sentence[len(UNSTABLE) :])
-        console.print(text, soft_wrap=True)
+        console.print(text)
 
 
 def _verification_line(report: dict[str, Any]) -> Text:
@@ -390,8 +391,155 @@ def _verification_line(report: dict[str, Any]) -> Text:
     )
 
 
-def print_run(console: Console, report: dict[str, Any]) -> None:
-    """The closing table of a run."""
+_MOST_WARNINGS = 8  # lines of neglected effects on the screen; --details prints all
+# Label, key, factor, format and unit of a figure. A key without a span is of the whole run.
+_FIGURES: tuple[tuple[str, str, str, float, str, str], ...] = (
+    ("contacts, whole run", "whole_run", "contacts", 1.0, ".0f", ""),
+    ("contact time, first contact", "first_impact", "contact_time_s", 1e6, ".4g", "us"),
+    ("peak contact force", "first_impact", "peak_force_n", 1.0, ".4g", "N"),
+    ("rebound speed", "first_impact", "rebound_speed_m_s", 1.0, ".3g", "m/s"),
+    ("rebound height", "first_impact", "rebound_height_m", 1e3, ".3g", "mm"),
+    ("plate energy, whole run", "whole_run", "plate_energy_j", 0.0, ".4g", "uJ"),
+    ("plate energy", "first_impact", "plate_energy_j", 0.0, ".4g", "uJ"),
+    ("radiated energy to 20 kHz", "first_impact", "radiated_j", 0.0, ".4g", "uJ"),
+    ("largest plate speed", "first_impact", "plate_speed_max_m_s", 1.0, ".4g", "m/s"),
+    ("peak pressure at 1 m (bound)", "first_impact", "peak_pressure_pa", 1.0, ".3g", "Pa"),
+)
+_IN_DB = ("plate_energy_j", "radiated_j", *_AMPLITUDES)
+
+
+def figures_table(report: dict[str, Any], other: dict[str, Any] | None = None) -> Table:
+    """Return the table of at most ten figures that ends a run.
+
+    Args:
+        report: The data of `run --json` or `inspect --json`.
+        other: The figures of the same run without control. None if there is no comparison.
+
+    Returns:
+        One row for each figure: with control, without control, and the change, in dB for energies
+        and amplitudes, and in per cent of the value without control otherwise.
+    """
+    known = report["predictability"] or {"controlled": None, "uncontrolled": None}
+    compare = other is not None and not report["stability"]["unstable"]
+    controlled = report["scene_law"] != "off"
+    cases = [(report, known["controlled"]), *([(other, known["uncontrolled"])] if other else [])]
+    table = Table(title="Figures of the first impact")
+    table.add_column("figure")
+    for heading in ("with control" if controlled else "no control", "without")[: len(cases)]:
+        table.add_column(heading, justify="right")
+    if compare:
+        table.add_column("change", justify="right")
+    for label, span, key, factor, form, unit in _FIGURES:
+        found = [(figures[span] or {}).get(key, math.nan) for figures, _ in cases]
+        wrong = [_error_of(digits, span, key) for _, digits in cases]
+        if factor == 0.0:
+            factor, unit = energy_unit(one for one in found if not math.isnan(one))
+        row = [
+            "-" if math.isnan(value)
+            else _with_unit(known_digits(value * factor, form, error * factor), unit)
+            for value, error in zip(found, wrong, strict=True)
+        ]  # fmt: skip
+        if compare:
+            row.append("" if key == "contacts" else _change_of_figure(key, *found, *wrong))
+        table.add_row(label, *(cell.strip() for cell in row))
+    return table
+
+
+def _error_of(digits: list[dict[str, Any]] | None, span: str, key: str) -> float:
+    """The largest absolute error of a figure; 0 if all its digits are predictable."""
+    found = known_in(digits)
+    if span == "first_impact":
+        errors = errors_of(found, 0) | errors_of(found, 0, "noise_errors")
+        return errors.get(key, 0.0)
+    if key != "plate_energy_j":
+        return 0.0
+    return sum(errors_of(found, i).get(key, 0.0) for i in range(len(found or ())))
+
+
+def _change_of_figure(
+    key: str, value: float, reference: float, error: float, reference_error: float
+) -> str:
+    """The change that control makes; empty if it has no meaning."""
+    if math.isnan(value) or math.isnan(reference) or reference == 0.0:
+        return ""
+    if key in _IN_DB:
+        factor = 20.0 if key in _AMPLITUDES else 10.0
+        change, wrong = change_db(value, reference, factor, error, reference_error)
+        return "" if math.isnan(change) else _with_unit(known_digits(change, "+.1f", wrong), "dB")
+    if abs(value) > 1e3 * abs(reference) or reference < 0.0 or value < 0.0:
+        return ""
+    wrong = 100.0 * (error + reference_error * abs(value / reference)) / abs(reference)
+    return _with_unit(known_digits(100.0 * (value / reference - 1.0), "+.0f", wrong), "%")
+
+
+def show_warnings(console: Console, report: dict[str, Any]) -> None:
+    """Print one line for each effect outside its limit.
+
+    Args:
+        console: Where to print.
+        report: The data of `run --json` or `inspect --json`.
+    """
+    lines = brief_warnings(report["validity"])
+    for head, style, words in lines[:_MOST_WARNINGS]:
+        console.print(styled((head, style), f" {words}"))
+    if len(lines) > _MOST_WARNINGS:
+        console.print(f"{len(lines) - _MOST_WARNINGS} more warnings: --details prints them.")
+
+
+def print_run(console: Console, report: dict[str, Any], details: bool = False) -> None:
+    """Print the end of a run: verdict, figures, warnings and the next command.
+
+    Args:
+        console: Where to print.
+        report: The data of `run --json`.
+        details: Whether to print all tables as well.
+    """
+    controlled = report["scene_law"] != "off"
+    if not report["verdict"]:
+        what = "The run has control." if controlled else "The run has no control."
+        console.print(styled((what, "bold")))
+    show_verdict(console, report)
+    console.print(figures_table(report, report["uncontrolled"] if controlled else None))
+    show_warnings(console, report)
+    if details:
+        _print_details(console, report)
+    if "verification" in report:
+        console.print(_verification_line(report), soft_wrap=True)
+    show_pacing(console, report)
+    _show_run_lines(console, report)
+
+
+def _show_run_lines(console: Console, report: dict[str, Any]) -> None:
+    """Print scene, law, errors, recording and the next command."""
+    console.print(
+        styled(
+            f"Scene {report['scene']}, seed {report['seed']}, {report['transport']}, "
+            f"{report['steps']:,} steps in {report['wall_s']:.3g} s. "
+            f"Law: {law_line(law_in(report))}."
+        )
+    )
+    expected, asked = report["expected_error"], report["requested_accuracy"]
+    error = "unknown" if expected is None or math.isinf(expected) else f"{expected:.1g}"
+    missed = expected is not None and expected > 1.001 * asked
+    console.print(
+        styled(
+            f"Model error {error} (requested {asked:g}",
+            ("; missed", "yellow") if missed else "",
+            f"). Energy residual {report['residuals']['energy']:.1e}, "
+            f"momentum {report['residuals']['momentum']:.1e}.",
+        )
+    )
+    console.print(
+        styled("Recording: ", (report["recording"], "bold"), ". --details prints all figures."),
+        soft_wrap=True,
+    )
+    console.print(
+        styled("Next: ", (f"hertzloop replay {report['recording']}", "bold")), soft_wrap=True
+    )
+
+
+def _print_details(console: Console, report: dict[str, Any]) -> None:
+    """Print all impacts, noise figures, properties of the run and neglected effects."""
     controlled, unstable = report["scene_law"] != "off", report["stability"]["unstable"]
     noise, free = report["noise"], report["uncontrolled"]
     known = report["predictability"]
@@ -408,20 +556,7 @@ def print_run(console: Console, report: dict[str, Any]) -> None:
         if noise:
             console.print(noise_table([("no control", noise[0])], errors=errors[:1]))
     console.print(run_table(report))
-    show_left_out(console, report["validity"])
-    if "verification" in report:
-        console.print(_verification_line(report))
-    show_verdict(console, report)
-    show_pacing(console, report)
-    console.print(
-        styled(
-            "Recording: ",
-            (report["recording"], "bold"),
-            ". Look at it with ",
-            (f"hertzloop replay {report['recording']}", "bold"),
-        ),
-        soft_wrap=True,
-    )
+    show_neglected(console, report["validity"])
 
 
 def theory_words(found: dict[str, Any]) -> str:
@@ -438,7 +573,7 @@ def theory_words(found: dict[str, Any]) -> str:
 def tail_words(found: dict[str, float]) -> str:
     """What stands for the modes left out where that is no spring."""
     words, away = (
-        f"one damped mode took {found['lost_j'] * 1e6:.3g} uJ",
+        f"one damped mode dissipated {found['lost_j'] * 1e6:.3g} uJ",
         found["wavelengths_to_edge"],
     )
     if away >= found["needed"]:
@@ -451,13 +586,13 @@ def what_limits(report: dict[str, Any]) -> str:
     if report["theory"] and report["theory"]["chosen"] == "3d":
         return "all that this step, or a contact as wide as the waves, allows"
     if "modes_in_file" in report["struck"]:
-        return "all that the file has"
+        return "all modes of the file"
     if report["frequency_limit_hz"] < (1.0 - 1e-9) * report["model"]["full"]["frequency_limit_hz"]:
         return (
             "the law's force is held from sample to sample, and its steps cost that, not the "
             "modes; a smaller run.step_ns or actuator.bandwidth_hz makes them smaller"
         )
-    return "all that this step can carry, a smaller run.step_ns carries more"
+    return "the limit of this time step; a smaller run.step_ns supports more modes"
 
 
 def show_pacing(console: Console, data: dict[str, Any]) -> None:

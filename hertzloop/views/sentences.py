@@ -8,144 +8,153 @@ from hertzloop.analysis.verdict import Change, Control, Outcome, Over, Reasons, 
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.views.format import known_digits, percent, time_words
 
-# Decibels have one digit: where in a sample the touch falls decides about the second.
-UNSTABLE = "UNSTABLE:"  # how the sentence on an unstable loop, the first of a verdict, begins
-_LONGEST = 200  # characters that are shown of what a controller says
+# Decibels have one digit: the second depends on where in a sample the contact begins.
+UNSTABLE = "UNSTABLE:"  # the first words of a verdict on an unstable loop
+_LONGEST = 200  # characters that are shown of a controller's own words
 _OVER = {
     Over.ONLY: "",
     Over.ALL: " over all contacts",
     Over.FIRST: " (first impact; later ones are not predictable)",
-    Over.FIRST_KNOWN: " (first impact; whether later ones are predictable is not known)",
+    Over.FIRST_KNOWN: " (first impact; it is unknown whether later ones are predictable)",
 }
 _CHANGED = {"radiated_j": "radiated energy", "plate_speed_max_m_s": "largest plate speed"}
 _MOVED = {
-    Moved.PENETRATION: "the penetration",
-    Moved.REBOUND_SPEED: "the rebound speed",
-    Moved.PLATE_ENERGY: "the plate energy",
+    Moved.PENETRATION: "penetration",
+    Moved.REBOUND_SPEED: "rebound speed",
+    Moved.PLATE_ENERGY: "plate energy",
 }
 
 
 def verdict_sentences(found: Verdict) -> list[str]:
-    """What a run comes to."""
+    """Render the verdict on a run as short sentences, the outcome of control first.
+
+    Args:
+        found: The typed verdict of `hertzloop.analysis.verdict`.
+
+    Returns:
+        One sentence for each fact. Each usually fits on a line of 80 columns.
+    """
     said, figures = [], found.ran.figures
     stability = figures.stability
     if stability.unstable:
-        said.append(_unstable(stability))
-    elif stability.pumps:
-        said.append(_pumping(stability))
+        said += _unstable(stability)
     if not stability.unstable and not figures.impacts:
-        said.append("No impact within the run.")
+        said.append("No impact occurs within the run.")
     if found.control:
         said += _control(found.control)
+    if stability.pumps and not stability.unstable:
+        said.append(_pumping(stability))
     if figures.impacts and not figures.last_contact_ended:
-        said.append(
-            "The last contact is not over at the end of the run: its length, its rebound and the "
-            "energies have what there is of it; take a longer run.duration_s."
-        )
+        said.append("The run ends during the last contact. Increase run.duration_s.")
     if found.ran.saturation:
         said.append(_saturation(found.ran.saturation))
     if found.law_accuracy:
-        said.append(law_accuracy_sentence(found.law_accuracy))
+        said += law_accuracy_sentences(found.law_accuracy)
     return said
 
 
 def _saturation(found: Saturation) -> str:
     times = "once" if found.times == 1 else f"{found.times} times"
     return (
-        f"The samples left the sensor's range {times}, first at {found.since_s * 1e3:.4g} ms: "
-        "there the law saw the end of the range, not what happened (sensors.full_scale)."
+        f"The sensor saturated {times}, first at {found.since_s * 1e3:.4g} ms (sensors.full_scale)."
     )
 
 
-def _unstable(stability: Stability) -> str:
-    """That the loop is unstable, from when on, and how far it went."""
-    since = ""
+def _unstable(stability: Stability) -> list[str]:
+    """State that the loop is unstable, from when, and how far it diverged."""
+    said = [
+        f"{UNSTABLE} the actuator supplies {stability.most_injected:.3g} times the impact energy."
+    ]
     if stability.since_s is not None:
-        since = f" From {stability.since_s * 1e3:.4g} ms on it has put in more than all of it."
-    return (
-        f"{UNSTABLE} the actuator answers what it causes itself and puts in "
-        f"{stability.most_injected:.3g} times the energy of the impact.{since} Its largest "
-        f"force, {stability.largest_force_n:.3g} N, is {stability.of_contact:.3g} times what "
-        "the impact can cause. A comparison with the run without control would say nothing."
-    )
+        said.append(
+            f"From {stability.since_s * 1e3:.4g} ms on, it supplies more than the impact energy."
+        )
+    return [
+        *said,
+        f"Largest actuator force: {stability.largest_force_n:.3g} N, "
+        f"{stability.of_contact:.3g} times the limit of the impact.",
+        "An unstable run is not compared with the run without control.",
+    ]
 
 
 def _pumping(stability: Stability) -> str:
-    """That the loop puts in more than there was, though it does not go on doing so."""
+    """State that the loop adds energy, although it does not diverge."""
     since = ""
     if stability.since_s is not None:
-        since = f", from {stability.since_s * 1e3:.4g} ms on"
-    return (
-        f"The loop pumps: the actuator puts in {stability.fed_in:.2g} times the energy that the "
-        f"sphere brought{since}. What moves then is its own doing: no impact could cause it."
-    )
+        since = f" from {stability.since_s * 1e3:.4g} ms on"
+    return f"The loop adds energy{since}: {stability.fed_in:.2g} times the energy of the sphere."
 
 
 def _control(found: Control) -> list[str]:
-    """Whether control helped, in what, and why not."""
+    """State what control changes, and why it does not help where that is so."""
     if found.outcome is Outcome.IDLE:
-        return ["Control did nothing: the law never pushed."]
+        return ["Control has no effect: the law never commands a force."]
     if found.outcome is Outcome.UNPREDICTABLE:
-        return [
-            "Whether control helps is not predictable: the model's error, which the first impact "
-            "magnifies, is larger than the change of the plate energy."
-        ]
-    change, over = known_digits(found.energy_db, "+.1f", found.error_db), _OVER[found.over]
-    words = {
-        Outcome.HELPS: f"Control helps: plate energy {change} dB{over}",
-        Outcome.HARMS: f"Control does harm: plate energy {change} dB{over}",
-        Outcome.HARDLY: f"Control hardly changes the plate energy{over}",
-    }[found.outcome]
-    of = "" if found.once else " (first impact)"
-    better = [_change(change, of) for change in found.changes if change.better]
-    worse = [_change(change, of) for change in found.changes if not change.better]
-    words += "".join(f", {word}" for word in better)
-    if worse:
-        words += f"; {'but' if better or found.energy_db < 0.0 else 'and'} {', '.join(worse)}"
-    return [f"{words}.", *(_reasons(found.reasons) if found.reasons else [])]
+        return ["The effect of control is unpredictable: the model error exceeds the change."]
+    change = known_digits(abs(found.energy_db), ".1f", found.error_db)
+    over = _OVER[found.over]
+    said = [
+        {
+            Outcome.HELPS: f"Control reduces plate energy by {change} dB{over}.",
+            Outcome.HARMS: f"Control increases plate energy by {change} dB{over}.",
+            Outcome.HARDLY: f"Control leaves plate energy nearly unchanged{over}.",
+        }[found.outcome]
+    ]
+    for better, head in ((True, "Better"), (False, "Worse")):
+        listed = [_change(one) for one in found.changes if one.better is better]
+        of = "" if found.once else " (first impact)"
+        if listed:
+            said.append(f"{head}{of}: {', '.join(listed)}.")
+    return [*said, *(_reasons(found.reasons) if found.reasons else [])]
 
 
-def _change(found: Change, of: str) -> str:
+def _change(found: Change) -> str:
     if found.figure in _CHANGED:
-        return f"{_CHANGED[found.figure]} {known_digits(found.value, '+.1f', found.error)} dB{of}"
+        return f"{_CHANGED[found.figure]} {known_digits(found.value, '+.1f', found.error)} dB"
     if found.from_nothing:
-        return "the sphere rebounds, where it hardly did"
-    return f"the sphere rebounds {known_digits(found.value, '.0f', found.error)} % as high"
+        return "rebound height, from nearly zero"
+    return f"rebound height {known_digits(found.value, '.0f', found.error)} %"
 
 
 def _reasons(found: Reasons) -> list[str]:
+    """Render each reason why control does not help, one sentence each."""
     said = []
     if found.after_touch_s is not None and found.late_share is not None:
         said.append(
-            f"its first force comes {1e6 * found.after_touch_s:.3g} us after the touch, "
-            f"{100.0 * found.late_share:.0f} % of the contact without control"
+            f"the first force comes {1e6 * found.after_touch_s:.3g} us after contact begins "
+            f"({100.0 * found.late_share:.0f} % of it)"
         )
     if found.apart is not None:
-        said.append(f"{100.0 * found.apart:.0f} % of its push falls where nothing touches")
+        said.append(f"{100.0 * found.apart:.0f} % of the control impulse acts without contact")
     if found.injected_j is not None:
-        said.append(f"it puts {1e6 * found.injected_j:.3g} uJ into the plate")
+        said.append(f"the actuator adds {1e6 * found.injected_j:.3g} uJ to the plate")
     if found.dent_m is not None:
         said.append(
-            f"the plate keeps a dent of {1e6 * found.dent_m:.2g} um, which a law that answers the "
-            "gap takes for penetration"
+            f"the law takes the permanent dent of {1e6 * found.dent_m:.2g} um for penetration"
         )
-    return [f"Why not: {'; '.join(said)}."] if said else []
+    return [f"Reason: {one}." for one in said]
 
 
-def law_accuracy_sentence(found: LawAccuracy) -> str:
-    """Which figure twice the modes move by how much, and why."""
+def law_accuracy_sentences(found: LawAccuracy) -> list[str]:
+    """State which figure twice the modes change, by how much, and why.
+
+    Args:
+        found: Accuracy of a run under its law.
+
+    Returns:
+        One or two sentences.
+    """
     figure, by_modes = found.most_moved, found.by_modes
-    said = (
-        "The accuracy asked for is not kept under the law: twice the modes, up to "
-        f"{by_modes.frequency_limit_hz / 1e3:.4g} kHz, change {_MOVED[figure]} of the first impact "
-        f"by {percent(by_modes.largest)} (asked: {percent(found.asked)})"
-    )
+    said = [
+        f"Accuracy missed: twice the modes change {_MOVED[figure]} "
+        f"by {percent(by_modes.largest)} (requested {percent(found.asked)})."
+    ]
     if found.latches_otherwise:
-        said += (
-            f", as the law then latches {found.finer_delay_us:g} us, not {found.delay_us:g} us: "
-            "what it decides here hangs on less than the model's error"
+        said.append(
+            f"With twice the modes the law latches {found.finer_delay_us:g} us instead of "
+            f"{found.delay_us:g} us."
         )
-    return f"{said}."
+    return said
 
 
 def why_not_words(found: NotAgain | None) -> str:
@@ -154,7 +163,7 @@ def why_not_words(found: NotAgain | None) -> str:
         return ""
     if found.law is not None:
         law = law_line(found.law)
-        return f"the forces are not known to be those of the scene's law: {law}"
+        return f"the forces may not come from the law of the scene: {law}"
     return {
         Obstacle.NOT_ENDED: "the run did not end",
         Obstacle.TOO_LONG: "it takes too long to simulate this run again",
@@ -167,7 +176,7 @@ def law_line(data: LawRan) -> str:
     ran, announced = law_words(data.law, data.law_digest), data.scene_law
     if ran and data.law == announced and data.law_digest in (None, data.scene_law_digest):
         return ran
-    said = ran or "not said by the controller"
+    said = ran or "not reported by the controller"
     scene = law_words(announced, data.scene_law_digest)
     return f"{said} (the scene says {scene})" if announced else said
 
@@ -211,11 +220,11 @@ def _pacing_advice(found: Clock) -> str:
     could = min(controller, plant)
     words = f"This machine, as it was, holds a pace of {could:.1g} with {100 * IN_TIME:g} % in time"
     if could >= found.pace:
-        return f"{words}: this one leaves room."
+        return f"{words}: this pace is below the limit."
     if plant < controller:
-        return f"{words}: the plant's own work takes the time; take --pace {could:.1g} or less."
+        return f"{words}: the plant limits the pace. Use --pace {could:.1g} or less."
     more_us = float(f"{found.latency_wanted_us:.2g}")
     return (
-        f"{words}: take --pace {could:.1g} or less, a controller.latency_us that is {more_us:g} "
-        "more, or a machine with nothing else to do (and --realtime on)."
+        f"{words}: use --pace {could:.1g} or less, increase controller.latency_us by {more_us:g}, "
+        "or use an idle computer (and --realtime on)."
     )

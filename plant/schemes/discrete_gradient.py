@@ -31,7 +31,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.PlantModel:
     if isinstance(eta, np.ndarray) or isinstance(rho, np.ndarray):
         raise ValueError(
             "loss factors that differ from mode to mode are known to run.scheme = 'modal' only, "
-            "not to 'discrete_gradient'; take that scheme"
+            "not by 'discrete_gradient'. Use that scheme."
         )
     s = (-rho + 1j) * theta
     turn = np.exp(s * h)

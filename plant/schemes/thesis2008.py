@@ -247,7 +247,7 @@ def relaxation_stiffness(
     if bottom <= 0.0:
         raise ValueError(
             f"no relaxation stiffness gives loss factor {loss_factor:g} with T = {period_s:g} s "
-            f"and tau = {relaxation_s:g} s; take a smaller tau"
+            f"and tau = {relaxation_s:g} s. Use a smaller tau."
         )
     return loss_factor * stiffness * (1.0 + x * x) / bottom
 

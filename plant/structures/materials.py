@@ -63,14 +63,14 @@ def material_of(where: str, table: Mapping[str, object]) -> Material:
     for key in table:
         if key not in _NAMES:
             raise ValueError(
-                f"{where}.{key} is nothing known of a material; known are {', '.join(_NAMES)}"
+                f"{where}.{key} is not a property of a material. Use {', '.join(_NAMES)}"
             )
     for key in _NEEDED:
         if key not in table:
             raise ValueError(f"{where}.{key} is missing; a material needs {', '.join(_NEEDED)}")
     for key, value in table.items():
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(f"{where}.{key} = {value!r} is no number")
+            raise ValueError(f"{where}.{key} = {value!r} is not a number")
         low, high, words = _LIMITS[key]
         if not low <= value <= high:
             known = isinstance(value, float) or abs(value) < 10**20  # others have no :g
@@ -109,7 +109,7 @@ def materials_of(text: str, where: str) -> dict[str, dict[str, object]]:
     for name, table in tables.items():
         if not isinstance(table, dict):
             raise ValueError(
-                f"{where}: {name} is no table; a material is written as [{name}] with its numbers"
+                f"{where}: {name} is not a table. Write a material as [{name}] with its numbers"
             )
         material_of(f"{where}: {name}", table)
     return tables

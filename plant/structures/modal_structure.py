@@ -38,8 +38,8 @@ class ModalStructure(BaseStructure):
         said = self.residual is not None or self.table.residual_flexibility_m_n is not None
         if not said and self.local_plate is None:
             raise ValueError(
-                f"{self.name} does not say residual_flexibility_m_n, of the modes it leaves out; "
-                "give it there, or as plate.residual_flexibility_m_n (0 if no mode is left out), "
+                f"{self.name} does not give residual_flexibility_m_n of the truncated modes. "
+                "Give it there, as plate.residual_flexibility_m_n (0 if the modes are complete), "
                 "or plate.thickness_m to take that of an infinite plate"
             )
         ratio = self.mobility_ratio
@@ -47,8 +47,7 @@ class ModalStructure(BaseStructure):
             raise ValueError(
                 f"the modes of {self.name} are {ratio:.2g} times as mobile as an infinite plate of "
                 "plate.thickness_m and plate.material; frequency_hz must be in Hz, modal_mass_kg "
-                "in kg, with shapes that belong to it, plate.thickness_m in m, and left out "
-                "of what is no plate"
+                "in kg with matching shapes. Give plate.thickness_m in m, and only for a plate."
             )
 
     def __str__(self) -> str:

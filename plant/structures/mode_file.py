@@ -55,7 +55,7 @@ def read_modes(name: str, content: bytes) -> ModeTable:
     readers = {".csv": _from_csv, ".parquet": _from_parquet, ".npz": _from_npz}
     if suffix not in readers:
         raise ModeFileError(
-            f"{name} is none of {', '.join(SUFFIXES)}, which a file of modes can be"
+            f"{name} is not a file of modes; its name must end in {', '.join(SUFFIXES)}"
         )
     try:
         found = readers[suffix](name, content)
@@ -70,7 +70,7 @@ def _from_csv(name: str, content: bytes) -> dict[str, np.ndarray]:
     try:
         lines = content.decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
-        raise ModeFileError(f"{name} is no text in UTF-8: {error}") from error
+        raise ModeFileError(f"{name} is not text in UTF-8: {error}") from error
     found: dict[str, np.ndarray] = {}
     rows = []
     for number, line in enumerate(lines, 1):
@@ -100,7 +100,9 @@ def _number(name: str, line: int, key: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise ModeFileError(f"{name}, line {line}: {key} = '{text.strip()}' is no number") from None
+        raise ModeFileError(
+            f"{name}, line {line}: {key} = '{text.strip()}' is not a number"
+        ) from None
 
 
 def _from_parquet(name: str, content: bytes) -> dict[str, np.ndarray]:
@@ -150,7 +152,7 @@ def _checked(name: str, found: Mapping[str, np.ndarray]) -> ModeTable:
     contact = columns["shape_contact"]
     if not contact.any():
         raise ModeFileError(
-            f"{name}: shape_contact is 0 in every mode; nothing could be struck there"
+            f"{name}: shape_contact is 0 in every mode, so no mode can be excited there"
         )
     residual = None
     if RESIDUAL in found:
@@ -172,7 +174,7 @@ def _needed(name: str, found: Mapping[str, np.ndarray]) -> None:
             hint = f" ('{like[0]}' has another unit or none: name it {key}, in that unit)"
         raise ModeFileError(
             f"{name} has no column {key}{hint}; a file of modes has {', '.join(_COLUMNS)}, and "
-            "shape_actuator where the actuator pushes elsewhere"
+            "shape_actuator if the actuator acts at another point"
         )
 
 
@@ -192,7 +194,7 @@ def _column(name: str, key: str, given: np.ndarray) -> np.ndarray:
     try:
         values = np.array(given, dtype=float)
     except (ValueError, TypeError):
-        raise ModeFileError(f"{name}: {key} holds what is no number") from None
+        raise ModeFileError(f"{name}: {key} holds what is not a number") from None
     if values.ndim != 1:
         raise ModeFileError(
             f"{name}: {key} has the shape {values.shape}; one number a mode is needed"
@@ -248,7 +250,9 @@ def _grid(
         if len(axis) < 2 or not np.all(np.diff(axis) > 0.0):
             raise ModeFileError(f"{name}: {key} must rise, over at least two places")
     if not np.all(np.isfinite(shapes)):
-        raise ModeFileError(f"{name}: shape_grid holds a number not finite; take 0 beyond the edge")
+        raise ModeFileError(
+            f"{name}: shape_grid holds a value that is not finite. Use 0 beyond the edge"
+        )
     return x, y, shapes
 
 

@@ -162,8 +162,8 @@ def oscillators(
     groups = grouped(modes, structure.same_point(contact_m, actuator_m))
     if not groups.table.shape[1]:
         raise ValueError(
-            f"no mode below {omega_max / (2 * np.pi):g} Hz moves the contact point; "
-            "take a smaller step or another contact point"
+            f"no mode below {omega_max / (2 * np.pi):g} Hz moves the contact point. "
+            "Use a smaller step or another contact point."
         )
     eta = modes.eta[groups.place] if isinstance(modes.eta, np.ndarray) else modes.eta
     omega, at_contact, at_actuator = groups.table

@@ -299,7 +299,7 @@ class TestEndpoints:
         file = tmp_path / "bus.json5"
         if content is not None:
             file.write_text(content)
-        with pytest.raises(BusError, match=r"bus\.json5 is no zenoh configuration"):
+        with pytest.raises(BusError, match=r"bus\.json5: is not a zenoh configuration"):
             ZenohPort(PLANT, "filed", [], config_file=file)
 
 

@@ -88,7 +88,7 @@ def wrong_words(fault: Fault, code: int, said: str) -> str:
         "stop": [f"{fault.victim} does not react any more"],
         # Awake again, it says that it lost the others, or hears that they lost it.
         "long pause": [f"{fault.victim} does not react any more", f"from {fault.victim}:",
-                       f"from the {fault.victim}:", f"{fault.victim} took no message",
+                       f"from the {fault.victim}:", f"{fault.victim} accepted no message",
                        f"{fault.victim} left the run"],
         "terminate": [f"{fault.victim} was interrupted", f"killed by {name}"],
         "interrupt": [f"{fault.victim} was interrupted"],

@@ -38,14 +38,25 @@ def test_first_run_of_a_new_user(here: Path) -> None:
     """Real processes, no argument but a shorter run: recording, closing table, all figures."""
     done = hertzloop("run", "--set", "run.duration_s=0.02", "--json", "a.json", cwd=here)
     assert done.returncode == 0, done.stderr
-    for words in ("Impacts with control", "The same without control", "residuals", "exchanges"):
+    lines = done.stdout.splitlines()
+    assert lines[0] == "Control reduces plate energy by 7.1 dB over all contacts."
+    assert lines[-1] == "Next: hertzloop replay aluminium-20mm.mcap"
+    assert len(lines) <= 40
+    assert max(map(len, lines)) <= 80
+    assert sum(line.startswith("│") for line in lines) <= 10
+    for words in ("with control", "without", "change", "residual", "Recording: ", "--details"):
         assert words in done.stdout
+    inspected = call("inspect", "aluminium-20mm.mcap").output
+    assert len(inspected.splitlines()) <= 40
+    for all_of_it in (call("inspect", "aluminium-20mm.mcap", "--details").output,):
+        assert "Impacts" in all_of_it
+        assert "acceleration noise, Longhorn" in all_of_it
+        assert "acceleration noise, Longhorn" not in inspected
     recording = read(here / "aluminium-20mm.mcap")
     assert not recording.problems
     assert recording.truth.samples == recording.force.samples == recording.daq.samples == 20_000
     data = json.loads((here / "a.json").read_text())
     assert data["scene"] == "aluminium-20mm"
-    assert "Control helps: plate energy -7.1 dB over all contacts" in done.stdout
     assert (data["law"], data["scene_law"]) == ("slope_threshold", "slope_threshold")
     assert (data["seed"], data["transport"], data["steps"]) == (1, "zenoh", 20_000)
     assert data["wall_s"] > 0
@@ -71,10 +82,10 @@ def test_first_run_of_a_new_user(here: Path) -> None:
 def test_the_table_says_what_was_chosen_and_what_the_full_model_would_have_cost(
     here: Path,
 ) -> None:
-    done = call("run", "aluminium-3mm", *SHORT, "--json", "a.json")
+    done = call("run", "aluminium-3mm", *SHORT, "--json", "a.json", "--details")
     for words in (
         "564 frequencies up to 244.7 kHz", "1,104 frequencies up to 500 kHz", "1.96 times as many",
-        "times as long (measured)", "would do until 1.154 ms, beyond the first contact",
+        "times as long (measured)", "sufficient until 1.154 ms, beyond the first contact",
     ):  # fmt: skip
         assert words in said(done), words
     model = json.loads((here / "a.json").read_text())["model"]
@@ -85,18 +96,20 @@ def test_the_table_says_what_was_chosen_and_what_the_full_model_would_have_cost(
     assert model["full"]["frequency_ratio"] == 1104 / 564
     assert model["full"]["measured_ratio"] > 0.0
 
-    few = call("run", "sylomer-20mm", *SHORT, "--set", "run.accuracy=0.05", "--json", "s.json")
+    few = call(
+        "run", "sylomer-20mm", *SHORT, "--set", "run.accuracy=0.05", "--json", "s.json", "--details"
+    )
     assert "a ratio of frequencies, not of measured time" in said(few)
-    assert "would do until" not in said(few)
+    assert "sufficient until" not in said(few)
     assert json.loads((here / "s.json").read_text())["model"]["full"]["measured_ratio"] is None
 
-    old = call("run", "thesis-oak", *SHORT, "--json", "t.json")
+    old = call("run", "thesis-oak", *SHORT, "--json", "t.json", "--details")
     assert "full model" not in said(old)
     assert json.loads((here / "t.json").read_text())["model"] is None
 
 
 def test_a_run_on_an_infinite_plate(here: Path) -> None:
-    settings = ["--transport", "compiled", "--set", "controller.law=off", "--set"]
+    settings = ["--details", "--transport", "compiled", "--set", "controller.law=off", "--set"]
     done = call(
         "run", "aluminium-3mm", *settings, "run.duration_s=0.00114", "--verify", "--json", "a.json"
     )
@@ -221,11 +234,11 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["run", "no-such-scene"], "there is no scene 'no-such-scene'"),
+        (["run", "no-such-scene"], "SCENE = 'no-such-scene': unknown scene"),
         (["run", "--set", "controller.latency_us=0.5"], "controller.latency_us = 0.5"),
         (["run", "--transport", "pigeon"], "'pigeon' is not one of"),
         (["run", "--out", "no/such/folder/a.mcap"], "the folder no/such/folder does not exist"),
-        (["run", "--out", "."], "is no file"),
+        (["run", "--out", "."], "not a regular file"),
         (["run", "--json", "no/such/folder/a.json"], "the folder no/such/folder does not exist"),
         (["run", "--out", "a" * 300], "File name too long"),
         (["run", "--json", "a" * 300], "File name too long"),
@@ -233,7 +246,7 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         (["bench", "--nonsense"], "No such option"),
         (
             ["law", "replay", "none.mcap", "--law", "off", "-o", "a"],
-            "a does not end in one of .png",
+            "a: unknown picture format. Use a name that ends in .png",
         ),
         (["run", "--horizon", "0"], "Invalid value for '--horizon'"),
         (["run", "--seed", "x"], "Invalid value for '--seed'"),
@@ -245,17 +258,17 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         ([*PLANT, "--set", "run.seed=-1"], "run.seed = -1"),
         (
             [*CONTROLLER, "--listen", "nonsense"],
-            "'nonsense' is no endpoint; write e.g. tcp/",
+            "'nonsense': invalid endpoint. Write it as tcp/",
         ),
         (
             [*CONTROLLER, "--connect", "tcp/127.0.0.1"],
-            "--connect 'tcp/127.0.0.1' is no endpoint",
+            "--connect = 'tcp/127.0.0.1': invalid endpoint",
         ),
         (
             [*CONTROLLER, "--zenoh-config", "text.mcap"],
-            "--zenoh-config: text.mcap is no zenoh",
+            "--zenoh-config: text.mcap: is not a zenoh",
         ),
-        ([*PLANT, "--zenoh-config", "text.mcap", *BOTH_ENDS], "text.mcap is no zenoh"),
+        ([*PLANT, "--zenoh-config", "text.mcap", *BOTH_ENDS], "text.mcap: is not a zenoh"),
         (
             [*RECORDER, "--zenoh-config", "ports.json5"],
             "ports.json5: 'tcp/[::1]:99999#iface=lo' has no",
@@ -268,29 +281,29 @@ BOTH_ENDS = ["--listen", "tcp/127.0.0.1:7460", "--connect", "tcp/127.0.0.1:7461"
         ),
         (
             [*RECORDER, "--connect", "wire/x:1"],
-            "--connect 'wire/x:1' is no endpoint; write e.g.",
+            "--connect = 'wire/x:1': invalid endpoint. Write it as",
         ),
         (
             [*WATCH, "--connect", "nonsense"],
-            "--connect 'nonsense' is no endpoint; write e.g.",
+            "--connect = 'nonsense': invalid endpoint. Write it as",
         ),
         ([*WATCH, "--connect", "tcp/[::1]:99999"], "has no port up to 65535"),
         pytest.param(
             [*SWEEP, "nonsense"],
-            "--dask 'nonsense' is no address of a scheduler; write e.g. tcp://",
+            "--dask = 'nonsense': invalid scheduler address. Give it as tcp://",
             marks=pytest.mark.full,
         ),
         pytest.param(
-            [*SWEEP, ""], "--dask '' is no address of a scheduler", marks=pytest.mark.full
+            [*SWEEP, ""], "--dask = '': invalid scheduler address", marks=pytest.mark.full
         ),
         pytest.param(
             [*SWEEP, "wire://127.0.0.1:80"],
-            "--dask 'wire://127.0.0.1:80' is no address",
+            "--dask = 'wire://127.0.0.1:80': invalid scheduler address",
             marks=pytest.mark.full,
         ),
         pytest.param(
             [*SWEEP, "tcp://[::1]:99999"],
-            "--dask 'tcp://[::1]:99999' has no port from 1 to 65535",
+            "--dask = 'tcp://[::1]:99999': invalid port. Give a port from 1 to 65535",
             marks=pytest.mark.full,
         ),
     ],
@@ -337,7 +350,7 @@ def test_what_cannot_be_written_is_said_before_work_starts(
     result = call(*words.replace("F", "/proc/no").split())
     assert result.exit_code == 2
     folder = words.endswith(" F")  # that would have to be made
-    sentence = "no folder that could be made" if folder else "cannot write into the folder /proc"
+    sentence = "cannot create the folder" if folder else "cannot write to the folder /proc"
     assert sentence in said(result)
 
 
@@ -345,7 +358,7 @@ def test_a_folder_is_not_written_as_a_file(here: Path) -> None:
     (here / "folder.json").mkdir()
     result = call("bench", "--json", "folder.json")
     assert result.exit_code == 2
-    assert "folder.json is a folder" in said(result)
+    assert "folder.json: is a folder" in said(result)
 
 
 @pytest.mark.full

@@ -146,8 +146,8 @@ def test_a_controller_that_cannot_be_started_or_does_not_stay() -> None:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ("--script nothing", "there is no script 'nothing'; known: touch, bounce"),
-        ("--law nonsense", "controller.law = 'nonsense' is no law"),
+        ("--script nothing", "--script = 'nothing': unknown script. Use one of touch, bounce"),
+        ("--law nonsense", "controller.law = 'nonsense': unknown law"),
         ("--law off --expect README.md", "not both"),
         ("--expect README.md", "README.md"),
     ],
@@ -251,6 +251,6 @@ def test_the_example_gives_the_shipped_laws_bytes(tmp_path: Path) -> None:
     assert np.any(other.force.arrays["force_n"])
     done = hertzloop("inspect", str(theirs))
     assert done.returncode == 0
-    assert "Law really run: own slope threshold 1.0 (the scene says slope_threshold)" in " ".join(
+    assert "Law: own slope threshold 1.0 (the scene says slope_threshold)" in " ".join(
         done.stdout.split()
     )

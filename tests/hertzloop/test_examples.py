@@ -109,7 +109,7 @@ def test_modes_of_a_scene_run_again(tmp_path: Path) -> None:
     assert command(tmp_path, "scene", "modes", "-o", "modes.txt").returncode == 2
     assert command(tmp_path, "scene", "modes", "-o", "modes.csv").returncode == 2  # is there
     refused = command(tmp_path, "scene", "modes", "-o", "other.csv", "--grid")
-    assert (refused.returncode, "take an .npz" in refused.stderr) == (2, True)
+    assert (refused.returncode, "Use an .npz" in refused.stderr) == (2, True)
 
 
 def test_a_wrong_file_ends_the_command_with_a_sentence(tmp_path: Path) -> None:

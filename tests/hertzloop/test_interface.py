@@ -152,15 +152,15 @@ def test_tuning_finds_no_worse_than_the_published_setting() -> None:
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda s: hertzloop.load("alu"), "there is no scene 'alu'"),
+        (lambda s: hertzloop.load("alu"), "SCENE = 'alu': unknown scene"),
         (lambda s: hertzloop.load("aluminium-3mm", {"plate.depth": 1}), "plate.depth"),
         (lambda s: hertzloop.sweep(s, {}), "at least one"),
         (lambda s: hertzloop.sweep(s, {"controller.kappa": []}), "no values"),
         (lambda s: hertzloop.vary(s, {"controller.kappa": 1e9}), "controller.kappa"),
         (lambda s: hertzloop.run(s, pace=1.0, transport="inprocess"), "processes of their own"),
         (lambda s: hertzloop.run(s, pace=1.0, horizon=3), "horizon = 3 needs the lock-step"),
-        (lambda s: hertzloop.run(s, pace=0.0), "take a pace of 8e-07 or more"),
-        (lambda s: hertzloop.run(s, pace=-1.0), "take a pace of 8e-07 or more"),
+        (lambda s: hertzloop.run(s, pace=0.0), "use a pace of 8e-07 or more"),
+        (lambda s: hertzloop.run(s, pace=-1.0), "use a pace of 8e-07 or more"),
     ],
 )
 def test_mistakes_end_in_one_sentence(scene: hertzloop.Scene, call, sentence: str) -> None:

@@ -16,7 +16,7 @@ def test_it_leaves_the_files_of_others_alone(name: str, here: Path) -> None:
     (here / name).write_text('{\n  "settings": 1\n}\n')
     result = call("run", "aluminium-3mm", *SHORT, "--json", name)
     assert result.exit_code == 2
-    assert f"--json {name} exists and was not written by --json" in said(result)
+    assert f"--json = {name}: exists and was not written by --json" in said(result)
     assert (here / name).read_text() == '{\n  "settings": 1\n}\n'
     assert not (here / "aluminium-3mm.mcap").exists()
 
@@ -35,7 +35,7 @@ def test_it_is_no_other_output_of_the_command(words: list[str], here: Path) -> N
     (here / "link").symlink_to(here)
     result = call(*words)
     assert result.exit_code == 2
-    assert f"--json {Path(words[-1])} is a file of the results" in said(result)
+    assert f"--json = {Path(words[-1])}: is another output of this command" in said(result)
     assert list(here.iterdir()) == [here / "link"]
 
 
@@ -57,5 +57,5 @@ def test_a_file_that_came_meanwhile_is_left_alone(
     (here / "a.json").write_text("{}")
     result = call("run", "aluminium-3mm", *SHORT, "--json", "a.json")
     assert result.exit_code == 1
-    assert "it is left as it is" in said(result)
+    assert "It was not changed" in said(result)
     assert (here / "a.json").read_text() == "{}"

@@ -45,15 +45,18 @@ def test_keys_are_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("kept")
     done = hertzloop("scene", "keys", str(tmp_path), "--hosts", HOSTS)
     assert (done.returncode, [file.name for file in tmp_path.iterdir()]) == (2, ["mine"])
-    assert "is not empty; keys are never replaced" in done.stderr
+    assert "is not empty, and keys are never replaced" in done.stderr
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
         (["d", "--hosts", "plant=10.0.0.1"], "lacks the controller and the recorder"),
-        (["d", "--hosts", f"{HOSTS},plant=10.0.0.9"], "has the plant twice"),
-        (["d", "--hosts", f"{HOSTS},viewer=10.0.0.9"], "has 'viewer=10.0.0.9'; write ROLE=HOST"),
+        (["d", "--hosts", f"{HOSTS},plant=10.0.0.9"], "the plant is given twice"),
+        (
+            ["d", "--hosts", f"{HOSTS},viewer=10.0.0.9"],
+            "--hosts = 'viewer=10.0.0.9': invalid entry. Write ROLE=HOST",
+        ),
         (["d", "--hosts", HOSTS.replace("7500", "0")], "port '0' for the controller"),
         (["d", "--hosts", HOSTS.replace("7500", "70000")], "port '70000' for the controller"),
         (["d", "--hosts", HOSTS.replace("10.0.0.1", "10.0.0.256")], "'10.0.0.256' for the plant"),

@@ -31,7 +31,7 @@ def recording(law: str, scene_toml: str = "") -> Recording:
     [
         ("slope_threshold", "slope_threshold"),
         ("mine 1.2", "mine 1.2 (the scene says slope_threshold)"),
-        ("", "not said by the controller (the scene says slope_threshold)"),
+        ("", "not reported by the controller (the scene says slope_threshold)"),
         ("a\nb\x1b[31m", "a b[31m (the scene says slope_threshold)"),
         ("x" * 300, "x" * 200 + " (the scene says slope_threshold)"),
     ],
@@ -42,7 +42,7 @@ def test_what_is_said(law: str, line: str) -> None:
 
 def test_without_end_or_scene() -> None:
     lost = Recording(Path("a.mcap"), "no TOML")
-    assert law_line(law_of(lost)) == "not said by the controller"
+    assert law_line(law_of(lost)) == "not reported by the controller"
 
 
 def test_a_run_that_another_law_made(tmp_path: Path) -> None:
@@ -69,4 +69,4 @@ def test_an_older_recording() -> None:
     """It was made before controllers said their law, or a scene had all of today's keys."""
     older = read(Path(__file__).parents[1] / "recordings" / "before-set-up.mcap")
     assert not older.problems
-    assert law_line(law_of(older)).startswith("not said by the controller")
+    assert law_line(law_of(older)).startswith("not reported by the controller")

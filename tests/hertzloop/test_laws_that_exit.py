@@ -15,8 +15,8 @@ __all__ = ["here"]  # the fixture
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        ("raise ValueError('x')", "tune of the law mine.py failed: ValueError: x (line 17)"),
-        ("raise SystemExit", "tune of the law mine.py failed: SystemExit (line 17)"),
+        ("raise ValueError('x')", "law mine.py: tune failed: ValueError: x (line 17)"),
+        ("raise SystemExit", "law mine.py: tune failed: SystemExit (line 17)"),
         ("return [('share', 0.0, 1.0)]", "which is no {key: (low, high)}"),
     ],
 )

@@ -92,7 +92,7 @@ def test_the_users_mistakes(tmp_path: Path) -> None:
                       compiled=True)  # fmt: skip
     result = call("listen", tmp_path / "a.mcap", "-o", tmp_path, "--at", 0, 0, -1)
     assert result.exit_code == 2
-    assert "is not above the plate" in result.output
+    assert "the listener is not above the plate" in result.output
 
 
 def test_a_plate_in_three_dimensions_is_heard_as_the_thin_one_it_nearly_is() -> None:

@@ -20,21 +20,21 @@ __all__ = ["here"]  # the fixture
     [
         (
             "run --set controller.law=pdc.c",
-            "controller.law = 'pdc.c': is source text, which has to be compiled first. Run `cc -O2 "
-            "-fPIC -shared -ffp-contract=off pdc.c -o pdc.so -lm`, then give controller.law = "
+            "controller.law = 'pdc.c': is source code. Run `cc -O2 "
+            "-fPIC -shared -ffp-contract=off pdc.c -o pdc.so -lm`, then set controller.law = "
             "'pdc.so'",
         ),
         (
             "run --set controller.law=mine",
-            "controller.law = 'mine': is no law, but mine.py exists. Give the whole name of the "
-            "file, controller.law = 'mine.py'",
+            "controller.law = 'mine': unknown law, but the file mine.py exists. Give the "
+            "full file name, controller.law = 'mine.py'",
         ),
-        ("sweep --over controller.law=off,mine", "is no law, but mine.py exists"),
-        ("tune --law mine", "is no law, but mine.py exists"),
+        ("sweep --over controller.law=off,mine", "unknown law, but the file mine.py exists"),
+        ("tune --law mine", "unknown law, but the file mine.py exists"),
         (
             "run a.mcap",
-            "a.mcap: is a recording, not a scene. `hertzloop inspect a.mcap` shows it, `hertzloop "
-            "run --repeat a.mcap` runs its scene again",
+            "a.mcap: is a recording, not a scene. To show it, run `hertzloop "
+            "inspect a.mcap`. To repeat it, run `hertzloop run --repeat a.mcap`.",
         ),
         ("scene check a.mcap", "a.mcap: is a recording, not a scene."),
         (
@@ -56,15 +56,15 @@ __all__ = ["here"]  # the fixture
             "contact.damping = 'oil': must be 'none', 'viscous', 'hunt_crossley' or 'relaxation'",
         ),
         ("run --set plate.material=3", "plate.material = 3: must be text or a table"),
-        ("run --out a.txt", "--out = a.txt: must end in .mcap, as a recording is written"),
-        ("node recorder --out a", "--out = a: must end in .mcap, as a recording is written"),
-        ("repair a.mcap --out a.bin", "--out = a.bin: must end in .mcap"),
+        ("run --out a.txt", "--out = a.txt: a recording must end in .mcap"),
+        ("node recorder --out a", "--out = a: a recording must end in .mcap"),
+        ("repair a.mcap --out a.bin", "--out = a.bin: a recording must end in .mcap"),
         ("tune -o tuned.csv", "tuned.csv: must be a folder, not a file. Give a name without .csv"),
         ("study latency -o a.png", "a.png: must be a folder, not a file"),
         (
             "run --set controller.latency_us=1500 --set run.duration_s=0.0015",
-            "controller.latency_us = 1500: is as long as the run, so that no force ever acts. Give "
-            "less latency, or more run.duration_s (now 0.0015)",
+            "controller.latency_us = 1500: is as long as the run, so no force acts. "
+            "Reduce it or increase run.duration_s (now 0.0015)",
         ),
     ],
 )
@@ -85,7 +85,9 @@ def test_a_file_of_a_law_beside_its_scene_is_named(here: Path) -> None:
     call("scene", "new", "scenes/a.toml")
     text = (folder / "a.toml").read_text().replace('"slope_threshold"', '"mine"')
     (folder / "a.toml").write_text(text)
-    with pytest.raises(SceneError, match=r"law = 'mine': is no law, but mine\.py exists"):
+    with pytest.raises(
+        SceneError, match=r"law = 'mine': unknown law, but the file mine\.py exists"
+    ):
         load("scenes/a.toml")
 
 
@@ -123,7 +125,7 @@ def test_json_on_standard_output_is_alone_there(here: Path) -> None:
         assert key in json.loads(result.stdout)
         assert result.stderr
     assert not (here / "-").exists()
-    assert "Impacts" in call("inspect", "aluminium-3mm.mcap").stdout  # the next command as ever
+    assert "Complete" in call("inspect", "aluminium-3mm.mcap").stdout  # the next command as ever
 
     # The search before: it names the command and has written the scene of its best setting.
     printed = call("tune", *tune, "-o", "tuned").stdout.splitlines()

@@ -15,7 +15,14 @@ COMPILED = ["--transport", "compiled", "--set", "run.accuracy=0.05"]
 
 @pytest.mark.full
 def test_a_run_without_control_has_one_table(tmp_path: Path) -> None:
-    words = [*COMPILED, "--set", "run.duration_s=0.0015", "--out", str(tmp_path / "a.mcap")]
+    words = [
+        "--details",
+        *COMPILED,
+        "--set",
+        "run.duration_s=0.0015",
+        "--out",
+        str(tmp_path / "a.mcap"),
+    ]
     report = tmp_path / "a.json"
     off = ["--set", "controller.law=off", "--json", str(report)]
     alone = hertzloop("run", "aluminium-3mm", *words, *off)
@@ -49,7 +56,7 @@ def test_books_that_are_not_finite_are_told_of(
     path = rewrite(whole, tmp_path / "b.mcap", change)
     done = hertzloop("inspect", str(path), "--json", str(tmp_path / "b.json"))
     assert done.returncode == 1
-    said = f"the books hold {field} = {value:g}"
+    said = f"the energy balance holds {field} = {value:g}"
     assert said in " ".join(done.stdout.split())
     found = json.loads((tmp_path / "b.json").read_text())
     assert not found["complete"]

@@ -107,9 +107,9 @@ def test_a_run_that_never_began_leaves_the_file_as_it_was(tmp_path: Path) -> Non
     RecordingWriter(new).finish({"fault": "nobody came"})
     assert old.read_bytes() == content
     assert not new.exists()
-    assert what_is_kept(old, since_s) == "nothing was recorded"
-    assert what_is_kept(old, 0.0) == f"what was recorded until now is in {old}"
+    assert what_is_kept(old, since_s) == "no recording was written"
+    assert what_is_kept(old, 0.0) == f"the recording up to now is in {old}"
     for strange in (b"", b"text", content[:100]):
         new.write_bytes(strange)
-        assert what_is_kept(new, 0.0) == "nothing was recorded"
-    assert what_is_kept(tmp_path / "none.mcap", 0.0) == "nothing was recorded"
+        assert what_is_kept(new, 0.0) == "no recording was written"
+    assert what_is_kept(tmp_path / "none.mcap", 0.0) == "no recording was written"

@@ -11,36 +11,42 @@ from tests.hertzloop.test_cli import SHORT, call, here, said
 
 __all__ = ["here"]  # the fixture
 
-NO_MCAP = "does not begin as an MCAP file: not a recording of hertzloop"
+NO_MCAP = ": is not an MCAP recording of hertzloop"
 LAW = "def command(p, s, samples, i):\n    return 0.0\n"
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ("inspect a.png", f"a.png {NO_MCAP}"),
-        ("report a.png -o r", f"a.png {NO_MCAP}"),
-        ("law replay a.json --law off", f"a.json {NO_MCAP}"),
-        ("run --repeat a.csv", f"a.csv {NO_MCAP}"),
-        ("repair a.csv", f"a.csv {NO_MCAP}: nothing to recover"),
-        ("report a.partial -o r", "a.partial is unfinished; the command that began it goes on"),
-        ("report none.parquet -o r", "there are no results none.parquet"),
-        ("report tune-none.json -o r", "there are no results tune-none.json"),
-        ("sweep --verify none.csv", "there are no results none.csv"),
+        ("inspect a.png", f"a.png{NO_MCAP}"),
+        ("report a.png -o r", f"a.png{NO_MCAP}"),
+        ("law replay a.json --law off", f"a.json{NO_MCAP}"),
+        ("run --repeat a.csv", f"a.csv{NO_MCAP}"),
+        ("repair a.csv", f"a.csv{NO_MCAP}: nothing to recover"),
+        (
+            "report a.partial -o r",
+            "a.partial: is unfinished. Run the command that started it again",
+        ),
+        ("report none.parquet -o r", "none.parquet: no such results"),
+        ("report tune-none.json -o r", "tune-none.json: no such results"),
+        ("sweep --verify none.csv", "none.csv: no such results"),
         (
             "sweep --verify a.csv",
-            "a.csv lacks a.csv.json beside it, in which a sweep tells its scene",
+            "a.csv: the file a.csv.json is missing beside it",
         ),
         (
             "sweep --verify a.json",
             "a.json holds no results of a sweep, which end in .parquet or .csv",
         ),
         ("run a.csv", "the scene a.csv is not valid TOML"),
-        ("run mine.py", "mine.py is a law, and no scene; --set controller.law=mine.py"),
-        ("node watch --save a.txt", "--save a.txt does not end in .rrd"),
-        ("replay a.mcap --save a.mcap", "--save a.mcap does not end in .rrd"),
-        ("replay a.mcap --screenshot a.jpg", "--screenshot a.jpg does not end in .png"),
-        ("law replay a.mcap --law off -o a.mcap", "a.mcap does not end in one of .png"),
+        ("run mine.py", "mine.py: is a law, not a scene. Use --set controller.law=mine.py"),
+        ("node watch --save a.txt", "--save = a.txt: must end in .rrd"),
+        ("replay a.mcap --save a.mcap", "--save = a.mcap: must end in .rrd"),
+        ("replay a.mcap --screenshot a.jpg", "--screenshot = a.jpg: must end in .png"),
+        (
+            "law replay a.mcap --law off -o a.mcap",
+            "a.mcap: unknown picture format. Use a name that ends in .png",
+        ),
         (
             "sweep --over run.touch_phase=0.1,0.2 --phases 4",
             "--phases 4 spreads run.touch_phase, so --over cannot give it too",
@@ -49,7 +55,7 @@ LAW = "def command(p, s, samples, i):\n    return 0.0\n"
             "sweep --over plate.size_m=0.1,0.2",
             "must be a list in brackets, such as [0.1, 0.2]",
         ),
-        ("sweep mine.py --over sensors.bits=4,5", "mine.py is a law, and no scene"),
+        ("sweep mine.py --over sensors.bits=4,5", "mine.py: is a law, not a scene"),
     ],
 )
 def test_it_is_named(words: str, sentence: str, here: Path) -> None:
@@ -76,7 +82,7 @@ def test_what_is_read_is_not_replaced(name: str, here: Path) -> None:
     ):
         result = call(*words, "--overwrite")
         assert result.exit_code == 2
-        assert f"{Path(name)} is a file that is read" in said(result)
+        assert f"{Path(name)}: is an input of this command" in said(result)
     assert (here / "a.mcap").read_bytes() == before
 
 
@@ -99,7 +105,7 @@ def test_what_a_scene_is_made_of_is_not_replaced(words: list[str], here: Path) -
     before = {path: path.read_bytes() for path in here.iterdir()}
     result = call(*words, "--overwrite")
     assert result.exit_code == 2
-    assert f"{Path(words[-1])} is a file that is read" in said(result)
+    assert f"{Path(words[-1])}: is an input of this command" in said(result)
     assert {path: path.read_bytes() for path in here.iterdir()} == before
 
 
@@ -117,7 +123,7 @@ def test_a_law_in_c_is_not_replaced_by_a_plant(here: Path) -> None:
     ]
     result = call(*words, "--overwrite")
     assert result.exit_code == 2
-    assert f"{library.name} is a file that is read" in said(result)
+    assert f"{library.name}: is an input of this command" in said(result)
     assert library.read_bytes() == before
 
 

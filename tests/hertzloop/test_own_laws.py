@@ -240,7 +240,7 @@ def test_keys_of_a_law_of_ones_own(here: Path) -> None:
     assert load("aluminium-3mm", mine) == load("aluminium-3mm").vary({"controller.law": "mine.py"})
     assert scene.vary({"controller.law": "slope_threshold"}) == load("aluminium-3mm")
     for setting, words in {
-        "controller.shar=1": "controller.shar is no scene key; did you mean share?",
+        "controller.shar=1": "controller.shar: unknown scene key. Did you mean share?",
         "controller.share=2": "controller.share = 2: must be",
         "controller.share=nan": "controller.share",
         "controller.fade_us=20": "fade_us = 20: has no effect on .*, whose keys are: share",
@@ -248,7 +248,7 @@ def test_keys_of_a_law_of_ones_own(here: Path) -> None:
     }.items():
         with pytest.raises(SceneError, match=words.replace("?", r"\?")):
             load("aluminium-3mm", [*mine, setting])
-    with pytest.raises(SceneError, match="share is no scene key"):
+    with pytest.raises(SceneError, match="share: unknown scene key"):
         load("aluminium-3mm", ["controller.share=0.25"])
 
 

@@ -266,18 +266,21 @@ def run_here(*words: str, code: int = 0) -> str:
 
 @pytest.mark.parametrize("pace", [1e-9, float("nan")])
 def test_a_pace_that_cannot_be(pace: float) -> None:
-    with pytest.raises(SceneError, match="take a pace of 8e-07 or more"):
+    with pytest.raises(SceneError, match="use a pace of 8e-07 or more"):
         check_pace(feedback(), pace, 5.0)
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--pace", "1e-8"], "take a pace of"),
-        (["--pace", "1", "--horizon", "3"], "--horizon needs the lock-step"),
-        (["--pace", "1", "--verify"], "--verify needs the lock-step"),
-        (["--pace", "1", "--transport", "compiled"], "--pace needs processes of their own"),
-        (["--repeat", "no.mcap", "--seed", "3"], "--repeat takes scene and seed from"),
+        (["--pace", "1e-8"], "use a pace of"),
+        (["--pace", "1", "--horizon", "3"], "--horizon: cannot be combined with --pace"),
+        (["--pace", "1", "--verify"], "--verify: cannot be combined with --pace"),
+        (
+            ["--pace", "1", "--transport", "compiled"],
+            "--pace: not available with --transport compiled",
+        ),
+        (["--repeat", "no.mcap", "--seed", "3"], "--repeat: the recording fixes scene and seed"),
         (["--repeat", "no.mcap"], "cannot read no.mcap"),
     ],
 )

@@ -95,8 +95,8 @@ def test_no_table_shows_digits_that_another_does_not() -> None:
     rows, _ = impact_rows(shown, [asdict(each) for each in known])
     row = dict(zip(headings(shown), rows[0], strict=True))
     cells = dict(noise_rows([noise], False, [errors_of(known, 0, "noise_errors")]))
-    assert cells["transmitted energy, in time"].removesuffix(" uJ") == row["into the plate (uJ)"]
-    assert row["into the plate (uJ)"].startswith(("about", "unknown"))
+    assert cells["transmitted energy, in time"].removesuffix(" uJ") == row["plate energy (uJ)"]
+    assert row["plate energy (uJ)"].startswith(("about", "unknown"))
 
 
 def test_a_heavy_ball_is_predictable() -> None:

@@ -50,7 +50,7 @@ def test_off_sets_nothing() -> None:
 def test_auto_leaves_a_core_to_others() -> None:
     text = "os.sched_getaffinity = lambda _: {0, 1}\np = Profile(Wanted.AUTO, 'plant')"
     said = child(text + SHOW + "print(p.line())")
-    assert said == "OTHER 0\nleft out, since the loops would take all 2 cores"
+    assert said == "OTHER 0\noff, because the loops would take all 2 cores"
 
 
 @pytest.mark.parametrize(

@@ -117,7 +117,7 @@ def test_the_keys_that_others_rely_on() -> None:
         ("controller.latency_us=1.5", ("controller.latency_us = 1.5", "multiple of 1 us")),
         ("controller.latency_us=-1", ("controller.latency_us = -1",)),
         ("controller.bits=8", ("controller.full_scale_n",)),
-        ("controller.kapa=1", ("controller.kapa is no scene key", "did you mean kappa?")),
+        ("controller.kapa=1", ("controller.kapa: unknown scene key", "Did you mean kappa?")),
         ("contoller.kappa=1", ("contoller", "controller")),
         ("run.duration_s=0", ("run.duration_s = 0",)),
         ("run.duration_s=1e-10", ("run.duration_s", "0 steps")),
@@ -127,7 +127,7 @@ def test_the_keys_that_others_rely_on() -> None:
         ("run.accuracy=2", ("run.accuracy = 2",)),
         ("run=3", ("run",)),
         ("name=../../etc/passwd", ("name",)),
-        ("kappa", ("is no setting", "table.key=value")),
+        ("kappa", ("invalid setting", "table.key=value")),
         ("sphere.radius_m.x=3", ("sphere.radius_m.x", "is a value, not a table")),
     ],
 )
@@ -224,8 +224,8 @@ def test_a_recording_may_have_keys_without_effect() -> None:
     ("scene", "settings", "words"),
     [
         ("offcentre-6mm", [], "plate.actuator_point_m = [0.155, 0.09]"),
-        ("aluminium-3mm", ["run.scheme=discrete_gradient"], "run.scheme = 'modal' only"),
-        ("thesis-oak", ["contact.damping=none"], "run.scheme = 'modal' only"),
+        ("aluminium-3mm", ["run.scheme=discrete_gradient"], "Use the scheme 'modal'"),
+        ("thesis-oak", ["contact.damping=none"], "Use the scheme 'modal'"),
         ("aluminium-3mm", ["contact.damping=relaxation"], "relaxation"),
     ],
 )
@@ -288,7 +288,7 @@ def test_an_infinite_plate_may_be_of_any_size() -> None:
     assert resolve(load("aluminium-3mm", [*huge, short[0]])).plant.infinite_plate
     with pytest.raises(SceneError, match=r"--verify needs about 2.1e\+07 modes"):
         check_verifiable(resolve(scene))
-    with pytest.raises(SceneError, match=r"about 2.523e\+07 modes below 2e\+04 Hz sound"):
+    with pytest.raises(SceneError, match=r"about 2.523e\+07 modes below 2e\+04 Hz radiate"):
         radiator_of(resolve(load("aluminium-3mm", [*huge, *short, "plate.thickness_m=1e-4"])))
 
 
@@ -307,7 +307,7 @@ def test_broken_scene_text(text: str, words: str) -> None:
 
 
 def test_unknown_scene_and_file(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match="did you mean aluminium-3mm"):
+    with pytest.raises(SceneError, match="Did you mean aluminium-3mm"):
         load("aluminum-3mm")
     with pytest.raises(SceneError, match="cannot read the scene"):
         load(str(tmp_path / "none.toml"))

@@ -85,10 +85,10 @@ def test_half_a_step_is_what_it_was() -> None:
     [
         (["run.touch_phase=1.5"], "run.touch_phase = 1.5: must be"),
         (["run.touch_phase=late"], "run.touch_phase = 'late': must be"),
-        (["run.touch_phase=0.2", "run.lead_in_s=0"], "needs a run that begins in flight"),
-        (["run.touch_phase=random", "run.lead_in_s=0.3"], "less than the fall, 0.101 s"),
+        (["run.touch_phase=0.2", "run.lead_in_s=0"], "the run must begin in flight"),
+        (["run.touch_phase=random", "run.lead_in_s=0.3"], "less than the fall time, 0.101 s"),
         (["run.touch_phase=0.2", "run.scheme=thesis2008", "run.duration_s=0.01"],
-         "not known to run.scheme = 'thesis2008'"),
+         "not supported by run.scheme = 'thesis2008'"),
     ],
 )  # fmt: skip
 def test_what_is_refused(settings: list[str], words: str) -> None:

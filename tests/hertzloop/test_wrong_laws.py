@@ -48,14 +48,16 @@ def refused(here: Path, law: str, *words: str) -> str:
 
 
 BEFORE = {
-    "syntax": ("def command(p, s, samples, i:\n", ["mine.py is not Python", "line 1"]),
-    "no command": ("x = 1\n", ["mine.py has no function command(p, s, samples, i)"]),
+    "syntax": ("def command(p, s, samples, i:\n", ["mine.py: is not valid Python", "line 1"]),
+    "no command": ("x = 1\n", ["mine.py: is not a law; the function command(p, s, samples, "
+                               "i) is missing"]),
     "signature": (
-        "def command(p, s, x):\n    return 0.0\n", ["has to take command(p, s, samples, i)"],
+        "def command(p, s, x):\n    return 0.0\n", ["Define it as command(p, s, samples, i)"],
     ),
     "import": ("import nothing_such\n", ["cannot be loaded", "nothing_such", "(line 1)"]),
     "senses": (
-        "senses = 'smell'\ndef command(p, s, samples, i):\n    return 0.0\n", ["senses 'smell'"],
+        "senses = 'smell'\ndef command(p, s, samples, i):\n    return "
+        "0.0\n", ["senses = 'smell' is unknown"],
     ),
     "half of a pair": (
         "def command(p, s, samples, i):\n    return 0.0\n"
@@ -64,7 +66,7 @@ BEFORE = {
     ),
     "keys": (
         "class Parameters:\n    a = 1\ndef command(p, s, samples, i):\n    return 0.0\n",
-        ["derived from hertzloop.controller.law.Keys"],
+        ["derived from hertzloop.law.Keys"],
     ),
     "state": (
         "class State:\n    name: str = 'x'\ndef command(p, s, samples, i):\n    return 0.0\n",
@@ -73,21 +75,21 @@ BEFORE = {
     "prepare": (
         "def prepare(keys, about):\n    return {}['x']\n"
         "def command(p, s, samples, i):\n    return 0.0\n",
-        ["prepare of the law mine.py failed: KeyError: 'x' (line 2)"],
+        ["law mine.py: prepare failed: KeyError: 'x' (line 2)"],
     ),
     "exit": ("raise SystemExit(0)\n", ["cannot be loaded: SystemExit: 0 (line 1)"]),
     "exit of prepare": (
         "import sys\ndef prepare(keys, about):\n    sys.exit()\n"
         "def command(p, s, samples, i):\n    return 0.0\n",
-        ["prepare of the law mine.py failed: SystemExit (line 3)"],
+        ["law mine.py: prepare failed: SystemExit (line 3)"],
     ),
     "reach": (
         "def reach(keys):\n    return 1 / 0\ndef command(p, s, samples, i):\n    return 0.0\n",
-        ["reach of the law mine.py failed: ZeroDivisionError: division by zero (line 2)"],
+        ["law mine.py: reach failed: ZeroDivisionError: division by zero (line 2)"],
     ),
     "no reach": (
         "def reach(keys):\n    return 5.0\ndef command(p, s, samples, i):\n    return 0.0\n",
-        ["reach of the law mine.py returned 5.0, which is no Reach"],
+        ["law mine.py: reach returned 5.0. Return a Reach."],
     ),
     "text": ("def command(p, s, samples, i):\n    return 'much'\n", ["at sample 0", "'much'"]),
     "nothing": ("def command(p, s, samples, i):\n    pass\n", ["at sample 0", "None"]),
@@ -104,7 +106,7 @@ def test_wrong_by_its_text(here: Path, case: str) -> None:
 
 def test_a_class_that_the_file_has_not(here: Path) -> None:
     write_law(here)
-    refused(here, "mine.py:Other", "has no Other")
+    refused(here, "mine.py:Other", "does not define Other")
 
 
 @pytest.mark.full
@@ -113,7 +115,7 @@ def test_a_class_that_the_file_has_not(here: Path) -> None:
     [
         ("none.py", "cannot be read: No such file"),
         ("none.so", "cannot be read: No such file"),
-        ("slope_treshold", "did you mean slope_threshold?"),
+        ("slope_treshold", "Did you mean slope_threshold?"),
         ("no_such.module:Law", "no_such"),
     ],
 )
@@ -337,7 +339,7 @@ def test_a_loop_without_end_in_a_process_of_its_own(here: Path) -> None:
     done = hertzloop(*words, cwd=here)
     said = " ".join(done.stderr.split())
     assert done.returncode == 1
-    hangs = "perhaps in a loop of the law mine.py that never ends"
+    hangs = "perhaps in an endless loop of the law mine.py"
     assert f"controller does not react any more, {hangs}; plant waited" in said
     assert "Traceback" not in said
     assert read(here / "a.mcap").truth.samples > 2000

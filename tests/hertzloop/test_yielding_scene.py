@@ -92,12 +92,13 @@ def test_run_inspect_and_python_tell_the_dent(
             "a.mcap",
             "--json",
             "a.json",
+            "--details",
             *arguments,
         ],
     )
     assert run.exit_code == 0, run.output
     assert "a dent of" in run.output
-    inspected = invoke(["inspect", "a.mcap", "--json", "b.json"])
+    inspected = invoke(["inspect", "a.mcap", "--json", "b.json", "--details"])
     assert inspected.exit_code == 0, inspected.output
     assert "a dent of" in inspected.output
     found = [json.loads((tmp_path / name).read_text())["yield"] for name in ("a.json", "b.json")]
@@ -120,15 +121,16 @@ def test_verify_a_contact_that_yields() -> None:
     ("settings", "words"),
     [
         (["contact.plasticity=thornton", "plate.material=sylomer_m"],
-         "when plate.material = 'sylomer_m' yields; give plate.material.yield_pa or"),
+         "the yield pressure of plate.material = 'sylomer_m' is unknown. Give "
+         "plate.material.yield_pa"),
         (["contact.plasticity=thornton", "sphere.material=bearing_steel",
           "plate.material={young_pa=7e10, density_kg_m3=2700, poisson=0.3}"],
-         "when the plate's material yields; give"),
+         "the yield pressure of the plate's material is unknown. Give"),
         (["contact.limiting_pressure_pa=1e9"], "set contact.plasticity = 'thornton'"),
         (["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9",
-          "run.scheme=discrete_gradient"], "run.scheme = 'modal' only"),
+          "run.scheme=discrete_gradient"], "use the scheme 'modal'"),
         (["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9",
-          "run.plate_model=infinite"], "plate_model 'auto'"),
+          "run.plate_model=infinite"], "plate_model = 'auto'"),
         (["contact.plasticity=hill"], "contact.plasticity = 'hill': must be"),
         (["contact.limiting_pressure_pa=0"], "contact.limiting_pressure_pa = 0: must be"),
     ],

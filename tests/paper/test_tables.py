@@ -103,7 +103,7 @@ def test_a_contact_without_end_leaves_its_cells_empty(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("kappa,v_thr_m_s\nmuch,-0.25\n", "row 1: kappa = 'much' is no number"),
+        ("kappa,v_thr_m_s\nmuch,-0.25\n", "row 1: kappa = 'much' is not a number"),
         ("kappa\n0.3\n", "row 1: needs v_thr_m_s"),
         ("a,b\n1,2\n", "has no column kappa"),
         ("kappa,v_thr_m_s\n0.3\n", "row 1 does not have 2 cells"),
@@ -111,7 +111,7 @@ def test_a_contact_without_end_leaves_its_cells_empty(tmp_path: Path) -> None:
         ("kappa,shape,t_a_step\n0.3,square,1\n", "shape = 'square'; take one of"),
         ("kappa,force,t_a_step\n0.3,F_a1,0\n", "steps are counted from 1"),
         ("kappa,v_thr_m_s,drop_height_m\n0.3,-0.25,-1\n", "row 1: sphere.drop_height_m = -1"),
-        ("kappa,v_thr_m_s,EAL\n0.3,-0.25,big\n", "row 1: EAL = 'big' is no number"),
+        ("kappa,v_thr_m_s,EAL\n0.3,-0.25,big\n", "row 1: EAL = 'big' is not a number"),
     ],
 )
 def test_bad_rows_are_the_users_mistake(tmp_path: Path, text: str, words: str) -> None:

@@ -178,10 +178,13 @@ def test_the_users_mistakes(file: Path, tmp_path: Path) -> None:
     taken = tmp_path / "taken.csv"
     taken.write_text("mine")
     for words, sentence in (
-        (("-o", tmp_path / "x.xlsx"), "does not end in one of .mcap, .parquet, .csv, .npz, .h5"),
-        (("-o", taken), "exists; choose another name"),
-        (("-o", tmp_path / "x.csv", "--from", 2, "--to", 1), "--to 1 is before --from 2"),
-        (("-o", file, "--overwrite"), "is a file that is read"),
+        (
+            ("-o", tmp_path / "x.xlsx"),
+            "unknown format. Use a name that ends in .mcap, .parquet, .csv, .npz, .h5",
+        ),
+        (("-o", taken), "exists. Choose another name"),
+        (("-o", tmp_path / "x.csv", "--from", 2, "--to", 1), "--to = 1: is before --from = 2"),
+        (("-o", file, "--overwrite"), "is an input of this command"),
     ):
         result = call("export", file, *words)
         assert result.exit_code == 2, result.output

@@ -53,8 +53,8 @@ def test_messages_of_other_topics_are_counted_and_told(tmp_path: Path) -> None:
     assert found.others == 3
     assert not found.problems
     assert first_difference(read(original), found) is None
-    assert "Passed over: 3 messages of other topics." in said("inspect", path)
-    assert "Passed over" not in said("inspect", original)
+    assert "Ignored: 3 messages of other topics." in said("inspect", path, "--details")
+    assert "Ignored" not in said("inspect", original, "--details")
     whole = tmp_path / "c.mcap"
-    assert "; 3 of other topics are left out" in said("repair", path, "--out", whole)
+    assert "; ignored: 3 of other topics" in said("repair", path, "--out", whole)
     assert read(whole).others == 0

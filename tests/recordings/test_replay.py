@@ -224,9 +224,9 @@ def test_the_users_mistakes(file: Path, tmp_path: Path, monkeypatch: pytest.Monk
     taken.touch()
     for words, sentence in (
         (["none.mcap", "--save", tmp_path / "a.rrd"], "none.mcap"),
-        ([file, "--screenshot", taken], "choose another name with --screenshot"),
+        ([file, "--screenshot", taken], "Choose another name with --screenshot"),
         ([file, "--save", tmp_path / "nowhere" / "a.rrd"], "nowhere does not exist"),
-        ([file, file, "--alone"], "--alone leaves nothing to compare with"),
+        ([file, file, "--alone"], "--alone: cannot be combined with the recording"),
     ):
         result = call("replay", *words)
         assert (result.exit_code, sentence in result.output) == (2, True), result.output

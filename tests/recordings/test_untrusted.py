@@ -45,7 +45,7 @@ def test_a_second_hello_with_an_empty_scene(whole: Path, tmp_path: Path) -> None
     assert kept.scene_toml == source.scene_toml
     assert kept.metadata == source.metadata
     assert "a second scene came; the first is taken" in kept.problems
-    assert any("'hello' is left out: a second one came" in problem for problem in kept.problems)
+    assert any("'hello' is ignored: a second one came" in problem for problem in kept.problems)
 
 
 @pytest.mark.parametrize("seconds", [-1, -(2**62), 2**40, 253402300800])
@@ -99,7 +99,7 @@ def many(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_events_of_a_long_run_are_read(many: Path) -> None:
     kept = read(many)
     assert len(kept.events) == 150_000
-    assert not any("left out" in problem for problem in kept.problems)
+    assert not any("is ignored" in problem for problem in kept.problems)
 
 
 @pytest.mark.full

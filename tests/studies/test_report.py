@@ -135,7 +135,7 @@ def test_the_page_says_what_the_run_said(bounces: Path) -> None:
     assert (
         "only predictable digits are shown: the second impact magnifies the model's error" in text
     )
-    inspected = call("inspect", bounces)
+    inspected = call("inspect", bounces, "--details")
     assert f"{second['rebound_speed_m_s']:.4f}" not in inspected.output
     for table in (text, inspected.output):
         assert re.search(r"about \d+0\b", table)
@@ -167,6 +167,7 @@ def test_what_another_program_controlled_is_not_said_to_repeat(
     assert "holds no text of the law that ran, mine 1.0" in refused.output
     assert not (tmp_path / "law.py").exists()
     assert "digits as recorded" in call("inspect", path).output
+    assert "digits as recorded" in call("inspect", path, "--details").output
 
 
 @pytest.mark.full

@@ -87,7 +87,7 @@ def test_what_is_no_result_is_refused_with_a_sentence(results: Path, tmp_path: P
         (tmp_path / "empty", "holds results of no sweep and no tuning"),
         (tmp_path / "two", "holds 2 results (a.parquet, b.parquet); name one of them"),
         (tmp_path / "tune-x.json", "holds no results of a tuning"),
-        (tmp_path / "none.csv", "there are no results"),
+        (tmp_path / "none.csv", "no such results"),
     ):
         result = call("report", source, "-o", tmp_path / "out")
         assert result.exit_code == 2

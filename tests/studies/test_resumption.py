@@ -59,7 +59,7 @@ def test_a_killed_search_finds_what_it_would_have_and_runs_every_case_once(tmp_p
     assert len(set(finished)) == len(finished)
     done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert f"going on with {len(finished)} finished cases of {cut}/tune-aluminium-3mm-" in (
+    assert f"Continuing with {len(finished)} finished cases of {cut}/tune-aluminium-3mm-" in (
         " ".join(done.stderr.split())
     )
     told = _told(report)
@@ -94,7 +94,8 @@ def test_ctrl_c_says_that_the_same_command_goes_on(
     assert path is not None
     assert path.name.startswith(name)
     assert said.splitlines()[-1] == (
-        f"interrupted; finished cases are kept in {path.name}, the same command goes on with them"
+        f"interrupted; finished cases are kept in {path.name}. Run the same command again to "
+        "continue"
     )
     assert "Traceback" not in said
 

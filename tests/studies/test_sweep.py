@@ -46,15 +46,15 @@ def test_values_of_an_axis(text: str, values: tuple[Any, ...]) -> None:
 @pytest.mark.parametrize(
     ("over", "says"),
     [
-        (["controller.latency_us"], "is no range"),
-        (["controller.latency_us=5:1:1"], "runs backwards"),
-        (["controller.latency_us=0:5:0"], "must be above 0"),
-        (["controller.latency_us=a:b"], "no range of numbers"),
+        (["controller.latency_us"], "invalid range"),
+        (["controller.latency_us=5:1:1"], "the first number must be the lower"),
+        (["controller.latency_us=0:5:0"], "Give a step above 0"),
+        (["controller.latency_us=a:b"], "must consist of numbers"),
         (["controller.latency_us=0:5"], "has no step"),
-        (["controller.latency_us=0:inf:1"], "no range of numbers"),
+        (["controller.latency_us=0:inf:1"], "must consist of numbers"),
         (["controller.kappa=1,,2"], "has an empty value"),
         (["controller.kappa=0:1:0.1", "controller.kappa=2"], "given twice"),
-        (["controller.latncy_us=0:5:1"], "did you mean latency_us"),
+        (["controller.latncy_us=0:5:1"], "Did you mean latency_us"),
         (["sensors.bits=4:30:1"], "sensors.bits = 30"),
         (["controller.latency_us=0:1:0.5", "run.step_ns=1000"], None),
         ([], "at least one --over"),
@@ -153,7 +153,7 @@ def test_a_case_that_cannot_be_has_a_row_that_says_so() -> None:
         load("aluminium-3mm", COARSE).toml, "impact",
         [(0, {"controller.latency_us": 0.5}), (1, {"controller.latency_us": 1})],
     )  # fmt: skip
-    assert "no whole number of steps" in rows[0]["status"]
+    assert "must be a whole number of steps" in rows[0]["status"]
     assert rows[0]["plate_energy_db"] is None
     assert rows[1]["status"] == ""
 
@@ -233,7 +233,7 @@ def test_cases_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:
     done = subprocess.run(command(*words), capture_output=True, text=True)
     assert done.returncode == 1
     assert "2 of 5 cases run in" in done.stdout
-    assert "3 of 5 cases could not be run" in done.stderr
+    assert "3 of 5 cases failed" in done.stderr
     told = json.loads(report.read_text())
     assert (told["cases"], told["ran"], told["failed"], told["unstable"]) == (5, 2, 3, 0)
     again = subprocess.run(
@@ -242,8 +242,8 @@ def test_cases_that_could_not_be_run_are_counted_apart(tmp_path: Path) -> None:
     )  # fmt: skip
     assert again.returncode == 1, again.stdout
     assert "2 of 2 cases: the same bytes" in again.stdout
-    assert "3 of 5 cases have no figures that could be checked" in again.stdout
-    assert "3 of 5 cases could not be run" in again.stderr
+    assert "3 of 5 cases have no figures to verify" in again.stdout
+    assert "3 of 5 cases failed" in again.stderr
     assert json.loads(report.read_text())["without_figures"] == 3
 
 
@@ -274,7 +274,7 @@ def test_a_case_that_check_cannot_run_is_counted_apart(tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 1
     assert "2 of 2 cases: the same bytes" in done.stdout
-    assert "1 of 3 cases could not be run" in done.stderr
+    assert "1 of 3 cases failed" in done.stderr
     told = json.loads(report.read_text())
     assert (told["same"], told["differing"], told["failed"]) == (2, [], 1)
 
@@ -283,10 +283,10 @@ def test_a_case_that_check_cannot_run_is_counted_apart(tmp_path: Path) -> None:
     ("words", "code", "says"),
     [
         (["thesis-aluminium"], 2, "run.scheme = 'thesis2008'"),
-        (["--out", "folder.csv", "--overwrite"], 2, "folder.csv is a folder"),
-        (["--json", "r.csv.json"], 2, "is a file of the results"),
-        (["--set", "run.duration_s=0.0009"], 1, "2 of 2 cases could not be run"),
-        (["--out", "/proc/r.csv"], 2, "cannot write into the folder /proc"),
+        (["--out", "folder.csv", "--overwrite"], 2, "folder.csv: is a folder"),
+        (["--json", "r.csv.json"], 2, "is another output of this command"),
+        (["--set", "run.duration_s=0.0009"], 1, "2 of 2 cases failed"),
+        (["--out", "/proc/r.csv"], 2, "cannot write to the folder /proc"),
         (["--over", "controller.latency_us"], 2, "controller.latency_us=0:100:1"),
     ],
 )
@@ -307,7 +307,7 @@ def test_results_without_a_case_cannot_be_checked(tmp_path: Path) -> None:
     study.sweep(scene, Design((Axis("controller.kappa", (0, 1)),)), "impact", out, workers=1)
     found = invoke(["sweep", "--verify", str(out)])
     assert found.exit_code == 2
-    assert "no case with figures" in " ".join(found.stderr.split())
+    assert "no case has figures to verify" in " ".join(found.stderr.split())
 
 
 def test_a_case_is_the_scene_with_its_keys() -> None:

@@ -91,7 +91,7 @@ def test_a_changed_digit_in_the_journal_is_named_and_its_case_run_again(tmp_path
     done = subprocess.run(command(*words), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "line 4 of" in done.stderr
-    assert "was damaged; its case was run again" in " ".join(done.stderr.split())
+    assert "was damaged. Its case was run again." in " ".join(done.stderr.split())
     assert out.read_bytes() == whole.read_bytes()
     told = json.loads(report.read_text())
     assert (told["ran"], told["damaged_lines"]) == (24 - 16 + 1, [4])
@@ -256,7 +256,8 @@ def test_a_worker_that_dies_ends_a_sweep_with_a_sentence(count: int, tmp_path: P
             os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 1
     assert " ".join(said.decode().split()).endswith(
-        "error: a worker process died; finished cases are kept, the same command goes on with them"
+        "error: a worker process died; finished cases are kept. Run the same command again "
+        "to continue."
     )
     assert b"Traceback" not in said
     assert not any(_runs(pid) for pid in workers)

@@ -113,13 +113,13 @@ def test_unstable_settings_are_not_offered(pool: Pool) -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--minimise", "noise"], "no figure to tune for"),
+        (["--minimise", "noise"], "unknown figure"),
         (["--law", "magic"], "controller.law = 'magic'"),
-        (["--at-most", "rebound_percent<5"], "is no limit"),
-        (["--vary", "controller.kapa=0:1"], "did you mean kappa"),
+        (["--at-most", "rebound_percent<5"], "invalid limit"),
+        (["--vary", "controller.kapa=0:1"], "Did you mean kappa"),
         (["--vary", "controller.kappa=0:1000"], "controller.kappa = 1000"),
         (["--over", "sphere.radius_m=-1"], "sphere.radius_m = -1"),
-        (["no-such-scene"], "there is no scene"),
+        (["no-such-scene"], "unknown scene"),
     ],
 )
 def test_mistakes_end_with_a_sentence(words: list[str], says: str) -> None:

@@ -265,15 +265,16 @@ def _again(recording: Recording, setup: Setup, has_text: bool) -> tuple[str, lis
     if not ran.as_announced:
         own = ran.law or "not named by the controller"
         return (
-            f"The forces came from a controller outside hertzloop; its law: {own}. Start that "
-            "controller and these two processes, each in a terminal of its own, in any order.",
+            f"The forces came from a controller outside hertzloop with the law {own}. Start that "
+            "controller and these two processes in three terminals, in any order.",
             [f"hertzloop node recorder --out {again}",
              f"hertzloop node plant {setup.name}.toml    {saved}",
              f"hertzloop compare {again} {file}    # afterwards"],
         )  # fmt: skip
     if "held_steps" in recording.truth.arrays:
         return (
-            "Some forces came too late in this run. They act again as late as they did.",
+            "Some forces arrived late in this run. The repetition applies them with the same "
+            "delay.",
             [f"hertzloop run --repeat {file} --out {again}", f"hertzloop compare {again} {file}"],
         )
     same = "The same scene, seed and processor give the same bytes."

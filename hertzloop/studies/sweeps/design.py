@@ -65,28 +65,29 @@ def parse_axis(text: str) -> Axis:
     key, equals, given = (part.strip() for part in text.partition("="))
     if not equals or not given or not all(key.split(".")):
         raise DesignError(
-            f"{shown(text)} is no range; write key=low:high:step or key=a,b,c, "
-            "e.g. controller.latency_us=0:100:1"
+            f"--over {shown(text)}: invalid range. Write key=low:high:step or key=a,b,c, as in "
+            "controller.latency_us=0:100:1."
         )
     parts = given.split(":")
     if len(parts) == 1:
         items = _items(given)
         if "" in items:
-            raise DesignError(f"{shown(text)} has an empty value; take one comma away")
+            raise DesignError(f"{shown(text)} has an empty value. Remove one comma.")
         return Axis(key, tuple(toml_value(value) for value in items))
     numbers = [toml_value(part) for part in parts]
     if len(parts) > 3 or not all(_is_number(x) for x in numbers):
         raise DesignError(
-            f"{shown(text)} is no range of numbers; write {shortened(key)}=low:high:step"
+            f"{shown(text)}: the range must consist of numbers. Write "
+            f"{shortened(key)}=low:high:step."
         )
     low, high = numbers[0], numbers[1]
     if not low <= high:
-        raise DesignError(f"{shown(text)} runs backwards; its first number must be the lower")
+        raise DesignError(f"{shown(text)}: the first number must be the lower one. Swap them.")
     if len(parts) == 2:
         return Axis(key, (), float(low), float(high))
     step = numbers[2]
     if not step > 0:
-        raise DesignError(f"{shown(text)} has a step of {shown(step)}; it must be above 0")
+        raise DesignError(f"{shown(text)} has a step of {shown(step)}. Give a step above 0.")
     places = (float(high) - float(low)) / step + 1e-9  # inf where they cannot be counted
     if not places < _MOST_CASES:
         raise DesignError(f"{shown(text)} has {places + 1:.8g} values, the most is {_MOST_CASES}")
@@ -203,8 +204,8 @@ def design_of(setup: Setup, over: list[Axis], kind: Kind, count: int, seed: int)
         for axis in axes:
             if not axis.values:
                 raise DesignError(
-                    f"--over {shortened(axis.key)}={axis.low:g}:{axis.high:g} has no step, which a "
-                    "grid needs; add one, or take --design sobol or lhs"
+                    f"--over {shortened(axis.key)}={axis.low:g}:{axis.high:g} has no step. Add a "
+                    "step, or use --design sobol or lhs."
                 )
         size = math.prod(len(axis.values) for axis in axes)
         if size > _MOST_CASES:

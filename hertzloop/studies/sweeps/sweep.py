@@ -84,7 +84,7 @@ def check_laws(header: dict[str, Any]) -> None:
         try:
             find(resolve(reference), about["digest"])
         except LawError as error:
-            raise SceneError(f"the results cannot be checked: {error}") from error
+            raise SceneError(f"the results cannot be verified: {error}") from error
 
 
 def header_of(setup: Setup, design: Design, span: Span) -> dict[str, Any]:
@@ -171,7 +171,7 @@ def _dask_results(
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError, TimeoutError) as error:
-        raise SweepFailed(f"there is no Dask scheduler at {address}: {error}") from error
+        raise SweepFailed(f"no Dask scheduler answers at {address}: {error}") from error
     with client:
         try:
             client.wait_for_workers(1, timeout=60)
@@ -238,13 +238,11 @@ def _one_type_a_column(
 def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Rows and header of a sweep's results. Raises ValueError for another kind of file."""
     if path.suffix == ".partial":
-        raise ValueError(f"{path} is unfinished; the command that began it goes on with it")
+        raise ValueError(f"{path}: is unfinished. Run the command that started it again.")
     if not os.path.isfile(path):
-        raise ValueError(f"there are no results {path}")
+        raise ValueError(f"{path}: no such results. Give a file that a sweep wrote.")
     if path.suffix == ".csv" and not _beside(path).is_file():
-        raise ValueError(
-            f"{path} lacks {_beside(path).name} beside it, in which a sweep tells its scene"
-        )
+        raise ValueError(f"{path}: the file {_beside(path).name} is missing beside it. Restore it.")
     if path.suffix not in (".parquet", ".csv"):
         raise ValueError(f"{path} holds no results of a sweep, which end in .parquet or .csv")
     try:

@@ -66,7 +66,7 @@ def test_five_columns_are_enough() -> None:
         ("frequency_hz", "frequency", "no column frequency_hz ('frequency' has another unit"),
         ("loss_factor,", "eta,", "no column loss_factor"),
         ("120.5", "nan", "frequency_hz of mode 1 is nan"),
-        ("120.5", "x", "line 3: frequency_hz = 'x' is no number"),
+        ("120.5", "x", "line 3: frequency_hz = 'x' is not a number"),
         ("120.5", "400", "frequencies must rise, but mode 2 has 300 Hz after 400 Hz"),
         ("0.4,1.0", "0,1.0", "modal_mass_kg of mode 1 is 0; it must be above 0"),
         ("0.4,1.0", "-1,1.0", "modal_mass_kg of mode 1 is -1; it must be above 0"),
@@ -87,10 +87,10 @@ def test_wrong_files_end_in_one_sentence(old: str, new: str, words: str) -> None
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("m.txt", b"", "m.txt is none of .csv, .parquet, .npz"),
+        ("m.txt", b"", "m.txt is not a file of modes; its name must end in .csv, .parquet, .npz"),
         ("m.csv", b"", "is empty"),
         ("m.csv", GOOD.encode().split(b"120.5")[0], "holds no mode"),
-        ("m.csv", b"\xff\xfe", "no text in UTF-8"),
+        ("m.csv", b"\xff\xfe", "is not text in UTF-8"),
         ("m.npz", b"nonsense", "cannot be read as npz"),
         ("m.parquet", b"nonsense", "cannot be read as parquet"),
     ],
@@ -161,5 +161,5 @@ def test_a_unit_wrong_by_a_thousand_is_noticed(hz: float, kg: float) -> None:
 
 
 def test_somebody_must_say_what_the_modes_left_out_are_worth() -> None:
-    with pytest.raises(ValueError, match="residual_flexibility_m_n, of the modes it leaves out"):
+    with pytest.raises(ValueError, match="residual_flexibility_m_n of the truncated modes"):
         ModalStructure("m.csv", of_plate(), PLATE.material)
