@@ -226,6 +226,7 @@ def test_distributions_have_their_quantiles():
         assert sorted(drawn) == drawn
 
 
+@pytest.mark.full
 def test_every_drawn_key_reaches_the_model(pool):
     setup = load("aluminium-3mm", SHORT)
     keys = {
