@@ -110,7 +110,7 @@ def parse_row(cells: dict[str, str], number: int) -> Row:
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise RowError(f"row {number}: {column} = '{text}' is no number")
+            raise RowError(f"row {number}: {column} = '{text}' is not a number")
         return value
 
     material = (cells.get("material") or "aluminium").strip()
@@ -270,7 +270,7 @@ def with_differences(
             try:
                 difference = value - float(published)
             except ValueError as error:
-                raise RowError(f"row {number}: {column} = '{published}' is no number") from error
+                raise RowError(f"row {number}: {column} = '{published}' is not a number") from error
             cells[f"{column}_difference"] = f"{difference:.6g}"
     return cells
 

@@ -131,8 +131,8 @@ class ControllerNode:
             announced = block.header.law_digest
             if announced and announced != setup.law.digest:
                 raise SceneError(
-                    f"the law {setup.law.path} here has the digest {setup.law.digest}, the plant "
-                    f"announced {announced}; both sides need the same file"
+                    f"law {setup.law.path}: its digest here is {setup.law.digest}, but the plant "
+                    f"announced {announced}. Copy the same file to both sides."
                 )
             self._controller = setup.start_controller()
         except SceneError as error:

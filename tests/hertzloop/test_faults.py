@@ -62,7 +62,7 @@ def test_hung_controller_is_named(recording: Path) -> None:
     child = child_of(run, "controller")
     wait_for(grown_to(recording, WELL_UNDER_WAY))
     child.send_signal(signal.SIGSTOP)
-    check_ended(recording, *finish(run), "controller does not react any more")
+    check_ended(recording, *finish(run), "controller does not respond")
 
 
 @pytest.mark.full
@@ -71,7 +71,7 @@ def test_hung_recorder_is_named(recording: Path) -> None:
     child = child_of(run, "recorder")
     wait_for(grown_to(recording, WELL_UNDER_WAY))
     child.send_signal(signal.SIGSTOP)
-    check_ended(recording, *finish(run), "recorder does not react any more")
+    check_ended(recording, *finish(run), "recorder does not respond")
 
 
 def test_interrupt_keeps_the_recording(recording: Path) -> None:

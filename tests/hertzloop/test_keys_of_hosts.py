@@ -59,8 +59,11 @@ def test_keys_are_never_replaced(tmp_path: Path) -> None:
         ),
         (["d", "--hosts", HOSTS.replace("7500", "0")], "port '0' for the controller"),
         (["d", "--hosts", HOSTS.replace("7500", "70000")], "port '70000' for the controller"),
-        (["d", "--hosts", HOSTS.replace("10.0.0.1", "10.0.0.256")], "'10.0.0.256' for the plant"),
-        (["d", "--hosts", HOSTS.replace("10.0.0.1", "a b")], "'a b' for the plant"),
+        (
+            ["d", "--hosts", HOSTS.replace("10.0.0.1", "10.0.0.256")],
+            "'10.0.0.256': invalid host for the plant",
+        ),
+        (["d", "--hosts", HOSTS.replace("10.0.0.1", "a b")], "'a b': invalid host for the plant"),
         (["d", "--hosts", "plant=h:1,controller=h:1,recorder=h:2"], "the same host and port"),
         (["--hosts", HOSTS], "Missing argument"),
         (["d", "--hosts", HOSTS, "--days", "0"], "days"),

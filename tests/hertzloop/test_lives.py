@@ -170,7 +170,7 @@ class TestLauncher:
         run.send_signal(sent)
         code, err, _ = finish(run)
         assert code == 130, err
-        assert "interrupted; what was recorded" in err
+        assert "interrupted; the recording" in err
         assert not leftovers(recording)
         assert not list(temporary.glob("hertzloop-*"))
 

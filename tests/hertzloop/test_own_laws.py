@@ -160,7 +160,7 @@ def test_sweep_check_and_tune(here: Path) -> None:
         file.write("\n# changed\n")
     done = hertzloop("sweep", "--verify", "r.csv", "--cases", "1", cwd=here)
     assert done.returncode == 2
-    assert "both sides need the same file" in " ".join(done.stderr.split())
+    assert "Copy the same file to both sides" in " ".join(done.stderr.split())
 
 
 def test_a_case_looks_for_its_law_once_and_starts_no_thread(
@@ -183,7 +183,7 @@ def test_a_case_looks_for_its_law_once_and_starts_no_thread(
     assert not threads
     (here / "mine.py").write_text((here / "mine.py").read_text() + "# another\n")
     row = run_case(scene, "impact", 0, {"controller.share": 0.2})
-    assert "both sides need the same file" in row["status"]
+    assert "Copy the same file to both sides" in row["status"]
 
 
 @pytest.mark.full
@@ -244,7 +244,7 @@ def test_keys_of_a_law_of_ones_own(here: Path) -> None:
         "controller.share=2": "controller.share = 2: must be",
         "controller.share=nan": "controller.share",
         "controller.fade_us=20": "fade_us = 20: has no effect on .*, whose keys are: share",
-        "sensors.quantity=xi": "works on 'contact_force'",
+        "sensors.quantity=xi": "needs 'contact_force'",
     }.items():
         with pytest.raises(SceneError, match=words.replace("?", r"\?")):
             load("aluminium-3mm", [*mine, setting])
@@ -279,7 +279,7 @@ def test_a_controller_that_has_the_law_elsewhere(here: Path) -> None:
     same = run(5.0)
     assert (same.fault, same.controller_fault) == ("", "")
     write_law(folder, "s.largest_n += 0.0")
-    assert "both sides need the same file" in run(1.0).controller_fault
+    assert "Copy the same file to both sides" in run(1.0).controller_fault
 
 
 def test_every_shipped_law_is_described() -> None:
@@ -349,7 +349,7 @@ def test_law_on_a_recording(here: Path) -> None:
     assert "cut.mcap: the file is cut off or damaged" in " ".join(cut.stderr.split())
     wrong = hertzloop("law", "replay", "r.mcap", "--law", "mine.py", "-o", "c.png", cwd=here)
     assert wrong.returncode == 2
-    assert "works on 'contact_force'" in " ".join(wrong.stderr.split())
+    assert "needs 'contact_force'" in " ".join(wrong.stderr.split())
 
 
 def test_a_recording_outlives_its_law(here: Path) -> None:

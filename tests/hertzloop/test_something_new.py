@@ -228,7 +228,7 @@ assert [curve.name for curve in gap.curves][-1] == "measured"
 try:
     load("aluminium-3mm", [*settings, "sensors.quantity=v_p"])
 except SceneError as error:
-    assert "which works on 'xi_p'" in str(error)
+    assert "needs 'xi_p'" in str(error)
 """
 
 STREAM = """

@@ -143,7 +143,7 @@ def test_a_contact_shorter_than_a_step_is_refused(step_ns: int, scheme: str) -> 
     scene = "thesis-aluminium" if scheme == "thesis2008" else "aluminium-3mm"
     keys = ["sphere.radius_m=0.003", "controller.law=off", f"run.step_ns={step_ns}",
             f"run.scheme={scheme}"]  # fmt: skip
-    with pytest.raises(SceneError, match=f"run.step_ns = {step_ns} is longer than a contact"):
+    with pytest.raises(SceneError, match=f"run.step_ns = {step_ns}: is longer than a contact"):
         simulate(load(scene, keys))
 
 

@@ -199,5 +199,5 @@ def test_a_scene_is_read_once_but_not_the_law_of_a_file(tmp_path: Path) -> None:
     toml = load("aluminium-3mm", [f"controller.law={law}"]).toml
     scene_of(toml)
     law.write_text(law.read_text() + "\n# changed\n")
-    with pytest.raises(SceneError, match="both sides need the same file"):
+    with pytest.raises(SceneError, match="Copy the same file to both sides"):
         scene_of(toml)
