@@ -45,7 +45,7 @@ def copied(folder: Path, *names: str) -> None:
 )
 def test_example(tmp_path: Path, scene: str, files: list[str], struck: str) -> None:
     copied(tmp_path, scene, *files)
-    ran = command(tmp_path, "run", scene, "--json", "report.json")
+    ran = command(tmp_path, "run", scene, "--details", "--json", "report.json")
     assert ran.returncode == 0, ran.stderr
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["struck"]["name"] == struck
