@@ -86,7 +86,18 @@ def observer_beside(name: str, endpoints: Sequence[str]) -> Iterator[None]:
     """Show a run in a process beside it. The run goes on whatever happens to that process."""
     words = [word for url in endpoints for word in ("--connect", url)]
     process = subprocess.Popen(
-        [sys.executable, "-P", "-m", "hertzloop", "watch", "--machine", "--name", name, *words],
+        [
+            sys.executable,
+            "-P",
+            "-m",
+            "hertzloop",
+            "node",
+            "watch",
+            "--machine",
+            "--name",
+            name,
+            *words,
+        ],
         stdin=subprocess.PIPE,  # never written to: closed, however the run ends
         start_new_session=True,
     )

@@ -148,7 +148,7 @@ def test_a_controller_that_cannot_be_started_or_does_not_stay() -> None:
     [
         ("--script nothing", "--script = 'nothing': unknown script. Use one of touch, bounce"),
         ("--law nonsense", "controller.law = 'nonsense': unknown law"),
-        ("--law off --expect README.md", "not both"),
+        ("--law off --expect README.md", "cannot be combined"),
         ("--expect README.md", "README.md"),
     ],
 )

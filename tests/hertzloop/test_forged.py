@@ -213,7 +213,7 @@ def test_a_role_that_is_there_twice(tmp_path: Path, role: str) -> None:
     }
     twin = [*commands[role], *bus.words(role, other)]
     if role == RECORDER:
-        twin[2] = str(tmp_path / "b.mcap")
+        twin[3] = str(tmp_path / "b.mcap")
     for third in (PLANT, CONTROLLER, RECORDER):
         if third != role:  # the twin is the one that connects
             twin += [w for w in ("--connect", bus.urls[third]) if bus.urls[third] not in twin]
@@ -225,7 +225,7 @@ def test_a_role_that_is_there_twice(tmp_path: Path, role: str) -> None:
     # A process that comes when the other is in a run already hears of two runs or of nobody.
     assert 1 in {code for code, _, _ in said[:2]}, said
     if {code for code, _, _ in said} == {1}:
-        wanted = [f"2 processes are the {role} on bus 'doubles', a run has one"]
+        wanted = [f"2 processes are the {role} on bus 'doubles'; a run has one"]
         if role == PLANT:  # both may have announced their run before anybody saw the other
             wanted.append("two runs share one name on the bus")
         assert any(sentence in err for _, err, _ in said for sentence in wanted), said

@@ -39,7 +39,7 @@ def keys(hosts: Network, tmp_path: Path) -> Path:
     """What the command writes for these hosts."""
     folder = tmp_path / "keys"
     words = ",".join(f"{role}={hosts.address(role)}" for role in ROLES)
-    done = hertzloop("scene", "keys", str(folder), "--hosts", words)
+    done = hertzloop("node", "keys", str(folder), "--hosts", words)
     assert done.returncode == 0, done.stderr
     return folder
 

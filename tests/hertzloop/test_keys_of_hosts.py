@@ -18,7 +18,7 @@ HOSTS = "plant=10.0.0.1,controller=lab.example:7500,recorder=[fd00::3]:7600"
 @pytest.mark.full
 def test_what_is_written(tmp_path: Path) -> None:
     folder = tmp_path / "keys"
-    done = hertzloop("scene", "keys", str(folder), "--hosts", HOSTS)
+    done = hertzloop("node", "keys", str(folder), "--hosts", HOSTS)
     assert done.returncode == 0, done.stderr
     assert "lab.example: hertzloop node controller --zenoh-config controller.json5" in done.stdout
     assert {file.name: file.stat().st_mode & 0o777 for file in folder.iterdir()} == {
@@ -43,9 +43,9 @@ def test_what_is_written(tmp_path: Path) -> None:
 @pytest.mark.full
 def test_keys_are_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("kept")
-    done = hertzloop("scene", "keys", str(tmp_path), "--hosts", HOSTS)
+    done = hertzloop("node", "keys", str(tmp_path), "--hosts", HOSTS)
     assert (done.returncode, [file.name for file in tmp_path.iterdir()]) == (2, ["mine"])
-    assert "is not empty, and keys are never replaced" in done.stderr
+    assert "the folder is not empty, and keys are never replaced" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ __all__ = ["here"]  # the fixture
     [
         ("raise ValueError('x')", "law mine.py: tune failed: ValueError: x (line 17)"),
         ("raise SystemExit", "law mine.py: tune failed: SystemExit (line 17)"),
-        ("return [('share', 0.0, 1.0)]", "which is no {key: (low, high)}"),
+        ("return [('share', 0.0, 1.0)]", "Return {key: (low, high)}"),
     ],
 )
 def test_ranges_that_are_none(here: Path, body: str, words: str) -> None:
