@@ -98,7 +98,7 @@ def test_every_command_has_its_line() -> None:
 def test_the_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
     for words in commands(ROOT / page):
         if words[1] == "replay":
-            words = [*words, "--save", "page.rrd"]  # the window is tested elsewhere
+            words = [*words, "--save", "page.rrd", "--overwrite"]  # the window is tested elsewhere
         done = subprocess.run(
             [sys.executable, "-m", *words],
             cwd=tmp_path,
