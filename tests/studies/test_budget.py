@@ -411,14 +411,14 @@ def test_the_page_shows_limits_and_a_map(pool, tmp_path):
 
 @pytest.mark.full
 def test_a_new_law_brings_requirements_that_hold(tmp_path):
-    made = _python("hertzloop", "new", "law", "mine.py", "--with-check", folder=tmp_path)
+    made = _python("hertzloop", "law", "new", "mine.py", "--with-check", folder=tmp_path)
     assert made.returncode == 0, made.stderr
     assert "requirements.toml" in made.stdout
     assert "budget --check requirements.toml" in (tmp_path / "workflow.yml").read_text()
     ran = _python("hertzloop", "budget", "--check", "requirements.toml", folder=tmp_path)
     assert ran.returncode == 0, ran.stdout + ran.stderr
     assert "2 of 2 requirements hold" in ran.stdout
-    again = _python("hertzloop", "new", "law", "other.py", "--with-check", folder=tmp_path)
+    again = _python("hertzloop", "law", "new", "other.py", "--with-check", folder=tmp_path)
     assert again.returncode == 2
     assert "requirements.toml exists" in again.stderr
 
