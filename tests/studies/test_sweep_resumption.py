@@ -330,4 +330,4 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path: Path) -> None:
         capture_output=True,
     )  # fmt: skip
     assert found.returncode == 1
-    assert b"no Dask scheduler at tcp://127.0.0.1:1" in found.stderr
+    assert b"no Dask scheduler answers at tcp://127.0.0.1:1" in found.stderr
