@@ -129,7 +129,7 @@ def test_keys_and_numbers_on_a_real_bus() -> None:
 @pytest.mark.full
 def test_the_package_holds_the_messages(tmp_path: Path) -> None:
     """A built wheel, and an import of what is installed."""
-    assert (files("bus") / "messages.proto").read_text() == (
+    assert (files("hertzloop.bus") / "messages.proto").read_text() == (
         ROOT / "bus" / "messages.proto"
     ).read_text()
     words = ["-m", "pip", "wheel", str(ROOT), "--no-deps", "--no-build-isolation", "-q"]
@@ -138,7 +138,7 @@ def test_the_package_holds_the_messages(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     [wheel] = tmp_path.glob("*.whl")
-    packed = zipfile.ZipFile(wheel).read("bus/messages.proto")
+    packed = zipfile.ZipFile(wheel).read("hertzloop/bus/messages.proto")
     assert packed == (ROOT / "bus" / "messages.proto").read_bytes()
 
 

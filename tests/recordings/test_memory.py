@@ -24,13 +24,13 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("command", ["inspect", "compare", "recover", "replay"])
+@pytest.mark.parametrize("command", ["inspect", "compare", "repair", "replay"])
 def test_twenty_million_steps(files: list[Path], tmp_path: Path, command: str) -> None:
     used = []
     for path in files:
         more = {
             "compare": [str(path)],
-            "recover": ["--out", str(tmp_path / f"r{path.name}")],
+            "repair": ["--out", str(tmp_path / f"r{path.name}")],
             "replay": ["--save", str(tmp_path / f"{path.stem}.rrd")],
         }.get(command, [])
         done, peak = measured(command, str(path), *more)

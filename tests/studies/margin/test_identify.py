@@ -89,3 +89,15 @@ def test_held_commands_between_samples(every):
         found[1:] = 2.0 * (held.residues[0] * held.poles[0] ** m[:-1]).real
         found[1:3] += held.fir[: len(found) - 1]
         assert np.abs(found - expected).max() < 1e-12
+
+
+@pytest.mark.parametrize(
+    "setting",
+    ["actuator.dead_time_us=600", "sensors.resonance_hz=5000", "sensors.ac_coupling_hz=500",
+     "controller.latency_trace=[0,600]", "sensors.fault=stuck", "actuator.stuck_from_s=0.001"],
+)  # fmt: skip
+def test_what_the_transfer_function_does_not_hold_is_refused(setting: str) -> None:
+    law = ["controller.law=velocity_feedback", "controller.kappa=0.1"]
+    assert law_filter(load("aluminium-3mm", law)).direct < 0.0
+    with pytest.raises(NotLinearError, match=setting.split("=")[0]):
+        law_filter(load("aluminium-3mm", [*law, setting]))
