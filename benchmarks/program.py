@@ -10,11 +10,11 @@ import statistics
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import typer
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from typer.core import TyperCommand
 
 from hertzloop.cli.options import (
@@ -28,8 +28,10 @@ from hertzloop.cli.options import (
     scene_from,
     write_json,
 )
-from hertzloop.cli.terminal import err, fail, if_interrupted, out
-from hertzloop.extras import sentence_on
+from hertzloop.cli.study_frame import results_in as study_results_in
+from hertzloop.cli.terminal import err, explained, fail, out
+from hertzloop.cli.terminal import progress as terminal_progress
+from hertzloop.extras import need
 from hertzloop.views.format import Table
 
 __all__ = [
@@ -40,6 +42,9 @@ __all__ = [
 ]  # fmt: skip
 
 Item = TypeVar("Item")
+
+# A thread that redraws the bar would disturb the measurements.
+progress = partial(terminal_progress, auto_refresh=False)
 
 OutDirOption = Annotated[
     Path | None,
@@ -68,15 +73,8 @@ class _Program(TyperCommand):
 
     def invoke(self, *args: Any) -> Any:
         """Run the program."""
-        out.stderr = False  # see check_json
-        try:
-            with if_interrupted():
-                return super().invoke(*args)
-        except ModuleNotFoundError as error:
-            sentence = sentence_on(error.name)
-            if sentence is None:
-                raise
-            fail(sentence, 2)
+        with explained():
+            return super().invoke(*args)
 
 
 def app_of(main: Callable[..., None]) -> typer.Typer:
@@ -130,47 +128,10 @@ def results_in(folder: Path | None, program: str, *schemes: str) -> Iterator[Pat
     Yields:
         The folder, which exists.
     """
-    from hertzloop.extras import need
-    from hertzloop.processes.warmup import of_scheme
-
     folder = folder or Path(program)
-    make_folder(folder)
     need("matplotlib")
-    for scheme in schemes:
-        compile_first(of_scheme(scheme))
-    try:
+    with study_results_in(folder, *schemes):
         yield folder
-    except OSError as error:
-        fail(f"cannot write into {folder}: {error.strerror}", 1)
-
-
-@contextmanager
-def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar with the time left on a terminal.
-
-    The bar is redrawn only when something is completed: a thread that redraws it would disturb the
-    measurements.
-
-    Args:
-        what: name of the work.
-        total: number of units of work.
-
-    Yields:
-        A function that takes the number of completed units.
-    """
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %", markup=False),
-        TimeRemainingColumn(),
-    )
-    shown = err.is_terminal
-    with Progress(
-        *columns, console=err, transient=True, disable=not shown, auto_refresh=False
-    ) as bar:
-        task = bar.add_task(what, total=total)
-        bar.refresh()
-        yield lambda completed: bar.update(task, completed=completed, refresh=True)
 
 
 def tracked(what: str, items: Iterable[Item]) -> Iterator[Item]:

@@ -18,7 +18,6 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from hertzloop.bus import LEAVING
-from hertzloop.extras import sentence_on
 
 _QUIET = ("--quiet", "-q")
 
@@ -259,19 +258,11 @@ class Commands(TyperGroup):
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command that was asked for. An interruption that the command does not explain,
-        and a missing package that an extra brings, end in one sentence."""
-        from hertzloop.cli.terminal import fail, if_interrupted, out
+        """Run the command that was asked for."""
+        from hertzloop.cli.terminal import explained
 
-        out.stderr = False  # --json - changes it
-        try:
-            with if_interrupted():
-                return super().invoke(ctx)
-        except ModuleNotFoundError as error:
-            sentence = sentence_on(error.name)
-            if sentence is None:
-                raise
-            fail(sentence, 2)
+        with explained():
+            return super().invoke(ctx)
 
 
 def _version(asked: bool) -> None:

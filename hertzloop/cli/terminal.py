@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
+from hertzloop.extras import sentence_on
 from hertzloop.processes.signals import INTERRUPTED, on_interrupt
 
 # Text is printed as it is: it may come from scenes, files and other processes, and a name such as
@@ -41,13 +42,32 @@ def if_interrupted(explain: Callable[[], str] | None = None) -> Iterator[None]:
 
 
 @contextmanager
-def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
+def explained() -> Iterator[None]:
+    """End the command in one sentence for an interruption that nothing inside explains, and for a
+    missing package that an extra brings."""
+    out.stderr = False  # --json - changes it
+    try:
+        with if_interrupted():
+            yield
+    except ModuleNotFoundError as error:
+        sentence = sentence_on(error.name)
+        if sentence is None:
+            raise
+        fail(sentence, 2)
+
+
+@contextmanager
+def progress(what: str, total: int, auto_refresh: bool = True) -> Iterator[Callable[[int], None]]:
     """Show a progress bar with the time left, gone when done; yields a function that takes how much
-    of `total` is completed."""
+    of `total` is completed. Without `auto_refresh` no thread redraws the bar: it would disturb a
+    measurement."""
     percent = TextColumn("{task.percentage:3.0f} %", markup=False)
     about = TextColumn("{task.description}", markup=False)
     columns = (about, BarColumn(), percent, TimeRemainingColumn())
     hidden = out.quiet or not err.is_terminal
-    with Progress(*columns, console=err, transient=True, disable=hidden) as bar:
+    with Progress(
+        *columns, console=err, transient=True, disable=hidden, auto_refresh=auto_refresh
+    ) as bar:
         task = bar.add_task(what, total=total)
-        yield lambda completed: bar.update(task, completed=completed)
+        bar.refresh()
+        yield lambda completed: bar.update(task, completed=completed, refresh=not auto_refresh)
