@@ -349,7 +349,6 @@ def effect_lines(found: "Budget") -> list[str]:
 
 def print_budget(found: "Budget") -> None:
     """Print a budget on one screen."""
-    from hertzloop.studies.margin.margin import Margin
     from hertzloop.studies.margin.shown import margin_lines
 
     for line in effect_lines(found):
@@ -370,7 +369,7 @@ def print_budget(found: "Budget") -> None:
     if found.margin is None:
         out.print("Linear margin: none, since this law makes no linear loop in flight.")
     else:
-        for line in margin_lines(Margin(**found.margin)):
+        for line in margin_lines(found.margin):
             out.print(line, soft_wrap=True)
 
 

@@ -108,10 +108,12 @@ def sweep(
     cases = 256 if cases is None else cases
     draws = int(uncertain) if uncertain is not None and uncertain.isdecimal() else None
     if draws is not None and not 1 <= draws <= 100_000:
-        fail(f"--uncertain = {draws}: must be between 1 and 100000 draws", 2)
+        fail(
+            f"--uncertain = {draws}: must be between 1 and 100000. Give a number of draws in this range.",
+            2,
+        )
     uncertain_file = Path(uncertain) if uncertain is not None and draws is None else None
     from hertzloop.plant.schemes.registry import SCHEMES
-    from hertzloop.studies.budget.uncertain import drawn_design, read_uncertain
     from hertzloop.studies.sweeps import sweep as study
     from hertzloop.studies.sweeps.design import KEY as PHASE
     from hertzloop.studies.sweeps.design import Design, DesignError, grouped, make_design
@@ -150,6 +152,8 @@ def sweep(
             over.append(f"{PHASE}={','.join(map(str, spread_evenly(phases)))}")
         planned: Design
         if uncertain_file is not None:
+            from hertzloop.studies.budget.uncertain import drawn_design, read_uncertain
+
             planned = drawn_design(resolved, read_uncertain(uncertain_file, resolved), cases)
         elif draws is None or over:
             planned = make_design(resolved, over, design, cases, resolved.seed)

@@ -18,7 +18,7 @@ from hertzloop.studies.budget.limits import (
     quantities_of,
     side_by_side,
 )
-from hertzloop.studies.margin.margin import margin_of
+from hertzloop.studies.margin.margin import Margin, margin_of
 from hertzloop.studies.real import NOISE, REAL
 from hertzloop.studies.sweeps.design import Spread, phases, spread_of
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
@@ -68,7 +68,7 @@ class Budget:
     goals: tuple[Goal, ...]
     ideal: InPlant
     real: InPlant | None
-    margin: dict[str, Any] | None
+    margin: Margin | None
     unstable: bool | None
     cases: int
 
@@ -174,20 +174,18 @@ def budget(
         )
         return InPlant(nominal, tuple(limits), binds_first(limits), left_out)
 
-    ideal = of_plant(setup, 0, ())
-    real = of_plant(*_second(real_plant(setup, quick))) if with_real else None
+    ideal, real = of_plant(setup, 0, ()), None
+    if with_real:
+        changed, left_out = real_plant(setup, quick)
+        real = of_plant(changed, 1, left_out)
     on_progress(1.0)
     margin = linear_margin(setup)
-    stable = None if margin is None else margin["stable"]
+    stable = None if margin is None else margin.stable
     unstable = True if ideal.nominal.unstable else None if stable is None else not stable
     return Budget(
         setup.name, setup.law_reference, span, tuple(goals), ideal, real, margin, unstable,
         counted[0],
     )  # fmt: skip
-
-
-def _second(found: tuple[Setup, tuple[str, ...]]) -> tuple[Setup, int, tuple[str, ...]]:
-    return found[0], 1, found[1]
 
 
 def nominal_of(
@@ -224,14 +222,13 @@ def binds_first(limits: Iterable[Limit]) -> str | None:
     return min(found, key=lambda limit: limit.share or 0.0).quantity if found else None
 
 
-def linear_margin(setup: Setup) -> dict[str, Any] | None:
-    """Return the linear margin as a dictionary (see `studies.margin.margin.Margin`); None for a law
-    that has none."""
+def linear_margin(setup: Setup) -> Margin | None:
+    """Return the linear margin; None for a law that has none."""
     try:
         found = margin_of(setup)
     except SceneError:
         return None
-    return asdict(found) if found.applicable else None
+    return found if found.applicable else None
 
 
 def as_data(found: Budget) -> dict[str, Any]:
@@ -256,7 +253,7 @@ def as_data(found: Budget) -> dict[str, Any]:
         "real_plant_over_phases": _spreads(real.nominal) if real else None,
         "real_plant_binds_first": real.binds_first if real else None,
         "real_plant_left_out": list(real.left_out) if real else None,
-        "linear_margin": found.margin,
+        "linear_margin": None if found.margin is None else asdict(found.margin),
         "unstable": found.unstable,
         "probability": None,
         "cases": found.cases,

@@ -91,7 +91,7 @@ def margin_of(setup: Setup) -> Margin:
     try:
         law = law_filter(setup)
     except NotLinearError as error:
-        return Margin(False, f"no margin: not a linear loop ({error})")
+        return Margin(False, f"not a linear loop ({error})")
     plant, every = plant_in_flight(setup), setup.every_steps
     loops = [loop_of(plant, law, every, r) for r in range(every)]
     step_s, step_us = setup.step_s, 1e6 * setup.step_s

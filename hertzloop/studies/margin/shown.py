@@ -7,7 +7,7 @@ def margin_lines(m: Margin) -> list[str]:
     """Return the lines that describe a margin."""
     if not m.applicable:
         return [
-            f"No margin: not a linear loop in flight. {m.reason.removeprefix('no margin: ')}.",
+            f"No margin: {m.reason}.",
             "Use 'hertzloop budget' to find how much latency the law tolerates.",
         ]
     lines = [f"Linear loop in flight, ideal converters, {m.modes} modes, step {m.step_ns} ns"]
