@@ -109,7 +109,7 @@ def sweep(
     draws = int(uncertain) if uncertain is not None and uncertain.isdecimal() else None
     if draws is not None and not 1 <= draws <= 100_000:
         fail(
-            f"--uncertain = {draws}: must be between 1 and 100000. Give a number of draws in this range.",
+            f"--uncertain = {draws}: must be from 1 to 100000. Change it.",
             2,
         )
     uncertain_file = Path(uncertain) if uncertain is not None and draws is None else None
