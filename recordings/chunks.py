@@ -1,7 +1,8 @@
-"""The records of an MCAP file, one after another and past damage.
+"""The records of an MCAP file, one after another.
 
-Nothing in a file is believed without a check: no length, no size to unpack to, no content
-without its checksum. After damage the walk goes on at the next record that can be one.
+`intact` reads a file with the mcap library and stops at the first thing that is not as it should
+be. `Walk` reads past damage: it goes on at the next record that can be one. Neither believes a
+length, a size to unpack to, or a content without its checksum.
 """
 
 import os
@@ -11,14 +12,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import NamedTuple
+from typing import IO, NamedTuple, cast
 
 import lz4.frame
 import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Footer, Message
+from mcap.records import Channel, Chunk, DataEnd, Footer, Message
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_BYTES = 64 << 20  # at most, of a record, and of a chunk when unpacked
@@ -101,8 +103,8 @@ class Walk:
         while 0 <= at < self.size:
             opcode = length = 0
             try:
-                opcode, length = self._head(at)
-                content = self._content(opcode, at, length)
+                opcode, length = self.head(at)
+                content = self.content(opcode, at, length)
             except Damaged as error:
                 after = at + 9 + length
                 found = after if length and self._follows(after) else self._resume(at + 1)
@@ -112,7 +114,7 @@ class Walk:
                 continue
             if opcode == Opcode.DATA_END:
                 self._check_data(at, content, whole)
-                self._check_rest(at + 9 + length)
+                self.check_rest(at + 9 + length)
                 return
             if whole or opcode != Opcode.MESSAGE:  # without a checksum, one must be in its place
                 yield Record(opcode, at, length, content)
@@ -127,10 +129,10 @@ class Walk:
             if at < reached or at in self.not_so:
                 continue
             with suppress(Damaged):
-                opcode, length = self._head(at)
+                opcode, length = self.head(at)
                 if at + 9 + length > end:
                     continue
-                record = Record(opcode, at, length, self._content(opcode, at, length))
+                record = Record(opcode, at, length, self.content(opcode, at, length))
                 if _is_checked(record):
                     yield record
                     reached = at + 9 + length
@@ -145,7 +147,8 @@ class Walk:
     def _passed_over(self, first: int, end: int, why: str) -> None:
         self.damage.append(f"bytes {first} to {end - 1} of {self.size} are damaged: {why}")
 
-    def _head(self, at: int) -> tuple[int, int]:
+    def head(self, at: int) -> tuple[int, int]:
+        """Kind and length of the record at a byte. Raises Damaged if there can be none."""
         head = self.read(at, 9)
         if len(head) < 9:
             raise Damaged("a record is cut off")
@@ -160,11 +163,12 @@ class Walk:
             raise Damaged(f"a record of kind {opcode} has {length} bytes")
         return opcode, length
 
-    def _content(self, opcode: int, at: int, length: int) -> bytes:
+    def content(self, opcode: int, at: int, length: int) -> bytes:
+        """Content of a record, as `Record` has it. Raises Damaged if its checks fail."""
         if opcode == Opcode.CHUNK_INDEX:
             return b""
         if opcode in _CHECKED:
-            self._count(length)
+            self.count(length)
         content = self.read(at + 9, length)
         if len(content) < length:
             raise Damaged("a record is cut off")
@@ -177,11 +181,11 @@ class Walk:
             if checksum and checksum != zlib.crc32(content[:-4]):
                 raise Damaged("the checksum of an attachment does not fit")
         if opcode == Opcode.CHUNK:
-            self._count(_chunk_head(content, length)[1])
+            self.count(_chunk_head(content, length)[1])
             content = unpacked(content)
         return content
 
-    def _count(self, size: int) -> None:
+    def count(self, size: int) -> None:
         """Count bytes that are to be checked, wherever something seems to begin; raises Damaged
         if they would be too many."""
         if self.checked + size > max(TOTAL_BYTES, TOTAL_RATIO * self.size):
@@ -196,7 +200,7 @@ class Walk:
         if whole and struct.unpack("<I", content)[0] != checksum:
             self.damage.append("the checksum over all data does not fit, or is missing")
 
-    def _check_rest(self, start: int) -> None:
+    def check_rest(self, start: int) -> None:
         """Check that what follows the data is summary, footer, magic, and nothing else."""
         end = self.size - 37
         rest = self.read(start, min(self.size - start, RECORD_BYTES))
@@ -221,7 +225,7 @@ class Walk:
             if at == self.size - 8:
                 return self.read(at, 8) == MAGIC
             try:
-                _, length = self._head(at)
+                _, length = self.head(at)
             except Damaged:
                 return False
             at += 9 + length
@@ -243,6 +247,87 @@ class Walk:
             for shift in (5, 6, 7, 8):  # no length reaches 4 GiB
                 may &= window[shift : shift + count] == 0
             yield from (first + place for place in np.flatnonzero(may).tolist())
+
+
+@dataclass
+class _File:
+    """What the mcap library reads from; it refuses to read more at once than a record may hold."""
+
+    handle: int
+    at: int = 0
+
+    def read(self, length: int) -> bytes:
+        if length > RECORD_BYTES:
+            raise Damaged(f"a length of {length} bytes is larger than any of a recording")
+        found = os.pread(self.handle, length, self.at)
+        if len(found) < length:
+            raise Damaged("the file ends where more data were expected")
+        self.at += length
+        return found
+
+
+def intact(handle: int, size: int) -> Iterator[Record]:
+    """The records of an intact file, by the reader of the mcap library.
+
+    The library checks the checksums of chunks and of all data. Sizes, the lengths inside records,
+    the checksums of attachments and of the summary are checked here, since it does not.
+
+    Args:
+        handle: the open file.
+        size: its length, bytes.
+
+    Raises:
+        Damaged: the file is not intact, or has something that the library reads without a limit
+            (lz4). A `Walk` tells what.
+    """
+    file, walk = _File(handle), Walk(handle, size)
+    reader = StreamReader(
+        cast(IO[bytes], file), emit_chunks=True, validate_crcs=True, record_size_limit=RECORD_BYTES
+    )
+    found = reader.records
+    at = len(MAGIC)
+    while True:
+        try:
+            record = next(found)
+        except Damaged:
+            raise
+        except Exception as error:  # whatever the library makes of bytes that mean nothing
+            raise Damaged(f"the mcap library cannot read it ({type(error).__name__})") from error
+        opcode, length = walk.head(at)
+        if at + 9 + length != file.at:
+            raise Damaged("a record does not end where it says")
+        if isinstance(record, DataEnd):
+            walk.check_rest(file.at)
+            if not record.data_section_crc or walk.damage:
+                raise Damaged("a checksum is missing or does not fit")
+            return
+        if isinstance(record, Chunk):
+            walk.count(length + record.uncompressed_size)
+            content = _chunk_data(record)
+        else:
+            content = walk.content(opcode, at, length)
+        yield Record(opcode, at, length, content)
+        at = file.at
+
+
+def _chunk_data(chunk: Chunk) -> bytes:
+    """The records in a chunk, unpacked by the mcap library."""
+    size = chunk.uncompressed_size
+    if size > RECORD_BYTES or chunk.compression not in ("", "zstd") or not chunk.uncompressed_crc:
+        raise Damaged("a chunk is too large, has no checksum, or is packed without a limit")
+    try:
+        # The library would make room for whatever size the packed data announce.
+        if chunk.compression and zstandard.frame_content_size(chunk.data) not in (-1, size):
+            raise Damaged("a chunk unpacks to another size than it announces")
+        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
+        data = stream.read(length)
+    except Damaged:
+        raise
+    except Exception as error:
+        raise Damaged(f"a chunk cannot be unpacked ({type(error).__name__})") from error
+    if length != size:
+        raise Damaged(f"a chunk does not unpack to the {size} bytes it announces")
+    return data
 
 
 def _is_checked(record: Record) -> bool:

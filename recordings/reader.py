@@ -7,7 +7,7 @@ more memory than what is looked at.
 import os
 import stat
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ import numpy as np
 from hertzloop.bus.messages_pb2 import Books, RunEnd
 from hertzloop.bus.streams import CONTROLLER, STREAMS, other_version
 from hertzloop.bus.wire import Packed
-from hertzloop.recordings.chunks import MAGIC, Damaged, Record, Walk
+from hertzloop.recordings.chunks import MAGIC, Damaged, Record, Walk, intact
 from hertzloop.recordings.columns import SAMPLED, Arrays, Stream
 from hertzloop.recordings.intake import Event, Intake, Taken, in_order
 from hertzloop.recordings.writer import TOPICS, RecordingError, RecordingWriter
@@ -128,8 +128,15 @@ class Source:
 
     def look(self, keep: bool = False) -> tuple[Intake, Walk]:
         """Everything but the samples, or with those of the streams that are short enough to
-        `keep`."""
+        `keep`. The mcap library reads an intact file; past damage we walk."""
         intake, walk = Intake(keep=keep), self.walk()
+        try:
+            self._drain(intake, intact(self._handle, self.size))
+            if not intake.unknown_channels and not intake.out_of_place:
+                return intake, walk
+        except Damaged:
+            pass
+        intake = Intake(keep=keep)
         self._drain(intake, walk.records())
         if intake.unknown_channels:
             # The record that names them is lost, or comes later. The summary repeats it; without
@@ -152,6 +159,17 @@ class Source:
     def _drain(self, intake: Intake, records: Iterable[Record]) -> None:
         for _ in self.messages(intake, records):
             pass
+
+    def names_a_scene(self) -> bool:
+        """Whether there is a scene, or a hello, which has one."""
+        for records in (intact(self._handle, self.size), self.walk().records()):
+            intake = Intake()
+            with suppress(Damaged):
+                for _ in self.messages(intake, records):
+                    if intake.scene_toml or intake.hello:
+                        return True
+                return bool(intake.scene_toml)
+        return False
 
     def records(self) -> Iterator[Record]:
         """The records once more, after `look`, in the order in which they belong."""
@@ -225,11 +243,7 @@ def holds_a_run(path: Path) -> bool:
     """Whether a file can be read as a recording, if only its scene."""
     try:
         source = Source(path)
-        intake = Intake()
-        for _ in source.messages(intake, source.walk().records()):
-            if intake.scene_toml or intake.hello:
-                return True
-        return bool(intake.scene_toml)
+        return source.names_a_scene()
     except RecordingError:
         return False
 

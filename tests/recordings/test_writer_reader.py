@@ -14,6 +14,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import hertzloop.recordings.writer
 from hertzloop.bus.messages_pb2 import TruthBlock
+from hertzloop.recordings.chunks import Damaged, Walk, intact
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.setup import parse
@@ -277,3 +278,36 @@ def test_a_recording_without_a_controller_says_so(tmp_path: Path) -> None:
         "the controller announced no end: counts cannot be reconciled",
         "stream 'truth' ends at step 0 of 10",
     ]
+
+
+def test_the_library_reads_the_same_records_as_the_walk(whole: Path) -> None:
+    with whole.open("rb") as file:
+        size = whole.stat().st_size
+        by_library = list(intact(file.fileno(), size))
+        assert by_library == list(Walk(file.fileno(), size).records())
+
+
+def test_an_intact_file_is_not_walked(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def walk(_: Walk) -> None:
+        raise AssertionError("the file is walked")
+
+    monkeypatch.setattr(Walk, "records", walk)
+    assert not read(whole).problems
+
+
+def test_the_library_reader_notices_flipped_bytes_and_cuts(whole: Path, tmp_path: Path) -> None:
+    data, changed = whole.read_bytes(), tmp_path / "changed.mcap"
+
+    def refused(content: bytes) -> bool:
+        changed.write_bytes(content)
+        with changed.open("rb") as file:
+            try:
+                list(intact(file.fileno(), len(content)))
+            except Damaged:
+                return True
+        return False
+
+    for at in range(0, len(data), 401):
+        assert refused(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]), at
+    for end in [*range(0, len(data), 997), *range(len(data) - 40, len(data))]:
+        assert refused(data[:end]), end
