@@ -8,6 +8,7 @@ import sys
 import time
 from typing import Any
 
+from benchmarks.latency import LAWS, law_values
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.studies.budget.budget import search_of
@@ -22,7 +23,6 @@ from hertzloop.studies.budget.limits import (
     side_by_side,
     variants,
 )
-from hertzloop.studies.latency import LAWS, law_values
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 

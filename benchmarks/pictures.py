@@ -119,6 +119,7 @@ _PLANTS = tuple((name, (_SHORT_20MM, "controller.law=off")) for name in (
 _DEFAULT: Case = (DEFAULT, ())
 [_PACED] = MORE["paced"]
 _TUNED = ("controller.law=shifted_threshold", "controller.kappa=0.99", "controller.v_thr_m_s=-0.99")
+_LATENCY = "python -m benchmarks.latency -o DIR"
 _TUNE = (
     "hertzloop tune aluminium-20mm --law slope_threshold --law shifted_threshold --law predicted "
     "--law force_feedback --span run --set run.duration_s=0.014 --out DIR"
@@ -140,9 +141,9 @@ PICTURES = {
     "tune.png": Drawn(
         _TUNE, "tune-aluminium-20mm.png", (*_KAPPAS, ("aluminium-20mm", (_SHORT_20MM, *_TUNED)))
     ),
-    "latency.png": Drawn("hertzloop study latency -o DIR", "latency-aluminium-3mm.png", _KAPPAS),
-    "latency-chance.png": Drawn("hertzloop study latency -o DIR", "latency-chance.png", _KAPPAS),
-    "real.png": Drawn("hertzloop study real-plant -o DIR", "real.png", _KAPPAS),
+    "latency.png": Drawn(_LATENCY, "latency-aluminium-3mm.png", _KAPPAS),
+    "latency-chance.png": Drawn(_LATENCY, "latency-chance.png", _KAPPAS),
+    "real.png": Drawn("python -m benchmarks.real_plant -o DIR", "real.png", _KAPPAS),
     "model_order.png": Drawn("python -m benchmarks.model_order -o DIR", "model_order.png", _PLANTS),
     "validity.png": Drawn("hertzloop scene check --map DIR", "validity.png", _PLANTS),
     "speed_accuracy.png": Drawn(

@@ -155,18 +155,6 @@ NODE = (
         "node keys secrets --hosts plant=10.0.0.1,controller=10.0.0.2,recorder=10.0.0.3",
     ),
 )  # fmt: skip
-STUDY = (
-    Leaf(
-        "study latency", "study:latency",
-        "Map every law's figures over latency, bits and sampling period.",
-        "study latency aluminium-3mm --quick --out-dir maps",
-    ),
-    Leaf(
-        "study real-plant", "study:real_plant",
-        "Compare every law in the ideal plant and in a realistic plant.",
-        "study real-plant --quick --out-dir real",
-    ),
-)  # fmt: skip
 OTHER = (
     Leaf(
         "export-plant", "export:export_plant",
@@ -182,7 +170,6 @@ GROUPS = {
     "scene": ("Scenes: list, show, new, keys, check, modes.", SCENE),
     "law": ("Laws: list, new, replay, test.", LAW),
     "node": ("Run each process in its own terminal or on its own host.", NODE),
-    "study": ("Charts of all laws over latency, bits and plants.", STUDY),
 }
 PANELS: dict[str, tuple[Leaf, ...] | dict[str, tuple[str, tuple[Leaf, ...]]]] = {
     "Main": MAIN,
@@ -194,7 +181,7 @@ PANELS: dict[str, tuple[Leaf, ...] | dict[str, tuple[str, tuple[Leaf, ...]]]] = 
 
 def leaves() -> list[Leaf]:
     """Return all commands, in the order of the help."""
-    return [*MAIN, *RECORDINGS, *SCENE, *LAW, *NODE, *STUDY, *OTHER]
+    return [*MAIN, *RECORDINGS, *SCENE, *LAW, *NODE, *OTHER]
 
 
 @cache

@@ -105,12 +105,11 @@ def tune(
     need("matplotlib", "pymoo")
     from hertzloop.plant.schemes.registry import SCHEMES
     from hertzloop.studies import tuning as study
-    from hertzloop.studies.latency import LAWS
     from hertzloop.studies.sweeps.design import DesignError, check_keys, parse_axis
     from hertzloop.studies.sweeps.evaluate import Tally
     from hertzloop.studies.sweeps.pool import local_pool
     from hertzloop.studies.sweeps.sweep import code_version
-    from hertzloop.studies.tuning import Tuned
+    from hertzloop.studies.tuning import LAWS, Tuned
 
     check_json(json_file)
     bases = [scene_from(name, settings, seed) for name in scenes or [DEFAULT]]

@@ -1,5 +1,6 @@
 """One look for all charts: readable on light and dark pages, and without colour."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,12 @@ def sheet(rows: int, columns: int, width: float = 9.0, height: float = 2.8) -> t
     """A figure of rows x columns axes, `height` inches a row."""
     figure = Figure(figsize=(width, height * rows), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def round_above(value: float) -> float:
+    """The smallest of 1, 2, 4 times a power of ten that is not below: its half is round, too."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(f * power for f in (1, 2, 4, 10) if f * power >= value * (1 - 1e-9))
 
 
 def save(figure: Figure, path: Path) -> Path:

@@ -40,6 +40,12 @@ from hertzloop.studies.sweeps.sweep import work_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# Tried where the user names no law.
+LAWS = (
+    "slope_threshold", "least_squares", "shifted_threshold", "predicted", "fade_out",
+    "force_feedback", "velocity_feedback", "acceleration_feedback",
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Found:

@@ -332,8 +332,7 @@ WRITERS = [
     "replay none.mcap --screenshot F.png",
     "repair none.mcap --out F.mcap", "sweep --over sensors.bits=4,5 --out F.csv",
     "sweep --over sensors.bits=4,5 --json F.json", "sweep --verify none.csv --json F.json",
-    "tune --out-dir F", "tune --json F.json", "bench --json F.json", "study latency --out-dir F",
-    "study latency --out-dir good --json F.json", "study real-plant --out-dir F",
+    "tune --out-dir F", "tune --json F.json", "bench --json F.json",
 ]  # fmt: skip
 
 

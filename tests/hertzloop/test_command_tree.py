@@ -35,9 +35,9 @@ def commands() -> Iterator[tuple[app.Leaf, Any]]:
         yield leaf, app.loaded(leaf)
 
 
-def test_there_are_at_most_32_leaves_each_once() -> None:
+def test_there_are_at_most_30_leaves_each_once() -> None:
     words = [leaf.words for leaf in app.leaves()]
-    assert len(words) == len(set(words)) <= 32
+    assert len(words) == len(set(words)) <= 30
 
 
 def test_the_help_fits_on_one_screen() -> None:

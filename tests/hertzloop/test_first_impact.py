@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import hertzloop
+from benchmarks.latency import Named, critical
+from benchmarks.real_plant import energies_of
 from hertzloop.analysis.cases import CaseFigures, figures_of_case
 from hertzloop.analysis.impacts import F_A, impacts_of_rows
 from hertzloop.analysis.spans import SpanFigures, changes_db
@@ -18,8 +20,6 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import rows_kernels as an
 from hertzloop.recordings.reader import read
 from hertzloop.setup import Setup, load
-from hertzloop.studies.latency import Named, critical
-from hertzloop.studies.real import energies_of
 from hertzloop.studies.report.page import page_of
 from hertzloop.studies.report.results import page_of_results
 from hertzloop.studies.sweeps.evaluate import evaluate, run_chunk

@@ -60,7 +60,6 @@ __all__ = ["here"]  # the fixture
         ("node recorder --out a", "--out = a: a recording must end in .mcap"),
         ("repair a.mcap --out a.bin", "--out = a.bin: a recording must end in .mcap"),
         ("tune -o tuned.csv", "tuned.csv: must be a folder, not a file. Give a name without .csv"),
-        ("study latency -o a.png", "a.png: must be a folder, not a file"),
         (
             "run --set controller.latency_us=1500 --set run.duration_s=0.0015",
             "controller.latency_us = 1500: is as long as the run, so no force acts. "

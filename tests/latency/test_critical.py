@@ -1,6 +1,6 @@
 """Critical latency and bits of named scenes, and what compensation does to them.
 
-Origin of the bands: `hertzloop study latency` of the code that introduced them (numbers in the
+Origin of the bands: `python -m benchmarks.latency` of the code that introduced them (numbers in the
 middle of each band), held against steps of 0.5 us, which moved no critical latency of the 3 mm
 scenes by more than 1 us. A band is that plus one step for a changed sum's rounding; where the
 plate energy crosses that without control at a shallow angle (20 mm), 5 %.
@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from hertzloop.studies.latency import SCENES, Critical, critical
+from benchmarks.latency import SCENES, Critical, critical
 from hertzloop.studies.sweeps.evaluate import Pool
 from hertzloop.studies.sweeps.pool import local_pool
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.latency import Named, critical
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.setup import load
 from hertzloop.studies import tuning as tune
-from hertzloop.studies.latency import Named, critical
 from hertzloop.studies.sweeps.design import KEY, Axis, phases, spread_of
 from hertzloop.studies.sweeps.evaluate import Pool
 from hertzloop.studies.sweeps.pool import local_pool

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from benchmarks.latency import draw_maps
 from hertzloop.studies import pictures, words
-from hertzloop.studies.latency import draw_maps, round_above
+from hertzloop.studies.pictures import round_above
 from hertzloop.studies.tuning import Found, draw_front
 
 

@@ -4,18 +4,20 @@ import json
 import os
 import signal
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from benchmarks import latency
 from hertzloop.analysis.cases import Span
 from hertzloop.setup import load
-from hertzloop.studies import latency
 from hertzloop.studies.sweeps.evaluate import Numbered, Pool, Rows, evaluate
 from hertzloop.studies.sweeps.journal import Kept, kept
 from hertzloop.studies.sweeps.pool import local_pool
+from tests.benchmarks.programs import ROOT
 from tests.studies.sweeping import COARSE, command, wait_until
 
 TUNE = ["tune", "aluminium-3mm", "--law", "predicted", "--set", "run.accuracy=0.05", "--set",
@@ -75,16 +77,16 @@ def test_a_killed_search_finds_what_it_would_have_and_runs_every_case_once(tmp_p
 @pytest.mark.parametrize(
     ("words", "name"),
     [
-        (TUNE, "tune-aluminium-3mm-"),
-        (["study", "latency", "--quick", "-o", "."], "latency-"),
+        (command(*TUNE), "tune-aluminium-3mm-"),
+        ([sys.executable, "-m", "benchmarks.latency", "--quick", "-o", "."], "latency-"),
     ],
 )
 def test_ctrl_c_says_that_the_same_command_goes_on(
     tmp_path: Path, words: list[str], name: str
 ) -> None:
     process = subprocess.Popen(
-        command(*words), cwd=tmp_path, start_new_session=True, text=True,
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        words, cwd=tmp_path, start_new_session=True, text=True, stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     _wait_for(tmp_path, 100, process)
     os.killpg(process.pid, signal.SIGINT)

@@ -15,7 +15,6 @@ from hertzloop.analysis.cases import CaseState
 from hertzloop.scenes.keys import unit_of
 from hertzloop.setup import Setup, parse
 from hertzloop.studies import pictures, words
-from hertzloop.studies.latency import round_above
 from hertzloop.studies.report.page import svg, template
 from hertzloop.studies.sweeps.design import keys_of
 from hertzloop.studies.sweeps.evaluate import Rows, not_run
@@ -110,7 +109,7 @@ def maps(rows: Rows, x: str, y: str) -> Figure:
             z[up.index(row[y]), across.index(row[x])] = row[figure]
         z -= _WITHOUT.get(figure, 0.0)
         largest = float(np.nanmax(np.abs(z)))
-        reach = round_above(largest) if largest > 0.0 else 1.0
+        reach = pictures.round_above(largest) if largest > 0.0 else 1.0
         ax.set_facecolor("#b8b8b8")
         shown = ax.pcolormesh(
             across, up, z, cmap="RdBu_r", vmin=-reach, vmax=reach, shading="nearest",

@@ -5,19 +5,41 @@ are read off by scanning and bisection, to one step of latency.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    SetOption,
+    check_json,
+    conclude,
+    fail,
+    number_table,
+    out,
+    progress,
+    results_in,
+    start,
+    write_json,
+    written,
+)
 from hertzloop.analysis.cases import Span, figures_of_case
+from hertzloop.cli.options import check_law, scene_from
+from hertzloop.cli.study_frame import resumable
+from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
+from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.scene import DEFAULT
 from hertzloop.setup import Setup, load
 from hertzloop.studies import pictures, words
 from hertzloop.studies.sweeps.design import KEY as PHASE
@@ -25,12 +47,9 @@ from hertzloop.studies.sweeps.design import Design, phases, spread_of
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.sweep import work_of
+from hertzloop.studies.tuning import LAWS
 from hertzloop.studies.words import FIGURES, write_records, write_rows
 
-LAWS = (
-    "slope_threshold", "least_squares", "shifted_threshold", "predicted", "fade_out",
-    "force_feedback", "velocity_feedback", "acceleration_feedback",
-)  # fmt: skip
 _BITS = tuple(range(3, 19))
 _WITHIN_DB = 0.5
 KAPPA = "controller.kappa"
@@ -368,7 +387,7 @@ def draw_maps(
     dropped = [figures[f].partition(" (")[0] for f in figures if f not in kept]
     sheet, axes = pictures.sheet(max(1, len(kept)), len(maps), width=13.0, height=2.3)
     for line, figure in enumerate(kept):
-        reach = round_above(reaches[figure])
+        reach = pictures.round_above(reaches[figure])
         for column, (key, found) in enumerate(zip(maps, grids[figure], strict=True)):
             ax = axes[line, column]
             shown = _draw_map(ax, *found, reach)
@@ -410,12 +429,6 @@ def _reach(found: list[tuple[list[Any], list[Any], Any]]) -> float:
     return float(np.median(reaches)) if reaches else 0.0
 
 
-def round_above(value: float) -> float:
-    """The smallest of 1, 2, 4 times a power of ten that is not below: its half is round, too."""
-    power = 10.0 ** math.floor(math.log10(value))
-    return next(f * power for f in (1, 2, 4, 10) if f * power >= value * (1 - 1e-9))
-
-
 def _draw_map(ax: Any, latencies: list[Any], values: list[Any], z: Any, reach: float) -> Any:
     ax.set_facecolor(_UNSTABLE)
     levels = np.linspace(-reach, reach, _LEVELS)
@@ -447,3 +460,106 @@ def draw_chance(path: Path, title: str, rows: list[dict[str, Any]], laws: tuple[
     sheet.legend(handles, labels, loc="outside lower center", ncols=len(labels))
     sheet.suptitle(f"{title}: median, and 5 to 95 % of 20 seeds")
     pictures.save(sheet, path)
+
+
+def _over_phases(words: str, ends: Iterable[float], digits: str, *names: str) -> str:
+    """A number in words with its range over touch phases, where that is another one; `names`: of
+    nan and of infinity."""
+    least, most = (
+        names[0] if math.isnan(x) else names[1] if math.isinf(x) else f"{x:{digits}}" for x in ends
+    )
+    ranged = least if least == most else f"{least} to {most}"
+    return words if ranged == words else f"{words} ({ranged})"
+
+
+def _survival_table(scene: str, found: list[Critical]) -> Any:
+    """What each law tolerates in a scene."""
+    headings = ("law", "plate energy (dB)", "rebound", "latency (us)", "bits", "bits to 0.5 dB")
+    table = number_table(f"{scene}: what each law tolerates", headings, (), text=1)
+    for c in found:
+        us, rebound = c.critical_latency_us, c.ideal_rebound_percent
+        energy = "unstable" if c.ideal_db == math.inf else f"{c.ideal_db:.2f}"
+        survives = "never" if math.isnan(us) else f"{us:.0f}"
+        if us == math.inf:
+            survives = f"> {c.most_latency_us:.0f}"
+        law = words.law(c.law) if c.law in shipped_laws() else Path(c.law).name
+        table.add_row(
+            law + ("" if math.isnan(c.kappa) else f", kappa {c.kappa:g}"),
+            _over_phases(energy, (c.least_db, c.most_db), ".2f", "unstable", "unstable"),
+            "" if math.isnan(rebound) else f"{rebound:.0f} %",
+            _over_phases(
+                survives, (c.least_latency_us, c.most_survived_us), ".0f", "never",
+                f"> {c.most_latency_us:.0f}",
+            ),
+            *("none" if math.isnan(x) else f"{x:.0f}" for x in (c.critical_bits, c.settled_bits)),
+        )  # fmt: skip
+    table.caption = "in brackets: least to most over touch phases"
+    return table
+
+
+def main(
+    scene: Annotated[
+        str | None,
+        typer.Argument(
+            help="A shipped scene's name, or a .toml file; default: the six scenes of the "
+            "documentation.",
+            metavar="[SCENE]",
+            show_default=False,
+        ),
+    ] = None,
+    folder: OutDirOption = None,
+    settings: SetOption = None,
+    quick: QuickOption = False,
+    laws: Annotated[
+        list[str] | None,
+        typer.Option("--law", help="Add your own law to the shipped ones; repeatable."),
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Map every law's figures over latency, bits and sampling period.
+
+    It also prints how much latency each law tolerates. When killed, it goes on with the same
+    command. With --quick there is one scene, and the maps are coarser.
+
+    Example: python -m benchmarks.latency aluminium-3mm --quick
+    """
+    check_json(json_file)
+    scenes: Sequence[Named] = SCENES[:1] if quick else SCENES
+    if scene is not None or settings:
+        source = scene or DEFAULT
+        resolved = scene_from(source, settings, None)
+        scenes = (Named(resolved.name, source, tuple(settings or ()), "impact"),)
+        if resolved.law_reference not in (*LAWS, "off", *(laws or [])):
+            laws = [resolved.law_reference, *(laws or [])]
+    try:
+        for law in laws or []:
+            check_law((scenes[0].scene()).vary({"controller.law": law}))
+    except SceneError as error:
+        fail(str(error), 2)
+    header = header_of(quick, tuple(laws or ()), scenes)
+    with (
+        results_in(folder, "latency", "modal") as made,
+        resumable(made, "latency", header) as finished,
+        progress("latency", 100) as advance,
+    ):
+        found = run(
+            made, quick, lambda done, of: advance(round(100 * done / of)), tuple(laws or ()),
+            finished.of, scenes,
+        )  # fmt: skip
+    for name in dict.fromkeys(c.scene for c in found):
+        out.print(_survival_table(name, [c for c in found if c.scene == name]))
+    best = list(best_laws(found))
+    keys = ("scene", "law", "survives_us", "more_than_two_points_us")
+    data = {"critical": [vars(c) for c in found],
+            "best": [dict(zip(keys, row, strict=True)) for row in best],
+            "ran": finished.ran}  # fmt: skip
+    written(made, "latency-*.png", "latency-*.csv")
+    conclude("; ".join(
+        f"in {name} {law} tolerates most latency, {survives:.0f} us, {buys:.0f} us more than two "
+        "points" for name, law, survives, buys in best
+    ).capitalize() + ".")  # fmt: skip
+    write_json(json_file, data)
+
+
+if __name__ == "__main__":
+    start("benchmarks.latency")

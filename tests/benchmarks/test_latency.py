@@ -6,12 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from benchmarks import latency as study
+from benchmarks.program import app_of
 from hertzloop.setup import load
-from hertzloop.studies import latency as study
 from hertzloop.studies.sweeps.evaluate import Pool
 from hertzloop.studies.sweeps.pool import local_pool
-from tests.commands import invoke
 
 
 @pytest.fixture(scope="module")
@@ -88,11 +89,12 @@ def test_a_scene_and_gains_of_the_user(tmp_path: Path, monkeypatch: pytest.Monke
     settings = ["run.accuracy=0.1", "run.duration_s=0.0013", "plate.thickness_m=0.004",
                 "controller.kappa=0.3"]  # fmt: skip
     words = [word for setting in settings for word in ("--set", setting)]
-    command = ["study", "latency", "offcentre-6mm", *words, "--quick", "-o", str(tmp_path)]
+    command = ["offcentre-6mm", *words, "--quick", "-o", str(tmp_path)]
     command += ["--json", str(tmp_path / "a.json")]
-    done = invoke(command, env={"COLUMNS": "80"})
+    runner, app = CliRunner(), app_of(study.main)
+    done = runner.invoke(app, command, env={"COLUMNS": "80"})
     assert done.exit_code == 0, done.output
-    assert "offcentre-6mm: what each law survives" in done.output
+    assert "offcentre-6mm: what each law tolerates" in done.output
     assert "…" not in done.output
     ruled = [line for line in done.output.splitlines() if line[:1] in "│┃┏└"]
     assert max(map(len, ruled)) <= 80
@@ -103,7 +105,7 @@ def test_a_scene_and_gains_of_the_user(tmp_path: Path, monkeypatch: pytest.Monke
     for row in found:  # whole numbers, as in the file
         assert f"{row['ideal_db']:.2f}" in done.output.replace("\n", " ")
     assert len(list(tmp_path.glob("latency-offcentre-6mm-*.csv"))) == 4
-    refused = invoke([*command[:3], "--set", "plate.thickness=1", *command[-4:]])
+    refused = runner.invoke(app, [command[0], "--set", "plate.thickness=1", *command[-4:]])
     assert refused.exit_code == 2
     assert "plate.thickness" in refused.output
 

@@ -6,14 +6,14 @@ with bits and noise; both over the phases of the touch. The line's latency is va
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from hertzloop.setup import Setup
-from hertzloop.studies import pictures, words
-from hertzloop.studies.latency import (
-    LAWS,
+import typer
+
+from benchmarks.latency import (
     SCENES,
     Energies,
     Named,
@@ -23,23 +23,35 @@ from hertzloop.studies.latency import (
     over_phases,
     survived_us,
 )
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    check_json,
+    conclude,
+    fail,
+    number_table,
+    out,
+    progress,
+    results_in,
+    start,
+    write_json,
+    written,
+)
+from hertzloop.setup import Setup
+from hertzloop.studies import pictures, words
+from hertzloop.studies.budget.budget import NOISE, REAL
 from hertzloop.studies.sweeps.design import Spread, at_all, spread_of
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
-from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.studies.sweeps.pool import SweepFailed, local_pool
+from hertzloop.studies.tuning import LAWS
 from hertzloop.studies.words import write_rows
 
 TRIED = (*LAWS, "dent_threshold")
 PLANTS = ("ideal", "real")
 LATENCIES_US = (0, 2, 5)
-# At an accuracy of 1e-3 a solid's modes end at 244 kHz, and velocity fed back 3, 7 or 11 us late
-# excites that end: an instability that modes up to half the sampling frequency do not show.
-REAL: dict[str, Any] = {
-    "run.accuracy": 1e-4, "contact.plasticity": "thornton", "plate.theory": "3d",
-    "actuator.bandwidth_hz": 300e3, "actuator.damping": 0.7, "sensors.bits": 16,
-}  # fmt: skip
 # Where the scene's contact loses by a damper, that stays its loss, and needs a thin plate.
 _NOT_WITH_A_DAMPER = ("contact.plasticity", "plate.theory")
-NOISE = 1e-4  # rms, of the converter's range
 _POINTS = 20  # of the scan for a critical latency
 _WANTED_DB = -3.0
 _WORST_DB = 5.0  # what is worse stands at the right end as a number
@@ -201,3 +213,87 @@ def _draw(ax: Any, mine: list[Effect], latency_us: int) -> None:
     ax.axvline(_WANTED_DB, color="0.5", linewidth=0.8, linestyle=":")
     ax.set_yticks(range(len(laws)), [words.law(law) for law in laws])
     ax.set_ylim(len(laws) - 0.5, -0.5)
+
+
+def _critical(e: Effect) -> str:
+    """A critical latency with its range over touch phases."""
+
+    def one(x: float) -> str:
+        return "never" if math.isnan(x) else f"> {e.tried_us:.0f}" if math.isinf(x) else f"{x:.0f}"
+
+    least, most = one(e.least_us), one(e.most_us)
+    return least if least == most else f"{least} to {most}"
+
+
+def _table(scene: str, found: list[Effect]) -> Any:
+    """Ideal and real plant side by side, a line a law and plant."""
+    headings = ("law", "plant", *(f"at {us} us" for us in found[0].energies), "helps up to (us)",
+                "bits", "to 0.5 dB")  # fmt: skip
+    title = f"{scene}: plate energy (dB), mean (range) over phases"
+    table = number_table(title, headings, (), text=2)
+    for e in found:
+        energies = ["unstable" if math.isnan(s.mean) else str(s) for s in e.energies.values()]
+        bits = ("none" if math.isnan(x) else f"{x:.0f}" for x in (e.critical_bits, e.settled_bits))
+        table.add_row(words.law(e.law), e.plant, *energies, _critical(e), *bits)
+    return table
+
+
+_SHOWN_DB = (0.1, 3.0)  # less than the first is no help
+
+
+def main(
+    folder: OutDirOption = None,
+    quick: QuickOption = False,
+    scenes: Annotated[
+        list[str] | None, typer.Option("--scene", help="Use only this scene; repeatable.")
+    ] = None,
+    json_file: JsonOption = None,
+) -> None:
+    """Compare every law in the ideal plant and in a realistic plant.
+
+    In the real plant the contact yields, the plate has a thickness, and actuator and sensor have
+    limits. With --quick only the two scenes of the 3 mm sphere are used.
+
+    Example: python -m benchmarks.real_plant --quick
+    """
+    check_json(json_file)
+    known = [named.name for named in SCENES]
+    names = tuple(dict.fromkeys(scenes or (known[:2] if quick else known)))
+    for name in names:
+        if name not in known:
+            fail(f"--scene = {name}: unknown scene. Use one of {', '.join(known)}.", 2)
+    try:
+        with results_in(folder, "real_plant", "modal") as made, progress("real", 100) as advance:
+            found = run(made, names, lambda done, of: advance(round(100 * done / of)))
+    except SweepFailed as error:
+        fail(str(error), 1)
+    for scene in names:
+        out.print(_table(scene, [e for e in found if e.scene == scene]))
+    for scene in names:
+        out.print(f"{scene}, real plant, off the plate at every touch phase:")
+        for wanted_db, us in product(_SHOWN_DB, LATENCIES_US):
+            mine = (e for e in found if (e.scene, e.plant) == (scene, "real"))
+            laws = [e.law for e in mine if e.takes_off(us, wanted_db)]
+            out.print(
+                f"  {wanted_db:g} dB or more at {us} us: {', '.join(laws) or 'none'}",
+                soft_wrap=True,
+            )
+    changed = " ".join(f"--set {key}={value}" for key, value in REAL.items())
+    noise = f"noise of {NOISE:g} of the converter's range (noise_rms in real.csv)"
+    out.print(
+        f"real: {changed}, and {noise}; without contact.plasticity and plate.theory where the "
+        "scene's contact has a damper",
+        soft_wrap=True,
+    )
+    written(made, "real.csv", "real.png")
+    real = [e for e in found if e.plant == "real"]
+    helps = sum(e.takes_off(LATENCIES_US[-1], _SHOWN_DB[0]) for e in real)
+    conclude(
+        f"In the real plant {helps} of {len(real)} laws take energy off the plate at every touch "
+        f"phase with {LATENCIES_US[-1]} us of latency."
+    )
+    write_json(json_file, {"effects": [asdict(e) for e in found], "real": REAL})
+
+
+if __name__ == "__main__":
+    start("benchmarks.real_plant")

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import real_plant as study
+from benchmarks.latency import Named, critical
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.cli.study import _critical, _table
-from hertzloop.studies import real as study
-from hertzloop.studies.latency import Named, critical
 from hertzloop.studies.sweeps.design import phases
 from hertzloop.studies.sweeps.pool import local_pool
 
@@ -98,5 +97,5 @@ def test_table_and_picture(found: list[study.Effect], tmp_path: Path) -> None:
     assert float(rows[0]["mean_db_2us"]) == found[0].energies[2].mean
     assert (tmp_path / "real.png").read_bytes().startswith(b"\x89PNG")
     assert float(rows[0]["critical_bits"]) == found[0].critical_bits
-    assert _table("coarse", found).row_count == len(found)
-    assert _critical(found[1]) == "never"
+    assert study._table("coarse", found).row_count == len(found)
+    assert study._critical(found[1]) == "never"
