@@ -1,27 +1,41 @@
 """Coverage of the intervals of `hertzloop fit`, and its verdicts, on synthetic records.
 
-`python -m benchmarks.fit_coverage --seeds 100 --out FILE.json` runs all problems; `--quick` takes
-four seeds of each; `--only NAME` runs one. The truth is made with other steps and more modes
-than the fit uses. Every seed has its own noise, gain, clock and phase of samples.
+The truth is made with other steps and more modes than the fit uses. Every seed has its own noise,
+gain, clock and phase of samples.
 """
 
-import argparse
-import json
 import math
-import sys
-import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    bars,
+    check_json,
+    compile_first,
+    conclude,
+    fail,
+    median,
+    number_table,
+    out,
+    results_in,
+    share,
+    start,
+    tracked,
+    write_json,
+    written,
+)
 from hertzloop.setup import Setup, load
-from hertzloop.studies.fit.fit import FitResult, fit, free_of
+from hertzloop.studies.fit.fit import FitResult, fit, free_of, value_of
 from hertzloop.studies.fit.observation import Chain
 from hertzloop.studies.fit.records import Measured, Record
 from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
+from hertzloop.studies.words import write_rows
 
 _YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
 _GAIN_SD, _CLOCK_SD = 0.01, 25.0
@@ -107,8 +121,6 @@ PROBLEMS = {
 
 def run(problem: Problem, seed: int) -> tuple[FitResult, dict[str, float]]:
     """Fit one record of a problem. Returns the result and the true values."""
-    from hertzloop.studies.fit.fit import value_of
-
     setup = load("aluminium-3mm", ["controller.law=off", *problem.changes])
     generator = np.random.default_rng(10_000 + seed)
     spoilt = replace(
@@ -149,7 +161,33 @@ def _truth(setup: Setup, problem: Problem) -> Any:
     return _seen[key]
 
 
-def summary(name: str, seeds: int, report: Callable[[str], None]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Summary:
+    """What the intervals of a problem's seeds covered.
+
+    `covered`: seeds whose interval holds the true value, by key. `models`: seeds by verdict on the
+    class of models. `rms_error`: of the values, relative. `misses`: each seed whose interval does
+    not hold the truth, with its distance in standard deviations, or with its error.
+    """
+
+    problem: str
+    wrong: bool
+    seeds: int
+    covered: dict[str, int]
+    models: dict[str, int]
+    rms_error: dict[str, float]
+    median_residual_over_noise: float
+    median_evaluations: float
+    median_wall_s: float
+    misses: list[str]
+
+    @property
+    def told(self) -> int:
+        """Seeds whose verdict on the class of models is right."""
+        return self.models.get("does not fit" if self.wrong else "fits", 0)
+
+
+def summary(name: str, seeds: int) -> Summary:
     """Run a problem with so many seeds and count what its intervals cover."""
     problem = PROBLEMS[name]
     covered = dict.fromkeys(problem.keys, 0)
@@ -176,36 +214,69 @@ def summary(name: str, seeds: int, report: Callable[[str], None]) -> dict[str, A
                 misses.append(
                     f"seed {seed}: {e.key} {math.log(e.value / true[e.key]) / sd:+.2f} sd"
                 )
-    found = {
-        "problem": name, "seeds": seeds, "covered": covered, "models": models,
-        "median_residual_over_noise": float(np.median(ratios)) if ratios else None,
-        "rms_error": {k: float(np.sqrt(np.mean(np.square(v)))) for k, v in errors.items() if v},
-        "median_wall_s": float(np.median(walls)) if walls else None,
-        "median_evaluations": float(np.median(counts)) if counts else None, "misses": misses,
-    }  # fmt: skip
-    report(json.dumps(found))
-    return found
+    rms = {k: float(np.sqrt(np.mean(np.square(v)))) for k, v in errors.items() if v}
+    return Summary(
+        name, problem.wrong, seeds, covered, models, rms, median(ratios), median(counts),
+        median(walls), misses,
+    )  # fmt: skip
 
 
-def main() -> None:
-    """Run the problems and print a line of JSON for each."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=100)
-    parser.add_argument("--quick", action="store_true", help="four seeds of each problem")
-    parser.add_argument("--only", action="append", help="name of a problem")
-    parser.add_argument("--out", type=Path, help="file for the results, JSON")
-    given = parser.parse_args()
-    began = time.perf_counter()
-    found = []
-    for name in given.only or PROBLEMS:
+_QUICK = ("noise 3e-4", "yield fitted elastic")
+
+
+def main(
+    folder: OutDirOption = None,
+    seeds: Annotated[int, typer.Option(min=1, help="Seeds a problem (2 with --quick).")] = 100,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", help="Run only this problem; repeatable.")
+    ] = None,
+    quick: QuickOption = False,
+    json_file: JsonOption = None,
+) -> None:
+    """Count how often the intervals of `hertzloop fit` hold the truth, on synthetic records.
+
+    The truth is made with other steps and more modes than the fit uses. Every seed has its own
+    noise, gain, clock and phase of samples. With --quick there are two problems.
+
+    Example: python -m benchmarks.fit_coverage --quick
+    """
+    check_json(json_file)
+    names = tuple(only or (_QUICK if quick else PROBLEMS))
+    for name in names:
         if name not in PROBLEMS:
-            sys.exit(f"--only {name}: not a problem. Give one of {', '.join(PROBLEMS)}.")
-        found.append(summary(name, 4 if given.quick else given.seeds, print))
-        sys.stdout.flush()
-        if given.out:
-            given.out.write_text(json.dumps(found, indent=1) + "\n")
-    print(f"took {time.perf_counter() - began:.0f} s")
+            fail(f"--only = {name}: unknown problem. Use one of {', '.join(PROBLEMS)}.", 2)
+    with results_in(folder, "fit_coverage") as made:
+        compile_first()
+        found = [summary(name, 2 if quick else seeds) for name in tracked("problems", names)]
+        rows = [(s.problem, key, n, s.seeds, s.rms_error.get(key, math.nan), s.told,
+                 s.median_residual_over_noise, s.median_evaluations, s.median_wall_s)
+                for s in found for key, n in s.covered.items()]  # fmt: skip
+        write_rows(made / "fit_coverage.csv", _COLUMNS, (list(row) for row in rows))
+        shares = [(f"{name}: {key.partition('.')[2]}", 100.0 * n / of)
+                  for name, key, n, of, *_ in rows if not PROBLEMS[name].wrong]  # fmt: skip
+        bars(made / "fit_coverage.png", "Coverage", "intervals that hold the truth (%)", shares)
+    headings = ("problem", "key", "covered", "of", "rms error", "class told", "residual",
+                "simulations", "s")  # fmt: skip
+    cells = [(*row[:2], *(f"{x:.3g}" for x in row[2:])) for row in rows]
+    out.print(number_table("fits of synthetic records", headings, cells, text=2))
+    for s in found:
+        for miss in s.misses:
+            out.print(f"{s.problem}, {miss}", soft_wrap=True)
+    written(made, "fit_coverage.csv", "fit_coverage.png")
+    right = [s for s in found if not s.wrong]
+    wrong = [s for s in found if s.wrong]
+    held = sum(sum(s.covered.values()) for s in right)
+    conclude(
+        f"The 95 % intervals hold the true value in "
+        f"{share(held, sum(s.seeds * len(s.covered) for s in right))}, and a wrong class of models "
+        f"is told in {share(sum(s.told for s in wrong), sum(s.seeds for s in wrong))}."
+    )
+    write_json(json_file, {"problems": [asdict(s) for s in found]})
+
+
+_COLUMNS = ("problem", "key", "covered", "seeds", "rms_error", "class_told", "residual_over_noise",
+            "simulations", "wall_s")  # fmt: skip
 
 
 if __name__ == "__main__":
-    main()
+    start("benchmarks.fit_coverage")

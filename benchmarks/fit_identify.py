@@ -1,17 +1,30 @@
 """Questions that a record can answer, and questions that it cannot.
 
-`python -m benchmarks.fit_identify` asks them. Each is a scene, a synthetic record with 0.3 % noise,
-and free keys. Ten are unidentifiable, by an exact symmetry or because the record is too short;
-ten are not. The program prints the verdicts, and how many are right.
+Each is a scene, a synthetic record with 0.3 % noise, and free keys.
 """
 
-import argparse
-import json
-from pathlib import Path
+from dataclasses import asdict, dataclass
 
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    bars,
+    check_json,
+    compile_first,
+    conclude,
+    number_table,
+    out,
+    results_in,
+    start,
+    tracked,
+    write_json,
+    written,
+)
 from hertzloop.setup import load
 from hertzloop.studies.fit.fit import fit, free_of
 from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
+from hertzloop.studies.words import write_records
 
 _YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
 _FORCE, _V = "contact_force", "v_p"
@@ -47,28 +60,71 @@ QUESTIONS: tuple[tuple[tuple[str, ...], str, float, tuple[str, ...], bool], ...]
 )
 
 
-def main() -> None:
-    """Ask all questions."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--out", type=Path, help="file for the answers, JSON")
-    given = parser.parse_args()
-    answers, right = [], 0
-    for changes, quantity, duration_s, keys, told in QUESTIONS:
-        setup = load("aluminium-3mm", ["controller.law=off", *changes])
-        record = measured(truth(setup, quantity, duration_s, accuracy=1e-4), Spoilt(), 3)
-        found = fit(setup, [record], [free_of(setup, key) for key in keys])
-        right += found.identifiable == told
-        worst = str(found.combinations[0]) if found.combinations else keys[0]
-        answers.append({
-            "quantity": quantity, "duration_s": duration_s, "keys": keys, "identifiable": told,
-            "answer": found.identifiable, "model": str(found.model), "worst": worst,
-            "verdicts": {e.key: str(e.verdict) for e in found.estimates},
-        })  # fmt: skip
-        print(json.dumps(answers[-1]))
-    print(f"{right} of {len(QUESTIONS)} answers are right")
-    if given.out:
-        given.out.write_text(json.dumps(answers, indent=1) + "\n")
+@dataclass(frozen=True)
+class Answer:
+    """What `fit` said to a question: `identifiable` is true of it, `answer` what was said.
+
+    `worst`: the combination of keys that the record tells least about.
+    """
+
+    quantity: str
+    duration_s: float
+    keys: str
+    identifiable: bool
+    answer: bool
+    model: str
+    worst: str
+    verdicts: str
+
+
+def ask(question: tuple[tuple[str, ...], str, float, tuple[str, ...], bool]) -> Answer:
+    """Put a question to a synthetic record."""
+    changes, quantity, duration_s, keys, told = question
+    setup = load("aluminium-3mm", ["controller.law=off", *changes])
+    record = measured(truth(setup, quantity, duration_s, accuracy=1e-4), Spoilt(), 3)
+    found = fit(setup, [record], [free_of(setup, key) for key in keys])
+    return Answer(
+        quantity, duration_s, " ".join(keys), told, found.identifiable, str(found.model),
+        str(found.combinations[0]) if found.combinations else keys[0],
+        ", ".join(f"{e.key}: {e.verdict}" for e in found.estimates),
+    )  # fmt: skip
+
+
+def main(
+    folder: OutDirOption = None, quick: QuickOption = False, json_file: JsonOption = None
+) -> None:
+    """Ask `hertzloop fit` ten questions that a record can answer, and ten that it cannot.
+
+    Each is a synthetic record with 0.3 % noise and free keys. Ten are unidentifiable, by an exact
+    symmetry or because the record is too short. With --quick there are two of each.
+
+    Example: python -m benchmarks.fit_identify --quick
+    """
+    check_json(json_file)
+    with results_in(folder, "fit_identify") as made:
+        compile_first()
+        asked = (*QUESTIONS[:2], *QUESTIONS[-2:]) if quick else QUESTIONS
+        found = [ask(question) for question in tracked("questions", asked)]
+        write_records(made / "fit_identify.csv", found)
+        counts = [
+            (f"{kind}, {said}",
+             float(sum(a.answer == said_so for a in found if a.identifiable == true)))
+            for kind, true in (("identifiable", True), ("not identifiable", False))
+            for said, said_so in (("accepted", True), ("refused", False))
+        ]  # fmt: skip
+        bars(made / "fit_identify.png", "Questions to a record", "questions", counts)
+    headings = ("quantity", "s", "keys", "can be told", "answer", "worst combination")
+    rows = [(a.quantity, f"{a.duration_s:g}", a.keys, _YES_NO[a.identifiable],
+             "accepted" if a.answer else "refused", a.worst) for a in found]  # fmt: skip
+    out.print(number_table("questions", headings, rows, text=6))
+    written(made, "fit_identify.csv", "fit_identify.png")
+    right = sum(a.identifiable == a.answer for a in found)
+    conclude(f"The check of identifiability answers {right} of {len(found)} questions right.")
+    write_json(json_file, {"questions": [asdict(a) for a in found]})
+
+
+_YES_NO = {True: "yes", False: "no"}
 
 
 if __name__ == "__main__":
-    main()
+    start("benchmarks.fit_identify")

@@ -1,23 +1,35 @@
 """The model against theory and against published measurements, as a table.
 
-`python -m benchmarks.fit_validation --out FILE.json`. Zener's equation is integrated here by
-itself, without any part of the simulation. Published numbers are those of abstracts and first
-pages.
+Zener's equation is integrated here by itself, without any part of the simulation.
 """
 
-import argparse
-import json
 import math
-from pathlib import Path
-from typing import Any
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import scipy
 
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    bars,
+    check_json,
+    compile_first,
+    conclude,
+    number_table,
+    out,
+    results_in,
+    start,
+    tracked,
+    write_json,
+    written,
+)
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.setup import Setup, load
 from hertzloop.studies.fit.model import FrozenModel
+from hertzloop.studies.words import write_records
 
 _LAMBDAS = (0.05, 0.1, 0.25, 0.5, 1.0, 1.5)
 _MASSIVE = (
@@ -101,39 +113,76 @@ def gugan(kind: str) -> float:
     return 100.0 * (of(x)[1] / elastic - 1.0)
 
 
-def mclaskey() -> dict[str, list[float]]:
-    """Return contact times of a 1.58 mm steel ball on 50 mm of steel, us, from 10, 30, 100 mm."""
-    found = []
-    for height in (0.01, 0.03, 0.1):
-        setup = load("aluminium-3mm", [
-            *_MASSIVE, "sphere.radius_m=0.00079", f"sphere.drop_height_m={height}",
-        ])  # fmt: skip
-        found.append(1e6 * _impact(setup)[1])
-    return {"drop_mm": [10.0, 30.0, 100.0], "contact_us": found}
+_DROPS_M = (0.01, 0.03, 0.1)
 
 
-def results() -> dict[str, Any]:
-    """Return all numbers of the page."""
-    return {
-        "zener": [
-            {"lambda": x, "theory": zener(x), "simulated": restitution_on_infinite_plate(x)}
-            for x in _LAMBDAS
-        ],
-        "mclaskey_and_glaser_2010": mclaskey(),
-        "gugan_2000_longer_percent": {k: gugan(k) for k in ("hunt_crossley", "thornton")},
-    }
+def mclaskey_us(height_m: float) -> float:
+    """Return the contact time of a 1.58 mm steel ball on 50 mm of steel, us."""
+    setup = load("aluminium-3mm", [
+        *_MASSIVE, "sphere.radius_m=0.00079", f"sphere.drop_height_m={height_m}",
+    ])  # fmt: skip
+    return 1e6 * _impact(setup)[1]
 
 
-def main() -> None:
-    """Print the numbers as JSON."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--out", type=Path, help="file for the numbers, JSON")
-    given = parser.parse_args()
-    text = json.dumps(results(), indent=1)
-    print(text)
-    if given.out:
-        given.out.write_text(text + "\n")
+@dataclass(frozen=True)
+class Compared:
+    """A number of the simulation beside that of theory; nan where a source has no number."""
+
+    what: str
+    unit: str
+    theory: float
+    simulated: float
+
+
+def zener_compared(quick: bool) -> list[Compared]:
+    """Return the coefficient of restitution on an infinite plate, by inelasticity."""
+    return [
+        Compared(f"restitution, lambda {x:g}", "", zener(x), restitution_on_infinite_plate(x))
+        for x in tracked("Zener", _LAMBDAS[2:4] if quick else _LAMBDAS)
+    ]
+
+
+def published_compared() -> list[Compared]:
+    """Return what published measurements speak of."""
+    found = [
+        Compared(f"contact time, 1.58 mm steel ball from {1e3 * drop:g} mm (McLaskey)", "us",
+                 math.nan, mclaskey_us(drop))
+        for drop in tracked("McLaskey", _DROPS_M)
+    ]  # fmt: skip
+    return found + [
+        Compared(f"contact longer than Hertz's, {kind} (Gugan)", "%", math.nan, gugan(kind))
+        for kind in tracked("Gugan", ("hunt_crossley", "thornton"))
+    ]
+
+
+def main(
+    folder: OutDirOption = None, quick: QuickOption = False, json_file: JsonOption = None
+) -> None:
+    """Compare the model with theory and with published measurements.
+
+    Zener's equation is integrated by itself, without any part of the simulation. Published numbers
+    are those of abstracts and first pages. With --quick there are two numbers of theory.
+
+    Example: python -m benchmarks.fit_validation --quick
+    """
+    check_json(json_file)
+    with results_in(folder, "fit_validation") as made:
+        compile_first()
+        found = zener_compared(quick)
+        away = [(c.what, abs(c.simulated - c.theory)) for c in found]
+        found += [] if quick else published_compared()
+        write_records(made / "fit_validation.csv", found)
+        bars(made / "fit_validation.png", "Zener's equation and simulation",
+             "difference of the coefficient of restitution", away, log=True)  # fmt: skip
+    rows = [(c.what, "" if math.isnan(c.theory) else f"{c.theory:.5f}", f"{c.simulated:.5g}",
+             c.unit) for c in found]  # fmt: skip
+    out.print(number_table("model against theory", ("what", "theory", "simulated", "unit"), rows,
+                           text=1))  # fmt: skip
+    written(made, "fit_validation.csv", "fit_validation.png")
+    worst = max(x for _, x in away)
+    conclude(f"The coefficient of restitution is within {worst:.1e} of Zener's equation.")
+    write_json(json_file, {"compared": [asdict(c) for c in found]})
 
 
 if __name__ == "__main__":
-    main()
+    start("benchmarks.fit_validation")

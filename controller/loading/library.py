@@ -279,7 +279,7 @@ def unit_law(path: Path, digest: str) -> UnitLaw:
     try:
         import fmpy
     except ModuleNotFoundError:
-        raise LawError(f"law {path}: needs FMPy. Run pip install 'hertzloop[fmu]'.") from None
+        raise LawError(f"law {path}: needs FMPy. Run pip install 'hertzloop[interop]'.") from None
     try:
         about = fmpy.read_model_description(str(path))
         platforms = fmpy.supported_platforms(str(path))

@@ -17,10 +17,14 @@ from tests.tiers import default
 
 # Programs and how their conclusion begins.
 CONCLUSIONS = {
+    "benchmarks.budget_agreement": r"Of 1 limits 0 differ from brute force, and the search takes",
     "benchmarks.cases": r"One core runs [\d,]+ cases of the latency map in a second, and \d+%",
     "benchmarks.costs": r"A step in contact over 1104 frequencies takes [\d.]+ us, \d+%",
     "benchmarks.exchange": r"An exchange in the fast lane takes [\d.]+ us, [\d,]+ times",
     "benchmarks.exported": r"For this processor the exported plant takes [\d.]+ us a step",
+    "benchmarks.fit_coverage": r"The 95 % intervals hold the true value in [\d.]+ % \(\d+ of 4\)",
+    "benchmarks.fit_identify": r"The check of identifiability answers 4 of 4 questions right",
+    "benchmarks.fit_validation": r"The coefficient of restitution is within [\d.e-]+ of Zener's",
     "benchmarks.infinite_plate": r"The infinite plate is offered in \d+ of 12 requests",
     "benchmarks.latency": r"In aluminium-3mm \w+ tolerates most latency, \d+ us, \d+ us more than",
     "benchmarks.laws": r"A law of your own runs at least [\d.]+ times as many cases",

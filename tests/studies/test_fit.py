@@ -466,7 +466,7 @@ def test_a_plate_is_fitted_by_its_motion_beside_the_contact() -> None:
 
 @pytest.mark.full
 def test_the_records_of_the_tutorial_give_the_true_values() -> None:
-    from benchmarks.fit_example import EXAMPLES, TRUE
+    from docs.examples.bench_records import EXAMPLES, TRUE
 
     setup = load(str(EXAMPLES / "bench.toml"))
     names = ("bench-force", "bench-velocity", "bench-force-higher")

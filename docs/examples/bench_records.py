@@ -1,6 +1,6 @@
-"""Make the synthetic records of the tutorial: `python -m benchmarks.fit_example`.
+"""Make the synthetic records of the tutorial: `python docs/examples/bench_records.py`.
 
-They are written into docs/examples: two records to fit and one to hold out, of a rig whose true
+They are written beside this file: two records to fit and one to hold out, of a rig whose true
 values are those of TRUE. A plate of unknown alloy yields at 1.5 GPa, not at 1.05 GPa.
 """
 
@@ -12,7 +12,7 @@ from hertzloop.setup import load
 from hertzloop.studies.fit.records import QUANTITIES
 from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
 
-EXAMPLES = Path(__file__).parents[1] / "docs" / "examples"
+EXAMPLES = Path(__file__).parent
 TRUE = {
     "contact.limiting_pressure_pa": 1.5e9, "plate.thickness_m": 3.04e-3, "plate.loss_factor": 2e-3,
 }  # fmt: skip
@@ -35,7 +35,7 @@ def main() -> None:
         )  # fmt: skip
         column = {"contact_force": "contact_force_n", "v_p": "v_p_m_s"}[quantity]
         table = [
-            "# SYNTHETIC: made by `python -m benchmarks.fit_example`, not measured.",
+            "# SYNTHETIC: made by `docs/examples/bench_records.py`, not measured.",
             "# [record]",
             f'# unit = "{QUANTITIES[quantity].unit}"',
             "# sensitivity_uncertainty = 0.02",
