@@ -1,13 +1,17 @@
 """The wheel installs one package, `hertzloop`, and a user's own modules stay the user's."""
 
+import json
 import os
 import subprocess
 import sys
+import sysconfig
 import tarfile
 import zipfile
 from pathlib import Path
 
 import pytest
+
+from tests.ports import free_ports
 
 ROOT = Path(__file__).parents[1]
 OWN = ("controller.py", "plant.py", "jit.py", "law.py", "bus/__init__.py", "recordings/__init__.py")
@@ -66,10 +70,10 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def called(folder: Path, *words: str) -> str:
+def called(folder: Path, *words: str, python: str = sys.executable, path: str = str(ROOT)) -> str:
     done = subprocess.run(
-        [sys.executable, *words], cwd=folder, capture_output=True, text=True, timeout=200,
-        check=False, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        [python, *words], cwd=folder, capture_output=True, text=True, timeout=300,
+        check=False, env={**os.environ, "PYTHONPATH": path},
     )  # fmt: skip
     assert done.returncode == 0, (words, done.stdout[-500:], done.stderr[-1500:])
     return done.stdout
@@ -92,3 +96,90 @@ def test_commands_work_beside_modules_of_these_names(folder: Path) -> None:
            "--set", "controller.law=mine.py", "--out", "s.csv")  # fmt: skip
     called(folder, *here, "law", "new", "fresh.py")
     called(folder, *here, "scene", "list")
+
+
+@pytest.fixture(scope="module")
+def installed(wheels: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Python of an environment that holds the wheel and its dependencies: a link to our
+    site-packages brings these, and leaves the editable install out."""
+    environment = tmp_path_factory.mktemp("installed") / "env"
+    subprocess.run([sys.executable, "-m", "venv", environment], check=True)
+    python = environment / "bin" / "python"
+    subprocess.run([python, "-m", "pip", "install", "-q", "--no-deps", wheels[0]], check=True)
+    [packages] = environment.glob("lib/python*/site-packages")
+    (packages / "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n")
+    return str(python)
+
+
+@pytest.mark.full
+def test_the_installed_wheel_works(installed: str, tmp_path: Path) -> None:
+    def run(*words: str) -> str:
+        return called(tmp_path, *words, python=installed, path="")
+
+    found = run("-c", "import hertzloop; print(hertzloop.__file__)")
+    assert found.startswith(str(Path(installed).parents[1]))
+    for name in ("plant", "controller", "sensors", "bus", "recordings", "jit", "tests"):
+        run("-c", f"import importlib.util as u; assert u.find_spec({name!r}) is None, {name!r}")
+    tool = ("-m", "hertzloop")
+    run(*tool, "run", *RUN, "--out", "a.mcap")
+    run(*tool, "replay", "a.mcap", "--save", "a.rrd")
+    run(*tool, "sweep", *RUN, "--over", "controller.latency_us=0,1", "--out", "s.csv")
+    for name in ("mine.py", "mine.c"):
+        run(*tool, "law", "new", name)
+    subprocess.run(
+        ["cc", "-O2", "-fPIC", "-shared", "-ffp-contract=off", "mine.c", "-o", "mine.so", "-lm"],
+        cwd=tmp_path, check=True,
+    )  # fmt: skip
+    for law in ("mine.py", "mine.so"):
+        run(*tool, "run", *RUN, "--set", f"controller.law={law}", "--out", f"{law}.mcap")
+
+
+@pytest.mark.full
+def test_roles_in_separate_terminals_work_beside_modules_of_these_names(
+    installed: str, folder: Path
+) -> None:
+    plant, controller, recorder = (f"tcp/127.0.0.1:{port}" for port in free_ports(3))
+    law = ("--set", "controller.law=mine.py")
+    roles = {
+        "plant": ("aluminium-3mm", *RUN, *law, "--listen", plant),
+        "controller": ("--law", "mine.py", "--listen", controller, "--connect", plant),
+        "recorder": ("--out", "roles.mcap", "--listen", recorder, "--connect", plant, "--connect",
+                     controller),
+    }  # fmt: skip
+    started = {
+        role: subprocess.Popen(
+            [installed, "-m", "hertzloop", "node", role, *words, "--timeout", "60"],
+            cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            env={**os.environ, "PYTHONPATH": ""},
+        )
+        for role, words in roles.items()
+    }  # fmt: skip
+    ended = {role: (one.communicate(timeout=300)[0], one.returncode)
+             for role, one in started.items()}  # fmt: skip
+    assert [code for _, code in ended.values()] == [0, 0, 0], ended
+    called(folder, "-m", "hertzloop", "inspect", "roles.mcap", python=installed, path="")
+
+
+@pytest.mark.full
+def test_a_notebook_works_beside_modules_of_these_names(
+    installed: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import nbformat
+    from nbclient import NotebookClient
+
+    kernel = folder / "jupyter" / "kernels" / "installed"
+    kernel.mkdir(parents=True)
+    starts = [installed, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
+    (kernel / "kernel.json").write_text(json.dumps({"argv": starts, "display_name": "installed"}))
+    monkeypatch.delenv("PYTHONPATH", raising=False)
+    monkeypatch.setenv("JUPYTER_PATH", str(folder / "jupyter"))
+    cells = [
+        "import controller, plant, bus, jit, recordings, hertzloop",
+        "scene = hertzloop.load('aluminium-3mm', {'run.duration_s': 0.0016, 'run.accuracy': 0.1})",
+        "run = hertzloop.run(scene)",
+        "assert all('the user' in one.OWNER for one in (controller, plant, bus, jit, recordings))",
+    ]
+    book = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in cells])
+    NotebookClient(
+        book, timeout=300, kernel_name="installed", resources={"metadata": {"path": str(folder)}}
+    ).execute()
