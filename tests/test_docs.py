@@ -23,7 +23,11 @@ PAGES = sorted(
     page.relative_to(DOCS) for page in DOCS.rglob("*.md") if "```python\n" in page.read_text()
 )
 # Pages of which the plain blocks are run, in order, in one empty folder; exit codes other than 0.
-RUN = {"README.md": {}, "docs/tutorials/first-run.md": {"hertzloop compare": 1}}
+RUN = {
+    "README.md": {},
+    "docs/tutorials/first-run.md": {"hertzloop compare": 1},
+    "docs/tutorials/own-law.md": {},
+}
 
 
 @pytest.mark.full

@@ -20,6 +20,7 @@ from hertzloop.cli.options import (
 from hertzloop.cli.study_frame import results_in, resumable
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.controller.loading.registry import shipped as shipped_laws
+from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.views.format import Table
@@ -61,6 +62,7 @@ def latency(
     """
     from hertzloop.studies import latency as study
 
+    need("matplotlib")
     check_json(json_file)
     scenes: Sequence[study.Named] | None = None
     if scene is not None or settings:
@@ -160,6 +162,7 @@ def real_plant(
     from hertzloop.studies import real as study
     from hertzloop.studies.sweeps.pool import SweepFailed
 
+    need("matplotlib")
     check_json(json_file)
     known = [named.name for named in study.SCENES]
     names = tuple(dict.fromkeys(scenes or (known[:2] if quick else known)))

@@ -12,14 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 
 from hertzloop.analysis.cases import Span, figures_of_case
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.setup import Setup, load
-from hertzloop.studies import pictures, words
+from hertzloop.studies import words
 from hertzloop.studies.sweeps.design import KEY as PHASE
 from hertzloop.studies.sweeps.design import Design, phases, spread_of
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
@@ -362,6 +359,12 @@ def draw_maps(
 ) -> None:
     """A row a figure with one scale, zero in its middle; a column a map. Rows that show nothing are
     left out, and named."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+    from matplotlib.ticker import MaxNLocator
+
+    from hertzloop.studies import pictures
+
     grids = {figure: [_grid(rows, key, figure) for key, rows in maps.items()] for figure in figures}
     reaches = {figure: _reach(found) for figure, found in grids.items()}
     kept = [f for f in figures if reaches[f] >= _EMPTY.get(f, _LEAST_DB)]
@@ -428,6 +431,8 @@ def _draw_map(ax: Any, latencies: list[Any], values: list[Any], z: Any, reach: f
 
 def draw_chance(path: Path, title: str, rows: list[dict[str, Any]], laws: tuple[str, ...]) -> None:
     """Median and 5 to 95 % of the seeds over jitter and over the share of lost commands."""
+    from hertzloop.studies import pictures
+
     sheet, axes = pictures.sheet(1, 2, width=10.0, height=3.6)
     for ax, key in (
         (axes[0, 0], "controller.jitter_us"),

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.setup import Setup
-from hertzloop.studies import pictures, words
+from hertzloop.studies import words
 from hertzloop.studies.latency import (
     LAWS,
     SCENES,
@@ -161,6 +161,8 @@ def write(folder: Path, found: list[Effect]) -> None:
 
 def draw(path: Path, found: list[Effect]) -> None:
     """A row a scene, a column a latency: plate energy of every law, mean and range over phases."""
+    from hertzloop.studies import pictures
+
     scenes, latencies = list(dict.fromkeys(e.scene for e in found)), list(found[0].energies)
     sheet, axes = pictures.sheet(len(scenes), len(latencies), width=11.0, height=2.9)
     for line, scene in enumerate(scenes):
@@ -180,6 +182,8 @@ def draw(path: Path, found: list[Effect]) -> None:
 
 
 def _draw(ax: Any, mine: list[Effect], latency_us: int) -> None:
+    from hertzloop.studies import pictures
+
     laws = list(dict.fromkeys(e.law for e in mine))
     for i, plant in enumerate(dict.fromkeys(e.plant for e in mine)):
         some = [(e.energies[latency_us], laws.index(e.law) + (2 * i - 1) * _APART)
