@@ -22,7 +22,7 @@ from hertzloop.bus.streams import (
 
 
 class BusError(RuntimeError):
-    """The bus could not do what was asked; the sentence says who or what is missing."""
+    """A process is missing or was lost. The message names it."""
 
 
 class PeerLost(BusError):

@@ -81,7 +81,10 @@ class Envelope:
 
 
 class StreamFault(RuntimeError):
-    """A stream has a gap, a repeat, a foreign or a malformed message."""
+    """A stream has a gap, a repeat, a malformed message or a message of another run.
+
+    The message names the stream and the sequence number.
+    """
 
 
 @dataclass

@@ -24,10 +24,16 @@ Force = Annotated[float, Field(ge=-1e6, le=1e6)]  # N, far beyond what a laborat
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Marks a function that a law's functions call: they are compiled, and so it has to be.
+    """Mark a helper function that the functions of a law call, so that Numba compiles it.
 
-    It is kept on disk as part of these only, which go by the digest of the law and all it
-    imports. As a call it would count references to the samples; as part of them it costs nothing.
+    The compiler inserts it into its callers. A call would count references to the samples, which
+    costs time. Kept code goes by the digest of the law and of all files that it imports.
+
+    Args:
+        function: a function of numbers and arrays.
+
+    Returns:
+        The compiled function.
     """
     code = getattr(function, "__code__", None)
     calls_itself = code is not None and code.co_name in code.co_names
@@ -35,7 +41,7 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 class Keys(BaseModel):
-    """Base of a law's scene keys."""
+    """Base class of the scene keys of a law: one pydantic field per key, finite numbers only."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -46,14 +52,24 @@ def _nothing() -> np.ndarray:
 
 @dataclass(frozen=True)
 class About:
-    """What is known of a run before it starts; SI units.
+    """Facts on a run that a law may use before the run starts.
 
-    `horizon_steps`: from a sample to its force; `converter_step`: of the samples, 0 if they are
-    not quantised; `limit_n`: the actuator's largest force, `yield_depth_m`: the
-    penetration at which the contact begins to yield. `impedance_n_s_m` is nan where what is
-    struck is no plate: a law whose constants follow from it is refused then.
-    `uncontrolled_force_n`, shape (steps in contact,), is the contact force of the first impact
-    without control (it simulates that).
+    Attributes:
+        step_ns: length of a step, ns.
+        every_steps: steps from one sample to the next.
+        horizon_steps: steps from a sample to the first step on which its force acts.
+        stiffness: contact stiffness s, N/m^1.5.
+        sphere_mass_kg: mass of the sphere, kg.
+        impact_speed_m_s: speed of the sphere at the first touch, m/s.
+        impedance_n_s_m: impedance of an infinite plate at the contact point, N s/m; nan if the
+            structure is not a plate, in which case a law that uses it is refused.
+        rigid_contact_s: contact time on a rigid plate, s.
+        rigid_peak_n: peak contact force on a rigid plate, N.
+        converter_step: step of the converter, in the unit of the samples; 0 for an ideal one.
+        limit_n: largest force of the actuator, N.
+        yield_depth_m: penetration at which the contact begins to yield, m.
+        uncontrolled_force_n: function that simulates the first impact without control and returns
+            its contact force, N, shape (steps in contact,).
     """
 
     step_ns: int = 1000
@@ -86,14 +102,19 @@ class About:
         return self.horizon_steps * self.step_s
 
     def samples(self, time_us: float) -> int:
-        """A time in samples."""
+        """Return a time (us) in samples, rounded to whole steps."""
         return round(round(time_us * 1000 / self.step_ns) / self.every_steps)
 
 
 @dataclass(frozen=True)
 class Reach:
-    """How far a law's force can go: at most `force_n` (N), or `share` of the contact's own force;
-    `copies`: it follows that force as smoothly as it is itself."""
+    """Bound of the force of a law, which may allow a cheaper plate model.
+
+    Attributes:
+        force_n: largest force, N.
+        share: largest force over the contact force.
+        copies: whether the force is as smooth as the contact force.
+    """
 
     force_n: float = math.inf
     share: float = math.inf

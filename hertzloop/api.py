@@ -1,6 +1,6 @@
-"""The Python interface: scenes, runs, recordings, sweeps and tuning as functions and objects.
+"""The Python interface: scenes, runs, recordings, sweeps, tuning and fits.
 
-`import hertzloop` offers these names; the command line is made of the same parts.
+`import hertzloop` offers these names. The command line uses the same functions.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -82,12 +82,21 @@ def __getattr__(name: str) -> Any:
 class Run:
     """A simulated run, from memory or from a recording.
 
-    `truth`: a Dataset over `step` of gap, displacements, forces; `samples`: what the law saw,
-    over `sample`; `force`: what it commanded, over `step` (None where it was not kept).
-    `impacts` and `noise`: one a contact. `energy_residual`, `momentum_residual`: of the balances,
-    relative. `events`: of a recording; empty otherwise. `path`: the recording, if there is one.
-    `pacing`: of a run by the wall clock, what it missed and how fast it was answered, in the words
-    of `inspect --json`; its `truth` has `held_steps`. None otherwise.
+    Attributes:
+        scene: the scene, as simulated.
+        truth: Dataset over `step`, one variable a column, each of shape (steps,) with unit and
+            meaning in `attrs`: gap `xi_m`, sphere `xi_s_m`, plate `xi_p_m` (m), plate velocity
+            `v_p_m_s` (m/s), contact force `f_c_n` and actuator force `f_a_n` (N, means of a step).
+        samples: what the law saw, shape (samples,), in the unit of the sensed quantity.
+        force: commanded forces, N, shape (steps,); None for a run that was not recorded.
+        impacts: the contacts, in order.
+        noise: noise figures, one for each contact.
+        energy_residual: missing part of the energy balance, relative.
+        momentum_residual: missing part of the momentum balance, relative.
+        events: events of a recording; empty without one.
+        path: the recording, if one was kept.
+        pacing: late forces and response times of a paced run, with the names of
+            `hertzloop inspect --json`; None in lock-step.
     """
 
     scene: Scene
@@ -111,7 +120,10 @@ class Run:
 
     @property
     def figures(self) -> "RunFigures":
-        """Figures of the first impact and of the whole run, as `run` and `inspect` print them."""
+        """Figures of the first impact and of the whole run, SI units.
+
+        `hertzloop run` and `hertzloop inspect` print these figures.
+        """
         from hertzloop.analysis.spans import RunFigures
 
         found = self._judged.figures
@@ -119,8 +131,10 @@ class Run:
 
     @cached_property
     def verdict(self) -> list[str]:
-        """What the run comes to, in the sentences of `hertzloop run`. This simulates the same run
-        without control."""
+        """Sentences of the verdict that `hertzloop run` prints.
+
+        The property simulates the run without control.
+        """
         from hertzloop.analysis.figures import free_figures
         from hertzloop.analysis.verdict import conclusions
         from hertzloop.views.sentences import verdict_sentences
@@ -130,26 +144,49 @@ class Run:
         return verdict_sentences(found.verdict)
 
     def without_control(self) -> "Run":
-        """The same run with the law off, on the same model of the plate, simulated on the spot."""
+        """Simulate the run with the law off, on the same plate model.
+
+        Returns:
+            The run without control.
+        """
         return simulate(resolve(self.scene).uncontrolled().scene)
 
 
 def scene_names() -> list[str]:
-    """Names of the shipped scenes."""
+    """Return the names of the shipped scenes."""
     return shipped()
 
 
 def load(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scene:
-    """A scene by shipped name or from a TOML file, with `changes` such as
-    {"controller.latency_us": 5}. Raises SceneError with one sentence for anything wrong."""
+    """Load a scene.
+
+    Args:
+        source: name of a shipped scene, or a TOML file.
+        changes: values by scene key, for example {"controller.latency_us": 5}.
+
+    Returns:
+        The scene, checked.
+
+    Raises:
+        SceneError: the file cannot be read, or a key or a value is wrong.
+    """
     scene = scenes.load(str(source))
     return vary(scene, changes) if changes else scene
 
 
 def simulate(scene: Scene) -> Run:
-    """Simulate a scene in this process, in one compiled loop, and keep the result in memory.
+    """Simulate a scene in this process, in one compiled loop.
 
-    The samples are the same bytes as over the bus. Raises SceneError.
+    The samples have the same bytes as those of a run over the bus.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        The run, in memory. It has no `force` and no `events`.
+
+    Raises:
+        SceneError: the scene cannot be simulated.
     """
     from hertzloop.loop import compiled
     from hertzloop.loop.plant_streams import truth_columns
@@ -172,10 +209,26 @@ def run(
 ) -> Run:
     """Run a scene, by default as processes over zenoh, and record it.
 
-    `recording` is the MCAP file to write; without one the run is kept in memory only. With a
-    `pace` (simulated over wall time, 1 is real time) the plant follows the wall clock and waits
-    for no force; without, processes are in lock-step. Raises SceneError, RunFailed, BusError,
-    StreamFault or RecordingError with one sentence.
+    Args:
+        scene: the scene.
+        recording: MCAP file to write; without one, the run is kept in memory only.
+        transport: "zenoh" (processes), "inprocess" or "compiled"; all give the same bytes.
+        overwrite: whether an existing file may be replaced.
+        horizon: largest number of steps that the plant may run ahead; None for the default. It
+            changes the speed and no sample.
+        pace: simulated time over wall time, 1 for real time: the plant follows the wall clock
+            and waits for no force. None for lock-step.
+        on_progress: called with the number of finished steps.
+
+    Returns:
+        The run, as read from its recording.
+
+    Raises:
+        SceneError: the scene cannot be run, or `pace` does not fit the other arguments.
+        RunFailed: a process failed.
+        BusError: a process is missing or was lost.
+        StreamFault: a message was lost, repeated or malformed.
+        RecordingError: the recording cannot be written.
     """
     from hertzloop.processes.launcher import RunOptions, Transport, record
 
@@ -214,8 +267,18 @@ def _check_pace(setup: Setup, options: "RunOptions") -> None:
 
 
 def read(recording: str | Path) -> Run:
-    """A recording as a run. Raises RecordingError if it is damaged, no recording, or its scene
-    cannot be simulated here."""
+    """Read a recording.
+
+    Args:
+        recording: MCAP file of a run.
+
+    Returns:
+        The run.
+
+    Raises:
+        RecordingError: the file cannot be read, is damaged or not a recording, or its scene
+            cannot be simulated by this version.
+    """
     from hertzloop.analysis.recorded import rows_of
     from hertzloop.recordings.reader import read as read_file
     from hertzloop.recordings.writer import RecordingError
@@ -289,7 +352,15 @@ def _run(
 
 
 def compare(a: "Run | RunFigures", b: "Run | RunFigures") -> "Comparison":
-    """Compare the figures of two runs; `print` shows the table of `hertzloop compare --figures`."""
+    """Compare the figures of two runs.
+
+    Args:
+        a: the reference.
+        b: the run to compare with it.
+
+    Returns:
+        One row per figure. `print` shows the table of `hertzloop compare --figures`.
+    """
     from hertzloop.analysis.spans import compared
     from hertzloop.views.inspection import PrintedComparison
 
@@ -298,8 +369,19 @@ def compare(a: "Run | RunFigures", b: "Run | RunFigures") -> "Comparison":
 
 
 def modes(scene: Scene) -> "xr.Dataset":
-    """The modes that a scene's plant computes with, a Dataset over `mode` with the columns of the
-    file that `hertzloop scene modes` writes. Raises SceneError."""
+    """Return the modes of the plate model of a scene.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        Dataset over `mode`, each variable of shape (modes,): `frequency_hz`, `loss_factor`,
+        `modal_mass_kg`, `shape_contact`, `shape_actuator`. The attribute
+        `residual_flexibility_m_n` (m/N) stands for the truncated modes.
+
+    Raises:
+        SceneError: the scene has no modes or cannot be simulated.
+    """
     from hertzloop.analysis.deflection import modes_of_scene
     from hertzloop.views.labelled import modes_of
 
@@ -315,11 +397,25 @@ def sweep(
     span: Literal["impact", "run"] = "impact",
     workers: int | None = None,
 ) -> "xr.Dataset":
-    """Figures of a scene over ranges of its keys, a Dataset over `case`.
+    """Compute the figures of a scene over ranges of its keys.
 
-    `over`: key to values, or to "low:high:step" (a grid), "low:high" (to be spread) as on the
-    command line. All combinations, or `cases` points spread over the ranges. Raises
-    DesignError, SceneError, SweepFailed.
+    Args:
+        scene: the scene.
+        over: by scene key a list of values, "low:high:step" (a grid) or "low:high" (to be spread).
+        design: "grid" for all combinations; "lhs" or "sobol" for spread points.
+        cases: number of spread points.
+        span: "impact" for the first impact, "run" for all contacts.
+        workers: number of processes; None for one per core.
+
+    Returns:
+        Dataset over `case`, each variable of shape (cases,). The varied keys are coordinates, and
+        the names of the figures end in their units (see `CaseFigures`). A figure that a case does
+        not have is nan; `state` and `status` say why.
+
+    Raises:
+        DesignError: the ranges cannot be used.
+        SceneError: the scene cannot be simulated.
+        SweepFailed: a worker process was lost.
     """
     from hertzloop.studies.sweeps.design import as_axis, design_of
     from hertzloop.studies.sweeps.evaluate import evaluate
@@ -346,11 +442,27 @@ def tune(
     seed: int = 1,
     workers: int | None = None,
 ) -> "list[Found]":
-    """Settings of the laws (the scene's own if none is named) that no other beats in the figures
-    to `minimise`, best first; of several scenes the worst counts.
+    """Search the Pareto-optimal settings of laws (NSGA-II, Deb et al. 2002).
 
-    `over`: ranges of keys other than a law's usual ones; `at_most`: largest values of figures.
-    Raises DesignError, SceneError, SweepFailed.
+    Args:
+        scene: the scene, or several; the worst of them counts.
+        laws: names or files of laws; the law of the scene if empty.
+        minimise: names of the figures to minimise, as in `CaseFigures`.
+        at_most: largest allowed values by figure.
+        over: ranges by scene key, in place of the usual ranges of the law.
+        span: "impact" for the first impact, "run" for all contacts.
+        generations: number of generations.
+        population: settings in a generation.
+        seed: seed of the search.
+        workers: number of processes; None for one per core.
+
+    Returns:
+        The settings that no other setting beats, best first.
+
+    Raises:
+        DesignError: a range or a figure cannot be used.
+        SceneError: a scene cannot be simulated.
+        SweepFailed: a worker process was lost.
     """
     from hertzloop.studies import tuning as study
     from hertzloop.studies.sweeps.design import as_axis
@@ -366,8 +478,18 @@ def tune(
 
 
 def read_record(path: str | Path, **table: Any) -> "Record":
-    """A measured record from a file; `table`: keys of its `[record]` table, which replace those of
-    the file. Raises RecordError."""
+    """Read a measured record.
+
+    Args:
+        path: CSV, Parquet, NPZ, HDF5, WAV, MCAP, TDMS, UFF or MDF file.
+        table: keys of the `[record]` table, which replace those of the file.
+
+    Returns:
+        The record, in SI units.
+
+    Raises:
+        RecordError: the file cannot be read, or the record cannot be used.
+    """
     from hertzloop.studies.fit.records import read_record as read_file
 
     return read_file(Path(path), table)
@@ -379,9 +501,19 @@ def fit(
 ) -> "FitResult":  # fmt: skip
     """Fit keys of a scene to measured records of drops without control.
 
-    `free`: keys as on the command line, "KEY[=LOW:HIGH][±PRIOR]". The result holds estimates with
-    95 % intervals and verdicts, and `setup.scene`, the fitted scene. Raises RecordError, FitError,
-    SceneError.
+    Args:
+        scene: the scene, with start values.
+        records: one record or several.
+        free: the keys to fit, `"KEY"`, `"KEY=LOW:HIGH"` or `"KEY±PRIOR"` as on the command line.
+        hold_out: records to compare with the fitted scene only.
+
+    Returns:
+        Estimates with 95 % intervals and verdicts; `setup.scene` is the fitted scene.
+
+    Raises:
+        RecordError: a record cannot be used.
+        FitError: a key cannot be fitted.
+        SceneError: the scene cannot be simulated.
     """
     from hertzloop.studies.fit.fit import fit as study
     from hertzloop.studies.fit.fit import free_of
@@ -397,7 +529,7 @@ def linear(scene: Scene | Setup, quantity: str | None = None) -> "PoleForm":
 
     Args:
         scene: the scene, or its setup.
-        quantity: "v_p" (m/s), "acceleration" (m/s^2) or "xi" (m); that of the scene if left out.
+        quantity: "v_p" (m/s), "acceleration" (m/s^2) or "xi" (m); that of the scene by default.
 
     Returns:
         Poles, residues and finite impulse response; `at(z)` evaluates it, per newton.

@@ -1,6 +1,9 @@
-"""What a law's file imports: `from hertzloop.law import Keys, About, kernel`.
+"""Names that the file of a law imports, for example `from hertzloop.law import Keys, kernel`.
 
-See docs/how-to/laws.md.
+`IDLE`, `WATCHING`, `ACTING` and `SPENT` are values of `s.mode`. `NO_PROMISE` is the quiet level of
+a law that makes no promise. `StepsUs` (us, a whole number of steps), `Gain` (-100 to 100) and
+`Force` (N, at most 1e6) are types of scene keys, and `Field` is that of pydantic.
+docs/how-to/laws.md explains the functions of a law.
 """
 
 from pydantic import Field

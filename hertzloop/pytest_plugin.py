@@ -1,7 +1,7 @@
 """A plug-in for pytest: rows of requirements.toml as tests, and fixtures that simulate a scene.
 
-pytest finds it by its entry point once hertzloop is installed. Nothing of hertzloop is imported
-until a file of requirements is found or a fixture is used.
+pytest finds it by its entry point once hertzloop is installed. It imports the rest of hertzloop
+only for a file of requirements or a fixture.
 """
 
 import tomllib
@@ -20,11 +20,11 @@ _FILE = "requirements.toml"
 
 
 class RequirementFailed(Exception):
-    """A row of requirements.toml does not hold."""
+    """A row of requirements.toml fails. The message holds the command that reproduces it."""
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
-    """Collect files called requirements.toml that have a row [[requirement]]."""
+    """Collect files named requirements.toml that have a row [[requirement]]."""
     if file_path.name != _FILE:
         return None
     try:
@@ -60,7 +60,11 @@ class RequirementItem(pytest.Item):
         self.row = row
 
     def runtest(self) -> None:
-        """Check the row. Raises RequirementFailed."""
+        """Check the row.
+
+        Raises:
+            RequirementFailed: a goal, a limit, a probability or an expected figure fails.
+        """
         from hertzloop.studies.budget.requirements import check
         from hertzloop.studies.sweeps.pool import local_pool
 
@@ -71,7 +75,7 @@ class RequirementItem(pytest.Item):
             raise RequirementFailed("; ".join(found.fails) + f"\nReproduce: {found.command}")
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
-        """Return the sentences on what fails, without a traceback."""
+        """Return the message of a failed row without a traceback."""
         from hertzloop.scenes.errors import SceneError
 
         if isinstance(excinfo.value, RequirementFailed | SceneError):
@@ -79,7 +83,7 @@ class RequirementItem(pytest.Item):
         return super().repr_failure(excinfo, style)
 
     def reportinfo(self) -> tuple[Path, int | None, str]:
-        """Return where the row stands, and its name."""
+        """Return the file, no line, and the name of the row."""
         return self.path, None, f"requirement: {self.name}"
 
 
@@ -104,9 +108,15 @@ def _rows(
 
 @pytest.fixture
 def hertzloop_run() -> "Callable[..., CaseFigures]":
-    """Simulate one case: a function of scene, `law`, `changes` (scene keys and values) and `span`
-    that returns its figures against no control (`CaseFigures`). It raises SceneError for a case
-    that cannot be run, UnstableLoop for an unstable loop."""
+    """Return a function that simulates one case.
+
+    Returns:
+        A function `run(scene="aluminium-3mm", law=None, changes=None, span="impact")`. `scene` is a
+        shipped name or a TOML file, `law` a shipped name or a file, `changes` holds values by scene
+        key, and `span` is "impact" or "run". It returns `hertzloop.analysis.cases.CaseFigures`:
+        figures against no control. It raises SceneError for a case that cannot be run, and
+        UnstableLoop for an unstable loop.
+    """
 
     def run(
         scene: str = "aluminium-3mm",
@@ -125,9 +135,14 @@ def hertzloop_run() -> "Callable[..., CaseFigures]":
 
 @pytest.fixture
 def hertzloop_sweep() -> Callable[..., list[dict[str, Any]]]:
-    """Simulate many cases: a function of scene, `over` (scene keys and lists of values, all
-    combinations), `law` and `span` that returns a row a case: the keys, the figures against no
-    control, `state` and `status`."""
+    """Return a function that simulates all combinations of values.
+
+    Returns:
+        A function `sweep(scene, over, law=None, span="impact")`. `over` holds a list of values by
+        scene key; the other arguments are those of `hertzloop_run`. It returns a list of dicts, one
+        per case: the keys, the figures of `CaseFigures`, `state` and `status`. It raises SceneError
+        for a scene that cannot be run.
+    """
 
     def sweep(
         scene: str,

@@ -33,7 +33,7 @@ _FLUSH_EVERY_S = 0.05
 
 
 class RecordingError(RuntimeError):
-    """The recording cannot be written or read; the sentence says why."""
+    """A recording cannot be written or read. The message says why."""
 
 
 class RecordingWriter:

@@ -2,6 +2,8 @@
 
 import importlib
 import importlib.util
+import inspect
+import pkgutil
 import re
 import shlex
 import subprocess
@@ -11,7 +13,9 @@ from pathlib import Path
 import pytest
 import typer
 
+import hertzloop
 from benchmarks.program import app_of
+from hertzloop.bus.streams import STREAMS
 from hertzloop.cli import app
 from hertzloop.scenes.keys import keys, page
 from tests.benchmarks.programs import VALIDATIONS
@@ -23,7 +27,11 @@ PAGES = sorted(
     page.relative_to(DOCS) for page in DOCS.rglob("*.md") if "```python\n" in page.read_text()
 )
 # Pages of which the plain blocks are run, in order, in one empty folder; exit codes other than 0.
-RUN = {"README.md": {}, "docs/tutorials/first-run.md": {"hertzloop compare": 1}}
+RUN = {
+    "README.md": {},
+    "docs/tutorials/first-run.md": {"hertzloop compare": 1},
+    "docs/tutorials/own-law.md": {},
+}
 
 
 @pytest.mark.full
@@ -126,6 +134,22 @@ def test_every_key_is_explained() -> None:
 def test_the_page_of_keys_is_what_the_code_says() -> None:
     """Mend: hertzloop scene keys --markdown > docs/reference/keys.md"""
     assert (DOCS / "reference" / "keys.md").read_text() == page()
+
+
+def test_every_public_name_has_its_entry() -> None:
+    """The page of the Python interface is generated from the docstrings that it names."""
+    entries = re.findall(r"^::: (\S+)", (DOCS / "reference" / "python.md").read_text(), re.M)
+    names = {*hertzloop.__all__, "hertzloop_run", "hertzloop_sweep"} - {"__version__"}
+    assert names <= {entry.rpartition(".")[2] for entry in entries}
+    for entry in entries:
+        assert inspect.getdoc(pkgutil.resolve_name(entry)), entry
+
+
+def test_the_topics_of_a_recording() -> None:
+    text = (DOCS / "reference" / "recording-format.md").read_text()
+    rows = re.findall(r"^\| `(/\w+)` \| `(\S+)` \|", text, re.M)
+    kept = {s.topic: (s.recorded_as or s.message).DESCRIPTOR.full_name for s in STREAMS.values()}
+    assert rows == list(kept.items())
 
 
 def test_the_readme_is_short() -> None:

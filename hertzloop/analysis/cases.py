@@ -44,21 +44,40 @@ class CaseState(StrEnum):
 
 
 class UnstableLoop(SceneError):
-    """The actuator feeds in energy without bound: figures would say nothing."""
+    """The loop is unstable: the actuator adds energy without bound, so there are no figures."""
 
 
 @dataclass(frozen=True)
 class CaseFigures:
-    """Figures of a case, as in `SpanFigures`. `*_db`: against the same span of the same scene
-    without control, on the same model of the plate; of energies 10 lg, of the plate's largest
-    speed and the pressure bound 20 lg.
+    """Figures of a case of a sweep.
 
-    `injected_j`: the actuator's share of the plate energy, `pumps`: whether that was more than the
-    impact's energy at a time, `delay_us`: latched by the law, nan without. `plate_model`: "modal"
-    or "infinite", what the scene's run.plate_model came to: with this value `hertzloop run` gives
-    the same figures.
-    `leaves_out`, `out_of_range`: names of indicators above their threshold, and by far (see
-    hertzloop.analysis.validity). `digest`: of all samples and rows of truth of the `steps` steps.
+    Figures in dB compare with the same span without control, on the same plate model: 10 lg of an
+    energy ratio, 20 lg of a ratio of speeds or pressures.
+
+    Attributes:
+        plate_energy_db: change of the plate energy, dB.
+        rebound_percent: rebound height over that without control, %.
+        radiated_db: change of the study's figure of radiated energy, dB.
+        plate_speed_db: change of the largest plate speed, dB.
+        pressure_db: change of the pressure bound, dB.
+        longhorn_db: change of `longhorn_j` (Longhorn 1952), dB.
+        holmes_db: change of `holmes_j` (Holmes 1974), dB.
+        plate_energy_j: work of contact force and actuator force on the plate, J.
+        injected_j: work of the actuator force on the plate, J.
+        pumps: whether the actuator had at some time added more than the energy of the impact.
+        impact_energy_j: energy of the sphere before the impact, J.
+        rebound_m_s: speed of the sphere after the last contact, m/s.
+        contact_us: duration of the first contact, us.
+        contacts: number of contacts.
+        peak_force_n: largest contact force, N.
+        delay_us: delay that the law latched, us; nan without one.
+        energy_residual: missing part of the energy balance, relative.
+        plate_model: "modal" or "infinite". With this value of run.plate_model, `hertzloop run`
+            gives the same figures.
+        leaves_out: names of indicators above their threshold (`hertzloop.analysis.validity`).
+        out_of_range: names of indicators beyond the range of the model.
+        steps: number of simulated steps.
+        digest: digest of all samples and states of these steps.
     """
 
     plate_energy_db: float

@@ -42,14 +42,26 @@ _APART = 1 << 10  # steps without force between two parts of a force's spectrum
 
 @dataclass(frozen=True)
 class SpanFigures:
-    """Figures of the first impact, or of all impacts of a run, SI units.
+    """Figures of the first impact, or of the whole run.
 
-    The first impact lasts as `plant.figures.rows_kernels` says, the run from its first touch to
-    its end. `contact_time_s`, `impact_speed_m_s`: of the first contact; `rebound_*`: after the last
-    contact of the span. `plate_energy_j`: work of contact and actuator force on the plate;
-    `plate_speed_max_m_s`: at the contact point. `radiated_j`: sum of sigma E up to 20 kHz, the
-    figure of the study; `sound_j`: what the plate radiates up to 20 kHz. Both are nan for what is
-    not a simply supported plate.
+    `plant.figures.rows_kernels` defines the first impact. The whole run lasts from the first touch
+    to its end.
+
+    Attributes:
+        contacts: number of contacts.
+        contact_time_s: duration of the first contact, s.
+        impact_speed_m_s: speed of the sphere before the first contact, m/s.
+        rebound_speed_m_s: speed of the sphere after the last contact, m/s.
+        rebound_height_m: height of the sphere after the last contact, by energy, m.
+        peak_force_n: largest contact force, N.
+        plate_energy_j: work of contact force and actuator force on the plate, J.
+        plate_speed_max_m_s: largest plate speed at the contact point, m/s.
+        radiated_j: figure of the study, sum of sigma E up to 20 kHz, J; nan unless the structure
+            is a simply supported plate.
+        sound_j: energy that the plate radiates up to 20 kHz, J; nan as `radiated_j`.
+        longhorn_j: acceleration noise energy (Longhorn 1952), J.
+        holmes_j: acceleration noise energy (Holmes 1974), J.
+        peak_pressure_pa: bound of the sound pressure at 1 m, Pa.
     """
 
     contacts: int
@@ -69,7 +81,12 @@ class SpanFigures:
 
 @dataclass(frozen=True)
 class RunFigures:
-    """Figures of a run; None without a contact, and for the whole run of the published scheme."""
+    """Figures of a run.
+
+    Attributes:
+        first_impact: figures of the first impact; None without a contact.
+        whole_run: figures of all contacts; None without a contact and for the published scheme.
+    """
 
     first_impact: SpanFigures | None
     whole_run: SpanFigures | None
@@ -207,8 +224,16 @@ def change_db(
 
 @dataclass(frozen=True)
 class Difference:
-    """One figure of two runs, SI units: `b_to_a` in `unit`, "dB" of energies and amplitudes, "%"
-    of other quantities, "" of a count. It is nan where no ratio is defined."""
+    """One figure of two runs.
+
+    Attributes:
+        span: "first impact" or "whole run".
+        figure: name of the figure in `SpanFigures`.
+        a: value of the first run, SI units.
+        b: value of the second run, SI units.
+        b_to_a: change from a to b in `unit`; nan where no ratio is defined.
+        unit: "dB" for energies and amplitudes, "%" for other quantities, "" for a count.
+    """
 
     span: str
     figure: str
@@ -220,7 +245,11 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All figures of two runs: those of the first impact, then those of the whole run."""
+    """All figures of two runs.
+
+    Attributes:
+        rows: the figures of the first impact, then those of the whole run.
+    """
 
     rows: tuple[Difference, ...]
 

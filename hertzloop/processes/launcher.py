@@ -31,7 +31,7 @@ _SCENE = "scene.toml"
 
 
 class RunFailed(RuntimeError):
-    """A process of the run failed; the sentence is that of the first cause."""
+    """A process of the run failed. The message names the first cause."""
 
 
 @dataclass

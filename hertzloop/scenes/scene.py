@@ -61,7 +61,10 @@ __all__ = [
 
 
 class Scene(Table):
-    """A whole scene; see scenes/*.toml for examples."""
+    """A scene: one table per part, as in the TOML file. `load` and `vary` make it.
+
+    `scene.controller.latency_us` reads a key. The page of scene keys lists all of them.
+    """
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
     """of the scene, and of its recording"""
@@ -233,7 +236,15 @@ def parse(
 
 
 def vary(scene: Scene, values: Mapping[str, Any]) -> Scene:
-    """A scene with other values of some keys, "table.key": value. Raises SceneError."""
+    """Return a scene with other values.
+
+    Args:
+        scene: the scene, which stays as it is.
+        values: new values by scene key, for example {"sphere.radius_m": 0.004}.
+
+    Raises:
+        SceneError: a key is unknown, or a value is not possible.
+    """
     found = _by_tables(scene, values)
     if found is not None:
         return found

@@ -49,8 +49,14 @@ LAWS = (
 
 @dataclass(frozen=True)
 class Found:
-    """A setting and what it gives: values by key, objectives by name (the worst of the scenes),
-    and their `spreads` over the touch phase (of the scene with the worst mean), where known."""
+    """A setting and its figures.
+
+    Attributes:
+        values: values by scene key.
+        figures: minimised figures by name, the worst of the scenes.
+        spreads: mean and range over touch phases by figure, for the scene with the worst mean;
+            empty where not computed.
+    """
 
     values: dict[str, Any]
     figures: dict[str, float]

@@ -17,13 +17,21 @@ _POWERS = np.arange(4)
 
 @dataclass(frozen=True)
 class Impact:
-    """One contact. Times in s since the start of the run, found between two steps by linear
-    interpolation of the gap; speeds of the sphere, the impact speed positive downwards, the
-    rebound speed positive upwards; `plate_energy_j`: work of contact and actuator force on
-    the plate from this contact's start until the impact is over (`answer_kernels`; in `impacts`
-    below until the next contact or the end of the rows). Peak force and
-    largest plate speed at the contact point are those within steps, of this contact alone
-    (published scheme: at its samples, as published).
+    """One contact.
+
+    Times are found between two steps by linear interpolation of the gap. Peak force and plate
+    speed are maxima within steps (the published scheme: at its samples, as published).
+
+    Attributes:
+        start_s: start of the contact since the start of the run, s.
+        duration_s: contact time, s.
+        impact_speed_m_s: speed of the sphere at the start, positive downwards, m/s.
+        rebound_speed_m_s: speed of the sphere at the end, positive upwards, m/s.
+        peak_force_n: largest contact force, N.
+        plate_energy_j: work of contact force and actuator force on the plate, J, from the start
+            of this contact until the impact is over (`answer_kernels`; in `impacts` below until
+            the next contact or the end of the time series).
+        plate_speed_max_m_s: largest plate speed at the contact point, m/s.
     """
 
     start_s: float

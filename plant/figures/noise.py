@@ -32,13 +32,27 @@ _EFFICIENCIES: dict[str, Efficiency] = {"": efficiency_fahy, "_maidanik": effici
 
 @dataclass(frozen=True)
 class ImpactNoise:
-    """Figures of one impact; see the functions of this module for each.
+    """Noise figures of one impact.
 
-    `transmitted_j` is the work on the plate in the time domain, `transmitted_spectrum_j` the
-    same from the force's spectrum. Up to 20 kHz, with the efficiency of eq. 3.12 (Fahy) or 3.13
-    (Maidanik): `radiated_j`, `radiated_maidanik_j` are the study's figure, the sum of sigma E over
-    the modes, which ranks but is no energy; `sound_j`, `sound_maidanik_j` is what the plate
-    radiates until it is at rest.
+    The functions of this module define each figure. Radiated energies are summed up to 20 kHz,
+    with the efficiency of eq. 3.12 (Fahy) or of eq. 3.13 (Maidanik 1962).
+
+    Attributes:
+        contact_time_s: contact time, s.
+        impact_speed_m_s: speed of the sphere before, m/s.
+        next_impact_speed_m_s: speed of the sphere at its next impact, m/s.
+        rebound_height_m: height of the sphere after the impact, by energy, m.
+        longhorn_j: acceleration noise energy (Longhorn 1952), J.
+        holmes_j: acceleration noise energy (Holmes 1974), J.
+        peak_pressure_pa: bound of the sound pressure at 1 m, Pa.
+        transmitted_j: work on the plate, from the time series, J.
+        transmitted_spectrum_j: work on the plate, from the spectrum of the force, J.
+        plate_speed_max_m_s: largest plate speed at the contact point, m/s.
+        radiated_j: figure of the study, sum of sigma E over the modes (eq. 3.12), J. It ranks
+            impacts, but it can exceed the energy in the plate.
+        radiated_maidanik_j: `radiated_j` with eq. 3.13, J.
+        sound_j: energy that the plate radiates until rest (eq. 3.12), J.
+        sound_maidanik_j: `sound_j` with eq. 3.13, J.
     """
 
     contact_time_s: float

@@ -68,3 +68,14 @@ def test_the_python_interface_names_it_too(tmp_path: Path) -> None:
 def test_a_scene_is_read_without_it(package: str, tmp_path: Path) -> None:
     done = without(package, "scene", "modes", "aluminium-3mm", "-o", "modes.csv", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+
+
+def test_a_check_needs_no_charts(tmp_path: Path) -> None:
+    """The workflow that `law new --with-check` writes installs no extra."""
+    row = 'name = "a"\nscene = "aluminium-3mm"\ngoal = "plate_energy_db <= -0.1"\nphases = 1\n'
+    (tmp_path / "requirements.toml").write_text(
+        f'law = "force_feedback"\n[[requirement]]\nset = {{ "run.duration_s" = 0.002 }}\n{row}'
+    )
+    done = without("matplotlib jinja2", "budget", "--check", "requirements.toml", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    assert "1 of 1 requirements hold" in done.stdout

@@ -52,12 +52,24 @@ _EXPECTED = re.compile(
 
 
 class FitError(ValueError):
-    """The question cannot be answered as asked; one sentence."""
+    """A key cannot be fitted as asked. The message says why."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """An estimate of a free key; `low` and `high`: 95 % interval, None where it is open."""
+    """An estimate of a free key.
+
+    Attributes:
+        key: scene key.
+        value: estimate, in the unit of the key.
+        low: lower end of the 95 % interval; None where it is open.
+        high: upper end of the 95 % interval; None where it is open.
+        verdict: identified, one-sided or not identifiable.
+        start: value of the scene before the fit.
+        sd_log: standard deviation of the natural logarithm; None where it is unknown.
+        prior_pull: distance from the prior in its standard deviations; None without a prior.
+        alone_percent: half-width if all other keys were known, %.
+    """
 
     key: str
     value: float
@@ -94,11 +106,28 @@ class Nuisance:
 
 @dataclass
 class FitResult:
-    """The result of `fit`, in numbers.
+    """The result of `fit`.
 
-    `estimates`: by key, in the order asked. `combinations`: products of keys, the worst known
-    first. `measure_next`: sentences. `covariance`: of the logarithms of the keys. `setup`: the
-    fitted scene; None of a check.
+    Attributes:
+        estimates: one per free key, in the order given.
+        nuisances: time shift, clock error, gain and offset of each record.
+        noise_rms: noise of the first record, in the SI unit of its quantity.
+        residual_over_noise: residual of all records over their noise.
+        model: verdict on the model.
+        statistics: the tests behind the verdict, by name.
+        reasons: sentences on the verdict.
+        combinations: products of keys with their half-widths, the worst known first.
+        measure_next: sentences on what to measure.
+        hold_out: `residual_over_noise` of the held-out records; None without any.
+        evaluations: number of simulations.
+        wall_s: duration of the fit, s.
+        covariance: covariance of the natural logarithms of the keys, shape (keys, keys).
+        setup: setup with the fitted scene, `setup.scene`; None for a check.
+        notes: sentences.
+        speeds_m_s: least and largest impact speed of the records, m/s.
+        records: the records.
+        curves: measured and simulated values by record.
+        checked_only: whether no fit was made.
     """
 
     estimates: list[Estimate]
@@ -123,7 +152,7 @@ class FitResult:
 
     @property
     def identifiable(self) -> bool:
-        """Whether the records tell something about every key."""
+        """Whether the records determine every key at least on one side."""
         return all(e.verdict is not Verdict.NOT_IDENTIFIABLE for e in self.estimates)
 
 

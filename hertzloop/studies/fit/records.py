@@ -17,7 +17,7 @@ import numpy as np
 
 
 class RecordError(ValueError):
-    """A record cannot be used; one sentence with field, value and remedy."""
+    """A record cannot be used. The message names the field, its value and the remedy."""
 
 
 class Quantity(NamedTuple):

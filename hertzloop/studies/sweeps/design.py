@@ -21,7 +21,7 @@ _LAW = "controller.law"
 
 
 class DesignError(ValueError):
-    """The sweep asked for cannot be made; the message says why and what would do."""
+    """The ranges of a sweep cannot be used. The message names the key and the remedy."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ _WORTH_S = 1.5  # of work left for this process alone: about what the start of a
 
 
 class SweepFailed(RuntimeError):
-    """The cases were not all run; what was finished is kept."""
+    """Some cases could not be run. The finished cases are kept."""
 
 
 def local_cores() -> int:
