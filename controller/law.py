@@ -40,6 +40,10 @@ def kernel(function: Callable[..., Any]) -> Any:
     return compiled(function, inline=True, kept=False, spliced=not calls_itself)
 
 
+class LawError(ValueError):
+    """There is no such law, or it cannot run; the sentence names the key and the remedy."""
+
+
 class Keys(BaseModel):
     """Base class of the scene keys of a law: one pydantic field per key, finite numbers only."""
 

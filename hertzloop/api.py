@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.studies.fit.fit import FitError, FitResult
     from hertzloop.studies.fit.records import Record, RecordError
-    from hertzloop.studies.margin.linear import PoleForm
+    from hertzloop.studies.margin.system import LinearSystem
     from hertzloop.studies.sweeps.design import DesignError
     from hertzloop.studies.sweeps.pool import SweepFailed
     from hertzloop.studies.tuning import Found
@@ -524,19 +524,20 @@ def fit(
     return study(setup, several, [free_of(setup, text) for text in free], hold_out)
 
 
-def linear(scene: Scene | Setup, quantity: str | None = None) -> "PoleForm":
-    """Return the sampled response of the plant in flight to a force command.
+def linear(scene: Scene | Setup, quantity: str | None = None) -> "LinearSystem":
+    """Return the sampled response of the plant in flight to the force of the actuator.
 
     Args:
         scene: the scene, or its setup.
         quantity: "v_p" (m/s), "acceleration" (m/s^2) or "xi" (m); that of the scene by default.
 
     Returns:
-        Poles, residues and finite impulse response; `at(z)` evaluates it, per newton.
+        Poles, residues and finite impulse response, with methods for frequency response, state
+        space, python-control and files.
 
     Raises:
         SceneError: the scheme or the quantity has no such response.
     """
-    from hertzloop.studies.margin.linear import plant_in_flight
+    from hertzloop.studies.margin.system import LinearSystem
 
-    return plant_in_flight(resolve(scene), quantity)
+    return LinearSystem.of(scene if isinstance(scene, Setup) else resolve(scene), quantity)

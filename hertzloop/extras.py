@@ -16,6 +16,7 @@ EXTRAS = {
     "asammdf": "mdf",
     "distributed": "dask",
     "SALib": "uncertain",
+    "control": "control",
 }
 
 

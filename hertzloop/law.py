@@ -18,6 +18,7 @@ from hertzloop.controller.law import (
     Force,
     Gain,
     Keys,
+    LawError,
     Reach,
     StepsUs,
     kernel,
@@ -25,5 +26,5 @@ from hertzloop.controller.law import (
 
 __all__ = [
     "ACTING", "IDLE", "NO_PROMISE", "SPENT", "WATCHING", "About", "Field", "Force", "Gain", "Keys",
-    "Reach", "StepsUs", "kernel",
+    "LawError", "Reach", "StepsUs", "kernel",
 ]  # fmt: skip

@@ -29,8 +29,8 @@ pytest_plugins = ("hertzloop.pytest_plugin",)
 
 # Packages of the extra `all-tests`, one for each of its lines that tests import.
 _ALL_TESTS = (
-    "cosmic_ray", "cryptography", "distributed", "fmpy", "grpc_tools", "gymnasium", "h5py",
-    "hatchling", "mkdocs", "nbclient", "pymoo", "pythonfmu", "skfem", "sksundae",
+    "control", "cosmic_ray", "cryptography", "distributed", "fmpy", "grpc_tools", "gymnasium",
+    "h5py", "hatchling", "mkdocs", "nbclient", "pymoo", "pythonfmu", "skfem", "sksundae",
 )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from pydantic import BaseModel
 
-from hertzloop.controller.law import WHOLE_STEPS, About, Keys, Reach
+from hertzloop.controller.law import WHOLE_STEPS, About, Keys, LawError, Reach
 from hertzloop.controller.loading.bound import BoundLaw, BoundPython
 from hertzloop.controller.loading.compiled import numbers_of
 
@@ -20,10 +20,6 @@ ABOUT_FIELDS = (
     "sample_s", "horizon_s", "stiffness", "sphere_mass_kg", "impact_speed_m_s", "impedance_n_s_m",
     "converter_step", "limit_n",
 )  # fmt: skip
-
-
-class LawError(ValueError):
-    """There is no such law, or it is none; the sentence says what would be right."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +40,13 @@ class Law:
 
     @property
     def senses(self) -> str:
-        """The quantity that it has to be given; "any" if that is all the same."""
+        """The quantity that it has to be given; "any" if that is all the same. Of several, with a
+        comma between them, the first is the default."""
         return str(getattr(self.home, "senses", "xi"))
+
+    def note(self, keys: Any) -> str:
+        """A sentence on its keys that a user should read before a run; usually empty."""
+        return str(self._asked("note", keys)) if hasattr(self.home, "note") else ""
 
     @property
     def latches(self) -> bool:

@@ -137,8 +137,11 @@ def check_pace(setup: Setup, pace: float | None, timeout: float, **others: objec
 
 
 def check_law(setup: Setup) -> None:
-    """Try a law that is not shipped for a moment, and say so if it is slow. Raises SceneError."""
+    """Print what a law says of its keys; try one that is not shipped for a moment, and say so if it
+    is slow. Raises SceneError."""
     if setup.law_reference in shipped_laws():
+        if said := setup.law.note(setup.law_keys):
+            err.print(said, soft_wrap=True, markup=False)
         return
     from hertzloop.processes.law_trial import try_law
 

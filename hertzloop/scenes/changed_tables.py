@@ -18,7 +18,7 @@ _KEPT = 4096
 # What other tables, or files, have a say in.
 _NOT_ALONE = {
     "plate.material", "plate.modes", "sphere.material", "sensors.quantity", "controller.law",
-    "controller.law_digest", "controller.latency_trace",
+    "controller.law_digest", "controller.latency_trace", "controller.filter_file",
 }  # fmt: skip
 
 

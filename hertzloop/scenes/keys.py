@@ -92,7 +92,8 @@ def _kinds(kind: Any) -> Iterator[str]:
     elif origin is tuple:
         many = inner[-1] is Ellipsis
         words = next(_kinds(inner[0]))
-        yield f"list of {words}s" if many else f"{len(inner)} {words}s"
+        words = words.replace("list", "lists", 1) if words.startswith("list") else f"{words}s"
+        yield f"list of {words}" if many else f"{len(inner)} {words}"
     elif isinstance(kind, type) and issubclass(kind, BaseModel):
         yield "table"
     else:

@@ -12,6 +12,8 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from hertzloop.controller.loading.registry import find
+from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.structures.materials import (
     MATERIALS,
     SHIPPED,
@@ -44,6 +46,10 @@ def take_in(data: dict[str, Any], folder: Path) -> None:
     control = data.get("controller")
     if isinstance(control, dict) and isinstance(control.get("latency_trace"), str):
         control["latency_trace"] = _latencies(folder / control["latency_trace"])
+    if isinstance(control, dict) and control.get("law") in shipped_laws():
+        read_files = getattr(find(control["law"]).home, "read_files", None)
+        if read_files is not None:
+            read_files(control, folder)
 
 
 _LATENCY = "latency_us"  # column of a trace that has several

@@ -128,11 +128,12 @@ def problems(scene: SceneTables) -> list[str]:
             "sensors.quantity. Give a number"
         )
     wanted = scene.law.senses
-    if wanted not in (*SENSED, "any"):
+    several = [one.strip() for one in wanted.split(",")]
+    if not {*several} <= {*SENSED, "any"}:
         found.append(
             f"{scene.law.name}: senses = '{wanted}' is unknown. Use any, {', '.join(SENSED)}."
         )
-    elif wanted != "any" and scene.sensors.quantity != wanted:
+    elif "any" not in several and scene.sensors.quantity not in several:
         found.append(
             f"sensors.quantity = '{scene.sensors.quantity}': controller.law = '{control.law}' "
             "needs "

@@ -134,6 +134,7 @@ class Scene(Table):
             ).senses
         except LawError:  # the table of the controller says so
             senses = "xi"
+        senses = senses.partition(",")[0]  # the default of several
         if senses not in (*SENSED, "any"):  # see problems()
             senses = "xi"
         return {**data, "sensors": {**sensors, "quantity": senses.replace("any", "xi")}}

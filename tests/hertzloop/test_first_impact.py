@@ -78,6 +78,7 @@ FORCES = {
     "constant": ["controller.force_n=20", "controller.duration_us=200", "controller.delay_us=1400"],
     "profile": ["controller.profile_n=[10.0, 20.0, 30.0]", "controller.lead_us=1"],
     "precomputed": ["controller.precomputed=F_a7", "controller.delay_us=30"],
+    "linear": ["controller.numerator=[-100.0, 20.0]", "controller.denominator=[1.0, -0.5]"],
 }
 
 

@@ -55,7 +55,8 @@ def test_a_loop_that_explodes_is_called_unstable(tmp_path: Path) -> None:
 def test_no_shipped_scene_and_no_law_is_called_unstable(name: str) -> None:
     for law in shipped_laws():
         own = {"constant": ["controller.duration_us=20", "controller.force_n=1e4"],
-               "profile": ["controller.profile_n=[1e4, -1e4]"]}  # fmt: skip
+               "profile": ["controller.profile_n=[1e4, -1e4]"],
+               "linear": ["controller.numerator=[-1.0]"]}  # fmt: skip
         keys = [f"controller.law={law}", "sensors.quantity=auto", *own.get(law, [])]
         if law in ("velocity_feedback", "acceleration_feedback"):
             keys += ["controller.kappa=0.05"]  # more than a few tenths do become unstable

@@ -7,11 +7,13 @@ samples.
 """
 
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 import scipy
 
 from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.laws import linear
 from hertzloop.setup.setup import Setup
 
 _SAMPLES = 1500
@@ -20,6 +22,8 @@ _HANKEL = 250
 _TOLERANCE = 1e-9
 _RANK = 1e-10
 _AMPLITUDES = (1e-9, 1e-3, 1.0, 1e3)
+_ON_CIRCLE = 1e-9  # a pole this close to the unit circle counts as inside it
+_DIGITS = 1e-7  # of partial fractions; with fewer they are of no use
 
 
 class NotLinearError(Exception):
@@ -40,6 +44,64 @@ class LawFilter:
         if not len(self.poles):
             return np.full(z.shape, complex(self.direct))
         return np.asarray(self.direct + (self.residues / (z[..., None] - self.poles)).sum(axis=-1))
+
+
+@dataclass(frozen=True)
+class Cascade(LawFilter):
+    """Transfer function of the law `linear`.
+
+    Its partial fractions `direct` and `residues` are nan if poles (nearly) coincide. The response
+    does not need them. An integrator counts as a slow decay.
+
+    Attributes:
+        gain: factor on all stages.
+        numerators: coefficients of 1, 1/Z, ... of each stage.
+    """
+
+    gain: float
+    numerators: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, keys: Any) -> Self:
+        """Return the filter of the keys of law `linear`."""
+        poles = linear.poles(keys)
+        size = np.abs(poles)
+        on_circle = np.abs(size - 1.0) < _ON_CIRCLE
+        poles = np.where(on_circle, poles * (1.0 - _ON_CIRCLE) / np.maximum(size, 0.5), poles)
+        numerators = tuple(b for b, _ in linear.stages(keys))
+        unknown = np.full(len(poles), np.nan + 0j)
+        bare = cls(np.nan, poles, unknown, float(keys.gain), numerators)
+        gap = np.abs(poles[:, None] - poles[None, :]) + np.eye(len(poles))
+        if np.any(gap == 0.0):
+            return bare
+        # The numerator in powers of Z has the degree of the denominator.
+        top = np.array([bare.gain])
+        for b in numerators:
+            top = np.convolve(top, b)
+        residues = np.empty(len(poles), complex)
+        for i, pole in enumerate(poles):
+            residues[i] = np.polyval(top, pole) / np.prod(pole - np.delete(poles, i))
+        found = cls(float(top[0]), poles, residues, bare.gain, numerators)
+        z = np.exp(1j * np.geomspace(1e-4, 3.0, 50))
+        fractions, product = LawFilter.at(found, z), bare.at(z)
+        away = np.abs(fractions - product).max(initial=0.0)
+        return found if away <= _DIGITS * np.abs(product).max() else bare
+
+    def at(self, z: np.ndarray) -> np.ndarray:
+        """Return the response at complex `z`, same shape."""
+        z = np.asarray(z, complex)
+        back = 1.0 / z
+        found = np.full(z.shape, complex(self.gain))
+        for b in self.numerators:
+            some = np.flatnonzero(b)
+            if not len(some):
+                return np.zeros(z.shape, complex)
+            found = found * b[some[0]] * back ** some[0]
+            for zero in linear.roots(b[some[0] :]):  # factors keep their digits near Z = 1
+                found = found * (1.0 - zero * back)
+        for pole in self.poles:
+            found = found / (1.0 - pole * back)
+        return np.asarray(found)
 
 
 def law_filter(setup: Setup) -> LawFilter:
@@ -67,6 +129,8 @@ def law_filter(setup: Setup) -> LawFilter:
         keep = float(np.exp(-2.0 * np.pi * setup.law_keys.leak_hz * known.sample_s))
         scale = gain * keep * known.sample_s  # times Z/(Z - keep) = 1 + keep/(Z - keep)
         return LawFilter(scale, np.array([keep + 0j]), np.array([scale * keep + 0j]))
+    if setup.law_reference == "linear":
+        return Cascade.of(setup.law_keys)
     if setup.law_reference == "force_feedback":
         none = np.empty(0, complex)
         return LawFilter(float(setup.law_keys.kappa), none, none)

@@ -276,7 +276,7 @@ def _dense_poles(loop: Loop, delay: int) -> np.ndarray:
     residues = np.concatenate([plant.residues, plant.residues.conj()])
     n, m, late = len(p), len(law.poles), delay + 2
     total = n + m + late
-    if total > _DENSE:
+    if total > _DENSE or not np.all(np.isfinite(law.residues)):
         return np.empty(0, complex)
     # State: plant, law, commands of the last `late` samples, the newest first.
     a = np.zeros((total, total), complex)

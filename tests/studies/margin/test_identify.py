@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+import scipy.signal as sg
 
 from hertzloop.setup import load
-from hertzloop.studies.margin.identify import NotLinearError, law_filter, probe
+from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter, probe
 from hertzloop.studies.margin.linear import PoleForm
+from hertzloop.studies.margin.margin import margin_of
 
 LAW = '''"""A filter of two poles."""
 
@@ -101,3 +103,44 @@ def test_what_the_transfer_function_does_not_hold_is_refused(setting: str) -> No
     assert law_filter(load("aluminium-3mm", law)).direct < 0.0
     with pytest.raises(NotLinearError, match=setting.split("=")[0]):
         law_filter(load("aluminium-3mm", [*law, setting]))
+
+
+@pytest.mark.parametrize(
+    "sos",
+    [
+        sg.butter(8, 2000.0, fs=1e6, output="sos"),
+        sg.tf2sos(*sg.iirnotch(791.0, 30.0, fs=1e6)),
+        [[1.0, -2.0, 1.0, 1.0, -0.5, 0.06], [0.3, 0.0, 0.0, 1.0, -0.5, 0.06]],  # double poles
+    ],
+    ids=["butter", "notch", "double"],
+)
+def test_sections_have_the_response_of_their_polynomials(sos) -> None:
+    theta = np.geomspace(1e-4, 3.1, 200)
+    exact = np.exp(1j * theta.astype(np.longdouble))  # near z = 1 a double has too few digits
+    rows = np.asarray(sos, np.longdouble)
+    expected = np.asarray(-20.0 * np.prod(
+        [np.polyval(row[:3], exact) / np.polyval(row[3:], exact) for row in rows], axis=0), complex
+    )  # fmt: skip
+    setup = load("oak-20mm", ["controller.law=linear", "controller.gain=-20",
+                              f"controller.sections={np.asarray(sos).tolist()}"])  # fmt: skip
+    found = law_filter(setup)
+    z = np.asarray(exact, complex)
+    assert np.abs(found.at(z) - expected).max() <= 1e-11 * np.abs(expected).max()
+    if np.all(np.isfinite(found.residues)):
+        fractions = LawFilter.at(found, z)
+        assert np.abs(fractions - expected).max() <= 1e-7 * np.abs(expected).max()
+
+
+def test_the_law_linear_has_the_margin_of_velocity_feedback() -> None:
+    other = load("oak-20mm", ["controller.law=velocity_feedback", "controller.kappa=1.1"])
+    gain = -other.law_keys.kappa * other.about.impedance_n_s_m
+    mine = load("oak-20mm", ["controller.law=linear", f"controller.numerator=[{gain!r}]"])
+    assert margin_of(mine) == margin_of(other)
+
+
+def test_an_integrator_counts_as_a_slow_decay() -> None:
+    keys = ["controller.numerator=[-1e-4]", "controller.denominator=[1, -1]"]
+    found = margin_of(load("oak-20mm", ["controller.law=linear", *keys,
+                                        "sensors.quantity=acceleration"]))  # fmt: skip
+    assert found.applicable
+    assert found.stable

@@ -1,0 +1,178 @@
+"""The law `linear`: its samples, its files, and what it refuses."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.signal as sg
+
+from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.loop import compiled
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
+
+FS = 1e6
+
+
+def setup_of(*keys: str) -> Setup:
+    return load("aluminium-3mm", ["controller.law=linear", *(f"controller.{k}" for k in keys)])
+
+
+def forces(setup: Setup, samples: np.ndarray) -> np.ndarray:
+    count = len(samples)
+    controller = Controller(setup.bound_law(False), LineSpec(), setup.step_s, count + 2, 1, 0)
+    return np.asarray(controller.process(samples, look_ahead=False).forces)[-count:]
+
+
+SHORT = ["run.duration_s=0.0015", "controller.latency_us=2"]
+CONVERTERS = ["sensors.bits=10", "sensors.noise_rms=1e-4", "controller.bits=12",
+              "controller.full_scale_n=100"]  # fmt: skip
+
+
+@pytest.mark.parametrize("more", [[], CONVERTERS], ids=["ideal", "converters"])
+def test_a_gain_is_velocity_feedback_to_the_bit(more: list[str]) -> None:
+    other = load("aluminium-3mm", [*SHORT, *more, "controller.law=velocity_feedback"])
+    gain = -other.law_keys.kappa * other.about.impedance_n_s_m
+    mine = load("aluminium-3mm", [*SHORT, *more, "controller.law=linear",
+                                  f"controller.numerator=[{gain!r}]"])  # fmt: skip
+    one, two = compiled.simulate(other), compiled.simulate(mine)
+    assert np.abs(one.values).max() > 0.0
+    assert one.rows.tobytes() == two.rows.tobytes()
+    assert one.values.tobytes() == two.values.tobytes()
+
+
+@pytest.mark.parametrize("leak_hz", [20.0, 0.0])
+def test_a_leaking_integral_is_acceleration_feedback_to_the_bit(leak_hz: float) -> None:
+    law = ["controller.law=acceleration_feedback", f"controller.leak_hz={leak_hz}"]
+    other = load("aluminium-3mm", [*SHORT, *law])
+    known = other.about
+    keep = float(np.exp(-2.0 * np.pi * leak_hz * known.sample_s))
+    gain = -other.law_keys.kappa * known.impedance_n_s_m
+    rows = [[known.sample_s, 0, 0, 1, 0, 0], [1, 0, 0, 1, -keep, 0], [keep, 0, 0, 1, 0, 0],
+            [gain, 0, 0, 1, 0, 0]]  # fmt: skip
+    mine = load("aluminium-3mm", [*SHORT, "controller.law=linear", f"controller.sections={rows}",
+                                  "sensors.quantity=acceleration"])  # fmt: skip
+    one, two = compiled.simulate(other), compiled.simulate(mine)
+    assert one.rows.tobytes() == two.rows.tobytes()
+    assert one.values.tobytes() == two.values.tobytes()
+
+
+SECTIONS = {
+    "butter": sg.butter(8, 2000.0, fs=FS, output="sos"),
+    "cheby1": sg.cheby1(8, 1.0, 30e3, fs=FS, output="sos"),
+    "cheby2": sg.cheby2(4, 60.0, [500.0, 5e3], "bandpass", fs=FS, output="sos"),
+    "notch": sg.tf2sos(*sg.iirnotch(791.0, 30.0, fs=FS)),
+}
+
+
+@pytest.mark.parametrize("name", SECTIONS)
+def test_sections_give_the_samples_of_sosfilt(name: str) -> None:
+    samples = np.random.default_rng(4).standard_normal(20_000)
+    expected = -3.0 * sg.sosfilt(SECTIONS[name], samples)
+    found = forces(setup_of("gain=-3", f"sections={SECTIONS[name].tolist()}"), samples)
+    assert np.abs(found - expected).max() <= 3e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    ("b", "a"),
+    [
+        (sg.firwin(101, 0.2), np.ones(1)),
+        sg.butter(2, 0.02),
+        sg.cheby1(5, 1.0, 0.4),
+        (np.array([0.0, 0.0, 3.0]), np.array([2.0, -1.0])),
+    ],
+    ids=["fir", "butter", "cheby1", "delay"],
+)
+def test_polynomials_give_the_samples_of_lfilter(b: np.ndarray, a: np.ndarray) -> None:
+    samples = np.random.default_rng(5).standard_normal(5000)
+    expected = sg.lfilter(b, a, samples)
+    keys = [f"numerator={b.tolist()}", f"denominator={a.tolist()}"]
+    found = forces(setup_of(*keys), samples)
+    assert np.abs(found - expected).max() <= 3e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("ending", [".npz", ".mat"])
+@pytest.mark.parametrize("form", ["sos", "ba", "num"])
+def test_a_file_is_read(tmp_path: Path, ending: str, form: str) -> None:
+    sos = sg.butter(3, 0.05, output="sos")
+    b, a = sg.sos2tf(sos)
+    late = sg.TransferFunction([2.0], [1.0, -0.5, 0.2], dt=1e-6)  # 2/(z^2 - 0.5 z + 0.2)
+    arrays: dict[str, Any] = {
+        "sos": {"sos": sos}, "ba": {"b": b, "a": a, "dt": 1e-6},
+        "num": {"num": late.num, "den": late.den, "dt": 1e-6},
+    }[form]  # fmt: skip
+    path = tmp_path / f"filter{ending}"
+    if ending == ".npz":
+        np.savez(path, **arrays)
+    else:
+        scipy.io.savemat(path, arrays)
+    scene = tmp_path / "mine.toml"
+    scene.write_text(setup_of("numerator=[1.0]").toml.replace("filter_file = \"\"",
+                     f"filter_file = \"{path.name}\""))  # fmt: skip
+    samples = np.random.default_rng(6).standard_normal(2000)
+    expected = sg.lfilter([0.0, 0.0, 2.0], late.den, samples) if form == "num" else (
+        sg.lfilter(b, a, samples))  # fmt: skip
+    by_setting = setup_of(f"filter_file={path}")
+    for setup in (by_setting, load(str(scene)), load(str(scene)).vary({"controller.gain": 1.0})):
+        assert np.abs(forces(setup, samples) - expected).max() <= 3e-12 * np.abs(expected).max()
+        assert setup.law_keys.filter_file == ""  # a recording needs no file
+        assert setup.law_keys.designed_us == pytest.approx(1.0 if "dt" in arrays else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "words"),
+    [
+        ({"x": [1.0]}, "holds no filter"),
+        ({"sos": [[1.0, 2.0, 3.0]]}, "'sos' has shape (1, 3)"),
+        ({"b": [np.nan], "a": [1.0]}, "'b' holds numbers that are not finite"),
+        ({"num": [1.0, 2.0, 3.0], "den": [1.0, 0.5]}, "'num' has 3 coefficients and 'den' 2"),
+        ({"b": ["x"], "a": [1.0]}, "'b' holds something else than numbers"),
+        ({"b": [1.0], "a": [1.0], "dt": 2e-6}, "controller.designed_us = 2"),
+    ],
+)
+def test_a_file_without_a_filter_is_refused(tmp_path: Path, arrays: Any, words: str) -> None:
+    np.savez(tmp_path / "filter.npz", **arrays)
+    with pytest.raises(SceneError) as error:
+        setup_of(f"filter_file={tmp_path / 'filter.npz'}").bound_law()
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ([], "controller.numerator is empty"),
+        (["numerator=[1]", "denominator=[0, 1]"], "the first coefficient must not be zero"),
+        (["numerator=[nan]"], "controller.numerator = nan: must be a finite number"),
+        (["numerator=[1]", "denominator=[]"], "controller.denominator = []"),
+        (["sections=[[1, 2, 3]]"], "section 0 has 3 numbers. Give six"),
+        (["sections=[[1, 0, 0, 1, 0, 0], [1, 0, 0, 0, 0, 0]]"], "a0 of section 1 is zero"),
+        (["numerator=[1]", "sections=[[1, 0, 0, 1, 0, 0]]"], "cannot stand beside"),
+        ([f"numerator={[1.0] * 300}"], "needs 299 stored numbers; the limit is 256"),
+        (["filter_file=none.npz"], "cannot be read: No such file"),
+        (["filter_file=none.csv"], "ends in .npz or .mat"),
+    ],
+)
+def test_what_is_no_filter_is_refused(keys: list[str], words: str) -> None:
+    with pytest.raises(SceneError) as error:
+        setup_of(*keys)
+    assert words in str(error.value)
+
+
+def test_every_quantity_is_sensed() -> None:
+    numerator = ["controller.law=linear", "controller.numerator=[1.0]"]
+    assert load("aluminium-3mm", numerator).quantity == "v_p"
+    for quantity in ("xi", "acceleration", "contact_force"):
+        setup = load("aluminium-3mm", [*numerator, f"sensors.quantity={quantity}"])
+        assert setup.quantity == quantity
+
+
+def test_a_filter_that_is_unstable_by_itself_is_noted() -> None:
+    unstable = setup_of("numerator=[1.0]", "denominator=[1.0, -1.5]")
+    assert "poles outside the unit circle: 1; largest magnitude 1.5" in unstable.law.note(
+        unstable.law_keys
+    )
+    for keys in (["denominator=[1.0, -1.0]"], ["denominator=[1.0, -0.9]"]):
+        setup = setup_of("numerator=[1.0]", *keys)
+        assert setup.law.note(setup.law_keys) == ""
