@@ -12,6 +12,8 @@ import numpy as np
 import scipy
 
 from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.loading.bound import LawFault
+from hertzloop.loop.watchdog import watching
 from hertzloop.setup.setup import Setup
 
 _SAMPLES = 1500
@@ -22,8 +24,24 @@ _RANK = 1e-10
 _AMPLITUDES = (1e-9, 1e-3, 1.0, 1e3)
 
 
+_REPEATS = "it waits for a threshold and then repeats a stored contact force"
+_GIVEN = "its force is computed before the run and does not depend on the samples"
+# Shipped laws that are not linear, and why.
+_SHIPPED = {
+    "slope_threshold": _REPEATS, "shifted_threshold": _REPEATS, "dent_threshold": _REPEATS,
+    "least_squares": _REPEATS, "fade_out": _REPEATS,
+    "predicted": "it fits a model of the flight and of the contact to the samples",
+    "constant": _GIVEN, "precomputed": _GIVEN, "profile": _GIVEN,
+}  # fmt: skip
+
+
 class NotLinearError(Exception):
     """The law is not linear; the message gives the reason."""
+
+
+def has_no_loop(law_reference: str) -> bool:
+    """Return whether a law is known to make no linear loop in flight, whatever its constants."""
+    return law_reference in ("off", "force_feedback") or law_reference in _SHIPPED
 
 
 @dataclass(frozen=True)
@@ -48,6 +66,8 @@ def law_filter(setup: Setup) -> LawFilter:
     Raises:
         NotLinearError: the law, or the line behind it, is not linear.
     """
+    if why := _SHIPPED.get(setup.law_reference):
+        raise NotLinearError(why)
     line = setup.line
     for name, found in (
         ("jitter_us", line.jitter_steps), ("drop_out_probability", line.drop_out_probability),
@@ -91,12 +111,22 @@ def _refuse_what_is_not_modelled(setup: Setup) -> None:
 
 def probe(setup: Setup) -> LawFilter:
     """Identify the law of a setup with ideal converters. Raises NotLinearError."""
+    answered = [1]  # the watch takes 0 for a kernel that is still compiled
+    with watching(setup, lambda: answered[0], what="test signals"):
+        return _probe(setup, answered)
+
+
+def _probe(setup: Setup, answered: list[int]) -> LawFilter:
     bound = setup.bound_law(ahead=False)
 
     def answer(samples: np.ndarray) -> np.ndarray:
         count = len(samples)
         controller = Controller(bound, LineSpec(), setup.step_s, count + 2, 1, 0)
-        forces = controller.process(samples, look_ahead=False).forces
+        try:
+            forces = controller.process(samples, look_ahead=False).forces
+        except LawFault as error:
+            raise NotLinearError(f"it fails on a test signal: {error}") from error
+        answered[0] += 1
         found = np.zeros(count)
         usable = np.asarray(forces)[-count:] if len(forces) >= count else np.asarray(forces)
         found[-len(usable) :] = usable
