@@ -69,14 +69,17 @@ def law_filter(setup: Setup) -> LawFilter:
     if why := _SHIPPED.get(setup.law_reference):
         raise NotLinearError(why)
     line = setup.line
-    for name, found in (
-        ("jitter_us", line.jitter_steps), ("drop_out_probability", line.drop_out_probability),
+    for why, given in (
+        ("controller.jitter_us is not zero, so the line varies with time", line.jitter_steps),
+        ("controller.drop_out_probability is not zero, so the line varies with time",
+         line.drop_out_probability),
+        ("controller.slew_n_s limits the slope of the force", line.slew_n_s is not None),
+        ("controller.latency_trace varies with time", line.trace),
+        ("actuator.stuck_from_s holds the force from a moment on", line.stuck_step is not None),
+        ("sensors.fault changes samples", setup.sensor.fault is not None),
     ):  # fmt: skip
-        if found:
-            raise NotLinearError(f"controller.{name} is not zero, so the line varies with time")
-    if line.slew_n_s is not None:
-        raise NotLinearError("controller.slew_n_s limits the slope of the force")
-    _refuse_what_is_not_modelled(setup)
+        if given:
+            raise NotLinearError(why)
     ideal = setup.vary({"sensors.bits": "ideal", "controller.bits": "ideal"})
     if setup.law_reference in ("velocity_feedback", "acceleration_feedback"):
         known = ideal.about
@@ -91,22 +94,6 @@ def law_filter(setup: Setup) -> LawFilter:
         none = np.empty(0, complex)
         return LawFilter(float(setup.law_keys.kappa), none, none)
     return probe(ideal)
-
-
-def _refuse_what_is_not_modelled(setup: Setup) -> None:
-    """Raise NotLinearError for what varies with time, and for filters that the transfer function
-    does not hold: a margin without them would be wrong."""
-    sensor, line = setup.sensor, setup.line
-    for key, given in (
-        ("controller.latency_trace varies with time", bool(line.trace)),
-        ("actuator.stuck_from_s holds the force from a moment on", line.stuck_step is not None),
-        ("actuator.dead_time_us is not part of this analysis", bool(line.dead_steps)),
-        ("sensors.fault changes samples", sensor.fault is not None),
-        ("sensors.resonance_hz is not part of this analysis", sensor.resonance_hz is not None),
-        ("sensors.ac_coupling_hz is not part of this analysis", sensor.ac_coupling_hz is not None),
-    ):
-        if given:
-            raise NotLinearError(key)
 
 
 def probe(setup: Setup) -> LawFilter:

@@ -87,15 +87,16 @@ class Loops:
 
     plant: PoleForm
     every: tuple[Loop, ...]
+    lead: int  # steps from a sample to its force at latency 0: one, and dead time
 
     def at(self, latency: int) -> tuple[Loop, int]:
         """Return the loop for a latency in steps, and its delay in samples."""
-        n = len(self.every)
-        return self.every[(latency + 1) % n], (latency + 1) // n
+        delay, rest = divmod(latency + self.lead, len(self.every))
+        return self.every[rest], delay
 
     def unstable(self, latency: np.ndarray) -> np.ndarray:
         """Return the number of closed-loop poles outside the unit circle, by latency in steps."""
-        whole, rest = np.divmod(np.asarray(latency) + 1, len(self.every))
+        whole, rest = np.divmod(np.asarray(latency) + self.lead, len(self.every))
         found = np.empty(len(whole), int)
         for r, loop in enumerate(self.every):
             found[rest == r] = loop.table.unstable(whole[rest == r])
@@ -154,7 +155,9 @@ def why_no_loop(setup: Setup) -> str:
 def _of_loop(setup: Setup, **control: Any) -> Setup:
     """Return the setup that stands for all setups with the same loop."""
     scene = setup.scene
-    run = scene.run.replaced(seed=0, touch_phase=0.0, duration_s=1.0, plate_model="modal")
+    run = scene.run.replaced(
+        seed=0, touch_phase=0.0, plate_model="modal", duration_s=scene.run.lead_in_s + 1e-3
+    )
     controller = scene.controller.replaced(**control)
     return Setup(scene.replaced(name="loop", shows="", run=run, controller=controller))
 
@@ -172,15 +175,20 @@ def _loops(setup: Setup, digest: str) -> Loops | NotLinearError:
     except NotLinearError as error:
         return error
     plant, every = plant_in_flight(setup), setup.every_steps
-    return Loops(plant, tuple(loop_of(plant, law, every, r) for r in range(every)))
+    lead = 1 + setup.line.dead_steps
+    return Loops(plant, tuple(loop_of(plant, law, every, r) for r in range(every)), lead)
+
+
+def _loops_of(setup: Setup, digest: str) -> Loops | NotLinearError:
+    """Return the loops: of a shipped law for all latencies, as only a user's may know its own."""
+    shares = setup.law_is_shipped and not setup.line.trace
+    return _loops(_of_loop(setup, latency_us=0.0) if shares else _of_loop(setup), digest)
 
 
 @lru_cache(maxsize=4096)
 def _growth(setup: Setup, digest: str) -> Growth | NotLinearError:
     """Return the growth of a loop, without e-folds, or why it is not linear."""
-    # A trace of latencies has the loop refused, so that its latency must stay in the key.
-    shared = setup if setup.line.trace else _of_loop(setup, latency_us=0.0)
-    loops = _loops(shared, digest)
+    loops = _loops_of(setup, digest)
     if isinstance(loops, NotLinearError):
         return loops
     latency = setup.line.latency_steps
@@ -203,8 +211,7 @@ def margin_of(setup: Setup) -> Margin:
     """Return the margin of a setup's loop in flight. Raises SceneError for an invalid scene."""
     if why := why_no_loop(setup):
         return Margin(False, why)
-    own, digest = _of_loop(setup), _digest(setup)
-    loops = _loops(own if own.line.trace else _of_loop(setup, latency_us=0.0), digest)
+    loops = _loops_of(setup, _digest(setup))
     growth = growth_of(setup)
     if isinstance(loops, NotLinearError):
         return Margin(False, f"not a linear loop ({loops})")
@@ -217,7 +224,7 @@ def margin_of(setup: Setup) -> Margin:
         limit_us = None if limit is None else -1.0
         binding = growth.frequency_hz
     elif every == 1:
-        d, angle = _between(loop.table, limit)
+        d, angle = _between(loops, limit)
         limit_us, binding = d * step_us, angle / (2.0 * math.pi * sample_s)
     else:
         limit_us, binding = limit * step_us, None
@@ -255,26 +262,27 @@ def _ends(table: Table) -> tuple[np.ndarray, np.ndarray]:
     return np.array(angles), np.array(phases)
 
 
-def _between(table: Table, latency: int, back: bool = False) -> tuple[float, float]:
+def _between(loops: Loops, latency: int, back: bool = False) -> tuple[float, float]:
     """Latency (steps) between `latency` and its neighbour where stability ends, and the angle."""
+    table, lead = loops.every[0].table, loops.lead
     angles, phases = _ends(table)
     if not len(angles):
         return float(latency), math.pi
     low = latency - 1 if back else latency
     # A crossing lies where phase - D angle is an odd multiple of pi.
-    first = np.ceil((phases - (low + 2) * angles + math.pi) / (2.0 * math.pi))
-    last = np.floor((phases - (low + 1) * angles + math.pi) / (2.0 * math.pi))
+    first = np.ceil((phases - (low + 1 + lead) * angles + math.pi) / (2.0 * math.pi))
+    last = np.floor((phases - (low + lead) * angles + math.pi) / (2.0 * math.pi))
     found = []
     for i in np.flatnonzero(last >= first):
         for turn in np.arange(first[i], last[i] + 1):
-            d = (phases[i] + math.pi - 2.0 * math.pi * turn) / angles[i] - 1.0
+            d = (phases[i] + math.pi - 2.0 * math.pi * turn) / angles[i] - lead
             found.append((float(d), float(angles[i])))
     if not found:
         return float(latency), math.pi
     found.sort(reverse=back)
     for d, angle in found:
         beyond = d - 1e-9 if back else d + 1e-9
-        if table.unstable(np.array([beyond + 1.0]))[0] > 0:
+        if table.unstable(np.array([beyond + lead]))[0] > 0:
             return d, angle
     return found[-1]
 
@@ -288,9 +296,8 @@ def _windows(loops: Loops, limit: int | None, step_us: float) -> list[list[float
     for first, end in edges.reshape(-1, 2):
         low, high = float(first), float(end - 1)
         if len(loops.every) == 1:
-            table = loops.every[0].table
-            low = 0.0 if first == 0 else _between(table, int(first), back=True)[0]
-            high = _between(table, int(end - 1))[0]
+            low = 0.0 if first == 0 else _between(loops, int(first), back=True)[0]
+            high = _between(loops, int(end - 1))[0]
         found.append([low * step_us, high * step_us])
     return found
 
