@@ -4,6 +4,7 @@ import os
 import secrets
 import time
 from contextlib import ExitStack, nullcontext
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -35,6 +36,7 @@ from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.processes.signals import raise_when_ended
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT
+from hertzloop.views.format import styled
 
 
 def run(
@@ -121,6 +123,8 @@ def run(
     from hertzloop.processes.launcher import RunFailed, RunOptions, Transport, what_is_kept
     from hertzloop.processes.observer import observer_beside
     from hertzloop.recordings.writer import RecordingError
+    from hertzloop.studies.margin.margin import growth_of
+    from hertzloop.studies.margin.shown import unstable_line
     from hertzloop.views import run as report
     from hertzloop.views.data import run_scene
 
@@ -157,7 +161,12 @@ def run(
         fail(str(error), 2)
     except (RunFailed, BusError, StreamFault, RecordingError) as error:
         fail(str(error), 1)
+    growth = growth_of(resolved)
+    data["linear_loop"] = None if growth is None else asdict(growth)
     report.print_run(out, data, details)
+    if growth is not None and growth.unstable_poles:
+        out.print(styled(("Linear loop unstable:", "bold red"), f" {unstable_line(growth)}"),
+                  soft_wrap=True)  # fmt: skip
     write_json(json_file, data)
     if data.get("differs"):
         raise typer.Exit(1)

@@ -210,6 +210,16 @@ def sweep(
                   soft_wrap=True)  # fmt: skip
     if found.unstable:
         out.print(f"{found.unstable} of {total} cases are unstable and have no figures.")
+    growing = found.growing
+    if growing:
+        most = max((one for one in growing if not math.isnan(one)), default=math.nan)
+        size = "" if math.isnan(most) else f"; the loop grows up to {most:.4g}/s"
+        out.print(
+            styled(("Linear loop unstable", "bold red"),
+                   f" in {len(growing)} of {total} cases that are too short to show it{size} "
+                   "(column growth_per_s)."),
+            soft_wrap=True,
+        )  # fmt: skip
     write_json(
         json_file,
         {
@@ -219,6 +229,7 @@ def sweep(
             "cases_per_s": rate,
             "failed": len(found.not_run),
             "unstable": found.unstable,
+            "unstable_loops": len(growing),
             "damaged_lines": found.damaged,
             "leaves_out": counted(found.rows, "leaves_out"),
             "out_of_range": beyond,

@@ -30,9 +30,10 @@ from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text
 from hertzloop.setup import Setup
-from hertzloop.views.format import Table
+from hertzloop.views.format import Table, styled
 
 if TYPE_CHECKING:
+    from hertzloop.studies.margin.margin import Growth
     from hertzloop.studies.tuning import Found, Tuned
 
 _MOST_ROWS = 15
@@ -87,6 +88,13 @@ def tune(
     phases: Annotated[
         int, typer.Option(min=1, max=100, help="Average over this many touch phases.")
     ] = 1,
+    require_stable: Annotated[
+        bool,
+        typer.Option(
+            "--require-stable",
+            help="Refuse settings whose linear loop is unstable in flight, however short the run.",
+        ),
+    ] = False,
     settings: SetOption = None,
     seed: SeedOption = None,
     folder: Annotated[
@@ -153,7 +161,7 @@ def tune(
     names = [base.name for base in bases]
     search: dict[str, Any] = {
         "generations": generations, "population": population, "phases": phases,
-        "seed": 1 if seed is None else seed,
+        "seed": 1 if seed is None else seed, "require_stable": require_stable,
     }  # fmt: skip
     header = study.header_of(
         tried, tuple(chosen), given, objectives=objectives, at_most=limits, span=span, **search
@@ -184,6 +192,8 @@ def tune(
                 _repeating(chosen_one, setup, name, settings, seed)
                 for setup, name in zip(best_scenes, scenes or [DEFAULT], strict=True)
             ]
+            growths = [study.unstable_loop(tried, found.values) for found in best]
+            _say_unstable(growths, growths[best.index(chosen_one)])
             out.print(f"Repetition of the best setting ({_words(chosen_one.values)}):")
             for line in repeats:
                 out.print(f"  {line}", soft_wrap=True)
@@ -200,16 +210,35 @@ def tune(
     if not best:
         end_if_not_run(not_run, tally.cases)
         fail(
-            "no setting has all figures within --at-most: the loop may be unstable, or the "
-            "sphere may not rebound. Try --span run or wider ranges.",
+            "no setting has all figures within --at-most, or meets --require-stable: the loop may "
+            "be unstable, or the sphere may not rebound. Try --span run or other ranges.",
             1,
         )
+    front = [
+        asdict(f) | {"unstable_loop": None if g is None else asdict(g)}
+        for f, g in zip(best, growths, strict=True)
+    ]
     write_json(
         json_file,
-        {"front": [asdict(f) for f in best], "published": asdict(reference), "verdict": verdict,
+        {"front": front, "published": asdict(reference), "verdict": verdict,
          "cases": tally.cases, "ran": finished.ran, "failed": len(not_run)},
     )  # fmt: skip
     end_if_not_run(not_run, tally.cases)
+
+
+def _say_unstable(growths: "list[Growth | None]", of_best: "Growth | None") -> None:
+    """Print which settings have an unstable linear loop, and how that of the best one grows."""
+    from hertzloop.studies.margin.shown import unstable_line
+
+    unstable = sum(growth is not None for growth in growths)
+    if unstable:
+        out.print(
+            styled(("Linear loop unstable", "bold red"),
+                   f" in {unstable} of {len(growths)} settings. --require-stable refuses these."),
+            soft_wrap=True,
+        )  # fmt: skip
+    if of_best is not None:
+        out.print(f"The loop of the best setting {unstable_line(of_best)}", soft_wrap=True)
 
 
 def _file_name(names: list[str]) -> str:
@@ -224,7 +253,9 @@ def _command(
     line = ["hertzloop", "tune", *scenes]
     for option, given in lists:
         line += [word for value in given or [] for word in (f"--{option}", value)]
-    line += [word for option, value in values.items() for word in (f"--{option}", str(value))]
+    for option, value in values.items():
+        name = f"--{option.replace('_', '-')}"
+        line += [name] * value if isinstance(value, bool) else [name, str(value)]
     return shlex.join(line)
 
 

@@ -7,6 +7,7 @@ Over a set of scenes the worst of them counts, objective by objective.
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,7 @@ from hertzloop.controller.loading.registry import find, resolve, shipped
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.studies import words
+from hertzloop.studies.margin.margin import Growth, growth_of
 from hertzloop.studies.sweeps.design import (
     Axis,
     Design,
@@ -176,7 +178,9 @@ class _Settings(Problem):
         objectives: tuple[str, ...],
         at_most: dict[str, float],
         phases: int,
+        require_stable: bool,
     ) -> None:
+        self.require_stable = require_stable
         self.pool, self.scenes, self.span, self.phases = pool, scenes, span, phases
         coarsest = max(scenes, key=lambda setup: setup.step_ns)
         # By the law that is tried: the scenes' own may not have its keys.
@@ -187,7 +191,11 @@ class _Settings(Problem):
         low = [0.0 if axis.values else axis.low for axis in axes]
         high = [len(axis.values) - 1e-9 if axis.values else axis.high for axis in axes]
         super().__init__(
-            n_var=len(axes), n_obj=len(objectives), n_ieq_constr=len(at_most), xl=low, xu=high
+            n_var=len(axes),
+            n_obj=len(objectives),
+            n_ieq_constr=len(at_most) + require_stable,
+            xl=low,
+            xu=high,
         )
 
     def settings(self, x: np.ndarray) -> dict[str, Any]:
@@ -198,11 +206,25 @@ class _Settings(Problem):
     def _evaluate(self, x: np.ndarray, out: dict[str, Any], *_: Any, **__: Any) -> None:
         names = [*self.objectives, *self.at_most]
         cases = [self.settings(p) for p in x]
-        worst = worst_of(self.pool, self.scenes, self.span, cases, names, self.phases)
+        growths = [unstable_loop(self.scenes, case) if self.require_stable else None
+                   for case in cases]  # fmt: skip
+        stable = [i for i, growth in enumerate(growths) if growth is None]
+        worst = np.full((len(cases), len(names)), _BAD)
+        if stable:
+            tried = [cases[i] for i in stable]
+            worst[stable] = worst_of(self.pool, self.scenes, self.span, tried, names, self.phases)
         out["F"] = worst[:, : len(self.objectives)]
-        if self.at_most:
-            limits = np.array(list(self.at_most.values()))
-            out["G"] = worst[:, len(self.objectives) :] - limits
+        excess = [worst[:, len(self.objectives) :] - np.array(list(self.at_most.values()))]
+        if self.require_stable:  # the growth leads the search to where there is none
+            excess.append(np.array([[_growth_per_s(growth)] for growth in growths]))
+        out["G"] = np.concatenate(excess, axis=1)
+
+
+def _growth_per_s(growth: Growth | None) -> float:
+    """Growth of an unstable loop, 1/s; 0 of a stable one, and a large number if undecided."""
+    if growth is None:
+        return 0.0
+    return _BAD if growth.per_s is None else growth.per_s
 
 
 def worst_of(
@@ -225,6 +247,18 @@ def worst_of(
     ).reshape(len(scenes), len(cases), phases, len(names))
     means = np.where((found >= _BAD).any(axis=2), _BAD, found.mean(axis=2))
     return np.asarray(means.max(axis=0))
+
+
+def unstable_loop(scenes: Sequence[Setup], values: dict[str, Any]) -> Growth | None:
+    """Return the fastest growth of an unstable linear loop over the scenes under a setting; None
+    where every loop is stable in flight, or is not linear."""
+    found = []
+    for setup in scenes:
+        with suppress(SceneError):  # a setting that a scene refuses has no figures either
+            growth = growth_of(setup.vary(values))
+            if growth is not None and growth.unstable_poles:
+                found.append(growth)
+    return max(found, key=lambda g: math.inf if g.per_s is None else g.per_s, default=None)
 
 
 def with_spreads(
@@ -253,13 +287,16 @@ def tune(
     population: int,
     seed: int,
     phases: int = 1,
+    require_stable: bool = False,
     on_progress: Callable[[int], None] = lambda generation: None,
 ) -> list[Found]:
     """Best settings of one law: the one that is best, or the Pareto front of several objectives,
-    sorted by the first. Empty if none keeps to `at_most` or is stable."""
+    sorted by the first. Empty if none keeps to `at_most` or is stable; `require_stable` also
+    refuses settings whose linear loop is unstable in flight."""
     problem = _Settings(
-        pool, scenes, span, {"controller.law": law}, axes, objectives, at_most, phases
-    )
+        pool, scenes, span, {"controller.law": law}, axes, objectives, at_most, phases,
+        require_stable,
+    )  # fmt: skip
     one = len(objectives) == 1
     algorithm = (DE if one else NSGA2)(pop_size=population)
     result = minimize(
@@ -290,6 +327,7 @@ def best_of(
     population: int,
     seed: int,
     phases: int = 1,
+    require_stable: bool = False,
     on_progress: Callable[[int], None] = lambda generation: None,
 ) -> list[Found]:
     """The settings of several laws that no other beats; axes are those of each law where none are
@@ -301,6 +339,7 @@ def best_of(
         found += tune(
             pool, scenes, span, law, axes, objectives, at_most=at_most,
             generations=generations, population=population, seed=seed, phases=phases,
+            require_stable=require_stable,
             on_progress=lambda n, before=i * generations: on_progress(before + n),  # type: ignore[misc]
         )  # fmt: skip
     return front(found, objectives)

@@ -12,9 +12,11 @@ import numpy as np
 from hertzloop.plant.actuator_kernels import SecondOrder
 from hertzloop.plant.schemes import collocation_kernels as k
 from hertzloop.scenes.errors import SceneError
+from hertzloop.sensors.kernels import SensorModel
 from hertzloop.setup.setup import Setup
 
 _CHUNK = 1 << 21  # complex numbers at a time
+_COINCIDE = 1e-12  # distance of two poles that are taken for one
 
 
 @dataclass(frozen=True)
@@ -42,15 +44,34 @@ class PoleForm:
             found[i : i + rows] += (1.0 / (part - self.poles.conj())) @ self.residues.conj()
         return found.reshape(np.shape(z))
 
-    def times_low_pass(self, gain: float) -> "PoleForm":
-        """Return it times gain Z/(Z - 1 + gain), the low-pass of the data acquisition."""
-        if gain == 1.0:
-            return self
-        q = 1.0 - gain
-        at_q = self.at(np.array([q]))[0].real * gain * q if q else 0.0
-        residues = self.residues * gain * self.poles / (self.poles - q)
-        fir = np.array([-gain * self.fir[1] / q, 0.0])
-        return PoleForm(np.append(self.poles, q), np.append(residues, 0.5 * at_q), fir)
+    def filtered(self, direct: float, poles: np.ndarray, residues: np.ndarray) -> "PoleForm":
+        """Return it times direct + sum of residues/(Z - poles), a real filter.
+
+        Args:
+            direct: response at infinite Z.
+            poles: distinct and not zero, both of each conjugate pair, shape (n,).
+            residues: of these, shape (n,).
+
+        Raises:
+            SceneError: a pole of the filter is a pole of this response.
+        """
+        poles, residues = np.asarray(poles, complex), np.asarray(residues, complex)
+        if np.any(np.abs(poles[:, None] - self.poles) < _COINCIDE):
+            raise SceneError(
+                "sensors: a filter has a pole of the plant or of another filter, and the margin "
+                "needs distinct ones. Change its frequency slightly."
+            )
+        own = direct + (residues / (self.poles[:, None] - poles)).sum(axis=1)
+        at_poles = residues * self.at(poles)
+        at_0 = direct - np.sum(residues / poles).real
+        slope_0 = -np.sum(residues / poles**2).real
+        upper = poles.imag >= 0.0
+        half = np.where(poles.imag == 0.0, 0.5, 1.0)[upper]  # its conjugate is added
+        return PoleForm(
+            np.append(self.poles, poles[upper]),
+            np.append(self.residues * own, half * at_poles[upper]),
+            np.array([self.fir[0] * at_0 + self.fir[1] * slope_0, self.fir[1] * at_0]),
+        )
 
     def difference(self, step_s: float) -> "PoleForm":
         """Return it times (1 - 1/Z)/h, the mean acceleration of a velocity."""
@@ -111,10 +132,28 @@ def _through_actuator(by_mean: PoleForm, by_slope: PoleForm, actuator: Any) -> P
     )
 
 
+def _through_sensor(form: PoleForm, sensor: SensorModel) -> PoleForm:
+    """Return a response behind the filters of a channel: resonance, AC coupling, low-pass."""
+    if sensor.resonant:
+        a = np.array([[sensor.own_00, sensor.own_01], [sensor.own_10, sensor.own_11]])
+        own, vectors = np.linalg.eig(a)
+        b = np.array([1.0 - sensor.own_00, -sensor.own_10])  # of the input, at the same step
+        residues = (a @ vectors)[0] * np.linalg.solve(vectors, b.astype(complex))
+        form = form.filtered(float(b[0]), own, residues)
+    if sensor.coupled:
+        q = 1.0 - sensor.coupling_gain
+        form = form.filtered(q, np.array([q]), np.array([-sensor.coupling_gain * q]))
+    if sensor.filter_gain != 1.0:
+        gain, q = sensor.filter_gain, 1.0 - sensor.filter_gain
+        form = form.filtered(gain, np.array([q]), np.array([gain * q]))
+    return form
+
+
 def plant_in_flight(setup: Setup, quantity: str | None = None) -> PoleForm:
     """Return the response of the samples to a force command while the sphere is in flight.
 
-    The data acquisition's low-pass is part of it; sampling every n steps is not (`PoleForm.held`).
+    The filters of the data acquisition are part of it; sampling every n steps is not: see
+    `PoleForm.held`.
 
     Args:
         setup: the run.
@@ -159,5 +198,5 @@ def plant_in_flight(setup: Setup, quantity: str | None = None) -> PoleForm:
     form = forms[0]
     if isinstance(model.actuator, SecondOrder):
         form = _through_actuator(forms[0], forms[1], model.actuator)
-    form = form.times_low_pass(float(setup.start_sensor().model.filter_gain))
+    form = _through_sensor(form, setup.start_sensor().model)
     return form.difference(model.step_s) if quantity == "acceleration" else form

@@ -1,11 +1,13 @@
 """The margin of a scene's sampled loop in flight: stability, growth, latency limit, gain margin."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
+from hertzloop.scenes.errors import SceneError
 from hertzloop.setup.setup import Setup
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
@@ -78,73 +80,171 @@ def loop_of(plant: PoleForm, law: LawFilter, every: int, remainder: int) -> Loop
     return Loop(held, law, table)
 
 
-def margin_of(setup: Setup) -> Margin:
-    """Return the margin of a setup's loop in flight. Raises SceneError for an invalid scene."""
+@dataclass(frozen=True)
+class Loops:
+    """The linear loop of a setup in flight: one `Loop` for each remainder of the latency by the
+    sampling interval."""
+
+    plant: PoleForm
+    every: tuple[Loop, ...]
+    lead: int  # steps from a sample to its force at latency 0: one, and dead time
+
+    def at(self, latency: int) -> tuple[Loop, int]:
+        """Return the loop for a latency in steps, and its delay in samples."""
+        delay, rest = divmod(latency + self.lead, len(self.every))
+        return self.every[rest], delay
+
+    def unstable(self, latency: np.ndarray) -> np.ndarray:
+        """Return the number of closed-loop poles outside the unit circle, by latency in steps."""
+        whole, rest = np.divmod(np.asarray(latency) + self.lead, len(self.every))
+        found = np.empty(len(whole), int)
+        for r, loop in enumerate(self.every):
+            found[rest == r] = loop.table.unstable(whole[rest == r])
+        return found
+
+
+@dataclass(frozen=True)
+class Growth:
+    """How the loop of a setup grows in flight at the latency of its scene.
+
+    Attributes:
+        unstable_poles: closed-loop poles outside the unit circle.
+        per_s: fastest growth, 1/s; 0 if stable, None if undecided.
+        frequency_hz: of the fastest growing pole, Hz; None if stable or undecided.
+        e_folds: growth times the length of the run; None if undecided.
+    """
+
+    unstable_poles: int
+    per_s: float | None
+    frequency_hz: float | None
+    e_folds: float | None
+
+
+def growth_of(setup: Setup) -> Growth | None:
+    """Return how the loop grows in flight; None for a setup without a linear loop, or for which
+    none can be formed.
+
+    Setups that differ in nothing that the loop depends on share one calculation, and those that
+    differ in the latency alone share its largest part.
+    """
+    if why_no_loop(setup):
+        return None
+    try:
+        found = _growth(_of_loop(setup), _digest(setup))
+    except SceneError:
+        return None
+    if isinstance(found, NotLinearError):
+        return None
+    if found.per_s is None:
+        return found
+    return replace(found, e_folds=found.per_s * setup.duration_s)
+
+
+def why_no_loop(setup: Setup) -> str:
+    """Return why a setup cannot have a linear loop in flight, before its law is looked at; empty if
+    it may have one."""
     if not setup.has_law:
-        return Margin(False, "the scene has no law, so there is no loop")
+        return "the scene has no law, so there is no loop"
     if setup.scheme != "modal":
-        return Margin(False, f"run.scheme = '{setup.scheme}' has no linear model; use 'modal'")
+        return f"run.scheme = '{setup.scheme}' has no linear model; use 'modal'"
     if setup.quantity == "contact_force":
-        return Margin(
-            False, "the contact force is zero in flight, so the loop is closed in contact only"
-        )
+        return "the contact force is zero in flight, so the loop is closed in contact only"
+    return ""
+
+
+def _of_loop(setup: Setup, **control: Any) -> Setup:
+    """Return the setup that stands for all setups with the same loop."""
+    scene = setup.scene
+    run = scene.run.replaced(
+        seed=0, touch_phase=0.0, plate_model="modal", duration_s=scene.run.lead_in_s + 1e-3
+    )
+    controller = scene.controller.replaced(**control)
+    return Setup(scene.replaced(name="loop", shows="", run=run, controller=controller))
+
+
+def _digest(setup: Setup) -> str:
+    """Return what tells two versions of a user's law apart."""
+    return "" if setup.law_is_shipped else setup.law.digest
+
+
+@lru_cache(maxsize=16)
+def _loops(setup: Setup, digest: str) -> Loops | NotLinearError:
+    """Return the loops of a setup, or why it has none; `digest` belongs to the key."""
     try:
         law = law_filter(setup)
     except NotLinearError as error:
-        return Margin(False, f"not a linear loop ({error})")
+        return error
     plant, every = plant_in_flight(setup), setup.every_steps
-    loops = [loop_of(plant, law, every, r) for r in range(every)]
-    step_s, step_us = setup.step_s, 1e6 * setup.step_s
+    lead = 1 + setup.line.dead_steps
+    return Loops(plant, tuple(loop_of(plant, law, every, r) for r in range(every)), lead)
 
-    def unstable(latency: np.ndarray) -> np.ndarray:
-        whole, rest = np.divmod(np.asarray(latency) + 1, every)
-        found = np.empty(len(whole), int)
-        for r in range(every):
-            found[rest == r] = loops[r].table.unstable(whole[rest == r])
-        return found
 
+def _loops_of(setup: Setup, digest: str) -> Loops | NotLinearError:
+    """Return the loops: of a shipped law for all latencies, as only a user's may know its own."""
+    shares = setup.law_is_shipped and not setup.line.trace
+    return _loops(_of_loop(setup, latency_us=0.0) if shares else _of_loop(setup), digest)
+
+
+@lru_cache(maxsize=4096)
+def _growth(setup: Setup, digest: str) -> Growth | NotLinearError:
+    """Return the growth of a loop, without e-folds, or why it is not linear."""
+    loops = _loops_of(setup, digest)
+    if isinstance(loops, NotLinearError):
+        return loops
     latency = setup.line.latency_steps
-    count = int(unstable(np.array([latency]))[0])
-    loop, delay = loops[(latency + 1) % every], (latency + 1) // every
-    limit = _limit(unstable, loops)
-    sample_s = every * step_s
-    growth, at_hz = 0.0 if count == 0 else None, None
-    if count:
-        poles = unstable_poles(loop, delay)
-        found = sum(1 if abs(p.imag) < 1e-12 else 2 for p in poles)
-        if found != count:
-            poles = _dense_poles(loop, delay)
-            found = len(poles)
-        if found == count:
-            fastest = poles[int(np.argmax(np.abs(poles)))]
-            growth = math.log(abs(fastest)) / sample_s
-            at_hz = abs(float(np.angle(fastest))) / (2.0 * math.pi * sample_s)
+    count = int(loops.unstable(np.array([latency]))[0])
+    if not count:
+        return Growth(0, 0.0, None, 0.0)
+    loop, delay = loops.at(latency)
+    poles = unstable_poles(loop, delay)
+    if sum(1 if abs(p.imag) < 1e-12 else 2 for p in poles) != count:
+        poles = _dense_poles(loop, delay)
+        if len(poles) != count:
+            return Growth(count, None, None, None)
+    fastest = poles[int(np.argmax(np.abs(poles)))]
+    sample_s = setup.every_steps * setup.step_s
+    at_hz = abs(float(np.angle(fastest))) / (2.0 * math.pi * sample_s)
+    return Growth(count, math.log(abs(fastest)) / sample_s, at_hz, None)
+
+
+def margin_of(setup: Setup) -> Margin:
+    """Return the margin of a setup's loop in flight. Raises SceneError for an invalid scene."""
+    if why := why_no_loop(setup):
+        return Margin(False, why)
+    loops = _loops_of(setup, _digest(setup))
+    growth = growth_of(setup)
+    if isinstance(loops, NotLinearError):
+        return Margin(False, f"not a linear loop ({loops})")
+    assert growth is not None
+    step_us, latency, every = 1e6 * setup.step_s, setup.line.latency_steps, len(loops.every)
+    loop, delay = loops.at(latency)
+    limit = _limit(loops)
+    sample_s, stable = every * setup.step_s, growth.unstable_poles == 0
     if limit is None or limit < 0:
         limit_us = None if limit is None else -1.0
-        binding = at_hz
+        binding = growth.frequency_hz
     elif every == 1:
-        d, angle = _between(loops[0].table, limit)
+        d, angle = _between(loops, limit)
         limit_us, binding = d * step_us, angle / (2.0 * math.pi * sample_s)
     else:
         limit_us, binding = limit * step_us, None
-    peak, disk = _sensitivity(loop, delay) if count == 0 else (None, None)
+    peak, disk = _sensitivity(loop, delay) if stable else (None, None)
     return Margin(
-        applicable=True, reason="", stable=count == 0, unstable_poles=count, growth_per_s=growth,
-        growth_frequency_hz=at_hz,
-        e_folds=None if growth is None else growth * setup.duration_s, latency_us=latency * step_us,
-        latency_limit_steps=limit, latency_limit_us=limit_us,
-        stable_windows_us=_windows(unstable, loops, limit, step_us),
-        gain_margin=_gain_margin(loop, delay), peak_sensitivity=peak, disk_margin=disk,
-        binding_frequency_hz=binding, modes=len(plant.poles), step_ns=setup.step_ns,
+        applicable=True, reason="", stable=stable, unstable_poles=growth.unstable_poles,
+        growth_per_s=growth.per_s, growth_frequency_hz=growth.frequency_hz, e_folds=growth.e_folds,
+        latency_us=latency * step_us, latency_limit_steps=limit, latency_limit_us=limit_us,
+        stable_windows_us=_windows(loops, limit, step_us), gain_margin=_gain_margin(loop, delay),
+        peak_sensitivity=peak, disk_margin=disk, binding_frequency_hz=binding,
+        modes=len(loops.plant.poles), step_ns=setup.step_ns,
     )  # fmt: skip
 
 
-def _limit(unstable: Callable[[np.ndarray], np.ndarray], loops: list[Loop]) -> int | None:
-    if not any(loop.table.arcs or loop.table.outside for loop in loops):
+def _limit(loops: Loops) -> int | None:
+    if not any(loop.table.arcs or loop.table.outside for loop in loops.every):
         return None
     first, size = 0, 256
     while first < _SCANNED:
-        bad = np.flatnonzero(unstable(np.arange(first, first + size)))
+        bad = np.flatnonzero(loops.unstable(np.arange(first, first + size)))
         if len(bad):
             return first + int(bad[0]) - 1
         first += size
@@ -162,46 +262,42 @@ def _ends(table: Table) -> tuple[np.ndarray, np.ndarray]:
     return np.array(angles), np.array(phases)
 
 
-def _between(table: Table, latency: int, back: bool = False) -> tuple[float, float]:
+def _between(loops: Loops, latency: int, back: bool = False) -> tuple[float, float]:
     """Latency (steps) between `latency` and its neighbour where stability ends, and the angle."""
+    table, lead = loops.every[0].table, loops.lead
     angles, phases = _ends(table)
     if not len(angles):
         return float(latency), math.pi
     low = latency - 1 if back else latency
     # A crossing lies where phase - D angle is an odd multiple of pi.
-    first = np.ceil((phases - (low + 2) * angles + math.pi) / (2.0 * math.pi))
-    last = np.floor((phases - (low + 1) * angles + math.pi) / (2.0 * math.pi))
+    first = np.ceil((phases - (low + 1 + lead) * angles + math.pi) / (2.0 * math.pi))
+    last = np.floor((phases - (low + lead) * angles + math.pi) / (2.0 * math.pi))
     found = []
     for i in np.flatnonzero(last >= first):
         for turn in np.arange(first[i], last[i] + 1):
-            d = (phases[i] + math.pi - 2.0 * math.pi * turn) / angles[i] - 1.0
+            d = (phases[i] + math.pi - 2.0 * math.pi * turn) / angles[i] - lead
             found.append((float(d), float(angles[i])))
     if not found:
         return float(latency), math.pi
     found.sort(reverse=back)
     for d, angle in found:
         beyond = d - 1e-9 if back else d + 1e-9
-        if table.unstable(np.array([beyond + 1.0]))[0] > 0:
+        if table.unstable(np.array([beyond + lead]))[0] > 0:
             return d, angle
     return found[-1]
 
 
-def _windows(
-    unstable: Callable[[np.ndarray], np.ndarray],
-    loops: list[Loop],
-    limit: int | None,
-    step_us: float,
-) -> list[list[float | None]]:
+def _windows(loops: Loops, limit: int | None, step_us: float) -> list[list[float | None]]:
     if limit is None:
         return [[0.0, None]]
-    stable = unstable(np.arange(max(_WINDOWS, 2 * limit + 200))) == 0
+    stable = loops.unstable(np.arange(max(_WINDOWS, 2 * limit + 200))) == 0
     edges = np.flatnonzero(np.diff(np.concatenate([[0], stable.astype(int), [0]])))
     found: list[list[float | None]] = []
     for first, end in edges.reshape(-1, 2):
         low, high = float(first), float(end - 1)
-        if len(loops) == 1:
-            low = 0.0 if first == 0 else _between(loops[0].table, int(first), back=True)[0]
-            high = _between(loops[0].table, int(end - 1))[0]
+        if len(loops.every) == 1:
+            low = 0.0 if first == 0 else _between(loops, int(first), back=True)[0]
+            high = _between(loops, int(end - 1))[0]
         found.append([low * step_us, high * step_us])
     return found
 

@@ -1,6 +1,28 @@
 """The margin of a loop as lines of text."""
 
-from hertzloop.studies.margin.margin import Margin
+from hertzloop.studies.margin.margin import Growth, Margin
+
+_SHOWS = 10.0  # e-folds from which a run shows an instability
+
+
+def growth_words(found: Growth) -> str:
+    """Return how an unstable loop grows, in a clause."""
+    if found.per_s is None or found.frequency_hz is None or found.e_folds is None:
+        return (
+            f"{found.unstable_poles} poles outside the unit circle; their growth could not be "
+            "decided"
+        )
+    return (
+        f"grows {found.per_s:.4g}/s at {found.frequency_hz:.5g} Hz, e-folds over this run "
+        f"{found.e_folds:.3g}"
+    )
+
+
+def unstable_line(found: Growth) -> str:
+    """Return the warning on a run whose linear loop is unstable, after the word "unstable"."""
+    short = found.e_folds is not None and found.e_folds < _SHOWS
+    ends = "; the run is too short to show it" if short else ""
+    return f"{growth_words(found)}{ends}. 'hertzloop margin' tells what limits the loop."
 
 
 def margin_lines(m: Margin) -> list[str]:
@@ -13,17 +35,11 @@ def margin_lines(m: Margin) -> list[str]:
     lines = [f"Linear loop in flight, ideal converters, {m.modes} modes, step {m.step_ns} ns"]
     if m.stable:
         lines.append(f"stable at the scene's latency of {m.latency_us:g} us")
-    elif m.growth_per_s is None:
-        lines.append(
-            f"unstable at {m.latency_us:g} us: {m.unstable_poles} poles outside the unit circle; "
-            "their growth could not be decided"
-        )
     else:
-        lines.append(
-            f"unstable at {m.latency_us:g} us: grows {m.growth_per_s:.4g}/s at "
-            f"{m.growth_frequency_hz:.5g} Hz, e-folds over this run {m.e_folds:.3g}; "
-            f"{m.unstable_poles} poles outside the unit circle"
-        )
+        growth = Growth(m.unstable_poles or 0, m.growth_per_s, m.growth_frequency_hz, m.e_folds)
+        lines.append(f"unstable at {m.latency_us:g} us: {growth_words(growth)}")
+        if m.growth_per_s is not None:
+            lines.append(f"{m.unstable_poles} poles outside the unit circle")
     if m.latency_limit_steps is None:
         lines.append("latency limit: none")
     elif m.latency_limit_steps < 0:

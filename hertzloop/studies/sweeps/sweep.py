@@ -2,6 +2,7 @@
 
 import json
 import logging
+import math
 import os
 import time
 from collections import Counter
@@ -28,6 +29,7 @@ from hertzloop.studies.sweeps.evaluate import Rows, chunked, not_run, older_stat
 from hertzloop.studies.sweeps.journal import Journal
 from hertzloop.studies.sweeps.pool import SweepFailed, local_cores, local_pool
 
+_NOT_OF_LOOP = ("run.touch_phase", "run.seed", "run.duration_s")  # the linear loop is the same
 _PACKAGES = ("hertzloop", "numpy", "numba")
 
 
@@ -45,6 +47,16 @@ class Outcome:
     def not_run(self) -> list[dict[str, Any]]:
         """Rows of cases that could not be run; `status` says why."""
         return not_run(self.rows)
+
+    @property
+    def growing(self) -> list[float]:
+        """Growth of the linear loop, 1/s, in each case that has figures although its loop is
+        unstable; nan where undecided."""
+        return [
+            row["growth_per_s"]
+            for row in self.rows
+            if row["state"] == CaseState.FIGURES and row["growth_per_s"]
+        ]
 
     @property
     def unstable(self) -> int:
@@ -128,9 +140,36 @@ def sweep(
         wall_s = time.perf_counter() - started
         ran = len(open_) - len(not_run([journal.done[number] for number, _ in open_]))
         rows = [journal.done[number] for number, _ in cases]
+    rows = with_growth(setup, design.keys, rows)
     write_results(out, rows, header)
     journal_of(out).unlink()
     return Outcome(rows, ran, wall_s, journal.damaged)
+
+
+def with_growth(setup: Setup, keys: Sequence[str], rows: Rows) -> Rows:
+    """Return rows with the column `growth_per_s`: growth of the linear loop in flight, 1/s; 0 if
+    it is stable, nan if undecided, None without a linear loop."""
+    from hertzloop.studies.margin.identify import has_no_loop
+    from hertzloop.studies.margin.margin import growth_of
+
+    known: dict[str, float | None] = {}
+    varied = [key for key in keys if key not in _NOT_OF_LOOP]
+
+    def growth(row: dict[str, Any]) -> float | None:
+        if has_no_loop(row.get("controller.law", setup.law_reference)):
+            return None
+        values = {key: row[key] for key in varied}
+        name = repr(values)  # a value may be a list
+        if name not in known:
+            try:
+                found = growth_of(setup.vary(values))
+            except SceneError:
+                found = None
+            undecided = found is not None and found.per_s is None
+            known[name] = None if found is None else math.nan if undecided else found.per_s
+        return known[name]
+
+    return [row | {"growth_per_s": growth(row)} for row in rows]
 
 
 def journal_of(out: Path) -> Path:
@@ -254,7 +293,7 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             header = json.loads(_beside(path).read_text(encoding="utf-8"))
         keys = keys_of(header["design"])
         columns = ["case", *keys, *(f.name for f in fields(CaseFigures)), "status"]
-        columns += ["state"] if "state" in table.column_names else []
+        columns += [name for name in ("state", "growth_per_s") if name in table.column_names]
         rows = [
             {**row, "state": row.get("state") or older_state(row["status"])}
             for row in table.select(columns).to_pylist()

@@ -1,10 +1,15 @@
 """The transfer function in flight against the compiled kernels, and the margin's known numbers."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from hertzloop.plant import time_series as ts
-from hertzloop.setup import load
+from hertzloop.analysis.deflection import modes_of_scene
+from hertzloop.plant.schemes import collocation_kernels as k
+from hertzloop.plant.structures.mode_file import write_modes
+from hertzloop.sensors import kernels as sk
+from hertzloop.setup import Setup, load
 from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
 from hertzloop.studies.margin.margin import _dense_poles, loop_of, margin_of
@@ -12,25 +17,69 @@ from hertzloop.studies.margin.margin import _dense_poles, loop_of, margin_of
 VELOCITY = ["controller.law=velocity_feedback", "sensors.quantity=v_p", "controller.kappa=0.4"]
 
 
-@pytest.mark.parametrize(
-    ("scene", "settings"),
-    [
-        ("aluminium-20mm", []),
-        ("oak-20mm", []),
-        ("offcentre-6mm", []),
-        ("aluminium-20mm", ["actuator.bandwidth_hz=20000"]),
-    ],
-)
-def test_transfer_function_gives_the_velocity_of_the_kernels(scene, settings):
-    setup = load(scene, [*VELOCITY, *settings, "run.lead_in_s=0.01"])
+FILTERS = ["sensors.resonance_hz=60000", "sensors.ac_coupling_hz=500"]
+ACTUATOR = ["actuator.bandwidth_hz=20000"]
+BY_GAP = ["sensors.quantity=xi", "controller.law=slope_threshold"]
+BY_ACCELERATION = ["sensors.quantity=acceleration", "controller.law=acceleration_feedback"]
+# Scene, and settings beside velocity feedback.
+VARIANTS = [
+    ("aluminium-20mm", []),
+    ("oak-20mm", []),
+    ("offcentre-6mm", []),
+    ("aluminium-20mm", ACTUATOR),
+    ("aluminium-20mm", ["sensors.low_pass_hz=30000"]),
+    ("aluminium-20mm", ["sensors.ac_coupling_hz=500"]),
+    ("aluminium-20mm", ["sensors.resonance_hz=60000"]),
+    ("aluminium-20mm", [*FILTERS, "sensors.low_pass_hz=30000", *ACTUATOR]),
+    ("aluminium-20mm", ["plate.radiation=two_faces"]),
+    ("aluminium-20mm", BY_ACCELERATION),
+    ("aluminium-20mm", [*BY_ACCELERATION, *FILTERS, *ACTUATOR]),
+    ("aluminium-20mm", BY_GAP),
+    ("aluminium-20mm", [*BY_GAP, *FILTERS, *ACTUATOR]),
+    ("aluminium-20mm", ["plate.tail=damped"]),
+    ("aluminium-20mm", ["plate.tail=spring"]),
+    ("aluminium-20mm", ["plate.tail=spring", *ACTUATOR]),
+    ("aluminium-20mm", ["plate.tail=spring", *BY_GAP]),
+    ("aluminium-20mm", ["actuator.mass_kg=0.001"]),
+    ("docs/examples/thick-plate.toml", []),
+]  # fmt: skip
+
+
+def samples_under(setup: Setup, forces: np.ndarray) -> np.ndarray:
+    """Values that the channel of a setup samples at the end of each step, by the kernels."""
+    plant, sensor = setup.on_plate("modal").start_plant(), setup.start_sensor()
+    seen = np.zeros(len(forces))
+    for i, force in enumerate(forces):
+        sk.follow(sensor.model, sensor.state, plant.state.body[setup.sensor.of_state])
+        seen[i] = sensor.state[sk.FILTERED]
+        k.step(plant.model, plant.state, force)
+    return seen
+
+
+@pytest.mark.parametrize(("scene", "settings"), VARIANTS)
+def test_transfer_function_gives_the_samples_of_the_kernels(
+    scene: str, settings: list[str]
+) -> None:
+    check_transfer(load(scene, [*VELOCITY, "run.lead_in_s=0.01", *settings]))
+
+
+def test_transfer_function_of_a_file_of_modes(tmp_path: Path) -> None:
+    table = modes_of_scene(load("aluminium-3mm", ["run.accuracy=0.05"]), grid=True)
+    (tmp_path / "modes.npz").write_bytes(write_modes(".npz", table))
+    settings = [*VELOCITY, "run.lead_in_s=0.01", f"plate.modes={tmp_path / 'modes.npz'}"]
+    check_transfer(load("aluminium-3mm", settings))
+
+
+def check_transfer(setup: Setup) -> None:
+    """Compare the response to random forces by the kernels and by the transfer function."""
     count = 400
-    forces = np.random.default_rng(3).standard_normal(count)
-    plant = setup.on_plate("modal").start_plant()
-    real = ts.series_under(plant, forces)[ts.V_P]
-    form = plant_in_flight(setup, "v_p")
-    k = np.arange(count)
+    # Large forces, as the gap is a small difference from that of the flight.
+    forces = 1e4 * np.random.default_rng(3).standard_normal(count)
+    real = samples_under(setup, forces) - samples_under(setup, np.zeros(count))
+    form = plant_in_flight(setup)
+    i = np.arange(count)
     response = np.zeros(count)
-    response[1:] = 2.0 * (form.poles[None, :] ** k[:-1, None] @ form.residues).real
+    response[1:] = 2.0 * (form.poles[None, :] ** i[:-1, None] @ form.residues).real
     response[1:3] += form.fir
     expected = np.convolve(response, forces)[:count]
     assert np.abs(real - expected).max() <= 1e-12 * np.abs(real).max()

@@ -1,0 +1,140 @@
+"""Run, sweep and tune say when the linear loop is unstable and the run too short to show it."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from hertzloop.setup import load
+from hertzloop.studies import tuning
+from hertzloop.studies.margin import margin
+from hertzloop.studies.margin.margin import growth_of, margin_of
+from hertzloop.studies.sweeps.design import Axis
+from hertzloop.studies.sweeps.pool import local_pool
+from hertzloop.studies.sweeps.sweep import read_results
+from tests.commands import invoke
+
+SHORT = ["run.accuracy=0.01", "run.duration_s=0.0016", "controller.latency_us=2"]
+VELOCITY = [*SHORT, "controller.law=velocity_feedback", "sensors.quantity=v_p"]
+
+
+def words(settings: list[str]) -> list[str]:
+    return [word for setting in settings for word in ("--set", setting)]
+
+
+def report_of(tmp_path: Path, settings: list[str]) -> tuple[dict, str]:
+    out = tmp_path / "report.json"
+    done = invoke(["run", "aluminium-3mm", *words(settings), "--transport", "compiled",
+                   "-o", str(tmp_path / "x.mcap"), "--json", str(out)])  # fmt: skip
+    assert done.exit_code == 0, done.output
+    return json.loads(out.read_text()), " ".join(done.output.split())
+
+
+def test_a_run_warns_of_an_instability_that_it_cannot_show(tmp_path: Path) -> None:
+    settings = [*VELOCITY, "controller.kappa=0.4"]
+    report, said = report_of(tmp_path, settings)
+    found = margin_of(load("aluminium-3mm", settings))
+    assert found.stable is False
+    loop = report["linear_loop"]
+    assert loop["unstable_poles"] == found.unstable_poles
+    assert loop["per_s"] == found.growth_per_s
+    assert loop["e_folds"] == pytest.approx(found.growth_per_s * 0.0016)
+    assert not report["stability"]["unstable"]  # the run itself does not show it
+    assert f"Linear loop unstable: grows {found.growth_per_s:.4g}/s" in said
+    assert "e-folds over this run" in said
+    assert "the run is too short to show it" in said
+
+
+@pytest.mark.parametrize("law", [["controller.kappa=0.01", *VELOCITY], SHORT])
+def test_a_run_is_silent_on_a_stable_loop_and_on_a_law_without_one(
+    tmp_path: Path, law: list[str]
+) -> None:
+    report, said = report_of(tmp_path, law)
+    assert "Linear loop" not in said
+    growth = growth_of(load("aluminium-3mm", law))
+    assert (growth is None) == (law is SHORT)
+    assert report["linear_loop"] == (
+        None if growth is None
+        else {"unstable_poles": 0, "per_s": 0.0, "frequency_hz": None, "e_folds": 0.0}
+    )  # fmt: skip
+
+
+def test_a_sweep_has_the_growth_of_every_case_and_computes_a_loop_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tables, loops = [], []
+    make_table, unstable_poles = margin.make_table, margin.unstable_poles
+    margin._loops.cache_clear()
+    margin._growth.cache_clear()
+    monkeypatch.setattr(margin, "make_table", lambda *a: tables.append(1) or make_table(*a))
+    monkeypatch.setattr(margin, "unstable_poles", lambda *a: loops.append(1) or unstable_poles(*a))
+    out, told = tmp_path / "r.parquet", tmp_path / "t.json"
+    done = invoke(["sweep", "aluminium-3mm", *words([*VELOCITY, "controller.kappa=0.4"]),
+                   "--over", "controller.latency_us=2,3", "--over", "run.touch_phase=0,0.3,0.6",
+                   "--workers", "1", "-o", str(out), "--json", str(told)])  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert (len(tables), len(loops)) == (1, 2)
+    rows, _ = read_results(out)
+    for row in rows:
+        case = load(
+            "aluminium-3mm",
+            [
+                *VELOCITY,
+                "controller.kappa=0.4",
+                f"controller.latency_us={row['controller.latency_us']}",
+            ],
+        )
+        assert row["growth_per_s"] == margin_of(case).growth_per_s > 0.0
+    assert json.loads(told.read_text())["unstable_loops"] == 6
+    assert "Linear loop unstable in 6 of 6 cases" in " ".join(done.output.split())
+
+
+def test_a_sweep_without_a_linear_law_looks_at_no_loop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def looked(*_: object) -> None:
+        raise AssertionError("a loop was looked at")
+
+    monkeypatch.setattr(margin, "growth_of", looked)
+    out = tmp_path / "r.csv"
+    done = invoke(["sweep", "aluminium-3mm", *words(SHORT), "--over", "controller.latency_us=0,2",
+                   "--workers", "1", "-o", str(out)])  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert [row["growth_per_s"] for row in read_results(out)[0]] == [None, None]
+
+
+@pytest.mark.full
+def test_a_search_can_require_a_stable_loop() -> None:
+    setup = load("aluminium-3mm", VELOCITY)
+    kappa = (Axis("controller.kappa", (), 0.0, 0.6),)
+
+    def best(require_stable: bool) -> float:
+        with local_pool(1) as pool:
+            found = tuning.tune(
+                pool, [setup], "impact", "velocity_feedback", kappa, ("plate_energy_db",),
+                at_most={}, generations=8, population=8, seed=1, require_stable=require_stable,
+            )[0]  # fmt: skip
+        return found.values["controller.kappa"]
+
+    allowed = margin_of(setup.vary({"controller.kappa": 0.01}))
+    assert allowed.stable
+    critical = 0.01 * allowed.gain_margin
+    assert best(False) > 2.0 * critical  # the benefit over one impact is larger there
+    assert 0.5 * critical < best(True) <= critical
+
+
+def test_the_command_tune_refuses_an_unstable_loop(tmp_path: Path) -> None:
+    def front(*more: str) -> tuple[list[dict], str]:
+        out = tmp_path / f"t{len(more)}.json"
+        done = invoke(["tune", "aluminium-3mm", *words(VELOCITY), "--minimise", "plate_energy_db",
+                       "--vary", "controller.kappa=0:0.6", "--generations", "2", "--population",
+                       "6", "--json", str(out), *more])  # fmt: skip
+        assert done.exit_code == 0, done.output
+        return json.loads(out.read_text())["front"], " ".join(done.output.split())
+
+    [free], said = front()
+    assert free["unstable_loop"]["unstable_poles"] > 0
+    assert "Linear loop unstable in 1 of 1 settings. --require-stable refuses these." in said
+    [kept], said = front("--require-stable")
+    assert kept["unstable_loop"] is None
+    assert "Linear loop" not in said
