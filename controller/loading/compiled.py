@@ -231,7 +231,7 @@ class Entries:
                 function, normalize_signature(signature), locals={},
                 options={"error_model": "numpy"},
             )  # fmt: skip
-            made._cache = QuickCache(function)
+            made._cache = QuickCache(function)  # type: ignore[attr-defined]
             made.compile()
             return made
 

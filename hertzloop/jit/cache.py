@@ -174,7 +174,7 @@ def types_digest(*values: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-class QuickCache(FunctionCache):  # type: ignore[misc]
+class QuickCache(FunctionCache):
     """Numba's cache of a function, without what only a compiler needs.
 
     Before it loads machine code, Numba registers all that it knows to compile, which takes 0.15 s
