@@ -5,6 +5,7 @@ environment may ask for more.
 """
 
 import os
+import sys
 from collections.abc import Callable
 from functools import cache, lru_cache, wraps
 from threading import RLock
@@ -23,10 +24,8 @@ _alone = RLock()
 
 
 @cache
-def _libraries() -> ThreadpoolController:
-    """The libraries of linear algebra: NumPy's, and the one that SciPy brings along."""
-    import scipy.linalg  # noqa: F401  loads it
-
+def _libraries(with_scipy: bool) -> ThreadpoolController:
+    """The libraries of linear algebra that are loaded: NumPy's, and perhaps that of SciPy."""
     return ThreadpoolController().select(user_api="blas")
 
 
@@ -40,12 +39,16 @@ def _obeyed(found: ThreadpoolController) -> ThreadpoolController:
 
 
 def on_one_thread(function: Callable[Given, Result]) -> Callable[Given, Result]:
-    """Let a function's linear algebra run on one thread, and leave what others do as it was."""
+    """Let a function's linear algebra run on one thread, and leave what others do as it was.
+
+    Whoever calls a function that uses `scipy.linalg` imports that before: a library that is loaded
+    within the call is not limited.
+    """
 
     @wraps(function)
     def alone(*given: Given.args, **named: Given.kwargs) -> Result:
         with _alone:
-            found = _libraries()
+            found = _libraries("scipy.linalg" in sys.modules)
             if all(library.num_threads == 1 for library in found.lib_controllers):
                 return function(*given, **named)
             with _obeyed(found).limit(limits=1):

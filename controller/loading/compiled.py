@@ -22,12 +22,14 @@ import numpy as np
 from llvmlite import ir
 from numba import cfunc, config, from_dtype, types
 from numba.core import cgutils
+from numba.core.ccallback import CFunc
 from numba.core.dispatcher import Dispatcher
+from numba.core.sigutils import normalize_signature
 from numba.extending import intrinsic
 from numba.np.numpy_support import as_dtype
 
 from hertzloop.jit import kernel
-from hertzloop.jit.cache import cache_folder
+from hertzloop.jit.cache import QuickCache, cache_folder
 from hertzloop.jit.decorator import kept_in
 from hertzloop.jit.object_code import array_at
 
@@ -40,6 +42,7 @@ FUNCTIONS = {
     "quiet_level": ("double", ""),
 }
 _TYPES = {"double": types.float64, "int64": types.int64}
+_SHIPPED = "hertzloop.controller.laws."
 _WORDS = {"f": types.float64, "i": types.int64}  # by the kind of a record's field
 _SAMPLES = types.Array(types.float64, 1, "C")
 
@@ -160,6 +163,7 @@ class Entries:
     def __init__(
         self, home: Any, name: str, digest: str, parameters: np.dtype, state: np.dtype
     ) -> None:
+        self._shipped = getattr(home, "__name__", "").startswith(_SHIPPED)
         self._names = [name for name in FUNCTIONS if is_function(getattr(home, name, None))]
         text = text_of(name, self._names)
         layout = f"{digest} {parameters} {state} {text}"
@@ -219,9 +223,17 @@ class Entries:
         words = (types.int64,) * more.count(",")
         samples = (types.CPointer(types.float64),) if more else ()
         signature = _TYPES[result](*self._records, *samples, *words)
+        function = self._module.__dict__[name]
         with kept_in(cache_folder()):
-            made = cfunc(signature, cache=True, error_model="numpy")
-            return made(self._module.__dict__[name])
+            if not self._shipped:
+                return cfunc(signature, cache=True, error_model="numpy")(function)
+            made = CFunc(
+                function, normalize_signature(signature), locals={},
+                options={"error_model": "numpy"},
+            )  # fmt: skip
+            made._cache = QuickCache(function)  # type: ignore[attr-defined]
+            made.compile()
+            return made
 
 
 def _dispatcher(function: Any) -> Any:

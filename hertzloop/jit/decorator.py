@@ -8,7 +8,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from hertzloop.jit.cache import cache_folder
+from hertzloop.jit.cache import QuickCache, cache_folder
 
 _swapping = Lock()
 
@@ -67,8 +67,12 @@ def kernel(
         freedoms = {"contract": fused, "reassoc": reordered}
         options["fastmath"] = {name for name, given in freedoms.items() if given}
     on_disk = kept and os.path.exists(function.__code__.co_filename)  # not typed at a prompt
+    ours = (function.__module__ or "").startswith("hertzloop.")
     with kept_in(cache_folder()):
-        return njit(cache=on_disk, error_model="numpy", **options)(function)
+        made = njit(cache=on_disk and not ours, error_model="numpy", **options)(function)
+        if on_disk and ours:
+            made._cache = QuickCache(function)
+    return made
 
 
 @contextmanager

@@ -178,6 +178,8 @@ def _counts(size_m: tuple[float, float]) -> tuple[int, int]:
 @lru_cache(maxsize=8)
 def low_modes(edges: str, size_m: tuple[float, float], nu: float) -> LowModes:
     """Modes of a plate, edges as in "csff": at x = 0, x = l_x, y = 0, y = l_y."""
+    import scipy.linalg  # noqa: F401  before the call on one thread that uses it
+
     nx, ny = _counts(size_m)
     lx, ly = size_m
     shift = (math.pi / max(size_m)) ** 4

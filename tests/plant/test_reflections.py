@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 from scipy.special import sici
 
-from hertzloop.plant.estimates.reflections import Actuation, images, reflections, twice_integrated
+from hertzloop.plant.estimates.reflections import (
+    Actuation,
+    images,
+    reflections,
+    sine_and_cosine_integral,
+    twice_integrated,
+)  # fmt: skip
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.structure import frequencies, oscillators
 from tests.plant.rigs import spec
@@ -103,3 +109,10 @@ def test_images_reach_no_farther_than_four_times_the_nearest() -> None:
     assert squared.max() <= 16.0 * squared.min() < 16.0 * squared.max()
     # 7 x 7 x 4 images in all; the far ones are not counted.
     assert len(squared) == len(signs) < 100
+
+
+def test_sine_and_cosine_integral_are_those_of_scipy() -> None:
+    for least in (0.5, 2.0, 30.0):
+        u = np.geomspace(least, 1e6, 2000)
+        for found, expected in zip(sine_and_cosine_integral(u), sici(u), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=0.0, atol=3e-15)

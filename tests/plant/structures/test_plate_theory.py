@@ -2,7 +2,9 @@
 
 import math
 
+import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
 from hertzloop.plant.estimates import plate_theory
@@ -77,3 +79,30 @@ def test_zener_on_a_rigid_plate_is_hertz() -> None:
     found = plate_theory.zener_impact(sphere, plate, contact)
     rigid = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s)
     assert found.contact_s == pytest.approx(rigid, rel=1e-4)
+
+
+@pytest.mark.parametrize("number", [0.0, 0.1, 1.0, 15.0])
+def test_zeners_impact_as_another_program_integrates_it(number: float) -> None:
+    def rates(_: float, state: np.ndarray) -> list[float]:
+        depth = max(state[0], 0.0)
+        return [state[1] - number * depth**1.5, -(depth**1.5)]
+
+    def apart(t: float, state: np.ndarray) -> float:
+        return float(state[0]) if t > 0.0 else 1.0
+
+    def deepest(t: float, state: np.ndarray) -> float:
+        return float(rates(t, state)[0])
+
+    apart.terminal = True  # type: ignore[attr-defined]
+    solved = solve_ivp(
+        rates, (0.0, 1e4), [0.0, 1.0], "LSODA", events=(apart, deepest), rtol=1e-12, atol=1e-15
+    )
+    length, peak = plate_theory._zener(number)
+    assert length == pytest.approx(solved.t[-1], rel=1e-6)
+    assert peak == pytest.approx(solved.y_events[1][:, 0].max() ** 1.5, rel=1e-6)
+
+
+def test_zeners_impact_on_a_plate_that_takes_everything() -> None:
+    """The plate follows at once: the force is v/lambda."""
+    for number in (1e3, 1e9, 1e40):
+        assert plate_theory._zener(number)[1] * number == pytest.approx(1.0, rel=1e-4)
