@@ -19,7 +19,7 @@ from hertzloop.analysis.spans import (
     changes_db,
     of_impact,
 )
-from hertzloop.analysis.validity import Facts, State, findings, names_by_state
+from hertzloop.analysis.validity import Facts, State, names_by_state
 from hertzloop.controller.law import ACTING
 from hertzloop.loop.compiled import LawStopped, Simulated, quiet_steps, simulate
 from hertzloop.plant.figures.impacts import Impact
@@ -109,7 +109,7 @@ def _follow(setup: Setup, span: Span) -> tuple[Setup, Simulated]:
         may_be_over = steps - int(touch_s / setup.step_s) >= quiet_steps(setup)
         if lasts_s > 0.0 and (may_be_over or steps >= setup.steps):
             infinite = setup.on_plate("infinite")
-            found = simulate(infinite.lasting(min(steps, setup.steps)), impact_only=True)
+            found = simulate(infinite, impact_only=True, steps=min(steps, setup.steps))
             if found.over or steps >= setup.steps:
                 return infinite, found
         setup = setup.on_plate("modal")
@@ -120,7 +120,7 @@ def _until_over(setup: Setup) -> Simulated:
     """Simulate until the first impact is over, the run's end at the latest."""
     steps = round(setup.lead_in_s / setup.step_s) + _FIRST_STEPS
     while steps < setup.steps:
-        found = simulate(setup.lasting(steps), impact_only=True)
+        found = simulate(setup, impact_only=True, steps=steps)
         if found.over:
             return found
         steps *= 4
@@ -236,10 +236,10 @@ def _uncontrolled(setup: Setup, span: Span) -> SpanFigures:
 
 
 def _left_out(setup: Setup, rows: np.ndarray, impacts: list[Impact]) -> dict[State, str]:
-    spec, setup = setup.plant, setup.lasting(rows.shape[1])
+    spec = setup.plant
     meter = ExtremesMeter(spec)
     meter.feed(0, rows)
-    return names_by_state(findings(Facts(setup, spec, meter.result(impacts))))
+    return names_by_state(Facts(setup, spec, meter.result(impacts), rows.shape[1] * setup.step_s))
 
 
 def _figures(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanFigures, list[Impact], int]:
