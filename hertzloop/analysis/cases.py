@@ -30,7 +30,7 @@ from hertzloop.setup import Setup
 Span = Literal["impact", "run"]
 Result = TypeVar("Result")
 # After the lead-in; four times as many until the impact is over. A run that is over ends before.
-_FIRST_STEPS = 2048
+_FIRST_STEPS = 512
 _FEW_BYTES = 1 << 18  # of rows of truth, of which several cases fit a cache
 
 
