@@ -1,13 +1,21 @@
 """What a case of a sweep costs on one core, and how much of that is the compiled loop."""
 
-import random
+import json
+import os
+import resource
 import statistics
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Annotated
 
+import typer
+
+from benchmarks import case_rounds
 from benchmarks.baseline import ROUNDS, Cost, in_turn, plant_case, two_pass_case
 from benchmarks.program import (
     JsonOption,
@@ -27,55 +35,111 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.analysis.deflection import modes_of_scene
-from hertzloop.loop.compiled import IN_LOOP
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.setup import load
-from hertzloop.studies.sweeps.design import Kind, make_design
-from hertzloop.studies.sweeps.evaluate import run_cases
 from hertzloop.studies.words import write_records
 
-_SWEEPS: dict[str, tuple[Kind, list[str]]] = {
-    "latency map": ("grid", ["controller.latency_us=0:99:1", "sensors.bits=8:23:1"]),
-    "radius, thickness, material (Sobol)": (
-        "sobol",
-        ["sphere.radius_m=0.001:0.006", "plate.thickness_m=0.001:0.006",
-         "plate.material=aluminium,steel,glass"],
-    ),
-}  # fmt: skip
-_CASES = {"grid": 200, "sobol": 16}  # a round
+_ROOT = Path(__file__).resolve().parent.parent
+_MAP_CASES = 1600  # of the whole latency map
 
 
 @dataclass(frozen=True)
 class CaseCost:
-    """Processor time of a case and of the loop in it, ms; medians of the rounds."""
+    """Processor time of a case and of the loop in it, ms; medians of the rounds. `checkout`: "this"
+    or "before"."""
 
     sweep: str
+    checkout: str
     case_ms: float
     loop_ms: float
 
 
-def measure(rounds: int) -> list[CaseCost]:
-    """Costs of the latency map of `aluminium-3mm` and of other plants, of new cases each round."""
-    scene, found = load("aluminium-3mm"), []
-    for sweep, (kind, over) in _SWEEPS.items():
-        count, whole, loop = _CASES[kind], [], []
-        cases = make_design(scene, over, kind, (rounds + 1) * count, seed=1).cases()
-        random.Random(1).shuffle(cases)
-        for turn in tracked(sweep, range(rounds + 1)):
-            some = cases[turn * count % len(cases) :][:count]
-            numbered = list(enumerate(some))
-            started = time.thread_time()
-            list(run_cases(scene, "impact", numbered))
-            took_s = time.thread_time() - started
-            IN_LOOP.seconds, IN_LOOP.running = 0.0, True
-            list(run_cases(scene, "impact", numbered))
-            IN_LOOP.running = False
-            if turn:  # the first loads what is compiled
-                whole.append(1e3 * took_s / len(some))
-                loop.append(1e3 * IN_LOOP.seconds / len(some))
-        found.append(CaseCost(sweep, statistics.median(whole), statistics.median(loop)))
-    return found
+@dataclass(frozen=True)
+class ProcessCost:
+    """Wall time and processor time of `hertzloop sweep` for the latency map, s; medians of the
+    rounds. Processor time counts that of its workers."""
+
+    checkout: str
+    cases: int
+    wall_s: float
+    cpu_s: float
+
+
+class _Rounds:
+    """A process that measures rounds of cases in a checkout."""
+
+    def __init__(self, root: Path) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, case_rounds.__file__], env=_with(root), text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        )  # fmt: skip
+
+    def run(self, turn: int) -> dict[str, tuple[float, float]]:
+        """Milliseconds of a case, and in its loop, by sweep. Raises RuntimeError."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(f"{turn}\n")
+        self._process.stdin.flush()
+        line = self._process.stdout.readline()
+        if not line:
+            raise RuntimeError("the process that measures cases has ended")
+        return {sweep: (case, loop) for sweep, (case, loop) in json.loads(line).items()}
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.communicate()
+
+
+def _with(root: Path) -> dict[str, str]:
+    """The environment of a process that runs a checkout."""
+    return {**os.environ, "PYTHONPATH": str(root)}
+
+
+def _whole_s(root: Path) -> tuple[float, float]:
+    """Wall time and processor time of `hertzloop sweep` for the latency map in a checkout, s."""
+    over = [word for axis in case_rounds.OVER[case_rounds.LATENCY_MAP] for word in ("--over", axis)]
+    with TemporaryDirectory(prefix="hertzloop-") as folder:
+        words = [sys.executable, "-m", "hertzloop", "sweep", case_rounds.SCENE, *over]
+        before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+        subprocess.run(
+            [*words, "--out", str(Path(folder) / "map.parquet")], env=_with(root), check=True,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=folder,
+        )  # fmt: skip
+        wall_s, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    return wall_s, after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+
+
+def measure(rounds: int, before: Path | None) -> tuple[list[CaseCost], list[ProcessCost]]:
+    """Costs of cases and of a whole sweep, in this checkout and in that at `before`, in turn.
+
+    Every round has cases that no round before had, and each checkout runs them.
+    """
+    roots = {"this": _ROOT} | ({} if before is None else {"before": before})
+    cases: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    whole: dict[str, list[tuple[float, float]]] = {name: [] for name in roots}
+    measured = {name: _Rounds(root) for name, root in roots.items()}
+    try:
+        for turn in tracked("sweeps", range(rounds + 1)):
+            for name, root in roots.items():
+                for sweep, cost in measured[name].run(turn).items():
+                    if turn:  # the first loads what is compiled
+                        cases.setdefault((sweep, name), []).append(cost)
+                cost = _whole_s(root)
+                if turn:
+                    whole[name].append(cost)
+    finally:
+        for process in measured.values():
+            process.close()
+    return (
+        [CaseCost(*key, *_medians(some)) for key, some in sorted(cases.items())],
+        [ProcessCost(name, _MAP_CASES, *_medians(some)) for name, some in whole.items()],
+    )
+
+
+def _medians(some: list[tuple[float, float]]) -> tuple[float, float]:
+    one, other = (statistics.median(column) for column in zip(*some, strict=True))
+    return one, other
 
 
 _SCENE, _SETTINGS = "aluminium-20mm", ["run.accuracy=1e-3", "run.lead_in_s=0"]
@@ -110,38 +174,58 @@ def mode_file_costs(rounds: int = ROUNDS) -> list[Cost]:
         return in_turn(cases, rounds)
 
 
+BeforeOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--before", help="Measure the checkout in this folder too, in turn.", metavar="PATH",
+        exists=True, file_okay=False, resolve_path=True,
+    ),
+]  # fmt: skip
+
+
 def main(
     folder: OutDirOption = None,
     rounds: RoundsOption = 7,
     quick: QuickOption = False,
     json_file: JsonOption = None,
+    before: BeforeOption = None,
 ) -> None:
     """Measure how many cases of a sweep one core runs in a second.
 
-    Also measures which part of that time is the compiled loop.
+    Also measures which part of that time is the compiled loop, and how long the command `sweep`
+    takes for a latency map of 1600 cases.
 
     Example: python -m benchmarks.cases --quick
     """
     check_json(json_file)
     with results_in(folder, "cases") as made:
         compile_first()
-        found = measure(1 if quick else rounds)
+        found, whole = measure(1 if quick else rounds, before)
         write_records(made / "cases.csv", found)
-        sizes = [(c.sweep, 1e3 / c.case_ms) for c in found]
-        bars(made / "cases.png", "Cases of a sweep on one core", "cases per second", sizes)
-    headings = ("sweep", "cases/s", "ms a case", "in the loop, ms", "share")
+        ours = [(c.sweep, 1e3 / c.case_ms) for c in found if c.checkout == "this"]
+        bars(made / "cases.png", "Cases of a sweep on one core", "cases per second", ours)
+    headings = ("sweep", "checkout", "cases/s", "ms a case", "in the loop, ms", "share")
     rows = [
-        (c.sweep, f"{1e3 / c.case_ms:.0f}", f"{c.case_ms:.3f}", f"{c.loop_ms:.3f}",
+        (c.sweep, c.checkout, f"{1e3 / c.case_ms:.0f}", f"{c.case_ms:.3f}", f"{c.loop_ms:.3f}",
          f"{c.loop_ms / c.case_ms:.0%}") for c in found
     ]  # fmt: skip
-    out.print(number_table("cases of a sweep, of one core", headings, rows, text=1))
+    out.print(number_table("cases of a sweep, of one core", headings, rows, text=2))
+    columns = ("command", "checkout", "wall time, s", "processor time, s")
+    commands = [
+        (f"sweep of {w.cases} cases", w.checkout, f"{w.wall_s:.2f}", f"{w.cpu_s:.2f}")
+        for w in whole
+    ]
+    out.print(number_table("latency map, whole process", columns, commands, text=2))
     written(made, "cases.csv", "cases.png")
-    first = found[0]
+    first = next(c for c in found if (c.sweep, c.checkout) == (case_rounds.LATENCY_MAP, "this"))
     conclude(
         f"One core runs {1e3 / first.case_ms:.0f} cases of the {first.sweep} in a second, and "
         f"{first.loop_ms / first.case_ms:.0%} of that time is the compiled loop."
     )
-    write_json(json_file, {"cases": [asdict(row) for row in found]})
+    write_json(
+        json_file,
+        {"cases": [asdict(row) for row in found], "whole": [asdict(row) for row in whole]},
+    )
 
 
 if __name__ == "__main__":

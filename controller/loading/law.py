@@ -38,6 +38,11 @@ class Law:
         """Its scene keys."""
         return getattr(self.home, "Parameters", Keys)
 
+    @cached_property
+    def key_names(self) -> tuple[str, ...]:
+        """Names of its scene keys."""
+        return tuple(self.keys.model_fields)
+
     @property
     def senses(self) -> str:
         """The quantity that it has to be given; "any" if that is all the same. Of several, with a
@@ -155,7 +160,9 @@ def _exactly(constants: Any) -> tuple[Any, ...] | None:
         return None
     words: list[Any] = [getattr(constants, "_fields", None)]
     for value in constants:
-        if type(value) in (int, float, bool):
+        if type(value) is float:
+            words.append(value.hex())
+        elif type(value) in (int, bool):
             words.append(repr(value))
         elif isinstance(value, np.ndarray) and value.dtype == float and value.size <= _FEW:
             words.append((value.shape, value.tobytes()))

@@ -211,7 +211,7 @@ class ConsistentWindow:
         self._parts.append(rows)
         self._held += rows.shape[1]
         while self._held > PIECE + 2:  # never leave less than a step with both its ends
-            rows = np.concatenate(self._parts, axis=1)
+            rows = _joined(self._parts)
             # The rebound is seen in the step after a contact: it must be in the same piece.
             ends_here = rows[F_C, PIECE - 1] != 0.0 and rows[F_C, PIECE] == 0.0
             count = PIECE + int(ends_here)
@@ -220,12 +220,12 @@ class ConsistentWindow:
 
     def close(self, following: np.ndarray | None) -> RowsOfImpact | None:
         """See Window."""
-        last = np.concatenate(self._parts, axis=1)
+        last = _joined(self._parts)
         self._take(last, np.zeros((COLUMNS, 0)) if following is None else following)
         impact = self._impact
         if impact is None:
             return None
-        contact_n, slope_n, speed = (np.concatenate(parts) for parts in self._contact)
+        contact_n, slope_n, speed = (_joined(parts) for parts in self._contact)
         if len(self._contact[0]) > 1:
             impact = replace(
                 impact,
@@ -256,8 +256,8 @@ class ConsistentWindow:
     def _add(self, piece: np.ndarray, following: np.ndarray, count: int) -> None:
         """Add the first steps of a piece, as many as belong to the impact."""
         lead = self._before.shape[1]
-        rows = np.concatenate([self._before, piece, following], axis=1)
-        rows = rows[:, : lead + count + _BEHIND]
+        parts = [self._before, piece[:, : count + _BEHIND], following]
+        rows = np.concatenate(parts, axis=1)[:, : lead + count + _BEHIND]
         displaced, v_start = modal_displacement(self.spec, rows), starting_speed(self.spec, rows)
         if self._done == 0:
             found = impacts_in(self.spec, rows, displaced, v_start, self.start - lead)
@@ -298,6 +298,11 @@ class ConsistentWindow:
             plate_energy_j=impact.plate_energy_j + more.plate_energy_j,
             plate_speed_max_m_s=max(impact.plate_speed_max_m_s, more.plate_speed_max_m_s),
         )
+
+
+def _joined(parts: list[np.ndarray]) -> np.ndarray:
+    """Parts that follow each other along the last axis, as one array; one part as it is."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
 
 
 _GREEN_STEPS = 1 << 17  # Green's functions of longer runs are sampled as far as a contact needs

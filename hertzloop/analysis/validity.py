@@ -7,10 +7,10 @@ hertzloop.plant.structures.plate_theory. The sentence on an effect is in hertzlo
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import cached_property
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +28,7 @@ from hertzloop.plant.schemes.collocation import flexibility_m_n
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
+from hertzloop.setup.bodies import Bodies, cached_property
 
 _MOST_STEPS = 2_000_000  # that are simulated in memory
 _TAKES_ALL = 1.0  # lambda from which on the plate takes all energy, whatever its theory
@@ -40,12 +41,97 @@ def _short(value: float) -> float:
 
 
 @dataclass(frozen=True)
+class Standing:
+    """Indicators that no run changes, of a plant and its bodies. What is unknown is nan."""
+
+    spec: PlantSpec
+    bodies: Bodies
+
+    @cached_property
+    def local(self) -> Plate | None:
+        """The plate at the contact point, if it is one."""
+        return self.spec.plate.local_plate
+
+    @cached_property
+    def thickness_m(self) -> float:
+        """Thickness of the plate, m."""
+        return self.local.thickness_m if self.local else math.nan
+
+    @cached_property
+    def weaker(self) -> tuple[str, Strength] | None:
+        """Which body yields first, and its strength."""
+        return self.bodies.weaker
+
+    @cached_property
+    def first_yield_pa(self) -> float:
+        """Centre pressure at which the weaker body yields, Pa."""
+        return self.weaker[1].first_yield_pa if self.weaker else math.nan
+
+    @cached_property
+    def fully_plastic_share(self) -> float:
+        """Centre pressure over that of first yield, where the mean pressure is the hardness."""
+        if self.weaker is None:
+            return math.nan
+        return 1.5 * self.weaker[1].pressure_pa / self.first_yield_pa
+
+    @cached_property
+    def zener(self) -> float:
+        """Zener's lambda."""
+        if self.local is None:
+            return math.nan
+        return inelasticity(self.spec.sphere, self.local, self.spec.contact)
+
+    @cached_property
+    def revival_s(self) -> float:
+        """When a square plate's modes are in phase again, s; zero for what has no such time."""
+        plate = self.spec.plate.separable
+        if plate is None or self.spec.infinite_plate:
+            return 0.0
+        x, y = plate.size_m
+        return criteria.revival_s(plate, x) if abs(x - y) <= _SQUARE * x else 0.0
+
+    @cached_property
+    def air_share(self) -> float:
+        """Loss factor by air over the plate's own."""
+        plate = self.spec.plate
+        if self.local is None or plate.solid or plate.mode_table is not None:
+            return math.nan
+        own = self.local.eta
+        return criteria.air_loss_factor(self.local) / own if own else math.inf
+
+    @cached_property
+    def squeezed_film(self) -> float:
+        """Share of the sphere's energy that the film of air takes."""
+        return criteria.squeezed_film(self.spec.sphere)
+
+    @cached_property
+    def drag(self) -> float:
+        """Share of the energy of the fall that drag takes."""
+        return criteria.drag_on_the_drop(self.spec.sphere)
+
+    @cached_property
+    def flexibility_m_n(self) -> float:
+        """The spring of the modes left out, m/N."""
+        return flexibility_m_n(self.spec)
+
+
+_standing = lru_cache(maxsize=16)(Standing)
+
+
+@dataclass(frozen=True)
 class Facts:
-    """A scene, its plant and the largest values of its run; what is not known is nan."""
+    """A scene, its plant and the largest values of its run until `end_s`, by default all of it, s;
+    what is not known is nan."""
 
     setup: Setup
     spec: PlantSpec
     run: Extremes
+    end_s: float | None = None
+
+    @cached_property
+    def standing(self) -> Standing:
+        """What no run changes."""
+        return _standing(self.spec, self.setup.bodies)
 
     @property
     def sphere(self) -> Sphere:
@@ -54,18 +140,13 @@ class Facts:
 
     @property
     def local(self) -> Plate | None:
-        """The plate at the struck point, if it is one."""
-        return self.spec.plate.local_plate
+        """The plate at the contact point, if it is one."""
+        return self.standing.local
 
     @property
     def accuracy(self) -> float:
         """What the scene asks for."""
         return self.setup.accuracy
-
-    @property
-    def thickness_m(self) -> float:
-        """Of the plate, m."""
-        return self.local.thickness_m if self.local else math.nan
 
     @cached_property
     def contact_radius_m(self) -> float:
@@ -78,10 +159,10 @@ class Facts:
         """At the largest force, by Hertz, Pa."""
         return criteria.mean_pressure_pa(self.run.force_n, self.contact_radius_m)
 
-    @cached_property
+    @property
     def weaker(self) -> tuple[str, Strength] | None:
         """Which body yields first, and its strength."""
-        return self.setup.bodies.weaker
+        return self.standing.weaker
 
     @property
     def plasticity(self) -> str:
@@ -91,28 +172,12 @@ class Facts:
     @property
     def centre_pressure_share(self) -> float:
         """Centre pressure over that of first yield."""
-        if self.weaker is None:
-            return math.nan
-        return 1.5 * self.mean_pressure_pa / self.weaker[1].first_yield_pa
-
-    @property
-    def fully_plastic_share(self) -> float:
-        """The same at which the mean pressure is the hardness."""
-        if self.weaker is None:
-            return math.nan
-        return 1.5 * self.weaker[1].pressure_pa / self.weaker[1].first_yield_pa
+        return 1.5 * self.mean_pressure_pa / self.standing.first_yield_pa
 
     @property
     def kh(self) -> float:
         """Wave number of bending at 1/T times the thickness."""
         return thickness_number(self.local, self.run.contact_s) if self.local else math.nan
-
-    @property
-    def zener(self) -> float:
-        """Zener's lambda."""
-        if self.local is None:
-            return math.nan
-        return inelasticity(self.sphere, self.local, self.spec.contact)
 
     @cached_property
     def kirchhoff(self) -> KirchhoffError:
@@ -127,7 +192,8 @@ class Facts:
     @property
     def after_touch_s(self) -> float:
         """From the first touch to the end of the run, s."""
-        return self.setup.duration_s - self.run.touched_s
+        end_s = self.setup.duration_s if self.end_s is None else self.end_s
+        return end_s - self.run.touched_s
 
     @property
     def first_return_s(self) -> float:
@@ -141,16 +207,15 @@ class Facts:
     @property
     def misses_reflections(self) -> bool:
         """Whether the plate has no edges, and that costs more than is asked for."""
-        return self.spec.infinite_plate and (not self.setup.infinite_plate_error <= self.accuracy)
+        if not self.spec.infinite_plate:
+            return False
+        end_s = self.setup.duration_s if self.end_s is None else self.end_s
+        return not self.setup.infinite_plate_error_at(end_s) <= self.accuracy
 
-    @cached_property
+    @property
     def revival_s(self) -> float:
         """When a square plate's modes are in phase again, s; zero for what has no such time."""
-        plate = self.spec.plate.separable
-        if plate is None or self.spec.infinite_plate:
-            return 0.0
-        x, y = plate.size_m
-        return criteria.revival_s(plate, x) if abs(x - y) <= _SQUARE * x else 0.0
+        return self.standing.revival_s
 
     @property
     def controlled(self) -> bool:
@@ -199,15 +264,6 @@ class Facts:
         """Whether the plate is an elastic solid."""
         return self.spec.plate.solid
 
-    @property
-    def air_share(self) -> float:
-        """Loss factor by air over the plate's own."""
-        plate = self.spec.plate
-        if self.local is None or plate.solid or plate.mode_table is not None:
-            return math.nan
-        own = self.local.eta
-        return criteria.air_loss_factor(self.local) / own if own else math.inf
-
     @cached_property
     def flight_m(self) -> float:
         """How far above the plate the law looks, m; zero of one that waits for the contact."""
@@ -225,11 +281,6 @@ class Facts:
         if limits is None or self.flight_m == 0.0:
             return None
         return self.flight_m / limits[1] if limits[1] > 0.0 else math.inf
-
-    @property
-    def flexibility_m_n(self) -> float:
-        """The spring of the modes left out, m/N."""
-        return flexibility_m_n(self.spec)
 
 
 class State(StrEnum):
@@ -302,11 +353,13 @@ ROWS = (
         lambda f: f.contact_radius_m / f.sphere.radius_m,
     ),
     Row(
-        Effect.WIDE_ON_PLATE, "a / h", 0.25, 0.5, lambda f: f.contact_radius_m / f.thickness_m,
+        Effect.WIDE_ON_PLATE, "a / h", 0.25, 0.5,
+        lambda f: f.contact_radius_m / f.standing.thickness_m,
     ),
     Row(
         Effect.THEORY_ENERGY, "0.085 (k h)^2 at 1/T, where lambda < 1", None, 0.1,
-        lambda f: f.kirchhoff.plate_energy if f.zener < _TAKES_ALL else None, lambda f: f.solid,
+        lambda f: f.kirchhoff.plate_energy if f.standing.zener < _TAKES_ALL else None,
+        lambda f: f.solid,
     ),
     Row(
         Effect.THEORY_PEAK, "dC 3/2 s^(2/3) F^(1/3)", None, 0.5,
@@ -314,7 +367,7 @@ ROWS = (
     ),
     Row(
         Effect.LARGE_DEFLECTION, "w_max / h", 0.2, 1.0,
-        lambda f: f.run.deflection_m / f.thickness_m,
+        lambda f: f.run.deflection_m / f.standing.thickness_m,
     ),
     Row(
         Effect.SPHERE_VIBRATION, "T 2.65 c_T/(2 pi R)", 3.0, 1.0,
@@ -343,15 +396,15 @@ ROWS = (
     ),
     Row(
         Effect.AIR_ON_MODES, "rho0 c/(omega m'' eta), one face", 0.1, math.nan,
-        lambda f: f.air_share, lambda f: bool(f.spec.radiating_faces),
+        lambda f: f.standing.air_share, lambda f: bool(f.spec.radiating_faces),
     ),
     Row(
         Effect.AIR_FILM, "6 pi mu R^2 ln(R/1e-7 m) v/(m v^2/2)", 1e-3, 0.1,
-        lambda f: criteria.squeezed_film(f.sphere),
+        lambda f: f.standing.squeezed_film,
     ),
     Row(
         Effect.DRAG, "3/8 C_D rho0 H/(rho_s R)", 1e-3, 0.1,
-        lambda f: criteria.drag_on_the_drop(f.sphere),
+        lambda f: f.standing.drag,
     ),
     Row(
         Effect.SENSOR_RANGE, "v (latency + window) / range above the plate", 1.0, math.nan,
@@ -360,7 +413,8 @@ ROWS = (
     Row(
         Effect.DAMPER_BEHIND_SPRING, "2.5 d R_0 F/T", None, 0.1,
         lambda f: criteria.tail_share(
-            f.spec.contact.hunt_crossley_s_m, f.flexibility_m_n, f.run.force_n, f.run.contact_s
+            f.spec.contact.hunt_crossley_s_m, f.standing.flexibility_m_n, f.run.force_n,
+            f.run.contact_s,
         ) if f.spec.contact.hunt_crossley_s_m else None,
         lambda f: f.spec.damped_tail,
     ),
@@ -401,25 +455,34 @@ def neglected_of_scene(setup: Setup) -> Neglected:
     return neglected(setup, extremes.result(impacts))
 
 
-def names_by_state(found: Sequence[Finding]) -> dict[State, str]:
+def names_by_state(facts: Facts) -> dict[State, str]:
     """Names of the indicators in each state, as the results of a sweep have them."""
     names: dict[State, list[str]] = {}
-    for finding in found:
-        names.setdefault(finding.state, []).append(finding.effect)
+    for row, *_, state in _evaluated(facts):
+        names.setdefault(state, []).append(row.effect)
     return {state: ", ".join(some) for state, some in names.items()}
 
 
 def findings(facts: Facts) -> list[Finding]:
     """Every indicator that says something about a run."""
+    return [
+        Finding(row.effect, row.formula, value, threshold, beyond, state)
+        for row, value, threshold, beyond, state in _evaluated(facts)
+    ]
+
+
+def _evaluated(facts: Facts) -> Iterator[tuple[Row, float, float, float, State]]:
+    """Rows that say something about a run: value, threshold, where out of range begins, state."""
     if not facts.run.force_n > 0.0 or not facts.run.contact_s > 0.0:
-        return []  # without a contact nothing is left out of it
-    found = []
+        return  # without a contact nothing is left out of it
     for row in ROWS:
         value = row.value(facts)
         if value is None:
             continue
         threshold = facts.accuracy if row.threshold is None else row.threshold
-        beyond = facts.fully_plastic_share if row.effect is Effect.YIELD else row.beyond
+        beyond = row.beyond
+        if row.effect is Effect.YIELD:
+            beyond = facts.standing.fully_plastic_share
         if row.modelled(facts):
             state = State.IN_THE_MODEL
         elif math.isnan(value):
@@ -430,8 +493,7 @@ def findings(facts: Facts) -> list[Finding]:
             state = State.LEFT_OUT
         else:
             state = State.WITHIN
-        found.append(Finding(row.effect, row.formula, value, threshold, beyond, state))
-    return found
+        yield row, value, threshold, beyond, state
 
 
 def _exceeds(value: float, limit: float, falls: bool) -> bool:

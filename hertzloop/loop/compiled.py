@@ -95,23 +95,31 @@ class Simulated:
     over: bool
 
 
-def simulate(setup: Setup, impact_only: bool = False, own_plant: Plant | None = None) -> Simulated:
+def simulate(
+    setup: Setup,
+    impact_only: bool = False,
+    own_plant: Plant | None = None,
+    steps: int | None = None,
+) -> Simulated:
     """Run a scene without bus or recording, on its plant, or on `own_plant`, at its start.
 
     With `impact_only` the run ends once nothing that is to come can belong to its first impact.
+    It ends after `steps` steps, by default those of the scene.
     Raises LawStopped when the law fails.
     """
-    plant, sensor = own_plant or setup.start_plant(), setup.start_sensor()
-    controller = setup.start_controller(ahead=impact_only)
+    most = steps or setup.steps
+    plant = own_plant or setup.start_plant(steps=most)
+    sensor = setup.start_sensor(most)
+    controller = setup.start_controller(ahead=impact_only, steps=most)
     samples = len(controller.law_state.history)
-    window = empty_window(setup.steps, samples)
+    window = empty_window(most, samples)
     modes, delays = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
     with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
         started = time.thread_time() if IN_LOOP.running else 0.0
         over = k.closed_loop(
             plant.model, plant.state, sensor.model, sensor.state, controller.law,
             controller.law_state, controller.line, controller.line_state, controller.forces,
-            window, modes, delays, setup.steps, ending_of(setup) if impact_only else NEVER,
+            window, modes, delays, most, ending_of(setup) if impact_only else NEVER,
         )  # fmt: skip
         if IN_LOOP.running:
             IN_LOOP.seconds += time.thread_time() - started
@@ -120,13 +128,13 @@ def simulate(setup: Setup, impact_only: bool = False, own_plant: Plant | None = 
     except LawFault as error:
         before = controller.failed_at * setup.every_steps + 1
         raise LawStopped(str(error), window.truth[:, :before]) from error
-    steps, taken = (int(window.counts[i]) for i in (k.TRUTH_END, k.SAMPLES_END))
+    ran, taken = int(window.counts[k.TRUTH_END]), int(window.counts[k.SAMPLES_END])
     sent = window.values if sensor.model.ideal else window.codes
     return Simulated(
-        window.truth[:, :steps],
+        window.truth[:, :ran],
         sent[:taken],
         window.values[:taken],
-        controller.forces[:steps],
+        controller.forces[:ran],
         modes[:taken],
         delays[:taken],
         plant.close_balance(),

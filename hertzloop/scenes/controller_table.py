@@ -74,7 +74,7 @@ class ControllerTable(Table):
     def keys(self) -> Any:
         """The law's own keys."""
         given = self.__pydantic_extra__ or {}
-        own = self.found.keys.model_fields
+        own = self.found.key_names
         return SimpleNamespace(**{name: given[name] for name in own if name in given})
 
     def switched_off(self) -> "ControllerTable":

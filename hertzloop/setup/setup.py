@@ -9,7 +9,7 @@ So a `Setup` that differs in one key shares all stages that do not read this key
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -48,6 +48,7 @@ from hertzloop.sensors.acquisition import Sensor, SensorSpec
 from hertzloop.setup import bodies as of_bodies
 from hertzloop.setup import law as of_law
 from hertzloop.setup import plate as of_plate
+from hertzloop.setup.bodies import cached_property
 
 PHASE_STREAM = 4  # random stream of the touch phase; sensor and controller have others
 # Steps after the lead-in in which the first contact without control is looked for, four times as
@@ -326,7 +327,11 @@ class Setup:
     def infinite_plate_error(self) -> float:
         """Error that an infinite plate is expected to have at the run's end, relative to the
         penetration or the plate energy; inf where it is not known."""
-        until_s = self.duration_s - self.first_touch_s
+        return self.infinite_plate_error_at(self.duration_s)
+
+    def infinite_plate_error_at(self, end_s: float) -> float:
+        """Return `infinite_plate_error` of a run that ends at `end_s`, s."""
+        until_s = end_s - self.first_touch_s
         return of_plate.infinite_plate_error(
             self.bodies, self.scheme, self.reach, self._smoothness, self.step_s, until_s
         )
@@ -481,11 +486,13 @@ class Setup:
 
     # The parts at the start of a run.
 
-    def start_plant(self, spec: PlantSpec | None = None) -> Plant:
+    def start_plant(self, spec: PlantSpec | None = None, steps: int | None = None) -> Plant:
         """The plant at the start of the run, or that of another description `spec` by the same
-        scheme. Raises SceneError for what the scheme does not know."""
+        scheme, for as many `steps` as are to be run, by default all. Raises SceneError for what the
+        scheme does not know."""
+        steps = steps or self.steps
         try:
-            return plant_at_start(spec or self.plant, self.scheme, self.steps, self.touch_phase)
+            return plant_at_start(spec or self.plant, self.scheme, steps, self.touch_phase)
         except ValueError as error:
             raise SceneError(str(error)) from error
 
@@ -494,14 +501,16 @@ class Setup:
         first step, and an array of shape (10, steps of the block)."""
         return ts.free_series(self.start_plant(), self.steps)
 
-    def start_sensor(self) -> Sensor:
-        """The data-acquisition channel at the start of the run."""
-        return Sensor(self.sensor, self.step_s, self.steps, self.seed)
+    def start_sensor(self, steps: int | None = None) -> Sensor:
+        """The data-acquisition channel at the start of the run, for as many `steps` as are to be
+        run, by default all."""
+        return Sensor(self.sensor, self.step_s, steps or self.steps, self.seed)
 
-    def start_controller(self, ahead: bool = True) -> Controller:
-        """Law and line at the start of the run; `ahead` as of `bound_law`. Raises SceneError."""
-        bound = self.bound_law(ahead)
-        return Controller(bound, self.line, self.step_s, self.steps, self.every_steps, self.seed)
+    def start_controller(self, ahead: bool = True, steps: int | None = None) -> Controller:
+        """Law and line at the start of the run; `ahead` as of `bound_law`, `steps` as of
+        `start_sensor`. Raises SceneError."""
+        bound, steps = self.bound_law(ahead), steps or self.steps
+        return Controller(bound, self.line, self.step_s, steps, self.every_steps, self.seed)
 
     def check(self) -> None:
         """Build all parts of the run once. Raises SceneError."""

@@ -99,6 +99,20 @@ def test_json_goes_to_standard_output_alone(tmp_path: Path) -> None:
     assert done.stderr.splitlines()[-1].startswith("A viscous damper of 9.41")
 
 
+@pytest.mark.full
+def test_cases_are_measured_in_another_checkout_too(tmp_path: Path) -> None:
+    words = ("--quick", "-o", str(tmp_path / "made"), "--json", "-", "--before", str(ROOT))
+    done = program("benchmarks.cases", *words)
+    assert done.returncode == 0, done.stderr
+    data = json.loads(done.stdout)
+    sweeps = [(row["sweep"][:7], row["checkout"]) for row in data["cases"]]
+    assert sweeps == [
+        ("latency", "before"), ("latency", "this"), ("radius,", "before"), ("radius,", "this"),
+    ]  # fmt: skip
+    assert all(0.0 < row["loop_ms"] < row["case_ms"] for row in data["cases"])
+    assert [row["checkout"] for row in data["whole"]] == ["this", "before"]
+
+
 @pytest.mark.parametrize("name", CONCLUSIONS)
 def test_a_folder_that_cannot_be_made_is_said_before_work_starts(
     name: str, monkeypatch: pytest.MonkeyPatch

@@ -4,10 +4,11 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hertzloop.analysis import cases
-from hertzloop.analysis.cases import figures_of_case
+from hertzloop.analysis.cases import digest_of, figures_of_case
 from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import Simulated, simulate
 from hertzloop.scenes.errors import SceneError
@@ -116,3 +117,22 @@ def test_a_delay_of_zero_is_a_delay() -> None:
     assert at_once.delay_us == 0.0
     off = figures_of_case(load("aluminium-3mm", [*keys, "controller.law=off"]))
     assert off.delay_us != off.delay_us  # nan
+
+
+def test_the_digest_tells_every_bit_apart() -> None:
+    generator = np.random.default_rng(1)
+    rows, codes = generator.random((10, 31)), generator.integers(-9, 9, 31)
+    digests = {digest_of(rows, codes), digest_of(rows, codes.astype(float))}
+    assert digest_of(np.hstack([rows, rows])[:, :31], codes.copy()) in digests
+    for row in range(10):
+        for step in (0, 1, 2, 3, 29, 30):
+            other = rows.copy()
+            other[row, step] = np.nextafter(other[row, step], 2.0)
+            digests.add(digest_of(other, codes))
+    digests.add(digest_of(rows, codes + np.eye(31, dtype=int)[30]))
+    digests.add(digest_of(rows[::-1].copy(), codes))
+    digests.add(digest_of(rows[:, :30], codes))
+    digests.add(digest_of(rows, codes[:30]))
+    digests.add(digest_of(rows[:, ::-1].copy(), codes))
+    assert len(digests) == 2 + 60 + 5
+    assert {len(digest) for digest in digests} == {32}

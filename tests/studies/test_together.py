@@ -57,8 +57,8 @@ def test_plants_that_differ_are_not_formed_in_step(monkeypatch: pytest.MonkeyPat
     """Their models would push each other out of what is kept."""
     groups: list[int] = []
     monkeypatch.setattr(evaluate, "together", lambda rows: groups.append(len(rows)) or rows)
-    list(evaluate.run_cases(SCENE, "impact", NUMBERED))
-    assert groups == [8, 2]
+    list(evaluate.run_cases(SCENE, "impact", [*NUMBERED, *NUMBERED]))
+    assert groups == [16, 4]
     groups.clear()
     list(evaluate.run_cases(SCENE, "impact", [*NUMBERED, (10, {"sphere.radius_m": 0.003})]))
     assert groups == [1] * 11

@@ -16,8 +16,7 @@ from hertzloop.analysis.cases import (
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
 
-_CHUNK = 16  # cases that travel together: some 40 ms of work
-_TOGETHER = 8  # cases that are formed in step
+_CHUNK = 16  # cases that travel together, and are formed in step: some 5 ms of work
 _BESIDE_PLANT = ("controller.", "sensors.", "run.touch_phase", "run.seed")
 
 Numbered = list[tuple[int, dict[str, Any]]]
@@ -44,7 +43,7 @@ def run_cases(setup: Setup, span: Span, numbered: Numbered) -> Iterator[dict[str
     """Rows of cases as they come: their number, the varied keys, the figures, `status`, a sentence
     on why there are none, empty if all is well, and `state`, as in `CaseState`."""
     alike = all(key.startswith(_BESIDE_PLANT) for _, values in numbered for key in values)
-    some = _TOGETHER if alike else 1  # plants of several cases would not all be kept
+    some = _CHUNK if alike else 1  # plants of several cases would not all be kept
     for at in range(0, len(numbered), some):
         yield from together([_row(setup, span, *case) for case in numbered[at : at + some]])
 

@@ -1,0 +1,63 @@
+"""Rounds of cases of a sweep, measured in a process of its own, on request.
+
+The process runs the checkout on its PYTHONPATH, which may be another one than that of this file. It
+uses only what earlier versions have as well. It reads a number per line, and answers with a line of
+JSON: for each sweep the processor time of a case and of the loop in it, ms.
+"""
+
+import json
+import random
+import sys
+import time
+
+from hertzloop.loop.compiled import IN_LOOP
+from hertzloop.setup import load
+from hertzloop.studies.sweeps.design import Kind, make_design
+from hertzloop.studies.sweeps.evaluate import chunked, run_cases
+
+SCENE = "aluminium-3mm"
+LATENCY_MAP, PLATES = "latency map", "radius, thickness, material (Sobol)"
+OVER = {
+    LATENCY_MAP: ["controller.latency_us=0:99:1", "sensors.bits=8:23:1"],
+    PLATES: [
+        "sphere.radius_m=0.001:0.006", "plate.thickness_m=0.001:0.006",
+        "plate.material=aluminium,steel,glass",
+    ],
+}  # fmt: skip
+_KINDS: dict[str, Kind] = {LATENCY_MAP: "grid", PLATES: "sobol"}
+_CASES = {LATENCY_MAP: 192, PLATES: 32}  # a round
+_ROUNDS = 64  # of which no case comes twice
+
+
+def answer() -> None:
+    """Answer each number that is read with the round of this number."""
+    setup = load(SCENE)
+    chunks = {}
+    for sweep, over in OVER.items():
+        cases = make_design(setup, over, _KINDS[sweep], _ROUNDS * _CASES[sweep], seed=1).cases()
+        found = chunked(list(enumerate(cases)))
+        random.Random(1).shuffle(found)
+        chunks[sweep] = found
+    for line in sys.stdin:
+        answer = {}
+        for sweep, found in chunks.items():
+            count = _CASES[sweep] // len(found[0])
+            first = 2 * int(line) * count
+            timed, inside = (
+                [found[i % len(found)] for i in range(at, at + count)]
+                for at in (first, first + count)
+            )
+            began = time.thread_time()
+            for chunk in timed:
+                list(run_cases(setup, "impact", chunk))
+            case_s = time.thread_time() - began
+            IN_LOOP.seconds, IN_LOOP.running = 0.0, True
+            for chunk in inside:
+                list(run_cases(setup, "impact", chunk))
+            IN_LOOP.running = False
+            answer[sweep] = [1e3 * s / _CASES[sweep] for s in (case_s, IN_LOOP.seconds)]
+        print(json.dumps(answer), flush=True)
+
+
+if __name__ == "__main__":
+    answer()
