@@ -33,7 +33,7 @@ from hertzloop.views.format import Table, styled
 if TYPE_CHECKING:
     from hertzloop.studies.budget.budget import Budget, InPlant
     from hertzloop.studies.budget.limits import Limit
-    from hertzloop.studies.budget.uncertain import Probability, Sensitivity
+    from hertzloop.studies.budget.probability import Probability, Sensitivity
 
 
 def budget(
@@ -80,7 +80,8 @@ def budget(
         Path | None,
         typer.Option(
             "--uncertain",
-            help="Compute the probability of the goal for the distributions in this TOML file.",
+            help="Compute the probability of the goal for the distributions in this TOML file, "
+            "or in the tables [uncertain] and [fit] of this scene.",
         ),
     ] = None,
     within: Annotated[
@@ -119,10 +120,11 @@ def budget(
     from hertzloop.studies.budget import budget as study
     from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
     from hertzloop.studies.budget.limits import quantities_of
-    from hertzloop.studies.budget.uncertain import probability, read_uncertain, sensitivities
+    from hertzloop.studies.budget.probability import probability, sensitivities
     from hertzloop.studies.sweeps.design import Design
     from hertzloop.studies.sweeps.pool import local_pool
     from hertzloop.studies.sweeps.sweep import work_of
+    from hertzloop.studies.sweeps.uncertain import read_uncertain
 
     check_json(json_file)
     check_folder(junit_file)

@@ -2,7 +2,7 @@
 
 import math
 import re
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -30,7 +30,6 @@ from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
-from hertzloop.setup import Setup
 from hertzloop.views.format import Table, styled
 
 
@@ -71,12 +70,10 @@ def sweep(
         ),
     ] = None,
     uncertain: Annotated[
-        str | None,
+        Path | None,
         typer.Option(
-            help="Draw cases: a TOML file of distributions draws --cases in place of --over; a "
-            "whole number draws so many of the keys that `hertzloop fit` has fitted, for every "
-            "case.",
-            metavar="FILE|N",
+            help="Run every case with --cases draws from the distributions in this TOML file, or "
+            "in the tables [uncertain] and [fit] of this scene.",
         ),
     ] = None,
     dask: Annotated[
@@ -106,13 +103,6 @@ def sweep(
                 json_file)  # fmt: skip
         return
     cases = 256 if cases is None else cases
-    draws = int(uncertain) if uncertain is not None and uncertain.isdecimal() else None
-    if draws is not None and not 1 <= draws <= 100_000:
-        fail(
-            f"--uncertain = {draws}: must be from 1 to 100000. Change it.",
-            2,
-        )
-    uncertain_file = Path(uncertain) if uncertain is not None and draws is None else None
     from hertzloop.plant.schemes.registry import SCHEMES
     from hertzloop.studies.sweeps import sweep as study
     from hertzloop.studies.sweeps.design import KEY as PHASE
@@ -135,10 +125,8 @@ def sweep(
         _check_scheduler(dask)
     try:
         over = list(over or [])
-        if uncertain_file is not None and (over or phases is not None or design != "grid"):
-            raise DesignError(
-                "--uncertain draws all cases itself. Leave --over, --phases and --design out"
-            )
+        if uncertain is not None and design != "grid":
+            raise DesignError(f"--uncertain needs --design grid, not {design}. Leave it out")
         if phases is not None:
             if any(text.partition("=")[0].strip() == PHASE for text in over):
                 raise DesignError(
@@ -150,19 +138,13 @@ def sweep(
                     f"rest, --over {PHASE}=0:1"
                 )
             over.append(f"{PHASE}={','.join(map(str, spread_evenly(phases)))}")
-        planned: Design
-        if uncertain_file is not None:
-            from hertzloop.studies.budget.uncertain import drawn_design, read_uncertain
-
-            planned = drawn_design(resolved, read_uncertain(uncertain_file, resolved), cases)
-        elif draws is None or over:
+        planned = Design(())
+        if over or uncertain is None:
             planned = make_design(resolved, over, design, cases, resolved.seed)
-        else:
-            planned = Design(())
-        if draws is not None:
-            drawn_keys, drawn = _drawn(resolved, draws)
-            planned = replace(planned, drawn_keys=drawn_keys, drawn=drawn)
-            resolved.vary(dict(zip(drawn_keys, drawn[0], strict=True)))
+        if uncertain is not None:
+            from hertzloop.studies.sweeps.uncertain import read_uncertain, with_draws
+
+            planned = with_draws(resolved, planned, read_uncertain(uncertain, resolved), cases)
         for axis in planned.axes:
             for law in axis.values if axis.key == "controller.law" else ():
                 check_law(resolved.vary({"controller.law": law}))
@@ -191,9 +173,9 @@ def sweep(
     figureless = len(found.not_run) + found.unstable
     if figureless < total:
         out.print(_extremes(found.rows, keys))
-    if draws is not None and figureless < total:
+    if uncertain is not None and figureless < total:
         out.print(_uncertainties(found.rows, [axis.key for axis in planned.axes]))
-    phased = PHASE in keys and design == "grid" and uncertain_file is None
+    phased = PHASE in keys and design == "grid" and uncertain is None
     over_phases = grouped(found.rows, keys, SHOWN) if phased else []
     if over_phases:
         out.print(_spreads(over_phases, [key for key in keys if key != PHASE]))
@@ -275,18 +257,6 @@ def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     return table
 
 
-def _drawn(setup: Setup, count: int) -> tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]:
-    """Keys and draws of a fitted scene; ends the command if there are none."""
-    from hertzloop.studies.fit.fit import FitError
-    from hertzloop.studies.fit.uncertain import draws
-
-    try:
-        keys, rows = draws(setup, count, setup.seed)
-    except FitError as error:
-        fail(str(error), 2)
-    return keys, tuple(rows)
-
-
 def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     """Median and 95 % range of figures over the draws, a setting of the other keys a row."""
     import numpy as np
@@ -294,7 +264,7 @@ def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     from hertzloop.studies.sweeps.sweep import SHOWN, known, short
 
     names = [name for name in SHOWN if known(rows, name)][:4]
-    table = Table(title="Over draws of the fitted keys: median (2.5 to 97.5 %)")
+    table = Table(title="Over draws of the uncertain keys: median (2.5 to 97.5 %)")
     for heading in (*(key.split(".")[-1] for key in keys), *names):
         table.add_column(heading, justify="right")
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}

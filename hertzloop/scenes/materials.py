@@ -4,12 +4,14 @@ import base64
 import binascii
 import difflib
 import hashlib
+import math
 import zlib
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Self, cast
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from hertzloop.controller.loading.registry import find
@@ -36,20 +38,65 @@ _MOST_PACKED = 8 << 20  # in a scene, and so in one message on the bus
 def take_in(data: dict[str, Any], folder: Path) -> None:
     """Put files named in a scene's tables in their place; names are relative to `folder`.
 
+    The table `uncertain` is for `--uncertain` alone: a run has one value for each key.
+
     Raises ValueError with one sentence.
     """
+    data.pop("uncertain", None)
     if isinstance(data.get("materials"), str):
         data["materials"] = _materials(folder / data["materials"])
     plate = data.get("plate")
     if isinstance(plate, dict) and isinstance(plate.get("modes"), str):
         plate["modes"] = _modes(folder / plate["modes"])
     control = data.get("controller")
-    if isinstance(control, dict) and isinstance(control.get("latency_trace"), str):
-        control["latency_trace"] = _latencies(folder / control["latency_trace"])
+    trace = control.get("latency_trace") if isinstance(control, dict) else None
+    if isinstance(control, dict) and isinstance(trace, str):
+        control["latency_trace"] = _latencies(folder / trace)
+    elif isinstance(control, dict) and isinstance(trace, dict):
+        control["latency_trace"] = _drawn_latencies(trace)
     if isinstance(control, dict) and control.get("law") in shipped_laws():
         read_files = getattr(find(control["law"]).home, "read_files", None)
         if read_files is not None:
             read_files(control, folder)
+
+
+# Numbers that a distribution of latencies must have, with their least value.
+_DRAWN = {"median_us": 0.0, "sigma": 0.0, "autocorrelation": 0.0}
+_SAMPLES = 4096
+_TRACE = 13  # random stream of these latencies
+
+
+def _drawn_latencies(table: dict[str, Any]) -> list[float]:
+    """Latencies that are log-normal, with an autocorrelation from one sample to the next.
+
+    The logarithms form a first-order autoregressive process. `least_us` is added, `seed` and
+    `samples` are 1 and 4096 if left out.
+    """
+    said = "controller.latency_trace"
+    known = {*_DRAWN, "least_us", "seed", "samples"}
+    if unknown := sorted(set(table) - known):
+        raise ValueError(f"{said}.{unknown[0]}: unknown key. Use {', '.join(sorted(known))}")
+    numbers: dict[str, Any] = {"least_us": 0.0, "seed": 1, "samples": _SAMPLES} | table
+    for name, least in {**_DRAWN, "least_us": 0.0, "seed": 0, "samples": 1}.items():
+        value = numbers.get(name)
+        whole = name in ("seed", "samples")
+        good = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
+        most = {"autocorrelation": 1.0 - 1e-9, "samples": _MOST_LATENCIES}.get(name, 1e6)
+        if not good or not least <= cast(float, value) <= most:
+            raise ValueError(
+                f"{said}.{name} = {shown(value)}: must be a {'whole ' if whole else ''}number from "
+                f"{least:g} to {most:g}"
+            )
+    normal = np.random.Generator(np.random.Philox(key=[numbers["seed"], _TRACE])).standard_normal(
+        numbers["samples"]
+    )
+    keep, walk = numbers["autocorrelation"], float(normal[0])
+    found = [walk]
+    for one in normal[1:]:
+        walk = keep * walk + math.sqrt(1.0 - keep * keep) * float(one)
+        found.append(walk)
+    logs = numbers["sigma"] * np.array(found)
+    return [round(float(x), 3) for x in numbers["least_us"] + numbers["median_us"] * np.exp(logs)]
 
 
 _LATENCY = "latency_us"  # column of a trace that has several

@@ -31,6 +31,7 @@ CONCLUSIONS = {
     "benchmarks.model_order": r"The automatic choice of modes meets the requested accuracy",
     "benchmarks.pictures": r"A picture takes \d+ s at most",
     "benchmarks.plate_models": r"In the place of the omitted modes, a damped mode leaves an error",
+    "benchmarks.probability": r"The 95 % interval holds the true probability in [\d.]+ % \(",
     "benchmarks.real_plant": r"In the real plant \d+ of \d+ laws take energy off the plate",
     "benchmarks.replay": r"A recording of 1,600 steps becomes an \.rrd file of [\d.]+ MB",
     "benchmarks.speed_accuracy": r"At an error of 0\.001 the default scheme is [\d.]+ times",

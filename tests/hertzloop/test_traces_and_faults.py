@@ -184,3 +184,28 @@ def test_a_dead_time_acts_like_a_latency_that_the_law_does_not_know():
 def test_a_fault_that_makes_no_sense_is_refused(settings, word):
     with pytest.raises(SceneError, match=word):
         load("aluminium-3mm", [*SHORT, *settings])
+
+
+def test_latencies_are_drawn_from_a_distribution_with_memory():
+    table = "{median_us = 5, sigma = 0.5, autocorrelation = 0.9, least_us = 1, samples = 20000}"
+    scene = load("aluminium-3mm", [*SHORT, f"controller.latency_trace={table}"])
+    logs = np.log(np.array(scene.scene.controller.latency_trace) - 1.0)
+    assert np.median(logs) == pytest.approx(np.log(5.0), abs=0.05)
+    assert np.std(logs) == pytest.approx(0.5, rel=0.1)
+    assert np.corrcoef(logs[1:], logs[:-1])[0, 1] == pytest.approx(0.9, abs=0.02)
+    other = load("aluminium-3mm", [*SHORT, f"controller.latency_trace={table[:-1]}, seed = 2}}"])
+    assert other.scene.controller.latency_trace != scene.scene.controller.latency_trace
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ("{median_us = 3, sigma = 0.1}", "autocorrelation = None: must be a number from 0"),
+        ("{median_us = 3, sigma = 0.1, autocorrelation = 1}", "autocorrelation = 1: must be"),
+        ("{median = 3}", "latency_trace.median: unknown key"),
+        ("{median_us = 3, sigma = 0.1, autocorrelation = 0, samples = 1.5}", "a whole number"),
+    ],
+)
+def test_a_distribution_of_latencies_that_cannot_be_is_refused(table, said):
+    with pytest.raises(SceneError, match=said):
+        load("aluminium-3mm", [*SHORT, f"controller.latency_trace={table}"])

@@ -25,18 +25,14 @@ from hertzloop.studies.budget.limits import (
     side_by_side,
     variants,
 )
+from hertzloop.studies.budget.probability import probability, sobol_indices, wilson
 from hertzloop.studies.budget.requirements import check, junit, read_requirements
-from hertzloop.studies.budget.uncertain import (
-    Part,
-    drawn_design,
-    probability,
-    sobol_indices,
-    uncertain_of,
-    wilson,
-)
+from hertzloop.studies.sweeps.design import Axis, Design
 from hertzloop.studies.sweeps.evaluate import evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.sweep import read_results, sweep
+from hertzloop.studies.sweeps.uncertain import Part, read_uncertain, uncertain_of, with_draws
+from tests.commands import invoke
 
 SHORT = ["run.duration_s=0.0016", "controller.law=force_feedback"]
 GOAL = parse_goal("plate_energy_db <= -0.1")
@@ -426,11 +422,34 @@ def test_a_new_law_brings_requirements_that_hold(tmp_path):
 def test_a_sweep_records_every_drawn_value(tmp_path):
     setup, out = load("aluminium-3mm", SHORT), tmp_path / "drawn.parquet"
     table = {"sphere.drop_height_m": {"distribution": "uniform", "low": 0.04, "high": 0.06}}
-    design = drawn_design(setup, uncertain_of(table, setup), 20)
+    design = with_draws(setup, Design(()), uncertain_of(table, setup), 20)
     sweep(setup, design, "impact", out, workers=1)
     rows, header = read_results(out)
     drawn = [row["sphere.drop_height_m"] for row in rows]
     assert 0.04 < min(drawn) < 0.045
     assert 0.055 < max(drawn) < 0.06
-    assert [one["sphere.drop_height_m"] for one in header["design"]["listed"]] == drawn
+    at = header["design"]["drawn_keys"].index("sphere.drop_height_m")
+    assert [one[at] for one in header["design"]["drawn"]] == drawn
     assert len({row["digest"] for row in rows}) == 20
+
+
+def test_a_scene_holds_its_own_distributions(tmp_path):
+    scene = tmp_path / "mine.toml"
+    plain = invoke(["scene", "show", "aluminium-3mm"]).stdout
+    scene.write_text(plain + '[uncertain]\n"plate.thickness_m" = { distribution = "normal", '
+                     'mean = 0.003, standard_deviation = 1e-5 }\n')  # fmt: skip
+    setup = load(str(scene))
+    assert setup.scene == load(str(scene)).scene
+    assert read_uncertain(scene, setup).keys == ["plate.thickness_m"]
+    over, uncertain = Axis("plate.thickness_m", (0.003, 0.004)), read_uncertain(scene, setup)
+    with pytest.raises(SceneError, match="is drawn by --uncertain"):
+        with_draws(setup, Design((over,)), uncertain, 3)
+    words = ["sweep", str(scene), "--set", SHORT[0], "--over", "controller.latency_us=0,2",
+             "--uncertain", str(scene), "--cases", "4", "--workers", "1",
+             "--out", str(tmp_path / "a.csv")]  # fmt: skip
+    done = invoke(words)
+    assert done.exit_code == 0, done.output
+    rows, _ = read_results(tmp_path / "a.csv")
+    assert len(rows) == 8
+    assert len({row["plate.thickness_m"] for row in rows}) == 4
+    assert "Over draws of the uncertain keys" in done.output

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import scipy
 
+from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.studies.fit.fit import FitError, FitResult, check, expected_record, fit, free_of
 from hertzloop.studies.fit.model import FrozenModel
@@ -423,18 +424,18 @@ def test_records_of_another_solver_are_fitted(
 
 def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path: Path) -> None:
     from hertzloop.studies.fit.report import fitted_scene
-    from hertzloop.studies.fit.uncertain import draws
+    from hertzloop.studies.sweeps.uncertain import read_uncertain
 
     found = fitted(scene(), record(scene()), RADIUS, HEIGHT)
     path = tmp_path / "rig.toml"
     path.write_text(fitted_scene(found, "rig"))
-    keys, rows = draws(load(str(path)), 4000, 1)
-    assert keys == (RADIUS, HEIGHT)
+    uncertain = read_uncertain(path, load(str(path)))
+    assert uncertain.keys == [RADIUS, HEIGHT]
+    drawn = [uncertain.draw(1, number) for number in range(4000)]
+    rows = [[one[RADIUS], one[HEIGHT]] for one in drawn]
     np.testing.assert_allclose(np.cov(np.log(rows).T), found.covariance, rtol=0.1, atol=1e-12)
-    with pytest.raises(FitError, match="has no"):
-        draws(scene(), 5, 1)
-    with pytest.raises(FitError, match="does not hold"):
-        draws(load(str(path), ["sphere.radius_m=0.004"]), 5, 1)
+    with pytest.raises(SceneError, match="does not hold"):
+        read_uncertain(path, load(str(path), ["sphere.radius_m=0.004"]))
 
 
 def test_a_record_without_noise_is_as_exact_as_the_simulation() -> None:
@@ -491,8 +492,8 @@ def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path: Path
     )
     path, results = tmp_path / "rig.toml", tmp_path / "rig.parquet"
     path.write_text(fitted_scene(found, "rig"))
-    words = ["sweep", str(path), "--over", "controller.latency_us=0,2", "--uncertain", "3",
-             "--workers", "1", "--out", str(results)]  # fmt: skip
+    words = ["sweep", str(path), "--over", "controller.latency_us=0,2", "--uncertain", str(path),
+             "--cases", "3", "--workers", "1", "--out", str(results)]  # fmt: skip
     ended = invoke(words)
     assert ended.exit_code == 0, ended.output
     assert "median (2.5 to 97.5 %)" in ended.output

@@ -32,9 +32,10 @@ from hertzloop.setup import Setup, load
 from hertzloop.studies.budget.budget import search_of
 from hertzloop.studies.budget.goal import FIGURES, Goal, parse_goal, worst_excess
 from hertzloop.studies.budget.limits import Boundary, limit_of, quantities_of, side_by_side
-from hertzloop.studies.budget.uncertain import probability, read_uncertain
+from hertzloop.studies.budget.probability import probability
 from hertzloop.studies.sweeps.design import phases as spread_evenly
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
+from hertzloop.studies.sweeps.uncertain import read_uncertain
 
 _LEAST = ("bits", "bandwidth_hz")  # a law tolerates these down to a value, the others up to one
 _AMPLITUDES = ("plate_speed_db", "pressure_db")

@@ -1,0 +1,208 @@
+"""How likely a law meets its goals when scene keys are not known exactly.
+
+The probability has a Wilson interval (E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209);
+sensitivities are Sobol indices by SALib (A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259).
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+
+from hertzloop.analysis.cases import CaseState, Span
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup
+from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
+from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
+from hertzloop.studies.sweeps.uncertain import Part, Uncertain
+
+_FIRST, QUANTILES = 64, (0.05, 0.25, 0.5, 0.75, 0.95)
+_NORMAL = NormalDist()
+
+
+def wilson(met: int, cases: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Return the Wilson interval of a probability.
+
+    Args:
+        met: Number of cases with success.
+        cases: Number of all cases, at least 1.
+        confidence: Probability with which the interval holds the true one.
+    """
+    z = _NORMAL.inv_cdf(0.5 + 0.5 * confidence)
+    share, weight = met / cases, z * z / cases
+    middle = (share + 0.5 * weight) / (1.0 + weight)
+    half = z * math.sqrt(share * (1.0 - share) / cases + 0.25 * weight / cases) / (1.0 + weight)
+    low = 0.0 if met == 0 else max(0.0, middle - half)
+    return low, 1.0 if met == cases else min(1.0, middle + half)
+
+
+@dataclass(frozen=True)
+class Probability:
+    """How likely the goals are met.
+
+    `value`: share of the cases that meet them; `interval`: Wilson's, at `confidence`; `quantiles`:
+    of every figure over the cases that have one, by probability; `worst`: varied keys of the case
+    that misses the goals by most, or is nearest to that; `drawn`: of every case, in order.
+    """
+
+    value: float
+    interval: tuple[float, float]
+    confidence: float
+    cases: int
+    met: int
+    unstable: int
+    quantiles: dict[str, dict[float, float]]
+    worst: dict[str, Any]
+    worst_figures: dict[str, float]
+    drawn: tuple[dict[str, Any], ...]
+
+
+def probability(
+    pool: Pool,
+    setup: Setup,
+    goals: Sequence[Goal],
+    uncertain: Uncertain,
+    span: Span,
+    *,
+    within: float = 0.05,
+    most: int = 4096,
+    confidence: float = 0.95,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> Probability:
+    """Draw cases until the interval of the probability is narrow enough.
+
+    The number of cases doubles from 64 on, so that the rule to stop is applied a few times only.
+
+    Args:
+        pool: Runs cases.
+        setup: The scene.
+        goals: All have to be met.
+        uncertain: The distributions.
+        span: Figures of the first impact, or of the whole run.
+        within: Half the width of the interval that is narrow enough.
+        most: Number of cases after which to stop in any event.
+        confidence: Of the interval.
+        on_progress: Is told the finished share of the work.
+
+    Raises:
+        SceneError: a case cannot be run.
+    """
+    rows: Rows = []
+    drawn: list[dict[str, Any]] = []
+    wanted = min(_FIRST, most)
+    while True:
+        new = [uncertain.draw(setup.seed, number) for number in range(len(drawn), wanted)]
+        drawn += new
+        rows += evaluate(pool, setup, span, new)
+        for row in rows:
+            if row["state"] == CaseState.NOT_RUN:
+                values = ", ".join(f"{key} = {row[key]:.6g}" for key in drawn[0])
+                raise SceneError(f"the case with {values} cannot be run: {row['status']}")
+        met = sum(all_met(goals, row) for row in rows)
+        interval = wilson(met, len(rows), confidence)
+        half = 0.5 * (interval[1] - interval[0])
+        on_progress(min(1.0, within / half))
+        if half <= within or len(rows) >= most:
+            break
+        wanted = min(2 * len(rows), most)
+    worst = max(rows, key=lambda row: worst_excess(goals, row))
+    return Probability(
+        value=met / len(rows),
+        interval=interval,
+        confidence=confidence,
+        cases=len(rows),
+        met=met,
+        unstable=sum(row["state"] == CaseState.UNSTABLE for row in rows),
+        quantiles={name: _quantiles(rows, name) for name in FIGURES},
+        worst={key: worst[key] for key in drawn[0]},
+        worst_figures={name: math.nan if worst[name] is None else worst[name]
+                       for name in FIGURES},
+        drawn=tuple(drawn),
+    )  # fmt: skip
+
+
+def _quantiles(rows: Rows, figure: str) -> dict[float, float]:
+    known = [row[figure] for row in rows if row[figure] is not None and row[figure] == row[figure]]
+    if not known:
+        return dict.fromkeys(QUANTILES, math.nan)
+    return {q: float(np.quantile(known, q)) for q in QUANTILES}
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Sobol indices of one uncertain part on one figure, each with half its 95 % interval.
+    Correlated keys count as one part."""
+
+    keys: tuple[str, ...]
+    figure: str
+    first: float
+    first_half: float
+    total: float
+    total_half: float
+
+
+def sobol_indices(
+    parts: Sequence[Part], figures: Sequence[str], base: int,
+    run: Callable[[list[list[float]]], Sequence[Mapping[str, float]]], seed: int = 1,
+) -> list[Sensitivity]:  # fmt: skip
+    """Return first-order and total Sobol indices.
+
+    Args:
+        parts: The uncertain parts.
+        figures: Names of the figures.
+        base: Number of base points, a power of 2; base * (parts + 2) points are run.
+        run: Returns the figures at points of the unit cube, shape (points, keys).
+        seed: Of the points and of the bootstrap that gives the intervals.
+
+    Raises:
+        ModuleNotFoundError: SALib is not installed.
+        SceneError: a figure is missing at a point.
+    """
+    from SALib.analyze import sobol
+    from SALib.sample import sobol as sampling
+
+    names = [key for part in parts for key in part.keys]
+    groups = [str(number) for number, part in enumerate(parts) for _ in part.keys]
+    problem: dict[str, Any] = {
+        "num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names),
+    }  # fmt: skip
+    if len(parts) < len(names):
+        problem["groups"] = groups
+    points = sampling.sample(problem, base, calc_second_order=False, seed=seed)
+    inside = np.clip(points, 1e-15, 1.0 - 1e-15)
+    rows = run([[float(x) for x in point] for point in inside])
+    found = []
+    for figure in figures:
+        values = np.array([row[figure] for row in rows], dtype=float)
+        if not np.isfinite(values).all():
+            raise SceneError(
+                f"{figure}: is missing in {np.count_nonzero(~np.isfinite(values))} cases, as their "
+                "loop is unstable. Narrow the distributions to get Sobol indices"
+            )
+        if np.ptp(values) == 0.0:
+            found += [Sensitivity(part.keys, figure, 0.0, 0.0, 0.0, 0.0) for part in parts]
+            continue
+        got = sobol.analyze(
+            problem, values, calc_second_order=False, seed=seed, print_to_console=False
+        )
+        for number, part in enumerate(parts):
+            numbers = (float(got[name][number]) for name in ("S1", "S1_conf", "ST", "ST_conf"))
+            found.append(Sensitivity(part.keys, figure, *numbers))
+    return found
+
+
+def sensitivities(
+    pool: Pool, setup: Setup, goals: Sequence[Goal], uncertain: Uncertain, span: Span, base: int
+) -> list[Sensitivity]:
+    """Return the Sobol indices of the figures of the goals. See `sobol_indices`."""
+
+    def run(points: list[list[float]]) -> Rows:
+        rows = evaluate(pool, setup, span, [uncertain.at(point) for point in points])
+        return [{name: math.nan if row[name] is None else row[name] for name in FIGURES}
+                for row in rows]  # fmt: skip
+
+    names = list(dict.fromkeys(goal.figure for goal in goals))
+    return sobol_indices(uncertain.parts, names, base, run, setup.seed)
