@@ -90,7 +90,7 @@ def latency(
         out.print(_survival_table(name, [c for c in found if c.scene == name]))
     best = list(study.best_laws(found))
     for name, law, survives, buys in best:
-        out.print(f"{name}: {law} survives {survives:.0f} us, {buys:.0f} us more than two points")
+        out.print(f"{name}: {law} tolerates {survives:.0f} us, {buys:.0f} us more than two points")
     out.print(f"written: {folder}/latency-*.png and .csv", soft_wrap=True)
     keys = ("scene", "law", "survives_us", "more_than_two_points_us")
     data = {"critical": [vars(c) for c in found],
@@ -113,7 +113,7 @@ def _survival_table(scene: str, found: "list[Critical]") -> Table:
     """What each law survives in a scene."""
     from hertzloop.studies import words
 
-    table = Table(title=f"{scene}: what each law survives")
+    table = Table(title=f"{scene}: latency and bits that each law tolerates")
     for heading in ("law", "plate energy (dB)", "rebound", "latency (us)", "bits",
                     "bits to 0.5 dB"):  # fmt: skip
         table.add_column(heading, justify="left" if heading == "law" else "right")

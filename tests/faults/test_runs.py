@@ -110,7 +110,7 @@ def test_a_series_goes_on_where_it_was(
     assert series(3) == 0  # nothing is left to do
     assert series(8) == 1
     said = capsys.readouterr()
-    assert "7 tries, something wrong after 1, more than 100 ms lost after 0; 1 runs" in said.out
+    assert "7 tries: something is wrong after 1, more than 100 ms are lost after 0." in said.out
     assert "it is over" in said.err
     assert "['it hangs']" in said.err
     random_ = random.Random(5)
