@@ -475,7 +475,7 @@ def _over_phases(words: str, ends: Iterable[float], digits: str, *names: str) ->
 def _survival_table(scene: str, found: list[Critical]) -> Any:
     """What each law tolerates in a scene."""
     headings = ("law", "plate energy (dB)", "rebound", "latency (us)", "bits", "bits to 0.5 dB")
-    table = number_table(f"{scene}: what each law tolerates", headings, (), text=1)
+    table = number_table(f"{scene}: latency and bits that each law tolerates", headings, (), text=1)
     for c in found:
         us, rebound = c.critical_latency_us, c.ideal_rebound_percent
         energy = "unstable" if c.ideal_db == math.inf else f"{c.ideal_db:.2f}"

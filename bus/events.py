@@ -65,9 +65,9 @@ def _late(event: Event) -> str:
         return f"late force {event.number}: the force of step {acted} acted in step {first}"
     count = event.last_number - event.number + 1
     return (
-        f"late forces {event.number} to {event.last_number}: in {count} of steps {first} to "
-        f"{last}, older ones acted in {event.late_rows} rows of at most {event.longest_row} steps, "
-        f"the oldest {oldest} steps old"
+        f"late forces {event.number} to {event.last_number}: {count} of the steps {first} to "
+        f"{last} used an older force, in {event.late_rows} sequences of at most "
+        f"{event.longest_row} steps; the oldest force was {oldest} steps old"
     )
 
 

@@ -278,7 +278,7 @@ class Checker:
             came = self.counters.get(announced.stream, Counter())
             if (came.messages, came.samples) != (announced.messages, announced.samples):
                 raise StreamFault(
-                    f"stream '{announced.stream}' lost its tail: {announced.messages} messages "
+                    f"stream '{announced.stream}' is incomplete: {announced.messages} messages "
                     f"with {announced.samples} samples were announced, {came.messages} with "
                     f"{came.samples} came"
                 )
@@ -297,13 +297,13 @@ def compare_set_up(announced: Hello, ran: SetUp) -> None:
 
 def _compare_set_up(announced: Hello, ran: SetUp) -> None:
     if not ran.scene_toml:
-        raise StreamFault("the controller did not say by which scene it worked")
+        raise StreamFault("the final message of the controller names no scene")
     for said, done in zip_longest(
         announced.scene_toml.splitlines(), ran.scene_toml.splitlines(), fillvalue="nothing"
     ):
         if said != done:
             raise StreamFault(
-                f"the controller worked by another scene: '{done[:100]}' where the plant "
+                f"the controller used another scene: '{done[:100]}' where the plant "
                 f"announced '{said[:100]}'"
             )
     if ran.stiffness != announced.stiffness:

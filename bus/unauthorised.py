@@ -84,7 +84,9 @@ class UnauthorisedPeers:
         if self._allowed is not None and link.name not in self._allowed:
             named = ", ".join(f"'{name}'" for name in sorted(self._allowed))
             self._tell(
-                link, f"is linked, but not let in: the access control of {self._file} names {named}"
+                link,
+                f"is connected, but not authorised: the access control of {self._file} names "
+                f"{named}",
             )
 
     def _tell(self, link: _Link, what: str) -> None:
@@ -100,11 +102,11 @@ class UnauthorisedPeers:
             if link.role in roles:
                 self._tell(
                     link,
-                    f"is linked as the {link.role}, but nothing is heard from there: its access "
-                    "control does not let this side in",
+                    f"is connected as the {link.role}, but sends nothing: its access control "
+                    "rejects this side",
                 )
             elif not link.role:
-                self._tell(link, f"is linked, but is no role of run '{self._run}'")
+                self._tell(link, f"is connected, but is not a process of run '{self._run}'")
 
     def words(self) -> str:
         """All that was told, to end a sentence with; "" if nothing was."""

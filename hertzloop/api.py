@@ -87,7 +87,7 @@ class Run:
         truth: Dataset over `step`, one variable a column, each of shape (steps,) with unit and
             meaning in `attrs`: gap `xi_m`, sphere `xi_s_m`, plate `xi_p_m` (m), plate velocity
             `v_p_m_s` (m/s), contact force `f_c_n` and actuator force `f_a_n` (N, means of a step).
-        samples: what the law saw, shape (samples,), in the unit of the sensed quantity.
+        samples: measured samples, shape (samples,), in the unit of the sensed quantity.
         force: commanded forces, N, shape (steps,); None for a run that was not recorded.
         impacts: the contacts, in order.
         noise: noise figures, one for each contact.

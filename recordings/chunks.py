@@ -189,7 +189,7 @@ class Walk:
         """Count bytes that are to be checked, wherever something seems to begin; raises Damaged
         if they would be too many."""
         if self.checked + size > max(TOTAL_BYTES, TOTAL_RATIO * self.size):
-            raise Damaged(f"what is packed in {self.size} bytes is more than a run holds")
+            raise Damaged(f"what is packed in {self.size} bytes is more than a recording may hold")
         self.checked += size
 
     def _check_data(self, at: int, content: bytes, whole: bool) -> None:

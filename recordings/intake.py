@@ -113,7 +113,7 @@ class Intake:
         if len(self.problems) < _MOST_PROBLEMS:
             self.problems.append(sentence)
         elif len(self.problems) == _MOST_PROBLEMS:
-            self.problems.append("and more of the kind")
+            self.problems.append("and more problems of this kind")
 
     def _attachment(self, attachment: Attachment) -> None:
         if attachment.name == LAW_ATTACHMENT:
@@ -121,12 +121,12 @@ class Intake:
         if attachment.name != SCENE_ATTACHMENT:
             return
         if self.scene_toml:
-            self._problem("a second scene came; the first is taken")
+            self._problem("there is a second scene; the first is used")
             return
         try:
             self.scene_toml = attachment.data.decode()
         except UnicodeDecodeError as error:
-            raise Damaged("the scene is no text") from error
+            raise Damaged("the scene is not text") from error
 
     def _metadata(self, metadata: Metadata) -> None:
         if metadata.name == RUN_METADATA:
@@ -137,10 +137,10 @@ class Intake:
                 except ValueError:
                     self._problem("the run's id cannot be read")
             elif not any("a second scene" in problem for problem in self.problems):
-                self._problem("a second description of a run came; the first is taken")
+                self._problem("there is a second description of the run; the first is used")
         elif metadata.name == RESULT_METADATA:
             if self.result is not None:
-                self._problem("a second result of the run came; the first is taken")
+                self._problem("there is a second result of the run; the first is used")
             else:
                 self.result = dict(metadata.metadata)
 
@@ -170,7 +170,7 @@ class Intake:
             elif topic == "/end":
                 name = f"end/{header.role}"
             if name not in STREAMS and name != _NAMELESS:
-                raise Refused(f"'{name[:40]}' is no stream of a run")
+                raise Refused(f"'{name[:40]}' is not a stream of a run")
             if hasattr(header, "run_id"):
                 self.run_id = self.run_id or header.run_id
                 if header.run_id != self.run_id:
@@ -206,9 +206,9 @@ class Intake:
             self._event(header, message)
             return ""
         if message.sequence < expected:
-            raise Refused(f"number {message.sequence} came already")
+            raise Refused(f"number {message.sequence} is repeated")
         if STREAMS[name].once and self.counters.get(name):
-            raise Refused("a second one came; the first is taken")
+            raise Refused("there is a second one; the first is used")
         self._next[name] = message.sequence + 1
         if name == "hello":
             self.hello = header
@@ -301,12 +301,12 @@ class Intake:
             return
         described = described_by(hello)
         if not self.scene_toml:
-            self._problem("the scene is taken from the hello: the file has none beside it")
+            self._problem("the scene is that of the hello: the file has no other")
             self.scene_toml = hello.scene_toml
         elif self.scene_toml != hello.scene_toml:
             self._problem("the hello has another scene than the file")
         if self.metadata is None:
-            self._problem("the description of the run is taken from the hello")
+            self._problem("the description of the run is that of the hello")
             self.metadata = described
         for key in sorted(set(self.metadata) & set(described)):
             if self.metadata[key] != described[key]:

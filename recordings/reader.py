@@ -90,7 +90,7 @@ class Source:
             self._handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
         status = os.fstat(self._handle)
         if not stat.S_ISREG(status.st_mode):
-            kind = "Is a directory" if stat.S_ISDIR(status.st_mode) else "it is no file"
+            kind = "Is a directory" if stat.S_ISDIR(status.st_mode) else "not a regular file"
             raise RecordingError(f"cannot read {path}: {kind}")
         self.size = status.st_size
         self._places: list[Place] = []

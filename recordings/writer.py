@@ -126,7 +126,7 @@ class RecordingWriter:
         try:
             action()
         except OSError as error:
-            kept = "; what was written until now is readable" if self._channels else ""
+            kept = "; the data written so far are readable" if self._channels else ""
             raise RecordingError(
                 f"cannot write the recording {self.path}: {error.strerror or error}{kept}"
             ) from error
@@ -243,7 +243,7 @@ class Recorder:
             for role in (PLANT, CONTROLLER):
                 if role not in self._ended:
                     raise StreamFault(
-                        f"the {role} never announced its end; its last messages may lack"
+                        f"the {role} never announced its end; its last messages may be missing"
                     )
                 self.checker.reconcile(self._ended[role])
         except StreamFault as difference:

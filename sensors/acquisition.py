@@ -61,23 +61,23 @@ class SensorSpec:
 def _problems(spec: SensorSpec) -> Iterator[str]:
     """Sentences on what is wrong with a channel; comparisons are false for a nan."""
     if spec.every_steps < 1:
-        yield f"every_steps is {spec.every_steps}; a sample takes 1 step or more"
+        yield f"every_steps is {spec.every_steps}; must be 1 or more"
     if spec.low_pass_hz is not None and not 0.0 < spec.low_pass_hz < math.inf:
-        yield f"low_pass_hz is {spec.low_pass_hz:g}; a corner is above 0 Hz, None is no filter"
+        yield f"low_pass_hz is {spec.low_pass_hz:g}; must be above 0 Hz, or None for no filter"
     for name in ("ac_coupling_hz", "resonance_hz"):
         value = getattr(spec, name)
         if value is not None and not 0.0 < value < math.inf:
-            yield f"{name} is {value:g}; must be above 0 Hz, None is no filter"
+            yield f"{name} is {value:g}; must be above 0 Hz, or None for no filter"
     if not 0.0 < spec.resonance_damping < 1.0:
         yield f"resonance_damping is {spec.resonance_damping:g}; must be between 0 and 1"
     if not 0.0 <= spec.noise_rms < math.inf:
-        yield f"noise_rms is {spec.noise_rms:g}; it must be 0 or more"
+        yield f"noise_rms is {spec.noise_rms:g}; must be 0 or more"
     low, high = spec.full_scale or (0.0, 1.0)
     if not -math.inf < low < high < math.inf:
-        yield f"full_scale is {spec.full_scale}; it is the lowest, then the highest value"
+        yield f"full_scale is {spec.full_scale}; must be the lowest, then the highest value"
     if spec.bits is not None:
         if not 1 <= spec.bits <= 24:
-            yield f"bits is {spec.bits}; a converter has 1 to 24, None is ideal"
+            yield f"bits is {spec.bits}; must be 1 to 24, or None for an ideal converter"
         if spec.full_scale is None:
             yield "a converter with bits needs a full_scale range"
 

@@ -1,9 +1,10 @@
-"""Documentation, README and help are in plain English: no coined words, no sentence over 35 words.
+"""Documentation, help and errors are in plain English: no coined words, no sentence over 35 words.
 
 The table of words is short on purpose. It holds phrases that the project used in a sense of its
 own, and for which the field has a standard term.
 """
 
+import ast
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,7 @@ PAGES = [
     *(page for page in sorted(DOCS.rglob("*.md")) if page != PRINTED),
 ]
 LONGEST = 35  # words in a sentence
+FOLDERS = ("hertzloop", "plant", "sensors", "controller", "bus", "recordings")
 
 # A coined phrase, as a regular expression, and the standard term.
 REFUSED = {
@@ -30,7 +32,7 @@ REFUSED = {
     r"the (?:same )?door": "law loader; plug-in interface",
     r"the plant elsewhere": "Export the plant (FMU, C library)",
     r"strangers?|guests?": "unauthorised peer; other subscriber",
-    r"vouch(?:es)?|last words|gives? up": "confirm completion; final message; time out",
+    r"vouch(?:es)?|last words|g(?:ives?|ave) up": "confirm completion; final message; time out",
     r"what (?:a|the) run leaves out|(?<!if )left out": "neglected effects; omitted",
     r"what ran": "name the thing: law, scene, version",
     r"digits that can be known": "predictable digits; prediction horizon",
@@ -68,6 +70,21 @@ def coined(text: str) -> list[str]:
     ]
 
 
+def raised(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield line and text of each string in the raise statements and failures of a module."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        fails = isinstance(node, ast.Call) and ast.unparse(node.func) == "fail"
+        if not (fails or (isinstance(node, ast.Raise) and node.exc)):
+            continue
+        # An f-string is one text, with its values as a word.
+        for part in ast.walk(node):
+            if isinstance(part, ast.JoinedStr):
+                values = [getattr(value, "value", "") for value in part.values]
+                yield part.lineno, "".join(v if isinstance(v, str) else "CODE" for v in values)
+            elif isinstance(part, ast.Constant) and isinstance(part.value, str):
+                yield part.lineno, part.value
+
+
 def helps() -> Iterator[tuple[str, str]]:
     """Yield every command with its summary, its example and all help texts of its page."""
     for leaf in app.leaves():
@@ -91,6 +108,26 @@ def test_a_page_has_no_long_sentences(page: Path) -> None:
 
 def test_help_has_no_coined_words() -> None:
     assert {words: found for words, text in helps() if (found := coined(text))} == {}
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_errors_have_no_coined_words(folder: str) -> None:
+    found = {
+        f"{path.relative_to(ROOT)}:{line}": words
+        for path in (ROOT / folder).rglob("*.py")
+        if "_pb2" not in path.name
+        for line, text in raised(path)
+        if (words := coined(text))
+    }
+    assert found == {}
+
+
+def test_a_coined_word_in_an_error_is_found(tmp_path: Path) -> None:
+    module = tmp_path / "module.py"
+    module.write_text('name = "a guest"\nif name:\n    raise ValueError(f"{name} gave up" "!")\n')
+    assert {line for line, text in raised(module) if coined(text)} == {3}
+    module.write_text('fail("the ledger is open", 2)\n')
+    assert [text for _, text in raised(module)] == ["the ledger is open"]
 
 
 def test_a_coined_word_and_a_long_sentence_are_found() -> None:

@@ -369,7 +369,7 @@ def print_budget(found: "Budget") -> None:
                 out.print(f"In {name} the goal is met again at {limit.quantity} = {places}: "
                           "the tolerated values are not an interval.", soft_wrap=True)  # fmt: skip
     if found.margin is None:
-        out.print("Linear margin: none, since this law makes no linear loop in flight.")
+        out.print("Linear margin: none, because the loop in flight is not linear under this law.")
     else:
         for line in margin_lines(found.margin):
             out.print(line, soft_wrap=True)

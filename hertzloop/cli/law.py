@@ -69,7 +69,7 @@ def _start_of(file: Path, with_check: bool) -> dict[Path, str]:
     for name in ("requirements.toml", "workflow.yml") if with_check else ():
         beside = file.with_name(name)
         if beside.exists():
-            fail(f"{beside} exists; move it away, or leave --with-check out", 2)
+            fail(f"{beside} exists. Move it, or omit --with-check.", 2)
         texts[beside] = _resource(f"{name}.txt").replace("FILE", file.name)
     return texts
 

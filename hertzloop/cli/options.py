@@ -344,4 +344,4 @@ def write_new(
         fail(f"{file} exists. Choose another name.", 2)
     except OSError as error:
         fail(f"cannot write {file}: {error.strerror}", 1)
-    out.print(f"written: {', '.join(map(str, written))}; {then}", soft_wrap=True)
+    out.print(f"written: {', '.join(map(str, written))}. Next: {then}", soft_wrap=True)

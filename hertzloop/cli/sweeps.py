@@ -187,8 +187,8 @@ def sweep(
     )
     beyond = counted(found.rows, "out_of_range")
     if beyond:
-        words = ", ".join(f"{name} in {times}" for name, times in beyond.items())
-        out.print(styled(("OUT OF RANGE:", "bold red"), f" of {total} cases {words}"),
+        words = ", ".join(f"{name} in {times} of {total} cases" for name, times in beyond.items())
+        out.print(styled(("OUT OF RANGE:", "bold red"), f" {words}"),
                   soft_wrap=True)  # fmt: skip
     if found.unstable:
         out.print(f"{found.unstable} of {total} cases are unstable and have no figures.")

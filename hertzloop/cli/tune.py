@@ -345,7 +345,7 @@ def _words(values: dict[str, Any]) -> str:
 
 def _table(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> Table:
     settings = "setting" if len(best) == 1 else "settings"
-    table = Table(title=f"{len(best)} {settings} that no other beats")
+    table = Table(title=f"{len(best)} Pareto-optimal {settings}")
     for heading in objectives:
         table.add_column(heading, justify="right")
     table.add_column(f"{objectives[0]} over touch phases", justify="right")

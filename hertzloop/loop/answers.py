@@ -135,7 +135,7 @@ def controllers_fault(port: Port, checker: Checker, timeout_s: float) -> EndedBy
             block = checker.accept(envelope)
             if envelope.stream == "end/controller":
                 fault = block.header.fault
-                return EndedByOther(f"the controller gave up: {fault}") if fault else None
+                return EndedByOther(f"the controller ended the run: {fault}") if fault else None
     return None
 
 
@@ -184,7 +184,7 @@ def repeat_of(recording: Recording) -> Repeat:
     """What is to be repeated of a recording. Raises RecordingError if it is not whole."""
     if recording.problems:
         raise RecordingError(
-            f"{recording.path} cannot be repeated, it is not whole: {recording.problems[0]}"
+            f"{recording.path} cannot be repeated because it is incomplete: {recording.problems[0]}"
         )
     forces = np.array(recording.force.arrays["force_n"])
     held = recording.truth.arrays.get("held_steps")

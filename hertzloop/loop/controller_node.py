@@ -136,7 +136,7 @@ class ControllerNode:
                 )
             self._controller = setup.start_controller()
         except SceneError as error:
-            raise StreamFault(f"the plant announced a scene that cannot be: {error}") from error
+            raise StreamFault(f"the plant announced an invalid scene: {error}") from error
         asked = setup.law_reference  # as the plant calls it, wherever this side has it
         if self._law is not None:
             asked = parse(block.header.scene_toml, recorded=True).law_reference
@@ -169,7 +169,9 @@ class ControllerNode:
         if first + len(values) > total:
             raise StreamFault(f"stream 'daq' sequence {header.sequence} is beyond the run's end")
         if not np.all(np.isfinite(values)):
-            raise StreamFault(f"stream 'daq' sequence {header.sequence} holds a value not finite")
+            raise StreamFault(
+                f"stream 'daq' sequence {header.sequence} holds a value that is not finite"
+            )
         if self._lane is not None:
             self._lane.expect(header.sequence, first, values)
             return
@@ -221,7 +223,9 @@ class ControllerNode:
             return
         self.checker.reconcile(block.header)
         if self._publisher is None or not self._publisher.ended:
-            raise StreamFault(f"the plant ended after {self._samples} samples, before its run did")
+            raise StreamFault(
+                f"the plant ended after {self._samples} samples, before the end of the run"
+            )
         if self._lane is not None:
             self._lane.reconcile()
 

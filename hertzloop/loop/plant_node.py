@@ -189,7 +189,7 @@ class PlantNode:
         self.controller_ended = True
         self._advance(self.streams.step)  # takes what is left in the lane
         if end.fault or self.answers.end < self.setup.steps:
-            raise EndedByOther(f"the controller gave up: {end.fault or 'too early'}")
+            raise EndedByOther(f"the controller ended the run: {end.fault or 'too early'}")
         self.checker.reconcile(end)
         if not self.answers.all_confirmed():
             raise StreamFault("stream 'force' ended before it held all that the lane brought")

@@ -40,8 +40,8 @@ class _Run:
     def end(self) -> None:
         """End the process."""
         sentence = (
-            f"the law {self.law} has not answered for {self.patience_s:g} s, {self.seen} "
-            f"{self.what} into the run; does a loop of it never end?"
+            f"law {self.law}: no answer for {self.patience_s:g} s after {self.seen} {self.what} "
+            "of the run. Check it for an endless loop."
         )
         self.on_stuck(sentence)
         print(f"error: {sentence}", file=sys.stderr, flush=True)

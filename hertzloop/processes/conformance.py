@@ -420,7 +420,7 @@ class Listener:
         for stream, payloads in plant.ear.heard.items():
             self.checks.that(
                 self.ear.heard.get(stream) == payloads,
-                f"the recorder heard other bytes on stream '{stream}' than the plant",
+                f"the recorder received other bytes on stream '{stream}' than the plant",
             )
 
 
@@ -569,10 +569,10 @@ def _await(port: ZenohPort, roles: list[str], wait_s: float, process: _Process |
             return port.presence.wait_for(roles, 0.2)
         except PeerLost:
             if process and process.code(0.0) is not None:
-                raise Broken(f"the controller never came{process.last_words()}") from None
+                raise Broken(f"the controller did not connect{process.last_words()}") from None
             if time.monotonic() > deadline:
                 raise Broken(
-                    f"no controller came on bus '{port.name}' within {wait_s:g} s"
+                    f"no controller connected to bus '{port.name}' within {wait_s:g} s"
                 ) from None
 
 

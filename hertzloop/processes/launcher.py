@@ -161,7 +161,7 @@ class Launcher:
                 item = self._reports.get(timeout=0.2)
             except queue.Empty:
                 if time.monotonic() - heard_s > self._silence_s:
-                    silent = f"the launcher has heard nothing for {self._silence_s:g} s"
+                    silent = f"the launcher has received nothing for {self._silence_s:g} s"
                     raise RunFailed(_not_reacting(running, silent)) from None
                 continue
             heard_s = time.monotonic()

@@ -92,8 +92,8 @@ def _trial(bound: BoundLaw, samples: np.ndarray, step_s: float) -> str:
         bound, samples, step_s, 0.0
     ):
         return (
-            f"the law {bound.name} reads samples that it is not given: its commands change with "
-            "what stands before samples[0] or after samples[i]. Read samples[0] to samples[i] only"
+            f"law {bound.name}: reads values before samples[0] or after samples[i], since its "
+            "commands change with them. Read samples[0] to samples[i] only."
         )
     return ""
 
@@ -121,7 +121,7 @@ def _in_child(bound: BoundLaw, samples: np.ndarray, setup: Setup, folder: str) -
         try:
             said = _trial(bound, samples, setup.step_s)
         except BaseException as error:
-            said = f"the law {bound.name} failed: {error!r}"
+            said = f"law {bound.name}: failed: {error!r}"
         finally:
             os.write(writing, said.encode()[:4000])
             os._exit(0)
@@ -130,13 +130,13 @@ def _in_child(bound: BoundLaw, samples: np.ndarray, setup: Setup, folder: str) -
         ready, _, _ = select.select([reading], [], [], _PATIENCE_S)
         if not ready:
             return (
-                f"the law {bound.name} did not answer {_SAMPLES} samples within "
-                f"{_PATIENCE_S:g} s; does a loop of it never end?"
+                f"law {bound.name}: did not answer {_SAMPLES} samples within "
+                f"{_PATIENCE_S:g} s. Check it for an endless loop."
             )
         said = os.read(reading, 4000).decode()
     finally:
         os.close(reading)
         by_signal = kill_child(child)
     if not said and by_signal:
-        return f"the law {bound.name} ended its process by signal {by_signal}"
+        return f"law {bound.name}: ended its process by signal {by_signal}"
     return said

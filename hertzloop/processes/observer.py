@@ -55,7 +55,7 @@ def truth_blocks(name: str, connect: Sequence[str], beside: bool = False) -> Ite
         while away:
             away.pop().cancel()
         if sample.kind != zenoh.SampleKind.PUT:
-            lost = PeerLost(f"the {PLANT} left the run; its end was not heard", PLANT)
+            lost = PeerLost(f"the {PLANT} left the run without a final message", PLANT)
             away.append(threading.Timer(_RETURNS_S, inbox.put, [lost]))
             away[0].daemon = True
             away[0].start()

@@ -68,7 +68,7 @@ class Profile:
         else:
             self.in_class = True
             recorder = self._role == RECORDER
-            self.granted.append("SCHED_FIFO for what it hears" if recorder else _loops_class())
+            self.granted.append("SCHED_FIFO for receiving" if recorder else _loops_class())
 
     def _lock_memory(self) -> None:
         """Only where there is no limit: at one, memory would run out."""
@@ -129,7 +129,7 @@ class Profile:
             elif spent_s - cpu_s > PATIENCE_S:
                 _leave_class()
                 self.in_class = False
-                self.granted.append("which was given up: the loop spun without progress")
+                self.granted.append("which was withdrawn: the loop spun without progress")
                 return
 
 

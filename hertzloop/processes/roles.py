@@ -86,7 +86,7 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
             remove_folder_of(address.listen)
 
     def leave() -> None:
-        _say(f"{role} was interrupted, and left before its part was in order")
+        _say(f"{role} was interrupted, and left before its part was complete")
         tidy_up()
         os._exit(INTERRUPTED)
 

@@ -126,8 +126,8 @@ EFFECTS: tuple[tuple[str, str, Callable[[Bodies], float]], ...] = (
     ("plate theory", "an elastic solid instead of Kirchhoff's plate", plate_theory),
     ("contact yields", "contact.plasticity = 'thornton'", yield_loss),
     ("large deflection", "the plate is not linear", large_deflection),
-    ("no half space below", "Hertz's law is wrong", no_half_space),
-    ("sphere vibrates", "it is no rigid mass", sphere_vibration),
+    ("thin below the contact", "Hertz's law assumes a half space", no_half_space),
+    ("sphere vibrates", "it is not a rigid mass", sphere_vibration),
     ("air", "drag and squeezed film", air),
 )
 
@@ -138,7 +138,7 @@ def map_of(setup: Setup, count: int) -> tuple[np.ndarray, np.ndarray, dict[str, 
     Raises SceneError for what is no plate."""
     spec = setup.plant
     if spec.plate.local_plate is None:
-        raise SceneError("a map over thickness takes a plate; leave plate.modes out")
+        raise SceneError("a map over thickness needs a plate. Remove plate.modes.")
     radii, thicknesses = (np.geomspace(*ends, count) for ends in (RADII_M, THICKNESSES_M))
     found = setup.bodies.weaker
     strength = None if found is None else found[1]
@@ -217,7 +217,7 @@ def run(setup: Setup, folder: Path, count: int = 61) -> dict[str, np.ndarray]:
     return sizes
 
 
-_LEVELS = ((1e-3, "what costs more than 0.1 %"), (1e-1, "what costs more than 10 %"))
+_LEVELS = ((1e-3, "effects above 0.1 %"), (1e-1, "effects above 10 %"))
 _SCENES = ("aluminium-3mm", "offcentre-6mm", "aluminium-20mm")
 _LATE_MM = 10.0  # radius from which on a name ends at its star
 _TICKS = (0.2, 0.5, 1, 2, 5, 10, 20)
@@ -257,9 +257,9 @@ def draw_map(
         if size.max() > _LEVELS[0][0]
     ]
     sheet.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=9,
-                 title="shaded where it matters: effect, and what it takes")  # fmt: skip
-    sheet.suptitle(f"What an impact needs: {about}\nunshaded: Kirchhoff's plate and Hertz's "
-                   "elastic contact do; sizes from Zener's impact, before any run")  # fmt: skip
+                 title="shaded: effect, and what models it or what it means")  # fmt: skip
+    sheet.suptitle(f"Neglected effects: {about}\nunshaded: Kirchhoff's plate and Hertz's elastic "
+                   "contact suffice; sizes from Zener's impact")  # fmt: skip
     pictures.save(sheet, path)
 
 

@@ -22,22 +22,22 @@ def _yields(f: Facts, x: float) -> str:
     )
     if f.mean_pressure_pa > strength.pressure_pa:
         words += f" and is full at a mean of {pressure(strength.pressure_pa)}"
-    return f"{words}; contact.plasticity = 'thornton' takes it in"
+    return f"{words}; contact.plasticity = 'thornton' models it"
 
 
 def _kirchhoff(f: Facts, x: float) -> str:
     return (
-        f"waves are hardly longer than the plate is thick, k h = {f.kh:.2g} at 1/T: Kirchhoff's "
+        f"the waves are short against the plate thickness, k h = {f.kh:.2g} at 1/T: Kirchhoff's "
         f"plate may take {percent(x)} less energy than an elastic solid, and the rebound be off by "
-        f"{percent(f.kirchhoff.rebound_speed)} of the impact speed (asked: "
-        f"{percent(f.accuracy)}); plate.theory = '3d' takes it in"
+        f"{percent(f.kirchhoff.rebound_speed)} of the impact speed (requested: "
+        f"{percent(f.accuracy)}); plate.theory = '3d' models it"
     )
 
 
 def _static(f: Facts, x: float) -> str:
     return (
-        "near the force an elastic solid gives way otherwise than Kirchhoff's plate and Hertz's "
-        f"half space together: peak force and contact time may be off by {percent(x)} (asked: "
+        "near the force an elastic solid deforms differently from Kirchhoff's plate with Hertz's "
+        f"half space: peak force and contact time may be off by {percent(x)} (requested: "
         f"{percent(f.accuracy)})"
     )
 
@@ -45,8 +45,8 @@ def _static(f: Facts, x: float) -> str:
 def _delay(f: Facts, x: float) -> str:
     actuator = "" if f.has_bandwidth else "; the actuator has no delay here"
     return (
-        f"from sample to force it takes {1e6 * f.delay_s:.3g} us, {percent(x)} of the contact: "
-        f"most laws survive about a tenth{actuator}"
+        f"the delay from sample to force is {1e6 * f.delay_s:.3g} us, {percent(x)} of the contact: "
+        f"most laws tolerate about a tenth{actuator}"
     )
 
 
@@ -57,8 +57,8 @@ _WORDS: dict[Effect, Callable[[Facts, float], str]] = {
         f"is off by about {percent(x * x)}"
     ),
     Effect.WIDE_ON_PLATE: lambda f, x: (
-        "the plate is thinner than its contact permits: the contact's radius is "
-        f"{x:.2g} of the thickness, and Hertz's law counts on a half space below it"
+        f"the plate is too thin for Hertz's law, which assumes a half space: the contact radius is "
+        f"{x:.2g} of the thickness"
     ),
     Effect.THEORY_ENERGY: _kirchhoff,
     Effect.THEORY_PEAK: _static,
@@ -71,8 +71,8 @@ _WORDS: dict[Effect, Callable[[Facts, float], str]] = {
         "behind Hertz's spring does not have"
     ),
     Effect.THICKNESS_RESONANCE: lambda f, x: (
-        f"the plate is thicker than its contact permits: that lasts {x:.2g} periods of the first "
-        "resonance through the thickness, which a thin plate does not have"
+        f"the plate is too thick for thin-plate theory: the contact lasts {x:.2g} periods of the "
+        "first resonance through the thickness"
     ),
     Effect.REFLECTIONS: lambda f, x: (
         f"bending waves are back from the edge after {1e6 * f.first_return_s:.3g} us, the run goes "
@@ -80,7 +80,7 @@ _WORDS: dict[Effect, Callable[[Facts, float], str]] = {
     ),
     Effect.LOOP_DELAY: _delay,
     Effect.ACTUATOR_FORCE: lambda f, x: (
-        "the actuator has no largest force here; the law takes "
+        "the actuator has no force limit here; the law uses "
         f"{f.run.actuator_n:.3g} N" if math.isnan(x) else
         f"the actuator reaches its largest force, {f.run.actuator_n:.3g} N: the law may want more"
     ),
@@ -90,7 +90,7 @@ _WORDS: dict[Effect, Callable[[Facts, float], str]] = {
     ),
     Effect.AIR_ON_MODES: lambda f, x: (
         f"air damps the modes above coincidence {x:.2g} times as much as the plate itself does: "
-        "what comes back after milliseconds is weaker than computed; plate.radiation takes it in"
+        "waves that return after milliseconds are weaker than computed; plate.radiation models it"
     ),
     Effect.AIR_FILM: lambda f, x: (
         f"the film of air below the sphere takes {percent(x)} of its energy"
@@ -102,11 +102,11 @@ _WORDS: dict[Effect, Callable[[Facts, float], str]] = {
     ),
     Effect.DAMPER_BEHIND_SPRING: lambda f, x: (
         "the contact damper ignores the deflection rate of the truncated modes: "
-        f"plate energy may be off by {percent(x)} (asked: {percent(f.accuracy)})"
+        f"plate energy may be off by {percent(x)} (requested: {percent(f.accuracy)})"
     ),
     Effect.REFOCUSING: lambda f, x: (
         f"every {1e3 * f.revival_s:.3g} ms all modes of this square plate come back in phase, "
-        "which those of a real one do not: take the largest plate speed per contact, not per run"
+        "unlike those of a real plate: use the largest plate speed per contact, not per run"
     ),
 }  # fmt: skip
 # What of the scene puts an effect into the model.

@@ -321,7 +321,7 @@ def _model_order(report: dict[str, Any]) -> str:
         f"expected truncation error {report['expected_error']:.1g} of penetration or plate energy"
     )
     if report["expected_error"] > 1.001 * report["requested_accuracy"]:
-        return f"{chosen} (asked: {report['requested_accuracy']:g}; {what_limits(report)})"
+        return f"{chosen} (requested: {report['requested_accuracy']:g}; {what_limits(report)})"
     return chosen
 
 
@@ -332,7 +332,7 @@ def _chosen_infinite(report: dict[str, Any]) -> str:
     if math.isinf(expected):
         return f"{chosen}; what the missing reflections cost by the run's end is not known"
     found = f"{chosen}; missing reflections may cost {expected:.1g} by the run's end"
-    return f"{found} (asked: {asked:g}; missed)" if expected > asked else found
+    return f"{found} (requested: {asked:g}; missed)" if expected > asked else found
 
 
 def _full_model(model: dict[str, Any]) -> str:
@@ -363,7 +363,7 @@ def _infinite_plate(report: dict[str, Any]) -> str:
         return ""
     return (
         f"sufficient until {until_s * 1e3:.4g} ms, beyond the first contact "
-        f"(run.plate_model, asked: {report['requested_accuracy']:g})"
+        f"(run.plate_model, requested: {report['requested_accuracy']:g})"
     )
 
 
@@ -385,7 +385,7 @@ def _verification_line(report: dict[str, Any]) -> Text:
     return styled(
         f"Verified with half the step and modes to {found['frequency_limit_hz'] / 1e3:.4g} kHz: "
         f"penetration {found['penetration']:.1e}, rebound speed {found['rebound_speed']:.1e}, "
-        f"plate energy {found['plate_energy']:.1e}; asked for {report['requested_accuracy']:g}: ",
+        f"plate energy {found['plate_energy']:.1e}; requested {report['requested_accuracy']:g}: ",
         met,
         ".",
     )

@@ -192,7 +192,7 @@ def _layout(shown: Shown) -> Layout:
 
 def _surface_title(shown: Shown) -> str:
     if not shown.deflection.known:
-        return "Structure, drawn flat: its shapes are not known"
+        return "Structure, drawn flat: its shapes are unknown"
     return "Plate at rest" if shown.drawn.flat else f"Plate, heights drawn {shown.drawn.in_words}"
 
 
@@ -287,15 +287,18 @@ def _about(shown: Shown, still: bool) -> str:
     elif len(shown.contacts) > _MOST_LISTED:
         lines += [f"{len(shown.contacts)} contacts; the first {_MOST_LISTED} are listed.", ""]
     if len(shown.contacts) > 1:  # they may be chaotic; what is known of them no recording has
-        lines += ["Digits as recorded: `hertzloop run` tells how many later contacts have.", ""]
+        lines += [
+            "Digits as recorded. `hertzloop run` prints the predictable digits of later contacts.",
+            "",
+        ]
     if not shown.deflection.known:
-        lines += ["The file of modes has no shapes (x_m, y_m, shape_grid).", ""]
+        lines += ["The mode file has no shapes (x_m, y_m, shape_grid).", ""]
     lines += [f"Heights are drawn {shown.drawn.in_words}"]
     if shown.drawn.flat:
         lines[-1] = "The plate is at rest" if shown.deflection.known else "It is drawn flat"
     if shown.sphere_radius_m:
         larger = shown.drawn.sphere_radius_m / shown.sphere_radius_m
-        lines[-1] += f", the sphere {larger:.2g} times its size and less high the higher it flies"
+        lines[-1] += f", the sphere {larger:.2g} times its size, at a compressed height in flight"
     lines[-1] += ". Its penetration is plotted, not drawn."
     if shown.contacts and not still:
         lines += ["", f"Play the first contact from {shown.when.selection_ns[0] * 1e-6:.3f} ms on."]

@@ -124,7 +124,7 @@ def _contacts() -> rrb.TextLogView:
     """The times are what to click on."""
     shown = rrb.TextLogColumns(timeline_columns=[TIMELINE], text_log_columns=["body"])
     return rrb.TextLogView(
-        origin="contacts", name="Contacts: click on a time to go there", columns=shown
+        origin="contacts", name="Contacts: click on a time to move the cursor", columns=shown
     )
 
 

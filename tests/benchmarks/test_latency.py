@@ -94,7 +94,7 @@ def test_a_scene_and_gains_of_the_user(tmp_path: Path, monkeypatch: pytest.Monke
     runner, app = CliRunner(), app_of(study.main)
     done = runner.invoke(app, command, env={"COLUMNS": "80"})
     assert done.exit_code == 0, done.output
-    assert "offcentre-6mm: what each law tolerates" in done.output
+    assert "offcentre-6mm: latency and bits that each law tolerates" in done.output
     assert "…" not in done.output
     ruled = [line for line in done.output.splitlines() if line[:1] in "│┃┏└"]
     assert max(map(len, ruled)) <= 80

@@ -148,7 +148,7 @@ def test_a_lost_tail(stream: str) -> None:
     sent = plant_says()
     came = len(places(sent, stream)) - 1
     del sent[places(sent, stream)[-1]]
-    refused(sent, f"stream '{stream}' lost its tail", f"{came + 1} messages", f"{came} with")
+    refused(sent, f"stream '{stream}' is incomplete", f"{came + 1} messages", f"{came} with")
 
 
 @pytest.mark.parametrize(("field", "by"), [("messages", 1), ("messages", -1), ("samples", 1)])
@@ -266,7 +266,7 @@ def test_a_role_reconciles_all_that_it_hears_and_no_more() -> None:
     for stream in ("hello", "daq"):
         end = RunEnd.FromString(sent[-1].payload)
         next(c for c in end.count if c.stream == stream).messages += 1
-        with pytest.raises(StreamFault, match=f"stream '{stream}' lost its tail"):
+        with pytest.raises(StreamFault, match=f"stream '{stream}' is incomplete"):
             checker.reconcile(end)
 
 
@@ -281,5 +281,5 @@ def test_counts_may_be_announced_in_any_order() -> None:
         checker.accept(envelope)
     checker.reconcile(RunEnd(role=PLANT, count=counts))
     next(one for one in counts if one.stream == "daq").messages += 1
-    with pytest.raises(StreamFault, match="stream 'daq' lost its tail"):
+    with pytest.raises(StreamFault, match="stream 'daq' is incomplete"):
         checker.reconcile(RunEnd(role=PLANT, count=counts))

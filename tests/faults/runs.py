@@ -29,6 +29,12 @@ from tests.faults.inflict import Fault, NotUnderWay, Outcome, draw, inflict
 from tests.tables import markdown
 
 MOST_LOST_MS = 100.0
+LANES = ("lane", "no lane")
+# A word of the sentence on a mistake, and the heading of its column.
+WRONG = {
+    "it hangs": "hangs", "processes left": "processes left", "unreadable": "unreadable",
+    "cause": "wrong cause", "exit code": "wrong exit code", "other": "otherwise wrong",
+}  # fmt: skip
 
 Tried = dict[int, Outcome | None]  # by number; None: over, or not under way in time
 
@@ -60,42 +66,41 @@ def series(faults: dict[int, Fault], at_once: int) -> Iterator[tuple[int, Outcom
 
 
 def table(faults: list[Fault], tried: Tried) -> str:
-    """A row for each kind of fault."""
-    found: dict[tuple[str, str, str], list[Outcome]] = defaultdict(list)
+    """A row for each kind of fault in a process; what went wrong in no try is a sentence."""
+    found: dict[tuple[str, str], list[tuple[str, Outcome]]] = defaultdict(list)
     for number, outcome in tried.items():
         if outcome:
             fault = faults[number]
-            found[fault.victim, fault.how, fault.lane].append(outcome)
-    counted = ("it hangs", "processes left", "unreadable", "cause", "exit code", "other")
-
-    def count(outcomes: list[Outcome], word: str) -> int:
-        if word == "other":
-            return sum(
-                any(not any(w in said for w in counted) for said in one.wrong) for one in outcomes
-            )
-        return sum(any(word in said for said in one.wrong) for one in outcomes)
-
-    head = (
-        "process", "fault", "fast lane", "tries", "hangs", "processes left", "unreadable",
-        "wrong cause", "wrong exit code", "otherwise wrong", "most lost, ms", "above 100 ms",
-        "longest, s",
-    )  # fmt: skip
+            found[fault.victim, fault.how].append((fault.lane, outcome))
+    everything = [one for outcomes in found.values() for _, one in outcomes]
+    counted = [word for word in WRONG if _count(everything, word)]
+    head = ("process", "fault", *(f"tries, {lane}" for lane in LANES),
+            *(WRONG[word] for word in counted), "most lost, ms", "longest, s")  # fmt: skip
     rows = []
     for key, outcomes in sorted(found.items()):
-        lost_ms = [one.lost_ms for one in outcomes]
+        mine = [one for _, one in outcomes]
         rows.append([
-            *key, len(outcomes), *(count(outcomes, word) for word in counted),
-            f"{max(lost_ms):.0f}", sum(ms > MOST_LOST_MS for ms in lost_ms),
-            f"{max(one.seconds for one in outcomes):.0f}",
+            *key, *(sum(used == lane for used, _ in outcomes) for lane in LANES),
+            *(_count(mine, word) for word in counted),
+            f"{max(one.lost_ms for one in mine):.0f}", f"{max(one.seconds for one in mine):.0f}",
         ])  # fmt: skip
-    everything = [one for outcomes in found.values() for one in outcomes]
+    never = ", ".join(WRONG[word] for word in WRONG if word not in counted)
     wrong = sum(bool(one.wrong) for one in everything)
     lost = sum(one.lost_ms > MOST_LOST_MS for one in everything)
     return (
-        f"{markdown(head, rows, words=3)}\n\n{len(everything)} tries, something wrong after "
-        f"{wrong}, more than {MOST_LOST_MS:.0f} ms lost after {lost}; "
-        f"{len(tried) - len(everything)} runs were over, or not under way in time"
+        f"{markdown(head, rows, words=2)}\n\n{len(everything)} tries: something is wrong after "
+        f"{wrong}, more than {MOST_LOST_MS:.0f} ms are lost after {lost}. "
+        f"In no try: {never or 'none of the columns'}. "
+        f"{len(tried) - len(everything)} further runs ended before the fault."
     )
+
+
+def _count(outcomes: list[Outcome], word: str) -> int:
+    """Number of tries with a mistake of a kind; "other": of none of the kinds."""
+    if word == "other":
+        kinds = [kind for kind in WRONG if kind != "other"]
+        return sum(any(not any(w in said for w in kinds) for said in one.wrong) for one in outcomes)
+    return sum(any(word in said for said in one.wrong) for one in outcomes)
 
 
 def bad(outcome: Outcome | None) -> bool:

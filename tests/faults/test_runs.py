@@ -79,8 +79,10 @@ def test_the_table_counts() -> None:
     good, bad = Outcome("", 3.0), Outcome("", 9.0, MOST_LOST_MS + 1, ["another cause", "it hangs"])
     fault = Fault("plant", "kill", "lane", False, 0.0)
     said = table([fault] * 6, {0: good, 5: bad} | dict.fromkeys(range(1, 5)))
-    assert "| plant | kill | lane | 2 | 1 | 0 | 0 | 1 | 0 | 0 | 101 | 1 | 9 |" in said
-    assert "2 tries, something wrong after 1, more than 100 ms lost after 1; 4 runs" in said
+    assert "tries, lane | tries, no lane | hangs | wrong cause | most lost, ms | longest, s" in said
+    assert "| plant | kill | 2 | 0 | 1 | 1 | 101 | 9 |" in said
+    assert "2 tries: something is wrong after 1, more than 100 ms are lost after 1." in said
+    assert "In no try: processes left, unreadable, wrong exit code, otherwise wrong. 4 " in said
 
 
 def test_a_series_goes_on_where_it_was(
@@ -108,7 +110,7 @@ def test_a_series_goes_on_where_it_was(
     assert series(3) == 0  # nothing is left to do
     assert series(8) == 1
     said = capsys.readouterr()
-    assert "7 tries, something wrong after 1, more than 100 ms lost after 0; 1 runs" in said.out
+    assert "7 tries: something is wrong after 1, more than 100 ms are lost after 0." in said.out
     assert "it is over" in said.err
     assert "['it hangs']" in said.err
     random_ = random.Random(5)

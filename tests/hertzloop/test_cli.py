@@ -122,7 +122,9 @@ def test_a_run_on_an_infinite_plate(here: Path) -> None:
     assert data["verification"]["largest"] <= data["requested_accuracy"]
     # Asked for where reflections matter, it is taken, and the table says what that costs.
     late = [*settings, "run.duration_s=0.0012", "--set", "run.plate_model=infinite"]
-    assert "(asked: 0.001; missed)" in said(call("run", "aluminium-3mm", *late, "--out", "b.mcap"))
+    assert "(requested: 0.001; missed)" in said(
+        call("run", "aluminium-3mm", *late, "--out", "b.mcap")
+    )
     later = [*settings, "run.duration_s=0.01", "--set", "run.plate_model=infinite"]
     assert "by the run's end is not known" in said(
         call("run", "aluminium-3mm", *later, "--out", "c.mcap")

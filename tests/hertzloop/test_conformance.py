@@ -87,9 +87,9 @@ RULES = {
     "late": "waited 5 s for the answer to sample 3 (step 3) from the controller: nothing came",
     "dies": "controller left the run; plant was waiting for the answer to sample 3",
     "fault": "ended with the fault 'out of force'",
-    "wrong-count": "stream 'force' lost its tail: 160 messages with 3 samples were announced",
+    "wrong-count": "stream 'force' is incomplete: 160 messages with 3 samples were announced",
     "no-count-of-events": "the controller announced no count for stream 'events/controller'",
-    "no-set-up": "the controller did not say by which scene it worked",
+    "no-set-up": "the final message of the controller names no scene",
     "other-scene": "another scene: 'kappa = 2.0' where the plant announced 'kappa = 0.8'",
     "other-stiffness": "worked with a contact stiffness of 1 N/m^1.5",
     "no-role": "stream 'end/controller' sequence 0 has no field role",
@@ -139,7 +139,7 @@ def test_a_controller_that_cannot_be_started_or_does_not_stay() -> None:
     assert "'no-such-program-here {name}' cannot be started" in said
     code, said = conformance(f"{sys.executable} -c 1/0")
     assert code == 1
-    assert "never came (its process ended with exit code 1: ZeroDivisionError" in said
+    assert "did not connect (its process ended with exit code 1: ZeroDivisionError" in said
 
 
 @pytest.mark.full
@@ -171,7 +171,7 @@ def test_one_that_runs_already(tmp_path: Path) -> None:
     assert finish(controller)[0] == 0
     done = hertzloop("law", "test", *words, "--wait", "1")
     assert done.returncode == 1
-    assert "no controller came on bus 'running' within 1 s" in done.stdout
+    assert "no controller connected to bus 'running' within 1 s" in done.stdout
 
 
 class TestARecording:

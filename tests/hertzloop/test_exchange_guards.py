@@ -98,7 +98,7 @@ class TestBrokenControllers:
             return [Envelope("end/controller", RunEnd(run_id=run_of(envelope), role="controller")
                              .SerializeToString(), 0)]  # fmt: skip
 
-        refused(seed, "the controller gave up: too early", alter=alter)
+        refused(seed, "the controller ended the run: too early", alter=alter)
 
     def test_a_stream_that_lost_its_tail(self, seed: int) -> None:
         """The plant reconciles what it heard: here the controller announces more."""
@@ -106,7 +106,7 @@ class TestBrokenControllers:
         def change(end: RunEnd) -> None:
             next(c for c in end.count if c.stream == "force").messages += 1
 
-        refused(seed, "stream 'force' lost its tail", alter=at_the_end(change))
+        refused(seed, "stream 'force' is incomplete", alter=at_the_end(change))
 
     def test_another_scene(self, seed: int) -> None:
         """Right counts, but it says at its end that it worked by other parameters."""
@@ -124,9 +124,7 @@ class TestBrokenControllers:
         refused(seed, "the controller worked with a contact stiffness", alter=at_the_end(change))
 
     def test_no_word_about_its_scene(self, seed: int) -> None:
-        refused(
-            seed, "did not say by which scene", alter=at_the_end(lambda e: e.ClearField("set_up"))
-        )
+        refused(seed, "names no scene", alter=at_the_end(lambda e: e.ClearField("set_up")))
 
 
 def run_of(envelope: Envelope) -> int:
@@ -171,7 +169,7 @@ class TestControllerBelievesNothing:
                 return [envelope]
             return [envelope, hello_of_another_law(envelope, sequence)]
 
-        refused(seed, "the controller gave up", sentence, forge=forge)
+        refused(seed, "the controller ended the run", sentence, forge=forge)
 
     def test_a_forged_hello_instead(self, seed: int) -> None:
         """In its place and in good order: only what the controller says at its end shows it."""
@@ -193,12 +191,12 @@ class TestControllerBelievesNothing:
         def forge(envelope: Envelope) -> list[Envelope]:
             return [changed(envelope, **{field: value}) if envelope.stream == "hello" else envelope]
 
-        refused(seed, "the controller gave up: the plant announced", forge=forge)
+        refused(seed, "the controller ended the run: the plant announced", forge=forge)
 
     @pytest.mark.parametrize("value", [math.nan, math.inf])
     def test_samples_that_are_no_numbers(self, seed: int, value: float) -> None:
         refused(
-            seed, "the controller gave up: stream 'daq' sequence 0 holds value",
+            seed, "the controller ended the run: stream 'daq' sequence 0 holds value",
             forge=samples(lambda header, values: np.append(values[:-1], value)),
         )  # fmt: skip
 
@@ -213,14 +211,19 @@ class TestControllerBelievesNothing:
             codes = np.full(len(block.arrays["code"]), 1000)
             return [Envelope("daq", wire.encode(block.header, code=codes))]
 
-        refused(seed, "'daq' sequence 0 holds a value not finite", name="converters", forge=forge)
+        refused(
+            seed,
+            "'daq' sequence 0 holds a value that is not finite",
+            name="converters",
+            forge=forge,
+        )
 
     def test_samples_beyond_the_end(self, seed: int) -> None:
         def more(header: Any, values: np.ndarray) -> np.ndarray:
             beyond = header.first_step + len(values) == scene().steps
             return np.append(values, 1.0) if beyond else values
 
-        refused(seed, "the controller gave up: stream 'daq'", "beyond the run's end",
+        refused(seed, "the controller ended the run: stream 'daq'", "beyond the run's end",
                 forge=samples(more))  # fmt: skip
 
     def test_samples_at_another_rate(self, seed: int) -> None:
@@ -242,7 +245,7 @@ class TestControllerBelievesNothing:
             next(c for c in end.count if c.stream == stream).messages += 1
 
         links = exchange(scene(), seed, forge=at_the_end(change, "plant"))
-        assert f"stream '{stream}' lost its tail" in links.fault
+        assert f"stream '{stream}' is incomplete" in links.fault
 
     def test_an_end_before_the_last_sample(self, seed: int) -> None:
         """Its counts are right, but the run was announced longer."""

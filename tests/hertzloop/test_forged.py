@@ -180,7 +180,7 @@ def test_a_second_hello_to_the_controller_alone(tmp_path: Path, number: int | No
         publisher.put(forged.SerializeToString(), attachment=attachment)
         sentence = "stream 'hello'"
         ended(controller, 1, sentence)
-        ended(plant, 1, "the controller gave up", sentence)
+        ended(plant, 1, "the controller ended the run", sentence)
         ended(recorder, 1, sentence)
     kept = read(tmp_path / "a.mcap")
     assert kept.result["complete"] == "no"
@@ -246,9 +246,9 @@ def test_a_run_in_one_process_is_reconciled(
     scene = load("aluminium-3mm", ["run.duration_s=0.0015", "run.accuracy=0.1"])
     for compiled in (False, True):
         path = tmp_path / f"{compiled}.mcap"
-        with pytest.raises(Exception, match="stream 'books' lost its tail"):
+        with pytest.raises(Exception, match="stream 'books' is incomplete"):
             record_in_process(scene, path, compiled=compiled)
-        assert "stream 'books' lost its tail" in read(path).result["fault"]
+        assert "stream 'books' is incomplete" in read(path).result["fault"]
 
 
 @pytest.mark.parametrize("compiled", [False, True])

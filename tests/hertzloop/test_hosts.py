@@ -89,7 +89,7 @@ def test_three_hosts_by_the_commands_of_the_documentation(
     recording = tmp_path / "run.mcap"
     for role, (code, err) in end_all(begin(hosts, keys, recording, *SHORT)).items():
         assert code == 0, (role, err)
-        assert "linked" not in err, (role, err)  # nobody is taken for a stranger
+        assert "connected" not in err, (role, err)  # nobody is taken for a stranger
     same_as_here(recording, tmp_path)
 
 
@@ -196,7 +196,7 @@ def test_nobody_else_hears_or_is_heard(hosts: Network, paper: Paper, tmp_path: P
     for role, (code, err) in ends.items():
         assert code == 0, (role, err)
     assert "'stranger' (tls/10.77.0.5:" in "".join(err for _, err in ends.values())
-    assert "is linked, but not let in" in "".join(err for _, err in ends.values())
+    assert "is connected, but not authorised" in "".join(err for _, err in ends.values())
     same_as_here(recording, tmp_path)
     for host, one in got.items():
         assert (one["heard"], one["tokens"]) == ([], []), host
@@ -228,15 +228,15 @@ def test_who_is_not_let_in_is_told_so(hosts: Network, paper: Paper) -> None:
         CONTROLLER, "-m", "hertzloop", "node", "controller", "--zenoh-config", str(config), *PATIENT
     )
     try:
-        told = [await_line(process, "is linked") for process in (plant, controller)]
+        told = [await_line(process, "is connected") for process in (plant, controller)]
     finally:
         for process in (plant, controller):
             process.terminate()
             process.wait()
     assert told[0].startswith(f"'stranger' (tls/{hosts.address(CONTROLLER)}:")
-    assert "not let in: the access control of" in told[0]
+    assert "not authorised: the access control of" in told[0]
     assert told[1].startswith("'hertzloop plant' (tls/")
-    assert "linked as the plant, but nothing is heard from there" in told[1]
+    assert "connected as the plant, but sends nothing" in told[1]
 
 
 def await_line(process: subprocess.Popen, words: str) -> str:

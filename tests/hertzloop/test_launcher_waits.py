@@ -65,7 +65,7 @@ def test_one_that_does_not_end_when_the_others_have_is_named(
 def test_who_says_nothing_at_all_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(launchers, "LONGEST_S", 0.5)
     launcher = waiting_for(tmp_path, dict.fromkeys(ROLES, STAYS))
-    said = "^controller and plant and recorder do not respond; the launcher has heard nothing"
+    said = "^controller and plant and recorder do not respond; the launcher has received nothing"
     with pytest.raises(RunFailed, match=said):
         outcome(launcher)
 

@@ -84,7 +84,7 @@ def test_a_watcher_ends_when_the_plant_does_without_a_word(tmp_path: Path) -> No
     run, watcher, rrd = watched_run(tmp_path)
     child_of(run, "plant").kill()
     code, error, _ = finish(watcher)
-    lost = "the plant left the run; its end was not heard"
+    lost = "the plant left the run without a final message"
     assert (code, error) == (1, f"{lost}; what was seen until now is in {rrd}")
     assert "/live/velocity/v_p" in shown_in(rrd)
     assert finish(run)[0] == 1

@@ -123,7 +123,7 @@ print(os.sched_getscheduler(0) == os.SCHED_OTHER, p.line())
 """
     said = child(text)
     assert said.startswith("True ")
-    assert "given up: the loop spun without progress" in said
+    assert "withdrawn: the loop spun without progress" in said
 
 
 @pytest.mark.usefixtures("permitted")
@@ -138,7 +138,7 @@ with p.loop(lambda: steps[0]):
             pass
         steps[0] += 1
         time.sleep(0.6)
-    print(os.sched_getscheduler(0) == os.SCHED_FIFO, 'given up' in p.line())
+    print(os.sched_getscheduler(0) == os.SCHED_FIFO, 'withdrawn' in p.line())
 """
     assert child(text) == "True False"
 

@@ -61,7 +61,7 @@ def test_what_was_announced_and_did_not_come_fails_the_run(tmp_path: Path, strea
     last = max(i for i, envelope in enumerate(said) if envelope.stream == stream)
     with pytest.raises(PeerLost, match="recorder left the run before its part was complete"):
         recorded(path, said[:last] + said[last + 1 :], controller_says())
-    assert f"stream '{stream}' lost its tail" in read(path).result["fault"]
+    assert f"stream '{stream}' is incomplete" in read(path).result["fault"]
 
 
 def test_a_fault_that_comes_before_the_scene(tmp_path: Path) -> None:

@@ -141,8 +141,8 @@ def test_every_kind_of_event_has_its_sentence() -> None:
         "xi left the converter's range",
         "v_p is back in the converter's range",
         "late force 4: the force of step 2 acted in step 5",
-        "late forces 4 to 9: in 6 of steps 5 to 99, older ones acted in 1 rows of at most 1 steps, "
-        "the oldest 3 steps old",
+        "late forces 4 to 9: 6 of the steps 5 to 99 used an older force, in 1 sequences of at most "
+        "1 steps; the oldest force was 3 steps old",
         "law idle -> watching",
         "law watching -> acting, threshold crossed, delay 11.5 us",
         "law acting -> mode 9",

@@ -118,7 +118,7 @@ def test_run_inspect_validity_and_sweep_tell_the_same(
             command[0] == "run"
         )])  # fmt: skip
         assert "OUT OF RANGE: the plate yields" in detailed.output
-        assert "Neglected: waves are hardly longer than the plate is thick" in detailed.output
+        assert "Neglected: the waves are short against the plate thickness" in detailed.output
         told[command[0]] = json.loads((tmp_path / "a.json").read_text())
     said = [[f["sentence"] for f in data["validity"]] for data in told.values()]
     assert said[0] == said[1] == said[2]
@@ -127,7 +127,7 @@ def test_run_inspect_validity_and_sweep_tell_the_same(
     over = ["--over", "plate.thickness_m=0.003,0.03", "--out", "s.csv"]
     sweep = invoke(["sweep", "aluminium-3mm", *short, *over, "--workers", "1", "--json", "s.json"])
     assert sweep.exit_code == 0, sweep.output
-    assert "OUT OF RANGE: of 2 cases yield in 2, plate theory (energy) in 1" in sweep.output
+    assert "OUT OF RANGE: yield in 2 of 2 cases, plate theory (energy) in 1 of 2" in sweep.output
     beyond = json.loads((tmp_path / "s.json").read_text())["out_of_range"]
     assert beyond == {"yield": 2, "plate theory (energy)": 1}
     check = invoke(

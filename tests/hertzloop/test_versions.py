@@ -88,7 +88,7 @@ def test_a_controller_of_another_version_is_refused_with_both_named() -> None:
     def otherwise(ran: SetUp) -> None:
         ran.scene_toml = ran.scene_toml.replace("[controller]\n", LATER)
 
-    words = r"worked by another scene: .*foresight.* \(the controller is " + BOTH
+    words = r"used another scene: .*foresight.* \(the controller is " + BOTH
     with pytest.raises(StreamFault, match=words):
         exchange(scene(), 1, alter=end_of_controller(otherwise))
 

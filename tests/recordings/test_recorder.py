@@ -109,7 +109,7 @@ def test_a_repeat(path: Path, stream: str) -> None:
 def test_a_lost_tail(path: Path, stream: str) -> None:
     heard = both()
     del heard[places(heard, stream)[-1]]
-    check_fault(path, heard, f"stream '{stream}' lost its tail")
+    check_fault(path, heard, f"stream '{stream}' is incomplete")
 
 
 @pytest.mark.parametrize("stream", ["daq", "truth", "force", "events/plant", "books", "end/plant"])
@@ -151,7 +151,7 @@ def test_a_lost_tail_does_not_hide_why_a_run_failed(path: Path) -> None:
     del heard[places(heard, "books")[0]]
     first, second = hear(path, heard).faults
     assert first == "the controller took no message"
-    assert "stream 'books' lost its tail" in second
+    assert "stream 'books' is incomplete" in second
     assert read(path).result["fault"] == f"{first}; {second}"
 
 
@@ -195,7 +195,7 @@ def test_a_second_hello(path: Path, scene: str) -> None:
             SCENE + "\nmore = " + 200 * "1",
             "scene: 'more = " + 93 * "1" + "' where the plant announced 'nothing'",
         ),
-        ("", "the controller did not say by which scene it worked"),
+        ("", "the final message of the controller names no scene"),
     ],
 )
 def test_a_controller_that_worked_by_another_scene(path: Path, said: str, sentence: str) -> None:

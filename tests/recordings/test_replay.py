@@ -361,7 +361,7 @@ def test_what_a_file_of_modes_does_not_say_is_not_drawn(beam: Recording, tmp_pat
     assert not shown.deflection.known
     assert shown.drawn.flat
     layout = replay._layout(shown)
-    assert layout.surface_title == "Structure, drawn flat: its shapes are not known"
+    assert layout.surface_title == "Structure, drawn flat: its shapes are unknown"
     # All of it is in sight: as large as the sphere asks for, the contact in its middle.
     assert max(layout.plate_m) < 30.0 * 0.01
     np.testing.assert_allclose(

@@ -44,8 +44,8 @@ def test_a_second_hello_with_an_empty_scene(whole: Path, tmp_path: Path) -> None
     kept = read(path)
     assert kept.scene_toml == source.scene_toml
     assert kept.metadata == source.metadata
-    assert "a second scene came; the first is taken" in kept.problems
-    assert any("'hello' is ignored: a second one came" in problem for problem in kept.problems)
+    assert "there is a second scene; the first is used" in kept.problems
+    assert any("'hello' is ignored: there is a second one" in problem for problem in kept.problems)
 
 
 @pytest.mark.parametrize("seconds", [-1, -(2**62), 2**40, 253402300800])
@@ -140,7 +140,10 @@ def packed_chunk(size: int) -> bytes:
 @pytest.mark.full
 @pytest.mark.parametrize(
     ("size", "count", "words"),
-    [(1 << 30, 8, "would unpack to 1073741824"), (RECORD_BYTES, 40, "more than a run holds")],
+    [
+        (1 << 30, 8, "would unpack to 1073741824"),
+        (RECORD_BYTES, 40, "more than a recording may hold"),
+    ],
 )
 def test_a_bomb(whole: Path, tmp_path: Path, size: int, count: int, words: str) -> None:
     """Gigabytes in some kilobytes: said in a sentence, and not unpacked at once."""

@@ -120,8 +120,8 @@ NAN, INF = math.nan, math.inf
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
-        ({"bits": 0, "full_scale": (0.0, 1.0)}, "bits is 0; a converter has 1 to 24"),
-        ({"bits": 25, "full_scale": (0.0, 1.0)}, "bits is 25; a converter has 1 to 24"),
+        ({"bits": 0, "full_scale": (0.0, 1.0)}, "bits is 0; must be 1 to 24"),
+        ({"bits": 25, "full_scale": (0.0, 1.0)}, "bits is 25; must be 1 to 24"),
         ({"bits": 12}, "needs a full_scale range"),
         ({"full_scale": (1.0, 1.0)}, r"full_scale is \(1.0, 1.0\)"),
         ({"full_scale": (1.0, -1.0)}, r"full_scale is \(1.0, -1.0\)"),

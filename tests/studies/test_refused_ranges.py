@@ -22,7 +22,7 @@ LONG = "9" * 4000
         (f"controller.kappa={LONG},,", "empty value"),
         (f"sensors.bits={'z' * 4000}", "value 'zzz"),
         (f"{LONG}=1,2", "unknown scene key"),
-        ("controller.kappa=0:1e308:5e-324", "has inf values, the most is 10000000"),
+        ("controller.kappa=0:1e308:5e-324", "has inf values; the limit is 10000000"),
         (f"controller.kappa=-1{'0' * 308}:1{'0' * 308}:1", "has inf values"),
         ("controller.kappa=0:1:0.00000001", r"has 1e\+08 values"),
     ],

@@ -84,8 +84,8 @@ def test_what_is_no_result_is_refused_with_a_sentence(results: Path, tmp_path: P
         (tmp_path / "two" / f"{name}.parquet").write_bytes(source.read_bytes())
     (tmp_path / "empty").mkdir()
     for source, says in (
-        (tmp_path / "empty", "holds results of no sweep and no tuning"),
-        (tmp_path / "two", "holds 2 results (a.parquet, b.parquet); name one of them"),
+        (tmp_path / "empty", "holds no results of a sweep or a tuning"),
+        (tmp_path / "two", "holds 2 results (a.parquet, b.parquet). Name one of them"),
         (tmp_path / "tune-x.json", "holds no results of a tuning"),
         (tmp_path / "none.csv", "no such results"),
     ):

@@ -44,7 +44,7 @@ def test_two_sweeps_do_not_write_one_journal(tmp_path: Path) -> None:
     path = tmp_path / "j"
     with Journal(path, {"a": 1}) as journal:
         journal.add({"case": 0})
-        with pytest.raises(JournalError, match="in use by a command"):
+        with pytest.raises(JournalError, match="in use by another command"):
             Journal(path, {"a": 1})
     with Journal(path, {"a": 1}) as journal:
         assert list(journal.done) == [0]

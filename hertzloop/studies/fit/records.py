@@ -98,11 +98,12 @@ class Record:
     """A measured record.
 
     Args:
-        name: what messages call it.
+        name: name in messages.
         time_s: times by the record's clock, s, shape (samples,), rising; the zero is arbitrary.
         value: in the SI unit of the quantity, shape (samples,); nan where nothing is known.
-        quantity: a key of QUANTITIES.
-        measured: what is known of the measurement.
+        quantity: "contact_force" (N), "v_p" (m/s), "acceleration" (m/s^2), "xi_p", "xi" or
+            "xi_s" (m).
+        measured: the `[record]` table: filters, range, uncertainties.
         sha256: digest of the file, "" of a record from memory.
 
     Raises:

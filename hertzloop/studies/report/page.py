@@ -152,7 +152,7 @@ def page_of(recording: Recording) -> str:
         around=around_first_contact(shown) if shown.contacts else "",
         whole=whole_run(shown),
         spectra=spectra(shown) if shown.told.spectra else "",
-        flat="" if shown.deflection.known else "The file of modes has no shapes: drawn flat.",
+        flat="" if shown.deflection.known else "The mode file has no shapes: drawn flat.",
         animation=json.dumps(_animation(shown)),
         sounds=sounds,
         silent=silent,

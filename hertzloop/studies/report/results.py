@@ -154,9 +154,9 @@ def results_in(path: Path) -> Path:
     if len(found) != 1:
         names = ", ".join(one.name for one in found[:5])
         raise ValueError(
-            f"{path} holds results of no sweep and no tuning"
+            f"{path} holds no results of a sweep or a tuning"
             if not found
-            else f"{path} holds {len(found)} results ({names}); name one of them"
+            else f"{path} holds {len(found)} results ({names}). Name one of them"
         )
     return found[0]
 
@@ -192,15 +192,17 @@ def _page_of_sweep(path: Path) -> str:
         warnings.append(f"{unstable} of {len(rows)} cases are unstable and have no figures")
     beyond = counted(rows, "out_of_range")
     if beyond:
-        names = ", ".join(f"{name} in {times}" for name, times in beyond.items())
-        warnings.append(f"Out of range, of {len(rows)} cases: {names}")
+        names = ", ".join(
+            f"{name} in {times} of {len(rows)} cases" for name, times in beyond.items()
+        )
+        warnings.append(f"Out of range: {names}")
     drawn: list[_Chart] = []
     if shown_figures(rows):
-        dots = "A dot a case, orange their mean where values repeat; dashed: as without control."
+        dots = "One dot per case; orange: mean where values repeat; dashed: without control."
         drawn.append(_Chart("Over each key", dots, svg(over_keys(rows, keys))))
         grid = map_keys(rows, keys, design["kind"])
         if grid:
-            what = "Blue is less than without control; grey: no figure."
+            what = "Blue: less than without control. Grey: no figure."
             drawn.append(_Chart("Over both keys", what, svg(maps(rows, *grid))))
     ends = [[words.against_none(figure), *rest] for figure, *rest in extremes(rows, keys)]
     tables = [_Table("Least and largest", "", ("figure", "least", "at", "largest", "at"), ends)]
@@ -212,7 +214,7 @@ def _page_of_sweep(path: Path) -> str:
     more = "" if len(rows) <= _MOST_ROWS else f" The first {_MOST_ROWS} of {len(rows)}."
     headings = ("case", *map(key_words, keys), *(words.FIGURES[f] for f in figures), "")
     tables.append(
-        _Table("Cases", f"A click on a heading sorts.{more}", headings, listed, sorts=True)
+        _Table("Cases", f"Click on a heading to sort.{more}", headings, listed, sorts=True)
     )
     kinds = {"grid": "a grid", "lhs": "a Latin hypercube", "sobol": "Sobol points"}
     return _page(
@@ -270,7 +272,7 @@ def _page_of_tuned(tuned: Tuned) -> str:
     worst = "; the worst of the scenes counts" if len(scenes) > 1 else ""
     lines = [
         *(_ran(setup) for setup, _ in scenes),
-        f"Lowered: {', '.join(names)}{limits}; figures of {_SPANS[tuned.span]}{worst}.",
+        f"Minimised: {', '.join(names)}{limits}; figures of {_SPANS[tuned.span]}{worst}.",
         *tuned.verdict,
     ]
     picture = front_sheet("", tuned.front, tuned.published, objectives)
@@ -278,8 +280,8 @@ def _page_of_tuned(tuned: Tuned) -> str:
         title,
         lines,
         warnings=[f"{tuned.failed} cases could not be run"] if tuned.failed else [],
-        charts=[_Chart("Settings that no other beats", "", svg(picture))],
-        tables=[_Table("Settings", "A click on a heading sorts.", headings, rows, sorts=True)],
+        charts=[_Chart("Pareto-optimal settings", "", svg(picture))],
+        tables=[_Table("Settings", "Click on a heading to sort.", headings, rows, sorts=True)],
         commands=[tuned.command],
         versions=tuned.versions,
         scenes=[(setup.name, text) for setup, text in scenes],

@@ -90,7 +90,10 @@ def parse_axis(text: str) -> Axis:
         raise DesignError(f"{shown(text)} has a step of {shown(step)}. Give a step above 0.")
     places = (float(high) - float(low)) / step + 1e-9  # inf where they cannot be counted
     if not places < _MOST_CASES:
-        raise DesignError(f"{shown(text)} has {places + 1:.8g} values, the most is {_MOST_CASES}")
+        raise DesignError(
+            f"{shown(text)} has {places + 1:.8g} values; the limit is {_MOST_CASES}. "
+            "Give a larger step."
+        )
     count = math.floor(places) + 1
     if all(isinstance(x, int) for x in numbers):
         return Axis(key, tuple(low + i * step for i in range(count)))
@@ -174,7 +177,7 @@ def as_axis(key: str, values: str | Iterable[Any]) -> Axis:
         return parse_axis(f"{key}={values}")
     given = tuple(v.item() if isinstance(v, np.generic) else v for v in values)
     if not given:
-        raise DesignError(f"{shown(key)} has no values; give at least one")
+        raise DesignError(f"{shown(key)} has no values. Give at least one.")
     return Axis(key, given)
 
 
@@ -184,7 +187,7 @@ def check_keys(axes: Iterable[Axis], option: str = "--over") -> None:
     for key in keys:
         if keys.count(key) > 1:
             raise DesignError(
-                f"{option} {shortened(key)} is given twice; put its values into one list"
+                f"{option} {shortened(key)} is given twice. Put its values into one list."
             )
 
 
@@ -209,7 +212,9 @@ def design_of(setup: Setup, over: list[Axis], kind: Kind, count: int, seed: int)
                 )
         size = math.prod(len(axis.values) for axis in axes)
         if size > _MOST_CASES:
-            raise DesignError(f"the grid has {shown(size)} cases, the most is {_MOST_CASES}")
+            raise DesignError(
+                f"the grid has {shown(size)} cases; the limit is {_MOST_CASES}. Use larger steps."
+            )
     elif not 1 <= count <= _MOST_CASES:
         raise DesignError(f"--cases = {count}; --design {kind} needs 1 to {_MOST_CASES}")
     _check_ends(setup, design)

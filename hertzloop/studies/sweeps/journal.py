@@ -106,8 +106,8 @@ class Journal:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise JournalError(
-                f"{self.path} is in use by a command that is running; wait for its end, or write "
-                "elsewhere"
+                f"{self.path} is in use by another command. Wait for its end, or write to another "
+                "folder."
             ) from error
 
     def _read(self, header: dict[str, Any]) -> int:
@@ -121,8 +121,8 @@ class Journal:
             if number == 1:
                 if row is None:
                     raise JournalError(
-                        f"{self.path} is no journal of finished cases, or its line 1 is damaged; "
-                        "remove the file"
+                        f"{self.path} is not a journal of finished cases, or its line 1 is "
+                        "damaged. Remove the file."
                     )
                 self._compare(row, header)
             elif row is None:
@@ -136,8 +136,8 @@ class Journal:
         for key, value in json.loads(json.dumps(header)).items():
             if found.get(key) != value:
                 raise JournalError(
-                    f"{self.path} holds unfinished work with another {key}; finish that with "
-                    "its own command, or remove the file"
+                    f"{self.path} holds unfinished work with another {key}. Finish it with its "
+                    "own command, or remove the file."
                 )
 
     def add(self, row: dict[str, Any]) -> None:
