@@ -140,6 +140,7 @@ PICTURES = {
     "tune.png": Drawn(
         _TUNE, "tune-aluminium-20mm.png", (*_KAPPAS, ("aluminium-20mm", (_SHORT_20MM, *_TUNED)))
     ),
+    "margin.png": Drawn(_MARGIN, "margin.png", (_IN_MARGIN,)),
     "latency.png": Drawn("hertzloop study latency -o DIR", "latency-aluminium-3mm.png", _KAPPAS),
     "latency-chance.png": Drawn("hertzloop study latency -o DIR", "latency-chance.png", _KAPPAS),
     "real.png": Drawn("hertzloop study real-plant -o DIR", "real.png", _KAPPAS),
