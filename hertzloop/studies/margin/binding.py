@@ -9,6 +9,7 @@ from hertzloop.plant.structures.modes import NO_PARTICIPATION
 from hertzloop.setup.setup import Setup
 from hertzloop.studies.margin.linear import plant_in_flight
 
+_LEAST, _ALONE = 0.1, 0.7  # shares of the response from which a mode takes part, and prevails
 _NAMED = 3  # modes of one frequency
 _SAME = 1e-9  # relative difference of frequencies of one mode
 
@@ -36,8 +37,8 @@ class BindingMode:
 
 
 def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
-    """Return the mode that prevails at a frequency; None if something else than a mode does, such
-    as the actuator or the sum of the omitted modes.
+    """Return the mode with the largest share at a frequency; None if that is below a tenth. Then
+    the actuator, a filter or the sum of the omitted modes prevails.
 
     Args:
         setup: the run.
@@ -47,11 +48,11 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
     modal = setup.on_plate("modal").start_plant()
     count = modal.model.table.shape[1]
     z = np.exp(2j * math.pi * frequency_hz * setup.step_s)
-    parts = np.abs(form.residues / (z - form.poles))
+    parts = np.abs(form.residues / (z - form.poles))[:count]
     largest = int(np.argmax(parts))
-    if largest >= count:
-        return None
     share = float(parts[largest] / np.abs(form.at(np.array([z]))[0]))
+    if share < _LEAST:
+        return None
     natural = np.abs(np.log(form.poles[:count])) / setup.step_s
     omega = float(natural[largest])
     number = int(np.sum(natural < omega * (1.0 - _SAME))) + 1
@@ -84,8 +85,8 @@ def mode_line(mode: BindingMode | None, frequency_hz: float) -> str:
     """Return a sentence on the binding mode."""
     if mode is None:
         return (
-            f"no mode prevails at {frequency_hz:.5g} Hz: the actuator, a filter or the sum of the "
-            "omitted modes does"
+            f"no single mode limits it: at {frequency_hz:.5g} Hz the sum of the omitted modes, the "
+            "actuator or a filter prevails"
         )
     words = f"limited by {mode_name(mode)} at {mode.frequency_hz:.5g} Hz, no. {mode.number}"
     if mode.indices and mode.at_contact and mode.at_actuator:
@@ -95,4 +96,6 @@ def mode_line(mode: BindingMode | None, frequency_hz: float) -> str:
             f"; shape{first}: half-waves {m} along x, {n} along y; {mode.at_contact[0]:.3g} at "
             f"the contact and {mode.at_actuator[0]:.3g} at the actuator, largest 1"
         )
-    return f"{words}; share of the response at {frequency_hz:.5g} Hz: {100.0 * mode.share:.0f} %"
+    others = "" if mode.share > _ALONE else ", as modes overlap there"
+    share = f"share of the response at {frequency_hz:.5g} Hz: {100.0 * mode.share:.0f} %{others}"
+    return f"{words}; {share}"

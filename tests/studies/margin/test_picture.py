@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hertzloop.setup import load
-from hertzloop.studies.margin.binding import binding_mode, mode_name
+from hertzloop.studies.margin.binding import binding_mode, mode_line, mode_name
 from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
 from hertzloop.studies.margin.margin import loop_of, margin_of
@@ -85,8 +85,13 @@ def test_a_structure_without_indices_has_a_number() -> None:
     assert mode_name(found) == "mode 5"
 
 
-def test_where_the_omitted_modes_prevail_none_binds() -> None:
-    assert binding_mode(load("oak-20mm", VELOCITY), 400e3) is None
+def test_where_modes_overlap_or_the_omitted_ones_prevail_it_is_said() -> None:
+    setup = load("oak-20mm", VELOCITY)
+    assert binding_mode(setup, 400e3) is None
+    assert "no single mode limits it" in mode_line(None, 400e3)
+    overlapping = binding_mode(setup, 4623.6)
+    assert overlapping is not None
+    assert "as modes overlap there" in mode_line(overlapping, 4623.6)
 
 
 @pytest.mark.parametrize("kappa", [0.4, 1.1])
