@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from hertzloop.setup.setup import Setup
 from hertzloop.studies import pictures
@@ -197,5 +198,6 @@ def _latencies(ax: Any, drawn: _Drawn) -> None:
     other.step(every * step_us, count, where="mid", color=_ORANGE, linewidth=1.0, linestyle="--")
     other.set_ylabel("unstable poles (dashed orange)")
     other.set_ylim(bottom=0)
+    other.yaxis.set_major_locator(MaxNLocator(integer=True))
     other.grid(visible=False)
     ax.legend(loc="upper left" if margin.stable else "lower right")
