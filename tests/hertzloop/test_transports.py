@@ -87,7 +87,7 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
     "linear filter": (
         "aluminium-3mm",
         ["run.duration_s=0.0015", "controller.law=linear", "sensors.bits=12",
-         "controller.sections=[[-9.0, -9.0, 0.0, 1.0, -0.9, 0.0], [1.0, -1.9, 0.95, 1.0, -1.8, 0.9]]",
+         "controller.sections=[[-9.0, -9.0, 0, 1, -0.9, 0], [1, -1.9, 0.95, 1, -1.8, 0.9]]",
          "sensors.every_steps=2"],
     ),
     "actuator": (

@@ -14,7 +14,7 @@ from hertzloop.studies.margin.binding import binding_mode, mode_name
 from hertzloop.studies.margin.identify import LawFilter, law_filter
 from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
 from hertzloop.studies.margin.margin import Loop, Margin, loop_of
-from hertzloop.studies.margin.poles import closed_loop_poles
+from hertzloop.studies.margin.product_poles import product_poles
 
 _LATENCIES = 24  # at which the growth is computed
 _FEWEST, _MOST = 24, 4000  # steps of latency that the last panel shows
@@ -41,6 +41,11 @@ class _Drawn:
         if rest not in self._loops:
             self._loops[rest] = loop_of(self.plant, self.law, self.every, rest)
         return self._loops[rest], delay
+
+    def poles(self, latency: int) -> np.ndarray | None:
+        """Return all closed-loop poles for a latency in steps; None if they are too many."""
+        loop, delay = self.at(latency)
+        return product_poles(loop.plant, loop.law, delay)
 
     def growth(self, poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return frequency (kHz) and growth (1/s) of poles in the upper half plane."""
@@ -139,7 +144,7 @@ def _poles(ax: Any, drawn: _Drawn) -> None:
         beyond_us = 1e6 * drawn.setup.step_s * (limit + 1)
         cases.append((limit + 1, f"latency {beyond_us:.4g} us, beyond the limit", _ORANGE, "x"))
     for latency, label, colour, marker in cases:
-        found = closed_loop_poles(*drawn.at(latency))
+        found = drawn.poles(latency)
         if found is not None:
             series.append((label, drawn.growth(found), colour, marker))
     for label, (at_khz, growth), colour, marker in series:
@@ -177,7 +182,7 @@ def _latencies(ax: Any, drawn: _Drawn) -> None:
         chosen |= {limit, limit + 1}
     at, growth = [], []
     for latency in sorted(chosen):
-        poles = closed_loop_poles(*drawn.at(latency))
+        poles = drawn.poles(latency)
         if poles is not None:
             at.append(latency * step_us)
             growth.append(float(drawn.growth(poles)[1].max()))

@@ -1,4 +1,7 @@
-"""All closed-loop poles of a loop with modal poles, by Aberth's method.
+"""All closed-loop poles of a loop whose law is a product of stages, by Aberth's method.
+
+It needs the law's response and its slope, but no partial fractions: those of a filter with crowded
+poles have no digits left.
 
 A polynomial would lose its digits, since the poles crowd at Z = 1. The function
 F(Z) = (1 + L(Z)) times the product of (Z - p) over all open-loop poles p has the closed-loop poles
@@ -7,7 +10,8 @@ as its zeros, and F'/F needs no coefficients (Aberth 1973, Math. Comp. 27).
 
 import numpy as np
 
-from hertzloop.studies.margin.margin import Loop
+from hertzloop.studies.margin.identify import LawFilter
+from hertzloop.studies.margin.linear import PoleForm
 
 _MOST_POLES = 4000
 _ROUNDS = 200
@@ -17,15 +21,15 @@ _AT_ZERO = 1e-7
 _NUDGE = 1e-6  # start beside an open-loop pole, where the loop gain is infinite
 
 
-def closed_loop_poles(loop: Loop, delay: int) -> np.ndarray | None:
+def product_poles(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray | None:
     """Return all closed-loop poles but those at zero, shape (n,); None if they are
     too many or do not converge.
 
     Args:
-        loop: loop gain without the delay.
-        delay: whole samples of delay.
+        plant: response from command to sample.
+        law: response from sample to command.
+        delay: of the command, whole samples.
     """
-    plant, law = loop.plant, loop.law
     paired = plant.poles.imag != 0.0
     own = np.concatenate([plant.poles, plant.poles[paired].conj()])
     residues = np.concatenate(
@@ -44,13 +48,10 @@ def closed_loop_poles(loop: Loop, delay: int) -> np.ndarray | None:
         apart = 1.0 / (z[:, None] - own)
         value = apart @ residues + plant.fir[0] / z + plant.fir[1] / z**2
         slope = -(apart**2) @ residues - plant.fir[0] / z**2 - 2.0 * plant.fir[1] / z**3
-        small = 1e-6 * np.min(
-            np.abs(z[:, None] - np.append(law.poles, 0.0)), axis=1, initial=1.0
-        ).clip(1e-12)
-        control = law.at(z)
-        change = (law.at(z + small) - law.at(z - small)) / (2.0 * small * control)
+        control, change = law.with_slope(z)
         with np.errstate(over="ignore"):
-            return -control * value * z ** -float(delay), slope / value + change - delay / z
+            gain = -control * value * z ** -float(delay)
+        return gain, slope / value + change / control - delay / z
 
     near = np.where(np.abs(pull) > 0.3 * np.abs(1.0 - np.abs(own)), 0.3, 1.0) * pull
     step = np.where(np.abs(near) < _NUDGE, near, _NUDGE * near / np.abs(near))
