@@ -125,6 +125,13 @@ _TUNE = (
     "--law force_feedback --span run --set run.duration_s=0.014 --out DIR"
 )
 
+_MARGIN = "hertzloop margin oak-20mm --law velocity_feedback --set controller.kappa=0.4 -o DIR"
+# The filter of docs/tutorials/design-a-filter.md: a Butterworth low-pass of order 1 at 5 kHz.
+_ROW = "[-2.3199437104655045,-2.3199437104655045,-0.0,1.0,-0.9690674171937933,0.0]"
+_FILTER = (
+    "controller.law=linear", f"controller.sections=[{_ROW}]", "controller.latency_us=20",
+)  # fmt: skip
+
 PICTURES = {
     "replay.png": Drawn(
         f"python -m benchmarks.pictures --only {DEFAULT} -o DIR", f"replay-{DEFAULT}.png",
@@ -140,6 +147,14 @@ PICTURES = {
     ),
     "tune.png": Drawn(
         _TUNE, "tune-aluminium-20mm.png", (*_KAPPAS, ("aluminium-20mm", (_SHORT_20MM, *_TUNED)))
+    ),
+    "margin.png": Drawn(
+        _MARGIN, "margin.png",
+        (("oak-20mm", ("controller.law=velocity_feedback", "controller.kappa=0.4")),),
+    ),
+    "margin-filter.png": Drawn(
+        f"hertzloop margin oak-20mm --set {' --set '.join(_FILTER)} -o DIR", "margin.png",
+        (("oak-20mm", _FILTER),),
     ),
     "latency.png": Drawn(_LATENCY, "latency-aluminium-3mm.png", _KAPPAS),
     "latency-chance.png": Drawn(_LATENCY, "latency-chance.png", _KAPPAS),

@@ -31,7 +31,10 @@ RUN = {
     "README.md": {},
     "docs/tutorials/first-run.md": {"hertzloop compare": 1},
     "docs/tutorials/own-law.md": {},
+    "docs/tutorials/design-a-filter.md": {},
 }
+# Blocks of files that a page asks the reader to save; their first line is a comment with the name.
+FILE = re.compile(r"```py\n# (\w+\.py)\n(.*?)```", re.DOTALL)
 
 
 @pytest.mark.full
@@ -46,13 +49,13 @@ def test_the_python_of_a_page_runs(page: Path, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def commands(page: Path) -> list[list[str]]:
-    """Command lines of hertzloop in a page's plain blocks."""
+def commands(page: Path, programs: tuple[str, ...] = ("hertzloop ",)) -> list[list[str]]:
+    """Command lines of hertzloop, or of `programs`, in a page's plain blocks."""
     lines = [
         line
         for block in re.findall(r"```\w*\n(.*?)```", page.read_text(), re.DOTALL)
         for line in block.splitlines()
-        if line.startswith("hertzloop ")
+        if line.startswith(programs)
     ]
     return [shlex.split(line, comments=True) for line in lines]
 
@@ -104,17 +107,22 @@ def test_every_command_has_its_line() -> None:
 @pytest.mark.full
 @pytest.mark.parametrize("page", RUN)
 def test_the_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
-    for words in commands(ROOT / page):
+    for name, text in FILE.findall((ROOT / page).read_text()):
+        (tmp_path / name).write_text(text)
+    for words in commands(ROOT / page, ("hertzloop ", "python ")):
         if words[1] == "replay":
             words = [*words, "--save", "page.rrd", "--overwrite"]  # the window is tested elsewhere
+        program = ["-m", *words] if words[0] == "hertzloop" else words[1:]
         done = subprocess.run(
-            [sys.executable, "-m", *words],
+            [sys.executable, *program],
             cwd=tmp_path,
             capture_output=True,
             text=True,
             timeout=280,
         )
         assert done.returncode == RUN[page].get(" ".join(words[:2]), 0), (words, done.stderr)
+        if words[0] == "python":  # the page shows what such a program prints
+            assert done.stdout in (ROOT / page).read_text()
 
 
 @pytest.mark.full

@@ -6,7 +6,7 @@ from typing import Annotated, Any, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from hertzloop.controller.law import ACTING, IDLE, About, Gain, Keys, LawError
+from hertzloop.controller.law import ACTING, IDLE, About, Keys, LawError
 
 senses = "v_p, acceleration, xi, contact_force"  # the first is the default
 
@@ -20,7 +20,7 @@ Section = tuple[Coefficient, ...]
 class Parameters(Keys):
     """Scene keys."""
 
-    gain: Gain = Field(1.0, description="factor on the filter")
+    gain: float = Field(1.0, ge=-1e9, le=1e9, description="factor on the filter")
     numerator: tuple[Coefficient, ...] = Field(
         (), description="coefficients of 1, 1/z, 1/z^2, ...; N per unit of the samples"
     )

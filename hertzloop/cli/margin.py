@@ -1,6 +1,7 @@
 """The command that states the linear margin of a scene's loop."""
 
 from dataclasses import asdict
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -10,10 +11,12 @@ from hertzloop.cli.options import (
     SceneArgument,
     SetOption,
     check_json,
+    make_folder,
     scene_from,
     write_json,
 )
 from hertzloop.cli.terminal import fail, out
+from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT
 
@@ -24,17 +27,28 @@ def margin(
         str | None, typer.Option("--law", help="Use this law instead of the scene's.")
     ] = None,
     settings: SetOption = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--out-dir", "-o",
+            help="Folder for margin.png, margin.json, and the plant as plant.npz.",
+        ),
+    ] = None,
     json_file: JsonOption = None,
-) -> None:
+) -> None:  # fmt: skip
     """Tell how stable a linear law's loop is in flight.
 
-    It prints growth, latency limit, stable windows, gain margin and the frequency that limits
-    the loop.
+    It prints growth, latency limit, stable windows, gain margin, and the frequency and mode that
+    limit the loop.
     """
+    from hertzloop.studies.margin.binding import binding_mode, mode_line
     from hertzloop.studies.margin.margin import margin_of
     from hertzloop.studies.margin.shown import margin_lines
 
     check_json(json_file)
+    if folder is not None:
+        need("matplotlib")
+        make_folder(folder)
     changes = list(settings or [])
     if law is not None:
         changes.insert(0, f"controller.law={law}")
@@ -43,7 +57,29 @@ def margin(
         found = margin_of(setup)
     except SceneError as error:
         fail(str(error), 2)
-    data: dict[str, Any] = asdict(found)
+    data: dict[str, Any] = asdict(found) | {"binding_mode": None}
     for line in margin_lines(found):
         out.print(line, soft_wrap=True)
+    at_hz = found.binding_frequency_hz
+    if at_hz is not None:
+        mode = binding_mode(setup, at_hz)
+        data["binding_mode"] = None if mode is None else asdict(mode)
+        out.print(mode_line(mode, at_hz), soft_wrap=True)
     write_json(json_file, data)
+    if folder is None:
+        return
+    if not found.applicable:
+        write_json(folder / "margin.json", data)
+        return
+    from hertzloop.studies import pictures
+    from hertzloop.studies.margin.picture import draw
+    from hertzloop.studies.margin.system import LinearSystem
+
+    try:
+        pictures.save(draw(setup, found), folder / "margin.png")
+        LinearSystem.of(setup).save(folder / "plant.npz")
+    except OSError as error:
+        fail(f"cannot write into {folder}: {error.strerror}", 1)
+    write_json(folder / "margin.json", data)
+    for name in ("margin.png", "margin.json", "plant.npz"):
+        out.print(f"written: {folder / name}", soft_wrap=True)

@@ -84,6 +84,12 @@ VARIANTS: dict[str, tuple[str, list[str]]] = {
         "aluminium-3mm",
         ["run.duration_s=0.0015", "controller.law=acceleration_feedback", "sensors.bits=12"],
     ),
+    "linear filter": (
+        "aluminium-3mm",
+        ["run.duration_s=0.0015", "controller.law=linear", "sensors.bits=12",
+         "controller.sections=[[-9.0, -9.0, 0, 1, -0.9, 0], [1, -1.9, 0.95, 1, -1.8, 0.9]]",
+         "sensors.every_steps=2"],
+    ),
     "actuator": (
         "aluminium-3mm",
         ["run.duration_s=0.002", *CONVERTERS, "actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3",

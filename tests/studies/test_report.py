@@ -190,3 +190,13 @@ def test_a_law_comes_out_of_its_recording(tmp_path: Path, monkeypatch: pytest.Mo
     for command in (f"{second} --transport compiled", third):
         result = call(*command.split())
         assert result.exit_code == 0, result.output
+
+
+def test_a_linear_loop_has_its_margin_on_the_page(tmp_path: Path) -> None:
+    law = ["controller.law=velocity_feedback", "controller.kappa=0.4"]
+    text = page_of(tmp_path, "oak-20mm", ["run.duration_s=0.003", *law]).read_text()
+    assert "Linear margin of the loop in flight" in text
+    assert "latency limit: 497 steps" in text
+    assert "limited by modes (7, 1), (5, 5), (1, 7)" in text
+    assert 'src="data:image/png;base64,' in text
+    assert len(text) < 10e6

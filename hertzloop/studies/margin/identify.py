@@ -63,6 +63,11 @@ class LawFilter:
             return np.full(z.shape, complex(self.direct))
         return np.asarray(self.direct + (self.residues / (z[..., None] - self.poles)).sum(axis=-1))
 
+    def with_slope(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the response and its derivative by Z, at complex `z` of shape (n,)."""
+        part = self.residues / (z[:, None] - self.poles)
+        return self.at(z), -(part / (z[:, None] - self.poles)).sum(axis=1)
+
 
 @dataclass(frozen=True)
 class Cascade(LawFilter):
@@ -108,18 +113,26 @@ class Cascade(LawFilter):
     def at(self, z: np.ndarray) -> np.ndarray:
         """Return the response at complex `z`, same shape."""
         z = np.asarray(z, complex)
-        back = 1.0 / z
-        found = np.full(z.shape, complex(self.gain))
+        return self.with_slope(z.ravel())[0].reshape(z.shape)
+
+    def with_slope(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the response and its derivative by Z, at complex `z` of shape (n,)."""
+        found, relative = np.full(len(z), complex(self.gain)), np.zeros(len(z), complex)
         for b in self.numerators:
             some = np.flatnonzero(b)
             if not len(some):
-                return np.zeros(z.shape, complex)
-            found = found * b[some[0]] * back ** some[0]
+                return np.zeros(len(z), complex), np.zeros(len(z), complex)
+            found = found * b[some[0]] * z ** -float(some[0])
+            relative = relative - some[0] / z
             for zero in linear.roots(b[some[0] :]):  # factors keep their digits near Z = 1
-                found = found * (1.0 - zero * back)
+                found = found * (1.0 - zero / z)
+                with np.errstate(all="ignore"):  # at a zero only the product has a limit
+                    relative = relative + zero / (z * (z - zero))
         for pole in self.poles:
-            found = found / (1.0 - pole * back)
-        return np.asarray(found)
+            found = found / (1.0 - pole / z)
+            relative = relative - pole / (z * (z - pole))
+        with np.errstate(invalid="ignore"):
+            return found, found * relative
 
 
 def law_filter(setup: Setup) -> LawFilter:

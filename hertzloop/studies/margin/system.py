@@ -54,7 +54,7 @@ class LinearSystem(PoleForm):
         """Return the system of a setup. Raises SceneError as `plant_in_flight`."""
         form = plant_in_flight(setup, quantity)
         every = setup.every_steps
-        late = setup.line.latency_steps + 1
+        late = 1 + setup.line.latency_steps + setup.line.dead_steps
         held = form.held(every, late % every)
         name = quantity or setup.quantity
         return cls(

@@ -26,6 +26,10 @@ from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.studies import pictures
+from hertzloop.studies.margin.binding import binding_mode, mode_line
+from hertzloop.studies.margin.margin import margin_of
+from hertzloop.studies.margin.picture import draw
+from hertzloop.studies.margin.shown import margin_lines
 from hertzloop.views import provenance
 from hertzloop.views import run as report
 from hertzloop.views.data import judged_as_json, known_in
@@ -141,6 +145,7 @@ def page_of(recording: Recording) -> str:
     sounds, silent = _sounds(recording, setup)
     law, law_text, lawless = _law(recording)
     again, commands = _again(recording, setup, bool(law_text))
+    margin, margin_png = _margin(recording, setup)
     return template("page.html.j2").render(
         title=shown.told.heading,
         lines=[line.replace("**", "") for line in shown.told.lines],
@@ -148,6 +153,8 @@ def page_of(recording: Recording) -> str:
         unstable=unstable,
         verdict=found["verdict"],
         neglected=sentences_of(found["validity"]),
+        margin=margin,
+        margin_png=margin_png,
         tables=_tables(found, free, not unstable),
         around=around_first_contact(shown) if shown.contacts else "",
         whole=whole_run(shown),
@@ -204,6 +211,28 @@ def _law(recording: Recording) -> tuple[str, str, str]:
         return ran, text_of_law(recording), ""
     except RecordingError as error:
         return ran, "", str(error)
+
+
+def _margin(recording: Recording, setup: Setup) -> tuple[list[str], str]:
+    """What linear theory says about the loop, in sentences, and its picture as base64 of a PNG.
+
+    Empty without a linear loop, and for laws that are not shipped: a report runs no user's code.
+    """
+    if law_of(recording).law not in shipped_laws() or not law_of(recording).as_announced:
+        return [], ""
+    try:
+        found = margin_of(setup)
+        if not found.applicable:
+            return [], ""
+        lines = margin_lines(found)
+        at_hz = found.binding_frequency_hz
+        if at_hz is not None:
+            lines.append(mode_line(binding_mode(setup, at_hz), at_hz))
+        png = io.BytesIO()
+        draw(setup, found).savefig(png, format="png", dpi=90)
+    except SceneError as error:
+        return [f"No margin: {error}"], ""
+    return lines, base64.b64encode(png.getvalue()).decode()
 
 
 def _animation(shown: Shown) -> dict[str, Any]:

@@ -143,3 +143,22 @@ def test_an_integrator_counts_as_a_slow_decay() -> None:
                                         "sensors.quantity=acceleration"]))  # fmt: skip
     assert found.applicable
     assert found.stable
+
+
+def test_the_slope_of_a_law_is_that_of_its_response() -> None:
+    rows = [[0.0, 2.0, -1.0, 1.0, -1.2, 0.5], [1.0, -0.3, 0.0, 1.0, 0.4, 0.0]]
+    linear = ["controller.law=linear", f"controller.sections={rows}"]
+    for keys in (linear, ["controller.law=acceleration_feedback"]):
+        law = law_filter(load("oak-20mm", keys))
+        z = 1.3 * np.exp(1j * np.linspace(0.1, 3.0, 20))
+        value, slope = law.with_slope(z)
+        assert np.array_equal(value, law.at(z))
+        by_difference = (law.at(z + 1e-6) - law.at(z - 1e-6)) / 2e-6
+        assert np.abs(slope - by_difference).max() < 1e-8 * np.abs(slope).max()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_zero_on_the_circle_is_met_without_a_warning() -> None:
+    keys = ["controller.numerator=[1.0, -1.0]", "controller.denominator=[1.0, -0.5]"]
+    law = law_filter(load("oak-20mm", ["controller.law=linear", *keys]))
+    assert law.at(np.array([1.0 + 0j]))[0] == 0.0

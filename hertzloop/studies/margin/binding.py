@@ -1,0 +1,101 @@
+"""The mode of the structure that limits a loop: its indices and its shape."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hertzloop.plant.structures.modes import NO_PARTICIPATION
+from hertzloop.setup.setup import Setup
+from hertzloop.studies.margin.linear import plant_in_flight
+
+_LEAST, _ALONE = 0.1, 0.7  # shares of the response from which a mode takes part, and prevails
+_NAMED = 3  # modes of one frequency
+_SAME = 1e-9  # relative difference of frequencies of one mode
+
+
+@dataclass(frozen=True)
+class BindingMode:
+    """The mode with the largest share of the response at the frequency that limits the loop.
+
+    Attributes:
+        frequency_hz: natural frequency, Hz.
+        share: its part of the response there, by magnitude.
+        number: from 1 on, by rising frequency, among the modes that the plant computes with.
+        indices: half-waves along x and y, one pair for each mode of this frequency; None where the
+            structure has no such indices.
+        at_contact: shape at the contact point, one for each pair; None without indices.
+        at_actuator: shape at the actuator point, as `at_contact`.
+    """
+
+    frequency_hz: float
+    share: float
+    number: int
+    indices: list[list[int]] | None
+    at_contact: list[float] | None
+    at_actuator: list[float] | None
+
+
+def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
+    """Return the mode with the largest share at a frequency; None if that is below a tenth. Then
+    the actuator, a filter or the sum of the omitted modes prevails.
+
+    Args:
+        setup: the run.
+        frequency_hz: the binding frequency, Hz.
+    """
+    form = plant_in_flight(setup)
+    modal = setup.on_plate("modal").start_plant()
+    count = modal.model.table.shape[1]
+    z = np.exp(2j * math.pi * frequency_hz * setup.step_s)
+    parts = np.abs(form.residues / (z - form.poles))[:count]
+    largest = int(np.argmax(parts))
+    share = float(parts[largest] / np.abs(form.at(np.array([z]))[0]))
+    if share < _LEAST:
+        return None
+    natural = np.abs(np.log(form.poles[:count])) / setup.step_s
+    omega = float(natural[largest])
+    number = int(np.sum(natural < omega * (1.0 - _SAME))) + 1
+    spec = setup.plant
+    plate = spec.plate.separable
+    if plate is None:
+        return BindingMode(omega / (2.0 * math.pi), share, number, None, None, None)
+    m, n, all_omega = plate.mode_numbers(omega * (1.0 + 10.0 * _SAME))
+    same = np.abs(all_omega - omega) <= _SAME * omega
+    at_contact = plate.mode_shape(m[same], n[same], spec.contact_point_m)
+    at_actuator = plate.mode_shape(m[same], n[same], spec.actuator_point_m)
+    moved = np.maximum(np.abs(at_contact), np.abs(at_actuator)) > NO_PARTICIPATION
+    return BindingMode(
+        omega / (2.0 * math.pi), share, number,
+        [[int(a), int(b)] for a, b in zip(m[same][moved], n[same][moved], strict=True)],
+        at_contact[moved].tolist(), at_actuator[moved].tolist(),
+    )  # fmt: skip
+
+
+def mode_name(mode: BindingMode) -> str:
+    """Return a short name of a mode, as for a label; modes of one frequency are named together."""
+    if not mode.indices:
+        return f"mode {mode.number}"
+    named = ", ".join(f"({m}, {n})" for m, n in mode.indices[:_NAMED])
+    more = ", ..." if len(mode.indices) > _NAMED else ""
+    return f"mode{'s' if len(mode.indices) > 1 else ''} {named}{more}"
+
+
+def mode_line(mode: BindingMode | None, frequency_hz: float) -> str:
+    """Return a sentence on the binding mode."""
+    if mode is None:
+        return (
+            f"no single mode limits it: at {frequency_hz:.5g} Hz the sum of the omitted modes, the "
+            "actuator or a filter prevails"
+        )
+    words = f"limited by {mode_name(mode)} at {mode.frequency_hz:.5g} Hz, no. {mode.number}"
+    if mode.indices and mode.at_contact and mode.at_actuator:
+        m, n = mode.indices[0]
+        first = " of the first" if len(mode.indices) > 1 else ""
+        words += (
+            f"; shape{first}: half-waves {m} along x, {n} along y; {mode.at_contact[0]:.3g} at "
+            f"the contact and {mode.at_actuator[0]:.3g} at the actuator, largest 1"
+        )
+    others = "" if mode.share > _ALONE else ", as modes overlap there"
+    share = f"share of the response at {frequency_hz:.5g} Hz: {100.0 * mode.share:.0f} %{others}"
+    return f"{words}; {share}"

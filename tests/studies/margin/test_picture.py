@@ -1,0 +1,134 @@
+"""All closed-loop poles, the binding mode, and what the command writes."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hertzloop.setup import load
+from hertzloop.studies.margin.binding import binding_mode, mode_line, mode_name
+from hertzloop.studies.margin.identify import law_filter
+from hertzloop.studies.margin.linear import plant_in_flight
+from hertzloop.studies.margin.margin import loop_of, margin_of
+from hertzloop.studies.margin.picture import draw
+from hertzloop.studies.margin.product_poles import product_poles
+from tests.commands import invoke
+from tests.tiers import default
+
+VELOCITY = ["controller.law=velocity_feedback"]
+LEAKY = ["controller.law=acceleration_feedback", "controller.kappa=0.9"]
+ROWS = "[[1.0, -1.9, 1.0, 1.0, -1.8, 0.9], [1.0, 0.5, 0.0, 1.0, 0.0, 0.0]]"
+NOTCH = ["controller.law=linear", "controller.gain=-300", f"controller.sections={ROWS}"]
+CASES = {
+    "oak": ("oak-20mm", [*VELOCITY, "controller.kappa=1.1"]),
+    "leaky integral": ("oak-20mm", LEAKY),
+    "filter": ("oak-20mm", NOTCH),
+    "aluminium": ("aluminium-20mm", [*VELOCITY, "controller.kappa=0.9"]),
+    "actuator": ("aluminium-20mm", [*VELOCITY, "controller.kappa=0.4",
+                                    "actuator.bandwidth_hz=20000"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", default(CASES, ("oak", "leaky integral", "filter")))
+@pytest.mark.parametrize("delay", [1, 21, 200])
+def test_all_poles_are_zeros_of_1_plus_l_and_as_many_as_the_table_says(
+    name: str, delay: int
+) -> None:
+    scene, settings = CASES[name]
+    setup = load(scene, settings)
+    loop = loop_of(plant_in_flight(setup), law_filter(setup), 1, 0)
+    poles = product_poles(loop.plant, loop.law, delay)
+    assert poles is not None
+    assert np.sum(np.abs(poles) > 1.0) == loop.table.unstable(np.array([delay]))[0]
+    away = np.abs(poles[:, None] - loop.plant.poles).min(axis=1)
+    free = poles[(away > 1e-7) & (np.abs(poles) > 0.5)]
+    assert len(free) > 20
+    # Newton's step from a pole of the loop is as small as the rounding of 1 + L allows.
+    gain = loop.gain(free) * free ** -float(delay)
+    small = 1e-7 * away[(away > 1e-7) & (np.abs(poles) > 0.5)]
+    beyond = loop.gain(free + small) * (free + small) ** -float(delay)
+    assert np.abs((1.0 + gain) * small / (beyond - gain)).max() < 1e-9
+
+
+def test_too_many_poles_are_not_computed() -> None:
+    setup = load("oak-20mm", VELOCITY)
+    loop = loop_of(plant_in_flight(setup), law_filter(setup), 1, 0)
+    assert product_poles(loop.plant, loop.law, 5000) is None
+
+
+def test_the_binding_mode_has_indices_and_frequency() -> None:
+    setup = load("oak-20mm", [*VELOCITY, "controller.kappa=0.4"])
+    found = binding_mode(setup, 790.9)
+    assert found is not None
+    assert found.indices is not None
+    assert (7, 1) in {tuple(pair) for pair in found.indices}
+    assert mode_name(found) == "modes (7, 1), (5, 5), (1, 7)"
+    plate = setup.plant.plate.separable
+    assert plate is not None
+    m, n, omega = plate.mode_numbers(2.0 * np.pi * 800.0)
+    expected = omega[(m == 7) & (n == 1)][0] / (2.0 * np.pi)
+    assert found.frequency_hz == pytest.approx(expected, rel=1e-12)
+    audible = (m % 2 == 1) & (n % 2 == 1)  # the others have a node at the centre
+    lower = np.unique(np.round(omega[audible & (omega < 2.0 * np.pi * expected * 0.999)], 6))
+    assert found.number == len(lower) + 1
+    assert found.at_contact is not None
+    assert np.allclose(np.abs(found.at_contact), 1.0)
+
+
+def test_a_structure_without_indices_has_a_number() -> None:
+    setup = load("oak-20mm", [*VELOCITY, "plate.edges=cccc"])
+    natural = np.sort(np.abs(np.log(plant_in_flight(setup).poles[:20]))) / setup.step_s
+    found = binding_mode(setup, float(natural[4]) / (2.0 * np.pi))
+    assert found is not None
+    assert found.indices is None
+    assert mode_name(found) == "mode 5"
+
+
+def test_where_modes_overlap_or_the_omitted_ones_prevail_it_is_said() -> None:
+    setup = load("oak-20mm", VELOCITY)
+    assert binding_mode(setup, 400e3) is None
+    assert "no single mode limits it" in mode_line(None, 400e3)
+    overlapping = binding_mode(setup, 4623.6)
+    assert overlapping is not None
+    assert "as modes overlap there" in mode_line(overlapping, 4623.6)
+
+
+@pytest.mark.parametrize("kappa", [0.4, 1.1])
+def test_the_picture_shows_limit_and_state(kappa: float) -> None:
+    setup = load("oak-20mm", [*VELOCITY, f"controller.kappa={kappa}"])
+    margin = margin_of(setup)
+    sheet = draw(setup, margin)
+    gain, nyquist, poles, latencies = sheet.axes[:4]
+    assert ("unstable" if kappa > 1.0 else "stable") in sheet.get_suptitle()
+    assert f"{margin.binding_frequency_hz:.4g} Hz" in gain.get_legend().get_texts()[0].get_text()
+    [line] = [one for one in nyquist.lines if one.get_label() == "L"]
+    assert np.isfinite(line.get_xydata()).all()
+    [own] = [one for one in poles.lines if "this scene" in str(one.get_label())]
+    assert (np.max(own.get_ydata()) > 0.0) == (not margin.stable)
+    [growth] = [one for one in latencies.lines if one.get_label() == "fastest growth"]
+    at, rate = np.asarray(growth.get_xydata()).T
+    for first, end in margin.stable_windows_us or []:
+        inside = (at >= first) & (at <= (np.inf if end is None else end))
+        assert np.all(rate[inside] < 0.0)
+        if kappa < 1.0:
+            assert np.all(rate[~inside] > 0.0)
+
+
+def test_the_command_writes_picture_numbers_and_plant(tmp_path: Path) -> None:
+    done = invoke(["margin", "oak-20mm", "--law", "velocity_feedback", "--set",
+                   "controller.kappa=0.4", "--out-dir", str(tmp_path / "out")])  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert "limited by modes (7, 1), (5, 5), (1, 7) at 770.3" in " ".join(done.output.split())
+    data = json.loads((tmp_path / "out" / "margin.json").read_text())
+    assert data["binding_mode"]["indices"] == [[7, 1], [5, 5], [1, 7]]
+    assert (tmp_path / "out" / "margin.png").read_bytes()[:4] == b"\x89PNG"
+    plant = np.load(tmp_path / "out" / "plant.npz")
+    assert len(plant["poles"]) == data["modes"]
+
+
+def test_the_command_without_a_margin_gives_the_reason(tmp_path: Path) -> None:
+    done = invoke(["margin", "oak-20mm", "--law", "off", "-o", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / "margin.json").read_text())["binding_mode"] is None
+    assert not (tmp_path / "margin.png").exists()
