@@ -7,6 +7,8 @@ _SHOWS = 10.0  # e-folds from which a run shows an instability
 
 def growth_words(found: Growth) -> str:
     """Return how an unstable loop grows, in a clause."""
+    if found.unstable_poles is None:
+        return "the number of poles outside the unit circle could not be decided"
     if found.per_s is None or found.frequency_hz is None or found.e_folds is None:
         return (
             f"{found.unstable_poles} poles outside the unit circle; their growth could not be "
@@ -35,8 +37,13 @@ def margin_lines(m: Margin) -> list[str]:
     lines = [f"Linear loop in flight, ideal converters, {m.modes} modes, step {m.step_ns} ns"]
     if m.stable:
         lines.append(f"stable at the scene's latency of {m.latency_us:g} us")
+    elif m.stable is None:
+        lines.append(
+            f"at {m.latency_us:g} us the number of poles outside the unit circle could not be "
+            "decided: two methods disagree"
+        )
     else:
-        growth = Growth(m.unstable_poles or 0, m.growth_per_s, m.growth_frequency_hz, m.e_folds)
+        growth = Growth(m.unstable_poles, m.growth_per_s, m.growth_frequency_hz, m.e_folds)
         lines.append(f"unstable at {m.latency_us:g} us: {growth_words(growth)}")
         if m.growth_per_s is not None:
             lines.append(f"{m.unstable_poles} poles outside the unit circle")
