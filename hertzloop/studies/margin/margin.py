@@ -76,10 +76,7 @@ class Loop:
 def loop_of(plant: PoleForm, law: LawFilter, every: int, remainder: int) -> Loop:
     """Return the loop and its table for a remainder of steps, 0 to `every` - 1."""
     held = plant.held(every, remainder)
-    own = law.poles[law.poles.imag >= -1e-14]
-    poles = np.concatenate([held.poles, own])
-    table = make_table(lambda z: -law.at(z) * held.at(z), poles)
-    return Loop(held, law, table)
+    return Loop(held, law, make_table(held, law))
 
 
 @dataclass(frozen=True)
@@ -323,25 +320,22 @@ def _windows(loops: Loops, limit: int | None, step_us: float) -> list[list[float
 
 def _phase_crossings(loop: Loop, delay: int) -> tuple[np.ndarray, np.ndarray]:
     """Angles where L with its delay is real and negative, and |L| there."""
-    theta = loop.table.theta
-    value = np.exp(loop.table.log_gain)
-    if len(theta) * 1.0 < 4.0 * delay:  # the delay alone turns faster than the grid
+    theta, full = loop.table.theta, np.exp(loop.table.log_gain)
+    full = full * np.exp(-1j * delay * theta)
+    if len(theta) < 4 * delay:  # the delay alone turns faster than the grid
         more = np.linspace(0.0, math.pi, 8 * delay)
         theta = np.concatenate([theta, more])
-        value = np.concatenate([value, loop.gain(np.exp(1j * more))])
+        full = np.concatenate([full, loop.table.gain(more, delay)])
         order = np.argsort(theta)
-        theta, value = theta[order], value[order]
-    full = value * np.exp(-1j * delay * theta)
+        theta, full = theta[order], full[order]
     change = np.flatnonzero((full.imag[1:] > 0) != (full.imag[:-1] > 0))
     low, high, up = theta[change], theta[change + 1], full.imag[change] > 0
     for _ in range(45):
         middle = 0.5 * (low + high)
-        z = np.exp(1j * middle)
-        same = ((loop.gain(z) * z ** (-float(delay))).imag > 0) == up
+        same = (loop.table.gain(middle, delay).imag > 0) == up
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     at = np.concatenate([0.5 * (low + high), [0.0, math.pi]])
-    z = np.exp(1j * at)
-    there = (loop.gain(z) * z ** (-float(delay))).real
+    there = loop.table.gain(at, delay).real
     return at[there < 0.0], -there[there < 0.0]
 
 
@@ -395,8 +389,7 @@ def _sensitivity(loop: Loop, delay: int) -> tuple[float, float]:
     theta = np.unique(np.concatenate([theta, np.linspace(0.0, math.pi, 8 * delay + 2)]))
 
     def both(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        z = np.exp(1j * at)
-        s = 1.0 / (1.0 + loop.gain(z) * z ** (-float(delay)))
+        s = 1.0 / (1.0 + loop.table.gain(at, delay))
         return np.abs(s), np.abs(s - 0.5)
 
     found = []

@@ -54,7 +54,8 @@ def closed_loop_poles(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray
         if not k.aberth_round(
             z_re, z_im, rows, own_rows, plant.fir, direct, delay, taps, done
         ):  # fmt: skip
-            return np.concatenate([fixed, z_re + 1j * z_im])
+            found = np.concatenate([fixed, z_re + 1j * z_im])
+            return found if np.all(np.isfinite(found)) else None
     return None
 
 

@@ -29,6 +29,78 @@ def pole_sums(z_re, z_im, p_re, p_im, r_re, r_im, value, slope):
         slope[1, i] -= d
 
 
+@kernel(borrowed=True, fused=True, reordered=True, released=True)
+def far_sums(theta, first, last, poles, residues, count, value, slope):
+    """Write, at the nodes of every box, the sums of `pole_sums` over the poles far from it.
+
+    Args:
+        theta: angles of the nodes, shape (boxes, nodes).
+        first, last: range of the near poles, shape (boxes,).
+        poles, residues: three periods of poles by angle, shape (2, 3 count).
+        count: poles in a period.
+        value, slope: shape (2, boxes, nodes).
+    """
+    for box in range(theta.shape[0]):
+        for i in range(theta.shape[1]):
+            x, y = math.cos(theta[box, i]), math.sin(theta[box, i])
+            a = b = c = d = 0.0
+            for j in range(last[box], first[box] + count):
+                dx, dy = x - poles[0, j], y - poles[1, j]
+                q = 1.0 / (dx * dx + dy * dy)
+                w, v = dx * q, -dy * q
+                t = residues[0, j] * w - residues[1, j] * v
+                u = residues[0, j] * v + residues[1, j] * w
+                a += t
+                b += u
+                c += t * w - u * v
+                d += t * v + u * w
+            value[0, box, i] = a
+            value[1, box, i] = b
+            slope[0, box, i] = -c
+            slope[1, box, i] = -d
+
+
+@kernel(borrowed=True, fused=True, reordered=True, released=True)
+def circle_sums(theta, box, edges, first, last, poles, residues, far, value, slope):
+    """Write the sums of `pole_sums` at points of the unit circle: near poles one by one, far ones
+    by Chebyshev series.
+
+    Args:
+        theta, box: angles, and in which box each is, shape (points,).
+        edges: of the boxes, shape (boxes + 1,).
+        first, last, poles, residues: as of `far_sums`.
+        far: coefficients of value and slope, real and imaginary, shape (4, boxes, terms).
+        value, slope: shape (2, points).
+    """
+    for i in range(theta.size):
+        n = box[i]
+        low, high = edges[n], edges[n + 1]
+        at = (2.0 * theta[i] - low - high) / (high - low)
+        x, y = math.cos(theta[i]), math.sin(theta[i])
+        a, b, c, d = far[0, n, 0], far[1, n, 0], far[2, n, 0], far[3, n, 0]
+        before, now = 1.0, at
+        for j in range(1, far.shape[2]):
+            a += far[0, n, j] * now
+            b += far[1, n, j] * now
+            c += far[2, n, j] * now
+            d += far[3, n, j] * now
+            before, now = now, 2.0 * at * now - before
+        for j in range(first[n], last[n]):
+            dx, dy = x - poles[0, j], y - poles[1, j]
+            q = 1.0 / (dx * dx + dy * dy)
+            w, v = dx * q, -dy * q
+            t = residues[0, j] * w - residues[1, j] * v
+            u = residues[0, j] * v + residues[1, j] * w
+            a += t
+            b += u
+            c -= t * w - u * v
+            d -= t * v + u * w
+        value[0, i] = a
+        value[1, i] = b
+        slope[0, i] = c
+        slope[1, i] = d
+
+
 @kernel(borrowed=True, fused=True, reordered=True)
 def _row(x, y, p_re, p_im, r_re, r_im, skip):
     """Sums of r/(z - p), of -r/(z - p)^2 and of 1/(z - p) at z = x + i y, without pole `skip`."""
@@ -75,13 +147,13 @@ def shifts(at, skip_plant, skip_law, plant, law, fir, direct, delay, found):
         near = _over(1.0 + 0.0j, z)
         p += near * (fir[0] + fir[1] * near)
         c = direct + _row(z.real, z.imag, law[0], law[1], law[2], law[3], skip_law[i])[0]
-        turn = -_over(1.0 + 0.0j, z**delay)
+        late = z**delay
         if skip_plant[i] >= 0:
             residue = complex(plant[2, skip_plant[i]], plant[3, skip_plant[i]])
-            found[i] = _over(-turn * c * residue, 1.0 + turn * c * p)
+            found[i] = _over(c * residue, late - c * p)
         else:
             residue = complex(law[2, skip_law[i]], law[3, skip_law[i]])
-            found[i] = _over(-turn * residue * p, 1.0 + turn * c * p)
+            found[i] = _over(residue * p, late - c * p)
 
 
 @kernel(released=True)
