@@ -13,7 +13,7 @@ from benchmarks.program import app_of
 # Validations of one analysis each: they print tables, and draw nothing.
 VALIDATIONS = (
     "benchmarks.budget_agreement", "benchmarks.fit_coverage", "benchmarks.fit_example",
-    "benchmarks.fit_identify", "benchmarks.fit_validation", "benchmarks.margin",
+    "benchmarks.fit_identify", "benchmarks.fit_validation",
 )  # fmt: skip
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -23,6 +23,7 @@ CONCLUSIONS = {
     "benchmarks.exported": r"For this processor the exported plant takes [\d.]+ us a step",
     "benchmarks.infinite_plate": r"The infinite plate is offered in \d+ of 12 requests",
     "benchmarks.laws": r"A law of your own runs at least [\d.]+ times as many cases",
+    "benchmarks.margin": r"The linear margin agrees in \d+ of \d+ comparisons and differs in 0;",
     "benchmarks.model_order": r"The automatic choice of modes meets the requested accuracy",
     "benchmarks.pictures": r"A picture takes \d+ s at most",
     "benchmarks.plate_models": r"In the place of the omitted modes, a damped mode leaves an error",

@@ -178,8 +178,15 @@ def _loops(setup: Setup, digest: str) -> Loops | NotLinearError:
     return Loops(plant, tuple(loop_of(plant, law, every, r) for r in range(every)), lead)
 
 
-def _loops_of(setup: Setup, digest: str) -> Loops | NotLinearError:
-    """Return the loops: of a shipped law for all latencies, as only a user's may know its own."""
+def loops_of(setup: Setup) -> Loops | NotLinearError:
+    """Return the linear loop of a setup, or why it has none.
+
+    That of a shipped law serves all latencies; only a user's law may know its own.
+
+    Raises:
+        SceneError: the scene is invalid.
+    """
+    digest = "" if setup.law_is_shipped else setup.law.digest
     shares = setup.law_is_shipped and not setup.line.trace
     return _loops(_of_loop(setup, latency_us=0.0) if shares else _of_loop(setup), digest)
 
@@ -187,7 +194,7 @@ def _loops_of(setup: Setup, digest: str) -> Loops | NotLinearError:
 @lru_cache(maxsize=4096)
 def _growth(setup: Setup, digest: str) -> Growth | NotLinearError:
     """Return the growth of a loop, without e-folds, or why it is not linear."""
-    loops = _loops_of(setup, digest)
+    loops = loops_of(setup)
     if isinstance(loops, NotLinearError):
         return loops
     latency = setup.line.latency_steps
@@ -226,7 +233,7 @@ def margin_of(setup: Setup) -> Margin:
     """Return the margin of a setup's loop in flight. Raises SceneError for an invalid scene."""
     if why := why_no_loop(setup):
         return Margin(False, why)
-    loops = _loops_of(setup, _digest(setup))
+    loops = loops_of(setup)
     growth = growth_of(setup)
     if isinstance(loops, NotLinearError):
         return Margin(False, f"not a linear loop ({loops})")

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.margin import eigenvalues
 from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.plant.schemes import collocation_kernels as k
 from hertzloop.plant.structures.mode_file import write_modes
@@ -12,7 +13,7 @@ from hertzloop.sensors import kernels as sk
 from hertzloop.setup import Setup, load
 from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
-from hertzloop.studies.margin.margin import Loop, loop_of, margin_of
+from hertzloop.studies.margin.margin import loop_of, margin_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 
 VELOCITY = ["controller.law=velocity_feedback", "sensors.quantity=v_p", "controller.kappa=0.4"]
@@ -125,33 +126,6 @@ def test_a_loop_that_is_not_linear_has_no_margin(law):
     found = margin_of(load("aluminium-20mm", [f"controller.law={law}"]))
     assert not found.applicable
     assert found.reason
-
-
-def eigenvalues(loop: Loop, delay: int) -> np.ndarray:
-    """Closed-loop poles as eigenvalues of a dense matrix."""
-    plant, law = loop.plant, loop.law
-    p = np.concatenate([plant.poles, plant.poles.conj()])
-    residues = np.concatenate([plant.residues, plant.residues.conj()])
-    n, m, late = len(p), len(law.poles), delay + 2
-    total, first = n + m + late, n + m
-    # State: plant, law, commands of the last `late` samples, the newest first.
-    a = np.zeros((total, total), complex)
-    seen = np.zeros(total, complex)
-    seen[:n] = 1.0
-    seen[first + delay] += plant.fir[0]
-    seen[first + delay + 1] += plant.fir[1]
-    command = law.direct * seen
-    command[n:first] += 1.0
-    if delay:
-        a[:n, first + delay - 1] = residues
-    else:
-        a[:n] = residues[:, None] * command
-    a[np.arange(n), np.arange(n)] += p
-    a[n:first] = law.residues[:, None] * seen
-    a[np.arange(n, first), np.arange(n, first)] += law.poles
-    a[first] = command
-    a[np.arange(first + 1, total), np.arange(first, total - 1)] = 1.0
-    return np.linalg.eigvals(a)
 
 
 LOOPS = [
