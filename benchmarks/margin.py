@@ -1,31 +1,209 @@
-"""Growth rates that the linear margin predicts, against the compiled step with the loop closed.
+"""The linear margin against independent answers.
 
-The sphere stays in flight. `python -m benchmarks.margin` runs all cases, `--quick` the first two.
+The count of unstable poles of random loops against all poles and against dense eigenvalues; growth
+and critical latencies against the compiled closed loop, in flight and with impacts; and laws of a
+user that are linear, or nearly so.
 """
 
 import math
-import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from benchmarks.program import (
+    OutDirOption,
+    QuickOption,
+    SeedOption,
+    conclude,
+    median,
+    number_table,
+    out,
+    progress,
+    results_in,
+    start,
+    written,
+)
+from hertzloop.analysis.meters import StabilityMeter
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant import time_series as ts
+from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from hertzloop.setup.setup import Setup
-from hertzloop.studies.margin.margin import margin_of
+from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
+from hertzloop.studies.margin.linear import PoleForm
+from hertzloop.studies.margin.margin import Loop, loop_of, loops_of, margin_of
+from hertzloop.studies.margin.poles import closed_loop_poles
+from hertzloop.studies.words import write_records
 
 _E_FOLDS = 60.0
-_LAW = ("controller.law=velocity_feedback", "sensors.quantity=v_p", "run.lead_in_s=0.09")
-# Scene and settings.
-CASES = (
-    ("aluminium-20mm", ("controller.kappa=0.4",)),
-    ("aluminium-3mm", ("controller.kappa=0.4",)),
-    ("aluminium-20mm", ("controller.kappa=0.4", "controller.latency_us=5")),
-    ("aluminium-20mm", ("controller.kappa=0.6", "controller.latency_us=3")),
-    ("offcentre-6mm", ("controller.kappa=0.3",)),
-    ("aluminium-20mm", ("controller.kappa=0.4", "actuator.bandwidth_hz=20000")),
-)  # fmt: skip
+_SHOWS = 5.0  # e-folds over the flight from which the sign of a growth must be right
+_IMPACT_E_FOLDS = 11.0
+_ON_CIRCLE = 1e-13
+_BASES = ("aluminium-3mm", "aluminium-20mm", "offcentre-6mm", "oak-20mm")
+_FLIGHT = ("run.lead_in_s=0.09", "run.duration_s=0.1")
+
+
+@dataclass(frozen=True)
+class Check:
+    """One comparison of the margin with an independent answer.
+
+    Attributes:
+        kind: which comparison it belongs to.
+        case: what was compared.
+        predicted: number of the margin.
+        found: number of the other method.
+        agrees: whether both agree; None where the case cannot tell.
+        why: explanation of a miss, or of a case that cannot tell.
+    """
+
+    kind: str
+    case: str
+    predicted: float
+    found: float
+    agrees: bool | None
+    why: str = ""
+
+
+def hard_loop(
+    rng: np.random.Generator, modes: int | None = None
+) -> tuple[PoleForm, LawFilter, int]:
+    """Return a random loop that is hard to count: loss factors from 1e-6 to 0.03, near-double and
+    hardly coupled modes, and a delay of up to 200 samples."""
+    n = modes or int(rng.integers(1, 40))
+    loss = 10.0 ** rng.uniform(-6.0, -1.5)
+    even = rng.random() < 0.5
+    omega = rng.uniform(0.001, 3.1, n) if even else 10.0 ** rng.uniform(-3.0, math.log10(3.1), n)
+    omega.sort()
+    if n > 2 and rng.random() < 0.5:
+        i = int(rng.integers(1, n))
+        omega[i] = omega[i - 1] * (1.0 + 10.0 ** rng.uniform(-9.0, -3.0))
+    poles = np.exp((-0.5 * loss + 1j) * omega)
+    size = 10.0 ** rng.uniform(-6.0, 0.0, n) if rng.random() < 0.4 else np.ones(n)
+    sign = rng.choice([1, 1, 1, -1], n) if rng.random() < 0.3 else 1
+    residues = 0.5 * size * sign * (1.0 + 0.1j * rng.standard_normal(n))
+    fir = np.array([rng.uniform(0.0, 2.0) * (rng.random() < 0.5), 0.0])
+    if rng.random() < 0.3:
+        fir[1] = rng.uniform(-1.0, 1.0)
+    gain = 10.0 ** rng.uniform(-4.0, 0.5) * (-1.0 if rng.random() < 0.8 else 1.0)
+    own = own_residue = np.empty(0, complex)
+    if rng.random() < 0.5:
+        own = np.array([rng.uniform(0.0, 0.99) + 0j])
+        own_residue = np.array([rng.uniform(-1.0, 1.0) * abs(gain) + 0j])
+    delay = int(rng.integers(0, 200 if rng.random() < 0.5 else 5))
+    return PoleForm(poles, residues, fir), LawFilter(gain, own, own_residue), delay
+
+
+def eigenvalues(loop: Loop, delay: int) -> np.ndarray:
+    """Return the closed-loop poles as eigenvalues of a dense matrix."""
+    plant, law = loop.plant, loop.law
+    p = np.concatenate([plant.poles, plant.poles.conj()])
+    residues = np.concatenate([plant.residues, plant.residues.conj()])
+    n, m, late = len(p), len(law.poles), delay + 2
+    total, first = n + m + late, n + m
+    # State: plant, law, commands of the last `late` samples, the newest first.
+    a = np.zeros((total, total), complex)
+    seen = np.zeros(total, complex)
+    seen[:n] = 1.0
+    seen[first + delay] += plant.fir[0]
+    seen[first + delay + 1] += plant.fir[1]
+    command = law.direct * seen
+    command[n:first] += 1.0
+    if delay:
+        a[:n, first + delay - 1] = residues
+    else:
+        a[:n] = residues[:, None] * command
+    a[np.arange(n), np.arange(n)] += p
+    a[n:first] = law.residues[:, None] * seen
+    a[np.arange(n, first), np.arange(n, first)] += law.poles
+    a[first] = command
+    a[np.arange(first + 1, total), np.arange(first, total - 1)] = 1.0
+    return np.asarray(np.linalg.eigvals(a))
+
+
+def counted(
+    kind: str, case: str, loop: Loop, delay: int, poles: np.ndarray | None, rounding: float
+) -> Check:
+    """Return the check of a count; `rounding`: distance from the circle that cannot be told."""
+    count = int(loop.table.unstable(np.array([delay]))[0])
+    if poles is None:
+        return Check(kind, case, count, math.nan, None, "the poles did not converge: undecided")
+    size = np.abs(poles)
+    least, most = np.sum(size > 1.0 + rounding), np.sum(size > 1.0 - rounding)
+    agrees = bool(least <= count <= most)
+    return Check(kind, case, count, float(least), agrees, "" if agrees else "the counts differ")
+
+
+def synthetic(seed: int, loops: int) -> Iterator[Check]:
+    """Yield the checks of random loops against all their poles."""
+    for i in range(loops):
+        plant, law, delay = hard_loop(np.random.default_rng([seed, i]))
+        poles = closed_loop_poles(plant, law, delay)
+        case = f"loop {i}, {len(plant.poles)} modes, delay {delay}"
+        yield counted("all poles", case, loop_of(plant, law, 1, 0), delay, poles, _ON_CIRCLE)
+
+
+def dense(seed: int, sizes: tuple[int, ...]) -> Iterator[Check]:
+    """Yield the checks of random loops against dense eigenvalues."""
+    for i, modes in enumerate(sizes):
+        plant, law, delay = hard_loop(np.random.default_rng([seed, 1_000_000 + i]), modes)
+        loop = loop_of(plant, law, 1, 0)
+        poles = eigenvalues(loop, delay)
+        yield counted(
+            "eigenvalues", f"loop {i}, {modes} modes, delay {delay}", loop, delay, poles, 1e-11
+        )
+
+
+def random_scene(rng: np.random.Generator, damped: bool = False) -> tuple[str, Setup]:
+    """Return a random scene with a linear law and its settings; `damped`: with loss factors at
+    which a latency is often tolerated."""
+    base = str(rng.choice(_BASES))
+    law = str(rng.choice(["velocity_feedback", "velocity_feedback", "acceleration_feedback"]))
+    settings = [
+        f"controller.law={law}",
+        f"sensors.quantity={'v_p' if law[0] == 'v' else 'acceleration'}",
+        f"controller.kappa={10.0 ** rng.uniform(-1.3, 0.0):.3f}",
+        f"controller.latency_us={int(rng.integers(0, 20))}",
+        f"run.accuracy={rng.choice(['0.001', '0.003', '0.01'])}",
+        f"plate.loss_factor={10.0 ** rng.uniform(*((-2.5, -1.3) if damped else (-4, -2))):.2e}",
+    ]
+    for key, low, high in (
+        ("actuator.bandwidth_hz", 2e4, 3e5), ("sensors.low_pass_hz", 2e4, 3e5),
+        ("sensors.ac_coupling_hz", 5.0, 500.0), ("sensors.resonance_hz", 4e4, 2e5),
+    ):  # fmt: skip
+        if rng.random() < 0.2:
+            settings.append(f"{key}={math.exp(rng.uniform(math.log(low), math.log(high))):.0f}")
+    if rng.random() < 0.2:
+        settings.append(f"actuator.dead_time_us={int(rng.integers(1, 6))}")
+    if rng.random() < 0.2:
+        settings.append(f"sensors.every_steps={int(rng.integers(2, 5))}")
+    name = " ".join([base, *(s.partition(".")[2] for s in settings)])
+    return name, load(base, settings).vary({"sensors.bits": "ideal", "controller.bits": "ideal"})
+
+
+def fastest_per_s(setup: Setup) -> float:
+    """Return the growth of the fastest closed-loop pole, 1/s; negative if the loop is stable."""
+    loops = loops_of(setup)
+    if isinstance(loops, NotLinearError):
+        raise loops
+    loop, delay = loops.at(setup.line.latency_steps)
+    poles = closed_loop_poles(loop.plant, loop.law, delay)
+    if poles is None:
+        return math.nan
+    return math.log(float(np.abs(poles).max())) / (setup.every_steps * setup.step_s)
+
+
+def growth_of_rows(rows: np.ndarray, step_s: float) -> float:
+    """Return the growth of the plate's velocity over the later half of a time series, 1/s."""
+    speed, width = rows[ts.V_P], rows.shape[1] // 5
+    late = float(np.sqrt(np.mean(speed[-width:] ** 2)))
+    before = float(np.sqrt(np.mean(speed[-3 * width : -2 * width] ** 2)))
+    if not (late > 0.0 and before > 0.0 and math.isfinite(late)):
+        return math.nan
+    return math.log(late / before) / (2 * width * step_s)
 
 
 def simulated_growth_per_s(setup: Setup, expected_per_s: float) -> float:
@@ -37,35 +215,225 @@ def simulated_growth_per_s(setup: Setup, expected_per_s: float) -> float:
     steps = int((setup.lead_in_s - 1e-4) / setup.step_s)
     if expected_per_s:
         steps = min(steps, int(_E_FOLDS / (abs(expected_per_s) * setup.step_s)))
+    steps = max(steps, 300)
     setup = setup.vary({"sensors.bits": "ideal", "controller.bits": "ideal"})
-    setup = setup.on_plate("modal").lasting(max(steps, 200))
+    setup = setup.on_plate("modal").lasting(steps)
     plant = setup.start_plant()
-    size_n = math.exp(-expected_per_s * steps * setup.step_s)
+    size_n = min(math.exp(-expected_per_s * steps * setup.step_s), 1e-3)
     ts.series_under(plant, size_n * np.random.default_rng(5).standard_normal(50))
     plant.state.counts[pk.STEP] = 0
     rows = simulate(setup, own_plant=plant).rows
     if rows[ts.F_C].any():
         raise ValueError("the sphere touched the plate within the flight")
-    speed, width = rows[ts.V_P], rows.shape[1] // 5
-    late = np.sqrt(np.mean(speed[-width:] ** 2))
-    before = np.sqrt(np.mean(speed[-3 * width : -2 * width] ** 2))
-    return math.log(late / before) / (2 * width * setup.step_s)
+    return growth_of_rows(rows, setup.step_s)
 
 
-def main(quick: bool = False) -> None:
-    """Print predicted and simulated growth."""
-    print("scene                                predicted 1/s  simulated 1/s  difference")
-    for scene, settings in CASES[: 2 if quick else None]:
-        setup = load(scene, [*_LAW, *settings])
-        found = margin_of(setup)
-        name = f"{scene} {' '.join(s.partition('.')[2] for s in settings)}"
-        if not found.growth_per_s:
-            print(f"{name:40} stable, or undecided")
+def compared(kind: str, case: str, setup: Setup) -> Check:
+    """Return the check of the sign of a growth in flight, with both growths."""
+    flight = setup.vary({"run.lead_in_s": 0.09, "run.duration_s": 0.1})
+    predicted = fastest_per_s(flight)
+    try:
+        found = simulated_growth_per_s(flight, predicted)
+    except (ValueError, SceneError) as error:
+        return Check(kind, case, predicted, math.nan, None, str(error))
+    folds = abs(predicted) * flight.lead_in_s
+    if folds < _SHOWS:
+        why = f"{folds:.1f} e-folds fit into the flight"
+        return Check(kind, case, predicted, found, None, why)
+    agrees = (predicted > 0.0) == (found > 0.0)
+    return Check(kind, case, predicted, found, agrees, "" if agrees else "the signs differ")
+
+
+def growth_in_flight(seed: int, scenes: int) -> Iterator[Check]:
+    """Yield predicted and simulated growth of random scenes in flight."""
+    for i in range(scenes):
+        case, setup = random_scene(np.random.default_rng([seed, 2_000_000 + i]))
+        yield compared("growth", case, setup)
+
+
+def critical_latencies(seed: int, wanted: int) -> Iterator[Check]:
+    """Yield the signs of the growth at the latency limit and one step beyond it."""
+    found = i = 0
+    while found < wanted:
+        case, setup = random_scene(np.random.default_rng([seed, 3_000_000 + i]), damped=True)
+        i += 1
+        limit = margin_of(setup).latency_limit_steps
+        if limit is None or not 0 <= limit <= 2000:
             continue
-        real = simulated_growth_per_s(setup, found.growth_per_s)
-        away = real / found.growth_per_s - 1.0
-        print(f"{name:60} {found.growth_per_s:10.4g} {real:10.4g} {away:+.1e}", flush=True)
+        found += 1
+        for latency in (limit, limit + 1):
+            late = setup.vary({"controller.latency_us": latency * 1e6 * setup.step_s})
+            yield compared("critical latency", f"{case}, here latency {latency} steps", late)
+
+
+def with_impacts(seed: int, wanted: int) -> Iterator[Check]:
+    """Yield predicted growth and that of runs with impacts, and whether the run calls the loop
+    unstable; all runs hold at least 11 e-folds."""
+    found = i = 0
+    while found < wanted:
+        case, setup = random_scene(np.random.default_rng([seed, 4_000_000 + i]))
+        i += 1
+        predicted = fastest_per_s(setup)
+        lasts_s = setup.first_touch_s + 4.0 * _IMPACT_E_FOLDS / max(predicted, 1e-9)
+        if not lasts_s < 0.1:
+            continue
+        found += 1
+        run = setup.vary({"run.duration_s": max(lasts_s, setup.first_touch_s + 2e-3)})
+        run = run.on_plate("modal")
+        try:
+            rows = simulate(run).rows
+        except SceneError as error:
+            # The law commands no number any more: it has run away.
+            yield Check("impacts", case, predicted, math.inf, True, str(error)[:60])
+            continue
+        meter = StabilityMeter(run)
+        meter.feed(0, rows)
+        per_s = growth_of_rows(rows, run.step_s)
+        agrees = bool(meter.result().unstable)
+        yield Check(
+            "impacts", case, predicted, per_s, agrees, "" if agrees else "not called unstable"
+        )
+
+
+_LAW = '''"""A law of the margin's validation."""
+
+senses = "v_p"
+
+
+class State:
+    """What the law remembers."""
+
+    a: float = 0.0
+    b: float = 0.0
+
+
+def command(p, s, samples, i):
+    """Force of sample i, N."""
+    x = samples[i]
+BODY
+'''
+# Name, whether it is linear, and the body of the law.
+LAWS: tuple[tuple[str, bool, str], ...] = (
+    ("gain", True, "return -20.0 * x"),
+    ("low-pass", True, "s.a += 0.1 * (x - s.a); return -20.0 * s.a"),
+    ("high-pass", True, "s.a += 0.05 * (x - s.a); return -20.0 * (x - s.a)"),
+    ("two poles", True, "s.a = 0.9 * s.a + x; s.b = 0.8 * s.b + s.a; return -s.b"),
+    ("resonance", True, "a = 1.8 * s.a - 0.9 * s.b + x; s.b = s.a; s.a = a; return -0.5 * a"),
+    ("PI", True, "s.a = 0.999 * s.a + x; return -10.0 * x - 0.01 * s.a"),
+    ("difference", True, "a = s.a; s.a = x; return -20.0 * (x - a)"),
+    ("delay of 7", True, "return -20.0 * samples[i - 7] if i >= 7 else 0.0"),
+    ("mean of 40", True, "s.a = 0.0\\nfor j in range(min(40, i + 1)): s.a += samples[i - j]\\n"
+     "return -0.5 * s.a"),
+    ("comb", True, "s.a = samples[i - 12] if i >= 12 else 0.0; return -10.0 * (x - 0.7 * s.a)"),
+    ("quantised", False, "return -20.0 * 1e-5 * round(x / 1e-5)"),
+    ("saturated at 1e4 N", False, "return min(max(-20.0 * x, -1e4), 1e4)"),
+    ("dead zone of 1e-7", False, "return -20.0 * x if abs(x) > 1e-7 else 0.0"),
+    ("gain that drifts", False, "return -20.0 * x * (1.0 + 1e-6 * i)"),
+    ("gain by sign", False, "return -20.0 * x if x > 0.0 else -20.0001 * x"),
+    ("offset", False, "return -20.0 * x + 1e-9"),
+    ("cubic share", False, "return -20.0 * x - 1e-3 * x * x * x"),
+    ("holds the peak", False, "s.a = max(0.999 * s.a, x); return -20.0 * s.a"),
+    ("limited slope", False, "s.a += min(max(x - s.a, -50.0), 50.0); return -20.0 * s.a"),
+    ("starts late", False, "return -20.0 * x if i >= 200 else 0.0"),
+)  # fmt: skip
+
+
+def own_laws(laws: tuple[tuple[str, bool, str], ...]) -> Iterator[Check]:
+    """Yield whether laws of a user are classified rightly."""
+    with tempfile.TemporaryDirectory() as folder:
+        for i, (name, linear, body) in enumerate(laws):
+            lines = body.replace("; ", "\n").replace("\\n", "\n").splitlines()
+            path = Path(folder) / f"law_{i}.py"
+            text = _LAW.replace("BODY", "\n".join(f"    {line}" for line in lines))
+            path.write_text(text, encoding="utf-8")
+            setup = load("oak-20mm", [f"controller.law={path}", "sensors.quantity=v_p"])
+            try:
+                law_filter(setup)
+                found, why = True, ""
+            except NotLinearError as error:
+                found, why = False, str(error)
+            yield Check("own law", name, float(linear), float(found), found == linear, why)
+
+
+def run(folder: Path, seed: int, quick: bool) -> list[Check]:
+    """Make all comparisons, and write margin.csv into `folder`."""
+    sizes = (30, 60) if quick else (25, 50, 100, 200, 200, 300, 300, 400, 500, 600)
+    parts = (
+        ("random loops", 100 if quick else 2000, lambda n: synthetic(seed, n)),
+        ("dense eigenvalues", len(sizes), lambda n: dense(seed, sizes[:n])),
+        ("growth in flight", 3 if quick else 50, lambda n: growth_in_flight(seed, n)),
+        ("critical latencies", 2 if quick else 40, lambda n: critical_latencies(seed, n // 2)),
+        ("impacts", 1 if quick else 30, lambda n: with_impacts(seed, n)),
+        ("own laws", 4 if quick else 20, lambda n: own_laws(LAWS[:: 20 // n])),
+    )
+    found: list[Check] = []
+    for name, count, checks in parts:
+        with progress(name, count) as advance:
+            for i, check in enumerate(checks(count), 1):
+                found.append(check)
+                advance(i)
+    write_records(folder / "margin.csv", found)
+    return found
+
+
+def relative(checks: Sequence[Check]) -> list[float]:
+    """Return the relative differences of growths that both are positive and finite."""
+    return [
+        abs(c.found / c.predicted - 1.0)
+        for c in checks
+        if c.predicted > 0.0 and c.agrees and math.isfinite(c.found)
+    ]
+
+
+def draw(path: Path, checks: Sequence[Check]) -> Path:
+    """Draw simulated over predicted growth (PNG)."""
+    from hertzloop.studies import pictures
+
+    figure, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
+    for i, kind in enumerate(("growth", "critical latency", "impacts")):
+        some = [c for c in checks if c.kind == kind and math.isfinite(c.found)]
+        look = pictures.look(i, marked=True) | {"linestyle": ""}
+        axes.plot([c.predicted for c in some], [c.found for c in some], label=kind, **look)
+    axes.axline((0.0, 0.0), slope=1.0, color="#7F7F7F", linewidth=0.8)
+    axes.set_xscale("symlog", linthresh=10.0)
+    axes.set_yscale("symlog", linthresh=10.0)
+    axes.set(title="Growth of the loop", xlabel="predicted, 1/s", ylabel="simulated, 1/s")
+    axes.legend()
+    return pictures.save(figure, path)
+
+
+def main(folder: OutDirOption = None, seed: SeedOption = 1, quick: QuickOption = False) -> None:
+    """Compare the linear margin with all poles, simulations and laws whose answer is known.
+
+    Example: python -m benchmarks.margin --quick
+    """
+    with results_in(folder, "margin", "modal") as made:
+        checks = run(made, seed, quick)
+        draw(made / "margin.png", checks)
+    rows = []
+    for kind in dict.fromkeys(c.kind for c in checks):
+        some = [c for c in checks if c.kind == kind]
+        away = relative(some) if kind in ("growth", "impacts") else []
+        rows.append([
+            kind, str(len(some)), str(sum(c.agrees is True for c in some)),
+            str(sum(c.agrees is False for c in some)), str(sum(c.agrees is None for c in some)),
+            f"{median(away):.1e}" if away else "-",
+        ])  # fmt: skip
+    headings = ("comparison", "cases", "agree", "differ", "cannot tell", "median difference")
+    out.print(number_table("Linear margin against independent answers", headings, rows, 1))
+    for check in checks:
+        if not check.agrees:
+            out.print(
+                f"{check.kind}: {check.case}: predicted {check.predicted:.5g}, found "
+                f"{check.found:.5g}: {check.why}", soft_wrap=True,
+            )  # fmt: skip
+    written(made, "margin.csv", "margin.png")
+    differ = sum(c.agrees is False for c in checks)
+    conclude(
+        f"The linear margin agrees in {sum(c.agrees is True for c in checks)} of {len(checks)} "
+        f"comparisons and differs in {differ}; the others cannot tell."
+    )
 
 
 if __name__ == "__main__":
-    main("--quick" in sys.argv)
+    start("benchmarks.margin")

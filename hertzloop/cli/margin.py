@@ -39,11 +39,13 @@ def margin(
     """Tell how stable a linear law's loop is in flight.
 
     It prints growth, latency limit, stable windows, gain margin, and the frequency and mode that
-    limit the loop.
+    limit the loop. For a law on the contact force it prints the loop in contact, and for a law that
+    is not linear when its first force acts.
     """
     from hertzloop.studies.margin.binding import binding_mode, mode_line
+    from hertzloop.studies.margin.contact import contact_margin, impact_facts
     from hertzloop.studies.margin.margin import margin_of
-    from hertzloop.studies.margin.shown import margin_lines
+    from hertzloop.studies.margin.shown import contact_lines, fact_lines, margin_lines
 
     check_json(json_file)
     if folder is not None:
@@ -53,12 +55,25 @@ def margin(
     if law is not None:
         changes.insert(0, f"controller.law={law}")
     setup = scene_from(scene, changes, None)
+    contact = facts = None
     try:
         found = margin_of(setup)
+        if not found.applicable and setup.has_law and setup.scheme == "modal":
+            analysed = contact_margin(setup)
+            if isinstance(analysed, str):
+                facts = impact_facts(setup)
+            else:
+                contact = analysed
     except SceneError as error:
         fail(str(error), 2)
-    data: dict[str, Any] = asdict(found) | {"binding_mode": None}
-    for line in margin_lines(found):
+    data: dict[str, Any] = asdict(found) | {
+        "binding_mode": None,
+        "contact": None if contact is None else asdict(contact),
+        "impact": None if facts is None else asdict(facts),
+    }
+    lines = margin_lines(found)
+    lines += contact_lines(contact) if contact else fact_lines(facts) if facts else []
+    for line in lines:
         out.print(line, soft_wrap=True)
     at_hz = found.binding_frequency_hz
     if at_hz is not None:

@@ -164,8 +164,10 @@ def run(
     growth = growth_of(resolved)
     data["linear_loop"] = None if growth is None else asdict(growth)
     report.print_run(out, data, details)
-    if growth is not None and growth.unstable_poles:
-        out.print(styled(("Linear loop unstable:", "bold red"), f" {unstable_line(growth)}"),
+    if growth is not None and growth.unstable_poles != 0:
+        undecided = growth.unstable_poles is None
+        head = "Linear loop:" if undecided else "Linear loop unstable:"
+        out.print(styled((head, "bold red"), f" {unstable_line(growth)}"),
                   soft_wrap=True)  # fmt: skip
     write_json(json_file, data)
     if data.get("differs"):

@@ -256,7 +256,7 @@ def unstable_loop(scenes: Sequence[Setup], values: dict[str, Any]) -> Growth | N
     for setup in scenes:
         with suppress(SceneError):  # a setting that a scene refuses has no figures either
             growth = growth_of(setup.vary(values))
-            if growth is not None and growth.unstable_poles:
+            if growth is not None and growth.unstable_poles != 0:
                 found.append(growth)
     return max(found, key=lambda g: math.inf if g.per_s is None else g.per_s, default=None)
 

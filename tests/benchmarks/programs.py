@@ -10,9 +10,6 @@ from typer.testing import CliRunner, Result
 
 from benchmarks.program import app_of
 
-# Validations of one analysis each: they print tables, and draw nothing.
-VALIDATIONS = ("benchmarks.margin",)
-
 ROOT = Path(__file__).resolve().parents[2]
 
 

@@ -7,7 +7,7 @@ samples.
 """
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import scipy
@@ -50,7 +50,13 @@ def has_no_loop(law_reference: str) -> bool:
 
 @dataclass(frozen=True)
 class LawFilter:
-    """Transfer function of a law: direct + sum of residues/(Z - pole), all poles listed, (n,)."""
+    """Transfer function of a law: direct + sum of residues/(Z - pole), all poles listed, (n,).
+
+    `factored`: whether the response is a product of stages, which keeps its digits where partial
+    fractions lose them.
+    """
+
+    factored: ClassVar[bool] = False
 
     direct: float
     poles: np.ndarray
@@ -80,6 +86,8 @@ class Cascade(LawFilter):
         gain: factor on all stages.
         numerators: coefficients of 1, 1/Z, ... of each stage.
     """
+
+    factored: ClassVar[bool] = True
 
     gain: float
     numerators: tuple[np.ndarray, ...]

@@ -132,7 +132,7 @@ def _through_actuator(by_mean: PoleForm, by_slope: PoleForm, actuator: Any) -> P
     )
 
 
-def _through_sensor(form: PoleForm, sensor: SensorModel) -> PoleForm:
+def through_sensor(form: PoleForm, sensor: SensorModel) -> PoleForm:
     """Return a response behind the filters of a channel: resonance, AC coupling, low-pass."""
     if sensor.resonant:
         a = np.array([[sensor.own_00, sensor.own_01], [sensor.own_10, sensor.own_11]])
@@ -168,15 +168,27 @@ def plant_in_flight(setup: Setup, quantity: str | None = None) -> PoleForm:
             f"sensors.quantity = '{quantity}': has no linear response in flight. "
             "Use 'v_p', 'acceleration' or 'xi'."
         )
+    model = linear_model(setup)
+    form = by_command(model, gap=quantity == "xi")
+    form = through_sensor(form, setup.start_sensor().model)
+    return form.difference(model.step_s) if quantity == "acceleration" else form
+
+
+def linear_model(setup: Setup) -> k.CollocationModel:
+    """Return the compiled plant with its modes. Raises SceneError for another scheme."""
     model = setup.on_plate("modal").start_plant().model
     if not isinstance(model, k.CollocationModel):
         raise SceneError(
             "run.scheme: the margin needs the scheme 'modal'. Set run.scheme = 'modal'."
         )
+    return model
+
+
+def by_command(model: k.CollocationModel, gap: bool) -> PoleForm:
+    """Return the response of gap, or plate velocity, at the contact to a command."""
     t = model.table
     poles = t[k.ROT_RE] + 1j * t[k.ROT_IM]
     rho = np.broadcast_to(np.asarray(model.rho), poles.shape)
-    gap = quantity == "xi"
     weight = 1j * t[k.OUT] if gap else t[k.B_C] * (1.0 + 1j * rho)
     by = [t[k.A_RE] + 1j * t[k.A_IM], t[k.A1_RE] + 1j * t[k.A1_IM]]
     residues = [0.5 * weight * b for b in by]
@@ -184,9 +196,7 @@ def plant_in_flight(setup: Setup, quantity: str | None = None) -> PoleForm:
     tail = model.tail
     if tail is not None and model.same_point:
         look = 1j if gap else complex(tail.speed_re, -tail.speed_im)
-        poles = np.append(poles, complex(tail.turn_re, tail.turn_im))
-        drives = complex(tail.by_0_re, tail.by_0_im), complex(tail.by_1_re, tail.by_1_im)
-        residues = [np.append(r, 0.5 * look * d) for r, d in zip(residues, drives, strict=True)]
+        poles, residues = _with_tail(poles, residues, tail, look)
         if not gap:
             fir = [tail.mobility_m_ns] * 2
     if model.same_point and model.flexibility_m_n:
@@ -195,8 +205,28 @@ def plant_in_flight(setup: Setup, quantity: str | None = None) -> PoleForm:
         else:
             fir[1] += 2.0 * model.flexibility_m_n / model.step_s
     forms = [PoleForm(poles, r, np.array([f, 0.0])) for r, f in zip(residues, fir, strict=True)]
-    form = forms[0]
     if isinstance(model.actuator, SecondOrder):
-        form = _through_actuator(forms[0], forms[1], model.actuator)
-    form = _through_sensor(form, setup.start_sensor().model)
-    return form.difference(model.step_s) if quantity == "acceleration" else form
+        return _through_actuator(forms[0], forms[1], model.actuator)
+    return forms[0]
+
+
+def by_contact(model: k.CollocationModel) -> tuple[PoleForm, PoleForm]:
+    """Return the responses of the gap to a contact force, without the sphere: to its mean over a
+    step, and to half its rise over the step. A spring of omitted modes is not part of them."""
+    t = model.table
+    poles = t[k.ROT_RE] + 1j * t[k.ROT_IM]
+    by = [t[k.C0_RE] + 1j * t[k.C0_IM], t[k.C1_RE] + 1j * t[k.C1_IM]]
+    residues = [-0.5j * t[k.OUT] * b for b in by]
+    if model.tail is not None:
+        poles, residues = _with_tail(poles, residues, model.tail, -1j)
+    none = np.zeros(2)
+    return PoleForm(poles, residues[0], none), PoleForm(poles, residues[1], none)
+
+
+def _with_tail(
+    poles: np.ndarray, residues: list[np.ndarray], tail: Any, look: complex
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return poles and residues by mean and slope with those of a damped tail."""
+    drives = complex(tail.by_0_re, tail.by_0_im), complex(tail.by_1_re, tail.by_1_im)
+    more = [np.append(r, 0.5 * look * d) for r, d in zip(residues, drives, strict=True)]
+    return np.append(poles, complex(tail.turn_re, tail.turn_im)), more

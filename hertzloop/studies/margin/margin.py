@@ -11,12 +11,14 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup.setup import Setup
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
+from hertzloop.studies.margin.poles import closed_loop_poles
 from hertzloop.studies.margin.table import Table, make_table
 
 _SCANNED = 1 << 16  # largest latency, steps, that is looked at for the limit
 _WINDOWS = 2000  # latencies, steps, up to which stable windows are listed
 _NEWTON = 60
-_DENSE = 1600  # states up to which eigenvalues are computed, about 5 s
+_MOST_STATES = 6000  # up to which all closed-loop poles are computed, in a second or less
+_ON_CIRCLE = 1e-13  # distance from the unit circle that is rounding
 
 
 @dataclass(frozen=True)
@@ -25,8 +27,8 @@ class Margin:
 
     Attributes:
         applicable: whether the loop is linear; `reason` says why not, or is empty.
-        stable: at the scene's latency.
-        unstable_poles: closed-loop poles outside the unit circle there.
+        stable: at the scene's latency; None if it could not be decided.
+        unstable_poles: closed-loop poles outside the unit circle there; None as above.
         growth_per_s: fastest growth of an unstable pole, 1/s; 0 if stable, None if undecided.
         e_folds: growth times the length of the run.
         latency_limit_steps: largest latency up to which the loop is stable at every latency from 0
@@ -74,10 +76,7 @@ class Loop:
 def loop_of(plant: PoleForm, law: LawFilter, every: int, remainder: int) -> Loop:
     """Return the loop and its table for a remainder of steps, 0 to `every` - 1."""
     held = plant.held(every, remainder)
-    own = law.poles[law.poles.imag >= -1e-14]
-    poles = np.concatenate([held.poles, own])
-    table = make_table(lambda z: -law.at(z) * held.at(z), poles)
-    return Loop(held, law, table)
+    return Loop(held, law, make_table(held, law))
 
 
 @dataclass(frozen=True)
@@ -108,13 +107,13 @@ class Growth:
     """How the loop of a setup grows in flight at the latency of its scene.
 
     Attributes:
-        unstable_poles: closed-loop poles outside the unit circle.
+        unstable_poles: closed-loop poles outside the unit circle; None if two methods disagree.
         per_s: fastest growth, 1/s; 0 if stable, None if undecided.
         frequency_hz: of the fastest growing pole, Hz; None if stable or undecided.
         e_folds: growth times the length of the run; None if undecided.
     """
 
-    unstable_poles: int
+    unstable_poles: int | None
     per_s: float | None
     frequency_hz: float | None
     e_folds: float | None
@@ -179,8 +178,15 @@ def _loops(setup: Setup, digest: str) -> Loops | NotLinearError:
     return Loops(plant, tuple(loop_of(plant, law, every, r) for r in range(every)), lead)
 
 
-def _loops_of(setup: Setup, digest: str) -> Loops | NotLinearError:
-    """Return the loops: of a shipped law for all latencies, as only a user's may know its own."""
+def loops_of(setup: Setup) -> Loops | NotLinearError:
+    """Return the linear loop of a setup, or why it has none.
+
+    That of a shipped law serves all latencies; only a user's law may know its own.
+
+    Raises:
+        SceneError: the scene is invalid.
+    """
+    digest = "" if setup.law_is_shipped else setup.law.digest
     shares = setup.law_is_shipped and not setup.line.trace
     return _loops(_of_loop(setup, latency_us=0.0) if shares else _of_loop(setup), digest)
 
@@ -188,30 +194,46 @@ def _loops_of(setup: Setup, digest: str) -> Loops | NotLinearError:
 @lru_cache(maxsize=4096)
 def _growth(setup: Setup, digest: str) -> Growth | NotLinearError:
     """Return the growth of a loop, without e-folds, or why it is not linear."""
-    loops = _loops_of(setup, digest)
+    loops = loops_of(setup)
     if isinstance(loops, NotLinearError):
         return loops
     latency = setup.line.latency_steps
     count = int(loops.unstable(np.array([latency]))[0])
+    loop, delay = loops.at(latency)
+    poles = outside_poles(loop, delay, count)
+    if poles is None:
+        return Growth(None, None, None, None)
     if not count:
         return Growth(0, 0.0, None, 0.0)
-    loop, delay = loops.at(latency)
-    poles = unstable_poles(loop, delay)
-    if sum(1 if abs(p.imag) < 1e-12 else 2 for p in poles) != count:
-        poles = _dense_poles(loop, delay)
-        if len(poles) != count:
-            return Growth(count, None, None, None)
     fastest = poles[int(np.argmax(np.abs(poles)))]
     sample_s = setup.every_steps * setup.step_s
     at_hz = abs(float(np.angle(fastest))) / (2.0 * math.pi * sample_s)
     return Growth(count, math.log(abs(fastest)) / sample_s, at_hz, None)
 
 
+def outside_poles(loop: Loop, delay: int, count: int) -> np.ndarray | None:
+    """Return the closed-loop poles outside the unit circle; None if their number is not `count`,
+    so that two independent methods disagree."""
+    if 2 * len(loop.plant.poles) + delay > _MOST_STATES:
+        if not count:
+            return np.empty(0, complex)
+        poles = unstable_poles(loop, delay)
+        if sum(1 if abs(p.imag) < 1e-12 else 2 for p in poles) == count:
+            return poles
+    found = closed_loop_poles(loop.plant, loop.law, delay)
+    if found is None:
+        return None
+    size = np.abs(found)
+    if not np.sum(size > 1.0 + _ON_CIRCLE) <= count <= np.sum(size > 1.0 - _ON_CIRCLE):
+        return None
+    return found[np.argsort(-size)[:count]]
+
+
 def margin_of(setup: Setup) -> Margin:
     """Return the margin of a setup's loop in flight. Raises SceneError for an invalid scene."""
     if why := why_no_loop(setup):
         return Margin(False, why)
-    loops = _loops_of(setup, _digest(setup))
+    loops = loops_of(setup)
     growth = growth_of(setup)
     if isinstance(loops, NotLinearError):
         return Margin(False, f"not a linear loop ({loops})")
@@ -219,7 +241,8 @@ def margin_of(setup: Setup) -> Margin:
     step_us, latency, every = 1e6 * setup.step_s, setup.line.latency_steps, len(loops.every)
     loop, delay = loops.at(latency)
     limit = _limit(loops)
-    sample_s, stable = every * setup.step_s, growth.unstable_poles == 0
+    sample_s = every * setup.step_s
+    stable = None if growth.unstable_poles is None else growth.unstable_poles == 0
     if limit is None or limit < 0:
         limit_us = None if limit is None else -1.0
         binding = growth.frequency_hz
@@ -304,25 +327,22 @@ def _windows(loops: Loops, limit: int | None, step_us: float) -> list[list[float
 
 def _phase_crossings(loop: Loop, delay: int) -> tuple[np.ndarray, np.ndarray]:
     """Angles where L with its delay is real and negative, and |L| there."""
-    theta = loop.table.theta
-    value = np.exp(loop.table.log_gain)
-    if len(theta) * 1.0 < 4.0 * delay:  # the delay alone turns faster than the grid
+    theta, full = loop.table.theta, np.exp(loop.table.log_gain)
+    full = full * np.exp(-1j * delay * theta)
+    if len(theta) < 4 * delay:  # the delay alone turns faster than the grid
         more = np.linspace(0.0, math.pi, 8 * delay)
         theta = np.concatenate([theta, more])
-        value = np.concatenate([value, loop.gain(np.exp(1j * more))])
+        full = np.concatenate([full, loop.table.gain(more, delay)])
         order = np.argsort(theta)
-        theta, value = theta[order], value[order]
-    full = value * np.exp(-1j * delay * theta)
+        theta, full = theta[order], full[order]
     change = np.flatnonzero((full.imag[1:] > 0) != (full.imag[:-1] > 0))
     low, high, up = theta[change], theta[change + 1], full.imag[change] > 0
     for _ in range(45):
         middle = 0.5 * (low + high)
-        z = np.exp(1j * middle)
-        same = ((loop.gain(z) * z ** (-float(delay))).imag > 0) == up
+        same = (loop.table.gain(middle, delay).imag > 0) == up
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     at = np.concatenate([0.5 * (low + high), [0.0, math.pi]])
-    z = np.exp(1j * at)
-    there = (loop.gain(z) * z ** (-float(delay))).real
+    there = loop.table.gain(at, delay).real
     return at[there < 0.0], -there[there < 0.0]
 
 
@@ -365,45 +385,18 @@ def unstable_poles(loop: Loop, delay: int) -> np.ndarray:
     return np.exp(np.array(kept, complex))
 
 
-def _dense_poles(loop: Loop, delay: int) -> np.ndarray:
-    """Return all closed-loop poles outside the unit circle as eigenvalues; none if too many."""
-    plant, law = loop.plant, loop.law
-    p = np.concatenate([plant.poles, plant.poles.conj()])
-    residues = np.concatenate([plant.residues, plant.residues.conj()])
-    n, m, late = len(p), len(law.poles), delay + 2
-    total = n + m + late
-    if total > _DENSE or not np.all(np.isfinite(law.residues)):
-        return np.empty(0, complex)
-    # State: plant, law, commands of the last `late` samples, the newest first.
-    a = np.zeros((total, total), complex)
-    a[np.arange(n), np.arange(n)] = p
-    first = n + m
-    a[:n, first + delay - 1 if delay else first] = residues
-    seen = np.zeros(total, complex)
-    seen[:n] = 1.0
-    seen[first + delay] += plant.fir[0]
-    seen[first + delay + 1] += plant.fir[1]
-    a[n : n + m] = law.residues[:, None] * seen
-    a[np.arange(n, n + m), np.arange(n, n + m)] += law.poles
-    command = law.direct * seen
-    command[n : n + m] += 1.0
-    if not delay:
-        a[:n] = residues[:, None] * command
-        a[np.arange(n), np.arange(n)] += p
-    a[first] = command
-    a[np.arange(first + 1, total), np.arange(first, total - 1)] = 1.0
-    found = np.linalg.eigvals(a)
-    return np.asarray(found[np.abs(found) > 1.0 + 1e-13])
-
-
 def _sensitivity(loop: Loop, delay: int) -> tuple[float, float]:
     """Largest |S| and 1/max|S - 1/2|, from the grid, phase crossings, and a local search."""
-    theta = np.concatenate([loop.table.theta, _phase_crossings(loop, delay)[0]])
+    parts = [loop.table.theta, _phase_crossings(loop, delay)[0]]
+    if 2 * len(loop.plant.poles) + delay <= _MOST_STATES:
+        poles = closed_loop_poles(loop.plant, loop.law, delay)
+        if poles is not None:  # a needle of the sensitivity stands at every pole
+            parts.append(np.abs(np.angle(poles)))
+    theta = np.concatenate(parts)
     theta = np.unique(np.concatenate([theta, np.linspace(0.0, math.pi, 8 * delay + 2)]))
 
     def both(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        z = np.exp(1j * at)
-        s = 1.0 / (1.0 + loop.gain(z) * z ** (-float(delay)))
+        s = 1.0 / (1.0 + loop.table.gain(at, delay))
         return np.abs(s), np.abs(s - 0.5)
 
     found = []

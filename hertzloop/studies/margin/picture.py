@@ -14,8 +14,9 @@ from hertzloop.studies.margin.binding import binding_mode, mode_name
 from hertzloop.studies.margin.identify import LawFilter, law_filter
 from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
 from hertzloop.studies.margin.margin import Loop, Margin, loop_of
-from hertzloop.studies.margin.product_poles import product_poles
+from hertzloop.studies.margin.poles import closed_loop_poles
 
+_MOST_POLES = 4000
 _LATENCIES = 24  # at which the growth is computed
 _FEWEST, _MOST = 24, 4000  # steps of latency that the last panel shows
 _RADIUS = 3.5  # of the Nyquist plot at most; resonances leave it, the neighbourhood of -1 stays
@@ -45,7 +46,9 @@ class _Drawn:
     def poles(self, latency: int) -> np.ndarray | None:
         """Return all closed-loop poles for a latency in steps; None if they are too many."""
         loop, delay = self.at(latency)
-        return product_poles(loop.plant, loop.law, delay)
+        if 2 * len(loop.plant.poles) + delay > _MOST_POLES:
+            return None
+        return closed_loop_poles(loop.plant, loop.law, delay)
 
     def growth(self, poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return frequency (kHz) and growth (1/s) of poles in the upper half plane."""

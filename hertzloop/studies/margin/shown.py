@@ -1,5 +1,6 @@
 """The margin of a loop as lines of text."""
 
+from hertzloop.studies.margin.contact import ContactMargin, ImpactFacts
 from hertzloop.studies.margin.margin import Growth, Margin
 
 _SHOWS = 10.0  # e-folds from which a run shows an instability
@@ -7,6 +8,8 @@ _SHOWS = 10.0  # e-folds from which a run shows an instability
 
 def growth_words(found: Growth) -> str:
     """Return how an unstable loop grows, in a clause."""
+    if found.unstable_poles is None:
+        return "the number of poles outside the unit circle could not be decided"
     if found.per_s is None or found.frequency_hz is None or found.e_folds is None:
         return (
             f"{found.unstable_poles} poles outside the unit circle; their growth could not be "
@@ -25,6 +28,48 @@ def unstable_line(found: Growth) -> str:
     return f"{growth_words(found)}{ends}. 'hertzloop margin' tells what limits the loop."
 
 
+def contact_lines(found: ContactMargin) -> list[str]:
+    """Return the lines that describe the loop in contact."""
+    touch = found.touch
+    lasts = "" if touch.ends else " or longer, to the end of the run"
+    lines = [
+        f"Loop in contact, linearised at the peak force of {touch.peak_n:.4g} N: stiffness "
+        f"{found.stiffness_n_m:.4g} N/m, contact time {1e6 * touch.contact_s:.4g} us{lasts}"
+    ]
+    if found.growth_per_s is None or found.growth_times_contact is None:
+        return [*lines, "the number of poles outside the unit circle could not be decided"]
+    at = "" if found.frequency_hz is None else f" at {found.frequency_hz:.5g} Hz"
+    lines.append(
+        f"{found.unstable_poles} poles outside the unit circle, growth {found.growth_per_s:.4g}/s"
+        f"{at}; growth times contact time {found.growth_times_contact:.2g}"
+    )
+    if found.stable is None:
+        lines.append("this says nothing for a contact this short")
+    else:
+        lines.append("stable in contact" if found.stable else "unstable in contact")
+    return lines
+
+
+def fact_lines(found: ImpactFacts) -> list[str]:
+    """Return the lines on a law without a linear loop."""
+    touch = found.touch
+    ends = "" if touch.ends else " or longer, to the end of the run"
+    contact = f"Contact without control: {1e6 * touch.contact_s:.4g} us{ends}"
+    lines = [f"{contact}, peak force {touch.peak_n:.4g} N"]
+    if found.first_force_us is None:
+        lines.append("the law commands no force in this run")
+    elif found.first_force_us < 0.0:
+        lines.append(f"first force {-found.first_force_us:.4g} us before the touch")
+    else:
+        lines.append(f"first force {found.first_force_us:.4g} us after the touch")
+    if found.latency_after_contact_us is not None:
+        lines.append(
+            f"beyond a latency of {found.latency_after_contact_us:.4g} us the first force starts "
+            "after this contact"
+        )
+    return lines
+
+
 def margin_lines(m: Margin) -> list[str]:
     """Return the lines that describe a margin."""
     if not m.applicable:
@@ -35,8 +80,13 @@ def margin_lines(m: Margin) -> list[str]:
     lines = [f"Linear loop in flight, ideal converters, {m.modes} modes, step {m.step_ns} ns"]
     if m.stable:
         lines.append(f"stable at the scene's latency of {m.latency_us:g} us")
+    elif m.stable is None:
+        lines.append(
+            f"at {m.latency_us:g} us the number of poles outside the unit circle could not be "
+            "decided: two methods disagree"
+        )
     else:
-        growth = Growth(m.unstable_poles or 0, m.growth_per_s, m.growth_frequency_hz, m.e_folds)
+        growth = Growth(m.unstable_poles, m.growth_per_s, m.growth_frequency_hz, m.e_folds)
         lines.append(f"unstable at {m.latency_us:g} us: {growth_words(growth)}")
         if m.growth_per_s is not None:
             lines.append(f"{m.unstable_poles} poles outside the unit circle")

@@ -5,16 +5,22 @@ round -1 there. Latency only turns these phases, so the table is made once (Nyqu
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-_POINTS = 24  # on the tangent around a pole
-_GAP_POINTS = 8
-_MOST_ROUNDS = 14
+from hertzloop.studies.margin import sums_kernels as k
+from hertzloop.studies.margin.identify import LawFilter
+from hertzloop.studies.margin.linear import PoleForm
+
+_POINTS = 14  # on the tangent around a pole
+_GAP_POINTS = 5
+_MOST_ROUNDS = 24
 _NEAR, _ELSEWHERE = 0.05, 0.5  # largest error of an interpolated log L
+_MOST_TURN = 1.2  # rad between two points
+_HIDDEN_ROUNDS = 6
 _HALVINGS = 60
+_IN_BOX, _FAR, _NODES = 12, 3.0, 20  # poles in a box, half widths to far ones, nodes of a series
 
 
 @dataclass(frozen=True)
@@ -46,12 +52,20 @@ def _level(phase: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Table:
-    """Arcs of a loop gain, its open-loop poles outside the circle, and the grid with values."""
+    """Arcs of a loop gain, its open-loop poles outside the circle, the grid with values, and the
+    function that evaluates it between them."""
 
     arcs: tuple[Arc, ...]
     outside: int
     theta: np.ndarray
     log_gain: np.ndarray  # complex: log |L| and the unwrapped phase
+    log_of: "OnCircle"
+
+    def gain(self, theta: np.ndarray, delay: int) -> np.ndarray:
+        """Return L with a delay in samples at angles from 0 to pi, shape (points,)."""
+        found = np.exp(self.log_of(theta)[0] - 1j * delay * theta)
+        real = (theta == 0.0) | (theta == math.pi)
+        return np.where(real, found.real, found)
 
     def unstable(self, delay: np.ndarray) -> np.ndarray:
         """Return the number of closed-loop poles outside the unit circle, by delay in samples."""
@@ -62,6 +76,68 @@ class Table:
         return np.round(found).astype(int)
 
 
+class OnCircle:
+    """The loop gain L = -C P without latency on the upper unit circle, fast at many points.
+
+    The circle is cut into boxes. Poles near a box are summed one by one, and the sum over the
+    others is a Chebyshev series in each box.
+    """
+
+    def __init__(self, plant: PoleForm, law: LawFilter) -> None:
+        self.plant, self.law = plant, law
+        poles = np.concatenate([plant.poles, plant.poles.conj()])
+        residues = np.concatenate([plant.residues, plant.residues.conj()])
+        order = np.argsort(np.angle(poles))
+        poles, residues = np.tile(poles[order], 3), np.tile(residues[order], 3)
+        count = len(order)
+        angle = np.angle(poles) + 2.0 * math.pi * np.repeat([-1.0, 0.0, 1.0], count)
+        own = np.sort(np.abs(np.angle(plant.poles)))
+        edges = np.unique(np.concatenate([np.linspace(0.0, math.pi, 33), own[::_IN_BOX]]))
+        apart = np.append(True, np.diff(edges) > 1e-9)
+        apart[-1] = True
+        self._edges = edges[apart]
+        low, high = self._edges[:-1], self._edges[1:]
+        centre, width = 0.5 * (low + high), 0.5 * (high - low)
+        self._first = np.searchsorted(angle, centre - _FAR * width)
+        self._last = np.searchsorted(angle, centre + _FAR * width)
+        self._last = np.minimum(self._last, self._first + count)
+        at = np.cos(math.pi * (np.arange(_NODES) + 0.5) / _NODES)
+        nodes = centre[:, None] + width[:, None] * at
+        self._poles = np.array([poles.real, poles.imag])
+        self._residues = np.array([residues.real, residues.imag])
+        value, slope = np.empty((2, *nodes.shape)), np.empty((2, *nodes.shape))
+        k.far_sums(nodes, self._first, self._last, self._poles, self._residues, count, value, slope)
+        terms = np.cos(np.outer(np.arange(_NODES), np.arccos(at))) * 2.0 / _NODES
+        terms[0] *= 0.5
+        self._far = np.concatenate([value, slope]) @ terms.T
+
+    def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return log L and its slope by the angle, complex, at angles from 0 to pi."""
+        z = np.exp(1j * theta)
+        box = np.searchsorted(self._edges, theta, side="right") - 1
+        box = np.clip(box, 0, len(self._edges) - 2)
+        value, slope = np.empty((2, len(theta))), np.empty((2, len(theta)))
+        k.circle_sums(
+            theta, box, self._edges, self._first, self._last, self._poles, self._residues,
+            self._far, value, slope,
+        )  # fmt: skip
+        near, (b_1, b_2) = 1.0 / z, self.plant.fir
+        p = value[0] + 1j * value[1] + near * (b_1 + b_2 * near)
+        p_1 = slope[0] + 1j * slope[1] - near * near * (b_1 + 2.0 * b_2 * near)
+        c, c_1 = np.full(len(theta), complex(self.law.direct)), np.zeros(len(theta), complex)
+        for pole, residue in zip(self.law.poles, self.law.residues, strict=True):
+            part = residue / (z - pole)
+            c += part
+            c_1 -= part / (z - pole)
+        gain = -c * p
+        real = (theta == 0.0) | (theta == math.pi)
+        gain = np.where(real, gain.real, gain)
+        gain = np.where(gain == 0.0, 1e-300, gain)
+        with np.errstate(all="ignore"):
+            change = 1j * z * (c_1 / c + p_1 / p)
+        return np.log(gain.astype(complex)), np.where(np.isfinite(change), change, 0.0)
+
+
 def grid(poles: np.ndarray) -> np.ndarray:
     """Return angles from 0 to pi that are dense around every pole, shape (points,)."""
     poles = poles[np.abs(poles) > 1e-6]
@@ -70,7 +146,7 @@ def grid(poles: np.ndarray) -> np.ndarray:
     near = np.tan(np.linspace(-1.5, 1.5, _POINTS))
     order = np.sort(np.concatenate([[0.0], centre, [math.pi]]))
     gap = np.diff(order)
-    share = np.geomspace(1e-4, 0.5, _GAP_POINTS)
+    share = np.geomspace(1e-3, 0.5, _GAP_POINTS)
     parts = [
         (centre[:, None] + width[:, None] * near).ravel(),
         (order[:-1, None] + gap[:, None] * share).ravel(),
@@ -82,56 +158,53 @@ def grid(poles: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], theta, [math.pi]])
 
 
-def make_table(gain: Callable[[np.ndarray], np.ndarray], poles: np.ndarray) -> Table:
-    """Return the table of a loop gain without latency.
+def make_table(plant: PoleForm, law: LawFilter) -> Table:
+    """Return the table of the loop gain -C P without latency.
 
-    Args:
-        gain: L by complex Z, any shape.
-        poles: of plant and law, one of each pair, shape (n,).
+    An interval is halved until the cubic through log L and its slope at both ends predicts the
+    middle. Where this cubic passes |L| = 1 and the ends do not tell, a point is added.
     """
+    log_of = OnCircle(plant, law)
+    poles = np.concatenate([plant.poles, law.poles[law.poles.imag >= -1e-14]])
     theta = grid(poles)
-
-    def log_of(angles: np.ndarray) -> np.ndarray:
-        z = np.exp(1j * angles)
-        value = gain(z)
-        real = (angles == 0.0) | (angles == math.pi)
-        value = np.where(real, value.real, value)
-        return np.log(np.where(value == 0.0, 1e-300, value).astype(complex))
-
-    value = log_of(theta)
+    value, slope = log_of(theta)
     open_ = np.ones(len(theta) - 1, bool)
     for _ in range(_MOST_ROUNDS):
-        which = np.flatnonzero(open_)
+        middle = 0.5 * (theta[:-1] + theta[1:])
+        which = np.flatnonzero(open_ & (middle > theta[:-1]) & (middle < theta[1:]))
         if not len(which):
             break
-        middle = 0.5 * (theta[which] + theta[which + 1])
-        inside = (middle > theta[which]) & (middle < theta[which + 1])
-        which, middle = which[inside], middle[inside]
-        found = log_of(middle)
-        first, second = found - value[which], value[which + 1] - found
-        turn_1, turn_2 = _wrapped(first.imag), _wrapped(second.imag)
-        error = np.hypot(first.real - second.real, turn_1 - turn_2)
-        close = np.minimum(np.abs(found.real), np.abs(value[which].real)) < 1.0
-        bad = error > np.where(close, _NEAR, _ELSEWHERE)
-        bad |= (np.abs(turn_1) > 1.0) | (np.abs(turn_2) > 1.0)
-        flags = np.zeros(len(theta) - 1, bool)
-        flags[which[bad]] = True
-        at = which + 1
-        theta, value = np.insert(theta, at, middle), np.insert(value, at, found)
-        left = np.insert(flags, at, flags[which])  # both halves of a bad interval stay open
-        open_ = left
+        found, found_slope = log_of(middle[which])
+        width = theta[which + 1] - theta[which]
+        rise = value[which + 1] - value[which]
+        bend = 0.125 * width * (slope[which] - slope[which + 1])
+        away = value[which] + 0.5 * rise + bend - found
+        # The phase may be off by whole turns, and half of that in the middle.
+        away_phase = np.minimum(np.abs(_wrapped(away.imag)), np.abs(_wrapped(away.imag + math.pi)))
+        close = np.minimum(np.abs(found.real), np.abs(value[which].real))
+        close = np.minimum(close, np.abs(value[which + 1].real)) < 1.0
+        bad = np.hypot(away.real, away_phase) > np.where(close, _NEAR, _ELSEWHERE)
+        for step in (found - value[which], value[which + 1] - found):
+            bad |= np.abs(_wrapped(step.imag)) > _MOST_TURN
+        theta = np.insert(theta, which + 1, middle[which])
+        value = np.insert(value, which + 1, found)
+        slope = np.insert(slope, which + 1, found_slope)
+        flags = np.zeros(len(open_), bool)
+        flags[which] = bad
+        open_ = np.insert(flags, which + 1, bad)
+    for i in range(_HIDDEN_ROUNDS):
+        hidden = _hidden(theta, value.real, slope.real, _NEAR * 0.1**i)
+        if not len(hidden):
+            break
+        theta = np.unique(np.concatenate([theta, hidden]))
+        value, slope = log_of(theta)
     size = value.real
-    phase = np.unwrap(value.imag)
+    turns = np.concatenate([[0.0], np.cumsum(_wrapped(np.diff(value.imag)))])
+    phase = value[0].imag + turns
     above = size > 0.0
     change = np.flatnonzero(above[1:] != above[:-1])
-    low, high = theta[change].copy(), theta[change + 1].copy()
-    for _ in range(_HALVINGS if len(change) else 0):
-        middle = 0.5 * (low + high)
-        same = (log_of(middle).real > 0.0) == above[change]
-        low, high = np.where(same, middle, low), np.where(same, high, middle)
-    edge = 0.5 * (low + high)
-    turn = log_of(edge).imag if len(change) else np.empty(0)
-    edge_phase = phase[change] + _wrapped(turn - phase[change])
+    edge, edge_phase = _edges(log_of, theta, above, change)
+    edge_phase = phase[change] + _wrapped(edge_phase - phase[change])
     arcs = []
     start, start_phase = (0.0, float(phase[0])) if above[0] else (math.nan, math.nan)
     for i, j in enumerate(change):
@@ -143,7 +216,50 @@ def make_table(gain: Callable[[np.ndarray], np.ndarray], poles: np.ndarray) -> T
         arcs.append(Arc(start, math.pi, start_phase, float(phase[-1])))
     outside = poles[np.abs(poles) > 1.0]
     count = int(sum(1 if abs(p.imag) < 1e-15 else 2 for p in outside))
-    return Table(tuple(arcs), count, theta, size + 1j * phase)
+    return Table(tuple(arcs), count, theta, size + 1j * phase, log_of)
+
+
+def _edges(
+    log_of: OnCircle, theta: np.ndarray, above: np.ndarray, change: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where |L| = 1 in the intervals `change`, and the phase there, by Newton's method that
+    falls back on halving."""
+    low, high = theta[change].copy(), theta[change + 1].copy()
+    edge = 0.5 * (low + high)
+    value, slope = log_of(edge)
+    for _ in range(_HALVINGS):
+        same = (value.real > 0.0) == above[change]
+        low, high = np.where(same, edge, low), np.where(same, high, edge)
+        with np.errstate(all="ignore"):
+            step = edge - value.real / slope.real
+        after = np.where((step > low) & (step < high), step, 0.5 * (low + high))
+        if np.all(np.abs(after - edge) <= 1e-16 + 4e-16 * edge):
+            break
+        edge = after
+        value, slope = log_of(edge)
+    return edge, value.imag
+
+
+def _hidden(theta: np.ndarray, size: np.ndarray, slope: np.ndarray, error: float) -> np.ndarray:
+    """Return extrema of the cubics through log |L| that lie beyond |L| = 1, or within `error` of
+    it, while both ends lie on this side of it."""
+    width = np.diff(theta)
+    low, high = size[:-1], size[1:]
+    s_0, s_1 = slope[:-1] * width, slope[1:] * width
+    # low + s_0 x + b x^2 + a x^3 over x from 0 to 1
+    a, b = 2.0 * (low - high) + s_0 + s_1, 3.0 * (high - low) - 2.0 * s_0 - s_1
+    root = np.sqrt(np.maximum(b * b - 3.0 * a * s_0, 0.0))
+    points = []
+    with np.errstate(all="ignore"):
+        q = -(b + np.where(b < 0.0, -root, root))
+        for x in (q / (3.0 * a), s_0 / q):
+            there = low + x * (s_0 + x * (b + x * a))
+            at = theta[:-1] + x * width
+            crosses = (low > 0.0) == (high > 0.0)
+            crosses &= np.where(low > 0.0, there < error, there > -error)
+            crosses &= (x > 0.0) & (x < 1.0) & (at > theta[:-1]) & (at < theta[1:])
+            points.append(at[crosses])
+    return np.concatenate(points)
 
 
 def _wrapped(angle: np.ndarray) -> np.ndarray:

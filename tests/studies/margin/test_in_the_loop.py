@@ -63,11 +63,11 @@ def test_a_sweep_has_the_growth_of_every_case_and_computes_a_loop_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tables, loops = [], []
-    make_table, unstable_poles = margin.make_table, margin.unstable_poles
+    make_table, outside_poles = margin.make_table, margin.outside_poles
     margin._loops.cache_clear()
     margin._growth.cache_clear()
     monkeypatch.setattr(margin, "make_table", lambda *a: tables.append(1) or make_table(*a))
-    monkeypatch.setattr(margin, "unstable_poles", lambda *a: loops.append(1) or unstable_poles(*a))
+    monkeypatch.setattr(margin, "outside_poles", lambda *a: loops.append(1) or outside_poles(*a))
     out, told = tmp_path / "r.parquet", tmp_path / "t.json"
     done = invoke(["sweep", "aluminium-3mm", *words([*VELOCITY, "controller.kappa=0.4"]),
                    "--over", "controller.latency_us=2,3", "--over", "run.touch_phase=0,0.3,0.6",
