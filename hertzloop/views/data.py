@@ -1,5 +1,6 @@
 """A run as plain data: what `--json` writes, and what the tables show."""
 
+import ctypes
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping
@@ -32,6 +33,7 @@ from hertzloop.setup import Setup
 from hertzloop.views.effects import effects_as_json
 from hertzloop.views.sentences import verdict_sentences, why_not_words
 
+_M_ARENA_MAX = -8  # of glibc: the most heaps
 _BESIDE = 10  # nice value of what must not delay the loop
 _CLOCK = [f.name for f in fields(Clock)]
 _MISSED = [f.name for f in fields(Pacing)]
@@ -218,6 +220,9 @@ def _compared_beside(setup: Setup, options: RunOptions) -> Iterator[None]:
         return
     setup.check()
     fork_server.prepare()  # before there is a thread
+    with suppress(AttributeError):  # of another C library than glibc
+        # A heap of the thread's own would keep its largest size, beside that of this thread.
+        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
 
     def simulate() -> None:
         with suppress(OSError):
