@@ -12,9 +12,11 @@ def load() -> None:
     import hertzloop.loop.controller_node
     import hertzloop.loop.plant_node
     import hertzloop.processes.roles  # noqa: F401
+    from hertzloop.bus.streams import versions_here
     from hertzloop.cli import app
 
     app.built()
+    versions_here()  # read from the disk, and kept
 
 
 def collect_rarely() -> None:

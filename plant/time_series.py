@@ -50,7 +50,7 @@ def record_step(plant, plant_state, command, truth, row):
         truth[8, row] = body[pk.F_A1]
 
 
-@kernel(borrowed=True)
+@kernel(borrowed=True, released=True)
 def plant_alone(plant, plant_state, forces, truth):
     """The plant under commanded actuator forces, one a step, without sensor and controller."""
     for i in range(forces.size):

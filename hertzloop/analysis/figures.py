@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -93,6 +94,7 @@ def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Figures:
     return Figures(impacts, noise, first, total, ended, stability, demand, pushed, effects)
 
 
+@lru_cache(maxsize=4)
 def free_figures(setup: Setup) -> Figures | None:
     """Figures of the same run without control, simulated here; None of a setup without a law."""
     without = setup.uncontrolled()

@@ -147,9 +147,10 @@ def run(
         repeat=repeat,
     )
     started_s = time.time()
-    if transport == "zenoh":
-        fork_server.prepare()  # before anything starts a thread
     try:
+        if transport == "zenoh":
+            resolved.check()  # so that the roles inherit what it loads
+            fork_server.prepare()  # before anything starts a thread
         with (
             if_interrupted(lambda: what_is_kept(recording, started_s)),
             held,

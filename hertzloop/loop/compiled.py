@@ -17,7 +17,7 @@ from hertzloop.loop import kernels as k
 from hertzloop.loop.controller_node import ControllerNode, set_up_by
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.plant_node import LoopStats, PlantNode
-from hertzloop.loop.plant_streams import BLOCK_STEPS, PlantStreams, empty_window
+from hertzloop.loop.plant_streams import EVERY_S, ROOM_STEPS, PlantStreams, empty_window
 from hertzloop.loop.watchdog import watching
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.figures.rows_kernels import Answer, answer
@@ -177,11 +177,11 @@ def run_compiled(
 ) -> LoopStats:
     """Run a scene and publish the streams that the processes would publish."""
     run_id = new_run_id()
-    streams = PlantStreams(setup, Publisher(plant_port, run_id))
+    streams = PlantStreams(setup, Publisher(plant_port, run_id), every_s=EVERY_S)
     publisher = Publisher(controller_port, run_id)
     controller = setup.start_controller(ahead=False)
     events = ControllerEvents(setup)
-    modes, delays = np.zeros(BLOCK_STEPS, np.int64), np.zeros(BLOCK_STEPS, np.int64)
+    modes, delays = np.zeros(ROOM_STEPS, np.int64), np.zeros(ROOM_STEPS, np.int64)
 
     def advance(end: int) -> None:
         k.closed_loop(
@@ -194,12 +194,14 @@ def run_compiled(
         wall_s, sent = 0.0, 0
         while streams.step < setup.steps:
             started = time.perf_counter()
-            advance(min(streams.step + BLOCK_STEPS, setup.steps))
+            advance(streams.boundary)
             wall_s += time.perf_counter() - started
             try:
                 controller.check()
             except LawFault as error:
                 raise StreamFault(str(error)) from error
+            if not streams.due:
+                continue
             first = int(streams.window.counts[k.SAMPLES_FIRST])
             count = streams.samples_waiting()
             streams.send_samples()

@@ -18,7 +18,7 @@ import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any
 
@@ -87,6 +87,8 @@ def _end() -> None:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(_code[0])
+    # Python restores the default handler, by which an interrupt would kill a command that is done.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
@@ -112,9 +114,12 @@ def command_line() -> Iterator[Callable[[], None]]:
             leave(signal.SIGINT, None)
         raise
     except SystemExit as end:
-        if end.code == INTERRUPTED:
-            # Another one, while Python ends, would come out as an exception.
-            raise_when_ended(lambda *_: os._exit(INTERRUPTED))
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+        with suppress(OSError, ValueError):  # Python reports it when it flushes again
+            sys.stdout.flush()
+        # Another one, while Python ends, would come out as an exception.
+        raise_when_ended(lambda *_: os._exit(code))
+        if code == INTERRUPTED:
             _code.append(INTERRUPTED)
         raise
 

@@ -93,10 +93,11 @@ class ControllerTable(Table):
             if is_recorded(info):
                 return self
             raise ValueError(str(error)) from error
-        own, others = law.keys.model_fields, shipped_keys()
+        own = law.keys.model_fields
         for name, value in given.items():
             if name in own:
                 continue
+            others = shipped_keys()
             if name not in others:
                 known = [*ControllerTable.model_fields, *own]
                 raise ValueError(unknown_key(("controller", name), known))

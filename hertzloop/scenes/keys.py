@@ -1,7 +1,10 @@
 """All keys of a scene with kind, bounds, default and meaning, as the code has them."""
 
+import ast
+import inspect
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -46,6 +49,7 @@ def keys() -> list[Key]:
 
 
 def _of_table(table: type[BaseModel], before: str) -> Iterator[Key]:
+    meanings = _docstrings(table)
     for name, field in table.model_fields.items():
         inner = table_of(field.annotation)
         own = isinstance(inner, type) and issubclass(inner, BaseModel)
@@ -54,19 +58,33 @@ def _of_table(table: type[BaseModel], before: str) -> Iterator[Key]:
             if name == "controller":
                 yield from _of_laws()
         else:
-            yield _key(before + name, field)
+            yield _key(before + name, field, meanings.get(name, ""))
+
+
+def _docstrings(table: type[BaseModel]) -> dict[str, str]:
+    """The docstrings of a table's keys. Pydantic would read them whenever it is imported."""
+    (definition,) = ast.parse(inspect.getsource(table)).body
+    assert isinstance(definition, ast.ClassDef)
+    return {
+        key.target.id: inspect.cleandoc(said.value.value)
+        for key, said in pairwise(definition.body)
+        if isinstance(key, ast.AnnAssign) and isinstance(key.target, ast.Name)
+        and isinstance(said, ast.Expr) and isinstance(said.value, ast.Constant)
+        and isinstance(said.value.value, str)
+    }  # fmt: skip
 
 
 def _of_laws() -> Iterator[Key]:
     users: dict[Key, list[str]] = {}
     for law in shipped():
         for name, field in find(law).keys.model_fields.items():
-            users.setdefault(_key(f"controller.{name}", field), []).append(law)
+            key = _key(f"controller.{name}", field, field.description or "")
+            users.setdefault(key, []).append(law)
     for key, laws in users.items():
         yield Key(**{**vars(key), "meaning": f"{key.meaning} ({', '.join(laws)})"})
 
 
-def _key(name: str, field: FieldInfo) -> Key:
+def _key(name: str, field: FieldInfo, meaning: str) -> Key:
     default = "" if field.is_required() or field.default is None else repr(field.default)
     return Key(
         name=name,
@@ -74,7 +92,7 @@ def _key(name: str, field: FieldInfo) -> Key:
         unit=unit_of(name)[1],
         bounds=bounds_of(field),
         default="needed" if field.is_required() else default.replace("'", '"'),
-        meaning=(field.description or "").replace("\n", " "),
+        meaning=meaning.replace("\n", " "),
     )
 
 
@@ -122,4 +140,7 @@ def value_of(key: Key) -> str:
 
 def keys_of(law: str) -> list[Key]:
     """The keys of one law, by whatever `controller.law` may say. Raises LawError."""
-    return [_key(f"controller.{name}", f) for name, f in find(law).keys.model_fields.items()]
+    return [
+        _key(f"controller.{name}", field, field.description or "")
+        for name, field in find(law).keys.model_fields.items()
+    ]

@@ -208,14 +208,14 @@ _LONGEST = 80  # letters of a name that are compared
 
 
 class Table(BaseModel):
-    """A table of a scene: no other keys, no change, finite numbers; a docstring for each key."""
+    """A table of a scene: no other keys, no change, finite numbers; a docstring for each key,
+    which `hertzloop scene keys` prints."""
 
     model_config = ConfigDict(
         extra="forbid",
         frozen=True,
         strict=False,
         allow_inf_nan=False,
-        use_attribute_docstrings=True,  # `hertzloop scene keys` prints them
     )
     __slots__ = ("_hash",)  # a copy has none yet
 

@@ -1,9 +1,13 @@
 """A run as plain data: what `--json` writes, and what the tables show."""
 
+import ctypes
 import math
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, fields
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from hertzloop.analysis.figures import Figures, free_figures
@@ -11,9 +15,17 @@ from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.model import chosen_model, radiation_of, tail_of, theory_of
 from hertzloop.analysis.recorded import Clock, LawRan, Pacing, blocks_of
 from hertzloop.analysis.spans import Comparison, RunFigures, SpanFigures
-from hertzloop.analysis.trust import Known, LawAccuracy, Predictability, Verification, verify
+from hertzloop.analysis.trust import (
+    Known,
+    LawAccuracy,
+    Predictability,
+    Verification,
+    simulate_beforehand,
+    verify,
+)
 from hertzloop.analysis.verdict import Judged, judge
-from hertzloop.processes.launcher import RunOptions, record
+from hertzloop.processes import fork_server
+from hertzloop.processes.launcher import RunOptions, Transport, record
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError
@@ -21,6 +33,8 @@ from hertzloop.setup import Setup
 from hertzloop.views.effects import effects_as_json
 from hertzloop.views.sentences import verdict_sentences, why_not_words
 
+_M_ARENA_MAX = -8  # of glibc: the most heaps
+_BESIDE = 10  # nice value of what must not delay the loop
 _CLOCK = [f.name for f in fields(Clock)]
 _MISSED = [f.name for f in fields(Pacing)]
 
@@ -194,6 +208,33 @@ def run_as_json(
     }
 
 
+@contextmanager
+def _compared_beside(setup: Setup, options: RunOptions) -> Iterator[None]:
+    """Simulate what a run is compared with while its processes start and run.
+
+    Not in a run that follows the wall clock, nor where the loop runs in this process: a thread
+    that calls Python would delay each of its blocks.
+    """
+    if options.transport is not Transport.ZENOH or options.pace:
+        yield
+        return
+    setup.check()
+    fork_server.prepare()  # before there is a thread
+    with suppress(AttributeError):  # of another C library than glibc
+        # A heap of the thread's own would keep its largest size, beside that of this thread.
+        ctypes.CDLL(None).mallopt(_M_ARENA_MAX, 1)
+
+    def simulate() -> None:
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, 0, _BESIDE)  # of this thread
+        simulate_beforehand(setup)
+
+    beside = Thread(target=simulate, daemon=True)
+    beside.start()
+    yield
+    beside.join()
+
+
 def run_scene(
     setup: Setup,
     recording: Path,
@@ -201,7 +242,8 @@ def run_scene(
     on_progress: Callable[[int], None] = lambda step: None,
 ) -> dict[str, Any]:
     """Run and record a scene; the report that `run --json` writes. Raises as `record`."""
-    stats = record(setup, recording, options, on_progress)
+    with _compared_beside(setup, options):
+        stats = record(setup, recording, options, on_progress)
     recorded = read(recording)
     if recorded.metadata.get("run_id") != stats["run_id"]:
         raise RecordingError(

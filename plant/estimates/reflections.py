@@ -124,14 +124,14 @@ def sine_and_cosine_integral(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Source: Abramowitz and Stegun (1964), 5.1.22 and 5.2.21 to 5.2.24.
 
     Args:
-        u: positive numbers, shape (n,), n > 0.
+        u: positive numbers, shape (n,).
 
     Returns:
         Si and Ci, shape (n,) each.
     """
     z = 1j * u
     rest = np.zeros_like(z)
-    for n in range(math.ceil(_TERMS / float(u.min())) + 1, 0, -1):
+    for n in range(math.ceil(_TERMS / float(u.min(initial=math.inf))) + 1, 0, -1):
         rest = n * n / (z + (2 * n + 1) - rest)
     found = np.exp(-z) / (z + 1.0 - rest)
     return 0.5 * math.pi + found.imag, -found.real

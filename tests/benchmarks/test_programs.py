@@ -36,6 +36,7 @@ CONCLUSIONS = {
     "benchmarks.real_plant": r"In the real plant \d+ of \d+ laws take energy off the plate",
     "benchmarks.replay": r"A recording of 1,600 steps becomes an \.rrd file of [\d.]+ MB",
     "benchmarks.speed_accuracy": r"At an error of 0\.001 the default scheme is [\d.]+ times",
+    "benchmarks.start": r"A run of aluminium-3mm takes [\d.]+ s of processor time compiled",
     "benchmarks.stability": r"At steps of 0\.01 to 100 contact times the energy residual",
     "paper.calibrate": r"A viscous damper of [\d.]+ N s/m gives thesis-aluminium",
     "paper.equations": r"For the contact time of aluminium-3mm, .* is 10\.3 times",

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from mcap.records import Channel, Message
@@ -12,6 +13,7 @@ from mcap.stream_reader import StreamReader
 from hertzloop.bus import wire
 from hertzloop.bus.messages_pb2 import Event, RunEnd
 from hertzloop.bus.streams import STREAMS
+from hertzloop.loop import compiled as loop_compiled
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingWriter
@@ -26,8 +28,9 @@ def scene(*settings: str) -> Setup:
 
 
 def record(path: Path, *settings: str, compiled: bool = False, horizon: int | None = None) -> Path:
-    """Record a short run."""
-    record_in_process(scene(*settings), path, compiled=compiled, horizon=horizon)
+    """Record a short run, with a block of truth every 1000 steps."""
+    with patch.object(loop_compiled, "EVERY_S", 0.0):
+        record_in_process(scene(*settings), path, compiled=compiled, horizon=horizon)
     return path
 
 

@@ -13,6 +13,7 @@ import pytest
 from typer.testing import Result
 
 from hertzloop.analysis.impacts import V_P
+from hertzloop.loop import compiled
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.recordings import writer
 from hertzloop.recordings.reader import Recording, Stream, read
@@ -296,6 +297,7 @@ def test_a_replay_ends_where_samples_are_missing(
 ) -> None:
     """Later deflections would be made up."""
     monkeypatch.setattr(writer, "_FLUSH_EVERY_S", -1.0)
+    monkeypatch.setattr(compiled, "EVERY_S", 0.0)  # a block of truth every 1000 steps
     whole, damaged, rrd = (tmp_path / name for name in ("whole.mcap", "damaged.mcap", "a.rrd"))
     record_in_process(load("aluminium-3mm", SCENE), whole, compiled=True)
     content = bytearray(whole.read_bytes())
