@@ -340,9 +340,14 @@ class Setup:
     def infinite_plate_lasts_s(self) -> float:
         """How long after the first touch an infinite plate meets the accuracy, s; zero where it
         does not do so for a whole contact."""
+        return self.infinite_plate_lasts_up_to_s(math.inf)
+
+    def infinite_plate_lasts_up_to_s(self, at_most_s: float) -> float:
+        """Return `infinite_plate_lasts_s`, or `at_most_s` if it lasts longer."""
         return of_plate.infinite_plate_lasts_s(
-            self.bodies, self.scheme, self.reach, self._smoothness, self.step_s, self.accuracy
-        )
+            self.bodies, self.scheme, self.reach, self._smoothness, self.step_s, self.accuracy,
+            at_most_s,
+        )  # fmt: skip
 
     @cached_property
     def plate_model(self) -> str:
