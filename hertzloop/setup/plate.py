@@ -18,7 +18,12 @@ from hertzloop.plant.contact.hertz import (
     rigid_penetration_m,
 )
 from hertzloop.plant.estimates.model_order import expected_error, frequency_limit_hz, solid_limit_hz
-from hertzloop.plant.estimates.reflections import Actuation, Reflections, reflections
+from hertzloop.plant.estimates.reflections import (
+    Actuation,
+    Reflections,
+    looks_until_s,
+    reflections,
+)
 from hertzloop.plant.plant import MOST_MODES, PlantSpec
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.structure import Structure, frequencies
@@ -345,6 +350,10 @@ def infinite_plate_error(
     """Error that an infinite plate is expected to have at `until_s` after the first touch, relative
     to the penetration or the plate energy; inf where that is not known."""
     if until_s <= 0.0 or not infinite_plate_possible(bodies, scheme, reach):
+        return math.inf
+    plate = bodies.structure.separable
+    assert plate is not None  # else it would not be possible
+    if until_s > looks_until_s(bodies.sphere, plate, bodies.contact, bodies.contact_point_m):
         return math.inf
     found = reflections_of(bodies, _horizon_s(until_s))
     if not found.contact_s <= until_s:

@@ -134,6 +134,26 @@ def twice_integrated(t: np.ndarray, r4a: float | np.ndarray) -> tuple[np.ndarray
     return once, twice
 
 
+def _far(
+    sphere: Sphere, plate: Plate, contact: Contact, point_m: tuple[float, float]
+) -> tuple[np.ndarray, float, int]:
+    """r^2/(4 a) of the images, s; the step of the estimate, s; how many it has at most."""
+    speed = sphere.impact_speed_m_s
+    rigid_s = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, speed)
+    a = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2)
+    r4a = images(plate.size_m, point_m)[0] / (4.0 * a)
+    h = rigid_s / _STEPS_PER_CONTACT
+    return r4a, h, min(_STEPS, int(r4a.min() / (_LATE * h)))
+
+
+def looks_until_s(
+    sphere: Sphere, plate: Plate, contact: Contact, point_m: tuple[float, float]
+) -> float:
+    """How long after the first touch the estimate ends, s; beyond, the error is unknown."""
+    _, h, steps = _far(sphere, plate, contact, point_m)
+    return h * steps if steps > 1 else 0.0
+
+
 @lru_cache(maxsize=64)
 def reflections(
     sphere: Sphere,
@@ -150,13 +170,8 @@ def reflections(
     To first order: that the contact answers to the reflections is in the factor. Damping of the
     plate, which only weakens reflections, is left out.
     """
-    speed = sphere.impact_speed_m_s
-    rigid_s = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, speed)
-    squared, signs = images(plate.size_m, point_m)
-    a = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2)
-    r4a = squared / (4.0 * a)
-    h = rigid_s / _STEPS_PER_CONTACT
-    steps = min(_STEPS, int(r4a.min() / (_LATE * h)))
+    r4a, h, steps = _far(sphere, plate, contact, point_m)
+    signs, rigid_s = images(plate.size_m, point_m)[1], _STEPS_PER_CONTACT * h
     if steps < 2:
         return Reflections(*(np.zeros(0),) * 7, math.inf, rigid_s)
     spec = PlantSpec(sphere, plate, contact, point_m, point_m, h, 0.5 / h, 0.0)
