@@ -469,6 +469,13 @@ class Setup:
 
     def bound_law(self, ahead: bool = True) -> BoundLaw:
         """The law with its constants; without `ahead` its commands alone. Raises SceneError."""
+        return self._bound_law if ahead else self._bind_law(ahead)
+
+    @cached_property
+    def _bound_law(self) -> BoundLaw:
+        return self._bind_law(ahead=True)
+
+    def _bind_law(self, ahead: bool) -> BoundLaw:
         # All that the contact force without control follows from, which `about` does not show.
         free = (
             self._described, self.touch_phase, self.scheme, self.plate_model_asked, self.accuracy,
