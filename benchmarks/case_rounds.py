@@ -10,6 +10,7 @@ import random
 import sys
 import time
 
+from hertzloop.__main__ import collect_rarely
 from hertzloop.loop.compiled import IN_LOOP
 from hertzloop.setup import load
 from hertzloop.studies.sweeps.design import Kind, make_design
@@ -31,6 +32,7 @@ _ROUNDS = 64  # of which no case comes twice
 
 def answer() -> None:
     """Answer each number that is read with the round of this number."""
+    collect_rarely()  # as `hertzloop` does, whose speed is measured
     setup = load(SCENE)
     chunks = {}
     for sweep, over in OVER.items():

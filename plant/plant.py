@@ -2,7 +2,6 @@
 
 import math
 from abc import ABC, abstractmethod
-from copy import copy
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any, Self
@@ -59,13 +58,11 @@ def balance(
     The energy residual is relative to the energy at the start plus the size of what the
     actuator exchanged, the momentum residual to the impulses exchanged.
     """
-    m, (x0, v0) = model.mass_kg, (float(x) for x in start)
+    m, (x0, v0) = model.mass_kg, start.tolist()
     energy = m * GRAVITY_M_S2 * x0 + 0.5 * m * v0 * v0
     kinetic = 0.5 * m * speed_m_s * speed_m_s
     gravity = m * GRAVITY_M_S2 * float(state.body[pk.XI_S])
-    lost_modal, lost_contact, injected, impulse, yielded, air, lost_tail = (
-        float(b) for b in state.balance
-    )
+    lost_modal, lost_contact, injected, impulse, yielded, air, lost_tail = state.balance.tolist()
     gap = kinetic + gravity + modal_j + contact_j + lost_modal + lost_contact + yielded
     gap = gap + lost_tail - injected - energy
     change = m * (speed_m_s - v0)
@@ -252,7 +249,8 @@ class Plant(ABC):
 
     def at_start(self, touch_phase: float = 0.5) -> Self:
         """The same plant at the start of a run: model shared, state new."""
-        new = copy(self)
+        new = object.__new__(type(self))
+        vars(new).update(vars(self))  # `copy` does the same in six times as long
         new.touch_phase = touch_phase
         new.state = new._initial_state()
         return new

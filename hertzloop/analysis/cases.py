@@ -31,6 +31,7 @@ Span = Literal["impact", "run"]
 Result = TypeVar("Result")
 # After the lead-in; four times as many until the impact is over. A run that is over ends before.
 _FIRST_STEPS = 512
+_SOON = 2.0  # times the silence that ends an impact: until then most are over
 _FEW_BYTES = 1 << 18  # of rows of truth, of which several cases fit a cache
 
 
@@ -120,17 +121,31 @@ def _follow(setup: Setup, span: Span) -> tuple[Setup, Simulated]:
         setup = setup.on_plate(setup.plate_model)
         return setup, simulate(setup)
     if setup.plate_model_asked == "auto":
-        lasts_s, touch_s = setup.infinite_plate_lasts_s, setup.first_touch_s
+        found = _on_infinite_plate(setup)
+        if found:
+            return found
+        setup = setup.on_plate("modal")
+    return setup, _until_over(setup)
+
+
+def _on_infinite_plate(setup: Setup) -> tuple[Setup, Simulated] | None:
+    """Simulate the first impact on an infinite plate, and its scene; None where that does not meet
+    the accuracy until the impact is over."""
+    touch_s, quiet = setup.first_touch_s, quiet_steps(setup)
+    # Most impacts are over soon: how long the plate meets the accuracy after that is not asked.
+    for most_s in (_SOON * quiet * setup.step_s, math.inf):
+        lasts_s = setup.infinite_plate_lasts_up_to_s(most_s)
         steps = int((touch_s + lasts_s) / setup.step_s)
         # An impact that lasts a step at least is not over earlier.
-        may_be_over = steps - int(touch_s / setup.step_s) >= quiet_steps(setup)
+        may_be_over = steps - int(touch_s / setup.step_s) >= quiet
         if lasts_s > 0.0 and (may_be_over or steps >= setup.steps):
             infinite = setup.on_plate("infinite")
             found = simulate(infinite, impact_only=True, steps=min(steps, setup.steps))
             if found.over or steps >= setup.steps:
                 return infinite, found
-        setup = setup.on_plate("modal")
-    return setup, _until_over(setup)
+        if lasts_s < most_s:
+            break
+    return None
 
 
 def _until_over(setup: Setup) -> Simulated:

@@ -110,7 +110,7 @@ def _figures(contacts: int, peak_force_n: float, noise: ImpactNoise) -> SpanFigu
         rebound_speed_m_s=noise.next_impact_speed_m_s,
         peak_force_n=peak_force_n,
         plate_energy_j=noise.transmitted_j,
-        **{name: getattr(noise, name) for name in _SHARED},
+        **{name: value for name, value in vars(noise).items() if name in _SHARED},
     )
 
 
@@ -122,10 +122,8 @@ def decibels(value: float, reference: float, factor: float = 10.0) -> float:
 
 def changes_db(value: SpanFigures, reference: SpanFigures) -> dict[str, float]:
     """By how many dB energies (10 lg) and amplitudes (20 lg) differ, by the figures' names."""
-    return {
-        name: decibels(getattr(value, name), getattr(reference, name), factor)
-        for name, factor in DECIBELS.items()
-    }
+    ours, theirs = vars(value), vars(reference)
+    return {name: decibels(ours[name], theirs[name], by) for name, by in DECIBELS.items()}
 
 
 @lru_cache(maxsize=8)

@@ -11,14 +11,15 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.scenes.errors import shown
 from hertzloop.scenes.materials import Table
 
 _KEPT = 4096
 # What other tables, or files, have a say in.
 _NOT_ALONE = {
-    "plate.material", "plate.modes", "sphere.material", "sensors.quantity", "controller.law",
-    "controller.law_digest", "controller.latency_trace", "controller.filter_file",
+    "plate.modes", "sensors.quantity", "controller.law", "controller.law_digest",
+    "controller.latency_trace", "controller.filter_file",
 }  # fmt: skip
 
 
@@ -30,6 +31,8 @@ def changed_tables(scene: BaseModel, values: Mapping[str, Any]) -> dict[str, Tab
         name, dot, last = key.partition(".")
         if key in _NOT_ALONE or not dot or "." in last:
             return None
+        if last == "material" and not (isinstance(value, str) and value in MATERIALS):
+            return None  # one of the scene's own, or unknown
         by_table[name][last] = value
     found = {}
     for name, changes in by_table.items():

@@ -71,9 +71,6 @@ class SceneTables(Protocol):
     def law(self) -> "Law":
         """The law. Raises SceneError."""
 
-    def in_steps(self, time_us: float) -> int:
-        """Return a time in whole steps."""
-
     def whole_step_keys(self) -> list[str]:
         """Return keys of the controller that have to be a whole number of steps."""
 
@@ -88,37 +85,7 @@ def problems(scene: SceneTables) -> list[str]:
         )
     )
     found += of_plate
-    if not 1 <= scene.steps <= _MAX_STEPS:
-        found.append(
-            f"run.duration_s = {run.duration_s:g} gives {scene.steps} steps of run.step_ns = "
-            f"{run.step_ns}. A run has 1 to {_MAX_STEPS} steps; change one of the two."
-        )
-    for key in scene.whole_step_keys():
-        value = getattr(control, key)
-        if abs(value * 1000 / run.step_ns - scene.in_steps(value)) > 1e-9 * max(1.0, value):
-            found.append(
-                f"controller.{key} = {value:g}: must be a whole number of steps. Give a "
-                "multiple of "
-                f"{run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})."
-            )
-    late = control.latency_us > 0.0 and scene.in_steps(control.latency_us) + 1 >= scene.steps
-    if control.law != "off" and late:
-        found.append(
-            f"controller.latency_us = {control.latency_us:g}: is as long as the run, so no "
-            "force acts. "
-            f"Reduce it or increase run.duration_s (now {run.duration_s:g})."
-        )
-    if control.latency_trace is not None and control.latency_us != 0.0:
-        found.append(
-            f"controller.latency_us = {control.latency_us:g}: has no effect beside "
-            "controller.latency_trace. Leave one of them out"
-        )
-    dead_us = scene.actuator.dead_time_us or 0.0
-    if abs(dead_us * 1000 / run.step_ns - scene.in_steps(dead_us)) > 1e-9 * max(1.0, dead_us):
-        found.append(
-            f"actuator.dead_time_us = {dead_us:g}: must be a whole number of steps. Give a "
-            f"multiple of {run.step_ns / 1000:g} us"
-        )
+    found += _line_problems(control, scene.actuator, run, tuple(scene.whole_step_keys()))
     sensors = scene.sensors
     if sensors.fault is None and sensors.has_fault_keys:
         found.append("sensors.fault: is missing beside other keys of a fault. Say which fault")
@@ -161,6 +128,47 @@ def problems(scene: SceneTables) -> list[str]:
         found.append(
             f"sensors.bits = {scene.sensors.bits}: needs a range. Set sensors.full_scale, not "
             "'none'."
+        )
+    return found
+
+
+@lru_cache(maxsize=64)
+def _line_problems(
+    control: "ControllerTable", actuator: "ActuatorTable", run: "RunTable",
+    whole_step_keys: tuple[str, ...],
+) -> list[str]:  # fmt: skip
+    """Of the length of the run, and of the line from law to actuator in it."""
+    found, steps, in_steps = [], run.steps, run.in_steps
+    if not 1 <= steps <= _MAX_STEPS:
+        found.append(
+            f"run.duration_s = {run.duration_s:g} gives {steps} steps of run.step_ns = "
+            f"{run.step_ns}. A run has 1 to {_MAX_STEPS} steps; change one of the two."
+        )
+    for key in whole_step_keys:
+        value = getattr(control, key)
+        if abs(value * 1000 / run.step_ns - in_steps(value)) > 1e-9 * max(1.0, value):
+            found.append(
+                f"controller.{key} = {value:g}: must be a whole number of steps. Give a "
+                "multiple of "
+                f"{run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})."
+            )
+    late = control.latency_us > 0.0 and in_steps(control.latency_us) + 1 >= steps
+    if control.law != "off" and late:
+        found.append(
+            f"controller.latency_us = {control.latency_us:g}: is as long as the run, so no "
+            "force acts. "
+            f"Reduce it or increase run.duration_s (now {run.duration_s:g})."
+        )
+    if control.latency_trace is not None and control.latency_us != 0.0:
+        found.append(
+            f"controller.latency_us = {control.latency_us:g}: has no effect beside "
+            "controller.latency_trace. Leave one of them out"
+        )
+    dead_us = actuator.dead_time_us or 0.0
+    if abs(dead_us * 1000 / run.step_ns - in_steps(dead_us)) > 1e-9 * max(1.0, dead_us):
+        found.append(
+            f"actuator.dead_time_us = {dead_us:g}: must be a whole number of steps. Give a "
+            f"multiple of {run.step_ns / 1000:g} us"
         )
     return found
 

@@ -90,11 +90,11 @@ class Scene(Table):
     @property
     def steps(self) -> int:
         """Length of the run in steps."""
-        return round(self.run.duration_s / self.step_s)
+        return self.run.steps
 
     def in_steps(self, time_us: float) -> int:
         """A time in whole steps."""
-        return round(time_us * 1000 / self.run.step_ns)
+        return self.run.in_steps(time_us)
 
     def material(self, body: Literal["plate", "sphere"]) -> Material:
         """The material of the plate or the sphere."""

@@ -217,6 +217,15 @@ class RunTable(Table):
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
     """random seed for noise, jitter and drop-outs"""
 
+    @property
+    def steps(self) -> int:
+        """Length of the run in steps."""
+        return round(self.duration_s / (self.step_ns * 1e-9))
+
+    def in_steps(self, time_us: float) -> int:
+        """A time in whole steps."""
+        return round(time_us * 1000 / self.step_ns)
+
 
 class FitTable(Table):
     """Where values of a scene come from: `hertzloop fit` writes it, and nothing else need. A run

@@ -18,7 +18,12 @@ from hertzloop.plant.contact.hertz import (
     rigid_penetration_m,
 )
 from hertzloop.plant.estimates.model_order import expected_error, frequency_limit_hz, solid_limit_hz
-from hertzloop.plant.estimates.reflections import Actuation, Reflections, reflections
+from hertzloop.plant.estimates.reflections import (
+    Actuation,
+    Reflections,
+    looks_until_s,
+    reflections,
+)
 from hertzloop.plant.plant import MOST_MODES, PlantSpec
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.structure import Structure, frequencies
@@ -299,6 +304,7 @@ def build_words(spec: PlantSpec) -> str:
     return f"Computing about {modes:.2g} modes takes about {takes_s:.0f} s of processor time."
 
 
+_LEAST_HORIZON = -12  # power of two, 0.24 ms: most first impacts are over then
 _LONGER = 2.0  # the delay that a law may latch, against the contact without control
 
 
@@ -322,12 +328,20 @@ def infinite_plate_possible(bodies: Bodies, scheme: str, reach: Reach) -> bool:
 
 
 @lru_cache(maxsize=KEPT)
-def reflections_of(bodies: Bodies) -> Reflections:
-    """When reflections return to the contact point. Raises SceneError where that is not known."""
+def reflections_of(bodies: Bodies, until_s: float = math.inf) -> Reflections:
+    """When reflections return to the contact point, as far as that is known `until_s` after the
+    first touch. Raises SceneError where that is not known."""
     plate = bodies.structure.separable
     if plate is None:
         raise SceneError(f"reflections are unknown for {bodies.structure}")
-    return reflections(bodies.sphere, plate, bodies.contact, bodies.contact_point_m)
+    return reflections(bodies.sphere, plate, bodies.contact, bodies.contact_point_m, until_s)
+
+
+def _horizon_s(until_s: float) -> float:
+    """A time up to which many questions look alike: the next power of two, s."""
+    if until_s == math.inf:
+        return until_s
+    return 2.0 ** max(math.ceil(math.log2(until_s)), _LEAST_HORIZON)
 
 
 def infinite_plate_error(
@@ -337,22 +351,32 @@ def infinite_plate_error(
     to the penetration or the plate energy; inf where that is not known."""
     if until_s <= 0.0 or not infinite_plate_possible(bodies, scheme, reach):
         return math.inf
-    found = reflections_of(bodies)
+    plate = bodies.structure.separable
+    assert plate is not None  # else it would not be possible
+    if until_s > looks_until_s(bodies.sphere, plate, bodies.contact, bodies.contact_point_m):
+        return math.inf
+    found = reflections_of(bodies, _horizon_s(until_s))
     if not found.contact_s <= until_s:
         return math.inf
     return found.error(until_s, step_s, _actuation(bodies, reach, line, found))
 
 
 def infinite_plate_lasts_s(
-    bodies: Bodies, scheme: str, reach: Reach, line: Smoothness, step_s: float, accuracy: float
+    bodies: Bodies,
+    scheme: str,
+    reach: Reach,
+    line: Smoothness,
+    step_s: float,
+    accuracy: float,
+    at_most_s: float = math.inf,
 ) -> float:
     """How long after the first touch an infinite plate meets the accuracy, s; zero where it does
-    not do so for a whole contact."""
+    not do so for a whole contact. It is not looked for beyond `at_most_s`."""
     if not infinite_plate_possible(bodies, scheme, reach):
         return 0.0
-    found = reflections_of(bodies)
+    found = reflections_of(bodies, _horizon_s(at_most_s))
     lasts = found.lasts_s(accuracy, step_s, _actuation(bodies, reach, line, found))
-    return lasts if lasts >= found.contact_s else 0.0
+    return min(lasts, at_most_s) if lasts >= found.contact_s else 0.0
 
 
 def _actuation(bodies: Bodies, reach: Reach, line: Smoothness, found: Reflections) -> Actuation:

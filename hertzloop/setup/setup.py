@@ -340,9 +340,14 @@ class Setup:
     def infinite_plate_lasts_s(self) -> float:
         """How long after the first touch an infinite plate meets the accuracy, s; zero where it
         does not do so for a whole contact."""
+        return self.infinite_plate_lasts_up_to_s(math.inf)
+
+    def infinite_plate_lasts_up_to_s(self, at_most_s: float) -> float:
+        """Return `infinite_plate_lasts_s`, or `at_most_s` if it lasts longer."""
         return of_plate.infinite_plate_lasts_s(
-            self.bodies, self.scheme, self.reach, self._smoothness, self.step_s, self.accuracy
-        )
+            self.bodies, self.scheme, self.reach, self._smoothness, self.step_s, self.accuracy,
+            at_most_s,
+        )  # fmt: skip
 
     @cached_property
     def plate_model(self) -> str:
@@ -464,6 +469,13 @@ class Setup:
 
     def bound_law(self, ahead: bool = True) -> BoundLaw:
         """The law with its constants; without `ahead` its commands alone. Raises SceneError."""
+        return self._bound_law if ahead else self._bind_law(ahead)
+
+    @cached_property
+    def _bound_law(self) -> BoundLaw:
+        return self._bind_law(ahead=True)
+
+    def _bind_law(self, ahead: bool) -> BoundLaw:
         # All that the contact force without control follows from, which `about` does not show.
         free = (
             self._described, self.touch_phase, self.scheme, self.plate_model_asked, self.accuracy,

@@ -103,10 +103,13 @@ def _lasts_s(of: Reflections, accuracy: float, step_s: float, actuation: Actuati
     return float(of.times_s[within][-1]) if within.any() else 0.0
 
 
-def images(plate: Plate, point_m: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Squared distances (m^2) and signs of the nearer mirror images of a point."""
+@lru_cache(maxsize=16)
+def images(
+    size_m: tuple[float, float], point_m: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Squared distances (m^2) and signs of the nearer mirror images of a point of a plate."""
     along = []
-    for x, length in zip(point_m, plate.size_m, strict=True):
+    for x, length in zip(point_m, size_m, strict=True):
         turns = 2.0 * length * np.arange(-3, 4)
         along.append((np.concatenate([turns, turns - 2.0 * x]), np.repeat([1.0, -1.0], 7)))
     (dx, sx), (dy, sy) = along
@@ -151,24 +154,55 @@ def twice_integrated(t: np.ndarray, r4a: float | np.ndarray) -> tuple[np.ndarray
     return once, twice
 
 
+def _far(
+    sphere: Sphere, plate: Plate, contact: Contact, point_m: tuple[float, float]
+) -> tuple[np.ndarray, float, int]:
+    """r^2/(4 a) of the images, s; the step of the estimate, s; how many it has at most."""
+    speed = sphere.impact_speed_m_s
+    rigid_s = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, speed)
+    a = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2)
+    r4a = images(plate.size_m, point_m)[0] / (4.0 * a)
+    h = rigid_s / _STEPS_PER_CONTACT
+    return r4a, h, min(_STEPS, int(r4a.min() / (_LATE * h)))
+
+
+def looks_until_s(
+    sphere: Sphere, plate: Plate, contact: Contact, point_m: tuple[float, float]
+) -> float:
+    """How long after the first touch the estimate ends, s; beyond, the error is unknown."""
+    _, h, steps = _far(sphere, plate, contact, point_m)
+    return h * steps if steps > 1 else 0.0
+
+
 @lru_cache(maxsize=64)
 def reflections(
-    sphere: Sphere, plate: Plate, contact: Contact, point_m: tuple[float, float]
+    sphere: Sphere,
+    plate: Plate,
+    contact: Contact,
+    point_m: tuple[float, float],
+    until_s: float = math.inf,
 ) -> Reflections:
     """The estimate for an impact: the images of the force that it has on an infinite plate.
+
+    It looks as far as it takes to know the error until the contact ends, and until `until_s` after
+    the first touch.
 
     To first order: that the contact answers to the reflections is in the factor. Damping of the
     plate, which only weakens reflections, is left out.
     """
-    speed = sphere.impact_speed_m_s
-    rigid_s = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, speed)
-    squared, signs = images(plate, point_m)
-    a = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2)
-    r4a = squared / (4.0 * a)
-    h = rigid_s / _STEPS_PER_CONTACT
-    steps = min(_STEPS, int(r4a.min() / (_LATE * h)))
+    r4a, h, steps = _far(sphere, plate, contact, point_m)
+    signs, rigid_s = images(plate.size_m, point_m)[1], _STEPS_PER_CONTACT * h
     if steps < 2:
         return Reflections(*(np.zeros(0),) * 7, math.inf, rigid_s)
+    spec = PlantSpec(sphere, plate, contact, point_m, point_m, h, 0.5 / h, 0.0)
+    model = InfinitePlant(spec)
+    force, gap = np.zeros(steps), np.zeros(steps)
+    k.pulse(model.model, model.state, force, gap)
+    left = int(np.argmax(gap > 0.0)) if gap.max() > 0.0 else steps
+    touching = int(np.flatnonzero(force)[-1]) + 1  # steps; most come after the contact
+    # A delayed force meets waves that come as much later as it lasts.
+    steps = min(steps, math.ceil(min(max(h * (left + 1), until_s) / h, steps)) + 1 + touching)
+    force, gap = force[:steps], gap[:steps]
     t = h * np.arange(1, steps + 1)
     once, twice = np.zeros(steps), np.zeros(steps)
     weights: dict[float, float] = {}  # in the middle most are alike
@@ -179,13 +213,8 @@ def reflections(
         by_step, by_ramp = twice_integrated(t[heard:], ratio)
         once[heard:] += weight * by_step
         twice[heard:] += weight * by_ramp
-    spec = PlantSpec(sphere, plate, contact, point_m, point_m, h, 0.5 / h, 0.0)
-    model = InfinitePlant(spec)
-    force, gap = np.zeros(steps), np.zeros(steps)
-    k.pulse(model.model, model.state, force, gap)
     slopes = np.diff(force, prepend=0.0) / h  # of a force linear between the steps
     bends = np.diff(slopes, prepend=0.0)
-    touching = int(np.flatnonzero(force)[-1]) + 1  # steps; most come after the contact
     z = model.model.impedance_n_s_m
     shift = (
         np.convolve(bends[: touching + 2], twice)[:steps] / z
@@ -206,6 +235,6 @@ def reflections(
         way=np.cumsum(abs(moved)) / energy,
         step_gap=rising(once) / (z * depth),
         step_energy=rising(once) / (z * energy),
-        contact_s=float(t[np.argmax(gap > 0.0)]) if gap.max() > 0.0 else math.inf,
+        contact_s=float(t[left]) if left < steps else math.inf,
         rigid_s=rigid_s,
     )

@@ -363,9 +363,9 @@ def _weights(plate: Plate, modes: Oscillators, faces: int) -> tuple[np.ndarray, 
     frequency = modes.omega / (2.0 * np.pi)
     heard = audible(modes)
     weights = [by(plate, frequency)[heard] for by in _EFFICIENCIES.values()]
-    for by in _EFFICIENCIES.values():
-        air_eta = air_loss_factor(plate, frequency, faces, by)
-        weights.append(radiated_parts(plate.eta, air_eta)[heard])
+    for known in weights[:]:
+        air_eta = air_loss_factor(plate, frequency[heard], faces, lambda *_, known=known: known)
+        weights.append(radiated_parts(plate.eta, air_eta))
     return heard, np.array(weights)
 
 

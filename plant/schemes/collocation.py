@@ -142,7 +142,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
     mean_linear = scale * h * (2.0 * three - two)
     same = spec.same_point
     b_c, b_a = modes.contact, modes.actuator
-    drive_c, drive_a = (b_c * b_c, b_c * b_c) if same else (b_c, b_a)
+    drive_c, drive_a = (b_c * b_c,) * 2 if same else (b_c, b_a)
     weight_c, weight_a = (np.ones_like(b_c),) * 2 if same else (b_c, b_a)
 
     def moves(weight: np.ndarray, drive: np.ndarray, z: np.ndarray) -> float:
@@ -361,13 +361,20 @@ def _losses(
 
     moves = {
         "R": speed(back), "I": speed(1j * back), "0": speed(constant, drive_c),
-        "1": speed(linear, drive_c), "A": speed(constant, drive_a), "B": speed(linear, drive_a),
+        "1": speed(linear, drive_c),
     }  # fmt: skip
+    alike = {"A": "0", "B": "1"} if drive_a is drive_c else {}  # both forces at one point
+    if not alike:
+        moves |= {"A": speed(constant, drive_a), "B": speed(linear, drive_a)}
     factor = 4.0 * rho * s.imag * energy
+    integrals: dict[tuple[str, str], np.ndarray] = {}
 
     def product(a: str, b: str) -> np.ndarray:
         twice = 1.0 if a == b else 2.0
-        return np.asarray(twice * factor * ((moves[a] * moves[b]) @ weights))
+        one, other = sorted((alike.get(a, a), alike.get(b, b)))
+        if (one, other) not in integrals:
+            integrals[one, other] = (moves[one] * moves[other]) @ weights
+        return np.asarray(twice * factor * integrals[one, other])
 
     columns = {
         k.LOSS_RR: product("R", "R"), k.LOSS_RI: product("R", "I"), k.LOSS_II: product("I", "I"),

@@ -93,6 +93,14 @@ def grouped(modes: Modes, same_point: bool) -> Groups:
     counts = np.diff(starts, append=len(omega))
     along = np.sqrt(np.add.reduceat(at_contact * at_contact, starts))
     moved = along > modes.silent_below
+    if same_point:
+        length = np.repeat(np.where(moved, along, np.inf), counts)
+        places = np.flatnonzero(moved)
+        table = np.stack([omega[starts], along, along])[:, moved]
+        first, none = at_contact / length, places[:0]
+        return Groups(
+            starts, first, np.zeros_like(first), table, places, none, np.arange(len(places))
+        )
     sign = np.where(at_contact[starts] < 0.0, -1.0, 1.0)
     shared = np.add.reduceat(at_actuator * at_contact, starts)
     shared = np.divide(shared, along, out=np.zeros_like(along), where=moved)
@@ -102,16 +110,14 @@ def grouped(modes: Modes, same_point: bool) -> Groups:
     rest = at_actuator - np.repeat(share, counts) * at_contact
     rest[starts[alone]] = 0.0
     across = np.sqrt(np.add.reduceat(rest * rest, starts))
-    if same_point:
-        shared, across = along, np.zeros_like(across)
     elsewhere = across > modes.silent_below
     one = np.stack([omega[starts], along, shared])[:, moved]
     other = np.stack([omega[starts], np.zeros_like(across), across])[:, elsewhere]
-    places = np.flatnonzero(moved), np.flatnonzero(elsewhere)
-    order = np.argsort(np.concatenate(places), kind="stable")
+    both = np.flatnonzero(moved), np.flatnonzero(elsewhere)
+    order = np.argsort(np.concatenate(both), kind="stable")
     first, second = (
         vector / np.repeat(np.where(there, length, np.inf), counts)
         for vector, there, length in ((at_contact, moved, along), (rest, elsewhere, across))
     )
     table = np.concatenate([one, other], axis=1)[:, order]
-    return Groups(starts, first, second, table, *places, order)
+    return Groups(starts, first, second, table, *both, order)

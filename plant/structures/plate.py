@@ -161,7 +161,9 @@ class Plate:
     ) -> Modes:
         """All modes up to `omega_max` rad/s, by rising frequency."""
         m, n, omega = self.mode_numbers(omega_max)
-        at_contact, at_actuator = (self.mode_shape(m, n, p) for p in (contact_m, actuator_m))
+        at_contact = at_actuator = self.mode_shape(m, n, contact_m)
+        if actuator_m != contact_m:
+            at_actuator = self.mode_shape(m, n, actuator_m)
         return Modes(omega, self.eta, self.modal_scale_per_kg, at_contact, at_actuator)
 
     def residual_flexibility_m_n(

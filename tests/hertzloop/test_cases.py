@@ -100,8 +100,8 @@ def test_of_a_rebound_within_the_models_error_nothing_is_a_share(tmp_path: Path)
 def test_numbers_that_are_not_finite_make_no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = load("aluminium-3mm", SHORT)
 
-    def broken(scene: Setup, impact_only: bool = False) -> Simulated:
-        found = simulate(scene, impact_only)
+    def broken(scene: Setup, *, impact_only: bool, steps: int | None = None) -> Simulated:
+        found = simulate(scene, impact_only, steps=steps)
         found.rows[3, -1] = math.nan
         return found
 

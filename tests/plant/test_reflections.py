@@ -35,7 +35,7 @@ def test_images_and_modes_give_the_same_response(point: tuple[float, float]) -> 
     """Displacement by a force that rises with time: smooth enough to end the sum over modes."""
     plate = Plate(spec().plate.material, (0.5, 0.4), 0.003, 0.0)
     a = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2)
-    squared, signs = images(plate, point)
+    squared, signs = images(plate.size_m, point)
     t = np.linspace(0.2, 0.5, 20) * squared.min() / (4.0 * a)
     by_images = t * t / 2.0
     for r2, sign in zip(squared, signs, strict=True):
@@ -105,7 +105,7 @@ def test_frequencies_are_those_of_the_oscillators(
 
 def test_images_reach_no_farther_than_four_times_the_nearest() -> None:
     plate = Plate(spec().plate.material, (0.5, 0.4), 0.003, 0.0)
-    squared, signs = images(plate, (0.11, 0.2))
+    squared, signs = images(plate.size_m, (0.11, 0.2))
     assert squared.max() <= 16.0 * squared.min() < 16.0 * squared.max()
     # 7 x 7 x 4 images in all; the far ones are not counted.
     assert len(squared) == len(signs) < 100
@@ -116,3 +116,16 @@ def test_sine_and_cosine_integral_are_those_of_scipy() -> None:
         u = np.geomspace(least, 1e6, 2000)
         for found, expected in zip(sine_and_cosine_integral(u), sici(u), strict=True):
             np.testing.assert_allclose(found, expected, rtol=0.0, atol=3e-15)
+
+
+@pytest.mark.parametrize("until_s", [1e-9, 1e-4, 2e-4])
+def test_a_shorter_look_knows_the_same_errors_as_far_as_it_goes(until_s: float) -> None:
+    what = spec()
+    given = (what.sphere, what.plate, what.contact, what.contact_point_m)
+    whole, short = reflections(*given), reflections(*given, until_s)
+    assert len(short.times_s) < len(whole.times_s)
+    assert short.contact_s == whole.contact_s
+    count = int(np.searchsorted(whole.times_s, max(until_s, whole.contact_s))) + 1
+    for actuation in (Actuation(), Actuation(0.8, 1e-4), Actuation(jumps_n=10.0)):
+        found, expected = (of.errors(1e-6, actuation)[:count] for of in (short, whole))
+        np.testing.assert_allclose(found, expected, rtol=1e-12)

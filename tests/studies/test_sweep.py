@@ -1,11 +1,13 @@
 """Sweeps: designs, cases and their figures, same bytes as processes, results, mistakes."""
 
 import json
+import math
 import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet
 import pytest
 
@@ -331,3 +333,17 @@ def test_spread_points_are_256_unless_told(
     done = invoke(["sweep", "aluminium-3mm", *over, str(tmp_path / "a.csv"), *words])
     assert done.exit_code == 1
     assert planned == [count]
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        [1.0, None, -0.0, math.inf], [3, 2**60, None], [True, None, False] * 7,
+        ["a", None, "é", ""], [None, None], [[1.0, 2.0], None, []], [1.5] * 9, ["x"], [-1],
+    ],
+)  # fmt: skip
+def test_a_column_is_what_pyarrow_makes_of_its_values(values: list[object]) -> None:
+    found, expected = study.column_of(values), pa.array(values)
+    assert found.type == expected.type
+    assert found.null_count == expected.null_count
+    assert repr(found.to_pylist()) == repr(values)

@@ -13,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
@@ -235,7 +236,8 @@ def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any])
     """Write a Parquet file with `header` in its metadata, or a CSV file and `header` beside it in
     NAME.csv.json; under its name only when whole."""
     keys = keys_of(header["design"])
-    table = pa.Table.from_pylist(_one_type_a_column(rows, keys, out.suffix))
+    alike = _one_type_a_column(rows, keys, out.suffix)
+    table = pa.table({name: column_of([row[name] for row in alike]) for name in alike[0]})
     about = json.dumps(header, indent=2)
     new = out.with_name(out.name + ".new")
     if out.suffix == ".parquet":
@@ -245,6 +247,27 @@ def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any])
         pyarrow.csv.write_csv(table, new)
         _beside(out).write_text(about + "\n", encoding="utf-8")
     new.replace(out)
+
+
+_TYPES = {float: pa.float64(), int: pa.int64(), bool: pa.bool_()}
+
+
+def column_of(values: list[Any]) -> pa.Array:
+    """A column of a table. Numbers and texts are given as memory, since `pa.array` imports pandas
+    if it is installed, which takes longer than a hundred cases."""
+    kinds = {type(value) for value in values if value is not None}
+    kind = kinds.pop() if len(kinds) == 1 else None
+    if kind is str:
+        builder = pa.lib.StringBuilder()
+        builder.append_values(values)
+        return builder.finish()
+    if kind not in _TYPES:
+        return pa.array(values)
+    known = np.array([value is not None for value in values])
+    data = np.array([kind() if value is None else value for value in values])
+    memory = [np.packbits(part, bitorder="little") if part.dtype == bool else part
+              for part in (known, data)]  # fmt: skip
+    return pa.Array.from_buffers(_TYPES[kind], len(values), [pa.py_buffer(m) for m in memory])
 
 
 def _beside(out: Path) -> Path:
