@@ -1,5 +1,7 @@
 """Whether a law is linear, and with which transfer function."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 import scipy.signal as sg
@@ -134,7 +136,10 @@ def test_the_law_linear_has_the_margin_of_velocity_feedback() -> None:
     other = load("oak-20mm", ["controller.law=velocity_feedback", "controller.kappa=1.1"])
     gain = -other.law_keys.kappa * other.about.impedance_n_s_m
     mine = load("oak-20mm", ["controller.law=linear", f"controller.numerator=[{gain!r}]"])
-    assert margin_of(mine) == margin_of(other)
+    found, expected = asdict(margin_of(mine)), asdict(margin_of(other))
+    for name in ("growth_per_s", "e_folds"):  # poles of a product of stages are found another way
+        assert found.pop(name) == pytest.approx(expected.pop(name), rel=1e-12)
+    assert found == expected
 
 
 def test_an_integrator_counts_as_a_slow_decay() -> None:
