@@ -79,11 +79,11 @@ class About:
     step_ns: int = 1000
     every_steps: int = 1
     horizon_steps: int = 1
-    stiffness: float = 1.0  # of the contact, N/m^1.5
+    stiffness: float = 1.0
     sphere_mass_kg: float = math.inf
     impact_speed_m_s: float = 0.0
-    impedance_n_s_m: float = math.inf  # of the plate at the struck point, as if infinite
-    rigid_contact_s: float = 0.0  # on a rigid plate
+    impedance_n_s_m: float = math.inf
+    rigid_contact_s: float = 0.0
     rigid_peak_n: float = 0.0
     converter_step: float = 0.0
     limit_n: float = math.inf

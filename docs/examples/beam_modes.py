@@ -24,7 +24,7 @@ def shape(n: int, x: float) -> float:
 
 
 omega = [(n * math.pi / LENGTH) ** 2 * math.sqrt(bending / per_length) for n in range(1, MODES + 1)]
-# Static deflection under a force of 1 N at the struck point: a^2 b^2/(3 E I l).
+# Static deflection under a force of 1 N at the contact point: a^2 b^2/(3 E I l).
 static = (STRUCK * (LENGTH - STRUCK)) ** 2 / (3.0 * bending * LENGTH)
 in_file = sum(shape(n, STRUCK) ** 2 / (mass * w * w) for n, w in enumerate(omega, 1))
 

@@ -70,6 +70,7 @@ def test_a_scene_is_read_without_it(package: str, tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.full
 def test_a_check_needs_no_charts(tmp_path: Path) -> None:
     """The workflow that `law new --with-check` writes installs no extra."""
     row = 'name = "a"\nscene = "aluminium-3mm"\ngoal = "plate_energy_db <= -0.1"\nphases = 1\n'

@@ -30,7 +30,7 @@ struct hertzloop_about {
   double stiffness;        /* of the contact, N/m^1.5 */
   double sphere_mass_kg;
   double impact_speed_m_s;
-  double impedance_n_s_m;  /* of the plate at the struck point, as if infinite */
+  double impedance_n_s_m;  /* of the plate at the contact point, as if infinite */
   double converter_step;   /* of the samples; 0 if they are not quantised */
   double limit_n;          /* the actuator's largest force; inf without */
 };

@@ -41,7 +41,7 @@ typedef struct {
     int64_t clipped;            /* whether it was out of the converter's range */
     double gap_m;               /* between sphere and plate, now */
     double sphere_height_m;
-    double plate_deflection_m;  /* at the struck point */
+    double plate_deflection_m;  /* at the contact point */
     double plate_velocity_m_s;  /* there, now: no mean over the last step */
     double contact_force_n;     /* mean over the last step, on the sphere */
     double actuator_force_n;    /* mean over the last step, on the plate */
