@@ -6,7 +6,7 @@ of magnitude. Then its impulse response is identified (Ho and Kalman 1966) and c
 samples.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -46,18 +46,34 @@ def has_no_loop(law_reference: str) -> bool:
 
 @dataclass(frozen=True)
 class LawFilter:
-    """Transfer function of a law: direct + sum of residues/(Z - pole), all poles listed, (n,)."""
+    """Transfer function of a law.
+
+    direct + sum of residues/(Z - pole) + sum of taps[k]/Z^(k + 1), with all poles listed.
+    """
 
     direct: float
     poles: np.ndarray
     residues: np.ndarray
+    taps: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     def at(self, z: np.ndarray) -> np.ndarray:
         """Return the response at complex `z`, same shape."""
         z = np.asarray(z, complex)
-        if not len(self.poles):
-            return np.full(z.shape, complex(self.direct))
-        return np.asarray(self.direct + (self.residues / (z[..., None] - self.poles)).sum(axis=-1))
+        return self.with_slope(z.ravel())[0].reshape(z.shape)
+
+    def with_slope(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the response and its derivative by Z, at complex `z` of shape (n,)."""
+        found, slope = np.full(len(z), complex(self.direct)), np.zeros(len(z), complex)
+        for pole, residue in zip(self.poles, self.residues, strict=True):
+            part = residue / (z - pole)
+            found += part
+            slope -= part / (z - pole)
+        power = np.ones(len(z), complex)
+        for k, tap in enumerate(self.taps, 1):
+            power = power / z
+            found += tap * power
+            slope -= k * tap * power / z
+        return found, slope
 
 
 def law_filter(setup: Setup) -> LawFilter:
@@ -178,6 +194,9 @@ def _realise(markov: np.ndarray) -> LawFilter:
     if not np.any(markov[1:]):
         return LawFilter(direct, none, none)
     n = _HANKEL
+    last = int(np.flatnonzero(markov)[-1])
+    if last <= n:  # a finite impulse response is what it says
+        return LawFilter(direct, none, none, markov[1 : last + 1].copy())
     hankel = scipy.linalg.hankel(markov[1 : n + 1], markov[n : 2 * n])
     shifted = scipy.linalg.hankel(markov[2 : n + 2], markov[n + 1 : 2 * n + 1])
     u, s, vt = np.linalg.svd(hankel)
@@ -194,7 +213,8 @@ def _realise(markov: np.ndarray) -> LawFilter:
 
 
 def _filtered(law: LawFilter, samples: np.ndarray) -> np.ndarray:
-    total = law.direct * samples.astype(complex)
+    taps = np.concatenate([[law.direct], law.taps])
+    total = scipy.signal.lfilter(taps, [1.0], samples).astype(complex)
     for pole, residue in zip(law.poles, law.residues, strict=True):
         total += scipy.signal.lfilter([0.0, residue], [1.0, -pole], samples.astype(complex))
     return np.asarray(total.real)

@@ -124,11 +124,7 @@ class OnCircle:
         near, (b_1, b_2) = 1.0 / z, self.plant.fir
         p = value[0] + 1j * value[1] + near * (b_1 + b_2 * near)
         p_1 = slope[0] + 1j * slope[1] - near * near * (b_1 + 2.0 * b_2 * near)
-        c, c_1 = np.full(len(theta), complex(self.law.direct)), np.zeros(len(theta), complex)
-        for pole, residue in zip(self.law.poles, self.law.residues, strict=True):
-            part = residue / (z - pole)
-            c += part
-            c_1 -= part / (z - pole)
+        c, c_1 = self.law.with_slope(z)
         gain = -c * p
         real = (theta == 0.0) | (theta == math.pi)
         gain = np.where(real, gain.real, gain)
