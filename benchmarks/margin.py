@@ -41,10 +41,12 @@ from hertzloop.studies.words import write_records
 
 _E_FOLDS = 60.0
 _SHOWS = 5.0  # e-folds over the flight from which the sign of a growth must be right
+_CLOSE = 0.02  # relative difference of a slower growth that still counts as agreement
 _IMPACT_E_FOLDS = 11.0
 _ON_CIRCLE = 1e-13
 _BASES = ("aluminium-3mm", "aluminium-20mm", "offcentre-6mm", "oak-20mm")
-_FLIGHT = ("run.lead_in_s=0.09", "run.duration_s=0.1")
+# A fast sphere flies for long enough to show a slow growth, and the loop in flight is the same.
+_FLIGHT = {"run.lead_in_s": 1.0, "run.duration_s": 1.01, "sphere.drop_height_m": 20.0}
 
 
 @dataclass(frozen=True)
@@ -199,11 +201,12 @@ def fastest_per_s(setup: Setup) -> float:
 def growth_of_rows(rows: np.ndarray, step_s: float) -> float:
     """Return the growth of the plate's velocity over the later half of a time series, 1/s."""
     speed, width = rows[ts.V_P], rows.shape[1] // 5
-    late = float(np.sqrt(np.mean(speed[-width:] ** 2)))
-    before = float(np.sqrt(np.mean(speed[-3 * width : -2 * width] ** 2)))
-    if not (late > 0.0 and before > 0.0 and math.isfinite(late)):
+    largest = float(np.abs(speed[-width:]).max())
+    if not (largest > 0.0 and math.isfinite(largest)):
         return math.nan
-    return math.log(late / before) / (2 * width * step_s)
+    late = float(np.mean((speed[-width:] / largest) ** 2))
+    before = float(np.mean((speed[-3 * width : -2 * width] / largest) ** 2))
+    return 0.5 * math.log(late / before) / (2 * width * step_s) if before > 0.0 else math.nan
 
 
 def simulated_growth_per_s(setup: Setup, expected_per_s: float) -> float:
@@ -230,15 +233,17 @@ def simulated_growth_per_s(setup: Setup, expected_per_s: float) -> float:
 
 def compared(kind: str, case: str, setup: Setup) -> Check:
     """Return the check of the sign of a growth in flight, with both growths."""
-    flight = setup.vary({"run.lead_in_s": 0.09, "run.duration_s": 0.1})
+    flight = setup.vary(_FLIGHT)
     predicted = fastest_per_s(flight)
+    if math.isnan(predicted):
+        return Check(kind, case, predicted, math.nan, None, "the poles did not converge: undecided")
     try:
         found = simulated_growth_per_s(flight, predicted)
     except (ValueError, SceneError) as error:
         return Check(kind, case, predicted, math.nan, None, str(error))
     folds = abs(predicted) * flight.lead_in_s
-    if folds < _SHOWS:
-        why = f"{folds:.1f} e-folds fit into the flight"
+    if folds < _SHOWS and not abs(found - predicted) <= _CLOSE * abs(predicted):
+        why = f"only {folds:.2g} e-folds fit into the flight"
         return Check(kind, case, predicted, found, None, why)
     agrees = (predicted > 0.0) == (found > 0.0)
     return Check(kind, case, predicted, found, agrees, "" if agrees else "the signs differ")
@@ -257,6 +262,7 @@ def critical_latencies(seed: int, wanted: int) -> Iterator[Check]:
     while found < wanted:
         case, setup = random_scene(np.random.default_rng([seed, 3_000_000 + i]), damped=True)
         i += 1
+        setup = setup.vary(_FLIGHT)  # which changes the number of modes
         limit = margin_of(setup).latency_limit_steps
         if limit is None or not 0 <= limit <= 2000:
             continue

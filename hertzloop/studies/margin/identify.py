@@ -6,7 +6,7 @@ of magnitude. Then its impulse response is identified (Ho and Kalman 1966) and c
 samples.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -25,7 +25,6 @@ _TOLERANCE = 1e-9
 _RANK = 1e-10
 _AMPLITUDES = (1e-9, 1e-3, 1.0, 1e3)
 _ON_CIRCLE = 1e-9  # a pole this close to the unit circle counts as inside it
-_DIGITS = 1e-7  # of partial fractions; with fewer they are of no use
 
 
 _REPEATS = "it waits for a threshold and then repeats a stored contact force"
@@ -50,10 +49,12 @@ def has_no_loop(law_reference: str) -> bool:
 
 @dataclass(frozen=True)
 class LawFilter:
-    """Transfer function of a law: direct + sum of residues/(Z - pole), all poles listed, (n,).
+    """Transfer function of a law.
 
-    `factored`: whether the response is a product of stages, which keeps its digits where partial
-    fractions lose them.
+    direct + sum of residues/(Z - pole) + sum of taps[k]/Z^(k + 1), with all poles listed.
+
+    `factored`: whether the response is a product of stages instead, which keeps its digits where
+    partial fractions lose them.
     """
 
     factored: ClassVar[bool] = False
@@ -61,26 +62,33 @@ class LawFilter:
     direct: float
     poles: np.ndarray
     residues: np.ndarray
+    taps: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     def at(self, z: np.ndarray) -> np.ndarray:
         """Return the response at complex `z`, same shape."""
         z = np.asarray(z, complex)
-        if not len(self.poles):
-            return np.full(z.shape, complex(self.direct))
-        return np.asarray(self.direct + (self.residues / (z[..., None] - self.poles)).sum(axis=-1))
+        return self.with_slope(z.ravel())[0].reshape(z.shape)
 
     def with_slope(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the response and its derivative by Z, at complex `z` of shape (n,)."""
-        part = self.residues / (z[:, None] - self.poles)
-        return self.at(z), -(part / (z[:, None] - self.poles)).sum(axis=1)
+        found, slope = np.full(len(z), complex(self.direct)), np.zeros(len(z), complex)
+        for pole, residue in zip(self.poles, self.residues, strict=True):
+            part = residue / (z - pole)
+            found += part
+            slope -= part / (z - pole)
+        power = np.ones(len(z), complex)
+        for k, tap in enumerate(self.taps, 1):
+            power = power / z
+            found += tap * power
+            slope -= k * tap * power / z
+        return found, slope
 
 
 @dataclass(frozen=True)
 class Cascade(LawFilter):
-    """Transfer function of the law `linear`.
+    """Transfer function of the law `linear`: a product of stages, without partial fractions.
 
-    Its partial fractions `direct` and `residues` are nan if poles (nearly) coincide. The response
-    does not need them. An integrator counts as a slow decay.
+    An integrator counts as a slow decay.
 
     Attributes:
         gain: factor on all stages.
@@ -89,8 +97,8 @@ class Cascade(LawFilter):
 
     factored: ClassVar[bool] = True
 
-    gain: float
-    numerators: tuple[np.ndarray, ...]
+    gain: float = 1.0
+    numerators: tuple[np.ndarray, ...] = ()
 
     @classmethod
     def of(cls, keys: Any) -> Self:
@@ -99,29 +107,10 @@ class Cascade(LawFilter):
         size = np.abs(poles)
         on_circle = np.abs(size - 1.0) < _ON_CIRCLE
         poles = np.where(on_circle, poles * (1.0 - _ON_CIRCLE) / np.maximum(size, 0.5), poles)
-        numerators = tuple(b for b, _ in linear.stages(keys))
-        unknown = np.full(len(poles), np.nan + 0j)
-        bare = cls(np.nan, poles, unknown, float(keys.gain), numerators)
-        gap = np.abs(poles[:, None] - poles[None, :]) + np.eye(len(poles))
-        if np.any(gap == 0.0):
-            return bare
-        # The numerator in powers of Z has the degree of the denominator.
-        top = np.array([bare.gain])
-        for b in numerators:
-            top = np.convolve(top, b)
-        residues = np.empty(len(poles), complex)
-        for i, pole in enumerate(poles):
-            residues[i] = np.polyval(top, pole) / np.prod(pole - np.delete(poles, i))
-        found = cls(float(top[0]), poles, residues, bare.gain, numerators)
-        z = np.exp(1j * np.geomspace(1e-4, 3.0, 50))
-        fractions, product = LawFilter.at(found, z), bare.at(z)
-        away = np.abs(fractions - product).max(initial=0.0)
-        return found if away <= _DIGITS * np.abs(product).max() else bare
-
-    def at(self, z: np.ndarray) -> np.ndarray:
-        """Return the response at complex `z`, same shape."""
-        z = np.asarray(z, complex)
-        return self.with_slope(z.ravel())[0].reshape(z.shape)
+        return cls(
+            np.nan, poles, np.full(len(poles), np.nan + 0j), gain=float(keys.gain),
+            numerators=tuple(b for b, _ in linear.stages(keys)),
+        )  # fmt: skip
 
     def with_slope(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the response and its derivative by Z, at complex `z` of shape (n,)."""
@@ -263,6 +252,9 @@ def _realise(markov: np.ndarray) -> LawFilter:
     if not np.any(markov[1:]):
         return LawFilter(direct, none, none)
     n = _HANKEL
+    last = int(np.flatnonzero(markov)[-1])
+    if last <= n:  # a finite impulse response is what it says
+        return LawFilter(direct, none, none, markov[1 : last + 1].copy())
     hankel = scipy.linalg.hankel(markov[1 : n + 1], markov[n : 2 * n])
     shifted = scipy.linalg.hankel(markov[2 : n + 2], markov[n + 1 : 2 * n + 1])
     u, s, vt = np.linalg.svd(hankel)
@@ -279,7 +271,8 @@ def _realise(markov: np.ndarray) -> LawFilter:
 
 
 def _filtered(law: LawFilter, samples: np.ndarray) -> np.ndarray:
-    total = law.direct * samples.astype(complex)
+    taps = np.concatenate([[law.direct], law.taps])
+    total = scipy.signal.lfilter(taps, [1.0], samples).astype(complex)
     for pole, residue in zip(law.poles, law.residues, strict=True):
         total += scipy.signal.lfilter([0.0, residue], [1.0, -pole], samples.astype(complex))
     return np.asarray(total.real)

@@ -128,8 +128,30 @@ def _over(a, b):
     return complex(real, (a.imag * b.real - a.real * b.imag) * scale)
 
 
+@kernel(inline=True)
+def _power(z, n):
+    """z^n, which stays finite."""
+    size = math.hypot(z.real, z.imag)
+    if size == 0.0:
+        return complex(1.0 if n == 0 else 0.0, 0.0)
+    size = math.exp(min(n * math.log(size), 300.0))
+    angle = n * math.atan2(z.imag, z.real)
+    return complex(size * math.cos(angle), size * math.sin(angle))
+
+
+@kernel
+def _powers(near, filters):
+    """Sum of filters[k] near^k, near = 1/Z, and its derivative by Z."""
+    value = complex(0.0, 0.0)
+    slope = complex(0.0, 0.0)
+    for i in range(filters.size - 1, -1, -1):
+        slope = slope * near + value
+        value = value * near + filters[i]
+    return value, -slope * near * near
+
+
 @kernel(released=True)
-def shifts(at, skip_plant, skip_law, plant, law, fir, direct, delay, found):
+def shifts(at, skip_plant, skip_law, plant, law, fir, filters, delay, found):
     """Write how far a pole of the open loop moves when the loop is closed, to first order.
 
     Args:
@@ -137,7 +159,7 @@ def shifts(at, skip_plant, skip_law, plant, law, fir, direct, delay, found):
         skip_plant, skip_law: which pole of the plant or of the law each of them is, else -1.
         plant, law: poles and residues as rows re, im, re, im, shape (4, poles).
         fir: coefficients of 1/Z and 1/Z^2 of the plant.
-        direct: direct term of the law.
+        filters: coefficients of 1, 1/Z, ... of the law.
         delay: samples.
         found: shifts, complex, shape (n,).
     """
@@ -146,8 +168,11 @@ def shifts(at, skip_plant, skip_law, plant, law, fir, direct, delay, found):
         p = _row(z.real, z.imag, plant[0], plant[1], plant[2], plant[3], skip_plant[i])[0]
         near = _over(1.0 + 0.0j, z)
         p += near * (fir[0] + fir[1] * near)
-        c = direct + _row(z.real, z.imag, law[0], law[1], law[2], law[3], skip_law[i])[0]
-        late = z**delay
+        c = (
+            _powers(near, filters)[0]
+            + _row(z.real, z.imag, law[0], law[1], law[2], law[3], skip_law[i])[0]
+        )
+        late = _power(z, delay)
         if skip_plant[i] >= 0:
             residue = complex(plant[2, skip_plant[i]], plant[3, skip_plant[i]])
             found[i] = _over(c * residue, late - c * p)
@@ -157,14 +182,15 @@ def shifts(at, skip_plant, skip_law, plant, law, fir, direct, delay, found):
 
 
 @kernel(released=True)
-def aberth_round(z_re, z_im, plant, law, fir, direct, delay, taps, done):
+def aberth_round(z_re, z_im, plant, law, fir, filters, delay, late, done, tolerance):
     """Move every zero that is not `done` by one step of Aberth's method; returns how many are left.
 
     Args:
         z_re, z_im: zeros, changed in place, shape (n,).
-        plant, law, fir, direct, delay: as of `shifts`.
-        taps: poles at zero of the plant.
+        plant, law, fir, filters, delay: as of `shifts`.
+        late: poles of the open loop at zero, those of the delay included.
         done: whether a zero has converged, shape (n,).
+        tolerance: length of a last step.
     """
     left = 0
     for i in range(z_re.size):
@@ -177,10 +203,12 @@ def aberth_round(z_re, z_im, plant, law, fir, direct, delay, taps, done):
         p += near * (fir[0] + fir[1] * near)
         p_1 -= near * near * (fir[0] + 2.0 * fir[1] * near)
         c, c_1, by_law = _row(x, y, law[0], law[1], law[2], law[3], -1)
-        c += direct
+        part, part_1 = _powers(near, filters)
+        c += part
+        c_1 += part_1
         relative = _over(c_1, c) + _over(p_1, p) - delay * near  # L'/L
-        other = -_over(z**delay, c * p)  # 1/L, which does not overflow inside the circle
-        slope = _over(relative, 1.0 + other) + by_plant + by_law + (delay + taps) * near
+        other = -_over(_power(z, delay), c * p)  # 1/L, which does not overflow inside the circle
+        slope = _over(relative, 1.0 + other) + by_plant + by_law + late * near
         around = _row(x, y, z_re, z_im, z_re, z_im, i)[2]
         change = _over(1.0 + 0.0j, slope - around)
         size = abs(change)
@@ -189,7 +217,7 @@ def aberth_round(z_re, z_im, plant, law, fir, direct, delay, taps, done):
             continue
         z_re[i] -= change.real
         z_im[i] -= change.imag
-        if size <= 1e-15 * max(abs(z), 1.0):
+        if size <= tolerance:
             done[i] = True
         else:
             left += 1
