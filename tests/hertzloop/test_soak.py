@@ -114,7 +114,6 @@ def test_the_first_interrupt_ends_a_run_in_a_sentence(tmp_path: Path) -> None:
         time.sleep(at_s)
         process.send_signal(signal.SIGINT)
         code, err, _ = finish(process)
-        what = f"try {number}, {at_s:.3f} s: {code}, {err}"
         if "Traceback" in err and "hertzloop/" not in err.replace(str(tmp_path), ""):
             early += 1
         elif code == 0:
