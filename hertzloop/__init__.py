@@ -1,16 +1,14 @@
 """Test an active-control law against a simulated impact, at 1 MHz and repeatable to the bit."""
 
 import os
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
-
-from hertzloop.extras import sentence_on
 
 __version__ = "0.2.0"
 
 # Matrices here are small: threads of the linear algebra cost more than they give. NumPy reads
 # this once, when it is imported first.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+TYPE_CHECKING = False  # of `typing`, which a program would import before it hears Ctrl-C
 
 # The Python interface, loaded when it is used: a process of a run needs only its part.
 __all__ = [
@@ -57,8 +55,12 @@ if TYPE_CHECKING:
     )
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name in __all__:
+        from importlib import import_module
+
+        from hertzloop.extras import sentence_on
+
         try:
             interface = import_module("hertzloop.api")
         except ModuleNotFoundError as error:

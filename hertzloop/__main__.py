@@ -1,5 +1,13 @@
 """python -m hertzloop, and the command `hertzloop`"""
 
+# `signal` wraps it in enumerations, which take longer to import than all before this line.
+import _signal  # type: ignore[import-not-found]
+import os
+
+if __name__ == "__main__" and _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
+    # Before the imports below, in which Python would report it line by line.
+    _signal.signal(_signal.SIGINT, lambda *_: (os.write(2, b"interrupted\n"), os._exit(130)))
+
 import gc
 import sys
 

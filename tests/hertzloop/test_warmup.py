@@ -131,3 +131,25 @@ def test_a_controller_that_compiles_its_law_is_waited_for(
         controller.result(PATIENCE_S)
         recorder.result(PATIENCE_S)
     assert not read(path).problems
+
+
+LEAN = """
+import sys
+from hertzloop.analysis.figures import free_figures
+from hertzloop.loop.compiled import simulate
+from hertzloop.setup import load
+setup = load("aluminium-20mm", ["run.duration_s=0.003"])
+assert simulate(setup).rows.any()
+assert free_figures(setup).impacts
+late = ("numba.np.linalg", "scipy.linalg", "scipy.special")
+print([name for name in late if name in sys.modules])
+"""
+
+
+@pytest.mark.usefixtures("warm_kernels")
+def test_a_run_loads_neither_the_compiler_nor_scipy() -> None:
+    """Kernels that are in the cache need neither: together they take a third of a second."""
+    done = subprocess.run(
+        [sys.executable, "-c", LEAN], capture_output=True, text=True, timeout=120.0
+    )
+    assert (done.returncode, done.stdout.strip()) == (0, "[]"), done.stderr
