@@ -15,6 +15,8 @@ from hertzloop.controller.laws.profile import (  # noqa: F401
     quiet_level,
 )
 
+not_linear = "its force is computed before the run and does not depend on the samples"
+
 
 class Parameters(profile.Timing):
     """Scene keys."""

@@ -24,6 +24,7 @@ from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
 )
 
 models_yield = True
+not_linear = "it waits for a threshold and then repeats a stored contact force"
 
 
 class State:

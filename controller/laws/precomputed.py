@@ -33,6 +33,9 @@ Name = Literal[
 ]  # fmt: skip
 
 
+not_linear = "its force is computed before the run and does not depend on the samples"
+
+
 class Parameters(profile.Timing):
     """Scene keys."""
 

@@ -35,6 +35,8 @@ from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     stored,
 )
 
+not_linear = "it fits a model of the flight and of the contact to the samples"
+
 
 class Parameters(Keys):
     """Scene keys."""

@@ -18,6 +18,8 @@ from hertzloop.controller.law import (
     kernel,
 )
 
+not_linear = "its force is computed before the run and does not depend on the samples"
+
 
 class Timing(Keys):
     """Scene keys of all laws that play given forces."""

@@ -18,6 +18,8 @@ from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     tune,
 )
 
+not_linear = "it waits for a threshold and then repeats a stored contact force"
+
 
 class _Impact(NamedTuple):
     stiffness: float

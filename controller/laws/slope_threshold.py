@@ -29,6 +29,7 @@ from hertzloop.controller.laws._threshold import (  # noqa: F401
 )
 
 latches = True  # `s.delay` is what the law has latched: events and figures show it
+not_linear = "it waits for a threshold and then repeats a stored contact force"
 
 
 class Parameters(Keys):

@@ -64,6 +64,12 @@ class Law:
         with `models_yield = True` in its module or class."""
         return bool(getattr(self.home, "models_yield", False))
 
+    @property
+    def not_linear(self) -> str:
+        """Why the law is not linear, as a clause for a message; empty if it may be. A law declares
+        this with `not_linear = "it ..."` in its module or class."""
+        return str(getattr(self.home, "not_linear", ""))
+
     @cached_property
     def whole_steps(self) -> list[str]:
         """Keys that have to be a whole number of steps."""

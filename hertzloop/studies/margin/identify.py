@@ -27,24 +27,8 @@ _AMPLITUDES = (1e-9, 1e-3, 1.0, 1e3)
 _ON_CIRCLE = 1e-9  # a pole this close to the unit circle counts as inside it
 
 
-_REPEATS = "it waits for a threshold and then repeats a stored contact force"
-_GIVEN = "its force is computed before the run and does not depend on the samples"
-# Shipped laws that are not linear, and why.
-_SHIPPED = {
-    "slope_threshold": _REPEATS, "shifted_threshold": _REPEATS, "dent_threshold": _REPEATS,
-    "least_squares": _REPEATS, "fade_out": _REPEATS,
-    "predicted": "it fits a model of the flight and of the contact to the samples",
-    "constant": _GIVEN, "precomputed": _GIVEN, "profile": _GIVEN,
-}  # fmt: skip
-
-
 class NotLinearError(Exception):
     """The law is not linear; the message gives the reason."""
-
-
-def has_no_loop(law_reference: str) -> bool:
-    """Return whether a law is known to make no linear loop in flight, whatever its constants."""
-    return law_reference in ("off", "force_feedback") or law_reference in _SHIPPED
 
 
 @dataclass(frozen=True)
@@ -138,7 +122,7 @@ def law_filter(setup: Setup) -> LawFilter:
     Raises:
         NotLinearError: the law, or the line behind it, is not linear.
     """
-    if why := _SHIPPED.get(setup.law_reference):
+    if why := setup.law.not_linear:
         raise NotLinearError(why)
     line = setup.line
     for why, given in (

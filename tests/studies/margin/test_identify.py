@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.signal as sg
 
+from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.setup import load
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter, probe
 from hertzloop.studies.margin.linear import PoleForm
@@ -167,3 +168,14 @@ def test_a_zero_on_the_circle_is_met_without_a_warning() -> None:
     keys = ["controller.numerator=[1.0, -1.0]", "controller.denominator=[1.0, -0.5]"]
     law = law_filter(load("oak-20mm", ["controller.law=linear", *keys]))
     assert law.at(np.array([1.0 + 0j]))[0] == 0.0
+
+
+LINEAR = {"velocity_feedback", "acceleration_feedback", "force_feedback", "linear"}
+
+
+@pytest.mark.parametrize("name", sorted(shipped()))
+def test_a_shipped_law_says_whether_it_is_linear(name):
+    law = find(name)
+    assert bool(law.not_linear) == (name not in LINEAR | {"off"})
+    if law.not_linear:
+        assert law.not_linear.startswith("it")
