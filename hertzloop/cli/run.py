@@ -164,12 +164,12 @@ def run(
         fail(str(error), 1)
     growth = growth_of(resolved)
     data["linear_loop"] = None if growth is None else asdict(growth)
-    report.print_run(out, data, details)
+    warning = None
     if growth is not None and growth.unstable_poles != 0:
         undecided = growth.unstable_poles is None
         head = "Linear loop:" if undecided else "Linear loop unstable:"
-        out.print(styled((head, "bold red"), f" {unstable_line(growth)}"),
-                  soft_wrap=True)  # fmt: skip
+        warning = styled((head, "bold red"), f" {unstable_line(growth)}")
+    report.print_run(out, data, details, warning)
     write_json(json_file, data)
     if data.get("differs"):
         raise typer.Exit(1)

@@ -486,13 +486,16 @@ def show_warnings(console: Console, report: dict[str, Any]) -> None:
         console.print(f"{len(lines) - _MOST_WARNINGS} more warnings: --details prints them.")
 
 
-def print_run(console: Console, report: dict[str, Any], details: bool = False) -> None:
+def print_run(
+    console: Console, report: dict[str, Any], details: bool = False, warning: Text | None = None
+) -> None:
     """Print the end of a run: verdict, figures, warnings and the next command.
 
     Args:
         console: Where to print.
         report: The data of `run --json`.
         details: Whether to print all tables as well.
+        warning: One more warning, on what is not in the recording.
     """
     controlled = report["scene_law"] != "off"
     if not report["verdict"]:
@@ -501,6 +504,8 @@ def print_run(console: Console, report: dict[str, Any], details: bool = False) -
     show_verdict(console, report)
     console.print(figures_table(report, report["uncontrolled"] if controlled else None))
     show_warnings(console, report)
+    if warning is not None:
+        console.print(warning, soft_wrap=True)
     if details:
         _print_details(console, report)
     if "verification" in report:

@@ -6,6 +6,13 @@ from hertzloop.studies.margin.margin import Growth, Margin
 _SHOWS = 10.0  # e-folds from which a run shows an instability
 
 
+def _hertz(frequency_hz: float) -> str:
+    """Return a frequency in words."""
+    if frequency_hz >= 1e4:
+        return f"{1e-3 * frequency_hz:.5g} kHz"
+    return f"{frequency_hz:.5g} Hz"
+
+
 def growth_words(found: Growth) -> str:
     """Return how an unstable loop grows, in a clause."""
     if found.unstable_poles is None:
@@ -16,7 +23,7 @@ def growth_words(found: Growth) -> str:
             "decided"
         )
     return (
-        f"grows {found.per_s:.4g}/s at {found.frequency_hz:.5g} Hz, e-folds over this run "
+        f"grows {found.per_s:.4g}/s at {_hertz(found.frequency_hz)}, e-folds over this run "
         f"{found.e_folds:.3g}"
     )
 
@@ -38,7 +45,7 @@ def contact_lines(found: ContactMargin) -> list[str]:
     ]
     if found.growth_per_s is None or found.growth_times_contact is None:
         return [*lines, "the number of poles outside the unit circle could not be decided"]
-    at = "" if found.frequency_hz is None else f" at {found.frequency_hz:.5g} Hz"
+    at = "" if found.frequency_hz is None else f" at {_hertz(found.frequency_hz)}"
     lines.append(
         f"{found.unstable_poles} poles outside the unit circle, growth {found.growth_per_s:.4g}/s"
         f"{at}; growth times contact time {found.growth_times_contact:.2g}"

@@ -1,0 +1,52 @@
+"""The count of unstable poles of random loops, and laws whose class is known."""
+
+import numpy as np
+import pytest
+
+from benchmarks.margin import LAWS, dense, own_laws, synthetic
+from hertzloop.studies.margin.identify import LawFilter
+from hertzloop.studies.margin.linear import PoleForm
+from hertzloop.studies.margin.margin import loop_of
+from hertzloop.studies.margin.poles import closed_loop_poles
+from hertzloop.studies.margin.table import OnCircle
+
+
+def test_counts_of_hard_loops_agree_with_all_poles() -> None:
+    checks = list(synthetic(7, 150))
+    assert [c for c in checks if not c.agrees] == []
+    assert sum(c.predicted > 0 for c in checks) > 50
+
+
+def test_counts_agree_with_eigenvalues() -> None:
+    assert [c for c in dense(7, (20, 40, 80)) if not c.agrees] == []
+
+
+def test_a_dip_below_one_between_the_points_is_found() -> None:
+    """|L| falls below 1 by 1e-5 over a millionth of the circle between two resonances."""
+    poles = np.exp(np.array([-1e-7 + 0.002j, -1e-7 + 0.0045j]))
+    plant = PoleForm(poles, np.array([0.5 + 0j, 0.5 + 0j]), np.array([0.3, 0.0]))
+    none = np.empty(0, complex)
+    theta = np.linspace(0.002001, 0.004499, 200_001)
+    least = np.exp(OnCircle(plant, LawFilter(1.0, none, none))(theta)[0].real.min())
+    dip = LawFilter(-(1.0 - 1e-5) / least, none, none)
+    arcs = loop_of(plant, dip, 1, 0).table.arcs
+    assert len(arcs) >= 2
+    assert any(0.002 < arc.end < 0.0045 for arc in arcs)
+
+
+@pytest.mark.parametrize("taps", [[0.3], [0.0, -0.2, 0.5], [0.1] * 12])
+def test_a_finite_impulse_response_closes_the_loop(taps: list[float]) -> None:
+    plant = PoleForm(np.exp([-0.01 + 0.5j, -0.02 + 1.7j]), np.full(2, 0.2 + 0j), np.zeros(2))
+    law = LawFilter(-0.4, np.empty(0, complex), np.empty(0, complex), np.array(taps))
+    found = closed_loop_poles(plant, law, 3)
+    assert found is not None
+    assert len(found) == 4 + 3 + len(taps)
+    gain = 1.0 + loop_of(plant, law, 1, 0).gain(found) * found**-3.0
+    assert np.abs(gain).max() < 1e-9
+    count = loop_of(plant, law, 1, 0).table.unstable(np.array([3]))[0]
+    assert count == np.sum(np.abs(found) > 1.0)
+
+
+@pytest.mark.full
+def test_laws_of_a_user_are_classified() -> None:
+    assert [c.case for c in own_laws(LAWS) if not c.agrees] == []
