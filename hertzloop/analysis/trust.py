@@ -7,15 +7,13 @@ keep its accuracy (`law_accuracy`), and how well later impacts can be known at a
 
 import math
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum, StrEnum, auto
-from functools import lru_cache
 
 import numpy as np
 
 from hertzloop.analysis.cases import latched_us
-from hertzloop.analysis.figures import Figures, Ran, free_figures
+from hertzloop.analysis.figures import Figures, Ran
 from hertzloop.analysis.impacts import (
     F_A,
     F_A1,
@@ -317,7 +315,6 @@ def _moved(
     return {name: abs(others.get(name, np.inf) - figures[name]) for name in names}
 
 
-@lru_cache(maxsize=4)
 def _impacts(
     setup: Setup, disturbance: float = 0.0
 ) -> list[tuple[dict[str, float], dict[str, float]]]:
@@ -353,18 +350,6 @@ def horizon_step(setup: Setup, tolerance: float) -> int | None:
         if len(beyond):
             return first + int(beyond[0])
     return None
-
-
-def simulate_beforehand(setup: Setup) -> None:
-    """Simulate what a run will be compared with, and keep the results: the run without control, and
-    both with a disturbed start. A law of the user's is left out: it may bear one caller at a time
-    only, or never return. An error is raised again where a result is needed."""
-    with suppress(Exception):
-        free = free_figures(setup)
-        if free is None or len(free.impacts) > 1:
-            for each in {setup, setup.uncontrolled()}:
-                if SCHEMES[each.scheme].converges and each.law_is_shipped:
-                    _impacts(each, DISTURBANCE)
 
 
 class Obstacle(Enum):

@@ -20,7 +20,6 @@ from hertzloop.analysis.trust import (
     LawAccuracy,
     Predictability,
     Verification,
-    simulate_beforehand,
     verify,
 )
 from hertzloop.analysis.verdict import Judged, judge
@@ -210,10 +209,11 @@ def run_as_json(
 
 @contextmanager
 def _compared_beside(setup: Setup, options: RunOptions) -> Iterator[None]:
-    """Simulate what a run is compared with while its processes start and run.
+    """Simulate the run without control while the processes of the run start; the figures are kept.
 
     Not in a run that follows the wall clock, nor where the loop runs in this process: a thread
-    that calls Python would delay each of its blocks.
+    that calls Python would delay each of its blocks. What else a run is compared with is simulated
+    after it, since it would take a core from the loop.
     """
     if options.transport is not Transport.ZENOH or options.pace:
         yield
@@ -227,7 +227,8 @@ def _compared_beside(setup: Setup, options: RunOptions) -> Iterator[None]:
     def simulate() -> None:
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, 0, _BESIDE)  # of this thread
-        simulate_beforehand(setup)
+        with suppress(Exception):  # raised again where the figures are needed
+            free_figures(setup)
 
     beside = Thread(target=simulate, daemon=True)
     beside.start()
