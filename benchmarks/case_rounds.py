@@ -27,7 +27,7 @@ OVER = {
 }  # fmt: skip
 _KINDS: dict[str, Kind] = {LATENCY_MAP: "grid", PLATES: "sobol"}
 _CASES = {LATENCY_MAP: 192, PLATES: 32}  # a round
-_ROUNDS = 64  # of which no case comes twice
+_ROUNDS = 64  # with plates of their own each; the latency map begins anew after four
 
 
 def answer() -> None:

@@ -113,7 +113,7 @@ def _whole_s(root: Path) -> tuple[float, float]:
 def measure(rounds: int, before: Path | None) -> tuple[list[CaseCost], list[ProcessCost]]:
     """Costs of cases and of a whole sweep, in this checkout and in that at `before`, in turn.
 
-    Every round has cases that no round before had, and each checkout runs them.
+    All checkouts run the same cases, other ones in every round.
     """
     roots = {"this": _ROOT} | ({} if before is None else {"before": before})
     cases: dict[tuple[str, str], list[tuple[float, float]]] = {}
