@@ -29,8 +29,10 @@ from hertzloop.setup import Setup
 
 Span = Literal["impact", "run"]
 Result = TypeVar("Result")
-# After the lead-in; four times as many until the impact is over. A run that is over ends before.
+# After the lead-in, unless an impact is expected to last longer; four times as many until it is
+# over. A run that is over ends before.
 _FIRST_STEPS = 512
+_SLOWER = 4.0  # than on a rigid plate: as long as most contacts last
 _SOON = 2.0  # times the silence that ends an impact: until then most are over
 _FEW_BYTES = 1 << 18  # of rows of truth, of which several cases fit a cache
 
@@ -131,7 +133,10 @@ def _on_infinite_plate(setup: Setup) -> tuple[Setup, Simulated] | None:
 
 def _until_over(setup: Setup) -> Simulated:
     """Simulate until the first impact is over, the run's end at the latest."""
-    steps = round(setup.lead_in_s / setup.step_s) + _FIRST_STEPS
+    first, lasts_s = _FIRST_STEPS, _SLOWER * setup.about_bodies.rigid_contact_s
+    while first < lasts_s / setup.step_s + setup.line.latency_steps + quiet_steps(setup):
+        first *= 4
+    steps = round(setup.lead_in_s / setup.step_s) + first
     while steps < setup.steps:
         found = simulate(setup, impact_only=True, steps=steps)
         if found.over:
