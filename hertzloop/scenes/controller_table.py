@@ -43,8 +43,7 @@ class ControllerTable(Table):
     """latency in addition to one step"""
     latency_trace: tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...] | None = None
     """latencies by sample, us, in place of latency_us: a CSV file, a recording of a paced run, a
-    list, or a table with median_us, sigma, autocorrelation (log-normal); repeated to the end of the
-    run and rounded to whole steps"""
+    list, or a table with median_us, sigma, autocorrelation; repeated, and rounded to whole steps"""
     latency_trace_use: Literal["replay", "resample"] | None = None
     """replay the trace as it is (default), or resample blocks of it by the seed"""
     jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0

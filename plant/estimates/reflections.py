@@ -120,28 +120,32 @@ def images(
     return squared[kept], signs[kept]
 
 
-def sine_and_cosine_integral(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sine_and_cosine_integral(
+    u: np.ndarray, least: float = _LATE
+) -> tuple[np.ndarray, np.ndarray]:
     """Si(u) and Ci(u) by the continued fraction of E_1(iu) = i (Si(u) - pi/2) - Ci(u), to rounding.
 
-    It takes 160/u terms. SciPy, which has both, would take a tenth of a run's start to import.
+    It takes 160/`least` terms, so a value does not depend on the others. SciPy, which has both, would take a tenth of a run's start to import.
     Source: Abramowitz and Stegun (1964), 5.1.22 and 5.2.21 to 5.2.24.
 
     Args:
-        u: positive numbers, shape (n,).
+        u: numbers, shape (n,).
+        least: none of them is smaller, above 0.
 
     Returns:
         Si and Ci, shape (n,) each.
     """
     z = 1j * u
     rest = np.zeros_like(z)
-    for n in range(math.ceil(_TERMS / float(u.min(initial=math.inf))) + 1, 0, -1):
+    for n in range(math.ceil(_TERMS / least) + 1, 0, -1):
         rest = n * n / (z + (2 * n + 1) - rest)
     found = np.exp(-z) / (z + 1.0 - rest)
     return 0.5 * math.pi + found.imag, -found.real
 
 
 def twice_integrated(t: np.ndarray, r4a: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and second integral over time of 1 - (2/pi) Si(r4a/t), r4a = r^2/(4 a) in s; t > 0."""
+    """First and second integral over time of 1 - (2/pi) Si(r4a/t), r4a = r^2/(4 a) in s, for t from 0
+    (excluded) to r4a/2."""
     u = r4a / t
     si, ci = sine_and_cosine_integral(u)
     sin, cos = np.sin(u), np.cos(u)
