@@ -120,9 +120,7 @@ def images(
     return squared[kept], signs[kept]
 
 
-def sine_and_cosine_integral(
-    u: np.ndarray, least: float = _LATE
-) -> tuple[np.ndarray, np.ndarray]:
+def sine_and_cosine_integral(u: np.ndarray, least: float = _LATE) -> tuple[np.ndarray, np.ndarray]:
     """Si(u) and Ci(u) by the continued fraction of E_1(iu) = i (Si(u) - pi/2) - Ci(u), to rounding.
 
     It takes 160/`least` terms, so a value does not depend on the others. SciPy, which has both, would take a tenth of a run's start to import.

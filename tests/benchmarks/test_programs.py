@@ -28,6 +28,7 @@ CONCLUSIONS = {
     "benchmarks.infinite_plate": r"The infinite plate is offered in \d+ of 12 requests",
     "benchmarks.latency": r"In aluminium-3mm \w+ tolerates most latency, \d+ us, \d+ us more than",
     "benchmarks.laws": r"A law of your own runs at least [\d.]+ times as many cases",
+    "benchmarks.linear_system": r"The frequency response is within [\d.e-]+ of python-control's",
     "benchmarks.margin": r"The linear margin agrees in \d+ of \d+ comparisons and differs in 0;",
     "benchmarks.model_order": r"The automatic choice of modes meets the requested accuracy",
     "benchmarks.pictures": r"A picture takes \d+ s at most",

@@ -26,7 +26,6 @@ def without(packages: str, *words: str, cwd: Path) -> subprocess.CompletedProces
     ("package", "extra", "words"),
     [
         ("pymoo", "tune", ("tune", "aluminium-3mm")),
-        ("matplotlib", "charts", ("study", "latency", "-o", "charts")),
         ("matplotlib", "charts", ("law", "replay", "none.mcap", "--law", "off")),
         ("h5py", "h5", ("export", "none.mcap", "-o", "a.h5")),
         (
