@@ -123,7 +123,8 @@ def images(
 def sine_and_cosine_integral(u: np.ndarray, least: float = _LATE) -> tuple[np.ndarray, np.ndarray]:
     """Si(u) and Ci(u) by the continued fraction of E_1(iu) = i (Si(u) - pi/2) - Ci(u), to rounding.
 
-    It takes 160/`least` terms, so a value does not depend on the others. SciPy, which has both, would take a tenth of a run's start to import.
+    It takes 160/`least` terms, so a value does not depend on the others. SciPy, which has both,
+    would take a tenth of a run's start to import.
     Source: Abramowitz and Stegun (1964), 5.1.22 and 5.2.21 to 5.2.24.
 
     Args:
@@ -142,8 +143,8 @@ def sine_and_cosine_integral(u: np.ndarray, least: float = _LATE) -> tuple[np.nd
 
 
 def twice_integrated(t: np.ndarray, r4a: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and second integral over time of 1 - (2/pi) Si(r4a/t), r4a = r^2/(4 a) in s, for t from 0
-    (excluded) to r4a/2."""
+    """First and second integral over time of 1 - (2/pi) Si(r4a/t), r4a = r^2/(4 a) in s, for t
+    above 0 and up to r4a/2."""
     u = r4a / t
     si, ci = sine_and_cosine_integral(u)
     sin, cos = np.sin(u), np.cos(u)
