@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_contact_time_s
+from hertzloop.plant.estimates.reflections_kernels import add_twice_integrated
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes import infinite_kernels as k
 from hertzloop.plant.schemes.infinite import InfinitePlant
@@ -23,7 +24,6 @@ from hertzloop.plant.structures.plate import Plate
 
 _STEPS_PER_CONTACT = 32  # of a contact on a rigid plate
 _STEPS = 1024  # at most; the estimate does not look further
-_TERMS = 160.0  # of a continued fraction, times u
 _FARTHEST = 4.0  # images within so many times the nearest one's distance count
 _LATE = 2.0  # u of the nearest image until which those are enough
 _EARLY = 1e3  # u beyond which an image is silent: its part falls as u^-3
@@ -120,43 +120,6 @@ def images(
     return squared[kept], signs[kept]
 
 
-def sine_and_cosine_integral(u: np.ndarray, least: float = _LATE) -> tuple[np.ndarray, np.ndarray]:
-    """Si(u) and Ci(u) by the continued fraction of E_1(iu) = i (Si(u) - pi/2) - Ci(u), to rounding.
-
-    It takes 160/`least` terms, so a value does not depend on the others. SciPy, which has both,
-    would take a tenth of a run's start to import.
-    Source: Abramowitz and Stegun (1964), 5.1.22 and 5.2.21 to 5.2.24.
-
-    Args:
-        u: numbers, shape (n,).
-        least: none of them is smaller, above 0.
-
-    Returns:
-        Si and Ci, shape (n,) each.
-    """
-    z = 1j * u
-    rest = np.zeros_like(z)
-    for n in range(math.ceil(_TERMS / least) + 1, 0, -1):
-        rest = n * n / (z + (2 * n + 1) - rest)
-    found = np.exp(-z) / (z + 1.0 - rest)
-    return 0.5 * math.pi + found.imag, -found.real
-
-
-def twice_integrated(t: np.ndarray, r4a: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First and second integral over time of 1 - (2/pi) Si(r4a/t), r4a = r^2/(4 a) in s, for t
-    above 0 and up to r4a/2."""
-    u = r4a / t
-    si, ci = sine_and_cosine_integral(u)
-    sin, cos = np.sin(u), np.cos(u)
-    now = 1.0 - 2.0 / math.pi * si
-    cosines = t * cos + r4a * (si - 0.5 * math.pi)  # integral of cos(r4a/t)
-    sines = 0.5 * (t * t * sin + r4a * cosines)  # of t sin(r4a/t)
-    once = t * now - 2.0 / math.pi * (t * sin - r4a * ci)
-    twice = 0.5 * t * t * now - sines / math.pi
-    twice -= 2.0 / math.pi * (sines - r4a * (t * ci + cosines))
-    return once, twice
-
-
 def _far(
     sphere: Sphere, plate: Plate, contact: Contact, point_m: tuple[float, float]
 ) -> tuple[np.ndarray, float, int]:
@@ -213,9 +176,7 @@ def reflections(
         weights[ratio] = weights.get(ratio, 0.0) + sign
     for ratio, weight in weights.items():
         heard = int(np.searchsorted(t, ratio / _EARLY, "right"))
-        by_step, by_ramp = twice_integrated(t[heard:], ratio)
-        once[heard:] += weight * by_step
-        twice[heard:] += weight * by_ramp
+        add_twice_integrated(t[heard:], ratio, weight, once[heard:], twice[heard:])
     slopes = np.diff(force, prepend=0.0) / h  # of a force linear between the steps
     bends = np.diff(slopes, prepend=0.0)
     z = model.model.impedance_n_s_m
