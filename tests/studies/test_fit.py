@@ -108,6 +108,24 @@ def test_a_check_before_the_experiment_says_what_will_be_known() -> None:
         assert one.half_width_percent == pytest.approx(other.half_width_percent, rel=0.2)
 
 
+def test_every_key_that_a_record_cannot_tell_is_named() -> None:
+    """Without a bound on the loss factor, a force leaves the thickness open as well."""
+    from hertzloop.studies.fit.report import sentences
+
+    setup = scene(*YIELDS)
+    supposed = expected_record(setup, "contact_force:80us:0.4%")
+    keys = (PRESSURE, THICKNESS, "plate.loss_factor")
+    found = check(setup, [supposed], [free_of(setup, key) for key in keys])
+    assert [e.verdict for e in found.estimates] == [
+        Verdict.IDENTIFIED, Verdict.NOT_IDENTIFIABLE, Verdict.NOT_IDENTIFIABLE,
+    ]  # fmt: skip
+    said = sentences(found)
+    assert "Not identifiable from these records: plate.loss_factor; plate.thickness_m." in said
+    assert any(s.startswith(f"{THICKNESS}: ") and "other keys are known" in s for s in said)
+    assert any(s.startswith("plate.loss_factor: ") and "no useful bound" in s for s in said)
+    assert not any(s.startswith(PRESSURE) for s in said)
+
+
 def test_a_prior_that_is_wrong_is_reported_as_pulled() -> None:
     one = record(scene())
     start = scene("sphere.radius_m=0.0033")

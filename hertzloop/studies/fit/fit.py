@@ -690,7 +690,9 @@ def _next(problem: Problem, point: Point, known: Uncertainty) -> list[str]:
 
 
 def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %" if share < 10.0 else "no bound"
+    if share >= 10.0:
+        return "no bound"
+    return f"{100.0 * share:.{2 if share < 1.0 else 3}g} %"
 
 
 def replace_point(point: Point, line: np.ndarray) -> Point:
