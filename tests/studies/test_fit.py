@@ -189,6 +189,7 @@ def changed(one: Record, value: np.ndarray, time_s: np.ndarray | None = None) ->
     (lambda v: -v, "opposite sign"),
     (lambda v: 0.2 * np.random.default_rng(1).standard_normal(len(v)), "no impact"),
     (lambda v: np.zeros(len(v)), "with an impact"),
+    (lambda v: np.where(v == v.max(), v, np.sin(np.arange(len(v)) ** 2)), "impact is shorter"),
 ])  # fmt: skip
 def test_a_record_that_cannot_be_right_is_refused(change: object, words: str) -> None:
     one = record(scene())
@@ -223,6 +224,15 @@ def test_a_record_without_samples_before_the_impact_cannot_tell() -> None:
     found = fitted(scene(), cut, RADIUS)
     assert found.model is Model.CANNOT_TELL
     assert found.estimates[0].value == pytest.approx(0.003, rel=1e-2)
+
+
+def test_a_second_drop_in_a_record_is_named() -> None:
+    one = record(scene())
+    later = one.time_s[-1] - one.time_s[0] + one.interval_s
+    twice = changed(one, np.tile(one.value, 2), np.concatenate([one.time_s, one.time_s + later]))
+    found = fitted(scene(), twice, RADIUS)
+    assert found.model is Model.DOES_NOT_FIT
+    assert any("us after the first is not in the simulation" in reason for reason in found.reasons)
 
 
 def test_a_second_impact_is_part_of_the_simulation() -> None:
@@ -326,13 +336,56 @@ def test_units_and_table_of_a_csv_file(tmp_path: Path) -> None:
     ("time_s,contact_force_n\n", "no samples"),
     ("time_s,what\n0,1\n1,2\n", "known quantity"),
     ("contact_force_n\n" + "1\n" * 20, "rate_hz"),
-    ("time_s,contact_force_n\n" + "1,1\n" * 20, "rise"),
+    ("time_s,contact_force_n\n" + "1,1\n" * 20, "rise.*sample 2 at 1 s follows sample 1"),
+    ("zeit,contact_force_n\n" + "1,1\n" * 20, "no column time_s; the columns are zeit"),
+    ("time_s,contact_force_n\n" + "0,1,1,5\n" * 20, "decimal commas"),
+    ("0,1\n" * 20, "first line holds numbers"),
 ])  # fmt: skip
 def test_files_that_are_no_records(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "r.csv"
     path.write_text(text)
     with pytest.raises(RecordError, match=words):
         read_record(path)
+
+
+@pytest.mark.parametrize(("text", "rows"), [
+    ("time_s;contact_force_n\n", "{t};{v}"),
+    ("time_s;contact_force_n\n", "{t};{v}|.|,"),
+    ("time_s\tcontact_force_n\n", "{t}\t{v}|.|,"),
+    ("time_s contact_force_n\n", "{t} {v}"),
+    ("time_s,contact_force_n\ns,N\n", "{t},{v}"),
+    ("Time [s],Force [N]\n", "{t},{v}"),
+])  # fmt: skip
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_tables_as_other_programs_write_them(
+    tmp_path: Path, text: str, rows: str, encoding: str
+) -> None:
+    row, _, changes = rows.partition("|")
+    old, _, new = changes.partition("|")
+    lines = [row.format(t=1e-6 * i, v=i % 5 + 0.5) for i in range(20)]
+    if new:
+        lines = [line.replace(old, new) for line in lines]
+    (tmp_path / "r.csv").write_text(text + "\n".join(lines), encoding=encoding)
+    one = read_record(tmp_path / "r.csv")
+    np.testing.assert_allclose(one.time_s, 1e-6 * np.arange(20), rtol=1e-12)
+    assert one.value[3] == 3.5
+
+
+def test_units_of_time_and_names_in_another_alphabet(tmp_path: Path) -> None:
+    rows = "\n".join(f"{i};{i % 5}" for i in range(20))
+    (tmp_path / "r.csv").write_text(f"Time (\u00b5s);Velocity [mm/s]\n{rows}\n", "cp1252")
+    one = read_record(tmp_path / "r.csv")
+    np.testing.assert_allclose(one.time_s, 1e-6 * np.arange(20), rtol=1e-12)
+    assert (one.quantity, one.value[3]) == ("v_p", pytest.approx(3e-3))
+
+
+def test_a_second_column_that_could_be_the_record_is_named(tmp_path: Path) -> None:
+    rows = "\n".join(f"{1e-6 * i},{i % 5},{i % 3}" for i in range(20))
+    (tmp_path / "r.csv").write_text(f"time_s,contact_force_n,v_p_m_s\n{rows}\n")
+    one = read_record(tmp_path / "r.csv")
+    assert one.quantity == "contact_force"
+    assert "v_p_m_s is not. Choose with record.column" in one.notes[0]
+    assert read_record(tmp_path / "r.csv", {"column": "v_p_m_s"}).quantity == "v_p"
 
 
 def test_npz_parquet_and_wav_hold_the_same_record(tmp_path: Path) -> None:

@@ -449,6 +449,13 @@ def fit(
     fitted = fitted.vary(sensor_keys) if sensor_keys else fitted
     held = _held_out(fitted, hold_out) if hold_out else None
     verdict, reasons = fits.verdict, list(fits.reasons)
+    curves = _curves(problem, point, until_s)
+    if verdict is Model.DOES_NOT_FIT:
+        reasons += [
+            sentence
+            for c, curve in zip(problem.channels, curves, strict=True)
+            for sentence in _other_impact(c, curve)
+        ]
     if held is not None and verdict is Model.FITS and held["residual_over_noise"] > 2.0:
         verdict = Model.DOES_NOT_FIT
         reasons.append(
@@ -462,7 +469,7 @@ def fit(
         _next(problem, point, known), held, evaluations + problem.evaluations,
         time.perf_counter() - began, known.covariance, fitted,
         [n for c in problem.channels for n in c.notes], _speeds(problem, values), list(records),
-        _curves(problem, point, until_s),
+        curves,
     )  # fmt: skip
 
 
@@ -645,6 +652,24 @@ def _curves(problem: Problem, point: Point, until_s: float) -> list[dict[str, np
             "simulated": gain * value[inside] + offset, "used": c.kept[inside],
         })  # fmt: skip
     return found
+
+
+def _other_impact(c: Channel, curve: dict[str, np.ndarray]) -> list[str]:
+    """Say where a record of the force shows an impact that the simulation does not have."""
+    if c.record.quantity != "contact_force":
+        return []
+    high = 0.1 * c.peak
+    measured = np.where(curve["used"], curve["measured"] - c.baseline, 0.0) > high
+    simulated = curve["simulated"] - np.min(curve["simulated"]) > 0.01 * c.peak
+    late = curve["time_s"] > curve["time_s"][np.argmax(curve["simulated"])]
+    alone = measured & ~simulated & late
+    found = np.flatnonzero(alone[:-1] & alone[1:])
+    if not len(found):
+        return []
+    return [
+        f"{c.record.name}: an impact {1e6 * curve['time_s'][found[0]]:.3g} us after the first is "
+        "not in the simulation. If it is another drop, cut the record before it."
+    ]
 
 
 def _held_out(fitted: Setup, records: Sequence[Record]) -> dict[str, Any]:
