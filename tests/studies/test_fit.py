@@ -340,6 +340,7 @@ def test_units_and_table_of_a_csv_file(tmp_path: Path) -> None:
     ("zeit,contact_force_n\n" + "1,1\n" * 20, "no column time_s; the columns are zeit"),
     ("time_s,contact_force_n\n" + "0,1,1,5\n" * 20, "decimal commas"),
     ("0,1\n" * 20, "first line holds numbers"),
+    ("time_s,actuator_force_n\n" + "1,1\n" * 20, "force of the actuator. A fit simulates drops"),
 ])  # fmt: skip
 def test_files_that_are_no_records(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "r.csv"
@@ -388,6 +389,23 @@ def test_a_second_column_that_could_be_the_record_is_named(tmp_path: Path) -> No
     assert read_record(tmp_path / "r.csv", {"column": "v_p_m_s"}).quantity == "v_p"
 
 
+def test_recordings_of_runs_are_records(tmp_path: Path) -> None:
+    """The recording says which filters its sensor has; a run under a law is refused."""
+    path = tmp_path / "r.mcap"
+    run = ["run", "aluminium-3mm", "--set", "run.duration_s=0.0012", "--set", "run.lead_in_s=3e-4",
+           "--transport", "inprocess", "--overwrite", "--out", str(path)]  # fmt: skip
+    sensor = ["sensors.quantity=v_p", "sensors.low_pass_hz=80e3", "sensors.noise_rms=1e-3",
+              "run.accuracy=1e-4", "controller.law=off"]  # fmt: skip
+    assert invoke([*run, *(word for key in sensor for word in ("--set", key))]).exit_code == 0
+    one = read_record(path)
+    assert (one.quantity, one.measured.low_pass_hz) == ("v_p", 80e3)
+    [estimate] = fitted(scene("sphere.radius_m=0.0031"), one, RADIUS).estimates
+    assert estimate.value == pytest.approx(3e-3, rel=5e-3)
+    assert invoke(run).exit_code == 0
+    with pytest.raises(RecordError, match="without control"):
+        read_record(path)
+
+
 def test_npz_parquet_and_wav_hold_the_same_record(tmp_path: Path) -> None:
     import pyarrow
     import pyarrow.parquet
@@ -414,6 +432,9 @@ def test_free_keys_are_read_from_their_text() -> None:
         ("plate.size_m", "one positive number"),
         ("plate.thicknes_m", "Did you mean plate.thickness_m"),
         (PRESSURE, "does not yield"),
+        ("controller.latency_us", "without control.*pulse"),
+        ("actuator.bandwidth_hz", "without control.*--set actuator.bandwidth_hz"),
+        ("run.duration_s", "choice of the simulation"), ("sensors.noise_rms", "low_pass_hz"),
         ("sphere.radius_m=2:1", "rise"), ("sphere.radius_m=a:b", "not a range"),
         ("sphere.radius_m±x", "not a prior"), ("=1:2", "names no key"),
     ):  # fmt: skip

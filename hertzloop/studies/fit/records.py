@@ -51,6 +51,8 @@ UNITS: dict[str, dict[str, float]] = {
     "m/s^2": {"m/s^2": 1.0, "m/s2": 1.0, "g": 9.80665, "mm/s^2": 1e-3},
     "m": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
 }
+WITHOUT_CONTROL = "A fit simulates drops without control: no law, no latency, no actuator force."
+FILTERS = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
 _FEWEST = 8  # samples of a record
 _PLATEAU = 3  # equal extreme values in a row that count as clipped
 _LEVELS = 4096  # distinct values; more than these are no visible converter
@@ -321,6 +323,10 @@ def _plain(column: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", re.sub("[\u00b5\u03bc]", "u", name)).strip("_")
 
 
+def _actuator_force(names: str) -> bool:
+    return "actuator_force" in _plain(names) or _plain(names) == "f_a_n"
+
+
 def _unit_of_time(column: str) -> float | None:
     """Seconds in the unit of a column of times, such as `time_ms`; None of another column."""
     found = re.fullmatch(r"(?:time|t)(?:_(s|ms|us|ns))?", _plain(column))
@@ -344,6 +350,12 @@ def _made(name: str, columns: Mapping[str, np.ndarray], measured: Measured, dige
             )
         if column is None and measured.quantity and others:
             column = others[0]
+    if _actuator_force(measured.quantity or column or " ".join(others)):
+        raise RecordError(
+            f"{name}: holds the force of the actuator. {WITHOUT_CONTROL} Record a drop with the "
+            "law off, as contact force or motion. Set what a pulse on the actuator alone tells, "
+            "such as actuator.bandwidth_hz, with --set."
+        )
     if column is None or column not in columns:
         raise RecordError(
             (f"record.column = '{column}': not a column of {name}. " if column else "")
@@ -544,8 +556,17 @@ def _mcap(path: Path) -> _Read:
     found = read(path)
     setup = parse(found.scene_toml, recorded=True)
     values = np.asarray(found.daq_values, float)
+    if setup.has_law and np.any(found.force.arrays.get("force_n", 0.0)):
+        raise RecordError(
+            f"{path}: the run is under the law '{setup.scene.controller.law}'. {WITHOUT_CONTROL} "
+            "Record the run with --set controller.law=off."
+        )
     sampled_s = np.arange(len(values)) * setup.every_steps * setup.step_s
-    return {"time_s": sampled_s, "value": values}, {"quantity": setup.quantity, "column": "value"}
+    inside = {"quantity": setup.quantity, "column": "value"}
+    of_sensor = {key: getattr(setup.sensor, key) for key in FILTERS}
+    if any(of_sensor[key] for key in FILTERS if key.endswith("_hz")):
+        inside |= {key: value for key, value in of_sensor.items() if value is not None}
+    return {"time_s": sampled_s, "value": values}, inside
 
 
 def _tdms(path: Path) -> _Read:
