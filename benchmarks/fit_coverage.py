@@ -117,6 +117,13 @@ PROBLEMS = {
         chain=_LOW_PASS, table=Measured(low_pass_hz=100e3), fitted=(), wrong=True,
     ),
 }  # fmt: skip
+_CLASSES = ("force 90 us", "force 70 us, elastic", "v_p 1 ms",
+            *(name for name, problem in PROBLEMS.items() if problem.wrong))  # fmt: skip
+PROBLEMS |= {
+    f"{name}, noise {100.0 * noise:g} %": replace(PROBLEMS[name], spoilt=Spoilt(noise=noise))
+    for noise in (0.01, 0.001)
+    for name in _CLASSES
+}
 
 
 def run(problem: Problem, seed: int) -> tuple[FitResult, dict[str, float]]:

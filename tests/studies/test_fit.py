@@ -108,6 +108,24 @@ def test_a_check_before_the_experiment_says_what_will_be_known() -> None:
         assert one.half_width_percent == pytest.approx(other.half_width_percent, rel=0.2)
 
 
+def test_every_key_that_a_record_cannot_tell_is_named() -> None:
+    """Without a bound on the loss factor, a force leaves the thickness open as well."""
+    from hertzloop.studies.fit.report import sentences
+
+    setup = scene(*YIELDS)
+    supposed = expected_record(setup, "contact_force:80us:0.4%")
+    keys = (PRESSURE, THICKNESS, "plate.loss_factor")
+    found = check(setup, [supposed], [free_of(setup, key) for key in keys])
+    assert [e.verdict for e in found.estimates] == [
+        Verdict.IDENTIFIED, Verdict.NOT_IDENTIFIABLE, Verdict.NOT_IDENTIFIABLE,
+    ]  # fmt: skip
+    said = sentences(found)
+    assert "Not identifiable from these records: plate.loss_factor; plate.thickness_m." in said
+    assert any(s.startswith(f"{THICKNESS}: ") and "other keys are known" in s for s in said)
+    assert any(s.startswith("plate.loss_factor: ") and "no useful bound" in s for s in said)
+    assert not any(s.startswith(PRESSURE) for s in said)
+
+
 def test_a_prior_that_is_wrong_is_reported_as_pulled() -> None:
     one = record(scene())
     start = scene("sphere.radius_m=0.0033")
@@ -171,6 +189,7 @@ def changed(one: Record, value: np.ndarray, time_s: np.ndarray | None = None) ->
     (lambda v: -v, "opposite sign"),
     (lambda v: 0.2 * np.random.default_rng(1).standard_normal(len(v)), "no impact"),
     (lambda v: np.zeros(len(v)), "with an impact"),
+    (lambda v: np.where(v == v.max(), v, np.sin(np.arange(len(v)) ** 2)), "impact is shorter"),
 ])  # fmt: skip
 def test_a_record_that_cannot_be_right_is_refused(change: object, words: str) -> None:
     one = record(scene())
@@ -205,6 +224,15 @@ def test_a_record_without_samples_before_the_impact_cannot_tell() -> None:
     found = fitted(scene(), cut, RADIUS)
     assert found.model is Model.CANNOT_TELL
     assert found.estimates[0].value == pytest.approx(0.003, rel=1e-2)
+
+
+def test_a_second_drop_in_a_record_is_named() -> None:
+    one = record(scene())
+    later = one.time_s[-1] - one.time_s[0] + one.interval_s
+    twice = changed(one, np.tile(one.value, 2), np.concatenate([one.time_s, one.time_s + later]))
+    found = fitted(scene(), twice, RADIUS)
+    assert found.model is Model.DOES_NOT_FIT
+    assert any("us after the first is not in the simulation" in reason for reason in found.reasons)
 
 
 def test_a_second_impact_is_part_of_the_simulation() -> None:
@@ -308,12 +336,73 @@ def test_units_and_table_of_a_csv_file(tmp_path: Path) -> None:
     ("time_s,contact_force_n\n", "no samples"),
     ("time_s,what\n0,1\n1,2\n", "known quantity"),
     ("contact_force_n\n" + "1\n" * 20, "rate_hz"),
-    ("time_s,contact_force_n\n" + "1,1\n" * 20, "rise"),
+    ("time_s,contact_force_n\n" + "1,1\n" * 20, "rise.*sample 2 at 1 s follows sample 1"),
+    ("zeit,contact_force_n\n" + "1,1\n" * 20, "no column time_s; the columns are zeit"),
+    ("time_s,contact_force_n\n" + "0,1,1,5\n" * 20, "decimal commas"),
+    ("0,1\n" * 20, "first line holds numbers"),
+    ("time_s,actuator_force_n\n" + "1,1\n" * 20, "force of the actuator. A fit simulates drops"),
 ])  # fmt: skip
 def test_files_that_are_no_records(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "r.csv"
     path.write_text(text)
     with pytest.raises(RecordError, match=words):
+        read_record(path)
+
+
+@pytest.mark.parametrize(("text", "rows"), [
+    ("time_s;contact_force_n\n", "{t};{v}"),
+    ("time_s;contact_force_n\n", "{t};{v}|.|,"),
+    ("time_s\tcontact_force_n\n", "{t}\t{v}|.|,"),
+    ("time_s contact_force_n\n", "{t} {v}"),
+    ("time_s,contact_force_n\ns,N\n", "{t},{v}"),
+    ("Time [s],Force [N]\n", "{t},{v}"),
+])  # fmt: skip
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_tables_as_other_programs_write_them(
+    tmp_path: Path, text: str, rows: str, encoding: str
+) -> None:
+    row, _, changes = rows.partition("|")
+    old, _, new = changes.partition("|")
+    lines = [row.format(t=1e-6 * i, v=i % 5 + 0.5) for i in range(20)]
+    if new:
+        lines = [line.replace(old, new) for line in lines]
+    (tmp_path / "r.csv").write_text(text + "\n".join(lines), encoding=encoding)
+    one = read_record(tmp_path / "r.csv")
+    np.testing.assert_allclose(one.time_s, 1e-6 * np.arange(20), rtol=1e-12)
+    assert one.value[3] == 3.5
+
+
+def test_units_of_time_and_names_in_another_alphabet(tmp_path: Path) -> None:
+    rows = "\n".join(f"{i};{i % 5}" for i in range(20))
+    (tmp_path / "r.csv").write_text(f"Time (\u00b5s);Velocity [mm/s]\n{rows}\n", "cp1252")
+    one = read_record(tmp_path / "r.csv")
+    np.testing.assert_allclose(one.time_s, 1e-6 * np.arange(20), rtol=1e-12)
+    assert (one.quantity, one.value[3]) == ("v_p", pytest.approx(3e-3))
+
+
+def test_a_second_column_that_could_be_the_record_is_named(tmp_path: Path) -> None:
+    rows = "\n".join(f"{1e-6 * i},{i % 5},{i % 3}" for i in range(20))
+    (tmp_path / "r.csv").write_text(f"time_s,contact_force_n,v_p_m_s\n{rows}\n")
+    one = read_record(tmp_path / "r.csv")
+    assert one.quantity == "contact_force"
+    assert "v_p_m_s is not. Choose with record.column" in one.notes[0]
+    assert read_record(tmp_path / "r.csv", {"column": "v_p_m_s"}).quantity == "v_p"
+
+
+def test_recordings_of_runs_are_records(tmp_path: Path) -> None:
+    """The recording says which filters its sensor has; a run under a law is refused."""
+    path = tmp_path / "r.mcap"
+    run = ["run", "aluminium-3mm", "--set", "run.duration_s=0.0012", "--set", "run.lead_in_s=3e-4",
+           "--transport", "inprocess", "--overwrite", "--out", str(path)]  # fmt: skip
+    sensor = ["sensors.quantity=v_p", "sensors.low_pass_hz=80e3", "sensors.noise_rms=1e-3",
+              "run.accuracy=1e-4", "controller.law=off"]  # fmt: skip
+    assert invoke([*run, *(word for key in sensor for word in ("--set", key))]).exit_code == 0
+    one = read_record(path)
+    assert (one.quantity, one.measured.low_pass_hz) == ("v_p", 80e3)
+    [estimate] = fitted(scene("sphere.radius_m=0.0031"), one, RADIUS).estimates
+    assert estimate.value == pytest.approx(3e-3, rel=5e-3)
+    assert invoke(run).exit_code == 0
+    with pytest.raises(RecordError, match="without control"):
         read_record(path)
 
 
@@ -343,6 +432,9 @@ def test_free_keys_are_read_from_their_text() -> None:
         ("plate.size_m", "one positive number"),
         ("plate.thicknes_m", "Did you mean plate.thickness_m"),
         (PRESSURE, "does not yield"),
+        ("controller.latency_us", "without control.*pulse"),
+        ("actuator.bandwidth_hz", "without control.*--set actuator.bandwidth_hz"),
+        ("run.duration_s", "choice of the simulation"), ("sensors.noise_rms", "low_pass_hz"),
         ("sphere.radius_m=2:1", "rise"), ("sphere.radius_m=a:b", "not a range"),
         ("sphere.radius_m±x", "not a prior"), ("=1:2", "names no key"),
     ):  # fmt: skip

@@ -220,6 +220,13 @@ def _check_impact(record: Record, values: np.ndarray, spread: float) -> None:
     size = np.abs(values)
     pairs = np.minimum(size[1:], size[:-1])
     if float(np.max(pairs)) < 6.0 * spread:
+        if float(np.max(size)) > _SPIKE * 6.0 * spread:
+            raise RecordError(
+                f"{record.name}: only single samples leave the noise, up to "
+                f"{float(np.max(size)):.3g} {QUANTITIES[record.quantity].unit}, at "
+                f"{1e6 * record.interval_s:.3g} us from sample to sample. The impact is shorter. "
+                "Record at a higher rate."
+            )
         raise RecordError(
             f"{record.name}: no impact was found, as the largest value is "
             f"{float(np.max(size)):.3g} {QUANTITIES[record.quantity].unit} at a noise of "

@@ -4,7 +4,7 @@ import difflib
 import math
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,7 +15,14 @@ from hertzloop.setup import Setup
 from hertzloop.studies.fit.channel import Channel, align, make_ready, thinned, without_contact
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, chain_of, observe
-from hertzloop.studies.fit.records import QUANTITIES, Measured, Record, RecordError
+from hertzloop.studies.fit.records import (
+    FILTERS,
+    QUANTITIES,
+    WITHOUT_CONTROL,
+    Measured,
+    Record,
+    RecordError,
+)
 from hertzloop.studies.fit.solve import Free, Point, Problem, minimised, reject_outliers
 from hertzloop.studies.fit.verdicts import (
     WIDEST,
@@ -202,6 +209,8 @@ def value_of(setup: Setup, key: str) -> float:
     """Return the starting value of a key. Raises FitError unless it is one positive number."""
     table, _, last = key.partition(".")
     found: Any = None
+    if last in _fields(setup, table):
+        _refuse_without_influence(key)
     if key == _PRESSURE and setup.limiting_pressure:
         found = setup.limiting_pressure["pressure_pa"]
     elif key == "plate.loss_factor":
@@ -220,10 +229,36 @@ def value_of(setup: Setup, key: str) -> float:
     return float(found)
 
 
+def _fields(setup: Setup, table: str) -> Mapping[str, Any]:
+    """The keys of a table of the scene; none of a table that does not exist."""
+    return getattr(type(getattr(setup.scene, table, None)), "model_fields", {})
+
+
+def _refuse_without_influence(key: str) -> None:
+    """Raise FitError for a key of the scene that no record of a drop without control can tell."""
+    table, _, last = key.partition(".")
+    if table == "controller" or (table == "actuator" and last != "mass_kg"):
+        raise FitError(
+            f"--free {key}: cannot be fitted. {WITHOUT_CONTROL} Measure the key with a pulse on "
+            f"the actuator, and give it with --set {key}=VALUE. `hertzloop sweep --over {key}=...` "
+            "shows how much it matters."
+        )
+    if table == "run":
+        raise FitError(
+            f"--free {key}: is a choice of the simulation, not a property of the rig. Choose "
+            "another key."
+        )
+    if table == "sensors" and last not in FILTERS:
+        raise FitError(
+            f"--free {key}: cannot be fitted. Of the sensor only {', '.join(FILTERS)} can be free; "
+            "a fit finds noise, gain and offset by itself."
+        )
+
+
 def _why_not(setup: Setup, key: str, found: Any) -> str:
     """Why a key cannot be free, and what to do."""
     table, _, last = key.partition(".")
-    fields = getattr(type(getattr(setup.scene, table, None)), "model_fields", {})
+    fields = _fields(setup, table)
     if last.partition(".")[0] not in fields:
         near = difflib.get_close_matches(last, fields, 1)
         hint = f"Did you mean {table}.{near[0]}?" if near else "See `hertzloop scene keys`."
@@ -449,6 +484,13 @@ def fit(
     fitted = fitted.vary(sensor_keys) if sensor_keys else fitted
     held = _held_out(fitted, hold_out) if hold_out else None
     verdict, reasons = fits.verdict, list(fits.reasons)
+    curves = _curves(problem, point, until_s)
+    if verdict is Model.DOES_NOT_FIT:
+        reasons += [
+            sentence
+            for c, curve in zip(problem.channels, curves, strict=True)
+            for sentence in _other_impact(c, curve)
+        ]
     if held is not None and verdict is Model.FITS and held["residual_over_noise"] > 2.0:
         verdict = Model.DOES_NOT_FIT
         reasons.append(
@@ -462,7 +504,7 @@ def fit(
         _next(problem, point, known), held, evaluations + problem.evaluations,
         time.perf_counter() - began, known.covariance, fitted,
         [n for c in problem.channels for n in c.notes], _speeds(problem, values), list(records),
-        _curves(problem, point, until_s),
+        curves,
     )  # fmt: skip
 
 
@@ -647,6 +689,24 @@ def _curves(problem: Problem, point: Point, until_s: float) -> list[dict[str, np
     return found
 
 
+def _other_impact(c: Channel, curve: dict[str, np.ndarray]) -> list[str]:
+    """Say where a record of the force shows an impact that the simulation does not have."""
+    if c.record.quantity != "contact_force":
+        return []
+    high = 0.1 * c.peak
+    measured = np.where(curve["used"], curve["measured"] - c.baseline, 0.0) > high
+    simulated = curve["simulated"] - np.min(curve["simulated"]) > 0.01 * c.peak
+    late = curve["time_s"] > curve["time_s"][np.argmax(curve["simulated"])]
+    alone = measured & ~simulated & late
+    found = np.flatnonzero(alone[:-1] & alone[1:])
+    if not len(found):
+        return []
+    return [
+        f"{c.record.name}: an impact {1e6 * curve['time_s'][found[0]]:.3g} us after the first is "
+        "not in the simulation. If it is another drop, cut the record before it."
+    ]
+
+
 def _held_out(fitted: Setup, records: Sequence[Record]) -> dict[str, Any]:
     """Compare records with the fitted scene; only their nuisances are found anew."""
     problem = prepared(fitted, records, [])
@@ -690,7 +750,9 @@ def _next(problem: Problem, point: Point, known: Uncertainty) -> list[str]:
 
 
 def _percent(share: float) -> str:
-    return f"{100.0 * share:.2g} %" if share < 10.0 else "no bound"
+    if share >= 10.0:
+        return "no bound"
+    return f"{100.0 * share:.{2 if share < 1.0 else 3}g} %"
 
 
 def replace_point(point: Point, line: np.ndarray) -> Point:

@@ -4,11 +4,13 @@ A record comes from a file. Its `[record]` table is in a TOML file of the same n
 lines of a CSV file that begin with `#`.
 """
 
+import codecs
 import csv
 import hashlib
 import math
+import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -49,6 +51,8 @@ UNITS: dict[str, dict[str, float]] = {
     "m/s^2": {"m/s^2": 1.0, "m/s2": 1.0, "g": 9.80665, "mm/s^2": 1e-3},
     "m": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
 }
+WITHOUT_CONTROL = "A fit simulates drops without control: no law, no latency, no actuator force."
+FILTERS = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
 _FEWEST = 8  # samples of a record
 _PLATEAU = 3  # equal extreme values in a row that count as clipped
 _LEVELS = 4096  # distinct values; more than these are no visible converter
@@ -136,10 +140,14 @@ class Record:
                 f"{self.name}: has {len(self.value)} samples. Give at least {_FEWEST}, with some "
                 "before the impact."
             )
-        if not np.all(np.isfinite(self.time_s)) or not np.all(np.diff(self.time_s) > 0.0):
+        wrong = np.flatnonzero(~(np.diff(self.time_s) > 0.0))
+        if len(wrong):
+            at = int(wrong[0])
             raise RecordError(
-                f"{self.name}: its times do not rise from sample to sample. Give one record of one "
-                "impact, in the order of time, in seconds."
+                f"{self.name}: its times do not rise from sample to sample: sample {at + 2} at "
+                f"{self.time_s[at + 1]:.9g} s follows sample {at + 1} at {self.time_s[at]:.9g} s. "
+                "Give one impact in the order of time, and write times with enough digits. Or "
+                "leave time_s out and give record.rate_hz."
             )
 
     @property
@@ -292,7 +300,7 @@ def _factor(quantity: str, measured: Measured) -> float:
 
 def quantity_of(column: str) -> tuple[str, str | None] | None:
     """Return quantity and unit of a column by its name, such as `v_p_mm_s`; None if unknown."""
-    name = column.strip().lower()
+    name = _plain(column)
     names = {**{q: q for q in QUANTITIES}, **_ALIASES}
     for start in sorted(names, key=len, reverse=True):
         if name == start:
@@ -306,21 +314,54 @@ def quantity_of(column: str) -> tuple[str, str | None] | None:
     return None
 
 
+_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+def _plain(column: str) -> str:
+    """A column name as in `contact_force_n`: "Force [N]" is force_n, "Time (ms)" is time_ms."""
+    name = column.strip().lower().replace("^", "").replace("\u00b2", "2")
+    return re.sub(r"[^a-z0-9]+", "_", re.sub("[\u00b5\u03bc]", "u", name)).strip("_")
+
+
+def _actuator_force(names: str) -> bool:
+    return "actuator_force" in _plain(names) or _plain(names) == "f_a_n"
+
+
+def _unit_of_time(column: str) -> float | None:
+    """Seconds in the unit of a column of times, such as `time_ms`; None of another column."""
+    found = re.fullmatch(r"(?:time|t)(?:_(s|ms|us|ns))?", _plain(column))
+    return None if found is None else _SECONDS[found[1] or ""]
+
+
 def _made(name: str, columns: Mapping[str, np.ndarray], measured: Measured, digest: str) -> Record:
     if not columns or all(len(column) == 0 for column in columns.values()):
         raise RecordError(f"{name}: has no samples. Give a record of one impact.")
-    time_name = next((c for c in columns if c.strip().lower() in ("time_s", "t_s", "time")), None)
+    time_name = next((c for c in columns if _unit_of_time(c)), None)
     others = [c for c in columns if c != time_name and not c.endswith(_OWN_TIME)]
     column = measured.column
+    notes = []
     if column is None:
-        column = next((c for c in others if quantity_of(c)), None)
+        known_columns = [c for c in others if quantity_of(c)]
+        column = next(iter(known_columns), None)
+        if len(known_columns) > 1:
+            notes.append(
+                f"{name}: column {column} is used, and {', '.join(known_columns[1:])} is not. "
+                "Choose with record.column."
+            )
         if column is None and measured.quantity and others:
             column = others[0]
+    if _actuator_force(measured.quantity or column or " ".join(others)):
+        raise RecordError(
+            f"{name}: holds the force of the actuator. {WITHOUT_CONTROL} Record a drop with the "
+            "law off, as contact force or motion. Set what a pulse on the actuator alone tells, "
+            "such as actuator.bandwidth_hz, with --set."
+        )
     if column is None or column not in columns:
         raise RecordError(
-            f"record.column = '{column or ''}': no column of {name} is a known quantity. Name a "
-            f"column such as contact_force_n or v_p_m_s, or give record.quantity and "
-            f"record.column; the columns are {', '.join(others)}."
+            (f"record.column = '{column}': not a column of {name}. " if column else "")
+            + f"{name}: no column is a known quantity; the columns are {', '.join(columns)}. Name "
+            "a column such as contact_force_n or v_p_m_s, or give record.quantity and "
+            "record.column."
         )
     said = quantity_of(column)
     quantity = measured.quantity or (said[0] if said else None)
@@ -337,15 +378,19 @@ def _made(name: str, columns: Mapping[str, np.ndarray], measured: Measured, dige
     if own_time is not None:
         time_s = np.asarray(own_time, float)
     elif time_name is not None:
-        time_s = np.asarray(columns[time_name], float)
+        time_s = np.asarray(columns[time_name], float) * (_unit_of_time(time_name) or 1.0)
     elif measured.rate_hz:
         time_s = np.arange(len(value)) / measured.rate_hz
     else:
         raise RecordError(
-            f"{name}: has no column time_s. Add one, or give record.rate_hz in samples per second."
+            f"{name}: has no column time_s; the columns are {', '.join(columns)}. Add one, or give "
+            "record.rate_hz in samples per second."
         )
-    notes = []
     known = np.isfinite(time_s)
+    if not np.any(known):
+        raise RecordError(
+            f"{name}: no time is a number. Write numbers with a decimal point, in seconds."
+        )
     if not np.all(known):
         notes.append(f"{name}: {np.count_nonzero(~known)} samples have no time and are not used.")
         time_s, value = time_s[known], value[known]
@@ -369,41 +414,75 @@ _Read = tuple[dict[str, np.ndarray], dict[str, Any]]
 
 def _csv(path: Path) -> _Read:
     table_lines: list[str] = []
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        position = file.tell()
+    with path.open(encoding=_encoding(path), newline="") as file:
         line = file.readline()
         while line.startswith("#"):
             table_lines.append(line[1:].strip())
-            position = file.tell()
             line = file.readline()
-        if not line.strip():
+        position = file.tell()
+        first = file.readline()
+        while first and not re.match(r"\s*[+-]?[.,]?(\d|nan|inf)", first.strip().lower()):
+            position, first = file.tell(), file.readline()  # a row of units, or an empty one
+        if not line.strip() or not first:
             return {}, {}
-        # Programs of some languages write semicolons, or tabs.
-        delimiter = next((d for d in ",;\t" if d in line), ",")
-        header = next(csv.reader([line], delimiter=delimiter))
-        file.seek(position)
-        file.readline()
-        lines = [text for text in file if text.strip()]
-        if not lines:
-            return {}, {}
-        try:
-            table = np.genfromtxt(lines, delimiter=delimiter, dtype=float, ndmin=2)
-        except ValueError as error:
+        # Programs of some languages write semicolons, tabs or spaces, and decimal commas.
+        delimiter = next((d for d in ";\t," if d in line), None)
+        header = next(csv.reader([line], delimiter=delimiter)) if delimiter else [line.strip()]
+        if delimiter is None and len(first.split()) == len(line.split()):
+            header = line.split()
+        if _is_number(header[0]):
             raise RecordError(
-                f"{path}: not all rows have {len(header)} columns as the first line has. Write the "
-                "file again; it may be cut off."
-            ) from error
-    if table.size == 0:
-        return {}, {}
+                f"{path}: the first line holds numbers. Give a first line with a name for each "
+                "column, such as time_s,contact_force_n."
+            )
+        comma = delimiter != "," and "," in first and "." not in first
+
+        def rows() -> Iterator[str]:
+            file.seek(position)
+            return (text.replace(",", ".") for text in file) if comma else iter(file)
+
+        try:
+            table = np.loadtxt(rows(), delimiter=delimiter, ndmin=2)
+        except ValueError:  # a text or nothing in place of a number
+            try:
+                lines = (text for text in rows() if text.strip())
+                table = np.genfromtxt(lines, delimiter=delimiter, dtype=float, ndmin=2)
+            except ValueError as error:
+                raise RecordError(
+                    f"{path}: not all rows have {len(header)} columns as the first line has. Write "
+                    "the file again; it may be cut off."
+                ) from error
     if table.shape[1] != len(header):
         raise RecordError(
             f"{path}: the first line names {len(header)} columns and the rows have "
-            f"{table.shape[1]}. Give a first line with a name for each column."
+            f"{table.shape[1]}. Give a name for each column, and separate the columns by "
+            "semicolons if numbers have decimal commas."
         )
     return (
         {name.strip(): table[:, i] for i, name in enumerate(header)},
         _inner_table("\n".join(table_lines)),
     )
+
+
+def _encoding(path: Path) -> str:
+    """The encoding of a text file: UTF-16 with its mark, UTF-8, or else that of Windows."""
+    with path.open("rb") as file:
+        start = file.read(1 << 16)
+    if start[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(start)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
 
 
 def _inner_table(text: str) -> dict[str, Any]:
@@ -477,8 +556,17 @@ def _mcap(path: Path) -> _Read:
     found = read(path)
     setup = parse(found.scene_toml, recorded=True)
     values = np.asarray(found.daq_values, float)
+    if setup.has_law and np.any(found.force.arrays.get("force_n", 0.0)):
+        raise RecordError(
+            f"{path}: the run is under the law '{setup.scene.controller.law}'. {WITHOUT_CONTROL} "
+            "Record the run with --set controller.law=off."
+        )
     sampled_s = np.arange(len(values)) * setup.every_steps * setup.step_s
-    return {"time_s": sampled_s, "value": values}, {"quantity": setup.quantity, "column": "value"}
+    inside = {"quantity": setup.quantity, "column": "value"}
+    of_sensor = {key: getattr(setup.sensor, key) for key in FILTERS}
+    if any(of_sensor[key] for key in FILTERS if key.endswith("_hz")):
+        inside |= {key: value for key, value in of_sensor.items() if value is not None}
+    return {"time_s": sampled_s, "value": values}, inside
 
 
 def _tdms(path: Path) -> _Read:

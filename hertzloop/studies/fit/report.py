@@ -8,7 +8,7 @@ import numpy as np
 from hertzloop.scenes.tables import FitTable
 from hertzloop.setup import Setup
 from hertzloop.studies.fit.fit import Estimate, FitResult
-from hertzloop.studies.fit.verdicts import Model, Verdict
+from hertzloop.studies.fit.verdicts import WIDEST, Model, Verdict
 from hertzloop.views.format import Table
 
 _OPEN = "open"
@@ -96,6 +96,10 @@ def fitted_scene(result: FitResult, name: str) -> str:
     return Setup(scene).toml
 
 
+def _percent(value: float) -> str:
+    return f"{value:.2g} %" if value < 100.0 else f"{value:.0f} %"
+
+
 def number(value: float | None, digits: int = 5) -> str:
     """Write a number, or "open" for the end of an interval that is open."""
     return _OPEN if value is None else f"{value:.{digits}g}"
@@ -126,12 +130,7 @@ def sentences(result: FitResult) -> list[str]:
                 f"{e.key} is {limit} (95 %): the records, at impact speeds of {low:.3g} to "
                 f"{high:.3g} m/s, set no limit on the other side."
             )
-    if not result.identifiable:
-        worst = [c for c in result.combinations if c.half_width_percent > 30.0]
-        named = "; ".join(str(c) for c in worst) or ", ".join(
-            e.key for e in result.estimates if e.verdict is Verdict.NOT_IDENTIFIABLE
-        )
-        found.append(f"Not identifiable from these records: {named}.")
+    found += _unidentified(result)
     found += result.measure_next
     if result.checked_only:
         return found
@@ -151,3 +150,30 @@ def sentences(result: FitResult) -> list[str]:
     if not math.isnan(result.wall_s):
         found.append(f"{result.evaluations} simulations in {result.wall_s:.2f} s.")
     return found
+
+
+def _unidentified(result: FitResult) -> list[str]:
+    """Name what the records cannot tell: combinations first, then each key with the reason."""
+    keys = [e for e in result.estimates if e.verdict is Verdict.NOT_IDENTIFIABLE]
+    if not keys:
+        return []
+    worst = [c for c in result.combinations if c.half_width_percent > 100.0 * WIDEST]
+    named = {key for c in worst for key in c.exponents}
+    parts = [str(c) for c in worst] + [e.key for e in keys if e.key not in named]
+    return [
+        f"Not identifiable from these records: {'; '.join(parts)}.",
+        *(_why_unidentified(e, len(result.estimates) > 1) for e in keys),
+    ]
+
+
+def _why_unidentified(e: Estimate, others: bool) -> str:
+    half, alone = e.half_width_percent, e.alone_percent
+    if half is None or half >= 1e3:
+        known = f"{e.key}: the records set no useful bound"
+    else:
+        known = f"{e.key}: the half-width is {_percent(half)}, more than {100.0 * WIDEST:g} %"
+    if not others:
+        return f"{known}."
+    if alone is None or alone > 100.0 * WIDEST:
+        return f"{known}, even if the other keys are known."
+    return f"{known}. It falls to {_percent(alone)} if the other keys are known."
