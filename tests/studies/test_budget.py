@@ -113,6 +113,21 @@ def test_a_region_that_is_not_an_interval_is_reported():
     assert limit.holds_again == (80.0, 100.0)
 
 
+def test_a_refused_quantity_has_one_reason_and_no_values():
+    setup = load("offcentre-6mm", ["plate.theory=3d", *SHORT])
+    (mass,) = (q for q in quantities_of(setup) if q.name == "mass_kg")
+    assert next(q.unit for q in quantities_of(setup) if q.name == "noise") == "N rms"
+
+    def run(cases):
+        return [row(-1.0) if case[mass.key] == 0.0 else row(0.0, CaseState.NOT_RUN)
+                for case in cases]  # fmt: skip
+
+    (limit,) = side_by_side([limit_of(mass, [GOAL], Search((0.5,), (1,), 6))], run)
+    assert (limit.boundary, limit.value) == (Boundary.IMPOSSIBLE, None)
+    assert (limit.interval, limit.holds_again) == (True, ())
+    assert limit.reason == "actuator.mass_kg: no"
+
+
 def test_every_phase_and_seed_counts():
     quantity = Quantity("noise", "a.b", "rms", tuple(range(100)), by_chance=True)
     search = Search((0.1, 0.9), (4, 5), 6)

@@ -22,6 +22,7 @@ from typing import Any
 
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.quantities import SENSED
 from hertzloop.setup import Setup
 from hertzloop.studies.budget.goal import Goal, all_met
 from hertzloop.studies.sweeps.evaluate import Rows, not_run
@@ -134,7 +135,7 @@ def quantities_of(setup: Setup) -> list[Quantity]:
                  _place(times, line.jitter_us), by_chance=True),
         Quantity("bits", "sensors.bits", "bits", bits,
                  bits.index(sensors.bits), dense=True),
-        Quantity("noise", "sensors.noise_rms", "rms", noises,
+        Quantity("noise", "sensors.noise_rms", f"{SENSED[setup.quantity].unit} rms", noises,
                  _place(noises, sensors.noise_rms), by_chance=True),
         Quantity("sampling_us", "sensors.every_steps", "us", periods,
                  _place(periods, sensors.every_steps), scale=step_us,
@@ -222,7 +223,8 @@ class _Known:
         self.cases += len(rows)
         lacking = not_run(rows)
         if lacking and not self.reason:
-            self.reason = f"{quantity.key}: {lacking[0]['status']}"
+            said = lacking[0]["status"]
+            self.reason = said if quantity.key in said else f"{quantity.key}: {said}"
         for i, place in enumerate(places):
             mine = rows[i * len(some) : (i + 1) * len(some)]
             if not_run(mine):
@@ -260,6 +262,7 @@ def limit_of(quantity: Quantity, goals: Sequence[Goal], search: Search) -> Asks:
     last = len(quantity.values) - 1
     known = _Known(quantity, goals, search)
     if last < 1:
+        known.reason = f"{quantity.key}: the scene allows only {quantity.values[0]:g}"
         return _result(quantity, known, None, [], Boundary.IMPOSSIBLE)
     count = last + 1 if quantity.dense else min(search.points, last + 1)
     scan = sorted({round(i * last / (count - 1)) for i in range(count)} | {min(1, last)})
@@ -305,8 +308,8 @@ def _result(
     quantity: Quantity, known: _Known, good: int | None, scan: Sequence[int], boundary: Boundary
 ) -> Limit:
     last = len(quantity.values) - 1
-    again = [place for place in scan if known.holds.get(place) and place > (-1 if good is None
-             else good)]  # fmt: skip
+    beyond = last if boundary is Boundary.IMPOSSIBLE else -1 if good is None else good
+    again = [place for place in scan if known.holds.get(place) and place > beyond]
     ends = [quantity.reported(place) for place in (0, 1, last) if place <= last]
     finite = [value for value in ends if value is not None]
     found = boundary is Boundary.FOUND
