@@ -139,6 +139,24 @@ def test_every_phase_and_seed_counts():
     assert found_by(holds, quantity, search)[0].value == 20
 
 
+def test_a_harmless_value_that_fails_at_one_phase_has_no_limit():
+    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    never, _ = found_by(
+        lambda value, case: 5 <= value <= 40 or case["run.touch_phase"] != 0.9, quantity
+    )
+    assert (never.boundary, never.value) == (Boundary.NEVER, None)
+    assert never.holds_again == (20.0, 40.0)
+
+
+def test_a_value_that_fails_at_one_phase_ends_the_tolerated_values():
+    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    for phase in (0.1, 0.5, 0.9):
+        limit, _ = found_by(
+            lambda value, case, at=phase: value <= 62 or case["run.touch_phase"] != at, quantity
+        )
+        assert (limit.value, limit.interval) == (62.0, True)
+
+
 def test_a_loop_that_fails_late_is_found_by_the_longer_run():
     quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
     search = Search((0.5,), (1,), 6, short_s=0.001, long_s=0.01)
@@ -171,7 +189,7 @@ def test_limits_agree_with_brute_force(pool):
         holds = [all(all_met([GOAL], r) for r in rows[i : i + len(others)])
                  for i in range(0, len(rows), len(others))]  # fmt: skip
         assert limit.value == quantity.reported(holds.index(False) - 1)
-        if quantity.dense:
+        if quantity.scan:
             again = [quantity.reported(i) for i, ok in enumerate(holds) if ok]
             assert list(limit.holds_again) == [x for x in again if x > limit.value]
         else:

@@ -32,8 +32,7 @@ Asks = Generator[list[Case], Rows, "Limit"]  # yields cases, is sent their rows
 _NOISE_DECADES, _PLACES_A_DECADE = 6, 25
 _BANDWIDTHS_HZ = (1e3, 1e7)  # the largest acts within a tenth of a step: it stands for ideal
 _MASSES = (1e-3, 1e2)  # of the mass of the sphere
-_MOST_BITS = 24
-_BY_CHANCE = 2  # times as many values in the scan: what fails by chance leaves narrow gaps
+_MOST_BITS, _COARSE_BITS = 24, 12  # above 12 bits the scan takes every fourth value
 _FEW = 64  # sampling periods that are all scanned: a law may miss its goal at every other one
 
 
@@ -53,8 +52,9 @@ class Quantity:
 
     `values`: from harmless to harsh, as the scene key takes them; `scale`: reported value over
     value of the key; `own`: place in the list of the scene's own value; `by_chance`: whether the
-    effect depends on the seed; `dense`: whether the scan takes every value, as for bits and
-    sampling periods, which are few and often have gaps.
+    effect depends on the seed; `finer`: times as many values in the scan as `Search.points`, where
+    the tolerated values often have gaps; `scan`: places of a scan in all variants, as for bits and
+    sampling periods, which are few and have more gaps; evenly spread places if empty.
     """
 
     name: str
@@ -64,7 +64,8 @@ class Quantity:
     own: int = 0
     scale: float = 1.0
     by_chance: bool = False
-    dense: bool = False
+    finer: int = 1
+    scan: tuple[int, ...] = ()
 
     def reported(self, place: int) -> float | None:
         """Return a value in the unit of the report; None for an ideal part."""
@@ -121,6 +122,7 @@ def quantities_of(setup: Setup) -> list[Quantity]:
     times = tuple(i * step_us for i in range(max(2, math.ceil(most / step_us)) + 1))
     periods = tuple(range(1, max(2, math.ceil(time_us / step_us)) + 1))
     bits = ("ideal", *range(_MOST_BITS, 0, -1))
+    fine = tuple(range(1, _MOST_BITS - _COARSE_BITS, 4))
     high_hz, low_hz = max(_BANDWIDTHS_HZ), min(_BANDWIDTHS_HZ)
     bandwidths = tuple(reversed(_spread(low_hz, high_hz)))
     least_kg, most_kg = (share * setup.sphere.mass_kg for share in _MASSES)
@@ -131,16 +133,17 @@ def quantities_of(setup: Setup) -> list[Quantity]:
     own_hz = actuator.bandwidth_hz
     return [
         Quantity("latency_us", "controller.latency_us", "us", times,
-                 _place(times, line.latency_us)),
+                 _place(times, line.latency_us), finer=2),
         Quantity("jitter_us", "controller.jitter_us", "us", times,
-                 _place(times, line.jitter_us), by_chance=True),
+                 _place(times, line.jitter_us), by_chance=True, finer=4),
         Quantity("bits", "sensors.bits", "bits", bits,
-                 bits.index(sensors.bits), dense=True),
+                 bits.index(sensors.bits),
+                 scan=(0, *fine, *range(_MOST_BITS - _COARSE_BITS + 1, len(bits)))),
         Quantity("noise", "sensors.noise_rms", f"{SENSED[setup.quantity].unit} rms", noises,
-                 _place(noises, sensors.noise_rms), by_chance=True),
+                 _place(noises, sensors.noise_rms), by_chance=True, finer=4),
         Quantity("sampling_us", "sensors.every_steps", "us", periods,
                  _place(periods, sensors.every_steps), scale=step_us,
-                 dense=len(periods) <= _FEW),
+                 scan=tuple(range(len(periods))) if len(periods) <= _FEW else ()),
         Quantity("bandwidth_hz", "actuator.bandwidth_hz", "Hz", bandwidths,
                  0 if own_hz is None else max(0, sum(hz >= own_hz for hz in bandwidths) - 1)),
         Quantity("mass_kg", "actuator.mass_kg", "kg", masses,
@@ -210,9 +213,10 @@ class _Known:
         yield from self._try({place: self.order for place in places})
 
     def glance(self, scan: Sequence[int]) -> Generator[list[Case], Rows, None]:
-        """Try each place of a scan at one touch phase, the next place at the next phase."""
-        some = {}
-        for number, place in enumerate(scan):
+        """Try the first place of a scan in all variants, and each other place at one touch phase,
+        the next place at the next phase."""
+        some = {scan[0]: self.order}
+        for number, place in enumerate(scan[1:], 1):
             phase = self.phases[number % len(self.phases)]
             some[place] = [one for one in self.order if one["run.touch_phase"] == phase]
         yield from self._try({place: mine[:1] for place, mine in some.items()})
@@ -269,10 +273,9 @@ def limit_of(quantity: Quantity, goals: Sequence[Goal], search: Search) -> Asks:
     if last < 1:
         known.reason = f"{quantity.key}: the scene allows only {quantity.values[0]:g}"
         return _result(quantity, known, None, [], Boundary.IMPOSSIBLE)
-    points = search.points * (_BY_CHANCE if quantity.by_chance else 1)
-    count = last + 1 if quantity.dense else min(points, last + 1)
-    scan = sorted({round(i * last / (count - 1)) for i in range(count)})
-    look = known.ask if quantity.dense else known.glance
+    count = min(search.points * quantity.finer, last + 1)
+    scan = quantity.scan or sorted({round(i * last / (count - 1)) for i in range(count)})
+    look = known.ask if quantity.scan else known.glance
     yield from look(scan)
     if known.refused.issuperset(scan[1:]):
         return _result(quantity, known, None, scan, Boundary.IMPOSSIBLE)
