@@ -368,6 +368,9 @@ def print_budget(found: "Budget") -> None:
                 places = ", ".join(f"{x:.4g}" for x in limit.holds_again[:6])
                 out.print(f"In {name} the goal is met again at {limit.quantity} = {places}: "
                           "the tolerated values are not an interval.", soft_wrap=True)  # fmt: skip
+            if limit.reason:
+                out.print(f"In {name} {limit.quantity} cannot be varied. {limit.reason}",
+                          soft_wrap=True)  # fmt: skip
     if found.margin is None:
         out.print("Linear margin: none, because the loop in flight is not linear under this law.")
     else:

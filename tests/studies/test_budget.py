@@ -113,6 +113,21 @@ def test_a_region_that_is_not_an_interval_is_reported():
     assert limit.holds_again == (80.0, 100.0)
 
 
+def test_a_refused_quantity_has_one_reason_and_no_values():
+    setup = load("offcentre-6mm", ["plate.theory=3d", *SHORT])
+    (mass,) = (q for q in quantities_of(setup) if q.name == "mass_kg")
+    assert next(q.unit for q in quantities_of(setup) if q.name == "noise") == "N rms"
+
+    def run(cases):
+        return [row(-1.0) if case[mass.key] == 0.0 else row(0.0, CaseState.NOT_RUN)
+                for case in cases]  # fmt: skip
+
+    (limit,) = side_by_side([limit_of(mass, [GOAL], Search((0.5,), (1,), 6))], run)
+    assert (limit.boundary, limit.value) == (Boundary.IMPOSSIBLE, None)
+    assert (limit.interval, limit.holds_again) == (True, ())
+    assert limit.reason == "actuator.mass_kg: no"
+
+
 def test_every_phase_and_seed_counts():
     quantity = Quantity("noise", "a.b", "rms", tuple(range(100)), by_chance=True)
     search = Search((0.1, 0.9), (4, 5), 6)
@@ -122,6 +137,24 @@ def test_every_phase_and_seed_counts():
         return value <= (20 if case["run.touch_phase"] == 0.9 and case["run.seed"] == 5 else 60)
 
     assert found_by(holds, quantity, search)[0].value == 20
+
+
+def test_a_harmless_value_that_fails_at_one_phase_has_no_limit():
+    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    never, _ = found_by(
+        lambda value, case: 5 <= value <= 40 or case["run.touch_phase"] != 0.9, quantity
+    )
+    assert (never.boundary, never.value) == (Boundary.NEVER, None)
+    assert never.holds_again == (20.0, 40.0)
+
+
+def test_a_value_that_fails_at_one_phase_ends_the_tolerated_values():
+    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    for phase in (0.1, 0.5, 0.9):
+        limit, _ = found_by(
+            lambda value, case, at=phase: value <= 62 or case["run.touch_phase"] != at, quantity
+        )
+        assert (limit.value, limit.interval) == (62.0, True)
 
 
 def test_a_loop_that_fails_late_is_found_by_the_longer_run():
@@ -156,7 +189,7 @@ def test_limits_agree_with_brute_force(pool):
         holds = [all(all_met([GOAL], r) for r in rows[i : i + len(others)])
                  for i in range(0, len(rows), len(others))]  # fmt: skip
         assert limit.value == quantity.reported(holds.index(False) - 1)
-        if quantity.dense:
+        if quantity.scan:
             again = [quantity.reported(i) for i, ok in enumerate(holds) if ok]
             assert list(limit.holds_again) == [x for x in again if x > limit.value]
         else:

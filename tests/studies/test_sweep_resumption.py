@@ -308,6 +308,27 @@ def test_a_dask_cluster_that_loses_a_worker_completes(tmp_path: Path) -> None:
 
 
 @pytest.mark.full
+def test_a_dask_cluster_gives_the_rows_of_one_machine(tmp_path: Path) -> None:
+    uncertain = tmp_path / "uncertain.toml"
+    uncertain.write_text(
+        '"sphere.drop_height_m" = { distribution = "normal", mean = 0.05, '
+        "standard_deviation = 0.002 }\n"
+        '"controller.latency_us" = { distribution = "uniform", low = 0, high = 9 }\n'
+    )
+    words = ("sweep", "aluminium-3mm", "--set", "run.duration_s=0.0016",
+             "--over", "sensors.bits=6,12", "--uncertain", str(uncertain),
+             "--cases", "40")  # fmt: skip
+    local, clustered = tmp_path / "local.csv", tmp_path / "dask.csv"
+    subprocess.run(command(*words, "-o", str(local), "--workers", "1"), check=True)
+    with cluster(2) as (address, _):
+        subprocess.run(command(*words, "-o", str(clustered), "--dask", address), check=True)
+    rows, _ = study.read_results(local)
+    assert len(rows) == 80
+    assert len({row["digest"] for row in rows}) == 80
+    assert clustered.read_bytes() == local.read_bytes()
+
+
+@pytest.mark.full
 def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path: Path) -> None:
     out = tmp_path / "r.csv"
     with cluster(1) as (address, _):

@@ -24,7 +24,7 @@ from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 
 _PHASES, _QUICK_PHASES = 5, 3
 _SEEDS, _QUICK_SEEDS = 3, 1
-_POINTS, _QUICK_POINTS = 8, 5
+_POINTS, _QUICK_POINTS = 10, 5
 # Contact times after the touch that a search simulates at most, and the run that confirms it.
 _SHORT_CONTACTS, _LONG_CONTACTS = 60.0, 400.0
 # A plate in three dimensions takes a hundred times as long as a thin one.

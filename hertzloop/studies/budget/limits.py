@@ -15,13 +15,14 @@ with the longer runs.
 """
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.quantities import SENSED
 from hertzloop.setup import Setup
 from hertzloop.studies.budget.goal import Goal, all_met
 from hertzloop.studies.sweeps.evaluate import Rows, not_run
@@ -31,7 +32,7 @@ Asks = Generator[list[Case], Rows, "Limit"]  # yields cases, is sent their rows
 _NOISE_DECADES, _PLACES_A_DECADE = 6, 25
 _BANDWIDTHS_HZ = (1e3, 1e7)  # the largest acts within a tenth of a step: it stands for ideal
 _MASSES = (1e-3, 1e2)  # of the mass of the sphere
-_MOST_BITS = 24
+_MOST_BITS, _COARSE_BITS = 24, 12  # above 12 bits the scan takes every fourth value
 _FEW = 64  # sampling periods that are all scanned: a law may miss its goal at every other one
 
 
@@ -51,8 +52,9 @@ class Quantity:
 
     `values`: from harmless to harsh, as the scene key takes them; `scale`: reported value over
     value of the key; `own`: place in the list of the scene's own value; `by_chance`: whether the
-    effect depends on the seed; `dense`: whether the scan takes every value, as for bits and
-    sampling periods, which are few and often have gaps.
+    effect depends on the seed; `finer`: times as many values in the scan as `Search.points`, where
+    the tolerated values often have gaps; `scan`: places of a scan in all variants, as for bits and
+    sampling periods, which are few and have more gaps; evenly spread places if empty.
     """
 
     name: str
@@ -62,7 +64,8 @@ class Quantity:
     own: int = 0
     scale: float = 1.0
     by_chance: bool = False
-    dense: bool = False
+    finer: int = 1
+    scan: tuple[int, ...] = ()
 
     def reported(self, place: int) -> float | None:
         """Return a value in the unit of the report; None for an ideal part."""
@@ -119,6 +122,7 @@ def quantities_of(setup: Setup) -> list[Quantity]:
     times = tuple(i * step_us for i in range(max(2, math.ceil(most / step_us)) + 1))
     periods = tuple(range(1, max(2, math.ceil(time_us / step_us)) + 1))
     bits = ("ideal", *range(_MOST_BITS, 0, -1))
+    fine = tuple(range(1, _MOST_BITS - _COARSE_BITS, 4))
     high_hz, low_hz = max(_BANDWIDTHS_HZ), min(_BANDWIDTHS_HZ)
     bandwidths = tuple(reversed(_spread(low_hz, high_hz)))
     least_kg, most_kg = (share * setup.sphere.mass_kg for share in _MASSES)
@@ -129,16 +133,17 @@ def quantities_of(setup: Setup) -> list[Quantity]:
     own_hz = actuator.bandwidth_hz
     return [
         Quantity("latency_us", "controller.latency_us", "us", times,
-                 _place(times, line.latency_us)),
+                 _place(times, line.latency_us), finer=2),
         Quantity("jitter_us", "controller.jitter_us", "us", times,
-                 _place(times, line.jitter_us), by_chance=True),
+                 _place(times, line.jitter_us), by_chance=True, finer=4),
         Quantity("bits", "sensors.bits", "bits", bits,
-                 bits.index(sensors.bits), dense=True),
-        Quantity("noise", "sensors.noise_rms", "rms", noises,
-                 _place(noises, sensors.noise_rms), by_chance=True),
+                 bits.index(sensors.bits),
+                 scan=(0, *fine, *range(_MOST_BITS - _COARSE_BITS + 1, len(bits)))),
+        Quantity("noise", "sensors.noise_rms", f"{SENSED[setup.quantity].unit} rms", noises,
+                 _place(noises, sensors.noise_rms), by_chance=True, finer=4),
         Quantity("sampling_us", "sensors.every_steps", "us", periods,
                  _place(periods, sensors.every_steps), scale=step_us,
-                 dense=len(periods) <= _FEW),
+                 scan=tuple(range(len(periods))) if len(periods) <= _FEW else ()),
         Quantity("bandwidth_hz", "actuator.bandwidth_hz", "Hz", bandwidths,
                  0 if own_hz is None else max(0, sum(hz >= own_hz for hz in bandwidths) - 1)),
         Quantity("mass_kg", "actuator.mass_kg", "kg", masses,
@@ -189,51 +194,57 @@ def variants(quantity: Quantity, search: Search) -> list[Case]:
 
 
 class _Known:
-    """Which values of a quantity meet the goals, as far as they were asked for."""
+    """What is known of the values of a quantity: the variants tried, and the values that fail."""
 
     def __init__(self, quantity: Quantity, goals: Sequence[Goal], search: Search) -> None:
         self.quantity, self.goals = quantity, goals
         self.order = variants(quantity, search)
+        self.phases = search.phases
         self.lasts_s, self.long_s = search.short_s, search.long_s
-        self.holds: dict[int, bool] = {}
+        self.tried: dict[int, list[Case]] = {}
+        self.failed: set[int] = set()
         self.cases = 0
         self.reason = ""
         self.refused: set[int] = set()  # places of which a case could not be run
 
-    def ask(self, places: Sequence[int]) -> Generator[list[Case], Rows, None]:
-        """Find out about places: one variant of each first, then the rest of those that pass."""
-        wanted = [place for place in dict.fromkeys(places) if place not in self.holds]
-        first, others = self.order[:1], self.order[1:]
-        passed = yield from self._try(wanted, first)
-        if passed and others:
-            passed = yield from self._try(passed, others)
-        for place in wanted:
-            self.holds[place] = place in passed
+    def ask(self, places: Iterable[int]) -> Generator[list[Case], Rows, None]:
+        """Try places in all variants: in one first, and in the others where that passes."""
+        yield from self._try({place: self.order[:1] for place in places})
+        yield from self._try({place: self.order for place in places})
 
-    def _try(
-        self, places: Sequence[int], some: Sequence[Case]
-    ) -> Generator[list[Case], Rows, list[int]]:
-        """Places that pass some variants; a variant that fails comes first from then on."""
-        quantity, passed = self.quantity, []
-        cases = [self._at(place) | one for place in places for one in some]
-        if not cases:
-            return []
-        rows = yield cases
+    def glance(self, scan: Sequence[int]) -> Generator[list[Case], Rows, None]:
+        """Try the first place of a scan in all variants, and each other place at one touch phase,
+        the next place at the next phase."""
+        some = {scan[0]: self.order}
+        for number, place in enumerate(scan[1:], 1):
+            phase = self.phases[number % len(self.phases)]
+            some[place] = [one for one in self.order if one["run.touch_phase"] == phase]
+        yield from self._try({place: mine[:1] for place, mine in some.items()})
+        yield from self._try(some)
+
+    def _try(self, wanted: dict[int, list[Case]]) -> Generator[list[Case], Rows, None]:
+        """Try places that have not failed in variants that were not tried; a variant that fails
+        comes first from then on."""
+        pairs = [
+            (place, one)
+            for place, some in wanted.items() if place not in self.failed
+            for one in some if one not in self.tried.get(place, [])
+        ]  # fmt: skip
+        if not pairs:
+            return
+        rows = yield [self._at(place) | one for place, one in pairs]
         self.cases += len(rows)
         lacking = not_run(rows)
         if lacking and not self.reason:
-            self.reason = f"{quantity.key}: {lacking[0]['status']}"
-        for i, place in enumerate(places):
-            mine = rows[i * len(some) : (i + 1) * len(some)]
-            if not_run(mine):
+            said = lacking[0]["status"]
+            self.reason = said if self.quantity.key in said else f"{self.quantity.key}: {said}"
+        for (place, one), row in zip(pairs, rows, strict=True):
+            self.tried.setdefault(place, []).append(one)
+            if not_run([row]):
                 self.refused.add(place)
-            failed = [n for n, row in enumerate(mine) if not all_met(self.goals, row)]
-            if failed:
-                worst = some[failed[0]]
-                self.order = [worst, *(one for one in self.order if one is not worst)]
-            else:
-                passed.append(place)
-        return passed
+            if place not in self.failed and not all_met(self.goals, row):
+                self.failed.add(place)
+                self.order = [one, *(other for other in self.order if other != one)]
 
     def _at(self, place: int) -> Case:
         case = {self.quantity.key: self.quantity.values[place]}
@@ -245,12 +256,12 @@ class _Known:
         if self.lasts_s == self.long_s:
             return True
         self.lasts_s = self.long_s
-        before = self.holds
-        self.holds = {}
+        before = self.tried, self.failed
+        self.tried, self.failed = {}, set()
         yield from self.ask([place])
-        agrees = self.holds[place]
+        agrees = place not in self.failed
         if agrees:
-            self.holds = before
+            self.tried, self.failed = before
         return agrees
 
 
@@ -260,22 +271,26 @@ def limit_of(quantity: Quantity, goals: Sequence[Goal], search: Search) -> Asks:
     last = len(quantity.values) - 1
     known = _Known(quantity, goals, search)
     if last < 1:
+        known.reason = f"{quantity.key}: the scene allows only {quantity.values[0]:g}"
         return _result(quantity, known, None, [], Boundary.IMPOSSIBLE)
-    count = last + 1 if quantity.dense else min(search.points, last + 1)
-    scan = sorted({round(i * last / (count - 1)) for i in range(count)} | {min(1, last)})
-    yield from known.ask(scan)
+    count = min(search.points * quantity.finer, last + 1)
+    scan = quantity.scan or sorted({round(i * last / (count - 1)) for i in range(count)})
+    look = known.ask if quantity.scan else known.glance
+    yield from look(scan)
     if known.refused.issuperset(scan[1:]):
         return _result(quantity, known, None, scan, Boundary.IMPOSSIBLE)
     good = yield from _last_good(known, scan)
     if good is not None:
         agreed = yield from known.confirm(good)
         if not agreed:
-            yield from known.ask([place for place in scan if place <= good])
+            yield from look([place for place in scan if place <= good])
             good = yield from _last_good(known, scan)
     if good is None:
+        yield from known.ask(scan)
         return _result(quantity, known, None, scan, Boundary.NEVER)
     if good == last:
         return _result(quantity, known, last, scan, Boundary.BEYOND)
+    yield from known.ask([place for place in scan if place > good])
     only_ideal = quantity.reported(good) is None
     return _result(
         quantity, known, good, scan, Boundary.IDEAL_ONLY if only_ideal else Boundary.FOUND
@@ -284,29 +299,30 @@ def limit_of(quantity: Quantity, goals: Sequence[Goal], search: Search) -> Asks:
 
 def _last_good(known: _Known, scan: Sequence[int]) -> Generator[list[Case], Rows, int | None]:
     """The last place before the first that misses the goals, by bisection between those of a scan;
-    None where the first place misses them."""
-    first_bad = next((place for place in scan if not known.holds.get(place)), None)
-    if first_bad is None:
-        return scan[-1]
-    if first_bad == scan[0]:
-        return None
-    good = max(place for place in scan if place < first_bad)
-    while first_bad - good > 1:
-        middle = (good + first_bad) // 2
-        yield from known.ask([middle])
-        if known.holds[middle]:
-            good = middle
-        else:
-            first_bad = middle
-    return good
+    None where the first place misses them. The place meets the goals in all variants."""
+    while True:
+        bad = min(known.failed, default=scan[-1] + 1)
+        if bad == scan[0]:
+            return None
+        good = max(place for place in scan if place < bad)
+        while bad - good > 1 and bad <= scan[-1]:
+            middle = (good + bad) // 2
+            yield from known.ask([middle])
+            if middle in known.failed:
+                bad = middle
+            else:
+                good = middle
+        yield from known.ask([good])
+        if good not in known.failed:
+            return good
 
 
 def _result(
     quantity: Quantity, known: _Known, good: int | None, scan: Sequence[int], boundary: Boundary
 ) -> Limit:
     last = len(quantity.values) - 1
-    again = [place for place in scan if known.holds.get(place) and place > (-1 if good is None
-             else good)]  # fmt: skip
+    beyond = last if boundary is Boundary.IMPOSSIBLE else -1 if good is None else good
+    again = [place for place in scan if place > beyond and place not in known.failed]
     ends = [quantity.reported(place) for place in (0, 1, last) if place <= last]
     finite = [value for value in ends if value is not None]
     found = boundary is Boundary.FOUND
