@@ -127,11 +127,12 @@ def sentences(result: FitResult) -> list[str]:
                 f"{high:.3g} m/s, set no limit on the other side."
             )
     if not result.identifiable:
-        worst = [c for c in result.combinations if c.half_width_percent > 30.0]
-        named = "; ".join(str(c) for c in worst) or ", ".join(
-            e.key for e in result.estimates if e.verdict is Verdict.NOT_IDENTIFIABLE
-        )
-        found.append(f"Not identifiable from these records: {named}.")
+        keys = [e.key for e in result.estimates if e.verdict is Verdict.NOT_IDENTIFIABLE]
+        products = [
+            str(c) for c in result.combinations
+            if c.half_width_percent > 30.0 and len(c.exponents) > 1
+        ]  # fmt: skip
+        found.append(f"Not identifiable from these records: {', '.join([*keys, *products])}.")
     found += result.measure_next
     if result.checked_only:
         return found
