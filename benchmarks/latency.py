@@ -555,8 +555,8 @@ def main(
             "ran": finished.ran}  # fmt: skip
     written(made, "latency-*.png", "latency-*.csv")
     conclude("; ".join(
-        f"in {name} {law} tolerates most latency, {survives:.0f} us, {buys:.0f} us more than two "
-        "points" for name, law, survives, buys in best
+        f"in {name} {law} tolerates most latency, {survives:.0f} us, {buys:.0f} us more than "
+        "slope_threshold" for name, law, survives, buys in best
     ).capitalize() + ".")  # fmt: skip
     write_json(json_file, data)
 

@@ -105,7 +105,9 @@ class Source:
         try:
             yield
         except OSError as error:
-            raise RecordingError(f"cannot read {self.path}: {error.strerror}") from error
+            absent = isinstance(error, FileNotFoundError)
+            remedy = ". Give the path of a recording." if absent else ""
+            raise RecordingError(f"cannot read {self.path}: {error.strerror}{remedy}") from error
 
     def messages(self, intake: Intake, records: Iterable[Record]) -> Iterator[Taken]:
         """All messages in `records` that belong to the run; `intake` knows then what else is

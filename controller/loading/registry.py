@@ -120,8 +120,10 @@ def _from_file(reference: str, path: Path, name: str | None, digest: str | None)
         stat = path.stat()
         return _loaded_file(reference, path, name, digest, (stat.st_mtime_ns, stat.st_size))
     except OSError as error:
+        place = "" if reference == str(path) else f"{path} "
         raise LawError(
-            f"controller.law = '{reference}': {path} cannot be read: {error.strerror or error}"
+            f"controller.law = '{reference}': {place}cannot be read: {error.strerror or error}. "
+            "Give the path of a law file; 'hertzloop law new mine.py' writes one."
         ) from error
 
 

@@ -90,12 +90,13 @@ def fit(
         if path is not None:
             check_output(path, overwrite, option, read=[*files, *held])
     check_json(json_file, target, report_file, replay_file)
-    compile_first(setup)
     try:
         keys = [study.free_of(setup, text) for text in free or []]
         if not keys:
             raise study.FitError("--free: no key is free. Name at least one, --free KEY.")
         measured = [read_record(path) for path in files]
+        compared = [read_record(path) for path in held]
+        compile_first(setup)
         if check:
             measured += [
                 study.expected_record(setup, text, f"expected record {i}")
@@ -107,7 +108,7 @@ def fit(
         if check:
             result = study.check(setup, measured, keys)
         else:
-            result = study.fit(setup, measured, keys, [read_record(path) for path in held])
+            result = study.fit(setup, measured, keys, compared)
     except (RecordError, SceneError, study.FitError) as error:
         fail(str(error), 2)
     except ModuleNotFoundError:

@@ -113,7 +113,9 @@ def _change(found: Change) -> str:
         return f"{_CHANGED[found.figure]} {known_digits(found.value, '+.1f', found.error)} dB"
     if found.from_nothing:
         return "rebound height, from nearly zero"
-    return f"rebound height {known_digits(found.value, '.0f', found.error)} %"
+    return (
+        f"rebound height {known_digits(found.value, '.0f', found.error)} % of that without control"
+    )
 
 
 def _reasons(found: Reasons) -> list[str]:

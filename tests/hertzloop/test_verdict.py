@@ -40,10 +40,10 @@ def run(folder: Path, *settings: str, scene: str = "aluminium-3mm") -> tuple[lis
         (["controller.v_thr_m_s=-0.6"], [
             "Control reduces plate energy by 1.5 dB.",
             "Better: radiated energy -3.6 dB, largest plate speed -0.9 dB.",
-            "Worse: rebound height 192 %."]),
+            "Worse: rebound height 192 % of that without control."]),
         ([], [
             "Control increases plate energy by 0.4 dB.", "Better: radiated energy -1.2 dB.",
-            "Worse: rebound height 156 %.",
+            "Worse: rebound height 156 % of that without control.",
             "Reason: the first force comes 13 us after contact begins (45 % of it).",
             "Reason: 19 % of the control impulse", "Reason: the actuator adds 103 uJ"]),
         (["controller.latency_us=10"], [

@@ -483,6 +483,14 @@ def test_exit_codes_of_the_command(tmp_path: Path) -> None:
     assert run(missing).exit_code == 2
 
 
+def test_a_check_names_every_key_that_it_calls_not_identifiable() -> None:
+    expected = ["fit", "aluminium-3mm", "--check", "--expect", "contact_force:80us:0.4%"]
+    ended = invoke([*expected, "--free", THICKNESS, "--free", "plate.loss_factor"])
+    assert ended.exit_code == 2, ended.output
+    named = " ".join(ended.output.split()).partition("Not identifiable from these records: ")[2]
+    assert named.startswith(f"{THICKNESS}, plate.loss_factor. Measure")
+
+
 # Records of a solver that shares nothing with the package.
 
 

@@ -72,6 +72,13 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
     )  # fmt: skip
 
 
+def hertz(frequency_hz: float) -> str:
+    """Return a frequency with its unit, in Hz, or in kHz from 10 kHz on."""
+    if frequency_hz >= 1e4:
+        return f"{1e-3 * frequency_hz:.5g} kHz"
+    return f"{frequency_hz:.5g} Hz"
+
+
 def mode_name(mode: BindingMode) -> str:
     """Return a short name of a mode, as for a label; modes of one frequency are named together."""
     if not mode.indices:
@@ -85,10 +92,10 @@ def mode_line(mode: BindingMode | None, frequency_hz: float) -> str:
     """Return a sentence on the binding mode."""
     if mode is None:
         return (
-            f"no single mode limits it: at {frequency_hz:.5g} Hz the sum of the omitted modes, the "
+            f"no single mode limits it: at {hertz(frequency_hz)} the sum of the omitted modes, the "
             "actuator or a filter prevails"
         )
-    words = f"limited by {mode_name(mode)} at {mode.frequency_hz:.5g} Hz, no. {mode.number}"
+    words = f"limited by {mode_name(mode)} at {hertz(mode.frequency_hz)}, no. {mode.number}"
     if mode.indices and mode.at_contact and mode.at_actuator:
         m, n = mode.indices[0]
         first = " of the first" if len(mode.indices) > 1 else ""
@@ -97,5 +104,5 @@ def mode_line(mode: BindingMode | None, frequency_hz: float) -> str:
             f"the contact and {mode.at_actuator[0]:.3g} at the actuator, largest 1"
         )
     others = "" if mode.share > _ALONE else ", as modes overlap there"
-    share = f"share of the response at {frequency_hz:.5g} Hz: {100.0 * mode.share:.0f} %{others}"
+    share = f"share of the response at {hertz(frequency_hz)}: {100.0 * mode.share:.0f} %{others}"
     return f"{words}; {share}"

@@ -20,6 +20,7 @@ _MOST_POLES = 4000
 _LATENCIES = 24  # at which the growth is computed
 _FEWEST, _MOST = 24, 4000  # steps of latency that the last panel shows
 _RADIUS = 3.5  # of the Nyquist plot at most; resonances leave it, the neighbourhood of -1 stays
+_REAL = 1e-12  # imaginary part up to which a pole counts as real
 _LINEAR = 10.0  # growth, 1/s, up to which the scale of the third panel is linear
 _BLUE, _ORANGE, _GREEN, _PINK = pictures.COLOURS[:4]
 
@@ -52,9 +53,10 @@ class _Drawn:
 
     def growth(self, poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return frequency (kHz) and growth (1/s) of poles in the upper half plane."""
-        upper = poles[(poles.imag >= 0.0) & (np.abs(poles) > 1e-12)]
+        # The imaginary part of a real pole is a rounding of either sign.
+        upper = poles[(poles.imag > -_REAL) & (np.abs(poles) > 1e-12)]
         s = np.log(upper) / self.sample_s
-        return s.imag / (2e3 * math.pi), s.real
+        return np.abs(s.imag) / (2e3 * math.pi), s.real
 
     def label(self) -> str:
         """Return the binding frequency and its mode."""

@@ -1,16 +1,10 @@
 """The margin of a loop as lines of text."""
 
+from hertzloop.studies.margin.binding import hertz
 from hertzloop.studies.margin.contact import ContactMargin, ImpactFacts
 from hertzloop.studies.margin.margin import Growth, Margin
 
 _SHOWS = 10.0  # e-folds from which a run shows an instability
-
-
-def _hertz(frequency_hz: float) -> str:
-    """Return a frequency in words."""
-    if frequency_hz >= 1e4:
-        return f"{1e-3 * frequency_hz:.5g} kHz"
-    return f"{frequency_hz:.5g} Hz"
 
 
 def growth_words(found: Growth) -> str:
@@ -23,7 +17,7 @@ def growth_words(found: Growth) -> str:
             "decided"
         )
     return (
-        f"grows {found.per_s:.4g}/s at {_hertz(found.frequency_hz)}, e-folds over this run "
+        f"grows {found.per_s:.4g}/s at {hertz(found.frequency_hz)}, e-folds over this run "
         f"{found.e_folds:.3g}"
     )
 
@@ -45,7 +39,7 @@ def contact_lines(found: ContactMargin) -> list[str]:
     ]
     if found.growth_per_s is None or found.growth_times_contact is None:
         return [*lines, "the number of poles outside the unit circle could not be decided"]
-    at = "" if found.frequency_hz is None else f" at {_hertz(found.frequency_hz)}"
+    at = "" if found.frequency_hz is None else f" at {hertz(found.frequency_hz)}"
     lines.append(
         f"{found.unstable_poles} poles outside the unit circle, growth {found.growth_per_s:.4g}/s"
         f"{at}; growth times contact time {found.growth_times_contact:.2g}"
@@ -61,8 +55,8 @@ def fact_lines(found: ImpactFacts) -> list[str]:
     """Return the lines on a law without a linear loop."""
     touch = found.touch
     ends = "" if touch.ends else " or longer, to the end of the run"
-    contact = f"Contact without control: {1e6 * touch.contact_s:.4g} us{ends}"
-    lines = [f"{contact}, peak force {touch.peak_n:.4g} N"]
+    contact = f"Contact without control: {1e6 * touch.contact_s:.4g} us in whole steps{ends}"
+    lines = [f"{contact}, largest mean force over a step {touch.peak_n:.4g} N"]
     if found.first_force_us is None:
         lines.append("the law commands no force in this run")
     elif found.first_force_us < 0.0:
@@ -102,7 +96,7 @@ def margin_lines(m: Margin) -> list[str]:
     elif m.latency_limit_steps < 0:
         lines.append("latency limit: none is tolerated; the loop is unstable at latency 0")
     else:
-        at = f", set at {m.binding_frequency_hz:.5g} Hz" if m.binding_frequency_hz else ""
+        at = f", set at {hertz(m.binding_frequency_hz)}" if m.binding_frequency_hz else ""
         lines.append(
             f"latency limit: {m.latency_limit_steps} steps ({m.latency_limit_us:.4g} us){at}"
         )

@@ -109,6 +109,20 @@ def test_the_picture_shows_limit_and_state(kappa: float) -> None:
             assert np.all(rate[~inside] > 0.0)
 
 
+def test_a_real_pole_counts_whatever_the_sign_of_its_rounding() -> None:
+    low_pass = "[[-2.3199437104655045, -2.3199437104655045, 0.0, 1.0, -0.9690674171937933, 0.0]]"
+    setup = load("oak-20mm", ["controller.law=linear", f"controller.sections={low_pass}"])
+    [growth] = [
+        one for one in draw(setup, margin_of(setup)).axes[3].lines
+        if one.get_label() == "fastest growth"
+    ]  # fmt: skip
+    loop = loop_of(plant_in_flight(setup), law_filter(setup), 1, 0)
+    for at_us, rate in np.asarray(growth.get_xydata()):
+        poles = closed_loop_poles(loop.plant, loop.law, round(at_us) + 1)
+        assert poles is not None
+        assert rate == pytest.approx(np.log(np.abs(poles).max()) / setup.step_s, rel=1e-9)
+
+
 def test_the_command_writes_picture_numbers_and_plant(tmp_path: Path) -> None:
     done = invoke(["margin", "oak-20mm", "--law", "velocity_feedback", "--set",
                    "controller.kappa=0.4", "--out-dir", str(tmp_path / "out")])  # fmt: skip
