@@ -488,7 +488,7 @@ def test_a_check_names_every_key_that_it_calls_not_identifiable() -> None:
     ended = invoke([*expected, "--free", THICKNESS, "--free", "plate.loss_factor"])
     assert ended.exit_code == 2, ended.output
     named = " ".join(ended.output.split()).partition("Not identifiable from these records: ")[2]
-    assert named.startswith(f"{THICKNESS}, plate.loss_factor. Measure")
+    assert set(named.partition(". ")[0].split("; ")) == {THICKNESS, "plate.loss_factor"}
 
 
 # Records of a solver that shares nothing with the package.
