@@ -6,7 +6,9 @@ scan beyond the boundary that meet the goals show that the region is not an inte
 
 A value meets the goals if it does so in every variant: at every touch phase and, for a quantity
 that works by chance, with every seed. One variant that fails settles the value, so the variant that
-failed last is tried first, and the others only where it passes.
+failed last is tried first, and the others only where it passes. The scan tries one touch phase a
+value, in turn: many values are worth more than many phases, since a law that misses its goal mostly
+does so at every phase. Bisection, and the value that it ends at, take all variants.
 
 Feedback acts for as long as the plate moves, so that the first impact of a long run has no end.
 The search then simulates `Search.short_s` only, and confirms its result with a run of
@@ -175,8 +177,8 @@ def _place(values: Sequence[float], own: float) -> int:
 @dataclass(frozen=True)
 class Search:
     """How thoroughly to search: touch phases, seeds for a quantity that works by chance, the
-    number of values in the scan, and how much of a run to simulate in the search and to confirm
-    its result, s; None for the whole."""
+    number of values in the scan (see `Quantity.finer`), and how much of a run to simulate in the
+    search and to confirm its result, s; None for the whole."""
 
     phases: tuple[float, ...]
     seeds: tuple[int, ...]
