@@ -14,7 +14,7 @@ from hertzloop.studies.fit.observation import Chain, Observed, observe
 NUISANCES = ("time_shift_s", "clock_ppm", "gain", "offset")
 _PER_CHANNEL = len(NUISANCES)
 _DIFFERENCE = 1e-4  # of a key, for central differences
-_FIRST_WINDOW, _GROWTH = 3.5, 3.0  # contacts; from window to window
+_FIRST_WINDOW, _GROWTH = 1.5, 3.0  # contacts; from window to window
 _EARLY_SPREADS = 6.0  # the early windows know a key to a sixth of its range
 _OUTLIER = 4.0  # robust deviations
 _MOST_OUTLIERS = 0.06
