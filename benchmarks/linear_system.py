@@ -110,9 +110,9 @@ def main(
     Example: python -m benchmarks.linear_system --quick
     """
     check_json(json_file)
-    need("control")
     some = 1 if quick else None
     with results_in(folder, "linear_system") as made:
+        need("control")
         asked = [(scene, points, quantity) for scene, points in _COMPARED[:some]
                  for quantity in _QUANTITIES]  # fmt: skip
         agreement = [compare(*one) for one in tracked("python-control", asked)]
