@@ -205,10 +205,9 @@ def _growth(setup: Setup, digest: str) -> Growth | NotLinearError:
         return Growth(None, None, None, None)
     if not count:
         return Growth(0, 0.0, None, 0.0)
-    fastest = poles[int(np.argmax(np.abs(poles)))]
     sample_s = setup.every_steps * setup.step_s
-    at_hz = abs(float(np.angle(fastest))) / (2.0 * math.pi * sample_s)
-    return Growth(count, math.log(abs(fastest)) / sample_s, at_hz, None)
+    per_s = math.log(float(np.abs(poles).max())) / sample_s
+    return Growth(count, per_s, _fastest_hz(loops, latency, sample_s), None)
 
 
 def outside_poles(loop: Loop, delay: int, count: int) -> np.ndarray | None:
@@ -250,7 +249,7 @@ def margin_of(setup: Setup) -> Margin:
         d, angle = _between(loops, limit)
         limit_us, binding = d * step_us, angle / (2.0 * math.pi * sample_s)
     else:
-        limit_us, binding = limit * step_us, None
+        limit_us, binding = limit * step_us, _fastest_hz(loops, limit + 1, sample_s)
     peak, disk = _sensitivity(loop, delay) if stable else (None, None)
     return Margin(
         applicable=True, reason="", stable=stable, unstable_poles=growth.unstable_poles,
@@ -260,6 +259,16 @@ def margin_of(setup: Setup) -> Margin:
         peak_sensitivity=peak, disk_margin=disk, binding_frequency_hz=binding,
         modes=len(loops.plant.poles), step_ns=setup.step_ns,
     )  # fmt: skip
+
+
+def _fastest_hz(loops: Loops, latency: int, sample_s: float) -> float | None:
+    """Return the frequency of the fastest pole at an unstable latency; None if undecided."""
+    loop, delay = loops.at(latency)
+    poles = outside_poles(loop, delay, int(loops.unstable(np.array([latency]))[0]))
+    if poles is None or not len(poles):
+        return None
+    fastest = poles[int(np.argmax(np.abs(poles)))]
+    return abs(float(np.angle(fastest))) / (2.0 * math.pi * sample_s)
 
 
 def _limit(loops: Loops) -> int | None:

@@ -49,3 +49,9 @@ def test_dead_time_counts_as_latency() -> None:
     assert same == dead
     assert same.unstable_poles > 0
     assert math.isfinite(same.per_s)
+
+
+def test_a_loop_that_samples_every_third_step_names_what_binds_it() -> None:
+    found = margin_of(load("oak-20mm", [*SCENE, "sensors.every_steps=3"]))
+    assert found.latency_limit_steps == pytest.approx(497, abs=2)
+    assert found.binding_frequency_hz == pytest.approx(790.9, rel=1e-3)
