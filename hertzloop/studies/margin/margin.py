@@ -207,7 +207,7 @@ def _growth(setup: Setup, digest: str) -> Growth | NotLinearError:
         return Growth(0, 0.0, None, 0.0)
     sample_s = setup.every_steps * setup.step_s
     per_s = math.log(float(np.abs(poles).max())) / sample_s
-    return Growth(count, per_s, _fastest_hz(loops, latency, sample_s), None)
+    return Growth(count, per_s, _fastest_hz(poles, sample_s), None)
 
 
 def outside_poles(loop: Loop, delay: int, count: int) -> np.ndarray | None:
@@ -249,7 +249,10 @@ def margin_of(setup: Setup) -> Margin:
         d, angle = _between(loops, limit)
         limit_us, binding = d * step_us, angle / (2.0 * math.pi * sample_s)
     else:
-        limit_us, binding = limit * step_us, _fastest_hz(loops, limit + 1, sample_s)
+        limit_us = limit * step_us
+        beyond, late = loops.at(limit + 1)
+        poles = outside_poles(beyond, late, int(loops.unstable(np.array([limit + 1]))[0]))
+        binding = None if poles is None else _fastest_hz(poles, sample_s)
     peak, disk = _sensitivity(loop, delay) if stable else (None, None)
     return Margin(
         applicable=True, reason="", stable=stable, unstable_poles=growth.unstable_poles,
@@ -261,12 +264,8 @@ def margin_of(setup: Setup) -> Margin:
     )  # fmt: skip
 
 
-def _fastest_hz(loops: Loops, latency: int, sample_s: float) -> float | None:
-    """Return the frequency of the fastest pole at an unstable latency; None if undecided."""
-    loop, delay = loops.at(latency)
-    poles = outside_poles(loop, delay, int(loops.unstable(np.array([latency]))[0]))
-    if poles is None or not len(poles):
-        return None
+def _fastest_hz(poles: np.ndarray, sample_s: float) -> float:
+    """Return the frequency of the pole that is farthest outside the unit circle, Hz."""
     fastest = poles[int(np.argmax(np.abs(poles)))]
     return abs(float(np.angle(fastest))) / (2.0 * math.pi * sample_s)
 
