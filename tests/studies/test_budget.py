@@ -486,3 +486,19 @@ def test_a_scene_holds_its_own_distributions(tmp_path):
     assert len(rows) == 8
     assert len({row["plate.thickness_m"] for row in rows}) == 4
     assert "Over draws of the uncertain keys" in done.output
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("uncertain = 3", "uncertain = 3: must be a table of scene keys"),
+        ("correlated = 3", "correlated = 3: must be a list"),
+        ('[fit]\nkeys = ["a"]', "fit.values: Field required. Write the scene again"),
+        ("a = ", "cannot be read"),
+    ],
+)
+def test_a_file_of_distributions_that_cannot_be_is_refused(tmp_path, text, said):
+    path = tmp_path / "u.toml"
+    path.write_text(text)
+    with pytest.raises(SceneError, match=said):
+        read_uncertain(path, load("aluminium-3mm"))

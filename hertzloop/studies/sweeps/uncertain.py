@@ -13,6 +13,7 @@ from statistics import NormalDist
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from hertzloop.scenes.errors import SceneError, shown
 from hertzloop.scenes.tables import FitTable
@@ -130,9 +131,16 @@ def read_uncertain(path: Path, setup: Setup) -> Uncertain:
     name = f"--uncertain {path}"
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
-        fit = FitTable.model_validate(data["fit"], strict=False) if "fit" in data else None
     except (OSError, ValueError) as error:
         raise SceneError(f"--uncertain = {path}: cannot be read: {error}") from error
+    try:
+        fit = FitTable.model_validate(data["fit"]) if "fit" in data else None
+    except ValidationError as error:
+        wrong = ".".join(map(str, ("fit", *error.errors()[0]["loc"])))
+        raise SceneError(
+            f"{name}, {wrong}: {error.errors()[0]['msg']}. Write the scene again with "
+            "`hertzloop fit`."
+        ) from error
     if fit is None and "uncertain" not in data:
         return uncertain_of(data, setup, name)
     fitted = () if fit is None else (_fitted(fit, setup, name),)
@@ -154,7 +162,14 @@ def uncertain_of(data: Mapping[str, Any], setup: Setup, name: str = "uncertain")
     return _checked(_parts(data, setup, name), setup, name)
 
 
-def _parts(data: Mapping[str, Any], setup: Setup, name: str) -> tuple[Part, ...]:
+def _parts(data: Any, setup: Setup, name: str) -> tuple[Part, ...]:
+    if not isinstance(data, Mapping):
+        raise SceneError(f"{name}, uncertain = {shown(data)}: must be a table of scene keys")
+    if not isinstance(data.get("correlated", []), list):
+        raise SceneError(
+            f"{name}, correlated = {shown(data['correlated'])}: must be a list. Write "
+            "[[correlated]]"
+        )
     parts = []
     for key, given in data.items():
         if key == "correlated":
