@@ -1,7 +1,6 @@
 """What a case of a sweep costs on one core, and how much of that is the compiled loop."""
 
 import json
-import os
 import resource
 import statistics
 import subprocess
@@ -11,13 +10,11 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
-
-import typer
 
 from benchmarks import case_rounds
 from benchmarks.baseline import ROUNDS, Cost, in_turn, plant_case, two_pass_case
 from benchmarks.program import (
+    BeforeOption,
     JsonOption,
     OutDirOption,
     QuickOption,
@@ -26,6 +23,7 @@ from benchmarks.program import (
     check_json,
     compile_first,
     conclude,
+    environment_of,
     number_table,
     out,
     results_in,
@@ -71,7 +69,7 @@ class _Rounds:
 
     def __init__(self, root: Path) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, case_rounds.__file__], env=_with(root), text=True,
+            [sys.executable, case_rounds.__file__], env=environment_of(root), text=True,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         )  # fmt: skip
 
@@ -91,11 +89,6 @@ class _Rounds:
         self._process.communicate()
 
 
-def _with(root: Path) -> dict[str, str]:
-    """The environment of a process that runs a checkout."""
-    return {**os.environ, "PYTHONPATH": str(root)}
-
-
 def _whole_s(root: Path) -> tuple[float, float]:
     """Wall time and processor time of `hertzloop sweep` for the latency map in a checkout, s."""
     over = [word for axis in case_rounds.OVER[case_rounds.LATENCY_MAP] for word in ("--over", axis)]
@@ -103,8 +96,8 @@ def _whole_s(root: Path) -> tuple[float, float]:
         words = [sys.executable, "-m", "hertzloop", "sweep", case_rounds.SCENE, *over]
         before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
         subprocess.run(
-            [*words, "--out", str(Path(folder) / "map.parquet")], env=_with(root), check=True,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=folder,
+            [*words, "--out", str(Path(folder) / "map.parquet")], env=environment_of(root),
+            check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=folder,
         )  # fmt: skip
         wall_s, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
     return wall_s, after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
@@ -172,15 +165,6 @@ def mode_file_costs(rounds: int = ROUNDS) -> list[Cost]:
                 case = f"{words}, {name}, {len(plant.modes.omega)} frequencies"
                 cases[case] = plant_case(plant, contact=contact)
         return in_turn(cases, rounds)
-
-
-BeforeOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--before", help="Measure the checkout in this folder too, in turn.", metavar="PATH",
-        exists=True, file_okay=False, resolve_path=True,
-    ),
-]  # fmt: skip
 
 
 def main(

@@ -6,6 +6,7 @@ tables, writes CSV files and a picture into a folder, and ends with its conclusi
 
 import importlib
 import math
+import os
 import statistics
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -35,10 +36,11 @@ from hertzloop.extras import need
 from hertzloop.views.format import Table
 
 __all__ = [
-    "Item", "JsonOption", "OutDirOption", "QuickOption", "RoundsOption", "SceneArgument",
-    "ScenesOption", "SeedOption", "SetOption", "app_of", "bars", "check_folder", "check_json",
-    "compile_first", "conclude", "err", "fail", "make_folder", "median", "number_table", "out",
-    "progress", "results_in", "scene_from", "share", "start", "tracked", "write_json", "written",
+    "BeforeOption", "Item", "JsonOption", "OutDirOption", "QuickOption", "RoundsOption",
+    "SceneArgument", "ScenesOption", "SeedOption", "SetOption", "app_of", "bars", "check_folder",
+    "check_json", "compile_first", "conclude", "environment_of", "err", "fail", "make_folder",
+    "median", "number_table", "out", "progress", "results_in", "scene_from", "share", "start",
+    "tracked", "write_json", "written",
 ]  # fmt: skip
 
 Item = TypeVar("Item")
@@ -65,6 +67,13 @@ RoundsOption = Annotated[
 ScenesOption = Annotated[
     int, typer.Option(min=1, help="Draw this many random scenes (4 with --quick).")
 ]
+BeforeOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--before", help="Measure the checkout in this folder too, in turn.", metavar="PATH",
+        exists=True, file_okay=False, resolve_path=True,
+    ),
+]  # fmt: skip
 SeedOption = Annotated[int, typer.Option(help="Draw the random scenes by this seed.")]
 
 
@@ -132,6 +141,18 @@ def results_in(folder: Path | None, program: str, *schemes: str) -> Iterator[Pat
     need("matplotlib")
     with study_results_in(folder, *schemes):
         yield folder
+
+
+def environment_of(checkout: Path) -> dict[str, str]:
+    """The environment of a process that runs the code of a checkout.
+
+    Args:
+        checkout: folder that holds `hertzloop`.
+
+    Returns:
+        This environment, with another PYTHONPATH.
+    """
+    return {**os.environ, "PYTHONPATH": str(checkout)}
 
 
 def tracked(what: str, items: Iterable[Item]) -> Iterator[Item]:

@@ -15,11 +15,9 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
-
-import typer
 
 from benchmarks.program import (
+    BeforeOption,
     JsonOption,
     OutDirOption,
     QuickOption,
@@ -27,6 +25,7 @@ from benchmarks.program import (
     bars,
     check_json,
     conclude,
+    environment_of,
     fail,
     median,
     number_table,
@@ -113,12 +112,11 @@ def take(checkout: Path, command: str, folder: Path) -> Taken:
     told = folder / "run.json"
     if command in _RUNS:
         words = ["run", _SCENE, *_RUNS[command], "--overwrite", "--json", str(told)]
-    environment = os.environ | {"PYTHONPATH": str(checkout)}
     with (folder / "said.txt").open("w") as said:
         began = time.perf_counter()
         process = subprocess.Popen(
             [sys.executable, "-m", "hertzloop", *words],
-            cwd=folder, env=environment, stdout=said, stderr=said,
+            cwd=folder, env=environment_of(checkout), stdout=said, stderr=said,
         )  # fmt: skip
         _, status, used = os.wait4(process.pid, 0)
         wall_s = time.perf_counter() - began
@@ -169,10 +167,7 @@ def main(
     folder: OutDirOption = None,
     rounds: RoundsOption = 7,
     quick: QuickOption = False,
-    before: Annotated[
-        Path | None,
-        typer.Option(help="Measure this checkout in turn, too.", exists=True, file_okay=False),
-    ] = None,
+    before: BeforeOption = None,
     json_file: JsonOption = None,
 ) -> None:
     """Measure what one run costs, from the command to its last line, with start and end of Python.
@@ -180,7 +175,6 @@ def main(
     Example: python -m benchmarks.start --quick
     """
     check_json(json_file)
-    before = before.resolve() if before else None
     with results_in(folder, "start") as made:
         try:
             rows = measure(1 if quick else rounds, before)
