@@ -137,7 +137,7 @@ def impacts(
         end = ends[i] if i < len(ends) else -1
         if k.contact_figures(
             xi, xi_s, f_c, slope, speeds, dents, first_step, start, end, mass_kg, GRAVITY_M_S2,
-            step_s, _TO_CUBIC, figures,
+            step_s, TO_CUBIC, figures,
         ):  # fmt: skip
             until = starts[i + 1] if i + 1 < len(starts) else len(xi)
             found.append(impact_of(figures, step_s, float(work[start:until].sum())))
@@ -167,7 +167,7 @@ def _moments() -> np.ndarray:
     return np.array(rows)
 
 
-_TO_CUBIC = np.linalg.inv(_moments())
+TO_CUBIC = np.linalg.inv(_moments())
 
 
 def peak_force_n(mean_n: np.ndarray, slope_n: np.ndarray) -> float:
@@ -177,7 +177,7 @@ def peak_force_n(mean_n: np.ndarray, slope_n: np.ndarray) -> float:
     curvature, and the ends of the steps' own lines miss by as much to either side. Without slopes,
     or of so short a contact that no two steps are whole, the largest value of these.
     """
-    return float(k.peak_force(mean_n, slope_n, _TO_CUBIC))
+    return float(k.peak_force(mean_n, slope_n, TO_CUBIC))
 
 
 def peak_speed_m_s(speed_m_s: np.ndarray) -> float:

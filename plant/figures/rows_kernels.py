@@ -16,8 +16,8 @@ _WHOLE = 4  # steps that a contact has at least, for two whole ones beside each 
 _AT_ONCE = 128  # frequencies, so that their powers of a block stay in the processor's cache
 
 
-@kernel(borrowed=True)
-def largest_sum(a, b):
+@kernel(inline=True, borrowed=True)
+def _largest_sum(a, b):
     """Largest |a| + |b|; zero where one is no number."""
     most = 0.0
     for i in range(a.size):
@@ -27,6 +27,13 @@ def largest_sum(a, b):
                 return 0.0
             most = size
     return most
+
+
+@kernel(borrowed=True)
+def extremes(f_c, f_c1, f_a, f_a1, xi_p):
+    """Largest contact force and force of the actuator within the steps, and largest displacement of
+    the struck point, all without sign."""
+    return _largest_sum(f_c, f_c1), _largest_sum(f_a, f_a1), largest(xi_p)
 
 
 @kernel(borrowed=True)
@@ -318,17 +325,32 @@ def nonzero(values):
     return (first, end) if first < end else (0, 0)
 
 
-@kernel(released=True)
-def add_spectrum(force, first, end, powers, delay, factor, found):
-    """Add `factor` `delay` sum over `force[first:end]` of F_n z^n, z = exp(-i w h), to `found`.
+class Spectra(NamedTuple):
+    """What sums of samples become at the frequencies of oscillators.
 
-    `powers`: real and imaginary part of z^n for n up to a block's length, shape (2, block + 1,
-    frequencies). In blocks, by Horner's rule: from power to power one would lose digits.
+    `powers`: real and imaginary part of z^n, z = exp(-i w h), for n up to a block's length, shape
+    (2, block + 1, frequencies). Shapes (frequencies,): `held`, `tilted`: spectra of a mean of 1 and
+    of a slope of 1 over a step; `contact`, `actuator`: values of the modes there.
     """
+
+    powers: np.ndarray
+    held: np.ndarray
+    tilted: np.ndarray
+    contact: np.ndarray
+    actuator: np.ndarray
+
+
+@kernel(released=True)
+def add_spectrum(force, sign, powers, factor, found):
+    """Add `factor` times the sum of `sign` F_n z^n to `found`; `powers` as in Spectra.
+
+    In blocks, by Horner's rule: from power to power one would lose digits.
+    """
+    end = nonzero(force)[1]
     block = powers.shape[1] - 1
-    blocks = -(-(end - first) // block)
+    blocks = -(-end // block)
     real, imaginary = np.empty(_AT_ONCE), np.empty(_AT_ONCE)
-    for low in range(0, found.size, _AT_ONCE):
+    for low in range(0, found.size if end else 0, _AT_ONCE):
         count = min(_AT_ONCE, found.size - low)
         re, im = real[:count], imaginary[:count]
         re[:] = 0.0
@@ -339,9 +361,9 @@ def add_spectrum(force, first, end, powers, delay, factor, found):
                 turned = re[j] * turn_re[j] - im[j] * turn_im[j]
                 im[j] = re[j] * turn_im[j] + im[j] * turn_re[j]
                 re[j] = turned
-            start = first + b * block
+            start = b * block
             for n in range(min(block, end - start)):
-                f = force[start + n]
+                f = sign * force[start + n]
                 if f == 0.0:
                     continue
                 power_re, power_im = (
@@ -352,8 +374,80 @@ def add_spectrum(force, first, end, powers, delay, factor, found):
                     re[j] += f * power_re[j]
                     im[j] += f * power_im[j]
         for j in range(count):
-            at = low + j
-            found[at] += factor[at] * (delay[at] * complex(re[j], im[j]))
+            found[low + j] += factor[low + j] * complex(re[j], im[j])
+
+
+@kernel(released=True)
+def drive(contact_n, slope_n, sign, actuator_n, actuator_slope_n, by, found):
+    """Phi_c F_c + Phi_a F_a of every oscillator into `found`; the contact's force is `sign` times
+    what is given. See plant.figures.noise.modal_drive."""
+    part = np.zeros(found.size, np.complex128)
+    add_spectrum(contact_n, sign, by.powers, by.held, part)
+    add_spectrum(slope_n, sign, by.powers, by.tilted, part)
+    found[:] = by.contact * part
+    part[:] = 0.0
+    add_spectrum(actuator_n, 1.0, by.powers, by.held, part)
+    add_spectrum(actuator_slope_n, 1.0, by.powers, by.tilted, part)
+    found += by.actuator * part
+
+
+class Reading(NamedTuple):
+    """What the rows of an impact are read with. `mobility`: of what follows the forces at once,
+    m/(N s); `impedance`: of an infinite plate, N s/m. Both nan where there is no such thing."""
+
+    step_s: float
+    mass_kg: float
+    gravity_m_s2: float
+    same_point: bool
+    mobility: float
+    impedance: float
+    to_cubic: np.ndarray
+    spectra: Spectra
+
+
+@kernel(released=True)
+def read_impact(
+    xi, xi_s, v_p, f_c, f_a, xi_a, f_c1, f_a1, lead, count, continued, displaced, dents, first_step,
+    by, figures, work, speeds, found,
+):  # fmt: skip
+    """Read `count` rows of an impact, those after the first `lead`; some more may follow.
+
+    Writes the `contact_figures` of the first contact, or of its part where it is `continued`, the
+    `work` of every step, and the drive of the oscillators into `found`; `speeds` is room. Without
+    what was there before, a part begins at its own first row. Returns whether there is such a
+    contact, the rows of `work` that belong to it, how many rows begin in contact, and the largest
+    speed of the plate.
+    """
+    size, own, same = xi.size, slice(lead, lead + count), by.same_point
+    if not math.isnan(by.mobility):
+        starting_speeds(v_p, f_c, f_c1, f_a, f_a1, same, by.mobility, speeds)
+    else:
+        speeds[:] = v_p
+    part = slice(lead if continued else 0, size)
+    place = displaced[part] if same else xi_a[part]
+    step_work(
+        displaced[part], f_c[part], f_a[part], place, f_c1[part], f_a1[part], v_p[part],
+        speeds[part], by.step_s, by.impedance, same, work[part],
+    )  # fmt: skip
+    start = part.start
+    while start < size and f_c[start] == 0.0:
+        start += 1
+    end = start
+    while end < size and f_c[end] != 0.0:
+        end += 1
+    until = end
+    while until < size and f_c[until] == 0.0:
+        until += 1
+    known = start < size and size - part.start > 2 and contact_figures(
+        xi[part], xi_s[part], f_c[part], f_c1[part], v_p[part], dents[part], first_step,
+        start - part.start, end - part.start if end < size else -1, by.mass_kg, by.gravity_m_s2,
+        by.step_s, by.to_cubic, figures,
+    )  # fmt: skip
+    touching = 0
+    while touching < count and f_c[lead + touching] != 0.0:
+        touching += 1
+    drive(f_c[own], f_c1[own], -1.0, f_a[own], f_a1[own], by.spectra, found)
+    return known, start, until, touching, largest(v_p[own])
 
 
 # A fingerprint of samples: 128 bits that chance does not repeat. It is no protection from intent.
@@ -464,9 +558,15 @@ def follow(impact, f_c, f_a, gap):
 
 @kernel(borrowed=True)
 def follow_rows(impact, f_c, f_a, gap):
-    """Take steps, arrays of shape (steps,)."""
+    """Take steps, arrays of shape (steps,), until the impact is over; the first in contact."""
+    touch = -1
     for i in range(f_c.size):
         follow(impact, f_c[i], f_a[i], gap[i])
+        if touch < 0 and f_c[i] != 0.0:
+            touch = i
+        if impact.counts[OVER] == 1:
+            break
+    return touch
 
 
 @kernel(inline=True, borrowed=True)
