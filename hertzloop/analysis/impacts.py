@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -256,35 +256,30 @@ class ConsistentWindow:
         parts = [self._before, own, following[:, : count + _BEHIND - own.shape[1]]]
         room = np.empty((COLUMNS, sum(part.shape[1] for part in parts)))
         rows = np.concatenate(parts, axis=1, out=room)
-        known, start, until, touching, speed_max, figures, work, drive = _read(
+        part = _read(
             spec, self.modes, rows, lead, count, continued, 0 if continued else self.start - lead
         )
-        if not continued:
-            if known:
-                self._impact = impact_of(figures, spec.step_s, float(work[start:until].sum()))
-        else:
-            self._continue(figures, work[lead:], work[start:until], rows[F_C, lead] != 0.0)
+        if continued:
+            self._continue(part, float(part.work_j[lead:].sum()))
+        elif part.known:
+            self._impact = part.impact(spec.step_s)
         if not self._ended:
-            self._ended = touching < piece.shape[1]
+            self._ended = part.touching < piece.shape[1]
             for parts, row, more in zip(self._contact, (F_C, F_C1, V_P), (0, 0, 1), strict=True):
-                parts.append(rows[row, lead : lead + touching + more])
-        self._drive = self._drive + turned(self.modes, drive, self._done * spec.step_s)
-        self._speed_max = max(self._speed_max, self._silent_max, speed_max)
+                parts.append(rows[row, lead : lead + part.touching + more])
+        self._drive = self._drive + turned(self.modes, part.drive, self._done * spec.step_s)
+        self._speed_max = max(self._speed_max, self._silent_max, part.speed_max_m_s)
         self._silent_max = 0.0
 
-    def _continue(
-        self, figures: np.ndarray, work: np.ndarray, of_contact: np.ndarray, touching: bool
-    ) -> None:
-        """Carry the impact on over further rows: the work in each, and, where they begin in
-        contact, figures of the part of it and its work."""
+    def _continue(self, part: "_Part", work_j: float) -> None:
+        """Carry the impact on over further rows, which take `work_j` in all, J."""
         impact = self._impact
         if impact is None:
             return
-        if self._ended or not touching:
-            energy = impact.plate_energy_j + float(work.sum())
-            self._impact = replace(impact, plate_energy_j=energy)
+        if self._ended or not part.touching:
+            self._impact = replace(impact, plate_energy_j=impact.plate_energy_j + work_j)
             return
-        more = impact_of(figures, self.spec.step_s, float(of_contact.sum()))
+        more = part.impact(self.spec.step_s)
         self._impact = Impact(
             start_s=impact.start_s,
             duration_s=impact.duration_s + more.duration_s,
@@ -296,21 +291,38 @@ class ConsistentWindow:
         )
 
 
+class _Part(NamedTuple):
+    """What `read_impact` finds and writes."""
+
+    known: bool
+    start: int
+    until: int
+    touching: int
+    speed_max_m_s: float
+    figures: np.ndarray
+    work_j: np.ndarray
+    drive: np.ndarray
+
+    def impact(self, step_s: float) -> Impact:
+        """The contact that is known, with the work on the plate that belongs to it."""
+        return impact_of(self.figures, step_s, float(self.work_j[self.start : self.until].sum()))
+
+
 def _read(
     spec: PlantSpec, modes: Oscillators, rows: np.ndarray, lead: int, count: int,
     continued: bool = False, first_step: int = 0,
-) -> tuple[Any, ...]:  # fmt: skip
-    """What `read_impact` gives back, then figures, work and drive."""
+) -> _Part:  # fmt: skip
+    """Read rows of an impact; see `read_impact`."""
     xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = rows
     figures, drive = np.empty(k.FIGURES), np.empty(len(modes.omega), complex)
     work, speeds = np.empty((2, len(xi)))
     dents = dents_m(spec.contact, deepest)
-    found = k.read_impact(
+    known, start, until, touching, speed_max = k.read_impact(
         xi, xi_s, v_p, f_c, f_a, xi_a, f_c1, f_a1, lead, count, continued,
         modal_displacement(spec, rows), work[:0] if dents is None else dents, first_step,
         _reading(spec, modes), figures, work, speeds, drive,
     )  # fmt: skip
-    return *found, figures, work, drive
+    return _Part(known, start, until, touching, speed_max, figures, work, drive)
 
 
 def _noise(
@@ -363,16 +375,13 @@ def first_impact(
     spec, lead = setup.plant, min(start, 1)
     modes = modes or modes_of(spec)
     rows = rows[:, start - lead : start + count + _BEHIND]
-    known, begins, until, touching, speed_max, figures, work, drive = _read(
-        spec, modes, rows, lead, count, first_step=start - lead
-    )
-    if not known:
+    part = _read(spec, modes, rows, lead, count, first_step=start - lead)
+    if not part.known:
         return None
-    impact = impact_of(figures, spec.step_s, float(work[begins:until].sum()))
-    end, ended = lead + touching, lead + touching < rows.shape[1]
+    impact, end = part.impact(spec.step_s), lead + part.touching
     return RowsOfImpact(
-        start, start + touching, start + count, rows[F_C, lead:end], ended, impact,
-        _noise(spec, modes, drive, impact, speed_max),
+        start, start + part.touching, start + count, rows[F_C, lead:end], end < rows.shape[1],
+        impact, _noise(spec, modes, part.drive, impact, part.speed_max_m_s),
     )  # fmt: skip
 
 
