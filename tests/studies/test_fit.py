@@ -11,7 +11,15 @@ import scipy
 
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
-from hertzloop.studies.fit.fit import FitError, FitResult, check, expected_record, fit, free_of
+from hertzloop.studies.fit.fit import (
+    FitError,
+    FitResult,
+    check,
+    expected_record,
+    fit,
+    free_of,
+    prepared,
+)
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, observe
 from hertzloop.studies.fit.records import Measured, Record, RecordError, read_record
@@ -554,6 +562,32 @@ def test_plates_of_other_materials_are_found_from_a_start_20_percent_off(
         assert estimate.low is not None
         assert estimate.high is not None
         assert estimate.low < true[estimate.key] < estimate.high
+
+
+def test_a_thick_plate_under_a_short_contact_gets_modes_enough_for_the_noise() -> None:
+    """With the modes that the gap needs, the velocity is wrong by half the noise."""
+    start = scene("sphere.material=glass", "plate.thickness_m=19.4e-3", "plate.theory=kirchhoff")
+    record = measured(truth(start, "v_p", 1.2e-4, accuracy=1e-7), Spoilt(noise=1e-3), 4)
+    problem = prepared(start, [record], [])
+    [model], [channel] = problem.models, problem.channels
+    fine = truth(start, "v_p", 1.2e-4, accuracy=1e-8)
+    tau = np.arange(0.0, 1.3 * model.contact_s, 1e-7)
+    error = problem.observed(0, {}, 1.2e-4).value(tau) - fine.value(tau)
+    assert channel.coarse == 0.0
+    assert float(np.sqrt(np.mean(error**2))) < 0.2 * channel.noise
+    assert fitted(start, record, THICKNESS).model is Model.FITS
+
+
+@pytest.mark.full
+def test_a_simulation_that_cannot_be_fine_enough_says_so() -> None:
+    changes = "sphere.radius_m=1e-3", "plate.thickness_m=2e-3", "plate.loss_factor=1e-3"
+    start = scene(*changes)
+    record = measured(truth(start, "v_p", 5e-3), Spoilt(noise=1e-3), 0, rate_hz=1e7)
+    found = fitted(start, record, THICKNESS)
+    assert found.model is Model.CANNOT_TELL
+    assert "The error of the simulation can explain that" in " ".join(found.reasons)
+    wrong = fitted(scene(*changes, *YIELDS), record, THICKNESS)
+    assert wrong.model is Model.DOES_NOT_FIT
 
 
 def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path: Path) -> None:

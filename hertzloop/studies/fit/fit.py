@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.studies.fit.channel import Channel, align, make_ready, thinned, without_contact
@@ -44,6 +45,9 @@ _STARTS = (0.25, 0.45, 0.7)  # of the elastic centre pressure: above it, nothing
 _ACCURACY = {"v_p": 0.03, "acceleration": 0.003}
 _ACCURACY_OF_GAP = 0.3
 _FINEST, _COARSEST = 3e-5, 1e-3
+# Error of the plate's velocity during contact over the noise, for 200 samples there. With its
+# square times the root of the samples, the residual would begin to show it.
+_VELOCITY_ERROR, _AT_SAMPLES = 0.1, 200.0
 _LONGEST_S = 0.06
 _REFREEZE = 0.01  # change of a key's logarithm for which the model is frozen anew
 _ROUNDS = 4  # of outliers
@@ -339,6 +343,9 @@ def prepared(
     for c in channels:
         _cut(c)
     models = _frozen(setup, channels, start, accuracy)
+    for c, model in zip(channels, models, strict=True):
+        if _of_velocity(c) and model.velocity_error > 1.01 * _velocity_error(c, model.setup):
+            c.coarse = model.velocity_error / c.noise_over_peak
     chains = [chain_of(c.record, setup) for c in channels]
     problem = Problem(list(free), channels, models, chains)
     for index, (c, model) in enumerate(zip(channels, models, strict=True)):
@@ -366,8 +373,29 @@ def _frozen(
     for (given, point_m), duration_s in durations.items():
         of_record = setup.vary(dict(given)) if given else setup
         base = of_record.vary({k: v for k, v in of_plant.items() if k not in dict(given)})
-        models[given, point_m] = FrozenModel(base, duration_s, accuracy, point_m)
+        errors = [
+            _velocity_error(c, base)
+            for c in channels
+            if kind(c) == (given, point_m) and _of_velocity(c)
+        ]
+        models[given, point_m] = FrozenModel(
+            base, duration_s, accuracy, point_m, velocity_error=min(errors, default=None)
+        )
     return [models[kind(c)] for c in channels]
+
+
+def _of_velocity(channel: Channel) -> bool:
+    """Whether a record is the plate's velocity at the contact point."""
+    return channel.record.quantity == "v_p" and channel.record.measured.point_m is None
+
+
+def _velocity_error(channel: Channel, setup: Setup) -> float:
+    """Error of the velocity that the residual of a record does not show, over the peak."""
+    lasts_s = rigid_contact_time_s(
+        setup.sphere.mass_kg, setup.contact.stiffness, setup.sphere.impact_speed_m_s
+    )
+    samples = max(lasts_s / channel.interval_s, 1.0)
+    return _VELOCITY_ERROR * (_AT_SAMPLES / samples) ** 0.25 * channel.noise_over_peak
 
 
 def _accuracy(channel: Channel) -> float:
