@@ -28,6 +28,7 @@ from hertzloop.studies.fit.solve import Free, Point, Problem, minimised, reject_
 from hertzloop.studies.fit.verdicts import (
     WIDEST,
     Combination,
+    Fitness,
     Model,
     Uncertainty,
     Verdict,
@@ -424,6 +425,8 @@ def check(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> FitR
         RecordError, SceneError, FitError
     """
     began = time.perf_counter()
+    records = _named_apart(records)
+    _refuse_twice(free)
     problem = prepared(setup, records, free)
     until_s = problem.windows_s()[-1]
     point = problem.point(problem.start(), until_s, early=False)
@@ -435,12 +438,32 @@ def check(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> FitR
     ]
     return FitResult(
         estimates, _nuisances(problem, point, until_s, 0.0), _noise(problem), math.nan,
-        Model.CANNOT_TELL, {}, ["This is a check before a fit: nothing was fitted."],
+        Model.CANNOT_TELL, Fitness(Model.CANNOT_TELL, math.nan).as_json(),
+        ["This is a check before a fit: nothing was fitted."],
         known.combinations, _next(problem, point, known), None, problem.evaluations,
         time.perf_counter() - began, known.covariance, None,
         [n for c in problem.channels for n in c.notes], _speeds(problem, {}), list(records),
         checked_only=True,
     )  # fmt: skip
+
+
+def _named_apart(records: Sequence[Record]) -> list[Record]:
+    """The records, those with a name that another one has with a number behind it."""
+    found: list[Record] = []
+    for record in records:
+        name, count = record.name, 1
+        while any(name == other.name for other in found):
+            count += 1
+            name = f"{record.name} ({count})"
+        found.append(replace(record, name=name))
+    return found
+
+
+def _refuse_twice(free: Sequence[Free]) -> None:
+    keys = [f.key for f in free]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise FitError(f"--free {key}: is given twice. Name each key once.")
 
 
 def _check_rows(point: Point) -> None:
@@ -474,7 +497,9 @@ def fit(
         raise FitError("no record is given. Give at least one.")
     if not free:
         raise FitError("no key is free. Name at least one with --free KEY.")
+    _refuse_twice(free)
     began = time.perf_counter()
+    records = _named_apart(records)
     problem = prepared(setup, records, free)
     evaluations = 0
     x = _best_start(problem, setup)

@@ -219,10 +219,10 @@ class Fitness:
 
     verdict: Model
     residual_over_noise: float
-    f_p: float | None
-    white_p: float | None
-    pulls: dict[str, float]
-    at_bound: list[str]
+    f_p: float | None = None
+    white_p: float | None = None
+    pulls: dict[str, float] = field(default_factory=dict)
+    at_bound: list[str] = field(default_factory=list)
     reasons: list[str] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
@@ -232,7 +232,6 @@ class Fitness:
             "ljung_box_p": self.white_p,
             "prior_pulls_sigma": self.pulls,
             "at_bound": self.at_bound,
-            "reasons": self.reasons,
         }
 
 
