@@ -2,8 +2,11 @@
 
 import json
 import math
+import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +14,15 @@ import scipy
 
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
-from hertzloop.studies.fit.fit import FitError, FitResult, check, expected_record, fit, free_of
+from hertzloop.studies.fit.fit import (
+    FitError,
+    FitResult,
+    check,
+    expected_record,
+    fit,
+    free_of,
+    prepared,
+)
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, observe
 from hertzloop.studies.fit.records import Measured, Record, RecordError, read_record
@@ -469,6 +480,103 @@ def test_the_command_writes_json_scene_page_and_replay(tmp_path: Path) -> None:
     assert out["f.rrd"].stat().st_size > 1000
 
 
+_PAGE = Path(__file__).parents[2] / "docs" / "reference" / "fit-json.md"
+_TYPES: dict[str, Callable[[Any], bool]] = {
+    "text": lambda v: isinstance(v, str),
+    "integer": lambda v: type(v) is int,
+    "number": lambda v: type(v) in (int, float),
+    "number or null": lambda v: v is None or type(v) in (int, float),
+    "text or null": lambda v: v is None or isinstance(v, str),
+    "true or false": lambda v: isinstance(v, bool),
+    "object": lambda v: isinstance(v, dict),
+    "object or null": lambda v: v is None or isinstance(v, dict),
+    "object of numbers": lambda v: all(type(x) in (int, float) for x in v.values()),
+    "list": lambda v: isinstance(v, list),
+    "list of text": lambda v: all(isinstance(x, str) for x in v),
+    "list of numbers": lambda v: all(type(x) in (int, float) for x in v),
+    "list of lists": lambda v: all(x is None or type(x) is float for row in v for x in row),
+}
+
+
+def _typed(data: dict[str, Any]) -> None:
+    """Check a JSON against the page: every field is there, of its type, and none is more."""
+    types = dict(re.findall(r"^\| `([^`]+)` \| ([^|]+) \|", _PAGE.read_text("utf-8"), re.M))
+    inside = {path.rpartition(".")[0].removesuffix(".*") for path in types} - {""}
+
+    def walk(value: Any, path: str) -> None:
+        assert _TYPES[types[path]](value), (path, value)
+        if path not in inside or value is None:
+            return
+        many = any(p.startswith(f"{path}.*.") for p in types)
+        fixed = {p for p in types if p.rpartition(".")[0] == path}
+        if isinstance(value, list) or (many and not fixed):
+            for one in value if isinstance(value, list) else value.values():
+                assert {f"{path}.*.{key}" for key in one} == {
+                    p for p in types if p.rpartition(".")[0] == f"{path}.*"
+                }
+                for key, part in one.items():
+                    walk(part, f"{path}.*.{key}")
+            return
+        assert {f"{path}.{key}" for key in value} == fixed
+        for key, part in value.items():
+            walk(part, f"{path}.{key}")
+
+    assert set(data) == {p for p in types if "." not in p}
+    for key, part in data.items():
+        walk(part, key)
+
+
+def written(path: Path, one: Record, name: str = "contact_force_n") -> str:
+    """Write a record as CSV; returns its path."""
+    path.parent.mkdir(exist_ok=True)
+    np.savetxt(path, np.stack([one.time_s, one.value], 1), delimiter=",",
+               header=f"time_s,{name}", comments="", fmt="%.12g")  # fmt: skip
+    return str(path)
+
+
+def test_json_has_the_fields_and_types_of_its_page(tmp_path: Path) -> None:
+    elastic, yields = record(scene()), record(scene(*YIELDS), seed=4)
+    one = written(tmp_path / "a" / "drop.csv", elastic)
+    same_name = written(tmp_path / "b" / "drop.csv", record(scene(), seed=8))
+    bad = written(tmp_path / "yields.csv", yields)
+    late = written(tmp_path / "late.csv", replace(
+        elastic, time_s=elastic.time_s[450:], value=elastic.value[450:]))  # fmt: skip
+    free = ["--free", RADIUS]
+    for words, code, model in (
+        ([one, *free], 0, "fits"),
+        ([bad, *free], 1, "does not fit"),
+        ([late, *free, "--free", f"{HEIGHT}±5%"], 0, "cannot tell"),
+        ([one, "--free", "plate.loss_factor", "--free", THICKNESS], 2, "fits"),
+        ([one, *free, "--free", PRESSURE, *(f"--set={x}" for x in YIELDS)], 0, "fits"),
+        ([one, same_name, *free, "--hold-out", same_name], 0, "fits"),
+        ([one, *free, "--check"], 0, "cannot tell"),
+        ([one, "--check", "--free", "plate.loss_factor"], 2, "cannot tell"),
+        (["--check", "--expect", "v_p:150us:0.3%", "--free", "contact.stiffness_factor",
+          "--free", "sphere.material.young_pa"], 2, "cannot tell"),
+    ):  # fmt: skip
+        path = tmp_path / "f.json"
+        if "--check" not in words:
+            words += ["--out", str(tmp_path / "o.toml")]
+        ended = invoke(["fit", "aluminium-3mm", *words, "--json", str(path), "--overwrite"])
+        assert ended.exit_code == code, ended.output
+        text = path.read_text("utf-8")
+        data = json.loads(text)
+        assert "NaN" not in text
+        assert "Infinity" not in text
+        _typed(data)
+        assert data["model"] == model
+        assert data["checked_only"] == ("--check" in words)
+        assert (data["scene"] is None) == (code == 2 or "--check" in words)
+        if same_name in words:
+            assert list(data["nuisances"]["by_record"]) == ["drop.csv", "drop.csv (2)"]
+            assert data["hold_out"]["records"] == ["drop.csv"]
+
+
+def test_a_key_that_is_free_twice_is_refused() -> None:
+    with pytest.raises(FitError, match="given twice"):
+        fitted(scene(), record(scene()), RADIUS, RADIUS)
+
+
 def test_exit_codes_of_the_command(tmp_path: Path) -> None:
     one = record(scene(*YIELDS))
     path = tmp_path / "drop.csv"
@@ -554,6 +662,32 @@ def test_plates_of_other_materials_are_found_from_a_start_20_percent_off(
         assert estimate.low is not None
         assert estimate.high is not None
         assert estimate.low < true[estimate.key] < estimate.high
+
+
+def test_a_thick_plate_under_a_short_contact_gets_modes_enough_for_the_noise() -> None:
+    """With the modes that the gap needs, the velocity is wrong by half the noise."""
+    start = scene("sphere.material=glass", "plate.thickness_m=19.4e-3", "plate.theory=kirchhoff")
+    record = measured(truth(start, "v_p", 1.2e-4, accuracy=1e-7), Spoilt(noise=1e-3), 4)
+    problem = prepared(start, [record], [])
+    [model], [channel] = problem.models, problem.channels
+    fine = truth(start, "v_p", 1.2e-4, accuracy=1e-8)
+    tau = np.arange(0.0, 1.3 * model.contact_s, 1e-7)
+    error = problem.observed(0, {}, 1.2e-4).value(tau) - fine.value(tau)
+    assert channel.coarse == 0.0
+    assert float(np.sqrt(np.mean(error**2))) < 0.2 * channel.noise
+    assert fitted(start, record, THICKNESS).model is Model.FITS
+
+
+@pytest.mark.full
+def test_a_simulation_that_cannot_be_fine_enough_says_so() -> None:
+    changes = "sphere.radius_m=1e-3", "plate.thickness_m=2e-3", "plate.loss_factor=1e-3"
+    start = scene(*changes)
+    record = measured(truth(start, "v_p", 5e-3), Spoilt(noise=1e-3), 0, rate_hz=1e7)
+    found = fitted(start, record, THICKNESS)
+    assert found.model is Model.CANNOT_TELL
+    assert "The error of the simulation can explain that" in " ".join(found.reasons)
+    wrong = fitted(scene(*changes, *YIELDS), record, THICKNESS)
+    assert wrong.model is Model.DOES_NOT_FIT
 
 
 def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path: Path) -> None:

@@ -42,7 +42,8 @@ class Channel:
     `step`: distance of two levels of a visible converter. `ar`: coefficients of coloured noise,
     and `innovation`: the standard deviation of its driving noise, over `noise`. `touch_s`: the
     record's time of the first touch, as first found. `notes`: sentences for the user. `floored`:
-    whether the simulation's own error is larger than the noise.
+    whether the simulation's own error is larger than the noise. `coarse`: error of the simulation
+    during contact over the noise, where a test of the model would show it, else zero.
     """
 
     record: Record
@@ -66,6 +67,7 @@ class Channel:
     notes: list[str] = field(default_factory=list)
     rejected: int = 0
     floored: bool = False
+    coarse: float = 0.0
 
     @property
     def contact_unknown(self) -> bool:

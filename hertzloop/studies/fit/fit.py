@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.studies.fit.channel import Channel, align, make_ready, thinned, without_contact
@@ -27,6 +28,7 @@ from hertzloop.studies.fit.solve import Free, Point, Problem, minimised, reject_
 from hertzloop.studies.fit.verdicts import (
     WIDEST,
     Combination,
+    Fitness,
     Model,
     Uncertainty,
     Verdict,
@@ -44,6 +46,9 @@ _STARTS = (0.25, 0.45, 0.7)  # of the elastic centre pressure: above it, nothing
 _ACCURACY = {"v_p": 0.03, "acceleration": 0.003}
 _ACCURACY_OF_GAP = 0.3
 _FINEST, _COARSEST = 3e-5, 1e-3
+# Error of the plate's velocity during contact over the noise, for 200 samples there. With its
+# square times the root of the samples, the residual would begin to show it.
+_VELOCITY_ERROR, _AT_SAMPLES = 0.1, 200.0
 _LONGEST_S = 0.06
 _REFREEZE = 0.01  # change of a key's logarithm for which the model is frozen anew
 _ROUNDS = 4  # of outliers
@@ -339,6 +344,9 @@ def prepared(
     for c in channels:
         _cut(c)
     models = _frozen(setup, channels, start, accuracy)
+    for c, model in zip(channels, models, strict=True):
+        if _of_velocity(c) and model.velocity_error > 1.01 * _velocity_error(c, model.setup):
+            c.coarse = model.velocity_error / c.noise_over_peak
     chains = [chain_of(c.record, setup) for c in channels]
     problem = Problem(list(free), channels, models, chains)
     for index, (c, model) in enumerate(zip(channels, models, strict=True)):
@@ -366,8 +374,29 @@ def _frozen(
     for (given, point_m), duration_s in durations.items():
         of_record = setup.vary(dict(given)) if given else setup
         base = of_record.vary({k: v for k, v in of_plant.items() if k not in dict(given)})
-        models[given, point_m] = FrozenModel(base, duration_s, accuracy, point_m)
+        errors = [
+            _velocity_error(c, base)
+            for c in channels
+            if kind(c) == (given, point_m) and _of_velocity(c)
+        ]
+        models[given, point_m] = FrozenModel(
+            base, duration_s, accuracy, point_m, velocity_error=min(errors, default=None)
+        )
     return [models[kind(c)] for c in channels]
+
+
+def _of_velocity(channel: Channel) -> bool:
+    """Whether a record is the plate's velocity at the contact point."""
+    return channel.record.quantity == "v_p" and channel.record.measured.point_m is None
+
+
+def _velocity_error(channel: Channel, setup: Setup) -> float:
+    """Error of the velocity that the residual of a record does not show, over the peak."""
+    lasts_s = rigid_contact_time_s(
+        setup.sphere.mass_kg, setup.contact.stiffness, setup.sphere.impact_speed_m_s
+    )
+    samples = max(lasts_s / channel.interval_s, 1.0)
+    return _VELOCITY_ERROR * (_AT_SAMPLES / samples) ** 0.25 * channel.noise_over_peak
 
 
 def _accuracy(channel: Channel) -> float:
@@ -396,6 +425,8 @@ def check(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> FitR
         RecordError, SceneError, FitError
     """
     began = time.perf_counter()
+    records = _named_apart(records)
+    _refuse_twice(free)
     problem = prepared(setup, records, free)
     until_s = problem.windows_s()[-1]
     point = problem.point(problem.start(), until_s, early=False)
@@ -407,12 +438,32 @@ def check(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> FitR
     ]
     return FitResult(
         estimates, _nuisances(problem, point, until_s, 0.0), _noise(problem), math.nan,
-        Model.CANNOT_TELL, {}, ["This is a check before a fit: nothing was fitted."],
+        Model.CANNOT_TELL, Fitness(Model.CANNOT_TELL, math.nan).as_json(),
+        ["This is a check before a fit: nothing was fitted."],
         known.combinations, _next(problem, point, known), None, problem.evaluations,
         time.perf_counter() - began, known.covariance, None,
         [n for c in problem.channels for n in c.notes], _speeds(problem, {}), list(records),
         checked_only=True,
     )  # fmt: skip
+
+
+def _named_apart(records: Sequence[Record]) -> list[Record]:
+    """The records, those with a name that another one has with a number behind it."""
+    found: list[Record] = []
+    for record in records:
+        name, count = record.name, 1
+        while any(name == other.name for other in found):
+            count += 1
+            name = f"{record.name} ({count})"
+        found.append(replace(record, name=name))
+    return found
+
+
+def _refuse_twice(free: Sequence[Free]) -> None:
+    keys = [f.key for f in free]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise FitError(f"--free {key}: is given twice. Name each key once.")
 
 
 def _check_rows(point: Point) -> None:
@@ -446,7 +497,9 @@ def fit(
         raise FitError("no record is given. Give at least one.")
     if not free:
         raise FitError("no key is free. Name at least one with --free KEY.")
+    _refuse_twice(free)
     began = time.perf_counter()
+    records = _named_apart(records)
     problem = prepared(setup, records, free)
     evaluations = 0
     x = _best_start(problem, setup)

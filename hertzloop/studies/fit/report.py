@@ -20,7 +20,7 @@ _MODEL_WORDS = {
 
 
 def as_json(result: FitResult) -> dict[str, Any]:
-    """Return a fit as data for JSON: see docs/how-to/fit.md for the fields."""
+    """Return a fit as data for JSON: see docs/reference/fit-json.md for the fields."""
     by_record = {
         n.record: {
             "time_shift_s": n.time_shift_s, "gain": n.gain, "offset": n.offset,
@@ -54,6 +54,7 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "records": [{"name": r.name, "sha256": r.sha256} for r in result.records],
         "notes": result.notes,
         "checked_only": result.checked_only,
+        "scene": None,
         "evaluations": result.evaluations,
         "wall_s": result.wall_s,
     }  # fmt: skip
