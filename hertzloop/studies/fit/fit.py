@@ -95,6 +95,7 @@ class Estimate:
         sd_log: standard deviation of the natural logarithm; None where it is unknown.
         prior_pull: distance from the prior in its standard deviations; None without a prior.
         alone_percent: half-width if all other keys were known, %.
+        grain: distance of the values of a key in whole steps; None of another key.
     """
 
     key: str
@@ -106,6 +107,7 @@ class Estimate:
     sd_log: float | None
     prior_pull: float | None = None
     alone_percent: float | None = None
+    grain: float | None = None
 
     @property
     def half_width_percent(self) -> float | None:
@@ -781,7 +783,8 @@ def _with_steps(
         if 0.5 * (high - low) <= widest:
             verdict = Verdict.IDENTIFIED
     place = [g.key for g in problem.free].index(f.key)
-    found.insert(place, Estimate(f.key, value, low, high, verdict, f.start, None))
+    own = Estimate(f.key, value, low, high, verdict, f.start, None, grain=f.grain)
+    found.insert(place, own)
     for axis in (0, 1):
         known.covariance = np.insert(known.covariance, place, 0.0, axis=axis)
     return found
