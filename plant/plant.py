@@ -221,9 +221,9 @@ def damped_frequency(modes: Oscillators) -> tuple[np.ndarray, float | np.ndarray
 class Plant(ABC):
     """A description as a run needs it: modes, model, state, and a balance at the end.
 
-    A scheme says how a step is made: `kernels` is a module with `step(model, state, f_a) -> f_c` and
-    `close_balance(model, state)`, which returns the energy of the modes. Its state has the arrays
-    `body`, `balance` and `counts` of `hertzloop.plant.state_kernels`, and more as it likes.
+    A scheme says how a step is made: `kernels` is a module with `step(model, state, f_a) -> f_c`
+    and `close_balance(model, state)`, which returns the energy of the modes. Its state has the
+    arrays `body`, `balance` and `counts` of `hertzloop.plant.state_kernels`, and more as it likes.
     """
 
     kernels: Any

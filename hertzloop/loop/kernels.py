@@ -320,3 +320,25 @@ def closed_loop(
             if not _pushes(forces, step, line_state.counts[ck.EMITTED]):
                 return True
     return False
+
+
+@kernel(borrowed=True, released=True)
+def loop_in_parts(
+    plant, plant_state, sensor, sensor_state, law, law_state, line, line_state,
+    forces, truth, parts, means,
+):  # fmt: skip
+    """The closed loop with a plant that takes `parts` steps in each step of sensor, law and line,
+    which hold the force meanwhile; `means`: the sensor sees the mean over a step, not its end."""
+    seen = plant_state.body[sensor.of_state]
+    index = 0
+    for step in range(forces.size):
+        sk.follow(sensor, sensor_state, seen)
+        if step % sensor.every_steps == 0:
+            value = sk.sample(sensor, sensor_state, index)[1]
+            index += 1
+            ck.control_sample(law, law_state, line, line_state, value, forces)
+        total = 0.0
+        for part in range(parts):
+            record_step(plant, plant_state, forces[step], truth, step * parts + part)
+            total += plant_state.body[sensor.of_state]
+        seen = total / parts if means else plant_state.body[sensor.of_state]

@@ -263,8 +263,8 @@ def peak_size(values):
     return middle - (right - left) ** 2 / (8.0 * bend) if bend < 0.0 else size
 
 
-# Indices into the figures of a contact: its ends (steps of the run), speeds of the sphere before and
-# after it (m/s, towards the plate and away), largest force (N) and speed of the plate (m/s).
+# Indices into the figures of a contact: its ends (steps of the run), speeds of the sphere before
+# and after it (m/s, towards the plate and away), largest force (N) and speed of the plate (m/s).
 BEGAN, ENDED, SPEED_IN, SPEED_OUT, PEAK, FASTEST = range(6)
 FIGURES = 6
 
@@ -285,7 +285,8 @@ def _sphere_speed(xi_s, f_c, f_c1, at, mass, gravity, step_s):
 
 @kernel(borrowed=True)
 def contact_figures(
-    xi, xi_s, f_c, f_c1, v_p, dents, first_step, start, end, mass, gravity, step_s, to_cubic, figures
+    xi, xi_s, f_c, f_c1, v_p, dents, first_step, start, end, mass, gravity, step_s, to_cubic,
+    figures,
 ):  # fmt: skip
     """Figures of the contact from row `start` to before `end`, which is -1 of one without an end;
     returns whether it has any. `dents` may be empty. See plant.figures.impacts.impacts."""

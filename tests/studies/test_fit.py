@@ -282,7 +282,7 @@ def test_a_coarse_record_is_fitted_as_it_was_sampled() -> None:
 def test_the_frozen_model_has_the_same_modes_at_every_value() -> None:
     model = FrozenModel(scene(), 1e-4, 1e-4)
     counts = {
-        model._plant(model.spec_of({THICKNESS: 0.003 * (1.0 + change)})).model.table.shape
+        model.plant_of(model.spec_of({THICKNESS: 0.003 * (1.0 + change)})).model.table.shape
         for change in np.linspace(-1e-3, 1e-3, 9)
     }
     assert len(counts) == 1
@@ -351,7 +351,6 @@ def test_units_and_table_of_a_csv_file(tmp_path: Path) -> None:
     ("zeit,contact_force_n\n" + "1,1\n" * 20, "no column time_s; the columns are zeit"),
     ("time_s,contact_force_n\n" + "0,1,1,5\n" * 20, "decimal commas"),
     ("0,1\n" * 20, "first line holds numbers"),
-    ("time_s,actuator_force_n\n" + "1,1\n" * 20, "force of the actuator. A fit simulates drops"),
 ])  # fmt: skip
 def test_files_that_are_no_records(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "r.csv"
@@ -401,7 +400,7 @@ def test_a_second_column_that_could_be_the_record_is_named(tmp_path: Path) -> No
 
 
 def test_recordings_of_runs_are_records(tmp_path: Path) -> None:
-    """The recording says which filters its sensor has; a run under a law is refused."""
+    """The recording says which filters its sensor has; a run under a law needs one."""
     path = tmp_path / "r.mcap"
     run = ["run", "aluminium-3mm", "--set", "run.duration_s=0.0012", "--set", "run.lead_in_s=3e-4",
            "--transport", "inprocess", "--overwrite", "--out", str(path)]  # fmt: skip
@@ -413,8 +412,10 @@ def test_recordings_of_runs_are_records(tmp_path: Path) -> None:
     [estimate] = fitted(scene("sphere.radius_m=0.0031"), one, RADIUS).estimates
     assert estimate.value == pytest.approx(3e-3, rel=5e-3)
     assert invoke(run).exit_code == 0
-    with pytest.raises(RecordError, match="without control"):
-        read_record(path)
+    under = read_record(path)
+    assert under.measured.control is True
+    with pytest.raises(RecordError, match="law = off: a record is under"):
+        fitted(scene(), under, RADIUS)
 
 
 def test_npz_parquet_and_wav_hold_the_same_record(tmp_path: Path) -> None:
@@ -443,8 +444,8 @@ def test_free_keys_are_read_from_their_text() -> None:
         ("plate.size_m", "one positive number"),
         ("plate.thicknes_m", "Did you mean plate.thickness_m"),
         (PRESSURE, "does not yield"),
-        ("controller.latency_us", "without control.*pulse"),
-        ("actuator.bandwidth_hz", "without control.*--set actuator.bandwidth_hz"),
+        ("controller.latency_us", "law is off.*without control.*--set controller.law"),
+        ("actuator.bandwidth_hz", "law is off.*without control"),
         ("run.duration_s", "choice of the simulation"), ("sensors.noise_rms", "low_pass_hz"),
         ("sphere.radius_m=2:1", "rise"), ("sphere.radius_m=a:b", "not a range"),
         ("sphere.radius_m±x", "not a prior"), ("=1:2", "names no key"),

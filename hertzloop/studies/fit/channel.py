@@ -43,7 +43,8 @@ class Channel:
     and `innovation`: the standard deviation of its driving noise, over `noise`. `touch_s`: the
     record's time of the first touch, as first found. `notes`: sentences for the user. `floored`:
     whether the simulation's own error is larger than the noise. `coarse`: error of the simulation
-    during contact over the noise, where a test of the model would show it, else zero.
+    during contact over the noise, where a test of the model would show it, else zero. `phase`:
+    under a law, from the last sample of the sensor to the touch, as first found, in steps.
     """
 
     record: Record
@@ -64,6 +65,7 @@ class Channel:
     gain: float = 1.0
     offset: float = 0.0
     ppm: float = 0.0
+    phase: float = 0.5
     notes: list[str] = field(default_factory=list)
     rejected: int = 0
     floored: bool = False
@@ -313,6 +315,10 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
         shown = float(np.max(np.abs(fine)))
     reach_s = max(8e-6, 3.0 * channel.interval_s, 0.35 * contact_s)
     is_gap = record.quantity in ("xi", "xi_s")
+    late_s = 0.0
+    if record.quantity == "actuator_force":  # may come after the contact
+        shown = float(np.max(np.abs(fine)))
+        late_s = max(0.0, float(grid_s[np.argmax(np.abs(fine) > _ONSET_SHARE * shown)]))
     if is_gap:
         guess = channel.onset_s
     elif channel.has_quiet_start:
@@ -322,17 +328,17 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
         guess = float(channel.time_s[0]) - 0.2 * contact_s
         reach_s = 1.5 * contact_s
     step_s = max(0.25e-6, contact_s / 120.0)
-    best = _best_shift(channel, observed, guess, reach_s, step_s, contact_s)
+    best = _best_shift(channel, observed, guess, reach_s, step_s, contact_s, late_s)
     if best is not None and not best[4] and not _LEAST_GAIN <= best[2] <= _MOST_GAIN:
         # A few spikes in a row can look like the onset: look everywhere, then closer.
         middle = 0.5 * float(channel.time_s[0] + channel.time_s[-1])
         half = 0.5 * float(channel.time_s[-1] - channel.time_s[0])
         rough_s = max(contact_s / 15.0, 2.0 * half / _MOST_SHIFTS)
-        anywhere = _best_shift(channel, observed, middle, half, rough_s, contact_s)
+        anywhere = _best_shift(channel, observed, middle, half, rough_s, contact_s, late_s)
         alike = anywhere is not None and anywhere[0] < _ALIKE and not anywhere[4]
         if anywhere is not None and alike and _LEAST_GAIN <= anywhere[2] <= _MOST_GAIN:
             closer = 2.0 * rough_s
-            best = _best_shift(channel, observed, anywhere[1], closer, step_s, contact_s)
+            best = _best_shift(channel, observed, anywhere[1], closer, step_s, contact_s, late_s)
     if best is None:
         raise RecordError(
             f"{record.name}: too few samples are in the contact of {1e6 * contact_s:.3g} us, at "
@@ -355,15 +361,18 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
 
 def _best_shift(
     channel: Channel, observed: Observed, guess: float, reach_s: float, step_s: float,
-    contact_s: float,
+    contact_s: float, late_s: float,
 ) -> tuple[float, float, float, float, bool] | None:  # fmt: skip
-    """Cost, touch, gain, offset, and whether a negative gain fits better by far."""
+    """Cost, touch, gain, offset, and whether a negative gain fits better by far. `late_s`: from
+    the touch to the first contact time that counts."""
     best: tuple[float, float, float, float] | None = None
     turned = math.inf
     for shift in np.arange(-reach_s, reach_s + step_s, step_s):
         touch_s = guess + float(shift)
         tau = channel.time_s - touch_s
-        window = channel.kept & (tau > _WINDOW[0] * contact_s) & (tau < _WINDOW[1] * contact_s)
+        after_s = tau - late_s
+        window = channel.kept & (after_s > _WINDOW[0] * contact_s)
+        window &= after_s < _WINDOW[1] * contact_s
         where = np.flatnonzero(window)
         if len(where) < 4:
             continue

@@ -14,6 +14,15 @@ from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.studies.fit.channel import Channel, align, make_ready, thinned, without_contact
+from hertzloop.studies.fit.loop_model import (
+    LoopModel,
+    acts_by_law,
+    grain_us,
+    notes_on,
+    refuse_unknown_loop,
+    refuse_unseen,
+    why_not_free,
+)
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, chain_of, observe
 from hertzloop.studies.fit.records import (
@@ -24,7 +33,15 @@ from hertzloop.studies.fit.records import (
     Record,
     RecordError,
 )
-from hertzloop.studies.fit.solve import Free, Point, Problem, minimised, reject_outliers
+from hertzloop.studies.fit.solve import (
+    Free,
+    Point,
+    Problem,
+    minimised,
+    of_loop,
+    reject_outliers,
+)
+from hertzloop.studies.fit.steps import Profile, expected, profiled, searched, turned
 from hertzloop.studies.fit.verdicts import (
     WIDEST,
     Combination,
@@ -37,6 +54,8 @@ from hertzloop.studies.fit.verdicts import (
     uncertainty,
 )
 
+_STEPS_KNOWN = 1.5  # half-width in steps with which a key in whole steps is identified in any case
+_LONGEST_STEPS = 20  # of a key in whole steps, at least
 _FACTOR, _LOSS_FACTOR, _PRESSURE_FACTOR = 5.0, 100.0, 20.0  # of a start, for default bounds
 _PRESSURE = "contact.limiting_pressure_pa"
 _MATERIAL_KEYS = {"young_pa": "youngs_modulus_pa", "poisson": "poisson_ratio"}
@@ -81,6 +100,7 @@ class Estimate:
         sd_log: standard deviation of the natural logarithm; None where it is unknown.
         prior_pull: distance from the prior in its standard deviations; None without a prior.
         alone_percent: half-width if all other keys were known, %.
+        grain: distance of the values of a key in whole steps; None of another key.
     """
 
     key: str
@@ -92,11 +112,12 @@ class Estimate:
     sd_log: float | None
     prior_pull: float | None = None
     alone_percent: float | None = None
+    grain: float | None = None
 
     @property
     def half_width_percent(self) -> float | None:
         """Half the interval over the value, %."""
-        if self.low is None or self.high is None:
+        if self.low is None or self.high is None or self.value == 0.0:
             return None
         return 50.0 * (self.high - self.low) / self.value
 
@@ -179,7 +200,8 @@ def free_of(setup: Setup, text: str) -> Free:
     if not key:
         raise FitError(f"--free {text}: names no key. Write KEY, KEY=LOW:HIGH or KEY±PRIOR.")
     start = value_of(setup, key)
-    low, high = _bounds(setup, key, start)
+    grain = grain_us(setup, key)
+    low, high = _bounds(setup, key, start) if grain is None else _in_steps(start, grain)
     if equals:
         parts = bounds.split(":")
         try:
@@ -188,14 +210,19 @@ def free_of(setup: Setup, text: str) -> Free:
             raise FitError(
                 f"--free {text}: '{bounds}' is not a range. Write LOW:HIGH, two numbers."
             ) from error
-        if not 0.0 < low < high < math.inf:
+        least = low >= 0.0 if grain else low > 0.0
+        if not (least and low < high < math.inf):
             raise FitError(
                 f"--free {text}: the range must be positive and rise. Write LOW:HIGH with LOW "
                 "above zero."
             )
         if not low <= start <= high:
-            start = math.sqrt(low * high)
+            start = math.sqrt(low * high) if grain is None else grain * round(high / grain / 2.0)
     prior = None
+    if sign and grain is not None:
+        raise FitError(
+            f"--free {text}: a key in whole steps has no prior. Give it a range, {key}=LOW:HIGH."
+        )
     if sign:
         try:
             given = float(prior_text.strip().rstrip("%"))
@@ -207,15 +234,20 @@ def free_of(setup: Setup, text: str) -> Free:
         prior = given / 100.0 if prior_text.strip().endswith("%") else given / start
         if not 0.0 < prior < math.inf:
             raise FitError(f"--free {text}: the prior must be a positive standard deviation.")
-    return Free(key, start, low, high, prior)
+    return Free(key, start, low, high, prior, grain)
+
+
+def _in_steps(start: float, grain: float) -> tuple[float, float]:
+    """Bounds of a time in whole steps, us."""
+    return 0.0, max(_FACTOR * start, _LONGEST_STEPS * grain)
 
 
 def value_of(setup: Setup, key: str) -> float:
     """Return the starting value of a key. Raises FitError unless it is one positive number."""
     table, _, last = key.partition(".")
     found: Any = None
-    if last in _fields(setup, table):
-        _refuse_without_influence(key)
+    if last in _fields(setup, table) or (acts_by_law(key) and setup.has_law):
+        _refuse_without_influence(setup, key)
     if key == _PRESSURE and setup.limiting_pressure:
         found = setup.limiting_pressure["pressure_pa"]
     elif key == "plate.loss_factor":
@@ -229,6 +261,14 @@ def value_of(setup: Setup, key: str) -> float:
         found = getattr(setup.scene.material(body), _MATERIAL_KEYS.get(name, name), None)
     else:
         found = getattr(getattr(setup.scene, table, None), last, None)
+        if found is None and table == "controller":
+            found = getattr(setup.law_keys, last, None)
+    if grain_us(setup, key) is not None and found is None and last == "dead_time_us":
+        found = 0.0
+    if grain_us(setup, key) is not None and isinstance(found, float) and found == 0.0:
+        return found
+    if table == "controller" and isinstance(found, int) and not isinstance(found, bool):
+        raise FitError(f"--free {key}: is a whole number, {found}. Choose another key.")
     if isinstance(found, bool) or not isinstance(found, int | float) or not found > 0.0:
         raise FitError(f"--free {key}: {_why_not(setup, key, found)}")
     return float(found)
@@ -239,15 +279,18 @@ def _fields(setup: Setup, table: str) -> Mapping[str, Any]:
     return getattr(type(getattr(setup.scene, table, None)), "model_fields", {})
 
 
-def _refuse_without_influence(key: str) -> None:
-    """Raise FitError for a key of the scene that no record of a drop without control can tell."""
+def _refuse_without_influence(setup: Setup, key: str) -> None:
+    """Raise FitError for a key of the scene that no record can tell."""
     table, _, last = key.partition(".")
-    if table == "controller" or (table == "actuator" and last != "mass_kg"):
-        raise FitError(
-            f"--free {key}: cannot be fitted. {WITHOUT_CONTROL} Measure the key with a pulse on "
-            f"the actuator, and give it with --set {key}=VALUE. `hertzloop sweep --over {key}=...` "
-            "shows how much it matters."
-        )
+    if acts_by_law(key):
+        if not setup.has_law:
+            raise FitError(
+                f"--free {key}: cannot be fitted, as controller.law is off. {WITHOUT_CONTROL} Name "
+                "the law that was on, --set controller.law=NAME."
+            )
+        why = why_not_free(key)
+        if why is not None:
+            raise FitError(f"--free {key}: cannot be fitted, as {why}.")
     if table == "run":
         raise FitError(
             f"--free {key}: is a choice of the simulation, not a property of the rig. Choose "
@@ -264,6 +307,8 @@ def _why_not(setup: Setup, key: str, found: Any) -> str:
     """Why a key cannot be free, and what to do."""
     table, _, last = key.partition(".")
     fields = _fields(setup, table)
+    if table == "controller" and setup.has_law:
+        fields = {**fields, **vars(setup.law_keys)}
     if last.partition(".")[0] not in fields:
         near = difflib.get_close_matches(last, fields, 1)
         hint = f"Did you mean {table}.{near[0]}?" if near else "See `hertzloop scene keys`."
@@ -290,7 +335,9 @@ def _bounds(setup: Setup, key: str, start: float) -> tuple[float, float]:
     return low, high
 
 
-def expected_record(setup: Setup, text: str, name: str = "expected record") -> Record:
+def expected_record(
+    setup: Setup, text: str, name: str = "expected record", control: bool | None = None
+) -> Record:
     """Return a made-up record of the scene as it is, for a check before an experiment.
 
     Args:
@@ -298,6 +345,7 @@ def expected_record(setup: Setup, text: str, name: str = "expected record") -> R
         text: `QUANTITY:DURATIONus:NOISE%[:RATEMHz]`, as `contact_force:70us:0.3%:2MHz`; the noise
             is a share of the peak.
         name: of the record.
+        control: whether the law is on; by default for the force of the actuator alone.
 
     Raises:
         FitError: the text is not of this form.
@@ -311,13 +359,22 @@ def expected_record(setup: Setup, text: str, name: str = "expected record") -> R
     duration_s, share = 1e-6 * float(match["us"]), 0.01 * float(match["noise"])
     step_s = 1e-6 / float(match["mhz"] or 2.0)
     quiet_s = max(250 * step_s, 0.2e-3)
-    model = FrozenModel(setup, duration_s, 1e-4)
+    quantity = match["quantity"]
+    under = quantity == "actuator_force" if control is None else control
+    table = Measured(quantity=quantity, control=under)
+    model: FrozenModel
+    if under:
+        refuse_unknown_loop(setup)
+        refuse_unseen(Record(name, np.arange(8.0), np.ones(8), quantity, table), setup)
+        model = LoopModel(setup, duration_s, 1e-4)
+    else:
+        model = FrozenModel(setup, duration_s, 1e-4)
     time_s = np.arange(-quiet_s, duration_s, step_s)
-    clean = observe(model.run({}, duration_s), match["quantity"], Chain(), False).value(time_s)
+    clean = observe(model.run({}, duration_s), quantity, Chain(), False).value(time_s)
     noise = share * float(np.max(np.abs(clean)))
     # The noise has a known size and no influence on the answer; its seed makes it repeatable.
     noisy = clean + noise * np.random.default_rng(1).standard_normal(len(clean))
-    return Record(name, time_s, noisy, match["quantity"], Measured(quantity=match["quantity"]))
+    return Record(name, time_s, noisy, quantity, table)
 
 
 def prepared(
@@ -337,52 +394,139 @@ def prepared(
     Raises:
         RecordError, SceneError
     """
+    looped = _controlled(setup, records, free)
     channels = [make_ready(record) for record in records]
     start = {f.key: f.start for f in free} if at is None else at
     accuracy = min(_accuracy(c) for c in channels)
     accuracy = min(max(accuracy, _FINEST), max(setup.accuracy, _FINEST))
     for c in channels:
         _cut(c)
-    models = _frozen(setup, channels, start, accuracy)
+    models = _frozen(setup, channels, looped, start, accuracy)
     for c, model in zip(channels, models, strict=True):
-        if _of_velocity(c) and model.velocity_error > 1.01 * _velocity_error(c, model.setup):
+        if isinstance(model, LoopModel) or not _of_velocity(c):
+            continue
+        if model.velocity_error > 1.01 * _velocity_error(c, model.setup):
             c.coarse = model.velocity_error / c.noise_over_peak
     chains = [chain_of(c.record, setup) for c in channels]
     problem = Problem(list(free), channels, models, chains)
+    leaders: dict[str, Channel] = {}
     for index, (c, model) in enumerate(zip(channels, models, strict=True)):
         long_s = max(3.0 * model.contact_s, 30e-6)
-        align(c, problem.observed(index, dict(start), long_s), model.contact_s)
+        if isinstance(model, LoopModel):
+            long_s += 1e-6 * setup.latency_us
+        leader = leaders.get(c.record.measured.clock or "")
+        seen = problem.observed(index, dict(start), long_s)
+        if leader is None:
+            align(c, seen, model.contact_s)
+            leaders[c.record.measured.clock or " "] = c
+        else:
+            c.touch_s = leader.touch_s
         thinned(c, model.contact_s)
+    if any(looped):
+        _check_acting(problem, start)
+        names = [c.record.name for c, under in zip(channels, looped, strict=True) if under]
+        channels[looped.index(True)].notes += notes_on(_first_loop(problem), setup, names)
     return problem
 
 
+def _controlled(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> list[bool]:
+    """Which records were taken under the law. Raises RecordError, FitError."""
+    of_law = [f.key for f in free if acts_by_law(f.key)]
+    found = []
+    for record in records:
+        said = record.measured.control
+        if said is None:
+            said = record.quantity == "actuator_force" or bool(of_law)
+        elif not said and record.quantity == "actuator_force":
+            raise RecordError(
+                f"record.control = false: {record.name} holds the force of the actuator. Write "
+                "control = true."
+            )
+        found.append(said)
+        if said:
+            of_record = setup.vary(dict(record.measured.set)) if record.measured.set else setup
+            refuse_unknown_loop(of_record)
+            refuse_unseen(record, of_record)
+    if of_law and not any(found):
+        raise FitError(
+            f"--free {of_law[0]}: cannot be fitted. {WITHOUT_CONTROL} Give a record of a drop "
+            "under the law."
+        )
+    stepped = [f.key for f in free if f.grain is not None]
+    if len(stepped) > 1:
+        raise FitError(
+            f"--free {stepped[1]}: a fit finds one key in whole steps, and {stepped[0]} is one. "
+            "Measure one of the two, and give it with --set."
+        )
+    clocks: dict[str, tuple[Any, ...]] = {}
+    for record, under in zip(records, found, strict=True):
+        kind = under, dict(record.measured.set)
+        if record.measured.clock and clocks.setdefault(record.measured.clock, kind) != kind:
+            raise RecordError(
+                f"record.clock = '{record.measured.clock}': records of one clock are of one drop, "
+                f"but {record.name} has another control or set."
+            )
+    return found
+
+
+def _first_loop(problem: Problem) -> LoopModel:
+    return next(m for m in problem.models if isinstance(m, LoopModel))
+
+
+def _check_acting(problem: Problem, values: dict[str, float]) -> None:
+    """Raise FitError for keys of the law where no actuator acts in any record."""
+    asked = [f.key for f in problem.free if acts_by_law(f.key)]
+    of_force = [c.record for c in problem.channels if c.record.quantity == "actuator_force"]
+    if not asked and not of_force:
+        return
+    end_s = problem.longest_s
+    for c, model in zip(problem.channels, problem.models, strict=True):
+        given = c.record.measured.set
+        known = {k: v for k, v in values.items() if k not in given}
+        if isinstance(model, LoopModel) and model.acts(known, end_s):
+            return
+    what = f"--free {asked[0]}" if asked else of_force[0].name
+    raise FitError(
+        f"{what}: not identifiable, as the actuator never acts in the simulated records at the "
+        "starting values. Check the law and its threshold, the latency, and that the records last "
+        "long enough."
+    )
+
+
 def _frozen(
-    setup: Setup, channels: Sequence[Channel], values: dict[str, float], accuracy: float
-) -> list[FrozenModel]:
+    setup: Setup, channels: Sequence[Channel], looped: Sequence[bool], values: dict[str, float],
+    accuracy: float,
+) -> list[FrozenModel]:  # fmt: skip
     """The frozen model of every channel; channels of one drop and measuring point share one, so
     that a simulation serves them all."""
-    of_plant = {k: v for k, v in values.items() if not k.startswith("sensors.")}
 
-    def kind(c: Channel) -> Any:
-        return tuple(sorted(c.record.measured.set.items())), c.record.measured.point_m
+    def kind(c: Channel, under: bool) -> Any:
+        return tuple(sorted(c.record.measured.set.items())), c.record.measured.point_m, under
 
+    kinds = [kind(c, under) for c, under in zip(channels, looped, strict=True)]
     durations: dict[Any, float] = {}
-    for c in channels:
+    for c, of_channel in zip(channels, kinds, strict=True):
         duration_s = float(c.time_s[-1]) - c.onset_s + 20e-6
-        durations[kind(c)] = max(durations.get(kind(c), 0.0), duration_s)
-    models = {}
-    for (given, point_m), duration_s in durations.items():
+        if of_channel[2]:
+            duration_s += 1e-6 * setup.latency_us
+        durations[of_channel] = max(durations.get(of_channel, 0.0), duration_s)
+    models: dict[Any, FrozenModel] = {}
+    for (given, point_m, under), duration_s in durations.items():
         of_record = setup.vary(dict(given)) if given else setup
-        base = of_record.vary({k: v for k, v in of_plant.items() if k not in dict(given)})
+        known = {k: v for k, v in values.items() if k not in dict(given)}
+        if under:
+            models[given, point_m, under] = LoopModel(of_record.vary(known), duration_s, accuracy)
+            continue
+        base = of_record.vary({k: v for k, v in known.items() if not of_loop(k)})
         errors = [
             _velocity_error(c, base)
-            for c in channels
-            if kind(c) == (given, point_m) and _of_velocity(c)
+            for c, of_channel in zip(channels, kinds, strict=True)
+            if of_channel == (given, point_m, under) and _of_velocity(c)
         ]
-        models[given, point_m] = FrozenModel(
+        models[given, point_m, under] = FrozenModel(
             base, duration_s, accuracy, point_m, velocity_error=min(errors, default=None)
         )
-    return [models[kind(c)] for c in channels]
+    return [models[of_channel] for of_channel in kinds]
 
 
 def _of_velocity(channel: Channel) -> bool:
@@ -429,13 +573,19 @@ def check(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> FitR
     _refuse_twice(free)
     problem = prepared(setup, records, free)
     until_s = problem.windows_s()[-1]
+    stepped, profile = problem.stepped, None
+    if stepped is not None:
+        problem = replace(problem, fixed={stepped.key: stepped.start})
     point = problem.point(problem.start(), until_s, early=False)
+    if stepped is not None:
+        profile = expected(problem, point, until_s)
     _check_rows(point)
     known = uncertainty(problem, point)
     estimates = [
         _estimate(f, f.start, float(sd), float(alone), None)
-        for f, sd, alone in zip(free, known.sd, known.alone, strict=True)
+        for f, sd, alone in zip(problem.moving, known.sd, known.alone, strict=True)
     ]
+    estimates = _with_steps(problem, estimates, known, profile)
     return FitResult(
         estimates, _nuisances(problem, point, until_s, 0.0), _noise(problem), math.nan,
         Model.CANNOT_TELL, Fitness(Model.CANNOT_TELL, math.nan).as_json(),
@@ -501,25 +651,35 @@ def fit(
     began = time.perf_counter()
     records = _named_apart(records)
     problem = prepared(setup, records, free)
+    if any(acts_by_law(f.key) for f in free):
+        hold_out = [_under_law(record) for record in hold_out]
     evaluations = 0
+    looped = any(isinstance(model, LoopModel) for model in problem.models)
+    if looped:
+        problem = searched(problem)
     x = _best_start(problem, setup)
     windows = problem.windows_s()
     for end in windows[:-1]:
         x = minimised(problem, x, end, early=True, steps=15, tolerance=1e-3).x
     until_s = windows[-1]
     point = minimised(problem, x, until_s, early=False, steps=15, tolerance=1e-3)
-    moved = max(abs(v - math.log(f.start)) for f, v in zip(free, point.x, strict=False))
+    starts = [math.log(f.start) for f in problem.moving]
+    moved = max((abs(v - s) for s, v in zip(starts, point.x, strict=False)), default=0.0)
     if moved > _REFREEZE:
         evaluations += problem.evaluations
         problem, point = _refrozen(setup, records, free, problem, point)
         until_s = problem.windows_s()[-1]
     for c, model in zip(problem.channels, problem.models, strict=True):
         without_contact(c, model.contact_s)  # only now: the early windows hold little else
-    point = minimised(problem, point.x, until_s, early=False)
-    for _ in range(_ROUNDS):
-        if not reject_outliers(problem, point, until_s):
-            break
+    profile: Profile | None = None
+    for rounds in range(_ROUNDS + 1):
+        if problem.stepped is not None:
+            problem, point, profile = profiled(problem, point, until_s)
+        elif looped:
+            point = turned(problem, point.x, until_s)
         point = minimised(problem, point.x, until_s, early=False)
+        if rounds == _ROUNDS or not reject_outliers(problem, point, until_s):
+            break
     _check_rows(point)
     scale = _residual_scale(problem, point)
     known = uncertainty(problem, point, scale)
@@ -529,6 +689,7 @@ def fit(
         least = np.diag(known.covariance) / np.diag(drawn)
         known.covariance = drawn * max(1.0, _LEAST_DRAWN * float(np.max(least)))
     estimates, one_sided = _estimates(problem, point, known, until_s)
+    estimates = _with_steps(problem, estimates, known, profile)
     unknown = {e.key for e in estimates if e.verdict is Verdict.NOT_IDENTIFIABLE}
     fits = fitness(problem, point, until_s, len(point.x), one_sided | unknown)
     values = problem.values(point.x)
@@ -567,8 +728,9 @@ def _refrozen(
     """The same problem with the models frozen at a solution, where the limit of the modes fits."""
     values = problem.values(point.x)
     accuracy = problem.models[0].setup.accuracy
-    models = _frozen(setup, problem.channels, values, accuracy)
-    new = Problem(problem.free, problem.channels, models, problem.chains)
+    looped = [isinstance(model, LoopModel) for model in problem.models]
+    models = _frozen(setup, problem.channels, looped, values, accuracy)
+    new = Problem(problem.free, problem.channels, models, problem.chains, problem.fixed)
     return new, point
 
 
@@ -597,7 +759,7 @@ def _best_start(problem: Problem, setup: Setup) -> np.ndarray:
 def _elastic_pressure(problem: Problem, f: Free) -> float:
     """Pressure in the centre of the contact at its largest force, if it were elastic, Pa."""
     model = problem.models[0]
-    values = {g.key: g.start for g in problem.free if not g.key.startswith("sensors.")}
+    values = {g.key: g.start for g in problem.free if not of_loop(g.key)}
     run = model.run(values | {f.key: 1e13}, 2.0 * model.contact_s)
     force = float(np.max(run.force_n(run.time_s)))
     bodies = model.setup.vary(values).bodies
@@ -652,6 +814,37 @@ def _estimates(
     return found, one_sided
 
 
+def _with_steps(
+    problem: Problem, estimates: list[Estimate], known: Uncertainty, profile: Profile | None
+) -> list[Estimate]:
+    """The estimates with that of the key in whole steps, which widens the intervals of the others
+    where several of its values are certain; the covariance gets a row of zeros for it."""
+    if profile is None:
+        return estimates
+    f, found = profile.free, []
+    for j, e in enumerate(estimates):
+        if e.low is not None and e.high is not None and e.sd_log is not None:
+            down, up = profile.spread(j, e.sd_log)
+            e = replace(e, low=e.value * math.exp(down), high=e.value * math.exp(up))
+            if e.verdict is Verdict.IDENTIFIED and 0.5 * (up - down) > math.log1p(WIDEST):
+                e = replace(e, verdict=Verdict.NOT_IDENTIFIABLE)
+        found.append(e)
+    low, high = profile.interval()
+    value = profile.best * (f.grain or 1.0)
+    verdict = Verdict.NOT_IDENTIFIABLE
+    if low is not None and high is not None:
+        # The interval of a single step is one step wide, which is all that can be known.
+        widest = max(WIDEST * value, _STEPS_KNOWN * (f.grain or 1.0))
+        if 0.5 * (high - low) <= widest:
+            verdict = Verdict.IDENTIFIED
+    place = [g.key for g in problem.free].index(f.key)
+    own = Estimate(f.key, value, low, high, verdict, f.start, None, grain=f.grain)
+    found.insert(place, own)
+    for axis in (0, 1):
+        known.covariance = np.insert(known.covariance, place, 0.0, axis=axis)
+    return found
+
+
 def _flat_alone(alone: float, at_bound: bool) -> bool:
     """Whether a key is unknown even with all other keys known: no combination is to blame."""
     return at_bound or not math.expm1(min(_NORMAL * alone, 50.0)) <= WIDEST
@@ -664,7 +857,7 @@ def _profiled(
     best = point.chi_square
 
     def rise(value: float) -> float:
-        held = replace(problem, fixed={f.key: value}, evaluations=0)
+        held = replace(problem, fixed=problem.fixed | {f.key: value}, evaluations=0)
         x = np.delete(point.x, j)
         found = minimised(held, x, until_s, early=False, steps=12, tolerance=1e-4)
         problem.evaluations += held.evaluations
@@ -723,8 +916,8 @@ def _noise(problem: Problem) -> float:
 
 
 def _speeds(problem: Problem, values: dict[str, float]) -> tuple[float, float]:
-    of_plant = {k: v for k, v in values.items() if not k.startswith("sensors.")}
-    speeds = [m.spec_of(of_plant).sphere.impact_speed_m_s for m in problem.models]
+    alone = {k: v for k, v in values.items() if not of_loop(k)}
+    speeds = [m.spec_of(alone).sphere.impact_speed_m_s for m in problem.models]
     return min(speeds), max(speeds)
 
 
@@ -763,6 +956,8 @@ def _other_impact(c: Channel, curve: dict[str, np.ndarray]) -> list[str]:
 def _held_out(fitted: Setup, records: Sequence[Record]) -> dict[str, Any]:
     """Compare records with the fitted scene; only their nuisances are found anew."""
     problem = prepared(fitted, records, [])
+    if any(isinstance(model, LoopModel) for model in problem.models):
+        problem = searched(problem)
     until_s = problem.windows_s()[-1]
     point = minimised(problem, problem.start(), until_s, early=False)
     reject_outliers(problem, point, until_s)
@@ -774,6 +969,13 @@ def _held_out(fitted: Setup, records: Sequence[Record]) -> dict[str, Any]:
         "residual_over_noise": ratio,
         "gain": [problem.nuisances(point.x, i)[2] for i in range(len(records))],
     }
+
+
+def _under_law(record: Record) -> Record:
+    """A record that does not say whether the law was on, with the law on."""
+    if record.measured.control is not None:
+        return record
+    return replace(record, measured=replace(record.measured, control=True))
 
 
 def _next(problem: Problem, point: Point, known: Uncertainty) -> list[str]:

@@ -131,6 +131,11 @@ def sentences(result: FitResult) -> list[str]:
                 f"{e.key} is {limit} (95 %): the records, at impact speeds of {low:.3g} to "
                 f"{high:.3g} m/s, set no limit on the other side."
             )
+        if e.grain is not None:
+            found.append(
+                f"{e.key} is fitted in steps of {e.grain:g} us, and its interval reaches half a "
+                "step beyond the values that explain the records."
+            )
     found += _unidentified(result)
     found += result.measure_next
     if result.checked_only:
@@ -168,6 +173,8 @@ def _unidentified(result: FitResult) -> list[str]:
 
 
 def _why_unidentified(e: Estimate, others: bool) -> str:
+    if e.grain is not None:
+        return f"{e.key}: the records allow {number(e.low)} to {number(e.high)}."
     half, alone = e.half_width_percent, e.alone_percent
     if half is None or half >= 1e3:
         known = f"{e.key}: the records set no useful bound"

@@ -195,16 +195,8 @@ def bootstrapped(
 
 def _raw_jacobian(problem: Problem, point: Point, index: int, until_s: float) -> np.ndarray:
     """Derivatives of a channel's readings, without whitening; (samples, parameters)."""
-    c = problem.channels[index]
-    _, _, gain, _ = problem.nuisances(point.x, index)
-    value, slope, tau = problem.predicted(point.x, index, until_s)
-    block = np.zeros((len(tau), len(point.x)))
-    for j, f in enumerate(problem.moving):
-        block[:, j] = gain * problem._by_key(point.x, index, until_s, j, f, tau)
-    at = len(problem.moving) + 4 * index
-    block[:, at], block[:, at + 1] = -gain * slope * 1e-6, -gain * slope * tau * 1e-6
-    block[:, at + 2], block[:, at + 3] = value, c.peak
-    return block
+    predicted = problem.predicted(point.x, index, until_s)
+    return problem.derivatives(point.x, index, until_s, predicted)
 
 
 @dataclass
