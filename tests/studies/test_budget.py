@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.budget_agreement import difference
 from hertzloop.analysis.cases import CaseState
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
@@ -249,6 +250,18 @@ def test_limits_agree_with_brute_force(pool):
         "unstable",
     } <= (data.keys())
     assert data["limits"]["latency_us"].keys() >= {"value", "searched", "interval"}
+
+
+def test_brute_force_says_how_a_limit_differs():
+    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    right, _ = found_by(lambda value, _: value <= 33, quantity)
+    assert not difference(quantity, right, {place: place <= 33 for place in range(100)})
+    assert not difference(quantity, right, {0: True, 30: True, 60: False, 99: False})
+    assert "7.0 fails" in difference(quantity, right, {0: True, 7: False, 60: False})
+    assert "next value holds" in difference(quantity, right, {33: True, 34: True, 60: False})
+    assert "gap" in difference(quantity, right, {33: True, 34: False, 60: True})
+    beyond, _ = found_by(lambda *_: True, quantity)
+    assert "99.0 fails" in difference(quantity, beyond, {0: True, 99: False})
 
 
 def test_the_wilson_interval_is_that_of_the_formula():
