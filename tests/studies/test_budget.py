@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks.budget_agreement import difference
+from benchmarks.probability import exact_coverage
 from hertzloop.analysis.cases import CaseState
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
@@ -269,6 +270,22 @@ def test_the_wilson_interval_is_that_of_the_formula():
     assert (low, high) == pytest.approx((0.4901625, 0.9433178), abs=1e-6)
     assert wilson(0, 10)[0] == 0.0
     assert wilson(10, 10)[1] == 1.0
+
+
+def test_the_coverage_by_theory_is_that_of_drawing_until_the_interval_is_narrow():
+    # With a fixed number of cases it is a sum of binomial probabilities.
+    held = [met for met in range(65) if wilson(met, 64)[0] <= 0.892 <= wilson(met, 64)[1]]
+    fixed = sum(math.comb(64, met) * 0.892**met * 0.108 ** (64 - met) for met in held)
+    assert exact_coverage(0.892, 0.5) == pytest.approx(fixed, rel=1e-9)
+    drawn = np.random.default_rng(1).random((4000, 512)) < 0.892
+    covered = 0
+    for one in drawn:
+        for cases in (64, 128, 256, 512):
+            low, high = wilson(int(one[:cases].sum()), cases)
+            if high - low <= 0.1:
+                break
+        covered += low <= 0.892 <= high
+    assert covered / 4000 == pytest.approx(exact_coverage(0.892, 0.05), abs=0.015)
 
 
 def test_a_correlated_normal_keeps_its_covariance():
