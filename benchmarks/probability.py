@@ -3,6 +3,8 @@
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
+import numpy as np
+import scipy
 import typer
 
 from benchmarks.program import (
@@ -24,7 +26,7 @@ from benchmarks.program import (
 )
 from hertzloop.setup import load
 from hertzloop.studies.budget.goal import all_met, parse_goal
-from hertzloop.studies.budget.probability import probability
+from hertzloop.studies.budget.probability import FIRST, probability, wilson
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.uncertain import Uncertain, uncertain_of
@@ -45,14 +47,34 @@ _TRUTH_SEED = 1_000_003
 
 @dataclass(frozen=True)
 class Coverage:
-    """Intervals that hold the true probability, which has a standard error of its own."""
+    """Intervals that hold the true probability, which has a standard error of its own; `exact`: the
+    share by theory."""
 
     goal: str
     truth: float
+    exact: float
     covered: int
     repetitions: int
     mean_cases: float
     mean_half_width: float
+
+
+def exact_coverage(truth: float, within: float, most: int = 4096) -> float:
+    """Return how often the interval holds a probability when cases double until half the interval
+    is at most `within`: the sum over all numbers of successes at which drawing stops."""
+    cases, covered = FIRST, 0.0
+    going = scipy.stats.binom.pmf(np.arange(cases + 1), cases, truth)
+    while True:
+        for met in np.flatnonzero(going):
+            low, high = wilson(int(met), cases)
+            if 0.5 * (high - low) <= within or cases >= most:
+                covered += going[met] if low <= truth <= high else 0.0
+                going[met] = 0.0
+        if not going.any():
+            return float(covered)
+        more = min(cases, most - cases)
+        going = np.convolve(going, scipy.stats.binom.pmf(np.arange(more + 1), more, truth))
+        cases += more
 
 
 def coverage(
@@ -69,7 +91,8 @@ def coverage(
         found.append(probability(pool, one, goals, uncertain, "impact", within=within))
     widths = [p.interval[1] - p.interval[0] for p in found]
     return Coverage(
-        goal, truth, sum(p.interval[0] <= truth <= p.interval[1] for p in found), repetitions,
+        goal, truth, exact_coverage(truth, within),
+        sum(p.interval[0] <= truth <= p.interval[1] for p in found), repetitions,
         sum(p.cases for p in found) / repetitions, 0.5 * sum(widths) / repetitions,
     )  # fmt: skip
 
@@ -105,10 +128,15 @@ def main(
         write_records(made / "probability.csv", found)
         shares = [(c.goal, 100.0 * c.covered / c.repetitions) for c in found]
         bars(made / "probability.png", "Coverage of Wilson's interval", "%", shares)
-    headings = ("goal", "true", "covered", "of", "mean cases", "mean half width")
-    rows = [(c.goal, f"{c.truth:.4f}", str(c.covered), str(c.repetitions), f"{c.mean_cases:.0f}",
-             f"{c.mean_half_width:.3f}") for c in found]  # fmt: skip
+    headings = ("goal", "true", "by theory", "covered", "of", "mean cases", "mean half width")
+    rows = [(c.goal, f"{c.truth:.4f}", f"{c.exact:.4f}", str(c.covered), str(c.repetitions),
+             f"{c.mean_cases:.0f}", f"{c.mean_half_width:.3f}") for c in found]  # fmt: skip
     out.print(number_table("95 % intervals of a probability", headings, rows, text=1))
+    # At the default of --within, over probabilities that are neither rare nor nearly certain.
+    spread = {p: exact_coverage(p, 0.03) for p in np.linspace(0.05, 0.95, 10 if quick else 91)}
+    least, most = min(spread, key=spread.__getitem__), max(spread, key=spread.__getitem__)
+    out.print(f"By theory, half the interval at most 0.03: {100 * spread[least]:.1f} % at the "
+              f"probability {least:.2f}, to {100 * spread[most]:.1f} % at {most:.2f}.")  # fmt: skip
     written(made, "probability.csv", "probability.png")
     conclude(
         "The 95 % interval holds the true probability in "

@@ -10,7 +10,7 @@ from hertzloop.plant.actuator_kernels import ForceLimit, SecondOrder
 from hertzloop.plant.structures.modes import Oscillators
 
 _NO_SHAPE = 1e-9  # of the largest at the actuator: such a mode does not feel the mass
-_CHUNK = 2**22  # numbers of a work array
+_CHUNK = 2**16  # numbers of a work array: larger ones cost more page faults than arithmetic
 _MOST_HALVINGS = 200
 
 

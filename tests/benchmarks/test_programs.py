@@ -31,6 +31,7 @@ CONCLUSIONS = {
     "benchmarks.linear_system": r"The frequency response is within [\d.e-]+ of python-control's",
     "benchmarks.margin": r"The linear margin agrees in \d+ of \d+ comparisons and differs in 0;",
     "benchmarks.model_order": r"The automatic choice of modes meets the requested accuracy",
+    "benchmarks.paced_prediction": r"[0-3] of 3 paced runs are repeated to the bit, and [\d.]+ %",
     "benchmarks.pictures": r"A picture takes \d+ s at most",
     "benchmarks.plate_models": r"In the place of the omitted modes, a damped mode leaves an error",
     "benchmarks.probability": r"The 95 % interval holds the true probability in [\d.]+ % \(",

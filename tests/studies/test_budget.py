@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.budget_agreement import difference
+from benchmarks.probability import exact_coverage
 from hertzloop.analysis.cases import CaseState
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
@@ -157,6 +159,46 @@ def test_a_value_that_fails_at_one_phase_ends_the_tolerated_values():
         assert (limit.value, limit.interval) == (62.0, True)
 
 
+def figure_limit(figure, quantity, search):
+    """The limit where `figure(value, case)` is the plate energy in dB."""
+
+    def run(cases):
+        return [{**row(0.0), "plate_energy_db": figure(case["a.b"], case)} for case in cases]
+
+    return side_by_side([limit_of(quantity, [GOAL], search)], run)[0]
+
+
+@pytest.mark.parametrize("phase", [None, 0.5])
+def test_a_narrow_gap_at_a_jump_is_found_where_the_figure_bends_towards_it(phase):
+    """Values 44 to 46 fail, perhaps only at the phase at which the scan tries 56."""
+
+    def figure(value, case):
+        jumps = value >= 44 and phase in (None, case["run.touch_phase"])
+        return (0.7 - 0.3 * (value - 44)) if jumps else -6.0
+
+    quantity = Quantity("mass_kg", "a.b", "kg", tuple(range(127)))
+    limit = figure_limit(figure, quantity, Search((0.1, 0.9, 0.5), (1,), 10))
+    assert (limit.value, limit.first_failure) == (43, 44)
+
+
+def test_a_failure_by_chance_just_below_a_jump_is_found():
+    """From 92 on all variants fail, at once; one variant fails at 86 and 87 already."""
+
+    def figure(value, case):
+        alone = value in (86, 87) and case["run.seed"] == 2 and case["run.touch_phase"] == 0.5
+        return 1.0 if alone or value >= 92 else -3.0
+
+    quantity = Quantity("noise", "a.b", "rms", tuple(range(121)), by_chance=True, finer=4)
+    limit = figure_limit(figure, quantity, Search((0.1, 0.5, 0.9), (1, 2, 3), 10))
+    assert limit.value < 87
+
+
+def test_the_first_value_after_the_ideal_one_is_tried():
+    quantity = Quantity("mass_kg", "a.b", "kg", tuple(range(127)))
+    limit, _ = found_by(lambda value, _: not 1 <= value <= 13, quantity)
+    assert (limit.value, limit.first_failure) == (0.0, 1.0)
+
+
 def test_a_loop_that_fails_late_is_found_by_the_longer_run():
     quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
     search = Search((0.5,), (1,), 6, short_s=0.001, long_s=0.01)
@@ -211,11 +253,39 @@ def test_limits_agree_with_brute_force(pool):
     assert data["limits"]["latency_us"].keys() >= {"value", "searched", "interval"}
 
 
+def test_brute_force_says_how_a_limit_differs():
+    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    right, _ = found_by(lambda value, _: value <= 33, quantity)
+    assert not difference(quantity, right, {place: place <= 33 for place in range(100)})
+    assert not difference(quantity, right, {0: True, 30: True, 60: False, 99: False})
+    assert "7.0 fails" in difference(quantity, right, {0: True, 7: False, 60: False})
+    assert "next value holds" in difference(quantity, right, {33: True, 34: True, 60: False})
+    assert "gap" in difference(quantity, right, {33: True, 34: False, 60: True})
+    beyond, _ = found_by(lambda *_: True, quantity)
+    assert "99.0 fails" in difference(quantity, beyond, {0: True, 99: False})
+
+
 def test_the_wilson_interval_is_that_of_the_formula():
     low, high = wilson(8, 10)
     assert (low, high) == pytest.approx((0.4901625, 0.9433178), abs=1e-6)
     assert wilson(0, 10)[0] == 0.0
     assert wilson(10, 10)[1] == 1.0
+
+
+def test_the_coverage_by_theory_is_that_of_drawing_until_the_interval_is_narrow():
+    # With a fixed number of cases it is a sum of binomial probabilities.
+    held = [met for met in range(65) if wilson(met, 64)[0] <= 0.892 <= wilson(met, 64)[1]]
+    fixed = sum(math.comb(64, met) * 0.892**met * 0.108 ** (64 - met) for met in held)
+    assert exact_coverage(0.892, 0.5) == pytest.approx(fixed, rel=1e-9)
+    drawn = np.random.default_rng(1).random((4000, 512)) < 0.892
+    covered = 0
+    for one in drawn:
+        for cases in (64, 128, 256, 512):
+            low, high = wilson(int(one[:cases].sum()), cases)
+            if high - low <= 0.1:
+                break
+        covered += low <= 0.892 <= high
+    assert covered / 4000 == pytest.approx(exact_coverage(0.892, 0.05), abs=0.015)
 
 
 def test_a_correlated_normal_keeps_its_covariance():

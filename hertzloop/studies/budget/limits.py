@@ -10,6 +10,12 @@ failed last is tried first, and the others only where it passes. The scan tries 
 value, in turn: many values are worth more than many phases, since a law that misses its goal mostly
 does so at every phase. Bisection, and the value that it ends at, take all variants.
 
+Some tolerated values have narrow gaps, where a figure jumps. Beside a jump it often bends towards
+the goal: where a straight line through two values tried, of twice their slope, misses the goal
+before the next one, the middle is tried too, in all variants. A quantity that works by chance may
+fail in one variant without such a sign. Where the figure jumps at the limit, some values below are
+tried as well.
+
 Feedback acts for as long as the plate moves, so that the first impact of a long run has no end.
 The search then simulates `Search.short_s` only, and confirms its result with a run of
 `Search.long_s`. Where that disagrees, as with a loop that grows slowly, the search is repeated
@@ -26,7 +32,7 @@ from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.setup import Setup
-from hertzloop.studies.budget.goal import Goal, all_met
+from hertzloop.studies.budget.goal import Goal, all_met, worst_excess
 from hertzloop.studies.sweeps.evaluate import Rows, not_run
 
 Case = dict[str, Any]
@@ -35,6 +41,7 @@ _NOISE_DECADES, _PLACES_A_DECADE = 6, 25
 _BANDWIDTHS_HZ = (1e3, 1e7)  # the largest acts within a tenth of a step: it stands for ideal
 _MASSES = (1e-3, 1e2)  # of the mass of the sphere
 _MOST_BITS, _COARSE_BITS = 24, 12  # above 12 bits the scan takes every fourth value
+_BELOW_JUMP = 8  # places below a jump, tried for a quantity that works by chance
 _FEW = 64  # sampling periods that are all scanned: a law may miss its goal at every other one
 
 
@@ -137,14 +144,14 @@ def quantities_of(setup: Setup) -> list[Quantity]:
         Quantity("latency_us", "controller.latency_us", "us", times,
                  _place(times, line.latency_us), finer=2),
         Quantity("jitter_us", "controller.jitter_us", "us", times,
-                 _place(times, line.jitter_us), by_chance=True, finer=4),
+                 _place(times, line.jitter_us), by_chance=True, finer=2),
         Quantity("bits", "sensors.bits", "bits", bits,
                  bits.index(sensors.bits),
                  scan=(0, *fine, *range(_MOST_BITS - _COARSE_BITS + 1, len(bits)))),
         Quantity("noise", "sensors.noise_rms", f"{SENSED[setup.quantity].unit} rms", noises,
                  _place(noises, sensors.noise_rms), by_chance=True, finer=4),
         Quantity("sampling_us", "sensors.every_steps", "us", periods,
-                 _place(periods, sensors.every_steps), scale=step_us,
+                 _place(periods, sensors.every_steps), scale=step_us, finer=4,
                  scan=tuple(range(len(periods))) if len(periods) <= _FEW else ()),
         Quantity("bandwidth_hz", "actuator.bandwidth_hz", "Hz", bandwidths,
                  0 if own_hz is None else max(0, sum(hz >= own_hz for hz in bandwidths) - 1)),
@@ -205,6 +212,7 @@ class _Known:
         self.lasts_s, self.long_s = search.short_s, search.long_s
         self.tried: dict[int, list[Case]] = {}
         self.failed: set[int] = set()
+        self.excess: dict[int, float] = {}  # by place, the largest of the variants tried
         self.cases = 0
         self.reason = ""
         self.refused: set[int] = set()  # places of which a case could not be run
@@ -242,11 +250,37 @@ class _Known:
             self.reason = said if self.quantity.key in said else f"{self.quantity.key}: {said}"
         for (place, one), row in zip(pairs, rows, strict=True):
             self.tried.setdefault(place, []).append(one)
+            excess = worst_excess(self.goals, row)
+            self.excess[place] = max(excess, self.excess.get(place, excess))
             if not_run([row]):
                 self.refused.add(place)
             if place not in self.failed and not all_met(self.goals, row):
                 self.failed.add(place)
                 self.order = [one, *(other for other in self.order if other != one)]
+
+    def doubtful(self, good: int, top: int) -> list[int]:
+        """Return places below the last good one that may fail though those around them do not, and
+        that were not tried in all variants; `top`: the last place of the scan up to `good`."""
+        known = sorted(place for place in self.excess if place <= good)
+        found = set[int]()
+        if not self.quantity.by_chance:
+            for low, high, beyond in zip(known, known[1:], known[2:], strict=False):
+                for a, b, c in ((low, high, beyond), (beyond, high, low)):
+                    if abs(c - b) > 1 and max(b, c) <= top and self._reaches(a, b, c):
+                        found.add((b + c) // 2)
+        elif (
+            good + 1 in self.failed
+            and len(known) > 1
+            and not self._reaches(known[-2], good, good + 1)
+        ):
+            found.update(range(max(0, good - _BELOW_JUMP), good, 2))
+        every = len(self.order)
+        return [place for place in sorted(found) if len(self.tried.get(place, ())) < every]
+
+    def _reaches(self, a: int, b: int, c: int) -> bool:
+        """Whether the figure, with twice its slope from place `a` to `b`, misses a goal at `c`."""
+        slope = (self.excess[b] - self.excess[a]) / (b - a)
+        return self.excess[b] + 2.0 * slope * (c - b) > 0.0
 
     def _at(self, place: int) -> Case:
         case = {self.quantity.key: self.quantity.values[place]}
@@ -258,12 +292,12 @@ class _Known:
         if self.lasts_s == self.long_s:
             return True
         self.lasts_s = self.long_s
-        before = self.tried, self.failed
-        self.tried, self.failed = {}, set()
+        before = self.tried, self.failed, self.excess
+        self.tried, self.failed, self.excess = {}, set(), {}
         yield from self.ask([place])
         agrees = place not in self.failed
         if agrees:
-            self.tried, self.failed = before
+            self.tried, self.failed, self.excess = before
         return agrees
 
 
@@ -276,7 +310,7 @@ def limit_of(quantity: Quantity, goals: Sequence[Goal], search: Search) -> Asks:
         known.reason = f"{quantity.key}: the scene allows only {quantity.values[0]:g}"
         return _result(quantity, known, None, [], Boundary.IMPOSSIBLE)
     count = min(search.points * quantity.finer, last + 1)
-    scan = quantity.scan or sorted({round(i * last / (count - 1)) for i in range(count)})
+    scan = quantity.scan or sorted({1, *(round(i * last / (count - 1)) for i in range(count))})
     look = known.ask if quantity.scan else known.glance
     yield from look(scan)
     if known.refused.issuperset(scan[1:]):
@@ -287,6 +321,8 @@ def limit_of(quantity: Quantity, goals: Sequence[Goal], search: Search) -> Asks:
         if not agreed:
             yield from look([place for place in scan if place <= good])
             good = yield from _last_good(known, scan)
+    if quantity.by_chance:
+        scan = scan[:: quantity.finer]  # all variants of many values would take most of the time
     if good is None:
         yield from known.ask(scan)
         return _result(quantity, known, None, scan, Boundary.NEVER)
@@ -315,8 +351,14 @@ def _last_good(known: _Known, scan: Sequence[int]) -> Generator[list[Case], Rows
             else:
                 good = middle
         yield from known.ask([good])
-        if good not in known.failed:
-            return good
+        top = max(place for place in scan if place <= good)
+        while good not in known.failed and (doubtful := known.doubtful(good, top)):
+            yield from known.ask(doubtful)
+            if not known.failed.isdisjoint(doubtful):
+                break
+        else:
+            if good not in known.failed:
+                return good
 
 
 def _result(

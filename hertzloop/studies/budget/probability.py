@@ -19,7 +19,7 @@ from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 from hertzloop.studies.sweeps.uncertain import Part, Uncertain
 
-_FIRST, QUANTILES = 64, (0.05, 0.25, 0.5, 0.75, 0.95)
+FIRST, QUANTILES = 64, (0.05, 0.25, 0.5, 0.75, 0.95)
 _NORMAL = NormalDist()
 
 
@@ -92,7 +92,7 @@ def probability(
     """
     rows: Rows = []
     drawn: list[dict[str, Any]] = []
-    wanted = min(_FIRST, most)
+    wanted = min(FIRST, most)
     while True:
         new = [uncertain.draw(setup.seed, number) for number in range(len(drawn), wanted)]
         drawn += new
