@@ -243,7 +243,7 @@ def _answer(law, law_state, line, line_state, forces, lane):
     return True
 
 
-@kernel(released=True)
+@kernel(borrowed=True, released=True)
 def serve(
     law, law_state, line, line_state, forces, modes, delays, lane, first, limit, look_ahead
 ):  # fmt: skip
