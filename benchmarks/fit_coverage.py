@@ -157,6 +157,9 @@ PROBLEMS |= {
         fitted=(*_SLOPE, f"{_BANDWIDTH}=5e4"), second="actuator_force",
     ),
 }  # fmt: skip
+PROBLEMS["latency, force 90 us, noise 5 %"] = replace(
+    PROBLEMS["latency, force 90 us"], spoilt=Spoilt(noise=0.05)
+)
 _CLASSES = ("force 90 us", "force 70 us, elastic", "v_p 1 ms",
             *(name for name, problem in PROBLEMS.items() if problem.wrong))  # fmt: skip
 PROBLEMS |= {

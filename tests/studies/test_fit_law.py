@@ -110,15 +110,32 @@ def test_the_latency_needs_the_touch_in_the_same_time() -> None:
     """A force that comes after the contact has any latency, as its record begins at any time."""
     true = scene(f"{LATENCY}=40", f"{BANDWIDTH}=4e4")
     push = record(true, PUSH, 130e-6, clock="daq")
-    asked = [free_of(true, f"{LATENCY}=30:50")]
+    asked = [free_of(true, f"{LATENCY}=37:43")]
     [alone] = check(true, [push], asked).estimates
     assert alone.verdict is Verdict.NOT_IDENTIFIABLE
     both = [record(true, duration_s=130e-6, seed=4, clock="daq"), push]
-    found = fit(true.vary({LATENCY: 37.0}), both, asked)
+    found = fit(true.vary({LATENCY: 38.0}), both, asked)
     assert holds(found, latency_us=40.0)
     assert found.estimates[0].verdict is Verdict.IDENTIFIED
     first, second = found.nuisances
     assert first.time_shift_s == second.time_shift_s
+
+
+def test_a_latency_without_effect_is_not_identifiable() -> None:
+    """The force comes after the contact, whose force does not show it."""
+    true = scene(f"{LATENCY}=60")
+    found = fitted(true.vary({LATENCY: 30.0}), [record(true, duration_s=60e-6)], LATENCY)
+    [estimate] = found.estimates
+    assert estimate.verdict is Verdict.NOT_IDENTIFIABLE
+    assert estimate.high is None
+    assert any("the records allow" in sentence for sentence in report.sentences(found))
+
+
+def test_a_finer_grid_resolves_more_of_a_latency() -> None:
+    true = scene("run.step_ns=250", "sensors.every_steps=4", f"{LATENCY}=6.25")
+    found = fitted(true.vary({LATENCY: 3.0}), [record(true, phase=1.2)], f"{LATENCY}=4:9")
+    assert holds(found, latency_us=6.25)
+    assert found.estimates[0].value % 0.25 == 0.0
 
 
 def test_a_drop_without_the_law_and_one_under_it_share_the_ball() -> None:

@@ -261,8 +261,6 @@ def value_of(setup: Setup, key: str) -> float:
         found = getattr(setup.scene.material(body), _MATERIAL_KEYS.get(name, name), None)
     else:
         found = getattr(getattr(setup.scene, table, None), last, None)
-        if found is None and table == "controller":
-            found = getattr(setup.law_keys, last, None)
     if grain_us(setup, key) is not None and found is None and last == "dead_time_us":
         found = 0.0
     if grain_us(setup, key) is not None and isinstance(found, float) and found == 0.0:

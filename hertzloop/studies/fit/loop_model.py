@@ -17,7 +17,7 @@ from hertzloop.plant import time_series as ts
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.setup import Setup
 from hertzloop.studies.fit.model import FrozenModel, Simulated
-from hertzloop.studies.fit.records import FILTERS, Record, RecordError
+from hertzloop.studies.fit.records import Record, RecordError
 
 PLANT_NS = 250  # longest step of the plant
 _LEAD_SAMPLES = 8  # before the touch; more for the window and the horizon of the law
@@ -26,7 +26,7 @@ _ROOM_S = 0.01  # added to the run, so that a latency of the search is not longe
 _ACTS = 1e-12  # N
 # What changes the force of the actuator alone, beside all keys of the controller.
 _OF_ACTUATOR = ("bandwidth_hz", "damping", "force_limit_n", "dead_time_us")
-_NOT_OF_ONE_RUN = ("jitter_us", "drop_out_probability", "latency_trace_use", "full_scale_n")
+_NOT_OF_ONE_RUN = ("jitter_us", "drop_out_probability")
 
 
 def acts_by_law(key: str) -> bool:
@@ -192,9 +192,3 @@ def notes_on(model: LoopModel, setup: Setup, names: list[str]) -> Iterator[str]:
             f"sensors.noise_rms = {setup.scene.sensors.noise_rms:g}: taken as zero, since the "
             "noise that the law read is not known. What it does to the force counts as misfit."
         )
-
-
-__all__ = [
-    "FILTERS", "LoopModel", "acts_by_law", "grain_us", "notes_on", "refuse_unknown_loop",
-    "refuse_unseen", "why_not_free",
-]  # fmt: skip
