@@ -20,6 +20,8 @@ _FLOOR = {"v_p": 1e-4, "acceleration": 4e-4}
 _FLOOR_OF_GAP, _FLOOR_UNFILTERED = 5e-5, 2e-3
 _UNKNOWN_CONTACTS = 1.6
 _FASTEST_HZ = 300e3  # of a filter that makes an acceleration converge
+_RESOLVED = 0.6  # steps of a converter: noise above it can be read off
+_LONG_RUN = 8  # samples on one level, more than a slope makes
 _SPIKE = 6.0  # deviations, of single samples before the impact
 _AR_FROM, _AR_MOST = 300, 8  # quiet samples for a model of coloured noise, its highest order
 _AR_P = 1e-5  # probability of white noise below which the noise counts as coloured
@@ -45,6 +47,8 @@ class Channel:
     whether the simulation's own error is larger than the noise. `coarse`: error of the simulation
     during contact over the noise, where a test of the model would show it, else zero. `phase`:
     under a law, from the last sample of the sensor to the touch, as first found, in steps.
+    `alike`: how many samples of a finer converter would show the noise as well; None of a converter
+    with steps below the noise. `weight`: of each sample in a fit, (samples,), None if all are one.
     """
 
     record: Record
@@ -70,6 +74,8 @@ class Channel:
     rejected: int = 0
     floored: bool = False
     coarse: float = 0.0
+    alike: int | None = None
+    weight: np.ndarray | None = None
 
     @property
     def contact_unknown(self) -> bool:
@@ -105,10 +111,18 @@ class Channel:
             Rows with white noise of standard deviation one, the same shape.
         """
         scaled = rows / self.noise
+        if self.weight is not None:
+            scaled = (scaled.T * self.weight).T
         if not len(self.ar):
             return scaled
         found = scipy.signal.lfilter(np.concatenate([[1.0], -self.ar]), [1.0], scaled, axis=0)
         return np.asarray(found / self.innovation)
+
+    def independent(self, counted: np.ndarray) -> np.ndarray:
+        """How many independent samples each of the counted rows is; shape (rows,)."""
+        if self.weight is None:
+            return np.ones(np.count_nonzero(counted))
+        return np.asarray(self.weight[counted] ** 2)
 
     def counted(self, within: np.ndarray) -> np.ndarray:
         """Which rows count: kept samples `within`, whose predecessors count as well where the
@@ -158,7 +172,7 @@ def make_ready(record: Record) -> Channel:
     filled = np.where(known, value, baseline)
     onset = _onset(filled, baseline, spread, peak, is_gap)
     quiet_start = onset >= _FEWEST_QUIET and not is_gap
-    noise, source, quiet = 0.0, "residual", 0
+    noise, source, quiet, alike = 0.0, "residual", 0, None
     ar, innovation = np.empty(0), 1.0
     if quiet_start:
         margin = 3 + onset // 20
@@ -168,6 +182,8 @@ def make_ready(record: Record) -> Channel:
         calm = before[np.abs(before) <= _SPIKE * max(sd, 0.5 * step, 1e-300)]
         if len(calm) >= _FEWEST_QUIET:
             noise, source, quiet = float(np.std(calm, ddof=1)), "quiet", len(calm)
+            if noise < _RESOLVED * step:
+                noise, alike = _beside_steps(calm, step)
             spikes = len(before) - len(calm)
             if len(before) >= _AR_FROM and spikes == 0 and noise > step:
                 ar, innovation = _coloured(before)
@@ -195,8 +211,33 @@ def make_ready(record: Record) -> Channel:
         record=record, time_s=time_s, value=filled, kept=good, peak=peak, noise=noise,
         noise_from=source, quiet=quiet, baseline=baseline, step=step, ar=ar, innovation=innovation,
         onset_s=float(time_s[onset]), has_quiet_start=quiet_start or is_gap, notes=notes,
-        floored=floored,
+        floored=floored, alike=alike,
     )  # fmt: skip
+
+
+def _beside_steps(readings: np.ndarray, step: float) -> tuple[float, int]:
+    """Noise of readings away from the baseline, where a converter hides most of it.
+
+    The readings before the impact rest on one level or change between two, whichever the baseline
+    is near. The noise before the converter follows from the share of each level; every baseline
+    and every noise up to a step is equally probable before.
+
+    Returns:
+        Standard deviation with that of the converter, and how many samples would show it as well.
+    """
+    levels = np.round((readings - readings[0]) / step).astype(int)
+    values, counts = np.unique(levels, return_counts=True)
+    values = values - values[np.argmax(counts)]
+    sigma = np.linspace(0.01, 1.0, 100)[:, np.newaxis, np.newaxis]
+    mean = np.linspace(-1.0, 1.0, 161)[:, np.newaxis]
+    upper, lower = (scipy.special.ndtr((values + half - mean) / sigma) for half in (0.5, -0.5))
+    likely = np.sum(counts * np.log(np.maximum(upper - lower, 1e-300)), axis=-1)
+    weight = np.exp(likely - np.max(likely)).sum(axis=1)
+    variance = sigma[:, 0, 0] ** 2 + 1.0 / 12.0
+    found = float(np.average(variance, weights=weight))
+    spread = float(np.average((variance - found) ** 2, weights=weight))
+    alike = 2.0 * found**2 / max(spread, 1e-12)
+    return step * math.sqrt(found), int(min(len(readings), alike))
 
 
 def _unlimited(record: Record) -> bool:
@@ -394,6 +435,20 @@ def _best_shift(
     if best is None:
         return None if turned == math.inf else (turned, guess, -1.0, 0.0, True)
     return (*best, turned < 0.3 * best[0] and turned < 0.2)
+
+
+def weighted(channel: Channel) -> None:
+    """Give the samples of a long run of equal readings together the weight of one sample.
+
+    Where the noise is hidden in the steps of a converter, they share one error: the readings before
+    the impact would fix the offset to a level of the converter, up to half a step from the truth.
+    """
+    if channel.alike is None:
+        return
+    starts = np.flatnonzero(np.diff(channel.value, prepend=math.nan) != 0.0)
+    lengths = np.diff(np.append(starts, len(channel.value)))
+    each = np.repeat(np.where(lengths > _LONG_RUN, lengths, 1), lengths)
+    channel.weight = 1.0 / np.sqrt(each)
 
 
 def without_contact(channel: Channel, contact_s: float) -> None:

@@ -245,18 +245,19 @@ def fitness(
     tests, shown = 0, ""
     smallest, beyond, whiteness = 1.0, 1.0, 1.0  # `beyond`: of what a coarse simulation explains
     quiet_known = True
-    squares, count = 0.0, 0
+    squares, count = 0.0, 0.0
     contact_s = max(m.contact_s for m in problem.models)
     share = parameters / max(len(problem.channels), 1)
     for index, c in enumerate(problem.channels):
         rows = point.residual[point.rows[index]]
         touch_s, ppm, _, _ = problem.nuisances(point.x, index)
         tau = c.after_touch_s(touch_s, ppm)
-        tau = tau[c.counted(tau <= until_s)]
+        counted = c.counted(tau <= until_s)
+        tau, size = tau[counted], c.independent(counted)
         after = tau > -0.1 * contact_s
         squares, count = (
             squares + float(rows[after] @ rows[after]),
-            count + int(np.count_nonzero(after)),
+            count + float(np.sum(size[after])),
         )
         coloured = c.quiet if len(c.ar) else 0
         white = 1.0
@@ -269,10 +270,12 @@ def fitness(
             quiet_known = quiet_known and c.noise_from != "residual" and c.quiet >= _F_QUIET
             continue
         known = c.quiet // 2 if len(c.ar) else c.quiet  # colour and size from the same samples
+        known = min(known, c.alike or known)
         for end in (1.3 * contact_s, 12.0 * contact_s, math.inf):
-            part = rows[(tau > -0.1 * contact_s) & (tau < end)]
-            used = share if end == math.inf else share * min(1.0, len(part) / max(len(rows), 1))
-            free = len(part) - used
+            inside = after & (tau < end)
+            part, samples = rows[inside], float(np.sum(size[inside]))
+            used = share if end == math.inf else share * min(1.0, samples / float(np.sum(size)))
+            free = samples - used
             if free < 8 or (end != math.inf and np.sum(after & (tau < end)) == np.sum(after)):
                 continue
             tests += 1
@@ -282,13 +285,13 @@ def fitness(
                 smallest = p
                 within = "" if end == math.inf else f" in the first {1e6 * end:.3g} us"
                 shown = f"The residual{within} is {math.sqrt(ratio):.3g} times the noise"
-            in_contact = np.count_nonzero((tau > 0.0) & (tau < 1.3 * contact_s))
+            in_contact = np.sum(size[(tau > 0.0) & (tau < 1.3 * contact_s)])
             ratio /= 1.0 + (_UNSURE * c.coarse) ** 2 * in_contact / free
             beyond = min(beyond, float(scipy.stats.f.sf(ratio, free, known - 1)))
     if tests:
         f_p = min(1.0, smallest * tests)
     white_p = min(1.0, whiteness * len(problem.channels))
-    ratio = math.sqrt(squares / max(count - parameters, 1))
+    ratio = math.sqrt(squares / max(count - parameters, 1.0))
     pulls = problem.pulls(point.x)
     at_bound = [
         f.key
