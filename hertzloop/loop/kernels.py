@@ -215,8 +215,9 @@ def advance(
 
 
 @kernel(inline=True, borrowed=True)
-def _answer(law, law_state, line, line_state, forces, lane):
-    """Put the forces that became known into the lane; False if there was no room in time."""
+def _answer(law, law_state, line, line_state, forces, lane, value):
+    """Put the forces that became known after a sample of this value into the lane; False if there
+    was no room in time."""
     own, seen = lane.own, law_state.counts[laws.SAMPLES]
     if own[lane_k.SAMPLES_PUT] == seen:
         return True
@@ -240,6 +241,8 @@ def _answer(law, law_state, line, line_state, forces, lane):
         own[lane_k.FORCES_PUT] += 1
     lane_k.put_answer(lane, seen, force, level)
     own[lane_k.SAMPLES_PUT] = seen
+    if not value > level:
+        own[lane_k.BROKEN_AT] = seen
     return True
 
 
@@ -249,9 +252,9 @@ def serve(
 ):  # fmt: skip
     """The controller's side of the lane: answer samples from `first` on, up to `limit`, writing
     mode and delay after each. Ends before where exchanges are slow."""
-    counts, rounds, began = law_state.counts, 0, now_ns()
+    counts, rounds, began, value = law_state.counts, 0, now_ns(), math.nan
     while True:
-        if not _answer(law, law_state, line, line_state, forces, lane):
+        if not _answer(law, law_state, line, line_state, forces, lane, value):
             return SILENT
         rounds += 1
         slow = rounds % _LOOK_EVERY == 0 and now_ns() - began > lane.wait_ns
