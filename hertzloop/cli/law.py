@@ -58,7 +58,8 @@ def new(
 
     A law in C gets the header hertzloop_law.h beside it.
     """
-    write_new(file, (".py", ".c"), "law", lambda: _start_of(file, with_check), _next(file))
+    write_new(file, (".py", ".c"), "law", lambda: _start_of(file, with_check),
+              _next(file, with_check))  # fmt: skip
 
 
 def _start_of(file: Path, with_check: bool) -> dict[Path, str]:
@@ -70,19 +71,29 @@ def _start_of(file: Path, with_check: bool) -> dict[Path, str]:
         beside = file.with_name(name)
         if beside.exists():
             fail(f"{beside} exists. Move it, or omit --with-check.", 2)
-        texts[beside] = _resource(f"{name}.txt").replace("FILE", file.name)
+        text = _resource(f"{name}.txt").replace('law = "FILE"', f'law = "{_runs(file).name}"')
+        texts[beside] = text.replace("FILE", file.name)
+    if file.suffix == ".c" and with_check:
+        compiled = f"      - run: {compilation(Path(file.name))}\n"
+        before, check, after = texts[beside].partition("      - run: hertzloop budget")
+        texts[beside] = before + compiled + check + after
     return texts
+
+
+def _runs(file: Path) -> Path:
+    """The file that a scene names as its law."""
+    return file.with_suffix(".so") if file.suffix == ".c" else file
 
 
 def _resource(name: str) -> str:
     return (resources.files("hertzloop.controller") / "loading" / "start" / name).read_text("utf-8")
 
 
-def _next(file: Path) -> str:
-    if file.suffix != ".c":
-        return f"hertzloop run --set controller.law={file}"
-    library = file.with_suffix(".so")
-    return f"{compilation(file)} && hertzloop run --set controller.law={library}"
+def _next(file: Path, with_check: bool) -> str:
+    run = f"hertzloop run --set controller.law={_runs(file)}"
+    if with_check:
+        run = f"hertzloop budget --check {file.with_name('requirements.toml')}"
+    return f"{compilation(file)} && {run}" if file.suffix == ".c" else run
 
 
 def replay(

@@ -509,6 +509,19 @@ def test_the_page_shows_limits_and_a_map(pool, tmp_path):
 
 
 @pytest.mark.full
+def test_a_new_law_in_c_brings_requirements_that_hold(tmp_path):
+    made = _python("hertzloop", "law", "new", "mine.c", "--with-check", folder=tmp_path)
+    assert made.returncode == 0, made.stderr
+    compiled, _, checked = made.stdout.split("Next: ")[1].strip().partition(" && ")
+    assert f"- run: {compiled}\n" in (tmp_path / "workflow.yml").read_text()
+    assert checked == "hertzloop budget --check requirements.toml"
+    subprocess.run(compiled, shell=True, check=True, cwd=tmp_path)
+    ran = _python("hertzloop", "budget", "--check", "requirements.toml", folder=tmp_path)
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert "2 of 2 requirements hold" in ran.stdout
+
+
+@pytest.mark.full
 def test_a_new_law_brings_requirements_that_hold(tmp_path):
     made = _python("hertzloop", "law", "new", "mine.py", "--with-check", folder=tmp_path)
     assert made.returncode == 0, made.stderr
