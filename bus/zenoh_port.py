@@ -118,7 +118,7 @@ class ZenohPort:
         messages within the patience. A final message is sent to whoever is left."""
         size, final = len(envelope.payload), envelope.stream.startswith("end/")
         with self._sent:
-            while self._waiting > (0 if final else _WAITING_BYTES):
+            while self._waiting > (0 if final else _WAITING_BYTES) and self._not_sent is None:
                 self._sent.wait()
             if not final:
                 self._check(f"sending '{envelope.stream}'")
@@ -130,10 +130,12 @@ class ZenohPort:
             self._put(envelope)
 
     def _send(self) -> None:
-        """Send what is in the outbox, until that is closed."""
+        """Send what is in the outbox, until that is closed; after a message that was not taken the
+        final message alone, since each would wait as long again."""
         while (envelope := self._outbox.get()) is not None:
             try:
-                self._put(envelope)
+                if self._not_sent is None or envelope.stream.startswith("end/"):
+                    self._put(envelope)
             except (PeerLost, zenoh.ZError) as error:
                 self._not_sent = error
                 self._inbox.put(error)
