@@ -110,7 +110,7 @@ def parameter_table(result: FitResult) -> Table:
     """Return the table of keys, estimates, intervals and verdicts."""
     title = "What the records can tell" if result.checked_only else "Fitted keys"
     table = Table(title=title)
-    for heading in ("key", "value", "95 % interval", "half-width", "verdict"):
+    for heading in ("key", "value", "95 % interval", "+/-", "verdict"):
         table.add_column(heading, justify="left" if heading in ("key", "verdict") else "right")
     for e in result.estimates:
         half = e.half_width_percent
