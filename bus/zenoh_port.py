@@ -156,6 +156,15 @@ class ZenohPort:
             raise self._not_sent
         self.presence.check(doing)
 
+    def _check_all_sent(self) -> None:
+        """Wait until all is sent, and raise what went wrong with that. Who does not take a message
+        is the cause of what the others miss, and is known last: at the end of the patience."""
+        with self._sent:
+            while self._waiting:
+                self._sent.wait()
+        if self._not_sent is not None:
+            raise self._not_sent
+
     def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
         """Next message; see Port. A role's departure is reported after what it sent."""
         deadline, presence = time.monotonic() + timeout_s, self.presence
@@ -169,8 +178,11 @@ class ZenohPort:
                 deadline = presence.compiling.extended(deadline, timeout_s, presence.takes_part)
                 if time.monotonic() < deadline:
                     continue
+                self._check_all_sent()
                 raise presence.nothing_came(timeout_s, awaited, senders) from None
             if isinstance(item, Envelope):
+                if item.stream.startswith("end/"):
+                    self._check_all_sent()
                 return item
             if not isinstance(item, PeerLost):
                 raise item

@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event, Timer
 
 import psutil
 import pytest
@@ -238,6 +239,25 @@ class TestLargeMessages:
             plant.publish(Envelope("daq", b"sample"))
         plant.publish(Envelope("end/plant", b"end", 0))
         assert zenoh[CONTROLLER].receive(PATIENCE_S, "the end").payload == b"end"
+
+    @pytest.mark.parametrize("end", [True, False], ids=["an end", "a timeout"])
+    def test_one_that_is_not_taken_is_the_cause_of_what_comes_meanwhile(
+        self, zenoh: dict[str, ZenohPort], monkeypatch: pytest.MonkeyPatch, end: bool
+    ) -> None:
+        plant, timed_out = zenoh[PLANT], Event()
+
+        def refuse(envelope: Envelope) -> None:
+            timed_out.wait(PATIENCE_S)
+            raise PeerLost("recorder accepted no message", RECORDER)
+
+        monkeypatch.setattr(plant, "_put", refuse)
+        plant.publish(Envelope("truth", bytes(100_000)))
+        if end:
+            zenoh[CONTROLLER].publish(Envelope("end/controller", b"it missed the plant", 0))
+        wait_for(lambda: plant.pending() or not end)
+        Timer(ABSENCE_S, timed_out.set).start()
+        with pytest.raises(PeerLost, match="recorder accepted no message"):
+            plant.receive(PATIENCE_S if end else 0.0, "a force")
 
 
 class TestEndpoints:
