@@ -804,3 +804,20 @@ def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path: Path
     assert len(rows) == 6
     checked = list(replay_cases(rows, header, 2, "compiled", 1))
     assert [one.same for one in checked] == [True, True]
+
+
+@pytest.mark.parametrize(
+    "number",
+    [
+        123,  # waves from the edges, shifted by a period, fit almost as well
+        128,  # the converter rests at one level while the contact takes most of the record
+    ],
+)
+def test_records_of_the_independent_solver(number: int, tmp_path: Path) -> None:
+    from tests.studies.many_records import written
+
+    _, path, start, true = written(number, tmp_path)
+    found = fit(start, [read_record(path)], [free_of(start, key) for key in true])
+    assert found.model is Model.FITS
+    for e in found.estimates:
+        assert e.value == pytest.approx(true[e.key], rel=0.01), e.key

@@ -422,12 +422,11 @@ def _best_shift(
         model, y = observed.value(tau[where]), channel.value[where]
         mean, of_y = float(np.mean(model)), float(np.mean(y))
         power = float(np.sum((model - mean) ** 2))
-        if power == 0.0:
+        shown = float(np.mean((y - of_y) ** 2))
+        if power == 0.0 or shown == 0.0:  # of a converter that stays at one level
             continue
         gain = float(np.sum((model - mean) * (y - of_y))) / power
-        left = float(np.mean((y - of_y - gain * (model - mean)) ** 2)) / max(
-            float(np.mean((y - of_y) ** 2)), 1e-300
-        )
+        left = float(np.mean((y - of_y - gain * (model - mean)) ** 2)) / shown
         if gain < 0.0:
             turned = min(turned, left)
         elif best is None or left < best[0]:

@@ -5,6 +5,7 @@ import math
 import re
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -83,6 +84,12 @@ _YIELDED = 10.827566170662733  # at 99.9 %: yielding that is only probable sets 
 _CLEAR = 30.0  # rise of chi-square beyond which the quadratic interval of a pressure is right
 _ONE_SIDED = 2.705543454095404  # at 95 % on one side
 _NORMAL = 1.959963984540054
+# Of a search for a lower minimum: how much wider a shorter window leaves the keys, how far it looks
+# and in what steps (standard deviations of the shorter and of the whole window), most points on a
+# side, most minima, and by how much chi-square has to fall.
+_BROADER, _ALONG_SD, _APART_SD = 8.0, 4.0, 10.0
+_MOST_TRIED, _MOST_MINIMA, _LOWER = 20, 3, 4.0
+_FARTHEST = 0.4  # of the logarithms of the keys
 _NO_BOUND = 10.0  # half-widths of logarithms beyond this mean nothing
 _LEAST_DRAWN = 0.25  # of a variance
 _KNOWN_TO = 0.01  # relative standard deviation of a key measured by other means
@@ -684,6 +691,8 @@ def fit(
         x = minimised(problem, x, end, early=True, steps=15, tolerance=1e-3).x
     until_s = windows[-1]
     point = minimised(problem, x, until_s, early=False, steps=15, tolerance=1e-3)
+    if not looped:
+        point = _lowest(problem, point, windows)
     starts = [math.log(f.start) for f in problem.moving]
     moved = max((abs(v - s) for s, v in zip(starts, point.x, strict=False)), default=0.0)
     if moved > _REFREEZE:
@@ -742,6 +751,49 @@ def fit(
         [n for c in problem.channels for n in c.notes], _speeds(problem, values), list(records),
         curves,
     )  # fmt: skip
+
+
+def _lowest(problem: Problem, point: Point, windows: Sequence[float]) -> Point:
+    """The same point, or one with less chi-square along what a shorter window leaves open.
+
+    Waves that come back from the edges repeat: shifted by a period, they fit almost as well, and
+    which of these minima a growing window comes to is chance.
+    """
+    keys = len(problem.moving)
+    known = np.linalg.pinv(_covariance(point)[:keys, :keys])
+    for end in reversed(windows[:-1]):
+        covariance = _covariance(problem.point(point.x, end, early=True))
+        variances, directions = np.linalg.eigh(covariance[:keys, :keys])
+        direction, sd = directions[:, -1], math.sqrt(max(float(variances[-1]), 1e-30))
+        apart = 1.0 / math.sqrt(max(float(direction @ known @ direction), 1e-30))
+        if not sd > _BROADER * apart:
+            continue
+        axis = covariance[:, :keys] @ direction / sd  # of all parameters
+        reach = min(_ALONG_SD, _FARTHEST / sd)
+        count = min(math.ceil(reach * sd / (_APART_SD * apart)), _MOST_TRIED)
+        trials = []
+        for t in np.linspace(-reach, reach, 2 * count + 1):
+            with suppress(SceneError):  # a value that the scene refuses
+                x = point.x + t * axis
+                trials.append(problem.point(x, windows[-1], early=False, jacobian=False))
+        chi = [trial.chi_square for trial in trials]
+        minima = [i for i in range(1, len(chi) - 1) if chi[i] <= min(chi[i - 1], chi[i + 1])]
+        for i in sorted(minima, key=lambda i: chi[i])[:_MOST_MINIMA]:
+            found = minimised(
+                problem, trials[i].x, windows[-1], early=False, steps=15, tolerance=1e-3
+            )
+            if found.chi_square < point.chi_square - _LOWER:
+                point = found
+        break
+    return point
+
+
+def _covariance(point: Point) -> np.ndarray:
+    """Covariance of all parameters, in their order."""
+    length = np.sqrt(np.sum(point.jacobian**2, axis=0))
+    length[length == 0.0] = 1.0
+    inverse = np.linalg.pinv(point.jacobian / length) / length[:, np.newaxis]
+    return np.asarray(inverse @ inverse.T)
 
 
 def _refrozen(

@@ -55,6 +55,7 @@ UNITS: dict[str, dict[str, float]] = {
 WITHOUT_CONTROL = "The records are simulated without control: no law, no latency, no force."
 FILTERS = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
 _FEWEST = 8  # samples of a record
+_AT_REST = 0.1  # of the largest value, up to which a sensor is at rest
 _PLATEAU = 3  # equal extreme values in a row that count as clipped
 _LEVELS = 4096  # distinct values; more than these are no visible converter
 _OWN_TIME = " (its times)"  # ends the name of the times of a column that has its own
@@ -187,8 +188,10 @@ def clipped(record: Record) -> np.ndarray:
     largest = float(np.nanmax(np.abs(value - usual)))
     if largest == 0.0:
         return found
+    # A long contact may take most of the record; then the usual value is not that at rest.
+    rest = 0.0 if record.quantity in ("xi", "xi_s") else _AT_REST * float(np.nanmax(np.abs(value)))
     for extreme in (np.nanmin(value), np.nanmax(value)):
-        if abs(extreme - usual) < 0.3 * largest:
+        if abs(extreme - usual) < 0.3 * largest or abs(extreme) < rest:
             continue
         same = value == extreme
         starts = np.flatnonzero(np.diff(np.concatenate([[False], same]).astype(int)) == 1)
