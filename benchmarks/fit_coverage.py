@@ -5,7 +5,7 @@ gain, clock and phase of samples.
 """
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -39,6 +39,7 @@ from hertzloop.studies.words import write_rows
 
 _YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
 _GAIN_SD, _CLOCK_SD = 0.01, 25.0
+_OTHER_NOISE, _ZERO_S = 100_000, 0.004  # of a second channel: seeds later, and the common time
 _PLAIN, _NO_CHAIN, _NO_TABLE = Spoilt(), Chain(), Measured()
 
 
@@ -48,7 +49,8 @@ class Problem:
 
     `changes`: of aluminium-3mm. `start`: factor on the true values that the fit starts from.
     `fitted`: changes of the model that is fitted, where its class is another one. `wrong`: whether
-    its class is the wrong one. `table`: what the record says of itself.
+    its class is the wrong one. `second`: quantity of another channel by the same clock. `true`: of
+    keys that the true scene says otherwise. `table`: what the record says of itself.
     """
 
     changes: tuple[str, ...]
@@ -63,6 +65,13 @@ class Problem:
     table: Measured = _NO_TABLE
     rate_hz: float = 2e6
     quiet_s: float = 250e-6
+    second: str | None = None
+    true: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def under_law(self) -> bool:
+        """Whether the records are of a drop under control."""
+        return any(change.startswith("controller.law=") for change in self.changes)
 
 
 _LOW_PASS = Chain(low_pass_hz=100e3)
@@ -117,6 +126,40 @@ PROBLEMS = {
         chain=_LOW_PASS, table=Measured(low_pass_hz=100e3), fitted=(), wrong=True,
     ),
 }  # fmt: skip
+_SLOPE = ("controller.law=slope_threshold",)
+_VELOCITY = ("controller.law=velocity_feedback", "actuator.bandwidth_hz=1e5")
+_LATENCY, _KAPPA = "controller.latency_us", "controller.kappa"
+_BANDWIDTH = "actuator.bandwidth_hz"
+PROBLEMS |= {
+    "latency, force 90 us": Problem(
+        (*_SLOPE, f"{_LATENCY}=6"), "contact_force", 90e-6, (_LATENCY,), fitted=_SLOPE,
+    ),
+    # Samples every microsecond, but times of the line in eighths of it: the fit's 6.375 us.
+    "latency between steps, force 90 us": Problem(
+        (*_SLOPE, "run.step_ns=125", "sensors.every_steps=8", f"{_LATENCY}=7.25"),
+        "contact_force", 90e-6, (_LATENCY,), fitted=_SLOPE, true={_LATENCY: 6.375},
+    ),
+    "latency and radius, force 90 us": Problem(
+        (*_SLOPE, f"{_LATENCY}=6"), "contact_force", 90e-6, (_LATENCY, "sphere.radius_m"),
+        fitted=(*_SLOPE, "sphere.radius_m=0.0031"),
+    ),
+    "latency and gain, v_p 150 us": Problem(
+        (*_VELOCITY, f"{_LATENCY}=3", f"{_KAPPA}=0.5"), "v_p", 150e-6, (_LATENCY, _KAPPA),
+        fitted=(*_VELOCITY, f"{_KAPPA}=0.4"),
+    ),
+    "bandwidth, actuator force 150 us": Problem(
+        (*_SLOPE, f"{_LATENCY}=4", f"{_BANDWIDTH}=4e4"), "actuator_force", 150e-6,
+        (_BANDWIDTH,), fitted=(*_SLOPE, f"{_LATENCY}=4", f"{_BANDWIDTH}=5e4"),
+    ),
+    "latency and bandwidth, both forces 100 us": Problem(
+        (*_SLOPE, f"{_LATENCY}=4", f"{_BANDWIDTH}=4e4"), "contact_force", 100e-6,
+        (_LATENCY, _BANDWIDTH),
+        fitted=(*_SLOPE, f"{_BANDWIDTH}=5e4"), second="actuator_force",
+    ),
+}  # fmt: skip
+PROBLEMS["latency, force 90 us, noise 5 %"] = replace(
+    PROBLEMS["latency, force 90 us"], spoilt=Spoilt(noise=0.05)
+)
 _CLASSES = ("force 90 us", "force 70 us, elastic", "v_p 1 ms",
             *(name for name, problem in PROBLEMS.items() if problem.wrong))  # fmt: skip
 PROBLEMS |= {
@@ -134,33 +177,43 @@ def run(problem: Problem, seed: int) -> tuple[FitResult, dict[str, float]]:
         problem.spoilt, gain=1.0 + _GAIN_SD * float(generator.standard_normal()),
         clock_ppm=_CLOCK_SD * float(generator.standard_normal()), offset=0.005,
     )  # fmt: skip
-    seen = _truth(setup, problem)
+    phase = None
+    if problem.under_law:
+        phase = float(generator.uniform()) * setup.every_steps
     table = replace(
         problem.table, sensitivity_uncertainty=_GAIN_SD, clock_tolerance_ppm=_CLOCK_SD,
-        quantity=problem.quantity,
+        quantity=problem.quantity, clock="daq" if problem.second else None,
     )  # fmt: skip
-    record: Record = measured(
-        seen, spoilt, seed, rate_hz=problem.rate_hz, quiet_s=problem.quiet_s, table=table
-    )
+    records: list[Record] = []
+    for number, quantity in enumerate([problem.quantity, *filter(None, [problem.second])]):
+        seen = _truth(setup, replace(problem, quantity=quantity), phase)
+        records.append(measured(
+            seen, spoilt, seed + number * _OTHER_NOISE, rate_hz=problem.rate_hz,
+            quiet_s=problem.quiet_s, table=replace(table, quantity=quantity),
+            zero_s=_ZERO_S if problem.second else None,
+        ))  # fmt: skip
     base = setup
     if problem.fitted is not None:
         base = load("aluminium-3mm", ["controller.law=off", *problem.fitted])
     true = {}
     for key in problem.keys:
         true[key] = value_of(setup if not problem.wrong else base, key)
+    true |= problem.true
     if problem.start != 1.0:
         signs = generator.choice([-1.0, 1.0], size=len(true))
         base = base.vary({
             key: value * problem.start**sign
             for (key, value), sign in zip(true.items(), signs, strict=True)
         })  # fmt: skip
-    return fit(base, [record], [free_of(base, key) for key in problem.keys]), true
+    return fit(base, records, [free_of(base, key) for key in problem.keys]), true
 
 
 _seen: dict[Any, Any] = {}
 
 
-def _truth(setup: Setup, problem: Problem) -> Any:
+def _truth(setup: Setup, problem: Problem, phase: float | None) -> Any:
+    if phase is not None:
+        return truth(setup, problem.quantity, problem.duration_s, problem.chain, phase=phase)
     key = (problem.changes, problem.quantity, problem.duration_s, problem.chain)
     if key not in _seen:
         accuracy = 1e-4 if problem.duration_s > 5e-3 or setup.theory == "3d" else 1e-5
@@ -218,9 +271,8 @@ def summary(name: str, seeds: int) -> Summary:
                 covered[e.key] += 1
             elif not problem.wrong:
                 sd = e.sd_log or math.nan
-                misses.append(
-                    f"seed {seed}: {e.key} {math.log(e.value / true[e.key]) / sd:+.2f} sd"
-                )
+                off = math.log(e.value / true[e.key]) if e.value else math.nan
+                misses.append(f"seed {seed}: {e.key} = {e.value:.6g}, {off / sd:+.2f} sd")
     rms = {k: float(np.sqrt(np.mean(np.square(v)))) for k, v in errors.items() if v}
     return Summary(
         name, problem.wrong, seeds, covered, models, rms, median(ratios), median(counts),

@@ -23,12 +23,14 @@ from hertzloop.bus.messages_pb2 import (
 )
 
 MAGIC, _VERSION = int.from_bytes(b"hrtzlane", "little"), 1
-_SLOTS = 2048
+# Some ms of a loop that runs ahead: the other end may be off its core for that long.
+_SLOTS = 16_384
 _SPINS = 5000  # some 10 us, a few exchanges
 # To yield before sleeping is best up to a load of some ten (100 000 exchanges in the usual class at
 # load 5: 0.14 to 1.9 s, against 4.5 to 4.8 s with sleeping at once). Where many want the cores it
 # gives the turn away (load 16 to 20: 34 s against 9 to 17 s): that is for the real-time class.
 _YIELD_NS, WAIT_NS = 1_000_000, 20_000_000
+_REST_US = 100
 _RARE_NS = 500_000  # ten times what a sleep takes
 _SET_TIMER_SLACK, _SLACK_NS = 29, 1_000  # of prctl; 50 us if not set
 
@@ -64,6 +66,7 @@ def _end(words: np.ndarray, slots: int) -> lk.Lane:
         spins=0 if alone else _SPINS,
         yield_ns=_YIELD_NS,
         wait_ns=WAIT_NS,
+        rest_us=_REST_US,
     )
 
 
@@ -74,8 +77,10 @@ def sleep_precisely() -> None:
 
 
 def at_pace(end: lk.Lane, sample_ns: float) -> lk.Lane:
-    """This end where a sample comes every so many ns: between rare ones it sleeps soon. One that
-    yields all the time in a real-time class is held back by the kernel, for 50 ms of a second."""
+    """This end where a sample comes every so many ns, and is to be answered at once, whatever was
+    promised: between rare ones it sleeps soon. One that yields all the time in a real-time class is
+    held back by the kernel, for 50 ms of a second."""
+    end = end._replace(rest_us=0)
     if sample_ns < _RARE_NS:
         return end
     return end._replace(yield_ns=min(end.yield_ns, int(sample_ns) // 10))

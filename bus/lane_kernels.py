@@ -22,14 +22,18 @@ ANSWERS_TAKEN, SAMPLE_RING = 16, 32
 SAMPLE_WORDS, ANSWER_WORDS = 2, 4
 # What one end counts for itself. FORCES_PUT: steps whose force the controller has put into the
 # lane, SAMPLES_PUT: samples that it has answered there.
-OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_PUT = range(6)
-OWN_COUNTS = 6
+# BROKEN_AT: samples that the controller had answered when it last answered one without a promise.
+OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_PUT, BROKEN_AT = range(7)
+OWN_COUNTS = 7
 _SLEEP_US = 50
+_REST_AFTER = 1000  # samples under a promise: what a rest may delay is less than what they took
 
 
 class Lane(NamedTuple):
     """One end of the lane: the segment as integers and, the same memory, as doubles; this end's
-    counts; looks before it lets others run, and how long it does that and waits at all (ns)."""
+    counts; looks before it lets others run, how long it does that and waits at all (ns), and how
+    long the controller sleeps between looks where the plant does not wait for it (us), 0 for never.
+    """
 
     words: np.ndarray
     numbers: np.ndarray
@@ -38,21 +42,22 @@ class Lane(NamedTuple):
     spins: int
     yield_ns: int
     wait_ns: int
+    rest_us: int
 
 
 @kernel(borrowed=True)
-def _wait_slowly(lane, at, expected):
-    """Wait for `expected` in word `at`, letting others run; False after `wait_ns`, or once a side
-    has left."""
+def _wait_slowly(lane, at, expected, yield_ns, rest_us):
+    """Wait for `expected` in word `at`, letting others run for `yield_ns` and then sleeping for
+    `rest_us` at a time; False after `wait_ns`, or once a side has left."""
     began = now_ns()
     while load_acquire(lane.words, at) < expected:
         waited = now_ns() - began
         if waited > lane.wait_ns or load_acquire(lane.words, CLOSED) != 0:
             return load_acquire(lane.words, at) >= expected
-        if waited < lane.yield_ns:
+        if waited < yield_ns:
             yield_core()
         else:
-            sleep_us(_SLEEP_US)
+            sleep_us(rest_us)
     return True
 
 
@@ -62,7 +67,7 @@ def _wait(lane, at, expected):
     for _ in range(lane.spins):
         if load_acquire(lane.words, at) >= expected:
             return True
-    return _wait_slowly(lane, at, expected)
+    return _wait_slowly(lane, at, expected, lane.yield_ns, _SLEEP_US)
 
 
 @kernel(inline=True, borrowed=True)
@@ -92,8 +97,12 @@ def sample_is_there(lane, i):
 
 @kernel(inline=True, borrowed=True)
 def wait_for_sample(lane, i):
-    """Wait for sample `i`; False if it did not come in time."""
-    return _wait(lane, _sample_slot(lane, i), i + 1)
+    """Wait for sample `i`; False if it did not come in time. Where the plant has been running ahead
+    under a promise for a while, it does not wait for the answer, and the core is left to others."""
+    at = _sample_slot(lane, i)
+    if lane.rest_us == 0 or i - lane.own[BROKEN_AT] < _REST_AFTER:
+        return _wait(lane, at, i + 1)
+    return _wait_slowly(lane, at, i + 1, 0, lane.rest_us)
 
 
 @kernel(inline=True, borrowed=True)

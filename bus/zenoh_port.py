@@ -27,6 +27,9 @@ SMALL_RUNTIME = (
     "app:(worker_threads:2))"
 )
 _CLOSE_S = 2.0  # for zenoh to send what is under way
+# A larger message is sent in pieces that wait for one another, for some ms in all: the loop goes on
+# meanwhile. Not more bytes of such messages wait than that.
+_AT_ONCE_BYTES, _WAITING_BYTES = 1 << 12, 4 << 20
 
 
 class ZenohPort:
@@ -75,6 +78,11 @@ class ZenohPort:
             for stream in STREAMS.values()
             if stream.publisher == role
         }
+        self._outbox: queue.SimpleQueue[Envelope | None] = queue.SimpleQueue()
+        self._waiting = 0  # bytes of what is in it, or on its way out of it
+        self._sent = threading.Condition()
+        self._not_sent: BaseException | None = None  # why a message out of it could not be
+        self._sender = threading.Thread(target=self._send, name="sending", daemon=True)
         # Declared before any message can come, which it notes the end of a role from.
         self.presence = Presence(self._session, name, role, self._inbox.put, unauthorised)
         self.compiling = self.presence.compiling.tell
@@ -82,6 +90,7 @@ class ZenohPort:
             self._session.declare_subscriber(f"{self._root}/{stream}", self._handler(stream))
             for stream in SUBSCRIPTIONS[role]
         ]
+        self._sender.start()
 
     def _handler(self, stream: str) -> "zenoh.handlers.Callback[zenoh.Sample]":
         put, numbered = self._inbox.put, not has_header_sequence(stream)
@@ -104,10 +113,37 @@ class ZenohPort:
         return [number for number in linked if not is_known(self.name, ROLES, number)]
 
     def publish(self, envelope: Envelope) -> None:
-        """Send; blocks under congestion. Raises PeerLost if a role of the run has gone, or does
-        not take its messages within the patience. A final message is sent to whoever is left."""
-        if not envelope.stream.startswith("end/"):
-            self.presence.check(f"sending '{envelope.stream}'")
+        """Send, in the order of the calls; a large message in a thread of its own. Blocks while too
+        much waits to be sent. Raises PeerLost if a role of the run has gone, or did not take its
+        messages within the patience. A final message is sent to whoever is left."""
+        size, final = len(envelope.payload), envelope.stream.startswith("end/")
+        with self._sent:
+            while self._waiting > (0 if final else _WAITING_BYTES) and self._not_sent is None:
+                self._sent.wait()
+            if not final:
+                self._check(f"sending '{envelope.stream}'")
+            at_once = not self._waiting and (final or size <= _AT_ONCE_BYTES)
+            if not at_once:
+                self._waiting += size
+                self._outbox.put(envelope)
+        if at_once:
+            self._put(envelope)
+
+    def _send(self) -> None:
+        """Send what is in the outbox, until that is closed; after a message that was not taken the
+        final message alone, since each would wait as long again."""
+        while (envelope := self._outbox.get()) is not None:
+            try:
+                if self._not_sent is None or envelope.stream.startswith("end/"):
+                    self._put(envelope)
+            except (PeerLost, zenoh.ZError) as error:
+                self._not_sent = error
+                self._inbox.put(error)
+            with self._sent:
+                self._waiting -= len(envelope.payload)
+                self._sent.notify()
+
+    def _put(self, envelope: Envelope) -> None:
         attachment = None
         if not has_header_sequence(envelope.stream):
             attachment = (envelope.sequence or 0).to_bytes(8, "little")
@@ -115,6 +151,21 @@ class ZenohPort:
         self._publishers[envelope.stream].put(envelope.payload, attachment=attachment)
         if time.monotonic() - started >= self._patience_s:
             raise self.presence.not_taken(envelope.stream, self._patience_s)
+
+    def _check(self, doing: str) -> None:
+        """Raise what went wrong with a message sent before, or PeerLost if a role has gone."""
+        if self._not_sent is not None:
+            raise self._not_sent
+        self.presence.check(doing)
+
+    def _check_all_sent(self) -> None:
+        """Wait until all is sent, and raise what went wrong with that. Who does not take a message
+        is the cause of what the others miss, and is known last: at the end of the patience."""
+        with self._sent:
+            while self._waiting:
+                self._sent.wait()
+        if self._not_sent is not None:
+            raise self._not_sent
 
     def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
         """Next message; see Port. A role's departure is reported after what it sent."""
@@ -125,16 +176,19 @@ class ZenohPort:
                 item = self._first or self._inbox.get(timeout=min(wait_s, presence.look_again_s()))
                 self._first = None
             except queue.Empty:
-                presence.check(f"waiting for {awaited}")
+                self._check(f"waiting for {awaited}")
                 deadline = presence.compiling.extended(deadline, timeout_s, presence.takes_part)
                 if time.monotonic() < deadline:
                     continue
+                self._check_all_sent()
                 raise presence.nothing_came(timeout_s, awaited, senders) from None
             if isinstance(item, Envelope):
+                if item.stream.startswith("end/"):
+                    self._check_all_sent()
                 return item
             if not isinstance(item, PeerLost):
                 raise item
-            presence.check(f"waiting for {awaited}")
+            self._check(f"waiting for {awaited}")
 
     def abort(self, error: BaseException) -> None:
         """Make the next wait raise `error`; may be called from a signal handler."""
@@ -148,7 +202,7 @@ class ZenohPort:
             try:
                 item = self._inbox.get_nowait()
             except queue.Empty:
-                return bool(self.presence.missing())
+                return self._not_sent is not None or bool(self.presence.missing())
             if not isinstance(item, PeerLost):
                 self._first = item
         return True
@@ -161,6 +215,8 @@ class ZenohPort:
         """
 
         def leave() -> None:
+            self._outbox.put(None)
+            self._sender.join()
             with suppress(zenoh.ZError):
                 self._session.close()
 

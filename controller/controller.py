@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -39,7 +40,7 @@ class LineSpec:
     dead_steps: int = 0
     stuck_step: int | None = None
 
-    @property
+    @cached_property
     def most_added_steps(self) -> int:
         """Largest latency of a command beyond `latency_steps`."""
         return self.jitter_steps + max(self.trace, default=0) + self.dead_steps

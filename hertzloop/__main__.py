@@ -3,13 +3,16 @@
 # `signal` wraps it in enumerations, which take longer to import than all before this line.
 import _signal  # type: ignore[import-not-found]
 import os
+import sys
 
-if __name__ == "__main__" and _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
-    # Before the imports below, in which Python would report it line by line.
+if (__name__ == "__main__" or os.path.basename(sys.argv[0]) == "hertzloop") and (
+    _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler
+):
+    # Before the imports below, in which Python would report it line by line. Other programs import
+    # this module, too, and keep their handler.
     _signal.signal(_signal.SIGINT, lambda *_: (os.write(2, b"interrupted\n"), os._exit(130)))
 
 import gc
-import sys
 
 from hertzloop.processes.signals import command_line
 

@@ -499,11 +499,11 @@ def fit(
     scene: Scene, records: "Record | Sequence[Record]", free: Sequence[str], *,
     hold_out: "Sequence[Record]" = (),
 ) -> "FitResult":  # fmt: skip
-    """Fit keys of a scene to measured records of drops without control.
+    """Fit keys of a scene to measured records of drops, with the law off or on.
 
     Args:
         scene: the scene, with start values.
-        records: one record or several.
+        records: one record or several; `Record.measured.control` says whether the law was on.
         free: the keys to fit, `"KEY"`, `"KEY=LOW:HIGH"` or `"KEY±PRIOR"` as on the command line.
         hold_out: records to compare with the fitted scene only.
 

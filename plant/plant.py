@@ -221,9 +221,9 @@ def damped_frequency(modes: Oscillators) -> tuple[np.ndarray, float | np.ndarray
 class Plant(ABC):
     """A description as a run needs it: modes, model, state, and a balance at the end.
 
-    A scheme says how a step is made: `kernels` is a module with `step(model, state, f_a) -> f_c`,
-    `close_balance(model, state)` and `modal_energy(model, state)`. Its state has the arrays `body`,
-    `balance` and `counts` of `hertzloop.plant.state_kernels`, and more as it likes.
+    A scheme says how a step is made: `kernels` is a module with `step(model, state, f_a) -> f_c`
+    and `close_balance(model, state)`, which returns the energy of the modes. Its state has the
+    arrays `body`, `balance` and `counts` of `hertzloop.plant.state_kernels`, and more as it likes.
     """
 
     kernels: Any
@@ -273,12 +273,12 @@ class Plant(ABC):
 
     def close_balance(self) -> Balance:
         """Energy and momentum of the run so far; to be called once, at its end. See `balance`."""
-        self.kernels.close_balance(self.model, self.state)
+        modal_j = float(self.kernels.close_balance(self.model, self.state))
         return balance(
             self.model,
             self.state,
             self._start,
             self.sphere_speed_m_s(),
-            modal_j=float(self.kernels.modal_energy(self.model, self.state)),
+            modal_j=modal_j,
             contact_j=self.contact_energy_j(),
         )

@@ -40,14 +40,14 @@ class SensorModel(NamedTuple):
     fault_size: float
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrowed=True)
 def quantise(value, scale, offset, first_code, last_code):
     """Nearest code of a mid-tread converter, ties upwards, clipped to its codes."""
     code = math.floor((value - offset) / scale + 0.5)
     return min(max(code, first_code), last_code)
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrowed=True)
 def follow(model, state, value):
     """Filters, stepped at every simulation step: resonance, AC coupling, one-pole low-pass. All
     start at rest at their first input.
@@ -75,7 +75,7 @@ def follow(model, state, value):
         state[FILTERED] += model.filter_gain * (value - state[FILTERED])
 
 
-@kernel(inline=True)
+@kernel(inline=True, borrowed=True)
 def sample(model, state, index):
     """Convert the filtered value: code (0 if ideal), value as read, 1 if clipped."""
     value = state[FILTERED]

@@ -9,7 +9,7 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
-from hertzloop.analysis.impacts import impacts_of_rows
+from hertzloop.analysis.impacts import first_impact, impacts_of_rows
 from hertzloop.analysis.meters import ExtremesMeter, Stability, StabilityMeter
 from hertzloop.analysis.spans import (
     SpanFigures,
@@ -282,9 +282,12 @@ def _left_out(setup: Setup, rows: np.ndarray, impacts: list[Impact]) -> dict[Sta
 def _figures(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanFigures, list[Impact], int]:
     """Figures of a span, the impacts in it, and the step at which it ends. Of the forces' spectrum
     what is audible counts alone: no figure of a case asks for more."""
-    spec = setup.plant
-    most = 1 if span == "impact" else None
-    found = impacts_of_rows(setup, rows, most, audible_modes(spec))
+    spec, modes = setup.plant, audible_modes(setup.plant)
+    if span == "impact":
+        first = first_impact(setup, rows, modes)
+        found = [first] if first else []
+    else:
+        found = impacts_of_rows(setup, rows, modes)
     if not found:
         raise SceneError(
             f"run.duration_s = {setup.duration_s:g} ends before the first contact. Increase it, "

@@ -1,8 +1,9 @@
 """Figures of a run from its rows of truth."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from threading import Event
 
 import numpy as np
 
@@ -94,8 +95,19 @@ def figures_of(setup: Setup, rows: np.ndarray | Iterable[Block]) -> Figures:
     return Figures(impacts, noise, first, total, ended, stability, demand, pushed, effects)
 
 
+# Cleared while the processes of a run need the cores: what is simulated beside them waits then.
+no_loop = Event()
+no_loop.set()
+
+
 @lru_cache(maxsize=4)
 def free_figures(setup: Setup) -> Figures | None:
     """Figures of the same run without control, simulated here; None of a setup without a law."""
     without = setup.uncontrolled()
-    return None if without == setup else figures_of(without, without.free_series())
+    return None if without == setup else figures_of(without, _while_no_loop(without.free_series()))
+
+
+def _while_no_loop(blocks: Iterable[Block]) -> Iterator[Block]:
+    for block in blocks:
+        no_loop.wait()
+        yield block

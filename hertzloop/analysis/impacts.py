@@ -8,19 +8,20 @@ blocks nor what follows the impact counts.
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import islice
-from typing import Protocol
+from functools import lru_cache
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from hertzloop.loop.compiled import answer_of
 from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.contact.yielding import dents_m, elastic_n
-from hertzloop.plant.figures import rows_kernels as an
 from hertzloop.plant.figures import rows_kernels as k
 from hertzloop.plant.figures.impacts import (
+    TO_CUBIC,
     Impact,
     contacts,
+    impact_of,
     impacts,
     peak_force_n,
     peak_speed_m_s,
@@ -29,9 +30,10 @@ from hertzloop.plant.figures.impacts import (
 from hertzloop.plant.figures.noise import (
     ImpactNoise,
     impact_noise,
-    modal_drive,
     published_noise,
     shares_of_drive_j,
+    spectra_of,
+    turned,
 )
 from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.schemes.collocation import damped_tail, flexibility_m_n
@@ -190,7 +192,7 @@ class ConsistentWindow:
         self,
         spec: PlantSpec,
         modes: Oscillators,
-        lasts: an.Answer,
+        lasts: k.Answer,
         start: int,
         before: np.ndarray | None,
     ) -> None:
@@ -232,63 +234,52 @@ class ConsistentWindow:
                 peak_force_n=peak_force_n(contact_n, slope_n),
                 plate_speed_max_m_s=peak_speed_m_s(speed),
             )
-        noise = impact_noise(
-            self.spec.sphere, self.spec.plate, self.modes,
-            shares_of_drive_j(self.modes, np.asarray(self._drive)),
-            impact.plate_energy_j, self._speed_max, impact.duration_s,
-            impact.impact_speed_m_s, impact.rebound_speed_m_s,
-            faces=self.spec.radiating_faces or 1,
-        )  # fmt: skip
-        end, over = self.start + len(contact_n), self.start + int(self._lasts.counts[an.END])
+        noise = _noise(self.spec, self.modes, np.asarray(self._drive), impact, self._speed_max)
+        end, over = self.start + len(contact_n), self.start + int(self._lasts.counts[k.END])
         return RowsOfImpact(self.start, end, over, contact_n, self._ended, impact, noise)
 
     def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
         """Add a piece, shape (10, steps), and the row behind it, if there is one."""
-        an.follow_rows(self._lasts, piece[F_C], piece[F_A], piece[XI])
-        count = max(int(self._lasts.counts[an.END]) - self._done, 0)
+        k.follow_rows(self._lasts, piece[F_C], piece[F_A], piece[XI])
+        count = max(int(self._lasts.counts[k.END]) - self._done, 0)
         if count:
             self._add(piece, following, count)
-        if not self._lasts.counts[an.OVER]:
+        if not self._lasts.counts[k.OVER]:
             self._silent_max = max(self._silent_max, k.largest(piece[V_P, count:]))
         self._before = piece[:, -1:].copy()
         self._done += piece.shape[1]
 
     def _add(self, piece: np.ndarray, following: np.ndarray, count: int) -> None:
         """Add the first steps of a piece, as many as belong to the impact."""
-        lead = self._before.shape[1]
-        parts = [self._before, piece[:, : count + _BEHIND], following]
-        rows = np.concatenate(parts, axis=1)[:, : lead + count + _BEHIND]
-        displaced, v_start = modal_displacement(self.spec, rows), starting_speed(self.spec, rows)
-        if self._done == 0:
-            found = impacts_in(self.spec, rows, displaced, v_start, self.start - lead)
-            self._impact = found[0] if found else None
-        else:
-            self._continue(rows[:, lead:], displaced[lead:], v_start[lead:])
-        if not self._ended:
-            ends = contacts(piece[F_C])[1] if piece[F_C, 0] != 0.0 else [0]
-            end = ends[0] if ends else piece.shape[1]
-            self._ended = end < piece.shape[1]
-            for parts, row, until in zip(
-                self._contact, (F_C, F_C1, V_P), (end, end, end + 1), strict=True
-            ):
-                parts.append(piece[row, :until].copy())
-        own = piece[:, :count]
-        self._drive = self._drive + modal_drive(
-            self.modes, -own[F_C], own[F_A], self.spec.step_s, -own[F_C1], self._done, own[F_A1]
+        spec, lead, continued = self.spec, self._before.shape[1], self._done > 0
+        own = piece[:, : count + _BEHIND]
+        parts = [self._before, own, following[:, : count + _BEHIND - own.shape[1]]]
+        room = np.empty((COLUMNS, sum(part.shape[1] for part in parts)))
+        rows = np.concatenate(parts, axis=1, out=room)
+        part = _read(
+            spec, self.modes, rows, lead, count, continued, 0 if continued else self.start - lead
         )
-        self._speed_max = max(self._speed_max, self._silent_max, k.largest(own[V_P]))
+        if continued:
+            self._continue(part, float(part.work_j[lead:].sum()))
+        elif part.known:
+            self._impact = part.impact(spec.step_s)
+        if not self._ended:
+            self._ended = part.touching < piece.shape[1]
+            for parts, row, more in zip(self._contact, (F_C, F_C1, V_P), (0, 0, 1), strict=True):
+                parts.append(rows[row, lead : lead + part.touching + more])
+        self._drive = self._drive + turned(self.modes, part.drive, self._done * spec.step_s)
+        self._speed_max = max(self._speed_max, self._silent_max, part.speed_max_m_s)
         self._silent_max = 0.0
 
-    def _continue(self, rows: np.ndarray, displaced: np.ndarray, v_start: np.ndarray) -> None:
-        """Carry the impact on over further rows."""
+    def _continue(self, part: "_Part", work_j: float) -> None:
+        """Carry the impact on over further rows, which take `work_j` in all, J."""
         impact = self._impact
         if impact is None:
             return
-        if self._ended or rows[F_C, 0] == 0.0:
-            energy = impact.plate_energy_j + work_j(self.spec, rows, displaced, v_start)
-            self._impact = replace(impact, plate_energy_j=energy)
+        if self._ended or not part.touching:
+            self._impact = replace(impact, plate_energy_j=impact.plate_energy_j + work_j)
             return
-        more = impacts_in(self.spec, rows, displaced, v_start)[0]
+        more = part.impact(self.spec.step_s)
         self._impact = Impact(
             start_s=impact.start_s,
             duration_s=impact.duration_s + more.duration_s,
@@ -300,6 +291,66 @@ class ConsistentWindow:
         )
 
 
+class _Part(NamedTuple):
+    """What `read_impact` finds and writes."""
+
+    known: bool
+    start: int
+    until: int
+    touching: int
+    speed_max_m_s: float
+    figures: np.ndarray
+    work_j: np.ndarray
+    drive: np.ndarray
+
+    def impact(self, step_s: float) -> Impact:
+        """The contact that is known, with the work on the plate that belongs to it."""
+        return impact_of(self.figures, step_s, float(self.work_j[self.start : self.until].sum()))
+
+
+def _read(
+    spec: PlantSpec, modes: Oscillators, rows: np.ndarray, lead: int, count: int,
+    continued: bool = False, first_step: int = 0,
+) -> _Part:  # fmt: skip
+    """Read rows of an impact; see `read_impact`."""
+    xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = rows
+    figures, drive = np.empty(k.FIGURES), np.empty(len(modes.omega), complex)
+    work, speeds = np.empty((2, len(xi)))
+    dents = dents_m(spec.contact, deepest)
+    known, start, until, touching, speed_max = k.read_impact(
+        xi, xi_s, v_p, f_c, f_a, xi_a, f_c1, f_a1, lead, count, continued,
+        modal_displacement(spec, rows), work[:0] if dents is None else dents, first_step,
+        _reading(spec, modes), figures, work, speeds, drive,
+    )  # fmt: skip
+    return _Part(known, start, until, touching, speed_max, figures, work, drive)
+
+
+def _noise(
+    spec: PlantSpec, modes: Oscillators, drive: np.ndarray, impact: Impact, speed_max_m_s: float
+) -> ImpactNoise:
+    return impact_noise(
+        spec.sphere, spec.plate, modes, shares_of_drive_j(modes, drive), impact.plate_energy_j,
+        speed_max_m_s, impact.duration_s, impact.impact_speed_m_s, impact.rebound_speed_m_s,
+        faces=spec.radiating_faces or 1,
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=16)
+def _reading(spec: PlantSpec, modes: Oscillators) -> k.Reading:
+    """What the rows of a plant's impacts are read with."""
+    tail = damped_tail(spec)[0]
+    return k.Reading(
+        step_s=spec.step_s,
+        mass_kg=spec.sphere.mass_kg,
+        gravity_m_s2=GRAVITY_M_S2,
+        same_point=spec.same_point,
+        mobility=tail.mobility_m_ns if tail else math.nan,
+        impedance=impedance_n_s_m(spec.local_plate) if spec.infinite_plate else math.nan,
+        to_cubic=TO_CUBIC,
+        spectra=spectra_of(modes, spec.step_s),
+    )
+
+
 def _joined(parts: list[np.ndarray]) -> np.ndarray:
     """Parts that follow each other along the last axis, as one array; one part as it is."""
     return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
@@ -308,20 +359,40 @@ def _joined(parts: list[np.ndarray]) -> np.ndarray:
 _GREEN_STEPS = 1 << 17  # Green's functions of longer runs are sampled as far as a contact needs
 
 
-def first_impact(setup: Setup, rows: np.ndarray) -> RowsOfImpact | None:
-    """First impact of a run; None without contact."""
-    found = impacts_of_rows(setup, rows, most=1)
-    return found[0] if found else None
+def first_impact(
+    setup: Setup, rows: np.ndarray, modes: Oscillators | None = None
+) -> RowsOfImpact | None:
+    """The first of `impacts_of_rows`, to the bit, in a fraction of the time; None without one."""
+    if not SCHEMES[setup.scheme].conserves:
+        return next(_published(setup, [(0, rows)]), None)
+    lasts = answer_of(setup)
+    start = k.follow_rows(lasts, rows[F_C], rows[F_A], rows[XI])
+    count = int(lasts.counts[k.END])
+    if start < 0:
+        return None
+    if count > PIECE:
+        return next(impacts_of_blocks(setup, [(0, rows)], modes), None)
+    spec, lead = setup.plant, min(start, 1)
+    modes = modes or modes_of(spec)
+    rows = rows[:, start - lead : start + count + _BEHIND]
+    part = _read(spec, modes, rows, lead, count, first_step=start - lead)
+    if not part.known:
+        return None
+    impact, end = part.impact(spec.step_s), lead + part.touching
+    return RowsOfImpact(
+        start, start + part.touching, start + count, rows[F_C, lead:end], end < rows.shape[1],
+        impact, _noise(spec, modes, part.drive, impact, part.speed_max_m_s),
+    )  # fmt: skip
 
 
 def impacts_of_rows(
-    setup: Setup, rows: np.ndarray, most: int | None = None, modes: Oscillators | None = None
+    setup: Setup, rows: np.ndarray, modes: Oscillators | None = None
 ) -> list[RowsOfImpact]:
-    """Impacts of a run, at most `most`, from its rows of truth, shape (10, steps).
+    """Impacts of a run from its rows of truth, shape (10, steps).
 
     A contact that the run's end cuts off has the figures of its part.
     """
-    return list(islice(impacts_of_blocks(setup, [(0, rows)], modes), most))
+    return list(impacts_of_blocks(setup, [(0, rows)], modes))
 
 
 def impacts_of_blocks(

@@ -55,10 +55,13 @@ class ExtremesMeter(Meter):
         if not rows.shape[1]:
             self._touching = False
             return
-        self._force_n = max(self._force_n, k.largest_sum(rows[F_C], rows[F_C1]))
-        self._actuator_n = max(self._actuator_n, k.largest_sum(rows[F_A], rows[F_A1]))
+        force_n, actuator_n, deflection_m = k.extremes(
+            rows[F_C], rows[F_C1], rows[F_A], rows[F_A1], rows[XI_P]
+        )
         self._touching = bool(rows[F_C, -1] != 0.0)
-        self._deflection_m = max(self._deflection_m, k.largest(rows[XI_P]))
+        self._force_n = max(self._force_n, force_n)
+        self._actuator_n = max(self._actuator_n, actuator_n)
+        self._deflection_m = max(self._deflection_m, deflection_m)
 
     def result(self, impacts: Sequence[Impact]) -> Extremes:
         """What the rows show; `impacts` are those found in them."""

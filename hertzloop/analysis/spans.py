@@ -134,7 +134,7 @@ def audible_modes(spec: PlantSpec) -> Oscillators:
     if spec.infinite_plate and spec.frequency_limit_hz > beyond_hz:
         with suppress(ValueError):  # none is so low
             low = modes_of(replace(spec, frequency_limit_hz=beyond_hz))
-            if len(audible(low)) > 1:
+            if audible(low) > 1:
                 return audible_alone(low)
     return audible_alone(modes_of(spec))
 

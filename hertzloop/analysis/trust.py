@@ -21,8 +21,8 @@ from hertzloop.analysis.impacts import (
     F_C1,
     XI,
     consistent_impacts,
+    first_impact,
     impacts_of_blocks,
-    impacts_of_rows,
 )
 from hertzloop.analysis.recorded import LawRan, law_of
 from hertzloop.loop.compiled import LawStopped, closed_loop_rows, finer_loop, simulate
@@ -117,10 +117,10 @@ def past_first_impact(setup: Setup, rows: np.ndarray) -> int | None:
     """Steps until the first contact is over and by one more, so that it is seen to end, and until
     the push is, for as long again at most: what a spring for the modes left out stores under a
     force counts once it has come back. None if the contact does not end within the rows."""
-    found = impacts_of_rows(setup, rows, most=1)
-    if not found or not found[0].ended:
+    found = first_impact(setup, rows)
+    if not found or not found.ended:
         return None
-    first, end = found[0].start, min(found[0].end + 2, rows.shape[1])
+    first, end = found.start, min(found.end + 2, rows.shape[1])
     after = rows[:, end : 2 * end - first]
     small = _SMALL * np.abs(rows[F_A, first:end]).max()
     over = np.flatnonzero((np.abs(after[F_A]) <= small) | (after[F_C] != 0.0))

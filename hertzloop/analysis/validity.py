@@ -343,7 +343,7 @@ class Row(NamedTuple):
     threshold: float | None
     beyond: float
     value: Callable[[Facts], float | None]
-    modelled: Callable[[Facts], bool] = lambda f: False
+    modelled: Callable[[Facts], bool] | None = None
     falls: bool = False
 
 
@@ -491,7 +491,7 @@ def _evaluated(facts: Facts) -> Iterator[tuple[Row, float, float, float, State]]
             threshold = facts.accuracy
         if effect is Effect.YIELD:
             beyond = facts.standing.fully_plastic_share
-        if modelled(facts):
+        if modelled is not None and modelled(facts):
             state = _IN_THE_MODEL
         elif value != value:
             state = _NOT_KNOWN

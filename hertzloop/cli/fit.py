@@ -74,6 +74,7 @@ def fit(
     """
     from hertzloop.studies.fit import fit as study
     from hertzloop.studies.fit import report
+    from hertzloop.studies.fit.loop_model import acts_by_law
     from hertzloop.studies.fit.records import RecordError, read_record
     from hertzloop.studies.fit.verdicts import Model
 
@@ -98,8 +99,9 @@ def fit(
         compared = [read_record(path) for path in held]
         compile_first(setup)
         if check:
+            under = True if any(acts_by_law(key.key) for key in keys) else None
             measured += [
-                study.expected_record(setup, text, f"expected record {i}")
+                study.expected_record(setup, text, f"expected record {i}", under)
                 for i, text in enumerate(expect or [], 1)
             ]
         if not measured:

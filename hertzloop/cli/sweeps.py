@@ -263,7 +263,8 @@ def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
 
     from hertzloop.studies.sweeps.sweep import SHOWN, known, short
 
-    names = [name for name in SHOWN if known(rows, name)][:4]
+    # So many that their names fit side by side in 80 columns.
+    names = [name for name in SHOWN if known(rows, name)][: max(2, 4 - len(keys))]
     table = Table(title="Over draws of the uncertain keys: median (2.5 to 97.5 %)")
     for heading in (*(key.split(".")[-1] for key in keys), *names):
         table.add_column(heading, justify="right")

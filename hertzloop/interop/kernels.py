@@ -37,10 +37,7 @@ class Unit(NamedTuple):
 
 _STORED = offering("contact_energy")
 _stored = by_type(_STORED)
-_close_balance, _modal_energy = (
-    by_type(offering("close_balance")),
-    by_type(offering("modal_energy")),
-)
+_close_balance = by_type(offering("close_balance"))
 
 
 def is_known(model: Any) -> bool:
@@ -75,11 +72,10 @@ def balance(unit):
     state from before."""
     model, state, energies = unit.plant, unit.plant_state, unit.energies
     books, mass, gravity = state.balance, model.mass_kg, model.gravity_m_s2
-    _close_balance(model, state)
+    energies[MODAL] = _close_balance(model, state)
     speed = sphere.speed_now(gravity, model.step_s, state.body, state.counts)
     energies[KINETIC] = 0.5 * mass * speed * speed
     energies[GRAVITY] = mass * gravity * state.body[pk.XI_S]
-    energies[MODAL] = _modal_energy(model, state)
     energies[CONTACT] = _stored(model, state)
     energies[INJECTED] = books[pk.INJECTED]
     energies[MODAL_LOST] = books[pk.MODAL_DISSIPATED] - books[pk.AIR]

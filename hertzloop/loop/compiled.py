@@ -22,11 +22,10 @@ from hertzloop.loop.watchdog import watching
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.figures.rows_kernels import Answer, answer
 from hertzloop.plant.plant import Balance, Plant
-from hertzloop.plant.time_series import series_under
+from hertzloop.plant.time_series import COLUMNS
 from hertzloop.recordings.writer import Recorder, RecordingError
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
-from hertzloop.sensors import kernels as sk
 from hertzloop.setup import Setup
 
 _QUIET_S = 1e-4  # silence after which a law that pushes again has begun anew
@@ -240,26 +239,20 @@ def finer_loop(setup: Setup, plant: Plant, steps: int, parts_of_step: int) -> np
     Samples, forces and what is drawn by chance belong to the steps of the scene; a force is held
     over one. Raises SceneError when the law fails.
     """
-    sensor = setup.start_sensor()
-    controller = setup.start_controller()
-    at, means = sensor.spec.of_state, SENSED[setup.quantity].over_step
-    seen = np.full(parts_of_step, float(plant.state.body[at]))
-    rows = []
+    sensor = setup.start_sensor(steps)
+    controller = setup.start_controller(ahead=False, steps=steps)
+    truth = np.zeros((COLUMNS, steps * parts_of_step))
     with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
-        for step in range(steps):
-            sk.follow(sensor.model, sensor.state, float(seen.mean() if means else seen[-1]))
-            if step % sensor.spec.every_steps == 0:
-                index = step // sensor.spec.every_steps
-                value = sk.sample(sensor.model, sensor.state, index)[1]
-                try:
-                    controller.process(np.array([value]), look_ahead=False)
-                except LawFault as error:
-                    raise SceneError(str(error)) from error
-            force = controller.forces[step : step + 1]
-            for i in range(parts_of_step):
-                rows.append(series_under(plant, force))
-                seen[i] = float(plant.state.body[at])
-    return np.concatenate(rows, axis=1)
+        k.loop_in_parts(
+            plant.model, plant.state, sensor.model, sensor.state, controller.law,
+            controller.law_state, controller.line, controller.line_state, controller.forces,
+            truth, parts_of_step, SENSED[setup.quantity].over_step,
+        )  # fmt: skip
+    try:
+        controller.check()
+    except LawFault as error:
+        raise SceneError(str(error)) from error
+    return truth
 
 
 def record_in_process(

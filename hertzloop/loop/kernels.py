@@ -215,8 +215,9 @@ def advance(
 
 
 @kernel(inline=True, borrowed=True)
-def _answer(law, law_state, line, line_state, forces, lane):
-    """Put the forces that became known into the lane; False if there was no room in time."""
+def _answer(law, law_state, line, line_state, forces, lane, value):
+    """Put the forces that became known after a sample of this value into the lane; False if there
+    was no room in time."""
     own, seen = lane.own, law_state.counts[laws.SAMPLES]
     if own[lane_k.SAMPLES_PUT] == seen:
         return True
@@ -240,18 +241,20 @@ def _answer(law, law_state, line, line_state, forces, lane):
         own[lane_k.FORCES_PUT] += 1
     lane_k.put_answer(lane, seen, force, level)
     own[lane_k.SAMPLES_PUT] = seen
+    if not value > level:
+        own[lane_k.BROKEN_AT] = seen
     return True
 
 
-@kernel(released=True)
+@kernel(borrowed=True, released=True)
 def serve(
     law, law_state, line, line_state, forces, modes, delays, lane, first, limit, look_ahead
 ):  # fmt: skip
     """The controller's side of the lane: answer samples from `first` on, up to `limit`, writing
     mode and delay after each. Ends before where exchanges are slow."""
-    counts, rounds, began = law_state.counts, 0, now_ns()
+    counts, rounds, began, value = law_state.counts, 0, now_ns(), math.nan
     while True:
-        if not _answer(law, law_state, line, line_state, forces, lane):
+        if not _answer(law, law_state, line, line_state, forces, lane, value):
             return SILENT
         rounds += 1
         slow = rounds % _LOOK_EVERY == 0 and now_ns() - began > lane.wait_ns
@@ -320,3 +323,25 @@ def closed_loop(
             if not _pushes(forces, step, line_state.counts[ck.EMITTED]):
                 return True
     return False
+
+
+@kernel(borrowed=True, released=True)
+def loop_in_parts(
+    plant, plant_state, sensor, sensor_state, law, law_state, line, line_state,
+    forces, truth, parts, means,
+):  # fmt: skip
+    """The closed loop with a plant that takes `parts` steps in each step of sensor, law and line,
+    which hold the force meanwhile; `means`: the sensor sees the mean over a step, not its end."""
+    seen = plant_state.body[sensor.of_state]
+    index = 0
+    for step in range(forces.size):
+        sk.follow(sensor, sensor_state, seen)
+        if step % sensor.every_steps == 0:
+            value = sk.sample(sensor, sensor_state, index)[1]
+            index += 1
+            ck.control_sample(law, law_state, line, line_state, value, forces)
+        total = 0.0
+        for part in range(parts):
+            record_step(plant, plant_state, forces[step], truth, step * parts + part)
+            total += plant_state.body[sensor.of_state]
+        seen = total / parts if means else plant_state.body[sensor.of_state]

@@ -94,9 +94,9 @@ class PlantNode:
             started = time.perf_counter()
             self._loop()
             self._await_end()
-            wall_s = time.perf_counter() - started
             self._say_how()
-            self.streams.finish()
+            self.streams.finish()  # the last message waits until all are sent
+            wall_s = time.perf_counter() - started
         except (BusError, StreamFault) as error:
             self.streams.fail(f"run ended at step {self.streams.step}: {error}")
             raise

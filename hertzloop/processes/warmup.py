@@ -54,6 +54,10 @@ def ensure_compiled(announce: Callable[[], None], *scenes: "Setup", paced: bool 
     """Run each of the scenes for a moment without its law, unless that was done for its kernels
     before; calls `announce` first. Without `scenes` the default one, with each model of its plate;
     with `paced` the kernels of paced mode, too. Raises SceneError."""
+    # To name the marker of a scene takes its modes: a twentieth of a short sweep.
+    usual = cache_folder() / f".compiled-usual{'-paced' * paced}"
+    if not scenes and usual.exists():
+        return
     for setup in scenes or _default():
         for marker, run in ((_marker(setup, False), _run), (_marker(setup, True), _run_paced)):
             if marker.exists() or (run is _run_paced and not paced):
@@ -62,6 +66,8 @@ def ensure_compiled(announce: Callable[[], None], *scenes: "Setup", paced: bool 
             with own_folder() as folder:
                 run(_moment_of(setup), Path(folder))
             marker.touch()
+    if not scenes:
+        usual.touch()
 
 
 def _moment_of(setup: "Setup") -> "Setup":

@@ -10,7 +10,7 @@ from pathlib import Path
 from threading import Thread
 from typing import Any
 
-from hertzloop.analysis.figures import Figures, free_figures
+from hertzloop.analysis.figures import Figures, free_figures, no_loop
 from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.model import chosen_model, radiation_of, tail_of, theory_of
 from hertzloop.analysis.recorded import Clock, LawRan, Pacing, blocks_of
@@ -208,15 +208,18 @@ def run_as_json(
 
 
 @contextmanager
-def _compared_beside(setup: Setup, options: RunOptions) -> Iterator[None]:
-    """Simulate the run without control while the processes of the run start; the figures are kept.
+def _compared_beside(
+    setup: Setup, options: RunOptions, on_progress: Callable[[int], None]
+) -> Iterator[Callable[[int], None]]:
+    """Simulate the run without control while the processes of the run start, and from the end of
+    their loop on; the figures are kept. Yields what is to be told of the progress.
 
     Not in a run that follows the wall clock, nor where the loop runs in this process: a thread
     that calls Python would delay each of its blocks. What else a run is compared with is simulated
     after it, since it would take a core from the loop.
     """
     if options.transport is not Transport.ZENOH or options.pace:
-        yield
+        yield on_progress
         return
     setup.check()
     fork_server.prepare()  # before there is a thread
@@ -230,9 +233,19 @@ def _compared_beside(setup: Setup, options: RunOptions) -> Iterator[None]:
         with suppress(Exception):  # raised again where the figures are needed
             free_figures(setup)
 
+    def hear(step: int) -> None:
+        if step < setup.steps:
+            no_loop.clear()
+        else:
+            no_loop.set()
+        on_progress(step)
+
     beside = Thread(target=simulate, daemon=True)
     beside.start()
-    yield
+    try:
+        yield hear
+    finally:
+        no_loop.set()
     beside.join()
 
 
@@ -243,8 +256,8 @@ def run_scene(
     on_progress: Callable[[int], None] = lambda step: None,
 ) -> dict[str, Any]:
     """Run and record a scene; the report that `run --json` writes. Raises as `record`."""
-    with _compared_beside(setup, options):
-        stats = record(setup, recording, options, on_progress)
+    with _compared_beside(setup, options, on_progress) as hear:
+        stats = record(setup, recording, options, hear)
     recorded = read(recording)
     if recorded.metadata.get("run_id") != stats["run_id"]:
         raise RecordingError(

@@ -1,5 +1,6 @@
 """Impacts of a run, from its rows of truth: the figures that `run` and `inspect` print."""
 
+import math
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -64,12 +65,6 @@ def contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:
     return edges[:count:2].tolist(), edges[1:count:2].tolist()
 
 
-def _crossing(xi: np.ndarray, before: int, dent: float) -> float:
-    """Position of xi = -dent between `before` and the next step, in steps from `before` on."""
-    a, b = float(xi[before]) + dent, float(xi[before + 1]) + dent
-    return a / (a - b) if a != b else 0.0
-
-
 def step_work_j(
     xi_p: np.ndarray,
     f_c: np.ndarray,
@@ -85,17 +80,14 @@ def step_work_j(
 ) -> np.ndarray:
     """Work of contact and actuator force on the plate over every step, the last zero; J, shape
     (steps,). See `impacts`."""
-    v_start = v_p if v_start is None else v_start
-    work = np.zeros(len(xi_p))
-    k.work_of_means(xi_p, f_c, f_a, xi_a, work)
-    if impedance_n_s_m is not None:
-        work[:-1] += f_c1[:-1] ** 2 * step_s / (3.0 * impedance_n_s_m)
-    elif v_p is not None and v_start is not None:
-        k.add_work_of_slopes(f_c1, v_p, v_start, -1.0, step_s, work)
-    if f_a1 is not None and v_start is not None and len(xi_a) > 1 and np.any(f_a1):
-        v_a = v_p if same_point else np.gradient(xi_a, step_s)
-        assert v_a is not None
-        k.add_work_of_slopes(f_a1, v_a, v_start if same_point else v_a, 1.0, step_s, work)
+    unknown = np.zeros(0)
+    v_p = unknown if v_p is None else v_p
+    work = np.empty(len(xi_p))
+    k.step_work(
+        xi_p, f_c, f_a, xi_a, f_c1, unknown if f_a1 is None else f_a1, v_p,
+        v_p if v_start is None else v_start, step_s,
+        math.nan if impedance_n_s_m is None else impedance_n_s_m, same_point, work,
+    )  # fmt: skip
     return work
 
 
@@ -140,40 +132,30 @@ def impacts(
         xi_p, f_c, f_a, at_actuator, slope, v_p, step_s, impedance_n_s_m, f_a1, xi_a is None,
         v_start,
     )  # fmt: skip
-    found = []
-    last = len(xi) - 1
-
-    def speed(at: int) -> float:
-        """Of the sphere at a step but the last."""
-        way_m, force_n, slope_n = xi_s[at + 1] - xi_s[at], f_c[at], slope[at]
-        return sphere_speed_m_s(float(way_m), float(force_n), float(slope_n), mass_kg, step_s)
-
+    dents, figures, found = np.zeros(0) if dent_m is None else dent_m, np.empty(k.FIGURES), []
     for i, start in enumerate(starts):
-        end = ends[i] if i < len(ends) else last
-        until = starts[i + 1] if i + 1 < len(starts) else len(xi)
-        before, after = (0.0, 0.0) if dent_m is None else (dent_m[start], dent_m[end])
-        cut_off = i >= len(ends) or xi[end] <= -after
-        enters = xi[start] > -before and start < last
-        within = enters and not cut_off and end == start + 1
-        crosses = enters and not within
-        began = first_step + start + (_crossing(xi, start, before) if crosses else 0.0)
-        ended = float(first_step + end)
-        if not cut_off and not within:
-            ended = first_step + end - 1 + _crossing(xi, end - 1, after)
-        if ended <= began:
-            continue  # began in the very last step of the run
-        found.append(
-            Impact(
-                start_s=began * step_s,
-                duration_s=(ended - began) * step_s,
-                impact_speed_m_s=-speed(min(start, last - 1)),
-                rebound_speed_m_s=speed(min(end, last - 1)),
-                peak_force_n=peak_force_n(f_c[start : end + cut_off], slope[start : end + cut_off]),
-                plate_energy_j=float(work[start:until].sum()),
-                plate_speed_max_m_s=peak_speed_m_s(speeds[start : end + 1]),
-            )
-        )
+        end = ends[i] if i < len(ends) else -1
+        if k.contact_figures(
+            xi, xi_s, f_c, slope, speeds, dents, first_step, start, end, mass_kg, GRAVITY_M_S2,
+            step_s, TO_CUBIC, figures,
+        ):  # fmt: skip
+            until = starts[i + 1] if i + 1 < len(starts) else len(xi)
+            found.append(impact_of(figures, step_s, float(work[start:until].sum())))
     return found
+
+
+def impact_of(figures: np.ndarray, step_s: float, work_j: float) -> Impact:
+    """The impact whose contact has some `contact_figures`, and that takes `work_j` (J)."""
+    began, ended, speed_in, speed_out, peak_n, fastest = figures.tolist()
+    return Impact(
+        start_s=began * step_s,
+        duration_s=(ended - began) * step_s,
+        impact_speed_m_s=speed_in,
+        rebound_speed_m_s=speed_out,
+        peak_force_n=peak_n,
+        plate_energy_j=work_j,
+        plate_speed_max_m_s=fastest,
+    )
 
 
 def _moments() -> np.ndarray:
@@ -185,7 +167,7 @@ def _moments() -> np.ndarray:
     return np.array(rows)
 
 
-_TO_CUBIC = np.linalg.inv(_moments())
+TO_CUBIC = np.linalg.inv(_moments())
 
 
 def peak_force_n(mean_n: np.ndarray, slope_n: np.ndarray) -> float:
@@ -195,7 +177,7 @@ def peak_force_n(mean_n: np.ndarray, slope_n: np.ndarray) -> float:
     curvature, and the ends of the steps' own lines miss by as much to either side. Without slopes,
     or of so short a contact that no two steps are whole, the largest value of these.
     """
-    return float(k.peak_force(mean_n, slope_n, _TO_CUBIC))
+    return float(k.peak_force(mean_n, slope_n, TO_CUBIC))
 
 
 def peak_speed_m_s(speed_m_s: np.ndarray) -> float:

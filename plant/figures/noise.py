@@ -140,11 +140,11 @@ def force_spectrum(
     The exact transform: with a = w h/2 the sum of the samples times h e^(-i a) sin(a)/a, and of
     the slopes times h e^(-i a) (-i) (sin a - a cos a)/a^2.
     """
-    by = _transform(np.asarray(frequency_hz, dtype=float).tobytes(), step_s)
-    found = np.zeros(len(by.held), complex)
-    by.add(force_n, by.held, found)
+    powers, held, tilted = _transform(np.asarray(frequency_hz, dtype=float).tobytes(), step_s)
+    found = np.zeros(len(held), complex)
+    k.add_spectrum(force_n, 1.0, powers, held, found)
     if slope_n is not None:
-        by.add(slope_n, by.tilted, found)
+        k.add_spectrum(slope_n, 1.0, powers, tilted, found)
     return found
 
 
@@ -152,46 +152,28 @@ _BLOCK = 64
 _PAIRS_AT_ONCE = 1 << 23  # of two frequencies
 
 
-class _Transform:
-    """What a sum of samples `step_s` (s) apart becomes at some frequencies (Hz)."""
-
-    def __init__(self, frequency_hz: np.ndarray, step_s: float) -> None:
-        self._step_s, self._omega = step_s, 2.0 * np.pi * frequency_hz
-        omega, half = self._omega, np.pi * frequency_hz * step_s
-        # Of a force of 1 held over a step.
-        self.held = step_s * np.sinc(half / np.pi) * np.exp(-1j * half)
-        # (sin a - a cos a)/a^2 = a/3 (1 - a^2/10 + ...)
-        small = np.abs(half) < 1e-2
-        a = np.where(small, 1.0, half)
-        odd = np.where(small, half / 3.0 * (1.0 - half * half / 10.0),
-                       (np.sin(a) - a * np.cos(a)) / (a * a))  # fmt: skip
-        self.tilted = -1j * odd * np.exp(-1j * half) * step_s
-        # exp(-i w n h) for n up to _BLOCK, shape (2, n, frequencies).
-        powers = np.exp(-1j * step_s * np.arange(_BLOCK + 1)[:, None] * omega)
-        self._powers = np.stack([powers.real, powers.imag])
-        self._delays: dict[int, np.ndarray] = {}  # exp(-i w n h) by n
-
-    def add(self, force_n: np.ndarray, factor: np.ndarray, found: np.ndarray) -> None:
-        """Add `factor` sum F_n exp(-i w n h) to `found`, shapes (frequencies,)."""
-        first, end = k.nonzero(force_n)
-        if first < end:
-            k.add_spectrum(force_n, first, end, self._powers, self._delayed(first), factor, found)
-
-    def _delayed(self, steps: int) -> np.ndarray:
-        if steps not in self._delays:
-            if len(self._delays) >= _KEPT:
-                self._delays.clear()
-            self._delays[steps] = np.exp(-1j * self._omega * (steps * self._step_s))
-        return self._delays[steps]
+@lru_cache(maxsize=16)
+def _transform(frequency_hz: bytes, step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`powers`, `held` and `tilted` of `Spectra` at frequencies (Hz) that are given as bytes; kept,
+    since the impacts of a scene are taken apart at the same ones."""
+    frequency = np.frombuffer(frequency_hz)
+    omega, half = 2.0 * np.pi * frequency, np.pi * frequency * step_s
+    held = step_s * np.sinc(half / np.pi) * np.exp(-1j * half)
+    # (sin a - a cos a)/a^2 = a/3 (1 - a^2/10 + ...)
+    small = np.abs(half) < 1e-2
+    a = np.where(small, 1.0, half)
+    odd = np.where(small, half / 3.0 * (1.0 - half * half / 10.0),
+                   (np.sin(a) - a * np.cos(a)) / (a * a))  # fmt: skip
+    tilted = -1j * odd * np.exp(-1j * half) * step_s
+    powers = np.exp(-1j * step_s * np.arange(_BLOCK + 1)[:, None] * omega)
+    return np.stack([powers.real, powers.imag]), held, tilted
 
 
-_KEPT = 16
-
-
-@lru_cache(maxsize=_KEPT)
-def _transform(frequency_hz: bytes, step_s: float) -> _Transform:
-    """The impacts of a scene are taken apart at the same frequencies."""
-    return _Transform(np.frombuffer(frequency_hz), step_s)
+@lru_cache(maxsize=16)
+def spectra_of(modes: Oscillators, step_s: float) -> k.Spectra:
+    """What forces at contact and actuator become at the frequencies of some oscillators."""
+    by = _transform((modes.omega / (2.0 * np.pi)).tobytes(), step_s)
+    return k.Spectra(*by, modes.contact, modes.actuator)
 
 
 def modal_shares_j(
@@ -228,12 +210,17 @@ def modal_drive(
     For forces that follow each other in pieces, each with its `first_step`, the sum is that of
     the whole.
     """
-    frequency = modes.omega / (2.0 * np.pi)
-    driven = modes.contact * force_spectrum(contact_n, step_s, frequency, slope_n)
-    driven += modes.actuator * force_spectrum(actuator_n, step_s, frequency, actuator_slope_n)
-    if first_step:
-        driven *= np.exp(-1j * modes.omega * (first_step * step_s))
-    return np.asarray(driven)
+    driven, none = np.zeros(len(modes.omega), complex), np.zeros(0)
+    k.drive(
+        contact_n, none if slope_n is None else slope_n, 1.0, actuator_n,
+        none if actuator_slope_n is None else actuator_slope_n, spectra_of(modes, step_s), driven,
+    )  # fmt: skip
+    return turned(modes, driven, first_step * step_s)
+
+
+def turned(modes: Oscillators, drive: np.ndarray, late_s: float) -> np.ndarray:
+    """The drive of oscillators by the same forces, but later by `late_s`."""
+    return drive * np.exp(-1j * modes.omega * late_s) if late_s else drive
 
 
 def shares_of_drive_j(modes: Oscillators, drive: np.ndarray) -> np.ndarray:
@@ -241,14 +228,14 @@ def shares_of_drive_j(modes: Oscillators, drive: np.ndarray) -> np.ndarray:
     return np.asarray(0.5 * modes.scale_per_kg * np.abs(drive) ** 2)
 
 
-def audible(modes: Oscillators) -> np.ndarray:
-    """Which oscillators are up to 20 kHz."""
-    return np.flatnonzero(modes.omega <= 2.0 * np.pi * RADIATED_UP_TO_HZ)
+def audible(modes: Oscillators) -> int:
+    """How many oscillators are up to 20 kHz: the first ones."""
+    return int(np.searchsorted(modes.omega, 2.0 * np.pi * RADIATED_UP_TO_HZ, "right"))
 
 
 def audible_alone(modes: Oscillators) -> Oscillators:
     """The oscillators up to 20 kHz alone; what a force gives each is the same as among others."""
-    count = len(audible(modes))
+    count = audible(modes)
     eta = modes.eta[:count] if isinstance(modes.eta, np.ndarray) else modes.eta
     return replace(
         modes, omega=modes.omega[:count], contact=modes.contact[:count],
@@ -258,7 +245,7 @@ def audible_alone(modes: Oscillators) -> Oscillators:
 
 def radiated_shares_j(modes: Oscillators, shares_j: np.ndarray, efficiency: np.ndarray) -> float:
     """Sum of the oscillators' energies up to 20 kHz, each times its radiation efficiency, J."""
-    return float(np.sum((shares_j * efficiency)[audible(modes)]))
+    return float(np.sum((shares_j * efficiency)[: audible(modes)]))
 
 
 def radiated_parts(material_eta: float, air_eta: np.ndarray) -> np.ndarray:
@@ -336,7 +323,7 @@ def impact_noise(
     return ImpactNoise(
         **closed_forms(sphere.radius_m, contact_time_s, impact_speed_m_s, rebound_speed_m_s),
         transmitted_j=work_j,
-        transmitted_spectrum_j=float(np.sum(shares_j)) if modes.modes else math.nan,
+        transmitted_spectrum_j=float(shares_j.sum()) if modes.modes else math.nan,
         plate_speed_max_m_s=plate_speed_max_m_s,
         **_radiated_j(plate.simply_supported, modes, shares_j, faces),
     )
@@ -348,8 +335,8 @@ def _radiated_j(
     """The study's sums of sigma E, and what the modes radiate of their energies E, by fields."""
     if plate is None or not modes.modes:
         return dict.fromkeys(_RADIATED, math.nan)
-    audible, weights = _weights(plate, modes, faces)
-    sums = np.sum(shares_j[audible] * weights, axis=1)
+    weights = _weights(plate, modes, faces)
+    sums = (shares_j[: weights.shape[1]] * weights).sum(axis=1)
     return dict(zip(_RADIATED, sums.tolist(), strict=True))
 
 
@@ -357,16 +344,16 @@ _RADIATED = [f"{kind}{name}_j" for kind in ("radiated", "sound") for name in _EF
 
 
 @lru_cache(maxsize=16)
-def _weights(plate: Plate, modes: Oscillators, faces: int) -> tuple[np.ndarray, np.ndarray]:
-    """Oscillators up to 20 kHz, and what of their energies counts, for all impacts on a plate: a
+def _weights(plate: Plate, modes: Oscillators, faces: int) -> np.ndarray:
+    """What of the energies of the oscillators up to 20 kHz counts, for all impacts on a plate: a
     row for each of `_RADIATED`."""
     frequency = modes.omega / (2.0 * np.pi)
-    heard = audible(modes)
-    weights = [by(plate, frequency)[heard] for by in _EFFICIENCIES.values()]
+    count = audible(modes)
+    weights = [by(plate, frequency)[:count] for by in _EFFICIENCIES.values()]
     for known in weights[:]:
-        air_eta = air_loss_factor(plate, frequency[heard], faces, lambda *_, known=known: known)
+        air_eta = air_loss_factor(plate, frequency[:count], faces, lambda *_, known=known: known)
         weights.append(radiated_parts(plate.eta, air_eta))
-    return heard, np.array(weights)
+    return np.array(weights)
 
 
 @lru_cache(maxsize=8)

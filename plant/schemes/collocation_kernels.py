@@ -357,17 +357,6 @@ def settle_balance(model, state):
 
 
 @kernel(borrowed=True)
-def close_balance(model, state):
-    """Book the last step and the last flight; to be called once, after the last step."""
-    if not model.damped or state.counts[pk.STEP] == 0:
-        return
-    settle_balance(model, state)
-    if state.counts[pk.FREE_SINCE] >= 0:
-        flight = state.counts[pk.STEP] - state.counts[pk.FREE_SINCE]
-        _book_flight(model, state, flight)
-
-
-@kernel(borrowed=True)
 def modal_energy(model, state):
     """Kinetic and elastic energy of all oscillators and a damped tail at the present step, J."""
     f0, f1, f_a = forces_on_plate(model, state)
@@ -386,6 +375,18 @@ def modal_energy(model, state):
         speed = zr - rho * zi
         total += table[ENERGY, i] * (speed * speed + (1.0 + rho * rho) * zi * zi)
     return total
+
+
+@kernel(borrowed=True)
+def close_balance(model, state):
+    """Book the last step and the last flight; to be called once, after the last step. Returns the
+    `modal_energy` then, J."""
+    if model.damped and state.counts[pk.STEP] > 0:
+        settle_balance(model, state)
+        if state.counts[pk.FREE_SINCE] >= 0:
+            flight = state.counts[pk.STEP] - state.counts[pk.FREE_SINCE]
+            _book_flight(model, state, flight)
+    return modal_energy(model, state)
 
 
 @kernel(inline=True, borrowed=True)

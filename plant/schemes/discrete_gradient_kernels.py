@@ -264,13 +264,14 @@ def contact_energy(model, state):
 
 @kernel
 def close_balance(model, state):
-    """Book the last step and the last flight; to be called once, after the last step."""
-    if not model.damped or state.counts[STEP] == 0:
-        return
-    settle_balance(model, state)
-    if state.counts[FREE_SINCE] != _NOT_FREE:
-        flight = state.counts[STEP] - state.counts[FREE_SINCE]
-        state.balance[MODAL_DISSIPATED] += _dissipated_in_flight(model, state, flight)
+    """Book the last step and the last flight; to be called once, after the last step. Returns the
+    `modal_energy` then, J."""
+    if model.damped and state.counts[STEP] > 0:
+        settle_balance(model, state)
+        if state.counts[FREE_SINCE] != _NOT_FREE:
+            flight = state.counts[STEP] - state.counts[FREE_SINCE]
+            state.balance[MODAL_DISSIPATED] += _dissipated_in_flight(model, state, flight)
+    return modal_energy(model, state)
 
 
 @kernel

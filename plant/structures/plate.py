@@ -181,12 +181,11 @@ class Plate:
             return tail
         along_x, along_y, speed = self._squared_wave_numbers(beyond)
         most = len(along_x) * len(along_y)  # of which only what is written costs anything
-        omega, m, n = np.empty(most), np.empty(most, np.int32), np.empty(most, np.int32)
-        terms = np.empty(most)
+        omega, terms = np.empty(most), np.empty(most)
         x, y = point_m[0] / self.size_m[0], point_m[1] / self.size_m[1]
         count = rising.flexibilities(
             along_x, along_y, _sines(len(along_x), x), _sines(len(along_y), y), speed,
-            omega_max, beyond, *_room(along_x, along_y), omega, m, n, terms,
+            omega_max, beyond, *_room(along_x, along_y), omega, terms,
         )  # fmt: skip
         return tail + self.modal_scale_per_kg * float(np.sum(terms[:count]))
 

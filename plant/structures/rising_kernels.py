@@ -90,17 +90,36 @@ def number(along_x, along_y, speed, up_to, slices, nexts, starts, omega, m, n):
 
 @kernel(borrowed=True)
 def flexibilities(
-    along_x, along_y, sin_x, sin_y, speed, above, up_to, slices, nexts, starts, omega, m, n, terms
+    along_x, along_y, sin_x, sin_y, speed, above, up_to, slices, nexts, starts, omega, terms
 ):  # fmt: skip
     """(phi/w)^2 of all modes above a frequency and up to another, phi the product of both sines;
-    how many there are. `omega`, `m` and `n` are room for one slice after the other."""
+    how many there are. `omega` is room for one slice after the other."""
     skip(along_x, along_y, speed, above, nexts)
     done, high = 0, above
     for piece in range(1, slices + 1):
         low, high = high, top(above, up_to, piece, slices)
-        found = take(along_x, along_y, speed, low, high, nexts, starts, omega, m, n)
-        for i in range(found):
-            share = sin_x[m[i] - 1] * sin_y[n[i] - 1] / omega[i]
-            terms[done + i] = share * share
+        scale, found = count(along_x, along_y, speed, low, high, nexts, starts)
+        own_terms = terms[done:]
+        for j in range(along_y.size):
+            i = nexts[j]
+            if i == 0 and speed * (along_y[j] + along_x[0]) > high:
+                break
+            while i < along_x.size:
+                own = speed * (along_y[j] + along_x[i])
+                if own > high:
+                    break
+                band = int((own - low) * scale)
+                at = starts[band]
+                starts[band] = at + 1
+                share = sin_x[i] * sin_y[j] / own
+                omega[at], own_terms[at] = own, share * share
+                i += 1
+            nexts[j] = i
+        for first in range(1, found):
+            own, term, at = omega[first], own_terms[first], first
+            while at > 0 and omega[at - 1] > own:
+                omega[at], own_terms[at] = omega[at - 1], own_terms[at - 1]
+                at -= 1
+            omega[at], own_terms[at] = own, term
         done += found
     return done

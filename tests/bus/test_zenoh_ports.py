@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event, Timer
 
 import psutil
 import pytest
@@ -200,6 +201,63 @@ class TestPresence:
         finally:
             for port in (*plants, recorder):
                 port.close()
+
+
+class TestLargeMessages:
+    """They are sent in a thread of their own."""
+
+    def test_all_come_in_order(self, zenoh: dict[str, ZenohPort]) -> None:
+        sent = [bytes([i]) * size for i, size in enumerate([3_000_000, 10, 3_000_000, 5, 100_000])]
+        for payload in sent:
+            zenoh[PLANT].publish(Envelope("truth", payload))
+        zenoh[PLANT].publish(Envelope("end/plant", b"end", 0))
+        got = [zenoh[RECORDER].receive(PATIENCE_S, "truth") for _ in range(len(sent) + 1)]
+        assert [envelope.payload for envelope in got] == [*sent, b"end"]
+
+    def test_what_was_published_before_the_port_is_closed_is_sent(
+        self, zenoh: dict[str, ZenohPort]
+    ) -> None:
+        zenoh[PLANT].publish(Envelope("truth", bytes(3_000_000)))
+        zenoh[PLANT].close()
+        assert len(zenoh[RECORDER].receive(PATIENCE_S, "truth").payload) == 3_000_000
+
+    def test_one_that_cannot_be_sent_ends_the_next_wait_and_message(
+        self, zenoh: dict[str, ZenohPort], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        plant = zenoh[PLANT]
+
+        def refuse(envelope: Envelope) -> None:
+            raise PeerLost("recorder accepted no message", RECORDER)
+
+        with monkeypatch.context() as patched:
+            patched.setattr(plant, "_put", refuse)
+            plant.publish(Envelope("truth", bytes(100_000)))
+            with pytest.raises(PeerLost, match="recorder accepted no message"):
+                plant.receive(PATIENCE_S, "a force")
+        assert plant.pending()
+        with pytest.raises(PeerLost, match="recorder accepted no message"):
+            plant.publish(Envelope("daq", b"sample"))
+        plant.publish(Envelope("end/plant", b"end", 0))
+        assert zenoh[CONTROLLER].receive(PATIENCE_S, "the end").payload == b"end"
+
+    @pytest.mark.parametrize("end", [True, False], ids=["an end", "a timeout"])
+    def test_one_that_is_not_taken_is_the_cause_of_what_comes_meanwhile(
+        self, zenoh: dict[str, ZenohPort], monkeypatch: pytest.MonkeyPatch, end: bool
+    ) -> None:
+        plant, timed_out = zenoh[PLANT], Event()
+
+        def refuse(envelope: Envelope) -> None:
+            timed_out.wait(PATIENCE_S)
+            raise PeerLost("recorder accepted no message", RECORDER)
+
+        monkeypatch.setattr(plant, "_put", refuse)
+        plant.publish(Envelope("truth", bytes(100_000)))
+        if end:
+            zenoh[CONTROLLER].publish(Envelope("end/controller", b"it missed the plant", 0))
+        wait_for(lambda: plant.pending() or not end)
+        Timer(ABSENCE_S, timed_out.set).start()
+        with pytest.raises(PeerLost, match="recorder accepted no message"):
+            plant.receive(PATIENCE_S if end else 0.0, "a force")
 
 
 class TestEndpoints:

@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from hertzloop.analysis import impacts as impact_windows
-from hertzloop.analysis.impacts import Block, RowsOfImpact, impacts_of_blocks, impacts_of_rows
+from hertzloop.analysis.impacts import (
+    Block,
+    RowsOfImpact,
+    first_impact,
+    impacts_of_blocks,
+    impacts_of_rows,
+)
 from hertzloop.loop.compiled import simulate
 from hertzloop.setup import load
 
@@ -41,6 +47,36 @@ def test_blocks_do_not_count(name: str) -> None:
         cut = list(impacts_of_blocks(scene, in_blocks(rows, size)))
         assert figures(cut) == figures(whole)
         assert [one.contact_n.tobytes() for one in cut] == [o.contact_n.tobytes() for o in whole]
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("aluminium-3mm", []),
+        ("aluminium-3mm", ["run.duration_s=0.00105"]),  # ends in the first contact
+        ("aluminium-3mm", ["run.lead_in_s=0"]),
+        ("aluminium-3mm", ["contact.plasticity='thornton'"]),
+        ("aluminium-3mm", ["run.plate_model='infinite'", "run.duration_s=0.0016"]),
+        ("aluminium-3mm", ["actuator.bandwidth_hz=20000", "controller.law='force_feedback'"]),
+        ("offcentre-6mm", ["actuator.bandwidth_hz=20000", "controller.law='force_feedback'"]),
+    ],
+)
+def test_the_first_impact_alone_has_the_same_bits(name: str, more: list[str]) -> None:
+    scene = load(name, ["run.duration_s=0.015", *more])
+    rows = simulate(scene).rows
+    alone, among = first_impact(scene, rows), impacts_of_rows(scene, rows)[0]
+    assert alone is not None
+    assert figures([alone]) == figures([among])
+    assert alone.contact_n.tobytes() == among.contact_n.tobytes()
+    assert (alone.start, alone.end, alone.over, alone.ended) == (
+        among.start, among.end, among.over, among.ended,
+    )  # fmt: skip
+
+
+def test_rows_without_a_contact_have_no_first_impact() -> None:
+    scene = load("aluminium-3mm")
+    rows = simulate(scene, steps=100).rows
+    assert first_impact(scene, rows) is None
 
 
 @pytest.mark.parametrize("name", [name for name in SCENES if name != "published"])

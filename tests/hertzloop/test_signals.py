@@ -1,7 +1,9 @@
-"""Signals that end a process are counted, one by one."""
+"""Signals that end a process: counted one by one, and heard while the command imports."""
 
 import os
 import signal
+import subprocess
+import sys
 import time
 
 from hertzloop.processes.signals import ending_signals
@@ -18,3 +20,36 @@ def test_ending_signals_are_counted_in_order() -> None:
                 time.sleep(0.001)
             assert counted == list(range(1, number + 1))
     assert signal.getsignal(signal.SIGTERM) == before
+
+
+_INTERRUPTED_IMPORT = """
+import signal, sys
+
+class Finder:
+    def find_spec(self, name, path, target=None):
+        if name == "hertzloop.processes":
+            signal.raise_signal(signal.SIGINT)
+
+sys.argv[0] = {name!r}
+sys.meta_path.insert(0, Finder())
+import hertzloop.__main__
+"""
+
+
+def interrupted_as_it_imports(name: str) -> tuple[int, str]:
+    done = subprocess.run(
+        [sys.executable, "-c", _INTERRUPTED_IMPORT.format(name=name)],
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    return done.returncode, done.stderr
+
+
+def test_the_command_ends_quietly_in_its_first_import() -> None:
+    assert interrupted_as_it_imports("/usr/bin/hertzloop") == (130, "interrupted\n")
+
+
+def test_another_program_that_imports_the_command_keeps_its_handler() -> None:
+    code, said = interrupted_as_it_imports("/home/me/program.py")
+    assert code == -signal.SIGINT
+    assert said.endswith("KeyboardInterrupt\n")

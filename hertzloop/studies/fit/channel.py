@@ -20,6 +20,8 @@ _FLOOR = {"v_p": 1e-4, "acceleration": 4e-4}
 _FLOOR_OF_GAP, _FLOOR_UNFILTERED = 5e-5, 2e-3
 _UNKNOWN_CONTACTS = 1.6
 _FASTEST_HZ = 300e3  # of a filter that makes an acceleration converge
+_RESOLVED = 0.6  # steps of a converter: noise above it can be read off
+_LONG_RUN = 8  # samples on one level, more than a slope makes
 _SPIKE = 6.0  # deviations, of single samples before the impact
 _AR_FROM, _AR_MOST = 300, 8  # quiet samples for a model of coloured noise, its highest order
 _AR_P = 1e-5  # probability of white noise below which the noise counts as coloured
@@ -42,7 +44,11 @@ class Channel:
     `step`: distance of two levels of a visible converter. `ar`: coefficients of coloured noise,
     and `innovation`: the standard deviation of its driving noise, over `noise`. `touch_s`: the
     record's time of the first touch, as first found. `notes`: sentences for the user. `floored`:
-    whether the simulation's own error is larger than the noise.
+    whether the simulation's own error is larger than the noise. `coarse`: error of the simulation
+    during contact over the noise, where a test of the model would show it, else zero. `phase`:
+    under a law, from the last sample of the sensor to the touch, as first found, in steps.
+    `alike`: how many samples of a finer converter would show the noise as well; None of a converter
+    with steps below the noise. `weight`: of each sample in a fit, (samples,), None if all are one.
     """
 
     record: Record
@@ -63,9 +69,13 @@ class Channel:
     gain: float = 1.0
     offset: float = 0.0
     ppm: float = 0.0
+    phase: float = 0.5
     notes: list[str] = field(default_factory=list)
     rejected: int = 0
     floored: bool = False
+    coarse: float = 0.0
+    alike: int | None = None
+    weight: np.ndarray | None = None
 
     @property
     def contact_unknown(self) -> bool:
@@ -101,10 +111,18 @@ class Channel:
             Rows with white noise of standard deviation one, the same shape.
         """
         scaled = rows / self.noise
+        if self.weight is not None:
+            scaled = (scaled.T * self.weight).T
         if not len(self.ar):
             return scaled
         found = scipy.signal.lfilter(np.concatenate([[1.0], -self.ar]), [1.0], scaled, axis=0)
         return np.asarray(found / self.innovation)
+
+    def independent(self, counted: np.ndarray) -> np.ndarray:
+        """How many independent samples each of the counted rows is; shape (rows,)."""
+        if self.weight is None:
+            return np.ones(np.count_nonzero(counted))
+        return np.asarray(self.weight[counted] ** 2)
 
     def counted(self, within: np.ndarray) -> np.ndarray:
         """Which rows count: kept samples `within`, whose predecessors count as well where the
@@ -154,7 +172,7 @@ def make_ready(record: Record) -> Channel:
     filled = np.where(known, value, baseline)
     onset = _onset(filled, baseline, spread, peak, is_gap)
     quiet_start = onset >= _FEWEST_QUIET and not is_gap
-    noise, source, quiet = 0.0, "residual", 0
+    noise, source, quiet, alike = 0.0, "residual", 0, None
     ar, innovation = np.empty(0), 1.0
     if quiet_start:
         margin = 3 + onset // 20
@@ -164,6 +182,8 @@ def make_ready(record: Record) -> Channel:
         calm = before[np.abs(before) <= _SPIKE * max(sd, 0.5 * step, 1e-300)]
         if len(calm) >= _FEWEST_QUIET:
             noise, source, quiet = float(np.std(calm, ddof=1)), "quiet", len(calm)
+            if noise < _RESOLVED * step:
+                noise, alike = _beside_steps(calm, step)
             spikes = len(before) - len(calm)
             if len(before) >= _AR_FROM and spikes == 0 and noise > step:
                 ar, innovation = _coloured(before)
@@ -191,8 +211,33 @@ def make_ready(record: Record) -> Channel:
         record=record, time_s=time_s, value=filled, kept=good, peak=peak, noise=noise,
         noise_from=source, quiet=quiet, baseline=baseline, step=step, ar=ar, innovation=innovation,
         onset_s=float(time_s[onset]), has_quiet_start=quiet_start or is_gap, notes=notes,
-        floored=floored,
+        floored=floored, alike=alike,
     )  # fmt: skip
+
+
+def _beside_steps(readings: np.ndarray, step: float) -> tuple[float, int]:
+    """Noise of readings away from the baseline, where a converter hides most of it.
+
+    The readings before the impact rest on one level or change between two, whichever the baseline
+    is near. The noise before the converter follows from the share of each level; every baseline
+    and every noise up to a step is equally probable before.
+
+    Returns:
+        Standard deviation with that of the converter, and how many samples would show it as well.
+    """
+    levels = np.round((readings - readings[0]) / step).astype(int)
+    values, counts = np.unique(levels, return_counts=True)
+    values = values - values[np.argmax(counts)]
+    sigma = np.linspace(0.01, 1.0, 100)[:, np.newaxis, np.newaxis]
+    mean = np.linspace(-1.0, 1.0, 161)[:, np.newaxis]
+    upper, lower = (scipy.special.ndtr((values + half - mean) / sigma) for half in (0.5, -0.5))
+    likely = np.sum(counts * np.log(np.maximum(upper - lower, 1e-300)), axis=-1)
+    weight = np.exp(likely - np.max(likely)).sum(axis=1)
+    variance = sigma[:, 0, 0] ** 2 + 1.0 / 12.0
+    found = float(np.average(variance, weights=weight))
+    spread = float(np.average((variance - found) ** 2, weights=weight))
+    alike = 2.0 * found**2 / max(spread, 1e-12)
+    return step * math.sqrt(found), int(min(len(readings), alike))
 
 
 def _unlimited(record: Record) -> bool:
@@ -311,6 +356,10 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
         shown = float(np.max(np.abs(fine)))
     reach_s = max(8e-6, 3.0 * channel.interval_s, 0.35 * contact_s)
     is_gap = record.quantity in ("xi", "xi_s")
+    late_s = 0.0
+    if record.quantity == "actuator_force":  # may come after the contact
+        shown = float(np.max(np.abs(fine)))
+        late_s = max(0.0, float(grid_s[np.argmax(np.abs(fine) > _ONSET_SHARE * shown)]))
     if is_gap:
         guess = channel.onset_s
     elif channel.has_quiet_start:
@@ -320,17 +369,17 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
         guess = float(channel.time_s[0]) - 0.2 * contact_s
         reach_s = 1.5 * contact_s
     step_s = max(0.25e-6, contact_s / 120.0)
-    best = _best_shift(channel, observed, guess, reach_s, step_s, contact_s)
+    best = _best_shift(channel, observed, guess, reach_s, step_s, contact_s, late_s)
     if best is not None and not best[4] and not _LEAST_GAIN <= best[2] <= _MOST_GAIN:
         # A few spikes in a row can look like the onset: look everywhere, then closer.
         middle = 0.5 * float(channel.time_s[0] + channel.time_s[-1])
         half = 0.5 * float(channel.time_s[-1] - channel.time_s[0])
         rough_s = max(contact_s / 15.0, 2.0 * half / _MOST_SHIFTS)
-        anywhere = _best_shift(channel, observed, middle, half, rough_s, contact_s)
+        anywhere = _best_shift(channel, observed, middle, half, rough_s, contact_s, late_s)
         alike = anywhere is not None and anywhere[0] < _ALIKE and not anywhere[4]
         if anywhere is not None and alike and _LEAST_GAIN <= anywhere[2] <= _MOST_GAIN:
             closer = 2.0 * rough_s
-            best = _best_shift(channel, observed, anywhere[1], closer, step_s, contact_s)
+            best = _best_shift(channel, observed, anywhere[1], closer, step_s, contact_s, late_s)
     if best is None:
         raise RecordError(
             f"{record.name}: too few samples are in the contact of {1e6 * contact_s:.3g} us, at "
@@ -353,15 +402,18 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
 
 def _best_shift(
     channel: Channel, observed: Observed, guess: float, reach_s: float, step_s: float,
-    contact_s: float,
+    contact_s: float, late_s: float,
 ) -> tuple[float, float, float, float, bool] | None:  # fmt: skip
-    """Cost, touch, gain, offset, and whether a negative gain fits better by far."""
+    """Cost, touch, gain, offset, and whether a negative gain fits better by far. `late_s`: from
+    the touch to the first contact time that counts."""
     best: tuple[float, float, float, float] | None = None
     turned = math.inf
     for shift in np.arange(-reach_s, reach_s + step_s, step_s):
         touch_s = guess + float(shift)
         tau = channel.time_s - touch_s
-        window = channel.kept & (tau > _WINDOW[0] * contact_s) & (tau < _WINDOW[1] * contact_s)
+        after_s = tau - late_s
+        window = channel.kept & (after_s > _WINDOW[0] * contact_s)
+        window &= after_s < _WINDOW[1] * contact_s
         where = np.flatnonzero(window)
         if len(where) < 4:
             continue
@@ -383,6 +435,20 @@ def _best_shift(
     if best is None:
         return None if turned == math.inf else (turned, guess, -1.0, 0.0, True)
     return (*best, turned < 0.3 * best[0] and turned < 0.2)
+
+
+def weighted(channel: Channel) -> None:
+    """Give the samples of a long run of equal readings together the weight of one sample.
+
+    Where the noise is hidden in the steps of a converter, they share one error: the readings before
+    the impact would fix the offset to a level of the converter, up to half a step from the truth.
+    """
+    if channel.alike is None:
+        return
+    starts = np.flatnonzero(np.diff(channel.value, prepend=math.nan) != 0.0)
+    lengths = np.diff(np.append(starts, len(channel.value)))
+    each = np.repeat(np.where(lengths > _LONG_RUN, lengths, 1), lengths)
+    channel.weight = 1.0 / np.sqrt(each)
 
 
 def without_contact(channel: Channel, contact_s: float) -> None:

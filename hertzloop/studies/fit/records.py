@@ -35,6 +35,7 @@ QUANTITIES = {
     "contact_force": Quantity("N", "contact force, up on the sphere", "contact_force"),
     "v_p": Quantity("m/s", "plate velocity, up positive", "v_p"),
     "acceleration": Quantity("m/s^2", "plate acceleration, up positive", "acceleration"),
+    "actuator_force": Quantity("N", "force of the actuator, up on the plate", ""),
     "xi_p": Quantity("m", "plate displacement, up positive", ""),
     "xi": Quantity("m", "gap between sphere and plate", "xi"),
     "xi_s": Quantity("m", "sphere's lowest point", ""),
@@ -42,7 +43,7 @@ QUANTITIES = {
 _ALIASES = {
     "force": "contact_force", "velocity": "v_p", "plate_velocity": "v_p", "accel": "acceleration",
     "plate_acceleration": "acceleration", "displacement": "xi_p", "plate_displacement": "xi_p",
-    "gap": "xi", "sphere_position": "xi_s",
+    "gap": "xi", "sphere_position": "xi_s", "f_a": "actuator_force",
 }  # fmt: skip
 # Factor to the SI unit, by the quantity's SI unit.
 UNITS: dict[str, dict[str, float]] = {
@@ -51,7 +52,7 @@ UNITS: dict[str, dict[str, float]] = {
     "m/s^2": {"m/s^2": 1.0, "m/s2": 1.0, "g": 9.80665, "mm/s^2": 1e-3},
     "m": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
 }
-WITHOUT_CONTROL = "A fit simulates drops without control: no law, no latency, no actuator force."
+WITHOUT_CONTROL = "The records are simulated without control: no law, no latency, no force."
 FILTERS = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
 _FEWEST = 8  # samples of a record
 _PLATEAU = 3  # equal extreme values in a row that count as clipped
@@ -71,7 +72,9 @@ class Measured:
     `clock_tolerance_ppm`: standard deviation of the clock's relative error. `low_pass_hz`,
     `ac_coupling_hz`, `resonance_hz`, `resonance_damping`: filters of the measuring chain.
     `range`, `bits`: of the converter, in `unit`. `point_m`: measuring point, m. `set`: scene keys
-    that hold for this record only, such as its drop height.
+    that hold for this record only, such as its drop height. `control`: whether the law was on; if
+    left out, it was where the force of the actuator is the quantity or has a free key. `clock`: a
+    name that channels of one drop share which were sampled by one clock.
     """
 
     quantity: str | None = None
@@ -89,6 +92,8 @@ class Measured:
     bits: int | None = None
     point_m: tuple[float, float] | None = None
     set: Mapping[str, Any] = field(default_factory=dict)
+    control: bool | None = None
+    clock: str | None = None
 
     @property
     def filtered(self) -> bool:
@@ -105,8 +110,8 @@ class Record:
         name: name in messages.
         time_s: times by the record's clock, s, shape (samples,), rising; the zero is arbitrary.
         value: in the SI unit of the quantity, shape (samples,); nan where nothing is known.
-        quantity: "contact_force" (N), "v_p" (m/s), "acceleration" (m/s^2), "xi_p", "xi" or
-            "xi_s" (m).
+        quantity: "contact_force", "actuator_force" (N), "v_p" (m/s), "acceleration" (m/s^2),
+            "xi_p", "xi" or "xi_s" (m).
         measured: the `[record]` table: filters, range, uncertainties.
         sha256: digest of the file, "" of a record from memory.
 
@@ -284,6 +289,9 @@ def measured_of(table: Mapping[str, Any], name: str) -> Measured:
         good = number and math.isfinite(value) and (value >= 0 if least_ok else value != 0)
         if not good or (key != "sensitivity" and value < 0):
             raise RecordError(f"record.{key} = {value}: must be a positive number in {name}.")
+    for key, kind, what in (("control", bool, "true or false"), ("clock", str, "a name")):
+        if key in values and not isinstance(values[key], kind):
+            raise RecordError(f"record.{key} = {values[key]}: must be {what} in {name}.")
     return Measured(**values)
 
 
@@ -323,10 +331,6 @@ def _plain(column: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", re.sub("[\u00b5\u03bc]", "u", name)).strip("_")
 
 
-def _actuator_force(names: str) -> bool:
-    return "actuator_force" in _plain(names) or _plain(names) == "f_a_n"
-
-
 def _unit_of_time(column: str) -> float | None:
     """Seconds in the unit of a column of times, such as `time_ms`; None of another column."""
     found = re.fullmatch(r"(?:time|t)(?:_(s|ms|us|ns))?", _plain(column))
@@ -350,12 +354,6 @@ def _made(name: str, columns: Mapping[str, np.ndarray], measured: Measured, dige
             )
         if column is None and measured.quantity and others:
             column = others[0]
-    if _actuator_force(measured.quantity or column or " ".join(others)):
-        raise RecordError(
-            f"{name}: holds the force of the actuator. {WITHOUT_CONTROL} Record a drop with the "
-            "law off, as contact force or motion. Set what a pulse on the actuator alone tells, "
-            "such as actuator.bandwidth_hz, with --set."
-        )
     if column is None or column not in columns:
         raise RecordError(
             (f"record.column = '{column}': not a column of {name}. " if column else "")
@@ -556,13 +554,10 @@ def _mcap(path: Path) -> _Read:
     found = read(path)
     setup = parse(found.scene_toml, recorded=True)
     values = np.asarray(found.daq_values, float)
-    if setup.has_law and np.any(found.force.arrays.get("force_n", 0.0)):
-        raise RecordError(
-            f"{path}: the run is under the law '{setup.scene.controller.law}'. {WITHOUT_CONTROL} "
-            "Record the run with --set controller.law=off."
-        )
     sampled_s = np.arange(len(values)) * setup.every_steps * setup.step_s
-    inside = {"quantity": setup.quantity, "column": "value"}
+    pushed = bool(np.any(found.force.arrays.get("force_n", 0.0)))
+    inside: dict[str, Any] = {"quantity": setup.quantity, "column": "value"}
+    inside["control"] = setup.has_law and pushed
     of_sensor = {key: getattr(setup.sensor, key) for key in FILTERS}
     if any(of_sensor[key] for key in FILTERS if key.endswith("_hz")):
         inside |= {key: value for key, value in of_sensor.items() if value is not None}

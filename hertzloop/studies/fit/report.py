@@ -20,7 +20,7 @@ _MODEL_WORDS = {
 
 
 def as_json(result: FitResult) -> dict[str, Any]:
-    """Return a fit as data for JSON: see docs/how-to/fit.md for the fields."""
+    """Return a fit as data for JSON: see docs/reference/fit-json.md for the fields."""
     by_record = {
         n.record: {
             "time_shift_s": n.time_shift_s, "gain": n.gain, "offset": n.offset,
@@ -54,6 +54,7 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "records": [{"name": r.name, "sha256": r.sha256} for r in result.records],
         "notes": result.notes,
         "checked_only": result.checked_only,
+        "scene": None,
         "evaluations": result.evaluations,
         "wall_s": result.wall_s,
     }  # fmt: skip
@@ -109,7 +110,7 @@ def parameter_table(result: FitResult) -> Table:
     """Return the table of keys, estimates, intervals and verdicts."""
     title = "What the records can tell" if result.checked_only else "Fitted keys"
     table = Table(title=title)
-    for heading in ("key", "value", "95 % interval", "half-width", "verdict"):
+    for heading in ("key", "value", "95 % interval", "+/-", "verdict"):
         table.add_column(heading, justify="left" if heading in ("key", "verdict") else "right")
     for e in result.estimates:
         half = e.half_width_percent
@@ -129,6 +130,11 @@ def sentences(result: FitResult) -> list[str]:
             found.append(
                 f"{e.key} is {limit} (95 %): the records, at impact speeds of {low:.3g} to "
                 f"{high:.3g} m/s, set no limit on the other side."
+            )
+        if e.grain is not None:
+            found.append(
+                f"{e.key} is fitted in steps of {e.grain:g} us, and its interval reaches half a "
+                "step beyond the values that explain the records."
             )
     found += _unidentified(result)
     found += result.measure_next
@@ -167,6 +173,8 @@ def _unidentified(result: FitResult) -> list[str]:
 
 
 def _why_unidentified(e: Estimate, others: bool) -> str:
+    if e.grain is not None:
+        return f"{e.key}: the records allow {number(e.low)} to {number(e.high)}."
     half, alone = e.half_width_percent, e.alone_percent
     if half is None or half >= 1e3:
         known = f"{e.key}: the records set no useful bound"

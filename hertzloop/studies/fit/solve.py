@@ -8,29 +8,36 @@ import numpy as np
 
 from hertzloop.scenes.errors import SceneError
 from hertzloop.studies.fit.channel import Channel
+from hertzloop.studies.fit.loop_model import LoopModel, acts_by_law
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, Observed, observe
 
 NUISANCES = ("time_shift_s", "clock_ppm", "gain", "offset")
-_PER_CHANNEL = len(NUISANCES)
 _DIFFERENCE = 1e-4  # of a key, for central differences
+# Under a law; with converters, which round what it reads and commands; of a phase, in periods.
+_DIFFERENCE_LOOP, _DIFFERENCE_ROUNDED, _DIFFERENCE_PHASE = 2e-3, 3e-2, 0.04
+_JUMP = 4.0  # times as large a derivative on one side: the law decides otherwise there
+_PHASE_SD = math.sqrt(1.0 / 12.0)  # of a phase that is uniform over a period
+_MOST_PHASE = 0.1  # periods that a step changes a phase by
 _FIRST_WINDOW, _GROWTH = 1.5, 3.0  # contacts; from window to window
 _EARLY_SPREADS = 6.0  # the early windows know a key to a sixth of its range
 _OUTLIER = 4.0  # robust deviations
 _MOST_OUTLIERS = 0.06
 _LONGEST_RUN = 2  # outliers in a row; longer ones are a misfit
-_SHIFT_UNIT = 1e-6  # s
+SHIFT_UNIT_S = 1e-6  # s
 
 
 @dataclass(frozen=True)
 class Free:
-    """A free scene key: starting value, bounds, and a prior as a relative standard deviation."""
+    """A free scene key: starting value, bounds, and a prior as a relative standard deviation.
+    `grain`: how far apart its values are, of a key in whole steps."""
 
     key: str
     start: float
     low: float
     high: float
     prior: float | None = None
+    grain: float | None = None
 
     @property
     def spread(self) -> float:
@@ -57,12 +64,18 @@ class Point:
         return float(self.residual @ self.residual)
 
 
+def of_loop(key: str) -> bool:
+    """Whether a drop without control does not depend on a key."""
+    return key.startswith("sensors.") or acts_by_law(key)
+
+
 @dataclass
 class Problem:
     """Keys, channels and models of a fit.
 
     `models`: the frozen model of each channel (channels with the same setup share one). `chains`:
-    as they are at the starting point; a free key of the sensor changes them.
+    as they are at the starting point; a free key of the sensor changes them. `phases_held`: whether
+    the phases stay as they are.
     """
 
     free: Sequence[Free]
@@ -71,11 +84,47 @@ class Problem:
     chains: Sequence[Chain]
     fixed: dict[str, float] = field(default_factory=dict)
     evaluations: int = 0
+    phases_held: bool = False
 
     @property
     def moving(self) -> list[Free]:
         """The free keys that are not held at a value."""
         return [f for f in self.free if f.key not in self.fixed]
+
+    @property
+    def stepped(self) -> Free | None:
+        """The free key in whole steps, if there is one; it is held at a value all the time."""
+        return next((f for f in self.free if f.grain is not None), None)
+
+    @property
+    def places(self) -> list[tuple[int, ...]]:
+        """Where the nuisances of every channel stand: shift, clock, gain, offset and, under a law,
+        phase. Channels of one clock share shift, clock and phase."""
+        found: list[tuple[int, ...]] = []
+        leaders: dict[str, tuple[int, ...]] = {}
+        at = len(self.moving)
+        for c, model in zip(self.channels, self.models, strict=True):
+            clock = c.record.measured.clock
+            own = leaders.get(clock or "")
+            if own is not None:
+                place = (*own[:2], at, at + 1, *own[4:])
+                at += 2
+            else:
+                place = tuple(range(at, at + (5 if isinstance(model, LoopModel) else 4)))
+                at = place[-1] + 1
+                if clock:
+                    leaders[clock] = place
+            found.append(place)
+        return found
+
+    @property
+    def phases(self) -> dict[int, int]:
+        """Where the phases stand, and the period of each in steps."""
+        return {
+            place[4]: model.period
+            for place, model in zip(self.places, self.models, strict=True)
+            if isinstance(model, LoopModel)
+        }
 
     def values(self, x: np.ndarray) -> dict[str, float]:
         """Scene keys at a point."""
@@ -84,35 +133,46 @@ class Problem:
             found[f.key] = float(np.clip(math.exp(value), f.low, f.high))
         return found
 
-    def observed(self, index: int, values: dict[str, float], until_s: float) -> Observed:
+    def observed(
+        self, index: int, values: dict[str, float], until_s: float, phase: float = 0.5
+    ) -> Observed:
         """What the chain of channel `index` shows with these keys. Raises SceneError."""
         model, channel = self.models[index], self.channels[index]
         given = channel.record.measured.set  # what holds for this record is not fitted in it
-        of_plant = {
-            k: v for k, v in values.items() if not k.startswith("sensors.") and k not in given
-        }
+        of_plant = {k: v for k, v in values.items() if k not in given}
         chain = self.chains[index]
         of_chain = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("sensors.")}
         if of_chain and channel.record.quantity:
             chain = Chain(**(vars(chain) | of_chain))
         before = model.simulations
-        simulated = model.run(of_plant, until_s)
+        if isinstance(model, LoopModel):
+            simulated = model.run(of_plant, until_s, phase)
+        else:
+            alone = {k: v for k, v in of_plant.items() if not of_loop(k)}
+            simulated = model.run(alone, until_s)
         self.evaluations += model.simulations - before
         return observe(simulated, channel.record.quantity, chain, model.elsewhere)
 
     def start(self) -> np.ndarray:
         """The starting point: logarithms of keys, then the nuisances of every channel."""
-        keys = [math.log(f.start) for f in self.moving]
-        for c in self.channels:
-            keys += [0.0, c.ppm, c.gain, c.offset / c.peak]
-        return np.array(keys)
+        places = self.places
+        found = np.zeros(max((max(p) for p in places), default=-1) + 1)
+        found[: len(self.moving)] = [math.log(f.start) for f in self.moving]
+        for c, place in zip(self.channels, places, strict=True):
+            found[list(place[1:4])] = c.ppm, c.gain, c.offset / c.peak
+            found[list(place[4:])] = c.phase
+        return found
 
     def nuisances(self, x: np.ndarray, index: int) -> tuple[float, float, float, float]:
         """Touch (s), clock error (ppm), gain and offset of a channel."""
         c = self.channels[index]
-        at = len(self.moving) + _PER_CHANNEL * index
-        shift, ppm, gain, offset = (float(v) for v in x[at : at + _PER_CHANNEL])
-        return c.touch_s + shift * _SHIFT_UNIT, ppm, gain, offset * c.peak
+        shift, ppm, gain, offset = (float(x[i]) for i in self.places[index][:4])
+        return c.touch_s + shift * SHIFT_UNIT_S, ppm, gain, offset * c.peak
+
+    def phase(self, x: np.ndarray, index: int) -> float:
+        """Phase of a channel under a law, in steps; of another channel it means nothing."""
+        place = self.places[index]
+        return float(x[place[4]]) if len(place) > 4 else 0.5
 
     def predicted(
         self, x: np.ndarray, index: int, until_s: float
@@ -121,7 +181,7 @@ class Problem:
         the times after the touch, s; (samples,) each."""
         touch_s, ppm, _, _ = self.nuisances(x, index)
         tau = self.channels[index].after_touch_s(touch_s, ppm)
-        seen = self.observed(index, self.values(x), until_s)
+        seen = self.observed(index, self.values(x), until_s, self.phase(x, index))
         inside = tau <= until_s
         value, slope = np.zeros(len(tau)), np.zeros(len(tau))
         value[inside], slope[inside] = seen.value(tau[inside]), seen.slope(tau[inside])
@@ -139,10 +199,10 @@ class Problem:
         Raises:
             SceneError: a value that the scene refuses.
         """
-        moving, n = self.moving, len(x)
+        n = len(x)
         parts, columns, rows, at = [], [], [], 0
         for index, c in enumerate(self.channels):
-            _, ppm, gain, offset = self.nuisances(x, index)
+            _, _, gain, offset = self.nuisances(x, index)
             value, slope, tau = self.predicted(x, index, until_s)
             good = c.counted(tau <= until_s)
             raw = np.where(c.kept & (tau <= until_s), gain * value + offset - c.value, 0.0)
@@ -152,15 +212,7 @@ class Problem:
             at += len(white)
             if not jacobian:
                 continue
-            block = np.zeros((len(tau), n))
-            for j, f in enumerate(moving):
-                block[:, j] = gain * self._by_key(x, index, until_s, j, f, tau)
-            where = len(moving) + _PER_CHANNEL * index
-            stretch = 1.0 + 1e-6 * ppm
-            block[:, where] = -gain * slope * _SHIFT_UNIT / stretch
-            block[:, where + 1] = -gain * slope * tau * 1e-6 / stretch
-            block[:, where + 2] = value
-            block[:, where + 3] = c.peak
+            block = self.derivatives(x, index, until_s, (value, slope, tau))
             block[~(c.kept & (tau <= until_s))] = 0.0
             columns.append(c.whitened(block)[good])
         prior, by = self._priors(x, early)
@@ -169,18 +221,63 @@ class Problem:
             np.concatenate([*columns, by]) if jacobian else np.empty((0, n)), rows,
         )  # fmt: skip
 
-    def _by_key(
-        self, x: np.ndarray, index: int, until_s: float, j: int, f: Free, tau: np.ndarray
-    ) -> np.ndarray:
-        """Derivative by the logarithm of key `j`, central difference; one-sided at a bound."""
+    def derivatives(
+        self, x: np.ndarray, index: int, until_s: float,
+        predicted: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ) -> np.ndarray:  # fmt: skip
+        """Derivatives of a channel's readings by all parameters, (samples, parameters).
+
+        `predicted`: of the same point.
+        """
+        value, slope, tau = predicted
+        _, ppm, gain, _ = self.nuisances(x, index)
+        block = np.zeros((len(tau), len(x)))
+        for j, f in enumerate(self.moving):
+            bounds = math.log(f.low), math.log(f.high)
+            step = self._difference(index)
+            block[:, j] = gain * self._by(x, index, until_s, j, step, bounds, tau)
+        place = self.places[index]
+        stretch = 1.0 + 1e-6 * ppm
+        block[:, place[0]] = -gain * slope * SHIFT_UNIT_S / stretch
+        block[:, place[1]] = -gain * slope * tau * 1e-6 / stretch
+        block[:, place[2]] = value
+        block[:, place[3]] = self.channels[index].peak
+        for at in () if self.phases_held else place[4:]:
+            step = _DIFFERENCE_PHASE * self.phases[at]
+            anywhere = -math.inf, math.inf
+            block[:, at] = gain * self._by(x, index, until_s, at, step, anywhere, tau)
+        return block
+
+    def _difference(self, index: int) -> float:
+        model = self.models[index]
+        if not isinstance(model, LoopModel):
+            return _DIFFERENCE
+        return _DIFFERENCE_ROUNDED if model.converts else _DIFFERENCE_LOOP
+
+    def _by(
+        self, x: np.ndarray, index: int, until_s: float, j: int, step: float,
+        bounds: tuple[float, float], tau: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
+        """Derivative by parameter `j`: central difference, one-sided at a bound, and where the law
+        decides otherwise on one side."""
         up, down = x.copy(), x.copy()
-        up[j] = min(x[j] + _DIFFERENCE, math.log(f.high))
-        down[j] = max(x[j] - _DIFFERENCE, math.log(f.low))
+        up[j] = min(x[j] + step, bounds[1])
+        down[j] = max(x[j] - step, bounds[0])
         inside = tau <= until_s
         found = np.zeros(len(tau))
-        one = self.observed(index, self.values(up), until_s).value(tau[inside])
-        other = self.observed(index, self.values(down), until_s).value(tau[inside])
+
+        def seen(at: np.ndarray) -> np.ndarray:
+            phase = self.phase(at, index)
+            return self.observed(index, self.values(at), until_s, phase).value(tau[inside])
+
+        one, other = seen(up), seen(down)
         found[inside] = (one - other) / (up[j] - down[j])
+        if isinstance(self.models[index], LoopModel) and up[j] > x[j] > down[j]:
+            middle = seen(x)
+            sides = (one - middle) / (up[j] - x[j]), (middle - other) / (x[j] - down[j])
+            sizes = [float(side @ side) for side in sides]
+            if max(sizes) > _JUMP**2 * min(sizes):
+                found[inside] = sides[int(np.argmin(sizes))]
         return found
 
     def _priors(self, x: np.ndarray, early: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -198,11 +295,16 @@ class Problem:
                 row(j, math.log(f.start), f.prior)
             elif early:
                 row(j, math.log(f.start), f.spread)
-        for index, c in enumerate(self.channels):
-            at = len(self.moving) + _PER_CHANNEL * index
+        clocks: set[int] = set()
+        for c, place in zip(self.channels, self.places, strict=True):
             measured = c.record.measured
-            row(at + 1, 0.0, max(measured.clock_tolerance_ppm, 1e-6))
-            row(at + 2, 1.0, max(measured.sensitivity_uncertainty, 1e-9))
+            if place[1] not in clocks:
+                row(place[1], 0.0, max(measured.clock_tolerance_ppm, 1e-6))
+            clocks.add(place[1])
+            row(place[2], 1.0, max(measured.sensitivity_uncertainty, 1e-9))
+        for at, period in self.phases.items():
+            # All phases are as likely, so nothing is pulled; but none is more than a period off.
+            row(at, float(x[at]), _PHASE_SD * period)
         return np.array(rows), np.array(by).reshape(-1, n)
 
     def pulls(self, x: np.ndarray) -> dict[str, float]:
@@ -294,7 +396,11 @@ def minimised(
 
 
 def _limited(problem: Problem, move: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """A step that changes no key by more than a third: beyond, derivatives mean little."""
+    """A step that changes no key by more than a third, and no phase by more than a tenth of its
+    period: beyond, derivatives mean little."""
+    for at, period in problem.phases.items():
+        of_phase = places == at
+        move[of_phase] = np.clip(move[of_phase], -_MOST_PHASE * period, _MOST_PHASE * period)
     keys = places < len(problem.moving)
     if not np.any(keys):
         return move

@@ -7,10 +7,12 @@ import numpy as np
 import scipy
 
 from hertzloop.setup import Setup
+from hertzloop.studies.fit.loop_model import LoopModel
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, Observed, observe
 from hertzloop.studies.fit.records import Measured, Record
 
+_PLANT_NS = 100  # under a law
 _OTHER_STEP_NS = {"short": 125, "long": 400}
 _LONG_S = 4e-3
 _MORE_MODES = 1e-5  # accuracy; a fit takes 3e-5 at the finest
@@ -18,7 +20,7 @@ _MORE_MODES = 1e-5  # accuracy; a fit takes 3e-5 at the finest
 
 def truth(
     setup: Setup, quantity: str, duration_s: float, chain: Chain | None = None,
-    accuracy: float = _MORE_MODES,
+    accuracy: float = _MORE_MODES, phase: float | None = None,
 ) -> Observed:  # fmt: skip
     """Return the noiseless quantity of a scene over the time after the first touch.
 
@@ -28,7 +30,12 @@ def truth(
         duration_s: how long, s.
         chain: filters; none if left out.
         accuracy: that the number of modes follows from.
+        phase: of a drop under the law of the scene, steps from a sample to the touch; without one
+            the law is off.
     """
+    if phase is not None:
+        looped = LoopModel(setup, duration_s, accuracy, _PLANT_NS)
+        return observe(looped.run({}, duration_s, phase), quantity, chain or Chain(), False)
     step_ns = _OTHER_STEP_NS["long" if duration_s > _LONG_S else "short"]
     model = FrozenModel(setup, duration_s, accuracy, step_ns=step_ns)
     return observe(model.run({}, duration_s), quantity, chain or Chain(), False)
@@ -50,7 +57,7 @@ class Spoilt:
 
 def measured(
     seen: Observed, spoilt: Spoilt, seed: int, *, rate_hz: float = 2e6, quiet_s: float = 250e-6,
-    name: str = "synthetic", table: Measured | None = None,
+    name: str = "synthetic", table: Measured | None = None, zero_s: float | None = None,
 ) -> Record:  # fmt: skip
     """Return a record of a noiseless quantity.
 
@@ -62,6 +69,7 @@ def measured(
         quiet_s: length before the touch, s; below zero the record begins after it.
         name: of the record.
         table: what the record says of itself.
+        zero_s: the record's time of the touch; by the seed if left out.
     """
     generator = np.random.default_rng(seed)
     duration_s = float(seen.simulated.time_s[-1]) - 2e-6
@@ -80,5 +88,6 @@ def measured(
     if spoilt.bits:
         step = 2.5 * peak / 2**spoilt.bits
         value = np.round(value / step) * step
-    time_s = generator.uniform(0.0, 0.01) + tau * (1.0 + 1e-6 * spoilt.clock_ppm)
+    zero_s = generator.uniform(0.0, 0.01) if zero_s is None else zero_s
+    time_s = zero_s + tau * (1.0 + 1e-6 * spoilt.clock_ppm)
     return Record(name, time_s, value, seen.quantity, table or Measured(quantity=seen.quantity))

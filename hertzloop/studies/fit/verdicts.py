@@ -18,6 +18,7 @@ _NULL = 1e-10  # of the largest singular value
 _F_P, _WHITE_P, _PULL = 0.01, 0.001, 3.0
 _F_QUIET = 200  # samples before the impact for the F test to decide alone
 _DRAWS = 300
+_UNSURE = 2.0  # factor on the estimated error of a simulation
 _SHOWN = 0.05  # exponents of a combination below this are left away
 
 
@@ -194,16 +195,8 @@ def bootstrapped(
 
 def _raw_jacobian(problem: Problem, point: Point, index: int, until_s: float) -> np.ndarray:
     """Derivatives of a channel's readings, without whitening; (samples, parameters)."""
-    c = problem.channels[index]
-    _, _, gain, _ = problem.nuisances(point.x, index)
-    value, slope, tau = problem.predicted(point.x, index, until_s)
-    block = np.zeros((len(tau), len(point.x)))
-    for j, f in enumerate(problem.moving):
-        block[:, j] = gain * problem._by_key(point.x, index, until_s, j, f, tau)
-    at = len(problem.moving) + 4 * index
-    block[:, at], block[:, at + 1] = -gain * slope * 1e-6, -gain * slope * tau * 1e-6
-    block[:, at + 2], block[:, at + 3] = value, c.peak
-    return block
+    predicted = problem.predicted(point.x, index, until_s)
+    return problem.derivatives(point.x, index, until_s, predicted)
 
 
 @dataclass
@@ -218,10 +211,10 @@ class Fitness:
 
     verdict: Model
     residual_over_noise: float
-    f_p: float | None
-    white_p: float | None
-    pulls: dict[str, float]
-    at_bound: list[str]
+    f_p: float | None = None
+    white_p: float | None = None
+    pulls: dict[str, float] = field(default_factory=dict)
+    at_bound: list[str] = field(default_factory=list)
     reasons: list[str] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
@@ -231,7 +224,6 @@ class Fitness:
             "ljung_box_p": self.white_p,
             "prior_pulls_sigma": self.pulls,
             "at_bound": self.at_bound,
-            "reasons": self.reasons,
         }
 
 
@@ -250,56 +242,66 @@ def fitness(
     f_p: float | None = None
     white_p: float | None = None
     reasons: list[str] = []
-    tests = 0
-    smallest, whiteness = 1.0, 1.0
+    tests, shown = 0, ""
+    smallest, beyond, whiteness = 1.0, 1.0, 1.0  # `beyond`: of what a coarse simulation explains
     quiet_known = True
-    squares, count = 0.0, 0
+    squares, count = 0.0, 0.0
     contact_s = max(m.contact_s for m in problem.models)
     share = parameters / max(len(problem.channels), 1)
     for index, c in enumerate(problem.channels):
         rows = point.residual[point.rows[index]]
         touch_s, ppm, _, _ = problem.nuisances(point.x, index)
         tau = c.after_touch_s(touch_s, ppm)
-        tau = tau[c.counted(tau <= until_s)]
+        counted = c.counted(tau <= until_s)
+        tau, size = tau[counted], c.independent(counted)
         after = tau > -0.1 * contact_s
         squares, count = (
             squares + float(rows[after] @ rows[after]),
-            count + int(np.count_nonzero(after)),
+            count + float(np.sum(size[after])),
         )
         coloured = c.quiet if len(c.ar) else 0
         white = 1.0
         if np.count_nonzero(after) > 30:
             white = ljung_box(rows[after], whitened_by=coloured)
-        if c.floored or (c.step > 0.0 and c.noise < 0.7 * c.step):
+        if c.floored or c.coarse or (c.step > 0.0 and c.noise < 0.7 * c.step):
             white = 1.0  # the errors of a converter, or of the simulation, are not white
         whiteness = min(whiteness, white)
         if c.noise_from == "residual" or c.quiet < ENOUGH_QUIET:
             quiet_known = quiet_known and c.noise_from != "residual" and c.quiet >= _F_QUIET
             continue
         known = c.quiet // 2 if len(c.ar) else c.quiet  # colour and size from the same samples
+        known = min(known, c.alike or known)
         for end in (1.3 * contact_s, 12.0 * contact_s, math.inf):
-            part = rows[(tau > -0.1 * contact_s) & (tau < end)]
-            used = share if end == math.inf else share * min(1.0, len(part) / max(len(rows), 1))
-            free = len(part) - used
+            inside = after & (tau < end)
+            part, samples = rows[inside], float(np.sum(size[inside]))
+            used = share if end == math.inf else share * min(1.0, samples / float(np.sum(size)))
+            free = samples - used
             if free < 8 or (end != math.inf and np.sum(after & (tau < end)) == np.sum(after)):
                 continue
             tests += 1
             ratio = float(part @ part) / free
-            smallest = min(smallest, float(scipy.stats.f.sf(ratio, free, known - 1)))
+            p = float(scipy.stats.f.sf(ratio, free, known - 1))
+            if p < smallest:
+                smallest = p
+                within = "" if end == math.inf else f" in the first {1e6 * end:.3g} us"
+                shown = f"The residual{within} is {math.sqrt(ratio):.3g} times the noise"
+            in_contact = np.sum(size[(tau > 0.0) & (tau < 1.3 * contact_s)])
+            ratio /= 1.0 + (_UNSURE * c.coarse) ** 2 * in_contact / free
+            beyond = min(beyond, float(scipy.stats.f.sf(ratio, free, known - 1)))
     if tests:
         f_p = min(1.0, smallest * tests)
     white_p = min(1.0, whiteness * len(problem.channels))
-    ratio = math.sqrt(squares / max(count - parameters, 1))
+    ratio = math.sqrt(squares / max(count - parameters, 1.0))
     pulls = problem.pulls(point.x)
     at_bound = [
         f.key
         for f, v in zip(problem.moving, point.x, strict=False)
         if not math.log(f.low) + 1e-6 < v < math.log(f.high) - 1e-6
     ]
-    if f_p is not None and f_p < _F_P:
+    unsure = f_p is not None and f_p < _F_P <= beyond * tests
+    if f_p is not None and f_p < _F_P and not unsure:
         reasons.append(
-            f"The residual is {ratio:.3g} times the noise; with the right class of models that "
-            f"has a probability of {f_p:.1g}."
+            f"{shown}; with the right class of models that has a probability of {f_p:.1g}."
         )
     if white_p < _WHITE_P:
         reasons.append(
@@ -314,6 +316,15 @@ def fitness(
             reasons.append(f"{key} is at a bound of its range.")
     if reasons:
         verdict = Model.DOES_NOT_FIT
+    elif unsure:
+        verdict = Model.CANNOT_TELL
+        worst = max(problem.channels, key=lambda c: c.coarse)
+        reasons.append(
+            f"{shown}. The error of the simulation can explain that: during contact it is about "
+            f"{worst.coarse:.2g} times the noise of {worst.record.name}. A finer simulation of "
+            f"{1e3 * worst.duration_s:.3g} ms would take too long. Cut the record sooner after the "
+            "impact."
+        )
     elif f_p is None or not quiet_known:
         verdict = Model.CANNOT_TELL
         reasons.append(

@@ -268,6 +268,8 @@ def column_of(values: list[Any]) -> pa.Array:
     """A column of a table. Numbers and texts are given as memory, since `pa.array` imports pandas
     if it is installed, which takes longer than a hundred cases."""
     kinds = {type(value) for value in values if value is not None}
+    if not kinds:
+        return pa.nulls(len(values))
     kind = kinds.pop() if len(kinds) == 1 else None
     if kind is str:
         builder = pa.lib.StringBuilder()

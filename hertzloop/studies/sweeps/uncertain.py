@@ -254,9 +254,14 @@ def _fitted(table: FitTable, setup: Setup, name: str) -> Part:
             f"{name}, fit.covariance_log: must have {n} x {n} values, for the keys of fit.keys. "
             "Write the scene again with `hertzloop fit`."
         )
-    known = [i for i, verdict in enumerate(table.verdicts) if verdict == _IDENTIFIED]
+    variance = np.array(table.covariance_log).reshape(n, n).diagonal()
+    # A key in whole steps, such as a latency, has no variance. It keeps its value.
+    known = [i for i, verdict in enumerate(table.verdicts)
+             if verdict == _IDENTIFIED and variance[i] > 0.0]  # fmt: skip
     if not known:
-        raise SceneError(f"{name}: the fit identified no key. Fit a record that tells more.")
+        raise SceneError(
+            f"{name}: the fit identified no key that can be drawn. Fit a record that tells more."
+        )
     for i in known:
         now = value_of(setup, table.keys[i])
         if abs(now / table.values[i] - 1.0) > _SAME:
