@@ -12,6 +12,7 @@ from benchmarks.program import (
     OutDirOption,
     QuickOption,
     SceneArgument,
+    SetOption,
     bars,
     check_json,
     conclude,
@@ -124,6 +125,7 @@ def compare(
 def main(
     scene: SceneArgument = DEFAULT,
     folder: OutDirOption = None,
+    settings: SetOption = None,
     laws: Annotated[
         list[str] | None, typer.Option("--law", help="Try only this law; repeatable.")
     ] = None,
@@ -143,6 +145,7 @@ def main(
     """
     check_json(json_file)
     base = [f"run.duration_s={DURATIONS_S[scene]}"] if scene in DURATIONS_S else []
+    base += settings or []
     found = []
     with results_in(folder, "budget_agreement", "modal") as made:
         with local_pool(1) as pool:

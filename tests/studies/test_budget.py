@@ -274,18 +274,24 @@ def test_the_wilson_interval_is_that_of_the_formula():
 
 def test_the_coverage_by_theory_is_that_of_drawing_until_the_interval_is_narrow():
     # With a fixed number of cases it is a sum of binomial probabilities.
-    held = [met for met in range(65) if wilson(met, 64)[0] <= 0.892 <= wilson(met, 64)[1]]
-    fixed = sum(math.comb(64, met) * 0.892**met * 0.108 ** (64 - met) for met in held)
+    held = [met for met in range(129) if wilson(met, 128)[0] <= 0.892 <= wilson(met, 128)[1]]
+    fixed = sum(math.comb(128, met) * 0.892**met * 0.108 ** (128 - met) for met in held)
     assert exact_coverage(0.892, 0.5) == pytest.approx(fixed, rel=1e-9)
     drawn = np.random.default_rng(1).random((4000, 512)) < 0.892
     covered = 0
     for one in drawn:
-        for cases in (64, 128, 256, 512):
+        for cases in (128, 256, 512):
             low, high = wilson(int(one[:cases].sum()), cases)
             if high - low <= 0.1:
                 break
         covered += low <= 0.892 <= high
     assert covered / 4000 == pytest.approx(exact_coverage(0.892, 0.05), abs=0.015)
+
+
+def test_the_interval_holds_probabilities_that_are_not_rare_in_93_to_97_percent():
+    covered = [exact_coverage(0.01 * percent, 0.03) for percent in range(5, 96)]
+    assert min(covered) >= 0.93
+    assert max(covered) <= 0.97
 
 
 def test_a_correlated_normal_keeps_its_covariance():
@@ -347,7 +353,7 @@ def test_probability_is_recorded_and_narrow_enough(pool):
             "distribution": "uniform", "low": 0, "high": 8}}, setup),
         "impact", within=0.08,
     )  # fmt: skip
-    assert found.cases in (64, 128, 256)
+    assert found.cases in (128, 256)
     assert 0.5 * (found.interval[1] - found.interval[0]) <= 0.08
     assert len(found.drawn) == found.cases
     again = evaluate(pool, setup, "impact", [found.worst])[0]
