@@ -266,7 +266,7 @@ class ConsistentWindow:
         if not self._ended:
             self._ended = part.touching < piece.shape[1]
             for parts, row, more in zip(self._contact, (F_C, F_C1, V_P), (0, 0, 1), strict=True):
-                parts.append(rows[row, lead : lead + part.touching + more])
+                parts.append(piece[row, : part.touching + more].copy())
         self._drive = self._drive + turned(self.modes, part.drive, self._done * spec.step_s)
         self._speed_max = max(self._speed_max, self._silent_max, part.speed_max_m_s)
         self._silent_max = 0.0
