@@ -393,6 +393,7 @@ def test_files_that_are_no_records(tmp_path: Path, text: str, words: str) -> Non
     ("time_s contact_force_n\n", "{t} {v}"),
     ("time_s,contact_force_n\ns,N\n", "{t},{v}"),
     ("Time [s],Force [N]\n", "{t},{v}"),
+    ('"time_s","contact_force_n"\n', '"{t}","{v}"'),
 ])  # fmt: skip
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
 def test_tables_as_other_programs_write_them(

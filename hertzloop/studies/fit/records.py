@@ -422,7 +422,7 @@ def _csv(path: Path) -> _Read:
             line = file.readline()
         position = file.tell()
         first = file.readline()
-        while first and not re.match(r"\s*[+-]?[.,]?(\d|nan|inf)", first.strip().lower()):
+        while first and not re.match(r"\s*\"?[+-]?[.,]?(\d|nan|inf)", first.strip().lower()):
             position, first = file.tell(), file.readline()  # a row of units, or an empty one
         if not line.strip() or not first:
             return {}, {}
@@ -437,10 +437,13 @@ def _csv(path: Path) -> _Read:
                 "column, such as time_s,contact_force_n."
             )
         comma = delimiter != "," and "," in first and "." not in first
+        other = {ord('"'): ""} if '"' in first else {}
+        if comma:
+            other[ord(",")] = "."
 
         def rows() -> Iterator[str]:
             file.seek(position)
-            return (text.replace(",", ".") for text in file) if comma else iter(file)
+            return (text.translate(other) for text in file) if other else iter(file)
 
         try:
             table = np.loadtxt(rows(), delimiter=delimiter, ndmin=2)
