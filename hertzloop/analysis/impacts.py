@@ -201,8 +201,8 @@ class ConsistentWindow:
         self._parts: list[np.ndarray] = []
         self._held = self._done = 0
         self._impact: Impact | None = None
-        # Of the contact: force, its slope, plate speed, the latter to the step after it.
-        self._contact: tuple[list[np.ndarray], ...] = ([], [], [])
+        self._contact_n: list[np.ndarray] = []
+        self._peak, self._fastest = _Highest(3), _Highest(1)
         self._ended = False
         self._drive: np.ndarray | float = 0.0
         # The largest speed of the plate until now, and since the last step that belongs here.
@@ -227,12 +227,12 @@ class ConsistentWindow:
         impact = self._impact
         if impact is None:
             return None
-        contact_n, slope_n, speed = (_joined(parts) for parts in self._contact)
-        if len(self._contact[0]) > 1:
+        contact_n = _joined(self._contact_n)
+        if len(self._contact_n) > 1:
             impact = replace(
                 impact,
-                peak_force_n=peak_force_n(contact_n, slope_n),
-                plate_speed_max_m_s=peak_speed_m_s(speed),
+                peak_force_n=peak_force_n(*self._peak.around),
+                plate_speed_max_m_s=peak_speed_m_s(self._fastest.around[0]),
             )
         noise = _noise(self.spec, self.modes, np.asarray(self._drive), impact, self._speed_max)
         end, over = self.start + len(contact_n), self.start + int(self._lasts.counts[k.END])
@@ -265,8 +265,12 @@ class ConsistentWindow:
             self._impact = part.impact(spec.step_s)
         if not self._ended:
             self._ended = part.touching < piece.shape[1]
-            for parts, row, more in zip(self._contact, (F_C, F_C1, V_P), (0, 0, 1), strict=True):
-                parts.append(piece[row, : part.touching + more].copy())
+            touched = piece[:, : part.touching]
+            self._contact_n.append(touched[F_C].copy())
+            self._peak.follow(touched[F_C], touched[[F_C, F_C1]])
+            # The speed to the step after the contact.
+            speed = piece[V_P, : part.touching + 1]
+            self._fastest.follow(np.abs(speed), speed[np.newaxis])
         self._drive = self._drive + turned(self.modes, part.drive, self._done * spec.step_s)
         self._speed_max = max(self._speed_max, self._silent_max, part.speed_max_m_s)
         self._silent_max = 0.0
@@ -333,6 +337,35 @@ def _noise(
         speed_max_m_s, impact.duration_s, impact.impact_speed_m_s, impact.rebound_speed_m_s,
         faces=spec.radiating_faces or 1,
     )  # fmt: skip
+
+
+class _Highest:
+    """The columns around the largest value of a series that comes in parts: `beside` to each
+    side."""
+
+    def __init__(self, beside: int) -> None:
+        self._beside, self._most, self._at, self._done = beside, -math.inf, -1, 0
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+        self.around = np.zeros((2, 0))
+
+    def follow(self, value: np.ndarray, columns: np.ndarray) -> None:
+        """Take the next values, shape (steps,), and their columns, shape (rows, steps)."""
+        kept = 0
+        if self._last is not None:
+            kept = self._last[0].size
+            value = np.concatenate([self._last[0], value])
+            columns = np.concatenate([self._last[1], columns], axis=1)
+        at = int(np.argmax(value)) if value.size else 0
+        place = self._done - kept + at
+        # A larger one, or the one from before with what had not come behind it.
+        cut = place == self._at and place >= self._done - self._beside
+        if value.size and (value[at] > self._most or cut or np.isnan(value[at])):
+            self._most, self._at = float(value[at]), place
+            low = max(at - self._beside, 0)
+            self.around = columns[:, low : at + self._beside + 1].copy()
+        self._done += value.size - kept
+        tail = 2 * self._beside
+        self._last = value[-tail:].copy(), columns[:, -tail:].copy()
 
 
 @lru_cache(maxsize=16)
