@@ -73,8 +73,9 @@ class Found:
 
 def _echo_lane(offer: bytes, rounds: Connection) -> None:
     end, _ = lane.join(Hello(run_id=_RUN, lane=LaneOffer.FromString(offer)))
-    end = end._replace(rest_us=0)  # each sample waits for its answer
     at, over = 0, 0
+    if end is not None:
+        end = end._replace(rest_us=0)  # each sample waits for its answer
     while end is not None and rounds.recv_bytes() == _SAMPLE:  # asleep while others are measured
         over += _LANE_TRIPS
         while at < over:
