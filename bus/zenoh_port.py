@@ -136,7 +136,7 @@ class ZenohPort:
             try:
                 if self._not_sent is None or envelope.stream.startswith("end/"):
                     self._put(envelope)
-            except (PeerLost, zenoh.ZError) as error:
+            except Exception as error:  # whatever it is: others wait until all is sent
                 self._not_sent = error
                 self._inbox.put(error)
             with self._sent:
