@@ -104,7 +104,7 @@ def _with_effect(values: dict[str, Any]) -> dict[str, Any]:
 def outcome(number: int, setup: Setup, request: float) -> Outcome:
     """Follow a scene on the infinite plate as long as it is offered, then on the modes."""
     setup = setup.vary({"run.accuracy": request})
-    lasts_s = setup.infinite_plate_lasts_s
+    lasts_s = setup.infinite_plate_lasts_s()
     about = (
         number, setup.material_name("plate"), 1e3 * setup.sphere.radius_m,
         setup.scene.contact.damping,

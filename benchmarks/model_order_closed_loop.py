@@ -147,7 +147,7 @@ def _verified(setup: Setup, best: PlantSpec) -> Verification | None:
 
 def _outcome(number: int, setup: Setup, keys: dict[str, Any], found: Verification) -> Outcome:
     spec = setup.plant
-    yields, expected = spec.contact.limit is not None, setup.expected_error
+    yields, expected = spec.contact.limit is not None, setup.expected_error()
     under_law = law_accuracy.judged(setup, setup.duration_s)
     return Outcome(
         scene=number,

@@ -248,7 +248,7 @@ def effects(names: tuple[str, ...] | None = None, *, timed: bool = True) -> list
                 thickness_number(plate, solid.impact.duration_s),
                 zener_inelasticity(spec.sphere, plate, spec.contact),
                 *changes(solid.impact, thin.impact),
-                thin_scene.thin_plate_error.largest,
+                thin_scene.thin_plate_error().largest,
                 thin.frequencies,
                 solid.frequencies,
                 step_us,

@@ -325,9 +325,9 @@ def _run(
 
     def ran() -> Ran:
         return Ran(
-            figures_of(setup, stacked(dict(columns))), law, setup.expected_error,
+            figures_of(setup, stacked(dict(columns))), law, setup.expected_error(),
             books.injected_j, books.dent_m, pacing is not None, saturation,
-            setup.law_models_yield,
+            setup.law_models_yield(),
         )  # fmt: skip
 
     force = None

@@ -57,6 +57,13 @@ class SensorSpec:
         for problem in _problems(self):
             raise ValueError(problem)
 
+    @property
+    def converter_step(self) -> float:
+        """Distance of two levels of the converter; zero of an ideal one."""
+        if self.bits is None or self.full_scale is None:
+            return 0.0
+        return (self.full_scale[1] - self.full_scale[0]) / (2**self.bits - 1)
+
 
 def _problems(spec: SensorSpec) -> Iterator[str]:
     """Sentences on what is wrong with a channel; comparisons are false for a nan."""

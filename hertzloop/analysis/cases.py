@@ -136,7 +136,7 @@ def _on_infinite_plate(setup: Setup) -> tuple[Setup, Simulated] | None:
     touch_s, quiet = setup.first_touch_s, quiet_steps(setup)
     # Most impacts are over soon: how long the plate meets the accuracy after that is not asked.
     for most_s in (_SOON * quiet * setup.step_s, math.inf):
-        lasts_s = setup.infinite_plate_lasts_up_to_s(most_s)
+        lasts_s = setup.infinite_plate_lasts_s(most_s)
         steps = int((touch_s + lasts_s) / setup.step_s)
         # An impact that lasts a step at least is not over earlier.
         may_be_over = steps - int(touch_s / setup.step_s) >= quiet

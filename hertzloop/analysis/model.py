@@ -93,7 +93,7 @@ def chosen_model(setup: Setup) -> PlateModel | None:
     if not SCHEMES[setup.scheme].limits_modes:
         return None
     spec = setup.plant
-    lasts_s, local = setup.infinite_plate_lasts_s, spec.plate.local_plate
+    lasts_s, local = setup.infinite_plate_lasts_s(), spec.plate.local_plate
     return PlateModel(
         plate_model="infinite" if spec.infinite_plate else "modal",
         impedance_n_s_m=impedance_n_s_m(local) if local else None,
@@ -144,7 +144,7 @@ def tail_of(setup: Setup, books: Books) -> Tail | None:
     """The modes left out; None where they are a spring, or none are."""
     if not setup.plant.damped_tail:
         return None
-    return Tail(books.tail_dissipated_j, setup.wavelengths_to_edge, NEAREST)
+    return Tail(books.tail_dissipated_j, setup.wavelengths_to_edge(), NEAREST)
 
 
 def theory_of(setup: Setup) -> Theory | None:
@@ -153,7 +153,11 @@ def theory_of(setup: Setup) -> Theory | None:
         return None
     jumps = setup.has_law and setup.actuator.bandwidth_hz is None
     return Theory(
-        setup.scene.plate.theory, setup.theory, setup.thin_plate_error, jumps, setup.why_not_solid
+        setup.scene.plate.theory,
+        setup.theory,
+        setup.thin_plate_error(),
+        jumps,
+        setup.why_not_solid(),
     )
 
 

@@ -231,7 +231,7 @@ def judged(setup: Setup, until_s: float) -> LawAccuracy | None:
     if found is None:
         return None
     return LawAccuracy(
-        found, setup.accuracy, short.expected_error,
+        found, setup.accuracy, short.expected_error(),
         latched_us(short, run), latched_us(short, other),
     )  # fmt: skip
 

@@ -268,7 +268,7 @@ class Facts:
     def flight_m(self) -> float:
         """How far above the plate the law looks, m; zero of one that waits for the contact."""
         try:
-            return self.setup.law_flight_m
+            return self.setup.law_flight_m()
         except SceneError:  # a recording may outlive its law
             return 0.0
 

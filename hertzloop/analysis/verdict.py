@@ -139,7 +139,7 @@ def judge(
         dent_m=books.dent_m if books else 0.0,
         late=pacing is not None,
         saturation=saturation_of(recording.events),
-        law_models_yield=setup.law_models_yield,
+        law_models_yield=setup.law_models_yield(),
     )
     found = conclusions(setup, ran, free, not_again)
     return Judged(law, ran, yield_of(books), setup.accuracy, pacing, free, found)

@@ -54,7 +54,7 @@ def repeat_or_fail(recording: "Recording", setup: "Setup") -> "Repeat":
     from hertzloop.recordings.writer import RecordingError
 
     try:
-        if setup.toml != recording.scene_toml:
+        if setup.as_toml() != recording.scene_toml:
             fail(f"{recording.path}: recorded with a different scene{recording.other_version}", 2)
         return repeat_of(recording)
     except RecordingError as error:

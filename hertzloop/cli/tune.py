@@ -201,7 +201,7 @@ def tune(
                      ("at-most", at_most), ("set", settings)]  # fmt: skip
             words = _command(scenes or [DEFAULT], lists, {"span": span, **search})
             tuned = Tuned(
-                [base.toml for base in bases], objectives, span, limits, best, reference,
+                [base.as_toml() for base in bases], objectives, span, limits, best, reference,
                 verdict, len(tally.not_run), words, code_version(),
             )  # fmt: skip
             if folder is not None:
@@ -297,7 +297,7 @@ def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Set
         write_tuned(folder / f"{name}.json", tuned)
         draw_front(folder / f"{name}.png", ", ".join(names), best, tuned.published, objectives)
         for setup in best_scenes:
-            (folder / f"tuned-{setup.name}.toml").write_text(setup.toml, encoding="utf-8")
+            (folder / f"tuned-{setup.name}.toml").write_text(setup.as_toml(), encoding="utf-8")
     except OSError as error:
         fail(f"cannot write to the folder {folder}: {error.strerror}", 1)
     out.print(

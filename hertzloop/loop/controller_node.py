@@ -2,7 +2,6 @@
 
 import time
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
@@ -49,7 +48,7 @@ def set_up_by(setup: Setup, law: str | None = None) -> SetUp:
     """What a controller says at its end that it worked by; `law`: what the plant calls the law, if
     this side has it elsewhere."""
     return SetUp(
-        scene_toml=setup.toml_with_law(law or setup.law_reference),
+        scene_toml=setup.as_toml(law or setup.law_reference),
         stiffness=setup.stiffness,
         law=setup.law.name,
         law_digest=setup.law.digest,
@@ -127,7 +126,7 @@ class ControllerNode:
         self._publisher = Publisher(self.port, self.checker.run_id)
         try:
             setup = parse(block.header.scene_toml, law=self._law)
-            setup = replace(setup, announced_stiffness=block.header.stiffness)
+            setup = setup.announced(block.header.stiffness)
             announced = block.header.law_digest
             if announced and announced != setup.law.digest:
                 raise SceneError(

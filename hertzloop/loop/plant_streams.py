@@ -28,7 +28,7 @@ def hello(setup: Setup, stiffness: float) -> Hello:
     """Return the first message of a run."""
     return Hello(
         scene=setup.name,
-        scene_toml=setup.toml,
+        scene_toml=setup.as_toml(),
         steps=setup.steps,
         step_ns=setup.step_ns,
         seed=setup.seed,
@@ -187,7 +187,7 @@ class PlantStreams:
             **vars(closed),
             frequencies=len(plant.modes.omega),
             frequency_limit_hz=plant.spec.frequency_limit_hz,
-            expected_error=self.setup.expected_error,
+            expected_error=self.setup.expected_error(),
         )
         self.publisher.send("books", header)
         self.publisher.end()

@@ -129,7 +129,7 @@ class Launcher:
         with ExitStack() as stack:
             stack.enter_context(ending_signals(self._on_signal))
             folder = stack.enter_context(own_folder())
-            (Path(folder) / _SCENE).write_text(self._setup.toml, encoding="utf-8")
+            (Path(folder) / _SCENE).write_text(self._setup.as_toml(), encoding="utf-8")
             endpoints = self._endpoints or stack.enter_context(own_endpoints())
             name = self._name or f"run-{os.getpid()}-{secrets.token_hex(4)}"
             stack.callback(self._end_all)

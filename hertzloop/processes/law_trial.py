@@ -34,7 +34,7 @@ def try_law(setup: Setup) -> str:
     compiled, else nothing. Raises SceneError if it fails or does not answer."""
     if setup.law.name in shipped():
         return ""
-    about = setup.about
+    about = setup.about()
     try:
         with suppress(LawError), given_up_in_time(_PREPARED_S):  # it is told below
             setup.law.constants(setup.law_keys, about)

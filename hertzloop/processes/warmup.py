@@ -76,7 +76,7 @@ def _moment_of(setup: "Setup") -> "Setup":
 
     # How long a run lasts may decide about the model of its plate.
     setup = setup.without_control().on_plate(setup.plate_model)
-    setup = parse(setup.toml)  # without what other laws have to be told
+    setup = parse(setup.as_toml())  # without what other laws have to be told
     steps = round((setup.first_touch_s + _PAST_TOUCH_S) / setup.step_s)
     return setup.lasting(max(1, min(steps, setup.steps, _MOST_STEPS)))
 

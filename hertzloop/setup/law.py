@@ -27,6 +27,7 @@ from hertzloop.scenes.quantities import SENSED, Expected
 from hertzloop.scenes.tables import ActuatorTable, SensorsTable
 from hertzloop.sensors.acquisition import Fault, SensorSpec
 from hertzloop.setup.bodies import KEPT, Bodies
+from hertzloop.setup.plate import Smoothness
 
 # A law that looks ahead, as `predicted`, watches from twice the flight in its horizon on.
 _RESONANCE_DAMPING = 0.02  # of a bare force cell
@@ -138,6 +139,40 @@ def about_impact(bodies: Bodies, s: float) -> About:
         rigid_contact_s=rigid_contact_time_s(m, s, v),
         rigid_peak_n=rigid_peak_force_n(m, s, v),
         yield_depth_m=yield_depth_m(bodies.contact),
+    )
+
+
+@lru_cache(maxsize=KEPT)
+def about_bodies(
+    bodies: Bodies, stiffness: float, line: LineSpec, step_ns: int, every_steps: int
+) -> About:
+    """What a law may know without a simulation and without the range of the converter."""
+    limit_n = line.full_scale_n
+    return replace(
+        about_impact(bodies, stiffness),
+        step_ns=step_ns,
+        every_steps=every_steps,
+        # The force of a sample acts one step after it at the earliest.
+        horizon_steps=1 + line.latency_steps,
+        limit_n=math.inf if limit_n is None else limit_n,
+    )
+
+
+@lru_cache(maxsize=KEPT)
+def smoothness_of(
+    control: ControllerTable, sensors: SensorsTable, line: LineSpec, latency_us: float
+) -> Smoothness:
+    """What sensor and line do to the smoothness of a law's force."""
+    return Smoothness(
+        smooth=sensors.bits == control.bits == "ideal"
+        and sensors.every_steps == 1
+        and sensors.noise_rms == control.jitter_us == 0.0
+        and sensors.fault is None
+        and line.most_added_steps == line.dead_steps
+        and line.stuck_step is None
+        and control.drop_out_probability == 0.0
+        and control.slew_n_s is None,
+        latency_s=1e-6 * latency_us,
     )
 
 

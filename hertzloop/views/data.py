@@ -194,7 +194,7 @@ def run_as_json(
         "residuals": {"momentum": books.momentum_residual, "energy": books.energy_residual},
         "tail": _fields(tail_of(setup, books)),
         "theory": _theory(setup),
-        "limiting_pressure": setup.limiting_pressure,
+        "limiting_pressure": setup.limiting_pressure(),
         "radiation": _fields(radiation_of(setup, books)),
         "frequencies": books.frequencies,
         "frequency_limit_hz": books.frequency_limit_hz,

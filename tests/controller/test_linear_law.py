@@ -34,7 +34,7 @@ CONVERTERS = ["sensors.bits=10", "sensors.noise_rms=1e-4", "controller.bits=12",
 @pytest.mark.parametrize("more", [[], CONVERTERS], ids=["ideal", "converters"])
 def test_a_gain_is_velocity_feedback_to_the_bit(more: list[str]) -> None:
     other = load("aluminium-3mm", [*SHORT, *more, "controller.law=velocity_feedback"])
-    gain = -other.law_keys.kappa * other.about.impedance_n_s_m
+    gain = -other.law_keys.kappa * other.about().impedance_n_s_m
     mine = load("aluminium-3mm", [*SHORT, *more, "controller.law=linear",
                                   f"controller.numerator=[{gain!r}]"])  # fmt: skip
     one, two = compiled.simulate(other), compiled.simulate(mine)
@@ -47,7 +47,7 @@ def test_a_gain_is_velocity_feedback_to_the_bit(more: list[str]) -> None:
 def test_a_leaking_integral_is_acceleration_feedback_to_the_bit(leak_hz: float) -> None:
     law = ["controller.law=acceleration_feedback", f"controller.leak_hz={leak_hz}"]
     other = load("aluminium-3mm", [*SHORT, *law])
-    known = other.about
+    known = other.about()
     keep = float(np.exp(-2.0 * np.pi * leak_hz * known.sample_s))
     gain = -other.law_keys.kappa * known.impedance_n_s_m
     rows = [[known.sample_s, 0, 0, 1, 0, 0], [1, 0, 0, 1, -keep, 0], [keep, 0, 0, 1, 0, 0],

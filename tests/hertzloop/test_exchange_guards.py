@@ -146,7 +146,7 @@ def at_the_end(change: Callable[[RunEnd], object], role: str = "controller") -> 
 
 def hello_of_another_law(envelope: Envelope, sequence: int | None) -> Envelope:
     header = decode(envelope).header
-    header.scene_toml = load("aluminium-3mm", [*SHORT, "controller.kappa=-5"]).toml
+    header.scene_toml = load("aluminium-3mm", [*SHORT, "controller.kappa=-5"]).as_toml()
     return Envelope("hello", header.SerializeToString(), sequence)
 
 

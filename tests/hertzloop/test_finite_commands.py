@@ -45,7 +45,7 @@ def known(scene: Setup) -> tuple[float, About]:
     """The contact's stiffness, and what a law may know."""
     stiffness = scene.plant.contact.stiffness
     pulse = np.sin(np.linspace(0.0, np.pi, 40))
-    about = replace(scene.about, uncontrolled_force_n=lambda: pulse)
+    about = replace(scene.about(), uncontrolled_force_n=lambda: pulse)
     return stiffness, about
 
 

@@ -109,7 +109,7 @@ def command(*words: str | Path) -> None:
 
 def shown(folder: Path, scene: Setup) -> Shown:
     toml, recording = folder / "scene.toml", folder / "run.mcap"
-    toml.write_text(scene.toml, encoding="utf-8")
+    toml.write_text(scene.as_toml(), encoding="utf-8")
     command("run", toml, "--transport", "compiled", "--out", recording, "--json", folder / "r.json",
             "--overwrite")  # fmt: skip
     command("inspect", recording, "--json", folder / "i.json")
@@ -245,7 +245,7 @@ def test_sweep_tune_and_charts_have_the_figures_of_the_run(
     (row,) = evaluate(pool, it.scene, "impact", [{"controller.kappa": 0.3}])
     assert {k: row[k] for k in vars(it.case)} == vars(it.case)
     toml, table = folder / "swept.toml", folder / "swept.csv"
-    toml.write_text(it.scene.toml, encoding="utf-8")
+    toml.write_text(it.scene.as_toml(), encoding="utf-8")
     command("sweep", toml, "--over", "controller.kappa=0.3,0.2", "--workers", "1", "--out", table)
     page = page_of_results(table)
     assert f"{it.case.plate_speed_db:.3f}" in page

@@ -173,7 +173,7 @@ def test_a_second_hello_to_the_controller_alone(tmp_path: Path, number: int | No
         wait_until(lambda: bool(run_id) and publisher.matching_status.matching)
         scene = load("aluminium-3mm", ["run.duration_s=20", "controller.kappa=-5"])
         forged = Hello(
-            run_id=run_id[0], scene="aluminium-3mm", scene_toml=scene.toml, steps=scene.steps,
+            run_id=run_id[0], scene="aluminium-3mm", scene_toml=scene.as_toml(), steps=scene.steps,
             step_ns=1000, stiffness=1e9,
         )  # fmt: skip
         attachment = None if number is None else number.to_bytes(16 if number > 1 else 8, "little")

@@ -60,7 +60,7 @@ def test_a_file_of_ones_own_goes_into_the_scene(tmp_path: Path) -> None:
     scene = load(scene_file(tmp_path))
     assert plate(scene) == Material(1e11, 5000.0, 0.25, 1e-3)
     (tmp_path / "my_materials.toml").unlink()  # nobody needs it any more
-    again = parse(scene.toml)
+    again = parse(scene.as_toml())
     assert again == scene
     assert plate(again.vary({"plate.material": "lead"})) == Material(16e9, 11340.0, 0.44)
     assert again.vary({"sphere.material": "lead"}).plant.sphere.mass_kg == (

@@ -236,7 +236,7 @@ def test_keys_of_a_law_of_ones_own(here: Path) -> None:
     mine = ["controller.law=mine.py"]
     scene = load("aluminium-3mm", [*mine, "controller.share=0.25"])
     assert scene.law_keys.share == 0.25
-    assert parse(scene.toml) == scene
+    assert parse(scene.as_toml()) == scene
     assert load("aluminium-3mm", mine) == load("aluminium-3mm").vary({"controller.law": "mine.py"})
     assert scene.vary({"controller.law": "slope_threshold"}) == load("aluminium-3mm")
     for setting, words in {
@@ -256,7 +256,7 @@ def test_a_law_beside_its_scene(here: Path, monkeypatch: pytest.MonkeyPatch) -> 
     folder = here / "scenes"
     folder.mkdir()
     write_law(folder)
-    text = load("aluminium-3mm").toml.replace('law = "slope_threshold"', 'law = "mine.py"')
+    text = load("aluminium-3mm").as_toml().replace('law = "slope_threshold"', 'law = "mine.py"')
     text = text.replace('quantity = "xi"', 'quantity = "auto"')
     (folder / "mine.toml").write_text(text)
     assert load("scenes/mine.toml").law.path == folder / "mine.py"

@@ -13,7 +13,7 @@ PRECOMPUTED = ["controller.law=precomputed", "controller.kappa=0.4"]
 
 def profile_of(scene: Setup) -> np.ndarray:
     """Forces that the scene's law plays, N, one a sample."""
-    about = scene.about
+    about = scene.about()
     profile: np.ndarray = scene.law.constants(scene.law_keys, about).profile
     return profile
 
@@ -35,7 +35,7 @@ def test_force_in_the_loop_is_the_shifted_contact_force(source: str, delay: int)
         "controller.lead_us=1",
     ]  # fmt: skip
     scene = load(source, settings)
-    contact = scene.uncontrolled_force_n
+    contact = scene.uncontrolled_force_n()
     rows = simulate(scene).rows
     start = int(np.flatnonzero(rows[0] <= 0.0)[0])
     acted = rows[5, start + delay : start + delay + len(contact)]
@@ -44,7 +44,7 @@ def test_force_in_the_loop_is_the_shifted_contact_force(source: str, delay: int)
 
 
 def test_uncontrolled_force_in_the_published_scheme_is_without_damping() -> None:
-    contact = load("thesis-aluminium").uncontrolled_force_n
+    contact = load("thesis-aluminium").uncontrolled_force_n()
     rows = simulate(load("thesis-aluminium", ["controller.law=off"])).rows
     s = load("thesis-aluminium").plant.contact.stiffness
     np.testing.assert_allclose(contact, s * np.maximum(-rows[0, : len(contact)], 0) ** 1.5)
@@ -54,7 +54,7 @@ def test_uncontrolled_force_in_the_published_scheme_is_without_damping() -> None
 def test_mobility_force_solves_its_equation(source: str) -> None:
     scene = load(source, ["run.step_ns=1000"])
     spec = scene.plant
-    force, h = mobility_force_n(scene.about), scene.step_s
+    force, h = mobility_force_n(scene.about()), scene.step_s
     slope, bend = np.gradient(force, h), np.gradient(np.gradient(force, h), h)
     m, v = spec.sphere.mass_kg, spec.sphere.impact_speed_m_s
     from hertzloop.plant.contact.hertz import rigid_contact_time_s

@@ -243,8 +243,8 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
     assert model("aluminium-3mm", until) == "infinite"
     scene = load("aluminium-3mm", [until])
     assert resolve(scene).plant.infinite_plate
-    assert resolve(scene).expected_error <= scene.run.accuracy
-    assert scene.step_s < resolve(scene).infinite_plate_lasts_s - 140e-6 < 100e-6
+    assert resolve(scene).expected_error() <= scene.run.accuracy
+    assert scene.step_s < resolve(scene).infinite_plate_lasts_s() - 140e-6 < 100e-6
     for changed in (
         "run.duration_s=0.0012", "run.duration_s=0.00101", "run.duration_s=0.0009",
         "run.accuracy=1e-5", "run.scheme=discrete_gradient", "run.plate_model=modal",
@@ -254,7 +254,7 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
         assert model("aluminium-3mm", until, changed) == "modal", changed
     assert model("aluminium-3mm", "run.duration_s=0.0012", "run.plate_model=infinite") == "infinite"
     # Where the contact lasts until reflections are back it is never taken.
-    assert resolve(load("aluminium-20mm")).infinite_plate_lasts_s == 0.0
+    assert resolve(load("aluminium-20mm")).infinite_plate_lasts_s() == 0.0
     # Whole runs keep the modes.
     assert {model(name) for name in shipped()} == {"modal"}
 
@@ -324,7 +324,7 @@ def test_accuracy_decides_how_many_modes() -> None:
         spec = resolve(scene).plant
         nyquist = 0.5 / spec.step_s
         assert spec.frequency_limit_hz <= nyquist
-        expected = resolve(scene).expected_error
+        expected = resolve(scene).expected_error()
         assert math.isclose(expected, accuracy) or spec.frequency_limit_hz == nyquist
         counts.append(spec.frequency_limit_hz)
     assert counts == sorted(counts)

@@ -40,7 +40,7 @@ def test_the_flight_fits_into_the_range(latency_us: int) -> None:
     scene = load("aluminium-3mm", settings)
     found = scene.sensor.full_scale
     assert found is not None
-    assert 0.0 < scene.law_flight_m < found[1]
+    assert 0.0 < scene.law_flight_m() < found[1]
     # And the law is quiet before, so that it costs no exchange a sample.
     run = simulate(scene)
     assert np.all(run.modes[: 980 - 2 * latency_us] == 0)

@@ -162,7 +162,7 @@ def test_all_transports_agree_on_modes_with_losses_of_their_own(tmp_path: Path) 
     file = tmp_path / "lossy.csv"
     file.write_bytes(write_modes(".csv", table))
     scene = load("aluminium-3mm", [*SHORT, f"plate.modes={file}"])
-    assert parse(scene.toml) == scene
+    assert parse(scene.as_toml()) == scene
     ensure_compiled(lambda: None, scene)
     file.unlink()  # nobody needs it any more
     recordings = []

@@ -69,7 +69,7 @@ def test_a_trace_is_repeated_or_resampled_by_the_seed(trace):
 def test_a_scene_with_a_trace_survives_its_file(trace, tmp_path):
     setup = load("aluminium-3mm", [*SHORT, trace("2\n6\n")])
     (tmp_path / "trace.csv").unlink()
-    again = parse(setup.toml)
+    again = parse(setup.as_toml())
     assert figures_of_case(again).digest == figures_of_case(setup).digest
     assert again.latency_us == 2.0
     assert again.line.most_added_steps == 4

@@ -404,7 +404,7 @@ def test_a_shipped_law_of_another_version_is_refused() -> None:
 
 def test_a_scene_asks_for_the_law_that_it_was_made_with(here: Path) -> None:
     path = write_law(here)
-    text = load("aluminium-3mm", ["controller.law=mine.py"]).toml
+    text = load("aluminium-3mm", ["controller.law=mine.py"]).as_toml()
     with path.open("a") as file:
         file.write(f"\nopen('{here}/executed', 'w')\n")
     with pytest.raises(SceneError, match="Copy the same file to both sides"):

@@ -157,7 +157,7 @@ def test_the_limiting_pressure_comes_from_the_softer_body(
     limit = scene.plant.contact.limit
     assert limit is not None
     assert limit.pressure_pa == pytest.approx(gigapascal * 1e9)
-    found = scene.limiting_pressure
+    found = scene.limiting_pressure()
     assert found is not None
     assert words in pressure_words(found)
 

@@ -152,7 +152,7 @@ def test_the_span_of_a_run_takes_all_contacts() -> None:
 
 def test_a_case_that_cannot_be_has_a_row_that_says_so() -> None:
     rows = evaluate.run_chunk(
-        load("aluminium-3mm", COARSE).toml, "impact",
+        load("aluminium-3mm", COARSE).as_toml(), "impact",
         [(0, {"controller.latency_us": 0.5}), (1, {"controller.latency_us": 1})],
     )  # fmt: skip
     assert "must be a whole number of steps" in rows[0]["status"]
@@ -204,7 +204,7 @@ def test_results_come_back_with_scene_and_versions(tmp_path: Path, suffix: str) 
     assert [row["sensors.bits"] for row in rows] == [6, "ideal"]
     assert [row["plate.contact_point_m"] for row in rows] == [[0.2, 0.2]] * 2
     assert [row["digest"] for row in rows] == [row["digest"] for row in found.rows]
-    assert header["scene_toml"] == scene.toml
+    assert header["scene_toml"] == scene.as_toml()
     assert header["versions"] == study.code_version()
     assert not study.journal_of(out).exists()
 

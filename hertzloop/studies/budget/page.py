@@ -149,7 +149,7 @@ def write_page(
     text = template("results.html.j2").render(
         title=f"Budget of {found.law} in {found.scene}", lines=list(lines), warnings=[],
         charts=charts, tables=tables, commands=[command], versions=code_version(),
-        scenes=[(found.scene, setup.toml)],
+        scenes=[(found.scene, setup.as_toml())],
     )  # fmt: skip
     path = folder / "budget.html"
     path.write_text(text, encoding="utf-8")

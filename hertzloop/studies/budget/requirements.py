@@ -190,7 +190,7 @@ def read_requirements(path: Path) -> list[Row]:
 def digits_of(setup: Setup, figure: str, value: float) -> float:
     """Return the part of a figure that cannot be predicted, in its unit: what the expected error of
     the plate's model makes of it, at least the accuracy of the scene."""
-    error = max(setup.accuracy, setup.expected_error)
+    error = max(setup.accuracy, setup.expected_error())
     if figure.endswith("_db"):
         return (20.0 if figure in _AMPLITUDES else 10.0) * math.log10(1.0 + error)
     return 2.0 * error * abs(value)

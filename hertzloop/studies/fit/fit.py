@@ -264,8 +264,8 @@ def value_of(setup: Setup, key: str) -> float:
     found: Any = None
     if last in _fields(setup, table) or (acts_by_law(key) and setup.has_law):
         _refuse_without_influence(setup, key)
-    if key == _PRESSURE and setup.limiting_pressure:
-        found = setup.limiting_pressure["pressure_pa"]
+    if key == _PRESSURE and setup.contact.limit is not None:
+        found = setup.contact.limit.pressure_pa
     elif key == "plate.loss_factor":
         plate = setup.structure.local_plate
         found = None if plate is None else plate.eta

@@ -15,7 +15,7 @@ import numpy as np
 from hertzloop.loop.compiled import finer_loop
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.setup import Setup
+from hertzloop.setup import Setup, resolve
 from hertzloop.studies.fit.model import FrozenModel, Simulated
 from hertzloop.studies.fit.records import Record, RecordError
 
@@ -120,7 +120,7 @@ class LoopModel(FrozenModel):
         alone = setup.plain().scene
         ideal = alone.actuator.replaced(dead_time_us=None)
         super().__init__(
-            Setup(alone.replaced(actuator=ideal)), duration_s, accuracy,
+            resolve(alone.replaced(actuator=ideal)), duration_s, accuracy,
             step_ns=max(1, round(setup.step_ns / self.parts)),
         )  # fmt: skip
         self.grain_s = setup.step_s

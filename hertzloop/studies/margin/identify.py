@@ -138,7 +138,7 @@ def law_filter(setup: Setup) -> LawFilter:
             raise NotLinearError(why)
     ideal = setup.vary({"sensors.bits": "ideal", "controller.bits": "ideal"})
     if setup.law_reference in ("velocity_feedback", "acceleration_feedback"):
-        known = ideal.about
+        known = ideal.about()
         gain = -setup.law_keys.kappa * known.impedance_n_s_m
         none = np.empty(0, complex)
         if setup.law_reference == "velocity_feedback":

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup.setup import Setup
+from hertzloop.setup.setup import Setup, resolve
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
 from hertzloop.studies.margin.poles import closed_loop_poles
@@ -158,7 +158,7 @@ def _of_loop(setup: Setup, **control: Any) -> Setup:
         seed=0, touch_phase=0.0, plate_model="modal", duration_s=scene.run.lead_in_s + 1e-3
     )
     controller = scene.controller.replaced(**control)
-    return Setup(scene.replaced(name="loop", shows="", run=run, controller=controller))
+    return resolve(scene.replaced(name="loop", shows="", run=run, controller=controller))
 
 
 def _digest(setup: Setup) -> str:

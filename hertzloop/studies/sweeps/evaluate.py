@@ -107,5 +107,5 @@ def chunked(numbered: Numbered) -> list[Numbered]:
 def evaluate(pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]]) -> Rows:
     """Rows of all cases, in their order."""
     chunks = chunked(list(enumerate(cases)))
-    rows = [row for some in pool(setup.toml, span, chunks) for row in some]
+    rows = [row for some in pool(setup.as_toml(), span, chunks) for row in some]
     return sorted(rows, key=lambda row: int(row["case"]))

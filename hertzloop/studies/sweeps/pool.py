@@ -94,7 +94,7 @@ class _Crew:
                 a_case_s = (worked_s - first_s) / (ran - 1) if ran > 1 else worked_s
                 if self._others or a_case_s * sum(map(len, left)) > _WORTH_S:
                     others = self._of(self.count - 1)
-                    yield from others.results(setup.toml, span, left, setup)
+                    yield from others.results(setup.as_toml(), span, left, setup)
 
     def _of(self, workers: int) -> "_Others":
         if workers not in self._others:

@@ -85,7 +85,7 @@ def work_of(scenes: Sequence[Setup], laws: Iterable[str], design: Design) -> dic
     """What decides the cases of a search or a chart, and what comes of them, as far as all share
     it: scenes, laws with their digests, versions. The arguments of each come on top."""
     return {
-        "scenes": [setup.toml for setup in scenes],
+        "scenes": [setup.as_toml() for setup in scenes],
         "laws": [laws_of((scenes[0]).vary({"controller.law": law}), design) for law in laws],
         "versions": code_version(),
     }
@@ -103,7 +103,7 @@ def check_laws(header: dict[str, Any]) -> None:
 def header_of(setup: Setup, design: Design, span: Span) -> dict[str, Any]:
     """What names a sweep, and goes with its results."""
     return {
-        "scene_toml": setup.toml,
+        "scene_toml": setup.as_toml(),
         "design": asdict(design),
         "laws": laws_of(setup, design),
         "span": span,

@@ -135,7 +135,7 @@ def test_sections_have_the_response_of_their_polynomials(sos) -> None:
 
 def test_the_law_linear_has_the_margin_of_velocity_feedback() -> None:
     other = load("oak-20mm", ["controller.law=velocity_feedback", "controller.kappa=1.1"])
-    gain = -other.law_keys.kappa * other.about.impedance_n_s_m
+    gain = -other.law_keys.kappa * other.about().impedance_n_s_m
     mine = load("oak-20mm", ["controller.law=linear", f"controller.numerator=[{gain!r}]"])
     found, expected = asdict(margin_of(mine)), asdict(margin_of(other))
     for name in ("growth_per_s", "e_folds"):  # poles of a product of stages are found another way
