@@ -2,12 +2,15 @@
 
 import ctypes
 import math
+import operator
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
@@ -66,12 +69,38 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._touched = np.zeros(num_envs, bool)
         self._apart = np.zeros(num_envs, int)
         self._over = np.zeros(num_envs, bool)
+        self._drawn_from = [self.np_random] * num_envs
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
-        """All impacts anew."""
-        super().reset(seed=seed if isinstance(seed, int) else None, options=options)
+        self, *, seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[np.ndarray, dict[str, Any]]:  # fmt: skip
+        """Begin all impacts anew.
+
+        Args:
+            seed: one of them all, or a list with one of each; None goes on drawing.
+            options: not used.
+
+        Raises:
+            ValueError: another number of seeds than environments.
+            TypeError: a seed that is no whole number.
+            ClosedEnvironmentError: the environment is closed.
+        """
+        self._refuse_if_closed()
+        if seed is None or isinstance(seed, int | np.integer):
+            super().reset(seed=None if seed is None else int(seed), options=options)
+            if seed is not None:
+                self._drawn_from = [self.np_random] * self.num_envs
+        else:
+            seeds = list(seed)
+            if len(seeds) != self.num_envs:
+                raise ValueError(
+                    f"seed = {seeds}: has {len(seeds)} seeds for {self.num_envs} environments. "
+                    "Give one number, or one for each environment."
+                )
+            for i, one in enumerate(seeds):
+                if one is not None:
+                    self._drawn_from[i] = np_random(operator.index(one))[0]
         for i in range(self.num_envs):
             self._begin(i)
         return self._seen(), {}
@@ -79,7 +108,8 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """One sample of every impact."""
+        """Step every impact by one sample. Raises ClosedEnvironmentError."""
+        self._refuse_if_closed()
         going = np.flatnonzero(~self._over)
         for i in np.flatnonzero(self._over):
             self._begin(int(i))
@@ -104,8 +134,12 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Let go of the plants."""
         self.batch.close()
 
+    def _refuse_if_closed(self) -> None:
+        if self.closed:  # its plants are gone
+            raise gym.error.ClosedEnvironmentError("the environment is closed. Make another one.")
+
     def _begin(self, index: int) -> None:
-        self.batch.start(index, int(self.np_random.integers(2**62)), self._first)
+        self.batch.start(index, int(self._drawn_from[index].integers(2**62)), self._first)
         self._line[index] = 0.0
         self._touched[index] = self._over[index] = False
         self._apart[index] = 0

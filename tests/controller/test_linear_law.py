@@ -109,7 +109,7 @@ def test_a_file_is_read(tmp_path: Path, ending: str, form: str) -> None:
     else:
         scipy.io.savemat(path, arrays)
     scene = tmp_path / "mine.toml"
-    scene.write_text(setup_of("numerator=[1.0]").toml.replace("filter_file = \"\"",
+    scene.write_text(setup_of("numerator=[1.0]").as_toml().replace("filter_file = \"\"",
                      f"filter_file = \"{path.name}\""))  # fmt: skip
     samples = np.random.default_rng(6).standard_normal(2000)
     expected = sg.lfilter([0.0, 0.0, 2.0], late.den, samples) if form == "num" else (

@@ -71,3 +71,25 @@ def test_another_quantity_needs_a_scale() -> None:
     scene = scene_of((*SHORT, "sensors.quantity=v_p", "controller.law=velocity_feedback"))
     with pytest.raises(SceneError, match=r"sensors\.quantity = 'v_p' needs a scale"):
         Impacts(scene, 1)
+
+
+def test_seeds_of_numpy_and_lists_are_heeded_and_a_closed_one_is_refused() -> None:
+    import gymnasium
+
+    impacts = Impacts(scene_of((*SHORT, "run.touch_phase=random")), 2)
+
+    def began(seed: object) -> bytes:
+        return impacts.reset(seed=seed)[0].tobytes()  # type: ignore[arg-type]
+
+    assert began(5) == began(5) == began(np.int64(5))
+    assert began([5, 6]) == began([5, 6]) == began(np.array([5, 6])) != began([6, 5])
+    one, other = impacts.reset(seed=[5, 6])[0], impacts.reset(seed=[5, 7])[0]
+    assert one[0].tobytes() == other[0].tobytes()
+    assert one[1].tobytes() != other[1].tobytes()
+    for seed in ([5], 1.5, [1.5, 2]):
+        with pytest.raises((ValueError, TypeError)):
+            impacts.reset(seed=seed)  # type: ignore[arg-type]
+    impacts.close()
+    for act in (impacts.reset, lambda: impacts.step(np.zeros((2, 1)))):
+        with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+            act()

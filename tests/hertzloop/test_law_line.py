@@ -23,7 +23,7 @@ SCENE = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
 
 def recording(law: str, scene_toml: str = "") -> Recording:
     end = RunEnd(set_up=SetUp(law=law))
-    return Recording(Path("a.mcap"), scene_toml or SCENE.toml, ends={"controller": end})
+    return Recording(Path("a.mcap"), scene_toml or SCENE.as_toml(), ends={"controller": end})
 
 
 @pytest.mark.parametrize(

@@ -373,6 +373,6 @@ def test_how_far_a_law_reaches_is_looked_up_when_it_is_back(
     scene = load("aluminium-3mm", [SHORT, "controller.law=mine.py"])
     monkeypatch.setattr(controller_table, "_CHECKED", {})  # as in a process that opens a recording
     path.rename(here / "gone.py")
-    assert scene.reach == Reach()
+    assert resolve(scene.scene).reach == Reach()
     (here / "gone.py").rename(path)
     assert resolve(scene.scene).reach.force_n == 7.0
