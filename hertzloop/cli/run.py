@@ -162,9 +162,12 @@ def run(
         fail(str(error), 2)
     except (RunFailed, BusError, StreamFault, RecordingError) as error:
         fail(str(error), 1)
-    growth = growth_of(resolved)
+    growth = warning = None
+    try:
+        growth = growth_of(resolved)
+    except Exception as error:  # whatever it is, the run has ended well
+        warning = styled(("Linear loop:", "bold red"), f" not analysed ({error!r}).")
     data["linear_loop"] = None if growth is None else asdict(growth)
-    warning = None
     if growth is not None and growth.unstable_poles != 0:
         undecided = growth.unstable_poles is None
         head = "Linear loop:" if undecided else "Linear loop unstable:"

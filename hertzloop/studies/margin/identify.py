@@ -24,7 +24,7 @@ _HANKEL = 250
 _TOLERANCE = 1e-9
 _RANK = 1e-10
 _AMPLITUDES = (1e-9, 1e-3, 1.0, 1e3)
-_ON_CIRCLE = 1e-9  # a pole this close to the unit circle counts as inside it
+INSIDE = 1e-9  # a pole this close to the unit circle counts as inside it
 
 
 class NotLinearError(Exception):
@@ -89,8 +89,8 @@ class Cascade(LawFilter):
         """Return the filter of the keys of law `linear`."""
         poles = linear.poles(keys)
         size = np.abs(poles)
-        on_circle = np.abs(size - 1.0) < _ON_CIRCLE
-        poles = np.where(on_circle, poles * (1.0 - _ON_CIRCLE) / np.maximum(size, 0.5), poles)
+        on_circle = np.abs(size - 1.0) < INSIDE
+        poles = np.where(on_circle, poles * (1.0 - INSIDE) / np.maximum(size, 0.5), poles)
         return cls(
             np.nan, poles, np.full(len(poles), np.nan + 0j), gain=float(keys.gain),
             numerators=tuple(b for b, _ in linear.stages(keys)),

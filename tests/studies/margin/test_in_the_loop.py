@@ -59,6 +59,48 @@ def test_a_run_is_silent_on_a_stable_loop_and_on_a_law_without_one(
     )  # fmt: skip
 
 
+UNDAMPED = [*VELOCITY, "controller.kappa=0.05", "plate.loss_factor=0"]
+
+
+def test_an_undamped_plate_is_the_limit_of_little_damping(tmp_path: Path) -> None:
+    """Its poles are on the stability limit, where the loop gain has no value."""
+    found, little = (
+        margin_of(load("aluminium-3mm", [*UNDAMPED, f"plate.loss_factor={eta}"]))
+        for eta in ("0", "1e-9")
+    )
+    assert found.unstable_poles == little.unstable_poles > 0
+    assert found.growth_per_s == pytest.approx(little.growth_per_s, rel=1e-4)
+    assert found.gain_margin == 0.0
+    assert invoke(["margin", "aluminium-3mm", *words(UNDAMPED)]).exit_code == 0
+    report, said = report_of(tmp_path, UNDAMPED)
+    assert report["linear_loop"]["per_s"] == found.growth_per_s
+    assert "Linear loop unstable" in said
+    out = tmp_path / "r.csv"
+    over = ["--over", "controller.latency_us=2,3", "--workers", "1", "-o", str(out)]
+    done = invoke(["sweep", "aluminium-3mm", *words(UNDAMPED), *over])
+    assert done.exit_code == 0, done.output
+    assert float(read_results(out)[0][0]["growth_per_s"]) == found.growth_per_s
+
+
+def test_no_analysis_costs_the_results_of_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(setup: object) -> None:
+        raise RuntimeError("no such number")
+
+    monkeypatch.setattr(margin, "growth_of", fails)
+    report, said = report_of(tmp_path, VELOCITY)
+    assert report["linear_loop"] is None
+    assert "Linear loop: not analysed (RuntimeError('no such number'))" in said
+
+    def overflows(setup: object, digest: str) -> None:
+        raise FloatingPointError
+
+    monkeypatch.undo()
+    monkeypatch.setattr(margin, "_growth", overflows)
+    assert growth_of(load("aluminium-3mm", VELOCITY)) == margin.Growth(None, None, None, None)
+
+
 def test_a_sweep_has_the_growth_of_every_case_and_computes_a_loop_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
