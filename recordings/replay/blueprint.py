@@ -173,6 +173,7 @@ Range = tuple[float, float]
 _MARGIN = 0.06
 _DENSE = 7.5  # lines of the grid: with more the viewer writes at every tenth only
 _RUNAWAY = 20.0  # times as large as around the first contact: a zoom shows the contact
+_HUGE = 1e300  # beyond it, the length of a range overflows
 _GAPS = 1.8  # of the deepest penetration, that a zoom shows above the plate
 
 
@@ -181,6 +182,7 @@ def labelled(low: float, high: float) -> Range:
     are what the viewer writes on an axis."""
     if not (math.isfinite(low) and math.isfinite(high)):
         return -1.0, 1.0
+    low, high = (min(max(end, -_HUGE), _HUGE) for end in sorted((low, high)))
     if high - low < 1e-12 * max(abs(low), abs(high), 1e-30):
         reach = max(abs(low), 1.0)
         low, high = low - reach, high + reach
@@ -222,8 +224,8 @@ def zoomed(plot: Plot, around_ns: Span) -> Range:
     """
     first = _extremes([_within(curve, around_ns) for curve in plot.curves])
     ever = _extremes([curve.values for curve in plot.curves])
-    if plot.key == "gap" and min(first[0], ever[0]) < 0.0:
-        deepest = first[0] if ever[0] < _RUNAWAY * first[0] else ever[0]
+    if plot.key == "gap" and ever[0] < 0.0:
+        deepest = first[0] if ever[0] < _RUNAWAY * first[0] < 0.0 else ever[0]
         return labelled(deepest, min(-_GAPS * deepest, max(first[1], 0.0)))
     size = max(map(abs, first))
     runs_away = 0.0 < _RUNAWAY * size < max(map(abs, ever))

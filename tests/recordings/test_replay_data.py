@@ -255,3 +255,37 @@ def test_the_sphere_rests_on_the_plate_in_contact_and_hovers_by_the_same_factor(
     np.testing.assert_allclose(bottom, [squeezed, -0.02, 0.02], rtol=1e-5)
     far = scene3d.sphere_centres(plate, np.array([1.0, 1.0, 1.0]), drawn)
     assert far[:, 2].max() - drawn.sphere_radius_m < 0.105 + 0.02 + 1e-6
+
+
+_finite = st.floats(allow_nan=False, allow_infinity=False)
+_column = st.one_of(
+    st.lists(st.floats(), max_size=6),
+    st.builds(lambda value, count: [value] * count, _finite, st.integers(1, 4)),
+)
+
+
+@given(
+    key=st.sampled_from(["gap", "force"]),
+    columns_drawn=st.lists(_column, min_size=1, max_size=2),
+    most=st.none() | st.floats(0.0, allow_infinity=False),
+    around=st.tuples(st.integers(-2, 8), st.integers(-2, 8)).map(sorted),
+)
+def test_any_column_has_a_range_to_be_drawn_in(
+    key: str, columns_drawn: list[list[float]], most: float | None, around: list[int]
+) -> None:
+    """Empty, constant, of one sample, of huge and of damaged values."""
+    curves = tuple(
+        data.Curve("xi", np.arange(len(values)), np.array(values, float))
+        for values in columns_drawn
+    )
+    plot = data.Plot(key, "", curves, most)
+    for low, high in (blueprint.whole(plot), blueprint.zoomed(plot, (around[0], around[1]))):
+        assert np.isfinite([low, high, high - low]).all()
+        assert low < high
+
+
+@pytest.mark.parametrize("gap", [(1.0, -1e9), (1e300, -1e300), (2.0,), (-5e-324,), ()])
+def test_a_damaged_gap_is_drawn(gap: tuple[float, ...]) -> None:
+    plot = data.Plot("gap", "", (data.Curve("xi", np.arange(len(gap)), np.array(gap)),))
+    low, high = blueprint.zoomed(plot, (0, 0))
+    assert low < high < np.inf
