@@ -126,7 +126,7 @@ def save(shown: Shown, path: Path, still: bool = False) -> None:
     stream = rr.RecordingStream(name, recording_id=run_id)
     # By way of memory: a stream that saves to a file on a full disk blocks for ever (0.41).
     memory = stream.memory_recording()
-    stream.send_blueprint(dashboard(_layout(shown), still), make_active=False)
+    stream.send_blueprint(dashboard(_layout(shown), still))
     fill(stream, shown, still)
     try:
         path.write_bytes(memory.drain_as_bytes())

@@ -98,6 +98,8 @@ def test_the_file_holds_every_entity_and_loads(file: Path, tmp_path: Path) -> No
     assert result.exit_code == 0, result.output
     assert f"written: {rrd}" in result.output
     rerun("rrd", "verify", rrd)
+    # The web viewer shows a layout of its own instead of one that is not active.
+    assert "make_active: true" in rerun("rrd", "print", rrd)
     assert set(entities(rrd)) == ENTITIES | TOLD | TWIN
     result = call("replay", file, "--save", rrd, "--alone", "--overwrite")
     assert result.exit_code == 0, result.output
