@@ -5,17 +5,34 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 import typer
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.segment import Segment
 from rich.text import Text
 
 from hertzloop.extras import sentence_on
+from hertzloop.foreign import visible
 from hertzloop.processes.signals import INTERRUPTED, on_interrupt
 
-# Text is printed as it is: it may come from scenes, files and other processes, and a name such as
-# [red] or 0:100:1 has no meaning here.
-out = Console(highlight=False, emoji=False, markup=False)
-err = Console(stderr=True, highlight=False, emoji=False, markup=False)
+
+class Terminal(Console):
+    """A console for text that may come from scenes, files and other processes: a name such as
+    [red] or 0:100:1 has no meaning here, and no character in it controls the terminal."""
+
+    def __init__(self, stderr: bool = False) -> None:
+        super().__init__(stderr=stderr, highlight=False, emoji=False, markup=False)
+
+    def render(
+        self, renderable: RenderableType, options: ConsoleOptions | None = None
+    ) -> Iterator[Segment]:
+        """Render as rich does, with all text made visible; the styles are rich's own."""
+        for segment in super().render(renderable, options):
+            text, style, control = segment
+            yield segment if control else Segment(visible(text), style)
+
+
+out = Terminal()
+err = Terminal(stderr=True)
 
 
 def be_quiet() -> None:

@@ -18,6 +18,7 @@ from hertzloop.bus.port import BusError, EndedByOther, PeerLost
 from hertzloop.bus.sockets import mesh_endpoints, on_loopback, remove_folder_of
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.zenoh_port import ZenohPort
+from hertzloop.foreign import visible
 from hertzloop.jit.cache import noticed
 from hertzloop.loop import watchdog
 from hertzloop.loop.answers import Repeat
@@ -67,7 +68,7 @@ def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[
 
 
 def _say(sentence: str) -> None:
-    sys.stderr.write(f"{sentence}\n")
+    sys.stderr.write(f"{visible(sentence)}\n")
     sys.stderr.flush()
 
 

@@ -247,7 +247,7 @@ class PrintedComparison(Comparison):
     """A comparison that prints as its table."""
 
     def __str__(self) -> str:
-        console = Console(width=100)
+        console = Console(width=100, highlight=False, emoji=False, markup=False)
         with console.capture() as caught:
             console.print(comparison_table(self))
         return caught.get()

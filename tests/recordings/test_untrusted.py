@@ -20,6 +20,7 @@ from hertzloop.recordings.chunks import MAGIC, RECORD_BYTES
 from hertzloop.recordings.reader import read, recover
 from hertzloop.recordings.writer import Recorder, RecordingError, RecordingWriter
 from tests.bus.tapes import plant_says
+from tests.commands import invoke
 from tests.recordings.rewriting import messages, record
 
 
@@ -220,3 +221,53 @@ def test_bytes_behind_the_end_are_damage(whole: Path, tmp_path: Path) -> None:
     for more in (b"\0", b"behind" * 100, whole.read_bytes()):
         path.write_bytes(whole.read_bytes() + more)
         assert any("damaged" in words for words in read(path).problems)
+
+
+# A terminal's title, clearing it, the same in C1, right to left, hidden, and markup of rich.
+EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202egnol\u2066\u200b[red]\x7f"
+
+_CONTROLLING = set(EVIL) - set(map(chr, range(32, 127)))
+
+
+@pytest.fixture(scope="module")
+def evil(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording with characters that control a terminal wherever it holds text."""
+    source, path = read(whole), tmp_path_factory.mktemp("evil") / "evil.mcap"
+    writer = RecordingWriter(path)
+    toml = "".join(f"\\u{ord(c):04x}" for c in EVIL)
+    words = dict.fromkeys(("scene", "run_id", "hertzloop", "host", "python"), EVIL)
+    writer.scene(
+        f'title = "{toml}"\n' + source.scene_toml.replace('"steel"', f'"steel{toml}"'),
+        {**source.metadata, **words},
+    )
+    for item in messages(whole):
+        if item.stream.startswith("end/"):
+            item.header.set_up.law = EVIL
+        elif item.stream.startswith("events/"):
+            item.header.message = EVIL
+        payload = wire.encode(item.header, **item.arrays)
+        writer.write(item.stream, payload, item.number, item.time_ns)
+    writer.finish({**source.result, "fault": EVIL})
+    return path
+
+
+def test_no_text_of_a_recording_controls_the_terminal(
+    evil: Path, whole: Path, tmp_path: Path
+) -> None:
+    for words in (
+        ["inspect", evil], ["inspect", evil, "--details"], ["compare", evil, whole],
+        ["compare", whole, evil], ["replay", evil, "--save", tmp_path / "a.rrd"],
+        ["replay", evil, whole, "--save", tmp_path / "b.rrd"],
+        ["export", evil, "--out", tmp_path / "c.csv"],
+        ["report", evil, "--out", tmp_path / "d.html"],
+        ["repair", evil, "--out", tmp_path / "e.mcap"], ["law", "replay", EVIL, evil],
+        ["run", EVIL], ["scene", "show", evil], ["inspect", tmp_path / EVIL.replace("/", "")],
+    ):  # fmt: skip
+        done = invoke([str(word) for word in words], env={"COLUMNS": "300"})
+        assert not set(EVIL) - set(map(chr, range(32, 127))) & set(done.output), (
+            words,
+            done.output,
+        )
+        assert done.exception is None or isinstance(done.exception, SystemExit), words
+        if words[0] == "inspect":
+            assert "\\x1b[2J\\x9b31m\\u202egnol\\u2066\\u200b[red]\\x7f" in done.output
