@@ -148,8 +148,8 @@ def tail_of(setup: Setup, books: Books) -> Tail | None:
 
 
 def theory_of(setup: Setup) -> Theory | None:
-    """The theory of the plate; None for a plate that is not made from its sizes."""
-    if setup.structure.mode_table is not None:
+    """The theory of the plate; None for what is not a plate made from its sizes."""
+    if setup.structure.mode_table is not None or setup.structure.local_plate is None:
         return None
     jumps = setup.has_law and setup.actuator.bandwidth_hz is None
     return Theory(

@@ -53,11 +53,6 @@ class Standing:
         return self.spec.plate.local_plate
 
     @cached_property
-    def thickness_m(self) -> float:
-        """Thickness of the plate, m."""
-        return self.local.thickness_m if self.local else math.nan
-
-    @cached_property
     def weaker(self) -> tuple[str, Strength] | None:
         """Which body yields first, and its strength."""
         return self.bodies.weaker
@@ -77,9 +72,7 @@ class Standing:
     @cached_property
     def zener(self) -> float:
         """Zener's lambda."""
-        if self.local is None:
-            return math.nan
-        return inelasticity(self.spec.sphere, self.local, self.spec.contact)
+        return inelasticity(self.spec.sphere, self.spec.local_plate, self.spec.contact)
 
     @cached_property
     def revival_s(self) -> float:
@@ -177,15 +170,13 @@ class Facts:
     @property
     def kh(self) -> float:
         """Wave number of bending at 1/T times the thickness."""
-        return thickness_number(self.local, self.run.contact_s) if self.local else math.nan
+        return thickness_number(self.spec.local_plate, self.run.contact_s)
 
     @cached_property
     def kirchhoff(self) -> KirchhoffError:
         """What Kirchhoff's theory may cost."""
-        if self.local is None:
-            return KirchhoffError(math.nan, math.nan, math.nan)
         return kirchhoff_error(
-            self.local, self.spec.contact.stiffness, _short(self.run.contact_s),
+            self.spec.local_plate, self.spec.contact.stiffness, _short(self.run.contact_s),
             _short(self.run.force_n),
         )  # fmt: skip
 
@@ -358,7 +349,7 @@ ROWS = (
     ),
     Row(
         Effect.WIDE_ON_PLATE, "a / h", 0.25, 0.5,
-        lambda f: f.contact_radius_m / f.standing.thickness_m,
+        lambda f: f.contact_radius_m / f.spec.local_plate.thickness_m,
     ),
     Row(
         Effect.THEORY_ENERGY, "0.085 (k h)^2 at 1/T, where lambda < 1", None, 0.1,
@@ -371,7 +362,7 @@ ROWS = (
     ),
     Row(
         Effect.LARGE_DEFLECTION, "w_max / h", 0.2, 1.0,
-        lambda f: f.run.deflection_m / f.standing.thickness_m,
+        lambda f: f.run.deflection_m / f.spec.local_plate.thickness_m,
     ),
     Row(
         Effect.SPHERE_VIBRATION, "T 2.65 c_T/(2 pi R)", 3.0, 1.0,
@@ -379,8 +370,8 @@ ROWS = (
     ),
     Row(
         Effect.THICKNESS_RESONANCE, "T c_T/(2 h)", 3.0, 1.0,
-        lambda f: criteria.thickness_periods(f.local, f.run.contact_s) if f.local else math.nan,
-        falls=True,
+        lambda f: criteria.thickness_periods(f.spec.local_plate, f.run.contact_s),
+        lambda f: f.solid, falls=True,
     ),
     Row(
         Effect.REFLECTIONS, "time after the touch / first return", 1.0, 10.0,
@@ -427,6 +418,14 @@ ROWS = (
         lambda f: f.after_touch_s / f.revival_s if f.revival_s else None,
     ),
 )  # fmt: skip
+
+
+# What has a size only where the structure is a plate at the contact point.
+OF_PLATE = (
+    Effect.WIDE_ON_PLATE, Effect.THEORY_ENERGY, Effect.THEORY_PEAK, Effect.LARGE_DEFLECTION,
+    Effect.THICKNESS_RESONANCE,
+)  # fmt: skip
+_WITHOUT_PLATE = tuple(row for row in ROWS if row.effect not in OF_PLATE)
 
 
 @dataclass(frozen=True)
@@ -482,7 +481,7 @@ def _evaluated(facts: Facts) -> Iterator[tuple[Row, float, float, float, State]]
     """Rows that say something about a run: value, threshold, where out of range begins, state."""
     if not facts.run.force_n > 0.0 or not facts.run.contact_s > 0.0:
         return  # without a contact nothing is left out of it
-    for row in ROWS:
+    for row in ROWS if facts.local else _WITHOUT_PLATE:
         effect, _, threshold, beyond, value_of, modelled, falls = row
         value = value_of(facts)
         if value is None:

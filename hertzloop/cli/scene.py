@@ -128,7 +128,7 @@ def check(
     compile_first(resolved)
 
     from hertzloop.analysis.validity import State, neglected_of_scene
-    from hertzloop.views.effects import effects_as_json, show_neglected, table_of
+    from hertzloop.views.effects import effects_as_json, not_evaluated, show_neglected, table_of
 
     try:
         neglected = neglected_of_scene(resolved)
@@ -145,6 +145,8 @@ def check(
         for finding in found["validity"]:
             if finding["state"] == State.NOT_KNOWN:
                 out.print(f"Unknown: {finding['sentence']}.", soft_wrap=True)
+        if lacking := not_evaluated(neglected):
+            out.print(lacking, soft_wrap=True)
     if map_folder is not None:
         _draw_map(resolved, map_folder)
     write_json(json_file, {"scene": resolved.name, **found})

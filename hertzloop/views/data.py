@@ -151,7 +151,8 @@ def struck(setup: Setup) -> dict[str, Any]:
     `ModalStructure.mobility_ratio`."""
     what = setup.structure
     if what.quality is None:
-        return {"name": "a simply supported plate", "closed_form": True}
+        plain = what.simply_supported is not None
+        return {"name": "a simply supported plate" if plain else str(what), "closed_form": True}
     modes = setup.scene.plate.modes
     of_file = {} if what.mode_table is None else {"sha256": modes.sha256 if modes else ""}
     return {"name": str(what), "closed_form": False, **what.quality, **of_file}

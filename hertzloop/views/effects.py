@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
-from hertzloop.analysis.validity import Effect, Facts, Finding, Neglected, State
+from hertzloop.analysis.validity import OF_PLATE, Effect, Facts, Finding, Neglected, State
 from hertzloop.views.format import Table, percent, pressure, styled
 
 
@@ -86,9 +86,11 @@ _WORDS: dict[Effect, Callable[[Facts, float], str]] = {
     ),
     Effect.ACTUATOR_MASS: lambda f, x: (
         "no mass of the actuator moves with the plate here; from "
-        f"{1e3 * f.mass_that_matters_kg:.2g} g on it would matter (actuator.mass_kg)"
+        f"{1e3 * f.mass_that_matters_kg:.2g} g on it would matter (actuator.mass_kg)" if f.local
+        else "no mass of the actuator moves with the structure here (actuator.mass_kg)"
     ),
     Effect.AIR_ON_MODES: lambda f, x: (
+        "how much air damps the modes is computed for thin plates only" if math.isnan(x) else
         f"air damps the modes above coincidence {x:.2g} times as much as the plate itself does: "
         "waves that return after milliseconds are weaker than computed; plate.radiation models it"
     ),
@@ -114,6 +116,7 @@ _PARTS: dict[Effect, Callable[[Facts], str]] = {
     Effect.YIELD: lambda f: f"contact.plasticity = '{f.plasticity}'",
     Effect.THEORY_ENERGY: lambda f: "plate.theory",
     Effect.THEORY_PEAK: lambda f: "plate.theory",
+    Effect.THICKNESS_RESONANCE: lambda f: "plate.theory",
     Effect.REFLECTIONS: lambda f: "reflections, as far as they are asked for",
     Effect.ACTUATOR_MASS: lambda f: "actuator.mass_kg",
     Effect.AIR_ON_MODES: lambda f: "plate.radiation",
@@ -125,6 +128,16 @@ def _sentence(facts: Facts, found: Finding) -> str:
     if found.state is State.IN_THE_MODEL:
         return f"in the model: {_PARTS[found.effect](facts)}"
     return _WORDS[found.effect](facts, found.value)
+
+
+def not_evaluated(neglected: Neglected) -> str:
+    """Return which effects have no size in this structure, in a sentence; empty if all have one."""
+    if neglected.facts is None or neglected.facts.local is not None:
+        return ""
+    return (
+        f"Not evaluated: {', '.join(OF_PLATE)}. No plate at the contact point is known for "
+        f"{neglected.facts.spec.plate}; for a file of modes, plate.thickness_m gives one."
+    )
 
 
 def effects_as_json(neglected: Neglected) -> dict[str, Any]:

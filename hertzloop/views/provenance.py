@@ -49,8 +49,10 @@ def bodies(setup: Setup) -> str:
     """Such as "3 mm steel on 3 mm aluminium"."""
     ball = f"R = {1e3 * setup.sphere.radius_m:g} mm, {_material(setup, 'sphere')}"
     structure = setup.structure
-    if structure.mode_table is not None or structure.local_plate is None:
+    if structure.mode_table is not None:
         return f"{ball}, on a structure from a file of modes"
+    if structure.local_plate is None:
+        return f"{ball}, on {structure}"
     return f"{ball}, on {1e3 * structure.local_plate.thickness_m:g} mm {_material(setup, 'plate')}"
 
 

@@ -1,5 +1,6 @@
 """A new scheme, structure, quantity and stream need what docs/explanation/architecture.md says."""
 
+import json
 import os
 import subprocess
 import sys
@@ -319,6 +320,38 @@ def test_a_scheme_of_fourth_order_keeps_its_slope(tmp_path: Path) -> None:
 def test_a_structure_is_a_file_and_a_row_of_one_table(tmp_path: Path) -> None:
     """Its modes do in every scheme that supports more than a simply supported plate."""
     run(STRUCTURE, tmp_path)
+
+
+@pytest.mark.full
+def test_the_command_line_takes_the_structure_of_the_examples(tmp_path: Path) -> None:
+    """A beam, to which nothing applies that needs a plate at the contact point."""
+    examples = ROOT / "docs" / "examples"
+    # Python imports this in every process that it starts.
+    (tmp_path / "sitecustomize.py").write_text(
+        f"import sys\nsys.path[:0] = [{str(ROOT)!r}, {str(examples)!r}]\n"
+        "from tests.hertzloop.with_lines import with_line\n"
+        "with_line('hertzloop.plant.structures.registry', '    \"modes\": Kind(', "
+        "'    \"beam\": Kind(\"own_beam:made\"),\\n')\n"
+    )
+
+    def command(*words: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "-m", "hertzloop", *words, str(examples / "own_beam.toml")],
+            cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(tmp_path)}, capture_output=True,
+            text=True, timeout=280,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert "Control reduces plate energy" in command("run", "--json", "run.json", "--out", "a.mcap")
+    ran = json.loads((tmp_path / "run.json").read_text())
+    assert ran["struck"]["name"] == "a simply supported beam"
+    assert ran["theory"] is None
+    assert abs(ran["residuals"]["energy"]) < 1e-12
+    checked = command("scene", "check")
+    assert " nan " not in checked
+    assert "Not evaluated: contact against plate" in checked
+    assert "3 of 3 cases" in command("sweep", "--over", "controller.latency_us=0:2:1")
 
 
 def test_a_quantity_is_a_row_of_one_table(tmp_path: Path) -> None:
