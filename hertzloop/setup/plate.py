@@ -103,9 +103,17 @@ def widest_limit_hz(plate: Structure, sphere: Sphere, contact: Contact) -> float
         taken = 2.0 * m * v * v * sphere.radius_m / (math.pi * contact.limit.pressure_pa)
         radius = max(radius, taken**0.25)
     limit = min(plate.highest_hz, plate.contact_limit_hz(radius))
-    if limit * rigid_contact_time_s(m, contact.stiffness, v) < _FEWEST_PERIODS:
+    lasts_s = rigid_contact_time_s(m, contact.stiffness, v)
+    if limit * lasts_s < _FEWEST_PERIODS:
         local = plate.local_plate
         thick = f"plate.thickness_m = {local.thickness_m:g}" if local else str(plate)
+        if limit == plate.highest_hz:
+            raise SceneError(
+                f"plate.theory = '3d' with {thick}: the modes of a solid end at {limit:.3g} Hz, "
+                f"but the contact of {1e6 * lasts_s:.2g} us needs them to "
+                f"{_FEWEST_PERIODS / lasts_s:.3g} Hz. Use a thinner plate, a larger sphere, or "
+                "'kirchhoff'."
+            )
         raise SceneError(
             f"plate.theory = '3d' with {thick} and a contact of radius "
             f"{radius:.2g} m: waves as short as the impact makes are no longer than the contact "

@@ -331,7 +331,7 @@ def test_the_command_line_takes_the_structure_of_the_examples(tmp_path: Path) ->
         f"import sys\nsys.path[:0] = [{str(ROOT)!r}, {str(examples)!r}]\n"
         "from tests.hertzloop.with_lines import with_line\n"
         "with_line('hertzloop.plant.structures.registry', '    \"modes\": Kind(', "
-        "'    \"beam\": Kind(\"own_beam:made\"),\\n')\n"
+        '\'    "beam": Kind("own_beam:made"),\\n\')\n'
     )
 
     def command(*words: str) -> str:

@@ -8,6 +8,7 @@ import pytest
 
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.validity import ROWS, neglected_of_scene
+from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from hertzloop.views.effects import effects_as_json
 from tests.commands import invoke
@@ -145,6 +146,33 @@ def test_run_inspect_validity_and_sweep_tell_the_same(
     )
     assert check.exit_code == 0, check.output
     assert json.loads((tmp_path / "c.json").read_text())["out_of_range"] == beyond
+
+
+def test_effects_of_a_plate_need_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A structure of a file without a thickness has none; a solid has the waves through it."""
+    monkeypatch.chdir(tmp_path)
+    modes = ["frequency_hz,loss_factor,modal_mass_kg,shape_contact"]
+    modes += [f"{100 * n * n},0.01,0.5,{1 if n % 2 else 0.5}" for n in range(1, 40)]
+    (tmp_path / "m.csv").write_text("# residual_flexibility_m_n = 1e-9\n" + "\n".join(modes))
+    text = (
+        "name = 'm'\n[plate]\nmaterial = 'steel'\nmodes = 'm.csv'\n[sphere]\n"
+        "material = 'steel'\nradius_m = 0.005\ndrop_height_m = 0.05\n"
+        "[controller]\nlaw = 'off'\n[run]\nduration_s = 0.0013\n"
+    )
+    (tmp_path / "m.toml").write_text(text)
+    done = invoke(["scene", "check", "m.toml"])
+    assert done.exit_code == 0, done.output
+    assert " nan " not in done.output
+    assert "Not evaluated: contact against plate, plate theory" in done.output
+    solid = found("aluminium-3mm", *SHORT, "plate.theory=3d", "plate.thickness_m=0.03")
+    assert solid["thickness resonance"]["state"] == "in the model"
+    assert "nan" not in solid["air on the modes"]["sentence"]
+
+
+def test_a_thick_solid_is_refused_for_its_own_reason() -> None:
+    thick = ["plate.theory=3d", "plate.thickness_m=0.3", "sphere.radius_m=0.0005"]
+    with pytest.raises(SceneError, match=r"modes of a solid end at .*Use a thinner plate"):
+        load("aluminium-3mm", thick)
 
 
 def test_an_unstable_loop_and_a_run_without_contact_have_none() -> None:
