@@ -15,6 +15,7 @@ import hashlib
 import itertools
 import json
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -79,8 +80,10 @@ def _read(config_file: Path) -> zenoh.Config:
     try:
         return zenoh.Config.from_file(str(config_file))
     except zenoh.ZError as error:
-        why = str(error).split(" at /")[0]
-        raise BusError(f"{config_file}: is not a zenoh configuration: {why}") from error
+        # The text of the error quotes the file, which may hold a private key.
+        at = re.search(r"--> (\d+):|line: (\d+)", str(error))
+        why = f"line {at[1] or at[2]} is wrong. Correct it." if at else "it cannot be read."
+        raise BusError(f"{config_file}: is not a zenoh configuration: {why}") from None
 
 
 def session_config(

@@ -4,6 +4,7 @@ import errno
 import json
 import math
 import os
+import re
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -49,7 +50,21 @@ WaitOption = Annotated[
         min=0.1, max=1e6, help="Stop waiting for other processes to appear after this time, s."
     ),
 ]
-NameOption = Annotated[str, typer.Option(help="Use the run with this name on the bus.")]
+
+
+def _plain_name(option: typer.CallbackParam, name: str | None) -> str | None:
+    """The name of a run, if it can be one part of a key on the bus; ends the command if not."""
+    if name is not None and not re.fullmatch(r"[A-Za-z0-9._+-]{1,100}", name):
+        fail(
+            f"{option.opts[0]} = '{name}': must be 1 to 100 letters, digits and characters of "
+            "'._+-'. Change the name.",
+            2,
+        )
+    return name
+
+
+RUN_NAME = typer.Option(help="Set the name of the run on the bus.", callback=_plain_name)
+NameOption = Annotated[str, RUN_NAME]
 ListenOption = Annotated[list[str] | None, typer.Option(help="Listen on this endpoint.")]
 ConnectOption = Annotated[list[str] | None, typer.Option(help="Connect to this endpoint.")]
 ConfigOption = Annotated[

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from hertzloop.cli.options import (
+    RUN_NAME,
     DetailsOption,
     FastLaneOption,
     HorizonOption,
@@ -60,7 +61,7 @@ def run(
             help="Use this and the next two ports on loopback; by default, use private sockets.",
         ),
     ] = None,
-    name: Annotated[str | None, typer.Option(help="Give the run this name on the bus.")] = None,
+    name: Annotated[str | None, RUN_NAME] = None,
     timeout: TimeoutOption = 5.0,
     fast_lane: FastLaneOption = True,
     realtime: RealtimeOption = "auto",

@@ -350,15 +350,26 @@ class TestEndpoints:
             plant.close()
             recorder.close()
 
-    @pytest.mark.parametrize("content", [None, "{ nonsense"])
-    def test_a_configuration_file_that_cannot_be_used(
-        self, tmp_path: Path, content: str | None
+    @pytest.mark.parametrize(
+        ("content", "why"),
+        [
+            (None, "it cannot be read"),
+            ("{ nonsense", "line 1 is wrong"),
+            ('{"mode": "peer",\n"key": "KEY1",, }', "line 2 is wrong"),
+            ('{"mode":\n"KEY1"}', "line 2 is wrong"),
+            ('{"listen_private_key_base64":\n\n"KEY1', "line 3 is wrong"),
+        ],
+    )
+    def test_a_configuration_file_that_cannot_be_used_is_not_quoted(
+        self, tmp_path: Path, content: str | None, why: str
     ) -> None:
         file = tmp_path / "bus.json5"
         if content is not None:
             file.write_text(content)
-        with pytest.raises(BusError, match=r"bus\.json5: is not a zenoh configuration"):
+        said = rf"bus\.json5: is not a zenoh configuration: {why}"
+        with pytest.raises(BusError, match=said) as caught:
             ZenohPort(PLANT, "filed", [], config_file=file)
+        assert "KEY1" not in str(caught.value)
 
 
 class TestCompiling:

@@ -57,6 +57,17 @@ __all__ = ["here"]  # the fixture
         ),
         ("run --set plate.material=3", "plate.material = 3: must be text or a table"),
         ("run --out a.txt", "--out = a.txt: a recording must end in .mcap"),
+        *(
+            (f"{command} --name {name}", f"--name = '{name}': must be 1 to 100 letters, digits")
+            for command, name in (
+                ("run", "**"),
+                ("run", ""),
+                ("node plant", "?"),
+                ("node recorder", "#"),
+                ("node watch", "$*"),
+                ("law test x", "a/b"),
+            )
+        ),
         ("node recorder --out a", "--out = a: a recording must end in .mcap"),
         ("repair a.mcap --out a.bin", "--out = a.bin: a recording must end in .mcap"),
         ("tune -o tuned.csv", "tuned.csv: must be a folder, not a file. Give a name without .csv"),
@@ -71,7 +82,7 @@ def test_it_is_answered(words: str, sentence: str, here: Path) -> None:
     write_law(here)
     (here / "pdc.c").write_text("")
     before = sorted(here.iterdir())
-    result = call(*words.split())
+    result = call(*words.split(" "))
     assert result.exit_code == 2
     assert sentence in said(result)
     assert sorted(here.iterdir()) == before
