@@ -120,6 +120,11 @@ def reach_of(table: ControllerTable) -> Reach:
         law = table.found
     except LawError:
         return Reach()
+    return _reach_of(table, law)
+
+
+@lru_cache(maxsize=KEPT)
+def _reach_of(table: ControllerTable, law: Law) -> Reach:
     try:
         return law.reach(table.keys)
     except LawError as error:

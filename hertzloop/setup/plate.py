@@ -352,6 +352,7 @@ def _horizon_s(until_s: float) -> float:
     return 2.0 ** max(math.ceil(math.log2(until_s)), _LEAST_HORIZON)
 
 
+@lru_cache(maxsize=KEPT)
 def infinite_plate_error(
     bodies: Bodies, scheme: str, reach: Reach, line: Smoothness, step_s: float, until_s: float
 ) -> float:

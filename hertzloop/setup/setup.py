@@ -58,7 +58,7 @@ _KEPT_TABLES = 64
 _PLAIN_SENSORS, _NO_CONTROL = SensorsTable(quantity="xi"), ControllerTable(law="off")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Setup:
     """A run in SI units, resolved from a scene by `resolve`. Reading a value computes nothing.
 
@@ -371,15 +371,17 @@ class Setup:
 
     def on_plate(self, plate_model: str) -> "Setup":
         """Return the setup with `run.plate_model` set."""
-        return self._with_run("plate_model", plate_model)
+        scene = self._scene_with_run("plate_model", plate_model)
+        if plate_model != self.plate_model or self.announced_stiffness is not None:
+            return resolve(scene)
+        return _made(**{**vars(self), "scene": scene})  # "auto" came to it: no stage differs
 
     def lasting(self, steps: int) -> "Setup":
         """Return the setup with a run of so many steps."""
-        return self._with_run("duration_s", steps * self.step_s)
+        return resolve(self._scene_with_run("duration_s", steps * self.step_s))
 
-    def _with_run(self, key: str, value: str | float) -> "Setup":
-        run = _run_with(self.scene.run, key, value)
-        return resolve(self.scene.replaced(run=run))
+    def _scene_with_run(self, key: str, value: str | float) -> Scene:
+        return self.scene.replaced(run=_run_with(self.scene.run, key, value))
 
     def announced(self, stiffness: float) -> "Setup":
         """Return the setup with the stiffness, N/m^1.5, that the plant of a run announced."""
@@ -446,7 +448,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
 
     sensor = of_law.sensor_of(sensors, bodies, step_s, latency_us)
     stiffness = announced_stiffness or bodies.contact.stiffness
-    return Setup(
+    return _made(
         scene=scene,
         announced_stiffness=announced_stiffness,
         name=scene.name,
@@ -480,6 +482,14 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         converter_step=sensor.converter_step,
         about_bodies=of_law.about_bodies(bodies, stiffness, line, step_ns, sensors.every_steps),
     )
+
+
+def _made(**values: Any) -> Setup:
+    """Return a setup of these values. The constructor of a frozen class takes 11 us to their 1 us,
+    and a case of a sweep makes several setups."""
+    found = object.__new__(Setup)
+    found.__dict__.update(values)
+    return found
 
 
 def _touch_phase(run: RunTable) -> float:
@@ -536,7 +546,7 @@ def _uncontrolled_force_n(free: Setup) -> tuple[np.ndarray | None, float]:
     published = not SCHEMES[free.scheme].conserves
     steps, lead_s = _FIRST_STEPS, free.lead_in_s
     while steps <= (_MOST_PUBLISHED if published else _MOST_STEPS):
-        short = free._with_run("duration_s", lead_s + steps * free.step_s)
+        short = resolve(free._scene_with_run("duration_s", lead_s + steps * free.step_s))
         truth = ts.series_under(short.start_plant(), np.zeros(short.steps))
         found = of_law.first_contact_force_n(truth, free.contact.stiffness, published)
         if found is not None:

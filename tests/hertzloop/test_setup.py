@@ -13,7 +13,7 @@ from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.scenes import keys
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.text import shipped, toml_text
-from hertzloop.setup import Setup, load, parse
+from hertzloop.setup import Setup, load, parse, resolve
 from hertzloop.setup.bodies import Bodies
 from tests.tiers import default
 
@@ -192,6 +192,8 @@ def test_a_setup_is_known_by_its_scene() -> None:
     assert setup.vary({"run.seed": 7}) != setup
     assert setup.lasting(17).steps == 17
     assert setup.uncontrolled().uncontrolled() == setup.uncontrolled()
+    fixed = setup.on_plate(setup.plate_model)
+    assert (fixed, stages(fixed)) == (resolve(fixed.scene), stages(resolve(fixed.scene)))
 
 
 def test_a_stage_is_evaluated_again_only_if_what_it_reads_has_changed() -> None:
