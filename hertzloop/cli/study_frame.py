@@ -33,16 +33,17 @@ def resumable(folder: Path, name: str, header: dict[str, Any]) -> "Iterator[Kept
     from hertzloop.studies.sweeps.journal import JournalError, kept
     from hertzloop.studies.sweeps.pool import SweepFailed
 
+    on = "no case is finished"
     try:
         with kept(folder, name, header) as finished:
             path = finished.journal.path
+            on = f"finished cases are kept in {path}. Run the same command again to continue"
             if finished.found:
                 err.print(f"Continuing with {finished.found} finished cases of {path}.",
                           soft_wrap=True)  # fmt: skip
             for line in finished.journal.damaged:
                 err.print(f"line {line} of {path} was damaged. Its case is run again.",
                           soft_wrap=True)  # fmt: skip
-            on = f"finished cases are kept in {path}. Run the same command again to continue"
             try:
                 with if_interrupted(lambda: on):
                     yield finished
@@ -50,3 +51,5 @@ def resumable(folder: Path, name: str, header: dict[str, Any]) -> "Iterator[Kept
                 fail(f"{error}; {on}.", 1)
     except JournalError as error:
         fail(str(error), 2)
+    except OSError as error:
+        fail(f"cannot write to the folder {folder}: {error.strerror or error}; {on}.", 1)

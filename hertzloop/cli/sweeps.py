@@ -115,10 +115,6 @@ def sweep(
     target = out_file or Path(f"{resolved.name}-sweep.parquet")
     if target.suffix not in (".parquet", ".csv"):
         fail(f"--out = {target}: unknown format. Use a name that ends in .parquet or .csv.", 2)
-    check_output(target, overwrite, read=files_of(resolved, scene, *(settings or [])))
-    check_writable(target.parent)  # for what is unfinished, even where a file may be replaced
-    beside = (target.with_name(target.name + end) for end in (".json", ".partial"))
-    check_json(json_file, target, *beside)
     if not SCHEMES[resolved.scheme].conserves:
         fail(NO_CASE_OF_THESIS, 2)
     if dask is not None:
@@ -150,20 +146,36 @@ def sweep(
                 check_law(resolved.vary({"controller.law": law}))
     except (DesignError, SceneError) as error:
         fail(str(error), 2)
-    compile_first(resolved)
+    complete = None if overwrite else study.finished(resolved, planned, span, target)
+    check_output(
+        target, overwrite or complete is not None,
+        read=files_of(resolved, scene, *(settings or [])),
+    )  # fmt: skip
+    check_writable(target.parent)  # for what is unfinished, even where a file may be replaced
+    beside = (target.with_name(target.name + end) for end in (".json", ".partial"))
+    check_json(json_file, target, *beside)
     total = len(planned.cases())
     on = "finished cases are kept. Run the same command again to continue"
-    try:
-        with if_interrupted(lambda: on), progress(f"{total} cases", total) as advance:
-            found = study.sweep(
-                resolved, planned, span, target, workers=workers, dask=dask, on_progress=advance
-            )
-    except JournalError as error:
-        fail(str(error), 2)
-    except study.SweepFailed as error:
-        fail(f"{error}; {on}.", 1)
-    except OSError as error:
-        fail(f"cannot write {target}: {error.strerror}", 1)
+    if complete is not None:
+        found = complete
+        err.print(f"{target} has the results of this sweep. --overwrite runs it again.",
+                  soft_wrap=True)  # fmt: skip
+    else:
+        compile_first(resolved)
+        try:
+            with if_interrupted(lambda: on), progress(f"{total} cases", total) as advance:
+                found = study.sweep(
+                    resolved, planned, span, target, workers=workers, dask=dask,
+                    on_progress=advance,
+                    on_wait=lambda sentence: err.print(f"{sentence}.", soft_wrap=True),
+                )  # fmt: skip
+        except JournalError as error:
+            fail(str(error), 2)
+        except study.SweepFailed as error:
+            fail(f"{error}; {on}.", 1)
+        except OSError as error:
+            why = error.strerror or error  # an error of Arrow has no number
+            fail(f"cannot write {error.filename or target}: {why}; {on}.", 1)
     keys = planned.keys
     for line in found.damaged:
         err.print(

@@ -1,5 +1,6 @@
 """Searches and charts cut short: they go on where they were, and find what they would have."""
 
+import errno
 import json
 import os
 import signal
@@ -15,13 +16,54 @@ from benchmarks import latency
 from hertzloop.analysis.cases import Span
 from hertzloop.setup import load
 from hertzloop.studies.sweeps.evaluate import Numbered, Pool, Rows, evaluate
-from hertzloop.studies.sweeps.journal import Kept, kept
+from hertzloop.studies.sweeps.journal import Journal, Kept, kept
 from hertzloop.studies.sweeps.pool import local_pool
 from tests.benchmarks.programs import ROOT
+from tests.commands import invoke
 from tests.studies.sweeping import COARSE, command, wait_until
 
 TUNE = ["tune", "aluminium-3mm", "--law", "predicted", "--set", "run.accuracy=0.05", "--set",
         "run.duration_s=0.0016", "--generations", "20", "--population", "40"]  # fmt: skip
+
+
+SHORT = ["aluminium-3mm", "--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0013"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["sweep", *SHORT, "--over", "controller.latency_us=0:60:1", "--workers", "1"],
+        ["budget", *SHORT, "--quick", "--no-real-plant", "--only", "bits", "--workers", "1"],
+        ["tune", *SHORT, "--law", "predicted", "--generations", "2", "--population", "20"],
+    ],
+)
+def test_a_full_disk_ends_a_study_in_a_sentence_and_keeps_what_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
+    """Its journal, that is, whose last line is torn."""
+    monkeypatch.chdir(tmp_path)
+    write, left = Journal._write, [6]
+
+    def full(self: Journal, row: dict[str, Any]) -> None:
+        left[0] -= 1
+        if left[0]:
+            return write(self, row)
+        self._file.write(b'{"case": 1, "torn')
+        self._file.flush()
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Journal, "_write", full)
+        result = invoke(words)
+    assert result.exit_code == 1
+    said = " ".join(result.stderr.split())
+    assert "No space left on device; finished cases are kept" in said
+    path = next(tmp_path.glob("*.partial"))
+    assert len(path.read_bytes().splitlines()) == 6
+    result = invoke(words)
+    assert result.exit_code == 0, result.stderr
+    assert words[0] == "sweep" or "Continuing with 4 finished cases" in result.stderr
+    assert not path.exists()
 
 
 def _journal(folder: Path) -> Path | None:

@@ -209,6 +209,44 @@ def test_results_come_back_with_scene_and_versions(tmp_path: Path, suffix: str) 
     assert not study.journal_of(out).exists()
 
 
+def test_a_repeated_sweep_says_that_its_results_are_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A signal may come when a sweep is done; another sweep does not replace them."""
+    monkeypatch.chdir(tmp_path)
+    words = ["sweep", "aluminium-3mm", "--set", COARSE[0], "--over", "sensors.bits=8,9"]
+    words += ["--workers", "1", "--out", "r.csv"]
+    first = invoke(words)
+    assert first.exit_code == 0, first.output
+    before = (tmp_path / "r.csv").read_bytes()
+    (tmp_path / "r.csv.partial").touch()  # the signal came before it was removed
+    again = invoke(words)
+    assert again.exit_code == 0, again.output
+    assert "r.csv has the results of this sweep" in again.stderr
+    assert again.stdout.splitlines()[:9] == first.stdout.splitlines()[:9]
+    other = invoke([*words, "--set", "sensors.bits=7"])
+    assert other.exit_code == 2
+    assert "r.csv exists" in other.stderr
+    assert (tmp_path / "r.csv").read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["r.csv", "r.csv.json"]
+
+
+def test_an_analysis_that_fails_costs_no_results(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The growth of the linear loop is computed when all cases are done."""
+
+    def broken(setup: Any) -> Any:
+        raise FloatingPointError("divide by zero")
+
+    monkeypatch.setattr("hertzloop.studies.margin.margin.growth_of", broken)
+    scene = load("aluminium-3mm", [*COARSE, "controller.law=velocity_feedback"])
+    axes = (Axis("controller.kappa", (0.01, 0.02)),)
+    found = study.sweep(scene, Design(axes), "impact", tmp_path / "r.csv", workers=1)
+    assert all(math.isnan(row["growth_per_s"]) for row in found.rows)
+    assert len(study.read_results(tmp_path / "r.csv")[0]) == 2
+
+
 def test_other_files_are_no_results(tmp_path: Path) -> None:
     (tmp_path / "b.csv.json").write_text("nothing")
     for name in ("a.parquet", "b.csv"):

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +18,7 @@ from hertzloop.setup import load
 from hertzloop.studies.sweeps import sweep as study
 from hertzloop.studies.sweeps.design import make_design
 from hertzloop.studies.sweeps.journal import Journal, JournalError
+from tests.commands import invoke
 from tests.hertzloop.processes import wait_for
 from tests.studies.sweeping import COARSE, command, wait_until
 
@@ -341,6 +343,33 @@ def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path: Path) -
     assert b"was lost; finished cases are kept" in said.replace(b"\n", b" ")
     assert b"Traceback" not in said
     assert len(_lines(study.journal_of(out))) >= 100
+
+
+@pytest.mark.full
+def test_a_cluster_without_workers_is_waited_for_with_a_word(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the start, and where all workers are lost."""
+    monkeypatch.setattr(study, "_WORKERLESS_S", 4.0)
+    monkeypatch.setattr(study, "_LOOK_S", 1.0)
+    out = tmp_path / "r.csv"
+    with cluster(0) as (address, _):
+        result = invoke([*HUGE, "-o", str(out), "--dask", address])
+    assert result.exit_code == 1
+    assert f"{address} has no workers; waiting 4 s for one" in result.stderr
+    assert "error: the Dask scheduler" in result.stderr
+    with cluster(1) as (address, workers):
+
+        def kill() -> None:
+            while len(_lines(study.journal_of(out))) < 100:
+                time.sleep(0.1)
+            workers[0].kill()
+
+        threading.Thread(target=kill, daemon=True).start()
+        result = invoke([*HUGE, "-o", str(out), "--dask", address])
+    assert result.exit_code == 1
+    assert f"{address} has no workers; waiting 4 s for one" in result.stderr
+    assert "was lost; finished cases are kept" in result.stderr
 
 
 @pytest.mark.full

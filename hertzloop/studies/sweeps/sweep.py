@@ -4,10 +4,11 @@ import json
 import logging
 import math
 import os
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from importlib.metadata import version
 from pathlib import Path
@@ -32,6 +33,7 @@ from hertzloop.studies.sweeps.pool import SweepFailed, local_cores, local_pool
 
 _NOT_OF_LOOP = ("run.touch_phase", "run.seed", "run.duration_s")  # the linear loop is the same
 _PACKAGES = ("hertzloop", "numpy", "numba")
+_WORKERLESS_S, _LOOK_S = 60.0, 5.0  # that a Dask cluster may be without workers; between two looks
 
 
 @dataclass(frozen=True)
@@ -111,6 +113,18 @@ def header_of(setup: Setup, design: Design, span: Span) -> dict[str, Any]:
     }
 
 
+def finished(setup: Setup, design: Design, span: Span, out: Path) -> Outcome | None:
+    """Return what `out` holds if it has the results of this very sweep, else None."""
+    try:
+        rows, header = read_results(out)
+    except ValueError:
+        return None
+    if header != json.loads(json.dumps(header_of(setup, design, span))):
+        return None
+    journal_of(out).unlink(missing_ok=True)
+    return Outcome([{"growth_per_s": None} | row for row in rows], 0, 0.0, [])
+
+
 def sweep(
     setup: Setup,
     design: Design,
@@ -120,10 +134,12 @@ def sweep(
     workers: int | None = None,
     dask: str | None = None,
     on_progress: Callable[[int], None] = lambda finished: None,
+    on_wait: Callable[[str], None] = lambda sentence: None,
 ) -> Outcome:
     """Run all cases that were not finished earlier, and write `out` (.parquet or .csv).
 
-    Unfinished, its rows are in `journal_of(out)`. Raises SweepFailed, JournalError, OSError.
+    Unfinished, its rows are in `journal_of(out)`. `on_wait` is told when the sweep waits for
+    workers. Raises SweepFailed, JournalError, OSError.
     """
     cases = list(enumerate(design.cases()))
     header = header_of(setup, design, span)
@@ -133,7 +149,7 @@ def sweep(
         on_progress(len(journal.done))
         started = time.perf_counter()
         if chunks:
-            with _results(header["scene_toml"], span, chunks, workers, dask) as results:
+            with _results(header["scene_toml"], span, chunks, workers, dask, on_wait) as results:
                 for rows in results:
                     for row in rows:
                         journal.add(row)
@@ -167,10 +183,12 @@ def with_growth(setup: Setup, keys: Sequence[str], rows: Rows) -> Rows:
         if name not in known:
             try:
                 found = growth_of(setup.vary(values))
+                undecided = found is not None and found.per_s is None
+                known[name] = None if found is None else math.nan if undecided else found.per_s
             except SceneError:
-                found = None
-            undecided = found is not None and found.per_s is None
-            known[name] = None if found is None else math.nan if undecided else found.per_s
+                known[name] = None
+            except Exception:  # whatever the analysis lacks, the cases are done
+                known[name] = math.nan
         return known[name]
 
     return [row | {"growth_per_s": growth(row)} for row in rows]
@@ -192,11 +210,12 @@ def journal_of(out: Path) -> Path:
 
 @contextmanager
 def _results(
-    toml: str, span: Span, chunks: list[Any], workers: int | None, dask: str | None
-) -> Iterator[Iterator[list[dict[str, Any]]]]:
+    toml: str, span: Span, chunks: list[Any], workers: int | None, dask: str | None,
+    on_wait: Callable[[str], None],
+) -> Iterator[Iterator[list[dict[str, Any]]]]:  # fmt: skip
     """Rows of the chunks as they come, from local processes or a Dask cluster."""
     if dask:
-        with _dask_results(dask, toml, span, chunks) as results:
+        with _dask_results(dask, toml, span, chunks, on_wait) as results:
             yield results
         return
     with local_pool(min(workers or local_cores(), len(chunks))) as pool:
@@ -205,7 +224,7 @@ def _results(
 
 @contextmanager
 def _dask_results(
-    address: str, toml: str, span: Span, chunks: list[Any]
+    address: str, toml: str, span: Span, chunks: list[Any], on_wait: Callable[[str], None]
 ) -> Iterator[Iterator[list[dict[str, Any]]]]:
     """The same from the workers of a Dask scheduler; it gives a dead worker's work to others."""
     try:
@@ -225,10 +244,14 @@ def _dask_results(
     except (OSError, ValueError, TimeoutError) as error:
         raise SweepFailed(f"no Dask scheduler answers at {address}: {error}") from error
     with client:
+        without = f"the Dask scheduler at {address} has no workers"
+        waits = f"{without}; waiting {_WORKERLESS_S:g} s for one (dask worker {address})"
+        if not client.scheduler_info()["workers"]:
+            on_wait(waits)
         try:
-            client.wait_for_workers(1, timeout=60)
+            client.wait_for_workers(1, timeout=_WORKERLESS_S)
         except TimeoutError as error:
-            raise SweepFailed(f"the Dask scheduler at {address} has no workers") from error
+            raise SweepFailed(without) from error
         ours = code_version()
         for worker, theirs in client.run(code_version).items():
             if theirs != ours:
@@ -238,10 +261,27 @@ def _dask_results(
         futures = client.map(
             lambda chunk: run_chunk(toml, span, chunk), chunks, pure=False, retries=2
         )
+        done = threading.Event()
+
+        def watch() -> None:
+            """Cancel the work where no worker has come for a while: Dask waits for ever."""
+            alone_s = 0.0
+            while not done.wait(_LOOK_S):
+                with suppress(Exception):  # a scheduler that is lost is said below
+                    alone_s = 0.0 if client.scheduler_info()["workers"] else alone_s + _LOOK_S
+                    if alone_s == _LOOK_S:
+                        on_wait(waits)
+                    if alone_s >= _WORKERLESS_S:
+                        client.cancel(futures)
+                        return
+
+        threading.Thread(target=watch, daemon=True).start()
         try:
             yield (future.result() for future in dask_completed(futures))
         except (CancelledError, CommClosedError, KilledWorker) as error:
             raise SweepFailed(f"the Dask cluster at {address} was lost") from error
+        finally:
+            done.set()
 
 
 def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any]) -> None:
@@ -252,13 +292,16 @@ def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any])
     table = pa.table({name: column_of([row[name] for row in alike]) for name in alike[0]})
     about = json.dumps(header, indent=2)
     new = out.with_name(out.name + ".new")
-    if out.suffix == ".parquet":
-        kept = {b"hertzloop": about.encode(), **(table.schema.metadata or {})}
-        pyarrow.parquet.write_table(table.replace_schema_metadata(kept), new)
-    else:
-        pyarrow.csv.write_csv(table, new)
-        _beside(out).write_text(about + "\n", encoding="utf-8")
-    new.replace(out)
+    try:
+        if out.suffix == ".parquet":
+            kept = {b"hertzloop": about.encode(), **(table.schema.metadata or {})}
+            pyarrow.parquet.write_table(table.replace_schema_metadata(kept), new)
+        else:
+            pyarrow.csv.write_csv(table, new)
+            _beside(out).write_text(about + "\n", encoding="utf-8")
+        new.replace(out)
+    finally:
+        new.unlink(missing_ok=True)  # of a full disk
 
 
 _TYPES = {float: pa.float64(), int: pa.int64(), bool: pa.bool_()}
