@@ -103,8 +103,7 @@ def problems(scene: SceneTables) -> list[str]:
     elif "any" not in several and scene.sensors.quantity not in several:
         found.append(
             f"sensors.quantity = '{scene.sensors.quantity}': controller.law = '{control.law}' "
-            "needs "
-            f"'{wanted}'. Use '{wanted}' or 'auto'."
+            f"needs '{wanted}'. Use '{wanted}' or 'auto'."
         )
     found += of_run
     if control.bits != "ideal" and control.full_scale_n is None:
@@ -148,16 +147,14 @@ def _line_problems(
         value = getattr(control, key)
         if abs(value * 1000 / run.step_ns - in_steps(value)) > 1e-9 * max(1.0, value):
             found.append(
-                f"controller.{key} = {value:g}: must be a whole number of steps. Give a "
-                "multiple of "
-                f"{run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})."
+                f"controller.{key} = {value:g}: must be a whole number of steps. Give a multiple "
+                f"of {run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})."
             )
     late = control.latency_us > 0.0 and in_steps(control.latency_us) + 1 >= steps
     if control.law != "off" and late:
         found.append(
-            f"controller.latency_us = {control.latency_us:g}: is as long as the run, so no "
-            "force acts. "
-            f"Reduce it or increase run.duration_s (now {run.duration_s:g})."
+            f"controller.latency_us = {control.latency_us:g}: is as long as the run, so no force "
+            f"acts. Reduce it or increase run.duration_s (now {run.duration_s:g})."
         )
     if control.latency_trace is not None and control.latency_us != 0.0:
         found.append(
@@ -189,15 +186,13 @@ def _phase_problems(scene: _Uncontrolled) -> list[str]:
     fall_s = math.sqrt(2.0 * scene.sphere.drop_height_m / GRAVITY_M_S2)
     if not SCHEMES[run.scheme].supports_touch_phase:
         return [
-            f"{phase}: not supported by run.scheme = '{run.scheme}'. Remove the key, or use "
-            "the scheme "
-            f"{_supporting('supports_touch_phase')}."
+            f"{phase}: not supported by run.scheme = '{run.scheme}'. Remove the key, or use the "
+            f"scheme {_supporting('supports_touch_phase')}."
         ]
     if not scene.step_s <= run.lead_in_s < fall_s - scene.step_s:
         return [
-            f"{phase}: the run must begin in flight. Set run.lead_in_s (now "
-            f"{run.lead_in_s:g}) to at "
-            f"least a step and less than the fall time, {fall_s:.3g} s."
+            f"{phase}: the run must begin in flight. Set run.lead_in_s (now {run.lead_in_s:g}) to "
+            f"at least a step and less than the fall time, {fall_s:.3g} s."
         ]
     return []
 
@@ -240,9 +235,8 @@ def _beyond_simply_supported(scene: _Uncontrolled) -> list[str]:
         return []
     if plate.radiating_faces:
         found.append(
-            f"{words}: plate.radiation = '{plate.radiation}' supports a simply supported "
-            "plate only. "
-            "Remove one of the two."
+            f"{words}: plate.radiation = '{plate.radiation}' supports a simply supported plate "
+            "only. Remove one of the two."
         )
     if not SCHEMES[scene.run.scheme].supports_edges:
         found.append(
@@ -330,15 +324,13 @@ def not_in_three_dimensions(
     if contact.damping != "none":
         found.append(
             f"contact.damping = '{contact.damping}': not supported by {asked}, because the "
-            "velocity of "
-            "a point on a solid diverges with the number of modes. Use contact.plasticity, or "
-            "'kirchhoff'."
+            "velocity of a point on a solid diverges with the number of modes. Use "
+            "contact.plasticity, or 'kirchhoff'."
         )
     if actuator.mass_kg is not None:
         found.append(
-            f"actuator.mass_kg = {actuator.mass_kg:g}: not supported by {asked}, because a "
-            "point mass "
-            "on a solid diverges with the number of modes. Remove the key, or use 'kirchhoff'."
+            f"actuator.mass_kg = {actuator.mass_kg:g}: not supported by {asked}, because a point "
+            "mass on a solid diverges with the number of modes. Remove the key, or use 'kirchhoff'."
         )
     if plate.tail == "damped":
         found.append(
@@ -402,9 +394,8 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
             )
         if apart:
             found.append(
-                f"plate.actuator_point_m = {list(point or ())} needs modes, which "
-                "run.plate_model = 'infinite' does not have. Remove the key, or use plate_model "
-                "'auto'."
+                f"plate.actuator_point_m = {list(point or ())} needs modes, which run.plate_model "
+                "= 'infinite' does not have. Remove the key, or use plate_model 'auto'."
             )
     if contact.damping not in scheme.dampings:
         known = ", ".join(f"'{name}'" for name in sorted(scheme.dampings))

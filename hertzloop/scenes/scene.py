@@ -171,8 +171,7 @@ def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> 
     if path.suffix == ".mcap":
         raise SceneError(
             f"{shortened(source)}: is a recording, not a scene. To show it, run `hertzloop inspect "
-            f"{shortened(source)}`. To repeat it, run `hertzloop run --repeat "
-            f"{shortened(source)}`."
+            f"{shortened(source)}`. To repeat it, run `hertzloop run --repeat {shortened(source)}`."
         )
     text = _text(source)  # first: there may be no looking for it
     folder = path.parent if path.is_file() else None

@@ -91,10 +91,9 @@ class Bodies:
         """The plate that the contact feels first. Raises SceneError where none is known."""
         if self.structure.local_plate is None:
             raise SceneError(
-                "controller.law or sensors.full_scale needs the impedance of an infinite "
-                "plate, which is "
-                f"unknown for {self.structure}. Give plate.thickness_m if it is a plate at the "
-                "contact point, or use another law and a numeric range."
+                "controller.law or sensors.full_scale needs the impedance of an infinite plate, "
+                f"which is unknown for {self.structure}. Give plate.thickness_m if it is a plate "
+                "at the contact point, or use another law and a numeric range."
             )
         return self.structure.local_plate
 

@@ -115,10 +115,9 @@ def widest_limit_hz(plate: Structure, sphere: Sphere, contact: Contact) -> float
                 "'kirchhoff'."
             )
         raise SceneError(
-            f"plate.theory = '3d' with {thick} and a contact of radius "
-            f"{radius:.2g} m: waves as short as the impact makes are no longer than the contact "
-            "is wide, where Hertz contact is invalid. Use a smaller sphere, a lower "
-            "drop, or 'kirchhoff'."
+            f"plate.theory = '3d' with {thick} and a contact of radius {radius:.2g} m: waves as "
+            "short as the impact makes are no longer than the contact is wide, where Hertz contact "
+            "is invalid. Use a smaller sphere, a lower drop, or 'kirchhoff'."
         )
     return limit
 
@@ -133,15 +132,13 @@ def _check_below_zero(structure: Structure, sphere: Sphere, contact: Contact) ->
     named = f"{structure} with residual_flexibility_m_n = {left_out:.3g}, below zero,"
     if contact.has_damper:
         raise SceneError(
-            f"{named} do not fit contact.damping: a negative residual flexibility is unstable "
-            "with a "
-            "damper. Use contact.plasticity for losses, or other modes."
+            f"{named} do not fit contact.damping: a negative residual flexibility is unstable with "
+            "a damper. Use contact.plasticity for losses, or other modes."
         )
     if -left_out * 1.5 * s * math.sqrt(deep) > _MOST_BELOW:
         raise SceneError(
             f"{named}: the contact is too stiff for these modes. Use fewer modes, a smaller "
-            "sphere, "
-            "or a lower drop."
+            "sphere, or a lower drop."
         )
 
 
@@ -257,10 +254,9 @@ def _check_lowest(plate: Structure, limit_hz: float, step_ns: int) -> None:
     lowest = plate.fundamental_hz
     if lowest is not None and not lowest < _LEAST_SHARE * limit_hz:
         raise SceneError(
-            f"{_sizes(plate)} has its lowest mode at {lowest:.3g} Hz, beyond the "
-            f"{limit_hz:.3g} Hz that the step supports. Use a larger or thinner plate, or a "
-            "smaller "
-            f"run.step_ns (now {step_ns})."
+            f"{_sizes(plate)} has its lowest mode at {lowest:.3g} Hz, beyond the {limit_hz:.3g} Hz "
+            "that the step supports. Use a larger or thinner plate, or a smaller run.step_ns (now "
+            f"{step_ns})."
         )
 
 
