@@ -40,16 +40,6 @@ class _Uncontrolled(NamedTuple):
     materials: tuple[MaterialTable, ...] | None
     run: "RunTable"
 
-    @property
-    def step_s(self) -> float:
-        """Length of a step, s."""
-        return self.run.step_ns * 1e-9
-
-    @property
-    def steps(self) -> int:
-        """Length of the run in steps."""
-        return round(self.run.duration_s / self.step_s)
-
 
 class SceneTables(Protocol):
     """A scene, as far as its problems go."""
@@ -62,10 +52,6 @@ class SceneTables(Protocol):
     controller: "ControllerTable"
     actuator: "ActuatorTable"
     run: "RunTable"
-
-    @property
-    def steps(self) -> int:
-        """Length of the run in steps."""
 
     @property
     def law(self) -> "Law":
@@ -189,7 +175,7 @@ def _phase_problems(scene: _Uncontrolled) -> list[str]:
             f"{phase}: not supported by run.scheme = '{run.scheme}'. Remove the key, or use the "
             f"scheme {_supporting('supports_touch_phase')}."
         ]
-    if not scene.step_s <= run.lead_in_s < fall_s - scene.step_s:
+    if not run.step_s <= run.lead_in_s < fall_s - run.step_s:
         return [
             f"{phase}: the run must begin in flight. Set run.lead_in_s (now {run.lead_in_s:g}) to "
             f"at least a step and less than the fall time, {fall_s:.3g} s."
@@ -410,9 +396,9 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
             f"'{run.scheme}'. Remove the key, or use the scheme "
             f"{_supporting('supports_separate_actuator')}."
         )
-    if scheme.most_steps is not None and scene.steps > scheme.most_steps:
+    if scheme.most_steps is not None and run.steps > scheme.most_steps:
         found.append(
-            f"run.duration_s = {run.duration_s:g} gives {scene.steps} steps; run.scheme = "
+            f"run.duration_s = {run.duration_s:g} gives {run.steps} steps; run.scheme = "
             f"'{run.scheme}' supports at most {scheme.most_steps}. Reduce the duration."
         )
     return found

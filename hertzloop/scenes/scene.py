@@ -85,16 +85,12 @@ class Scene(Table):
     @property
     def step_s(self) -> float:
         """Length of a step, s."""
-        return self.run.step_ns * 1e-9
+        return self.run.step_s
 
     @property
     def steps(self) -> int:
         """Length of the run in steps."""
         return self.run.steps
-
-    def in_steps(self, time_us: float) -> int:
-        """A time in whole steps."""
-        return self.run.in_steps(time_us)
 
     def material(self, body: Literal["plate", "sphere"]) -> Material:
         """The material of the plate or the sphere."""

@@ -218,9 +218,14 @@ class RunTable(Table):
     """random seed for noise, jitter and drop-outs"""
 
     @property
+    def step_s(self) -> float:
+        """Length of a step, s."""
+        return self.step_ns * 1e-9
+
+    @property
     def steps(self) -> int:
         """Length of the run in steps."""
-        return round(self.duration_s / (self.step_ns * 1e-9))
+        return round(self.duration_s / self.step_s)
 
     def in_steps(self, time_us: float) -> int:
         """A time in whole steps."""

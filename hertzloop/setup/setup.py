@@ -417,7 +417,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     if isinstance(scene, Setup):
         return scene
     run, control, sensors = scene.run, scene.controller, scene.sensors
-    step_ns, step_s = run.step_ns, scene.step_s
+    step_ns, step_s = run.step_ns, run.step_s
     bodies = of_bodies.bodies_of(
         scene.sphere, scene.plate, scene.contact, scene.actuator, scene.materials,
         run.scheme, run.plate_model, run.accuracy,
