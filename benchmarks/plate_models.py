@@ -28,6 +28,7 @@ from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.time_series import series_under
 from hertzloop.setup import Setup, load
+from hertzloop.setup.bodies import thin_plate_error
 from hertzloop.studies.words import write_records
 
 _ROUNDS, _STEPS = 201, 400  # of the timing; the plants take turns
@@ -248,7 +249,7 @@ def effects(names: tuple[str, ...] | None = None, *, timed: bool = True) -> list
                 thickness_number(plate, solid.impact.duration_s),
                 zener_inelasticity(spec.sphere, plate, spec.contact),
                 *changes(solid.impact, thin.impact),
-                thin_scene.thin_plate_error().largest,
+                thin_plate_error(thin_scene.bodies).largest,
                 thin.frequencies,
                 solid.frequencies,
                 step_us,

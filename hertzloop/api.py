@@ -20,6 +20,7 @@ from hertzloop.scenes import scene as scenes
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import Scene, shipped, vary
 from hertzloop.setup import Setup, resolve
+from hertzloop.setup.law import models_yield
 from hertzloop.views.labelled import FORCE_LABEL, HELD, cases_of, labelled, sensed_label, truth_of
 
 if TYPE_CHECKING:
@@ -327,7 +328,7 @@ def _run(
         return Ran(
             figures_of(setup, stacked(dict(columns))), law, setup.expected_error(),
             books.injected_j, books.dent_m, pacing is not None, saturation,
-            setup.law_models_yield(),
+            models_yield(setup.scene.controller),
         )  # fmt: skip
 
     force = None

@@ -16,7 +16,8 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.structure import frequencies
 from hertzloop.plant.time_series import series_under
 from hertzloop.setup import Setup
-from hertzloop.setup.plate import NEAREST
+from hertzloop.setup.bodies import thin_plate_error
+from hertzloop.setup.plate import NEAREST, wavelengths_to_edge
 
 _COUNTED = 500_000  # modes; beyond, the full model is only said to be larger
 _TIMED = 4_000  # frequencies that can be built and timed within 0.3 s
@@ -144,7 +145,11 @@ def tail_of(setup: Setup, books: Books) -> Tail | None:
     """The modes left out; None where they are a spring, or none are."""
     if not setup.plant.damped_tail:
         return None
-    return Tail(books.tail_dissipated_j, setup.wavelengths_to_edge(), NEAREST)
+    return Tail(
+        books.tail_dissipated_j,
+        wavelengths_to_edge(setup.bodies, setup.plant.frequency_limit_hz),
+        NEAREST,
+    )
 
 
 def theory_of(setup: Setup) -> Theory | None:
@@ -155,7 +160,7 @@ def theory_of(setup: Setup) -> Theory | None:
     return Theory(
         setup.scene.plate.theory,
         setup.theory,
-        setup.thin_plate_error(),
+        thin_plate_error(setup.bodies),
         jumps,
         setup.why_not_solid(),
     )

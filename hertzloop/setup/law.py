@@ -113,6 +113,14 @@ def law_of(table: ControllerTable) -> Law:
         raise SceneError(str(error)) from error
 
 
+def models_yield(table: ControllerTable) -> bool:
+    """Whether the law declares that it allows for a permanent dent; false if it is missing."""
+    try:
+        return bool(getattr(table.found, "models_yield", False))
+    except LawError:
+        return False
+
+
 def reach_of(table: ControllerTable) -> Reach:
     """How far the force of the law can go; without limit if the law is not there any more, as that
     of a recording may be. Raises SceneError."""

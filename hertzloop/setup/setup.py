@@ -23,7 +23,6 @@ from hertzloop.plant import time_series as ts
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
 from hertzloop.plant.estimates.model_order import expected_error, expected_solid_error, held_error
-from hertzloop.plant.estimates.plate_theory import KirchhoffError
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -88,6 +87,14 @@ class Setup:
     """sampled quantity, a key of SENSED"""
     every_steps: int
     """steps between two samples"""
+    size_m: tuple[float, float] | None
+    """length and width of the plate; None where modes stand for it"""
+    law_reference: str
+    """the law as the scene names it: a shipped name, a file, or a module"""
+    has_law: bool
+    """whether there is control at all"""
+    law_is_shipped: bool
+    """whether the law comes with hertzloop"""
     touch_phase: float
     """part of a step from the last sample above the plate to the first touch: the scene's, or drawn
     by its seed"""
@@ -141,29 +148,9 @@ class Setup:
         return self.scene.shows
 
     @property
-    def size_m(self) -> tuple[float, float] | None:
-        """Length and width of the plate; None where modes stand for it."""
-        return self.scene.plate.size_m
-
-    @property
     def plate_model_asked(self) -> str:
         """`run.plate_model`: "auto" leaves the choice to the setup."""
         return self.scene.run.plate_model
-
-    @property
-    def law_reference(self) -> str:
-        """The law as the scene names it: a shipped name, a file, or a module."""
-        return self.scene.controller.law
-
-    @property
-    def has_law(self) -> bool:
-        """Whether there is control at all."""
-        return self.law_reference != "off"
-
-    @property
-    def law_is_shipped(self) -> bool:
-        """Whether the law comes with hertzloop."""
-        return self.law_reference in shipped_laws()
 
     @property
     def law(self) -> Law:
@@ -192,24 +179,7 @@ class Setup:
         given = self.scene.plate.material if body == "plate" else self.scene.sphere.material
         return given if isinstance(given, str) else given.name or ""
 
-    def law_models_yield(self) -> bool:
-        """Return whether the law declares that it allows for a permanent dent; false if it is
-        missing."""
-        try:
-            return bool(getattr(self.scene.controller.found, "models_yield", False))
-        except LawError:
-            return False
-
     # Stages that only some commands need.
-
-    def thin_plate_error(self) -> KirchhoffError:
-        """Return what Kirchhoff's theory is expected to cost the first impact."""
-        return of_bodies.thin_plate_error(self.bodies)
-
-    def limiting_pressure(self) -> dict[str, Any] | None:
-        """Return the pressure at which the contact yields, and where it comes from; None if it does
-        not."""
-        return of_bodies.limiting_pressure(self.bodies, self.scene.contact)
 
     def why_not_solid(self) -> str | None:
         """Return why the plate cannot be in three dimensions; None if it can."""
@@ -218,11 +188,6 @@ class Setup:
             scene.plate, scene.contact, scene.actuator, self.scheme, self.plate_model_asked
         )
         return found[0] if found else None
-
-    def wavelengths_to_edge(self) -> float:
-        """Return the distance of the contact point from the nearest edge, in bending waves at the
-        frequency limit."""
-        return of_plate.wavelengths_to_edge(self.bodies, self.plant.frequency_limit_hz)
 
     def infinite_plate_error_at(self, end_s: float) -> float:
         """Return the error that an infinite plate is expected to have in a run that ends at
@@ -462,6 +427,10 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         scheme=run.scheme,
         quantity=sensors.quantity,
         every_steps=sensors.every_steps,
+        size_m=scene.plate.size_m,
+        law_reference=control.law,
+        has_law=control.law != "off",
+        law_is_shipped=control.law in shipped_laws(),
         touch_phase=_touch_phase(run),
         bodies=bodies,
         sphere=bodies.sphere,

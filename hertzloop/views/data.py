@@ -28,7 +28,7 @@ from hertzloop.processes.launcher import RunOptions, Transport, record
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.setup import Setup
+from hertzloop.setup import Setup, bodies
 from hertzloop.views.effects import effects_as_json
 from hertzloop.views.sentences import verdict_sentences, why_not_words
 
@@ -195,7 +195,7 @@ def run_as_json(
         "residuals": {"momentum": books.momentum_residual, "energy": books.energy_residual},
         "tail": _fields(tail_of(setup, books)),
         "theory": _theory(setup),
-        "limiting_pressure": setup.limiting_pressure(),
+        "limiting_pressure": bodies.limiting_pressure(setup.bodies, setup.scene.contact),
         "radiation": _fields(radiation_of(setup, books)),
         "frequencies": books.frequencies,
         "frequency_limit_hz": books.frequency_limit_hz,

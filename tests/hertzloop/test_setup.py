@@ -21,7 +21,7 @@ SCENES = shipped()
 STAGES = (
     "steps", "step_s", "bodies", "touch_phase", "first_touch_s", "reach", "plate_model",
     "infinite_plate_lasts_s", "with_edges", "plant", "expected_error", "sensor", "latency_us",
-    "converter_step", "line", "about", "limiting_pressure",
+    "converter_step", "line", "about",
 )  # fmt: skip
 # Values to try of keys that are not plain numbers, beside those that a key's kind names.
 TRIED: dict[str, list[Any]] = {

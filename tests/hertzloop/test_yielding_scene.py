@@ -17,6 +17,7 @@ from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
+from hertzloop.setup.bodies import limiting_pressure
 from hertzloop.views.run import pressure_words
 from tests.commands import invoke
 
@@ -157,7 +158,7 @@ def test_the_limiting_pressure_comes_from_the_softer_body(
     limit = scene.plant.contact.limit
     assert limit is not None
     assert limit.pressure_pa == pytest.approx(gigapascal * 1e9)
-    found = scene.limiting_pressure()
+    found = limiting_pressure(scene.bodies, scene.scene.contact)
     assert found is not None
     assert words in pressure_words(found)
 
