@@ -14,6 +14,8 @@ from hertzloop.jit import kernel
 from hertzloop.jit.by_type import by_type, no, yes
 from hertzloop.plant import state_kernels as pk
 
+# A command beyond this (N) acts as this: a loop that runs away stays finite for as long as it runs.
+MOST_N = 1e12
 # Below this (N) an actuator without command is at rest: 1e-20 of a newton moves nothing, and a
 # number that decays for ever ends in denormal ones, which are slow.
 _REST_N = 1e-20

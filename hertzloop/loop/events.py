@@ -3,7 +3,7 @@
 They depend on samples only, never on how a stream was cut into blocks.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from hertzloop.controller.law import ACTING, IDLE
 from hertzloop.setup import Setup
 
 _SPAN = 1000  # steps
+MOST = 10_000  # events of one publisher that are listed
 
 
 def _changes(flags: np.ndarray, before: bool) -> np.ndarray:
@@ -61,12 +62,32 @@ class LateForces:
         }  # fmt: skip
 
 
-class PlantEvents:
+class _Listed:
+    """Publishes the first MOST events of a publisher and counts the others. Their number is told at
+    the last step of a run of so many `steps`."""
+
+    def __init__(self, name: str, steps: int, step_ns: int) -> None:
+        self._name, self._steps, self._step_ns = name, steps, step_ns
+        self._found = 0
+
+    def _published(self, found: Iterable[Found], end: int) -> Iterator[Event]:
+        """Events by rising step, of a block that ends before step `end`."""
+        for step, level, fact in found:
+            self._found += 1
+            if self._found <= MOST:
+                yield event(self._name, step, self._step_ns, level, **fact)
+        if end >= self._steps and self._found > MOST:
+            words, self._found = f"{self._found - MOST:,} further events are not listed", 0
+            yield event(self._name, self._steps - 1, self._step_ns, Log.WARNING, message=words)
+
+
+class PlantEvents(_Listed):
     """Contacts and saturation, from truth and converter flags of the same steps, and late forces of
     a run of so many `steps`."""
 
     def __init__(self, step_ns: int, every_steps: int, quantity: str, steps: int = 0) -> None:
-        self._step_ns, self._every, self._quantity = step_ns, every_steps, quantity
+        super().__init__("plant", steps, step_ns)
+        self._every, self._quantity = every_steps, quantity
         self._late = LateForces(steps)
         self._touching = self._clipped = False
         self._contacts = 0
@@ -98,25 +119,31 @@ class PlantEvents:
         self._clipped = bool(flags[-1]) if len(flags) else self._clipped
         if held is not None:
             found += self._late.of(first_step, held)
-        for step, level, fact in sorted(found, key=lambda found: found[0]):
-            yield event("plant", step, self._step_ns, level, **fact)
+        found.sort(key=lambda one: one[0])
+        yield from self._published(found, first_step + len(touching))
 
 
-class ControllerEvents:
+class ControllerEvents(_Listed):
     """Changes of the law's mode, with the delay that a threshold latched."""
 
     def __init__(self, setup: Setup) -> None:
-        self._step_ns, self._every = setup.step_ns, setup.every_steps
+        super().__init__("controller", setup.steps, setup.step_ns)
+        self._every = setup.every_steps
         self._latches = setup.law.latches
         self._mode = IDLE
 
     def of(self, first_sample: int, modes: np.ndarray, delays: np.ndarray) -> Iterator[Event]:
         """Events of a block of samples."""
-        changed = np.flatnonzero(np.diff(modes, prepend=self._mode))
-        for i in changed:
+        end = (first_sample + len(modes)) * self._every
+        yield from self._published(self._of_modes(first_sample, modes, delays), end)
+
+    def _of_modes(
+        self, first_sample: int, modes: np.ndarray, delays: np.ndarray
+    ) -> Iterator[Found]:
+        for i in np.flatnonzero(np.diff(modes, prepend=self._mode)):
             old, self._mode = self._mode, int(modes[i])
             fact: dict[str, Any] = {"mode_before": old, "mode": self._mode}
             if self._mode == ACTING and self._latches:
                 fact["delay_ns"] = int(delays[i]) * self._every * self._step_ns
             step = (first_sample + int(i)) * self._every
-            yield event("controller", step, self._step_ns, kind=EventKind.LAW_MODE, **fact)
+            yield step, Log.INFO, {"kind": EventKind.LAW_MODE, **fact}

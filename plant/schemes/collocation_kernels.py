@@ -469,6 +469,7 @@ def step(model, state, command):
         settle_balance(model, state)
     f0, f1, f_act = forces_on_plate(model, state)
     quiet = unforced(model, state, f0, f1, f_act)
+    command = max(-act.MOST_N, min(act.MOST_N, command))
     f_a, f_a1 = act.force(model.actuator, body, command)
     sloped = act.has_slope(model.actuator)
     pushed = f_a != 0.0 or (sloped and f_a1 != 0.0)

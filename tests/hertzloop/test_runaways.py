@@ -1,13 +1,19 @@
-"""A loop that runs away until its law commands no number is unstable, and not a case that failed;
-a law that is wrong fails, and a force that is known ahead can do neither."""
+"""A loop that runs away is unstable, not a case that failed; its numbers stay finite. A wrong law
+fails, and a force that is known ahead can do neither."""
 
 import json
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hertzloop.analysis.cases import CaseState, UnstableLoop, figures_of_case
-from hertzloop.loop.compiled import simulate
+from hertzloop.analysis.impacts import F_A
+from hertzloop.loop import events as loop_events
+from hertzloop.loop.compiled import record_in_process, simulate
+from hertzloop.plant.actuator_kernels import MOST_N
+from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from hertzloop.studies.sweeps.evaluate import not_run, older_state, run_case
@@ -27,8 +33,40 @@ def test_a_runaway_is_an_unstable_case(law: str, kappa: float) -> None:
     assert row["state"] == CaseState.UNSTABLE == older_state(row["status"])
     assert row["status"].startswith("the closed loop is unstable")
     assert not not_run([row])
-    with pytest.raises(SceneError, match=f"the law {law}, at sample .*, commanded -?inf N"):
-        simulate(scene)  # as a single run says
+    run = simulate(scene)
+    assert np.isfinite(run.rows).all()
+    assert abs(run.rows[F_A]).max() == MOST_N
+    assert abs(run.books.energy_residual) < 1e-9
+
+
+@pytest.mark.parametrize(("law", "kappa"), AWAY)
+def test_a_single_run_that_runs_away_says_so(law: str, kappa: float, tmp_path: Path) -> None:
+    file = tmp_path / "a.mcap"
+    words = [w for key in [*RUN, f"controller.law={law}", f"controller.kappa={kappa}"]
+             for w in ("--set", key)]  # fmt: skip
+    done = invoke(["run", "aluminium-3mm", *words, "--transport", "compiled", "-o", str(file)])
+    assert done.exit_code == 0, done.output
+    assert "UNSTABLE" in done.output
+    assert invoke(["inspect", str(file)]).exit_code == 0
+
+
+def test_events_that_are_too_many_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However the samples come in blocks."""
+    monkeypatch.setattr(loop_events, "MOST", 1)
+    scene = load("aluminium-3mm", RUN)
+    told = []
+    for compiled in (True, False):
+        file = tmp_path / f"{compiled}.mcap"
+        record_in_process(scene, file, compiled=compiled)
+        told.append([(event.name, event.time_ns, event.message) for event in read(file).events])
+    assert sorted(told[0]) == sorted(told[1])
+    for name in ("plant", "controller"):
+        *listed, last = [event for event in told[0] if event[0] == name]
+        assert len(listed) == 1
+        assert last[1] == scene.steps * scene.step_ns - scene.step_ns
+        assert re.fullmatch(r"\d+ further events are not listed", last[2])
 
 
 def test_a_law_that_is_wrong_fails_its_case(
