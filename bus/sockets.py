@@ -51,7 +51,8 @@ def own_endpoints() -> Iterator[list[str]]:
 
 
 def _short_folder(stack: ExitStack) -> str | None:
-    for parent in (tempfile.gettempdir(), os.environ.get("XDG_RUNTIME_DIR", ""), "/tmp"):
+    runtime = os.environ.get("XDG_RUNTIME_DIR") or "/tmp"
+    for parent in (tempfile.gettempdir(), runtime, "/tmp"):
         named = f"{parent}/{_PREFIX}{'x' * 8}/00.lock"  # zenoh locks a file beside the socket
         if _PLAIN.fullmatch(named) and not too_long(_KIND + named):
             with suppress(OSError):
