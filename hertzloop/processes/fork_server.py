@@ -28,12 +28,12 @@ from typing import NoReturn, TextIO
 
 from setproctitle import setproctitle
 
+from hertzloop.foreign import visible
 from hertzloop.processes.signals import as_in_a_fresh_process, left_to_the_launcher
 
 # What a role runs. By name, as in `python -m`: the command line imports this module.
 _PROGRAM = "hertzloop.__main__"
-_LONGEST_REQUEST = 1 << 20  # bytes: command line and environment
-_STREAMS = 3  # descriptors of standard input, output and error, sent with a request
+_DESCRIPTORS = 5  # of a request: its file, standard input, output and error, and the exit code
 # Variables that are read while modules are imported: a server with other values is of no use.
 _READ_AT_IMPORT = ("HOME", "NUMBA_", "OMP_", "OPENBLAS_", "PYTHON", "TMPDIR", "XDG_")
 
@@ -95,8 +95,6 @@ class ForkServer:
 
     def __init__(self) -> None:
         self._requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        for end in (self._requests, theirs):
-            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _LONGEST_REQUEST)
         self.process: subprocess.Popen[bytes] | None = None
         if len(os.listdir("/proc/self/task")) == 1:
             self._fork(theirs)
@@ -139,10 +137,13 @@ class ForkServer:
             "environment": dict(os.environ),
         }
         stdin, stdout, status = os.pipe(), os.pipe(), os.pipe()
-        with stderr.open("w") as sink:
-            theirs = [stdin[0], stdout[1], sink.fileno(), status[1]]
+        # A file in memory: an environment may be larger than any message.
+        with stderr.open("w") as sink, os.fdopen(os.memfd_create("request"), "w") as file:
+            json.dump(request, file)
+            file.flush()
+            theirs = [file.fileno(), stdin[0], stdout[1], sink.fileno(), status[1]]
             try:
-                socket.send_fds(self._requests, [json.dumps(request).encode()], theirs)
+                socket.send_fds(self._requests, [b"start"], theirs)
                 answer = self._requests.recv(64)
                 if not answer:
                     raise BrokenPipeError("the fork server has ended")
@@ -205,10 +206,10 @@ def _serve(requests: socket.socket) -> NoReturn:
                     os.write(status, str(code).encode())
                 os.close(status)
                 continue
-            message, given, _, _ = socket.recv_fds(requests, _LONGEST_REQUEST, _STREAMS + 1)
+            message, given, _, _ = socket.recv_fds(requests, 16, _DESCRIPTORS)
             if not message:
                 os._exit(0)
-            *streams, status = given
+            *given, status = given
             try:
                 pid = os.fork()
             except OSError as error:
@@ -219,14 +220,14 @@ def _serve(requests: socket.socket) -> NoReturn:
                     requests.close()
                     waiting.close()
                     os.close(status)
-                    _become(json.loads(message), streams)
+                    _become(*given)
                 requests.send(str(pid).encode())
                 waiting.register(os.pidfd_open(pid), selectors.EVENT_READ, (pid, status))
-            for stream in streams:
-                os.close(stream)
+            for descriptor in given:
+                os.close(descriptor)
 
 
-def _become(request: dict[str, object], streams: list[int]) -> NoReturn:
+def _become(file: int, *streams: int) -> NoReturn:
     """Run a command in this fork as a fresh process would, and end it."""
     code = 1
     # What the launcher asked for at its exit is not this process's to do.
@@ -238,16 +239,16 @@ def _become(request: dict[str, object], streams: list[int]) -> NoReturn:
         for number, stream in enumerate(streams):
             os.dup2(stream, number)
             os.close(stream)
-        arguments, environment = request["arguments"], request["environment"]
-        assert isinstance(arguments, list)
-        assert isinstance(environment, dict)
+        os.lseek(file, 0, os.SEEK_SET)
+        with os.fdopen(file) as text:
+            request = json.load(text)
         os.environ.clear()
-        os.environ.update(environment)
-        os.chdir(str(request["cwd"]))
+        os.environ.update(request["environment"])
+        os.chdir(request["cwd"])
         sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")
         sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace")
-        sys.argv = ["hertzloop", *arguments]
-        setproctitle(" ".join(sys.argv))
+        sys.argv = ["hertzloop", *request["arguments"]]
+        setproctitle(visible(" ".join(sys.argv)))
         as_in_a_fresh_process()
         importlib.import_module(_PROGRAM).main()
         code = 0
