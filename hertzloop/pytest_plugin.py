@@ -1,10 +1,10 @@
 """A plug-in for pytest: rows of requirements.toml as tests, and fixtures that simulate a scene.
 
-pytest finds it by its entry point once hertzloop is installed. It imports the rest of hertzloop
-only for a file of requirements or a fixture.
+pytest finds it by its entry point once hertzloop is installed; `-p no:hertzloop` turns it off. It
+imports the rest of hertzloop only for a file of requirements or a fixture.
 """
 
-import tomllib
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from hertzloop.studies.budget.requirements import Row
 
 _FILE = "requirements.toml"
+_HEADING = re.compile(r"^[ \t]*\[[ \t]*hertzloop[ \t]*\]", re.MULTILINE)
 
 
 class RequirementFailed(Exception):
@@ -24,16 +25,14 @@ class RequirementFailed(Exception):
 
 
 def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> pytest.Collector | None:
-    """Collect files named requirements.toml that have a row [[requirement]]."""
+    """Collect files named requirements.toml that have a table [hertzloop]."""
     if file_path.name != _FILE:
         return None
     try:
-        data = tomllib.loads(file_path.read_text(encoding="utf-8"))
+        ours = _HEADING.search(file_path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None  # another tool may use this name
-    if not isinstance(data.get("requirement"), list):
-        return None
-    return RequirementsFile.from_parent(parent, path=file_path)
+    return RequirementsFile.from_parent(parent, path=file_path) if ours else None
 
 
 class RequirementsFile(pytest.File):

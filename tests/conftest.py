@@ -23,10 +23,6 @@ settings.load_profile("no clock")
 
 collect_rarely()
 
-# Rows of tests/latency/requirements.toml are tests; an environment that was installed earlier has
-# no entry point for this plug-in.
-pytest_plugins = ("hertzloop.pytest_plugin",)
-
 # Packages of the extra `all-tests`, one for each of its lines that tests import.
 _ALL_TESTS = (
     "control", "cosmic_ray", "cryptography", "distributed", "fmpy", "grpc_tools", "gymnasium",

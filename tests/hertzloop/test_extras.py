@@ -74,7 +74,8 @@ def test_a_check_needs_no_charts(tmp_path: Path) -> None:
     """The workflow that `law new --with-check` writes installs no extra."""
     row = 'name = "a"\nscene = "aluminium-3mm"\ngoal = "plate_energy_db <= -0.1"\nphases = 1\n'
     (tmp_path / "requirements.toml").write_text(
-        f'law = "force_feedback"\n[[requirement]]\nset = {{ "run.duration_s" = 0.002 }}\n{row}'
+        '[hertzloop]\nlaw = "force_feedback"\n[[requirement]]\n'
+        f'set = {{ "run.duration_s" = 0.002 }}\n{row}'
     )
     done = without("matplotlib jinja2", "budget", "--check", "requirements.toml", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, ""), done.stderr

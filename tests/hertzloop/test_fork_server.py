@@ -40,9 +40,7 @@ def test_the_exit_code_and_the_error_are_those_of_the_command(errors: Path) -> N
     assert "no-such-scene" in errors.read_text()
 
 
-def test_a_large_environment_reaches_a_role(
-    errors: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_environment_reaches_a_role(errors: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for number in range(12):
         monkeypatch.setenv(f"LARGE_{number}", "x" * 100_000)
     assert fork_server.start(["--version"], errors).wait() == 0, errors.read_text()

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
@@ -392,6 +393,7 @@ def test_sobol_indices_of_the_ishigami_function():
 
 
 REQUIREMENTS = """
+[hertzloop]
 law = "force_feedback"
 
 [[requirement]]
@@ -437,9 +439,12 @@ def test_an_expected_figure_may_differ_by_its_digits_only(pool, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "word"),
-    [("x = 1", "unknown"), ("", "Add at least one"), ("[[requirement]]\nname = 'a'", "scene"),
-     ("[[requirement]]\nname = 'a'\nscene = 'b'", "needs goal"),
-     ("[[requirement]]\nname = 'a'\nscene = 'b'\ngoal = 'x <= 1'", "not a figure")],
+    [("x = 1\n[hertzloop]", "x is unknown"), ("[hertzloop]\nlaws = 'a.py'", "hertzloop.laws is"),
+     ("[[requirement]]\nname = 'a'", r"no table \[hertzloop\]"), ("hertzloop = 1", "no table"),
+     ("[hertzloop]", "Add at least one"),
+     ("[hertzloop]\n[[requirement]]\nname = 'a'", "scene"),
+     ("[hertzloop]\n[[requirement]]\nname = 'a'\nscene = 'b'", "needs goal"),
+     ("[hertzloop]\n[[requirement]]\nname = 'a'\nscene = 'b'\ngoal = 'x <= 1'", "not a figure")],
 )  # fmt: skip
 def test_requirements_that_cannot_be_read_are_refused(tmp_path, text, word):
     path = tmp_path / "requirements.toml"
@@ -448,8 +453,8 @@ def test_requirements_that_cannot_be_read_are_refused(tmp_path, text, word):
         read_requirements(path)
 
 
-def _python(*words, folder):
-    plugins = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+def _python(*words, folder, plugins_of_all=False):
+    plugins = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "" if plugins_of_all else "1"}
     plugins.pop("PYTEST_XDIST_WORKER", None)
     root = str(Path(__file__).parents[2])
     plugins["PYTHONPATH"] = os.pathsep.join([root, plugins.get("PYTHONPATH", "")])
@@ -473,6 +478,32 @@ def test_rows_are_tests_of_pytest(requirements):
     assert "1 failed, 2 passed" in ran.stdout, ran.stdout + ran.stderr
     assert "Reproduce: hertzloop run aluminium-3mm" in ran.stdout
     assert "Traceback" not in ran.stdout
+
+
+OF_ANOTHER_TOOL = 'title = "Other [hertzloop]"\n[[requirement]]\nid = "REQ_1"\n'
+
+
+@pytest.mark.parametrize("text", [OF_ANOTHER_TOOL, "[[", "\x00", "[hertzloop2]\n[[requirement]]"])
+def test_a_repository_of_others_is_left_alone(tmp_path, text):
+    (tmp_path / "requirements.toml").write_text(text)
+    (tmp_path / "test_theirs.py").write_text(
+        "import sys\n"
+        "def test_theirs():\n"
+        "    heavy = {'numpy', 'numba', 'zenoh', 'xarray', 'pydantic', 'hertzloop.setup'}\n"
+        "    assert 'hertzloop.pytest_plugin' in sys.modules\n"
+        "    assert not heavy & set(sys.modules)\n"
+    )
+    ran = _python("pytest", "-p", "hertzloop.pytest_plugin", "-q", folder=tmp_path)
+    assert "1 passed" in ran.stdout, ran.stdout + ran.stderr
+
+
+def test_the_plug_in_can_be_turned_off(requirements):
+    [point] = [one for one in entry_points(group="pytest11") if one.value.startswith("hertzloop.")]
+    if point.name != "hertzloop":
+        pytest.skip("this environment was installed before the plug-in had its name")
+    words = ("pytest", "-p", "no:hertzloop", "-p", "no:xdist")
+    ran = _python(*words, folder=requirements.parent, plugins_of_all=True)
+    assert "no tests ran" in ran.stdout, ran.stdout + ran.stderr
 
 
 def test_the_command_ends_as_documented(requirements):

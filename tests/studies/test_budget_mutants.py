@@ -151,7 +151,7 @@ def truths(pool):
 
 def requirements_of(truth, folder):
     """Requirements that ask for the figures of a law, for law.py in the same folder."""
-    lines = ['law = "law.py"']
+    lines = ["[hertzloop]", 'law = "law.py"']
     for number, (case, row) in enumerate(zip(CASES, truth, strict=True)):
         given = ", ".join(f'"{key}" = {value}' for key, value in (BASE | GAIN | case).items())
         wanted = ", ".join(f"{figure} = {row[figure]!r}" for figure in FIGURES)

@@ -1,6 +1,7 @@
 """Requirements on a law in a file beside it: rows that a command or pytest checks.
 
 ```toml
+[hertzloop]                                    # tells pytest that this file is for hertzloop
 law = "mine.py"                                # for all rows; a row may name another
 
 [[requirement]]
@@ -162,9 +163,14 @@ def read_requirements(path: Path) -> list[Row]:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise SceneError(f"{path}: cannot be read: {error}") from error
-    unknown = set(data) - {"law", "requirement"}
-    if unknown:
-        raise SceneError(f"{path}: {', '.join(sorted(unknown))} is unknown. Use law, requirement")
+    for_all = data.get("hertzloop")
+    if not isinstance(for_all, dict):
+        raise SceneError(f"{path}: has no table [hertzloop]. Add it, with law = FILE for all rows")
+    unknown = {*data, *(f"hertzloop.{key}" for key in for_all)}
+    if unknown := unknown - {"hertzloop", "hertzloop.law", "requirement"}:
+        raise SceneError(
+            f"{path}: {', '.join(sorted(unknown))} is unknown. Use hertzloop.law, requirement"
+        )
     rows = []
     for number, given in enumerate(data.get("requirement", []), 1):
         try:
@@ -177,7 +183,7 @@ def read_requirements(path: Path) -> list[Row]:
                 f"{path}, requirement {number}{where and f', {where}'}: {said}. Correct the row"
             ) from error
         for scene in one.scenes or (one.scene or "",):
-            rows.append(Row(one, scene, one.law or data.get("law"), path.parent))
+            rows.append(Row(one, scene, one.law or for_all.get("law"), path.parent))
     if not rows:
         raise SceneError(f"{path}: has no [[requirement]]. Add at least one")
     names = [row.name for row in rows]
