@@ -111,6 +111,25 @@ class About:
 
 
 @dataclass(frozen=True)
+class Response:
+    """Transfer function of a linear law, from a sample to the command of that sample.
+
+    It is `gain` + sum of residues/(z - pole), or `gain` times the product of `stages`.
+
+    Attributes:
+        gain: N per unit of the samples.
+        poles: distinct, both of each conjugate pair.
+        residues: of these.
+        stages: numerator and denominator of each, coefficients of 1, 1/z, 1/z^2, ...
+    """
+
+    gain: float
+    poles: tuple[complex, ...] = ()
+    residues: tuple[complex, ...] = ()
+    stages: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
+
+
+@dataclass(frozen=True)
 class Reach:
     """Bound of the force of a law, which may allow a cheaper plate model.
 

@@ -20,11 +20,12 @@ from hertzloop.controller.law import (
     Keys,
     LawError,
     Reach,
+    Response,
     StepsUs,
     kernel,
 )
 
 __all__ = [
     "ACTING", "IDLE", "NO_PROMISE", "SPENT", "WATCHING", "About", "Field", "Force", "Gain", "Keys",
-    "LawError", "Reach", "StepsUs", "kernel",
+    "LawError", "Reach", "Response", "StepsUs", "kernel",
 ]  # fmt: skip

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from hertzloop.controller.law import ACTING, IDLE, About
+from hertzloop.controller.law import ACTING, IDLE, About, Response
 from hertzloop.controller.laws import force_feedback
 from hertzloop.controller.laws.force_feedback import dead_zone, reach  # noqa: F401
 
@@ -40,6 +40,12 @@ def prepare(keys, about: About) -> Constants:
     keep = math.exp(-2.0 * math.pi * keys.leak_hz * about.sample_s)
     gain = -keys.kappa * about.impedance_n_s_m
     return Constants(gain, dead_zone(about), keep, about.sample_s)
+
+
+def transfer_function(keys, p) -> Response:
+    """The leaking integral, scale z/(z - keep) = scale + scale keep/(z - keep)."""
+    scale = p.gain * p.keep * p.sample_s
+    return Response(scale, (p.keep,), (scale * p.keep,))
 
 
 def tune(about: About) -> dict[str, tuple[float, float]]:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from pydantic import Field
 
-from hertzloop.controller.law import ACTING, IDLE, About, Gain, Keys, Reach
+from hertzloop.controller.law import ACTING, IDLE, About, Gain, Keys, Reach, Response
 
 senses = "contact_force"
 
@@ -37,6 +37,11 @@ def dead_zone(about: About) -> float:
 def prepare(keys, about: About) -> Constants:
     """Constants of the function."""
     return Constants(keys.kappa, dead_zone(about))
+
+
+def transfer_function(keys, p) -> Response:
+    """A gain."""
+    return Response(p.gain)
 
 
 def reach(keys) -> Reach:

@@ -1,12 +1,13 @@
 """A digital filter: numerator and denominator, second-order sections, or a file of either."""
 
+from io import BytesIO
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from hertzloop.controller.law import ACTING, IDLE, About, Keys, LawError
+from hertzloop.controller.law import ACTING, IDLE, About, Keys, LawError, Response
 
 senses = "v_p, acceleration, xi, contact_force"  # the first is the default
 
@@ -154,6 +155,11 @@ def prepare(keys, about: About) -> Constants:
     )
 
 
+def transfer_function(keys, p) -> Response:
+    """The stages, with the gain apart."""
+    return Response(keys.gain, stages=tuple(stages(keys)))
+
+
 def tune(about: About) -> dict[str, tuple[float, float]]:
     """Ranges that `tune` searches."""
     return {"gain": (0.0, 2.0)}
@@ -179,11 +185,15 @@ def command(p, s, samples, i):
     return value
 
 
-# A file names its arrays as scipy.signal and python-control do: `sos`; `b` and `a`, by powers of
-# 1/z; `num` and `den`, by powers of z, the highest first. `dt` is the sampling interval, s.
+# A file names its arrays as scipy.signal, python-control and MATLAB do: `sos`, with its gain `g`;
+# `b` and `a`, by powers of 1/z; `num` and `den`, by powers of z, the highest first. `dt` is the
+# sampling interval, s: 0 of a continuous filter; True, None or a negative number if it is unknown.
 
 _ENDINGS = (".npz", ".mat")
 _FORMS = (("sos",), ("b", "a"), ("num", "den"))
+_NAMES = ("sos", "b", "a", "num", "den", "dt", "g")
+np.save(_stored := BytesIO(), np.array(None))
+_NONE = _stored.getvalue()  # None as NumPy stores it, which is read without running a pickle
 
 
 def read_files(keys: dict[str, Any], folder: Path) -> None:
@@ -202,11 +212,8 @@ def read_files(keys: dict[str, Any], folder: Path) -> None:
     said = f"controller.filter_file = '{name[-80:]}'"
     given = [key for key in ("numerator", "denominator", "sections") if key in keys]
     found = _arrays(folder / name, said)
-    form = next((form for form in _FORMS if all(part in found for part in form)), None)
-    if form is None:
-        raise ValueError(
-            f"{said}: holds no filter. Save the arrays sos, or b and a, or num and den."
-        )
+    form = _form(found, said)
+    designed_us = _designed_us(found.get("dt"), said)
     for key in given:  # left by an earlier file, or a default that a recording wrote out
         del keys[key]
     del keys["filter_file"]
@@ -218,6 +225,13 @@ def read_files(keys: dict[str, Any], folder: Path) -> None:
         rows = np.atleast_2d(values[0])
         if rows.ndim != 2 or rows.shape[1] != 6:
             raise ValueError(f"{said}: 'sos' has shape {rows.shape}. Give n rows of 6 numbers.")
+        gains = found.get("g", np.ones(1))
+        if gains.size not in (1, len(rows) + 1) or not np.all(np.isfinite(gains)):
+            raise ValueError(
+                f"{said}: 'g' beside 'sos' has {gains.size} numbers. Give the gain, or the gains "
+                f"of the {len(rows)} sections and of the output."
+            )
+        rows[0, :3] *= np.prod(gains)
         keys["sections"] = rows.tolist()
     else:
         top, bottom = (np.atleast_1d(value).ravel() for value in values)
@@ -231,18 +245,50 @@ def read_files(keys: dict[str, Any], folder: Path) -> None:
                 )
             top = np.concatenate([np.zeros(late), top])
         keys["numerator"], keys["denominator"] = top.tolist(), bottom.tolist()
-    step_s = float(np.ravel(found["dt"])[0]) if np.size(found.get("dt", ())) else 0.0
-    keys["designed_us"] = 1e6 * step_s if np.isfinite(step_s) and step_s > 0.0 else 0.0
+    keys["designed_us"] = designed_us
+
+
+def _form(found: dict[str, np.ndarray], said: str) -> tuple[str, ...]:
+    """Names of the arrays that are the filter. Raises ValueError without exactly one filter."""
+    forms = [form for form in _FORMS if all(part in found for part in form)]
+    # Beside another filter, two numbers `b` and `a` are lengths rather than a gain.
+    filters = [form for form in forms if any(found[part].size > 1 for part in form)] or forms
+    if not filters:
+        raise ValueError(
+            f"{said}: holds no filter. Save the arrays sos, or b and a, or num and den."
+        )
+    if len(filters) > 1:
+        names = " and ".join(", ".join(form) for form in filters)
+        raise ValueError(f"{said}: holds more than one filter: {names}. Save one alone.")
+    return filters[0]
+
+
+def _designed_us(dt: np.ndarray | None, said: str) -> float:
+    """The sampling interval of the design, us; 0 if it is not known. Raises ValueError."""
+    if dt is None or dt.dtype == bool:
+        return 0.0
+    step_s = float(dt.ravel()[0]) if dt.size else 0.0
+    if step_s == 0.0:
+        raise ValueError(
+            f"{said}: dt = 0 marks a continuous filter. Convert it to discrete time at the scene's "
+            "sampling interval, as with control.sample_system."
+        )
+    if dt.size > 1 or not np.isfinite(step_s):
+        raise ValueError(f"{said}: 'dt' must be one finite number, the sampling interval in s.")
+    return max(0.0, 1e6 * step_s)
 
 
 def _arrays(path: Path, said: str) -> dict[str, np.ndarray]:
     """Arrays of numbers in a file, by name. Raises ValueError."""
     if path.suffix not in _ENDINGS:
         raise ValueError(f"{said}: unknown format. Use a file that ends in .npz or .mat.")
+    found: dict[str, Any] = {}
     try:
         if path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as file:
-                found = {name: file[name] for name in file.files}
+                for name in set(_NAMES) & set(file.files):
+                    if file.zip.read(f"{name}.npy") != _NONE:
+                        found[name] = file[name]
         else:
             import scipy.io
 
@@ -252,10 +298,14 @@ def _arrays(path: Path, said: str) -> dict[str, np.ndarray]:
     except Exception as error:  # SciPy raises whatever its parser meets
         raise ValueError(f"{said}: cannot be read: {str(error)[:120]}") from error
     numbers = {}
-    for name in ("sos", "b", "a", "num", "den", "dt"):
-        if name in found:
-            try:
-                numbers[name] = np.asarray(found[name], float)
-            except (TypeError, ValueError) as error:
-                raise ValueError(f"{said}: '{name}' holds something else than numbers.") from error
+    for name in _NAMES:
+        if name not in found:
+            continue
+        value = np.asarray(found[name])
+        if np.iscomplexobj(value) and np.any(value.imag != 0.0):
+            raise ValueError(f"{said}: '{name}' has complex numbers. A law needs real ones.")
+        try:
+            numbers[name] = value if value.dtype == bool else value.real.astype(float)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{said}: '{name}' holds something else than numbers.") from error
     return numbers

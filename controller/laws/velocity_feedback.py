@@ -8,6 +8,7 @@ from hertzloop.controller.laws.force_feedback import (  # noqa: F401
     command,
     dead_zone,
     reach,
+    transfer_function,
     tune,
 )
 

@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from pydantic import BaseModel
 
-from hertzloop.controller.law import WHOLE_STEPS, About, Keys, LawError, Reach
+from hertzloop.controller.law import WHOLE_STEPS, About, Keys, LawError, Reach, Response
 from hertzloop.controller.loading.bound import BoundLaw, BoundPython
 from hertzloop.controller.loading.compiled import numbers_of
 
@@ -84,6 +84,14 @@ class Law:
         if not isinstance(found, Reach):
             raise LawError(f"law {self.name}: reach returned {found!r}. Return a Reach.")
         return found
+
+    def response(self, keys: Any, constants: Any) -> Response | None:
+        """Its transfer function; None if it does not declare one. Raises LawError."""
+        return (
+            self._asked("transfer_function", keys, constants)
+            if hasattr(self.home, "transfer_function")
+            else None
+        )
 
     def ranges(self, about: About) -> dict[str, tuple[float, float]]:
         """Ranges that a search takes for its keys: what it says, else their bounds. Raises

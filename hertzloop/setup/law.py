@@ -224,11 +224,19 @@ def bound_law(
     Raises:
         SceneError: the law cannot be prepared for the run.
     """
+    try:
+        return law_of(table).bound_to(constants_of(table, about, bodies), ahead)
+    except LawError as error:
+        raise SceneError(str(error)) from error
+
+
+def constants_of(table: ControllerTable, about: About, bodies: Bodies) -> Any:
+    """Return what the functions of the law know. Raises SceneError if it refuses the run."""
     law = law_of(table)
     try:
         if math.isnan(about.impedance_n_s_m) and _needs_impedance(law, table.keys, about):
             bodies.local_plate  # noqa: B018 - says what is missing
-        return law.bind(table.keys, about, ahead)
+        return law.constants(table.keys, about)
     except LawError as error:
         raise SceneError(str(error)) from error
 

@@ -260,6 +260,10 @@ class Setup:
             )
         return found
 
+    def law_constants(self) -> Any:
+        """Return what the functions of the law know. Raises SceneError."""
+        return of_law.constants_of(self.scene.controller, self.about(), self.bodies)
+
     def bound_law(self, ahead: bool = True) -> BoundLaw:
         """Return the law with its constants; without `ahead` its commands alone. Raises
         SceneError."""

@@ -121,6 +121,25 @@ def test_a_file_is_read(tmp_path: Path, ending: str, form: str) -> None:
         assert setup.law_keys.designed_us == pytest.approx(1.0 if "dt" in arrays else 0.0)
 
 
+LENGTHS = {"a": 0.5, "b": 0.3, "num": [-40.0, 0.0], "den": [1.0, -0.95], "h": 0.003}
+
+
+@pytest.mark.parametrize(
+    ("arrays", "key", "value"),
+    [
+        *(({"b": [1.0, 0.5], "a": [1.0], "dt": dt}, "designed_us", 0.0) for dt in (True, None, -1)),
+        (LENGTHS, "numerator", (-40.0, 0.0)),
+        ({"sos": [[1.0, 2.0, 3.0, 1.0, 0.0, 0.0]], "g": 0.5}, "sections",
+         ((0.5, 1.0, 1.5, 1.0, 0.0, 0.0),)),
+        ({"sos": [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]] * 2, "g": [2.0, 3.0, 0.5]}, "sections",
+         ((3.0, 0.0, 0.0, 1.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 0.0))),
+    ],
+)  # fmt: skip
+def test_files_of_other_tools_are_read(tmp_path: Path, arrays: Any, key: str, value: Any) -> None:
+    np.savez(tmp_path / "filter.npz", **arrays)
+    assert getattr(setup_of(f"filter_file={tmp_path / 'filter.npz'}").law_keys, key) == value
+
+
 @pytest.mark.parametrize(
     ("arrays", "words"),
     [
@@ -130,6 +149,12 @@ def test_a_file_is_read(tmp_path: Path, ending: str, form: str) -> None:
         ({"num": [1.0, 2.0, 3.0], "den": [1.0, 0.5]}, "'num' has 3 coefficients and 'den' 2"),
         ({"b": ["x"], "a": [1.0]}, "'b' holds something else than numbers"),
         ({"b": [1.0], "a": [1.0], "dt": 2e-6}, "controller.designed_us = 2"),
+        ({"b": [1.0 + 0.5j], "a": [1.0]}, "'b' has complex numbers"),
+        ({"num": [-40.0, 0.0], "den": [1.0, 1e5], "dt": 0}, "dt = 0 marks a continuous filter"),
+        ({"b": [1.0], "a": [1.0], "dt": np.nan}, "'dt' must be one finite number"),
+        ({"b": [1.0, 2.0], "a": [1.0], "num": [1.0], "den": [1.0, 0.5]}, "more than one filter"),
+        ({"sos": [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]], "g": [1.0] * 3}, "'g' beside 'sos' has 3"),
+        ({"b": [1.0], "a": np.array([{}])}, "cannot be read: Object arrays"),
     ],
 )
 def test_a_file_without_a_filter_is_refused(tmp_path: Path, arrays: Any, words: str) -> None:

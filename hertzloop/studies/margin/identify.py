@@ -7,12 +7,13 @@ samples.
 """
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 import scipy
 
 from hertzloop.controller.controller import Controller, LineSpec
+from hertzloop.controller.law import Response
 from hertzloop.controller.laws import linear
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.watchdog import watching
@@ -70,7 +71,7 @@ class LawFilter:
 
 @dataclass(frozen=True)
 class Cascade(LawFilter):
-    """Transfer function of the law `linear`: a product of stages, without partial fractions.
+    """Transfer function of a law as a product of stages, without partial fractions.
 
     An integrator counts as a slow decay.
 
@@ -85,15 +86,15 @@ class Cascade(LawFilter):
     numerators: tuple[np.ndarray, ...] = ()
 
     @classmethod
-    def of(cls, keys: Any) -> Self:
-        """Return the filter of the keys of law `linear`."""
-        poles = linear.poles(keys)
+    def of(cls, declared: Response) -> Self:
+        """Return the filter of the stages that a law declares."""
+        poles = np.concatenate([linear.roots(a) for _, a in declared.stages])
         size = np.abs(poles)
         on_circle = np.abs(size - 1.0) < INSIDE
         poles = np.where(on_circle, poles * (1.0 - INSIDE) / np.maximum(size, 0.5), poles)
         return cls(
-            np.nan, poles, np.full(len(poles), np.nan + 0j), gain=float(keys.gain),
-            numerators=tuple(b for b, _ in linear.stages(keys)),
+            np.nan, poles, np.full(len(poles), np.nan + 0j), gain=float(declared.gain),
+            numerators=tuple(b for b, _ in declared.stages),
         )  # fmt: skip
 
     def with_slope(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -137,21 +138,14 @@ def law_filter(setup: Setup) -> LawFilter:
         if given:
             raise NotLinearError(why)
     ideal = setup.vary({"sensors.bits": "ideal", "controller.bits": "ideal"})
-    if setup.law_reference in ("velocity_feedback", "acceleration_feedback"):
-        known = ideal.about()
-        gain = -setup.law_keys.kappa * known.impedance_n_s_m
-        none = np.empty(0, complex)
-        if setup.law_reference == "velocity_feedback":
-            return LawFilter(gain, none, none)
-        keep = float(np.exp(-2.0 * np.pi * setup.law_keys.leak_hz * known.sample_s))
-        scale = gain * keep * known.sample_s  # times Z/(Z - keep) = 1 + keep/(Z - keep)
-        return LawFilter(scale, np.array([keep + 0j]), np.array([scale * keep + 0j]))
-    if setup.law_reference == "linear":
-        return Cascade.of(setup.law_keys)
-    if setup.law_reference == "force_feedback":
-        none = np.empty(0, complex)
-        return LawFilter(float(setup.law_keys.kappa), none, none)
-    return probe(ideal)
+    # A law that refuses the run when it is prepared has no margin in it either.
+    declared = setup.law.response(setup.law_keys, ideal.law_constants())
+    if declared is None:
+        return probe(ideal)
+    if declared.stages:
+        return Cascade.of(declared)
+    poles, residues = np.array([declared.poles, declared.residues], complex)
+    return LawFilter(float(declared.gain), poles, residues)
 
 
 def probe(setup: Setup) -> LawFilter:

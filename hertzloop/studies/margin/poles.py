@@ -100,13 +100,16 @@ def _by_response(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray | No
     residues = np.concatenate(
         [np.where(paired, plant.residues, 2.0 * plant.residues), plant.residues[paired].conj()]
     )
+    # A finite impulse response is a delay too: its poles are at zero, to the last digit.
+    control_poles = law.poles[law.poles != 0.0]
     late = delay + int(np.max(np.flatnonzero(plant.fir), initial=-1)) + 1
-    if len(own) + len(law.poles) + late > _MOST_POLES:
+    late += len(law.poles) - len(control_poles)
+    if len(own) + len(control_poles) + late > _MOST_POLES:
         return None
     pull = residues * law.at(own) * own ** -float(delay)  # how far a small gain moves a pole
     moves = np.abs(pull) > _HARDLY
     fixed, own, residues, pull = own[~moves], own[moves], residues[moves], pull[moves]
-    open_loop = np.concatenate([own, law.poles, np.zeros(late)])
+    open_loop = np.concatenate([own, control_poles, np.zeros(late)])
 
     def response(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """L, and the derivative of log L."""
@@ -122,8 +125,8 @@ def _by_response(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray | No
     step = np.where(np.abs(near) < _NUDGE, near, _NUDGE * near / np.abs(near))
     radius = 0.6 ** (10.0 / max(late, 10))  # the roots of a long delay lie near the unit circle
     round_zero = radius * np.exp(2j * np.pi * (np.arange(late) + 0.37) / max(late, 1))
-    turned = np.exp(1j * np.arange(len(law.poles)))
-    z = np.concatenate([own + step, law.poles + 1e-4 * turned, round_zero])
+    turned = np.exp(1j * np.arange(len(control_poles)))
+    z = np.concatenate([own + step, control_poles + 1e-4 * turned, round_zero])
     open_ = np.ones(len(z), bool)
     for _ in range(_ROUNDS):
         at = np.flatnonzero(open_)

@@ -11,6 +11,7 @@ from hertzloop.setup import load
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter, probe
 from hertzloop.studies.margin.linear import PoleForm
 from hertzloop.studies.margin.margin import margin_of
+from tests.commands import invoke
 
 LAW = '''"""A filter of two poles."""
 
@@ -131,6 +132,33 @@ def test_sections_have_the_response_of_their_polynomials(sos) -> None:
     if np.all(np.isfinite(found.residues)):
         fractions = LawFilter.at(found, z)
         assert np.abs(fractions - expected).max() <= 1e-7 * np.abs(expected).max()
+
+
+def test_a_filter_of_another_sampling_interval_has_no_margin(tmp_path) -> None:
+    """`run` refuses it, and so does `margin`."""
+    b, a = sg.butter(2, 2000.0, fs=5e4)
+    np.savez(tmp_path / "filter.npz", b=-30.0 * b, a=a, dt=2e-5)
+    words = ["margin", "oak-20mm", "--set", "controller.law=linear",
+             "--set", f"controller.filter_file={tmp_path / 'filter.npz'}"]  # fmt: skip
+    refused = invoke(words)
+    assert refused.exit_code == 2
+    assert "controller.designed_us = 20: the filter was designed for another" in refused.output
+    taken = invoke([*words, "--set", "sensors.every_steps=20"])
+    assert "latency limit: 969 steps" in taken.output
+    assert "stability ends): 12.78" in taken.output
+
+
+@pytest.mark.parametrize(("taps", "denominator"), [(21, [1.0]), (31, [1.0]), (200, [1.0, -0.9])])
+def test_poles_at_zero_are_exact(taps: int, denominator: list[float]) -> None:
+    numerator = (-30.0 * sg.firwin(taps, 0.05)).tolist()
+    setup = load("oak-20mm", ["controller.law=linear", f"controller.numerator={numerator}",
+                              f"controller.denominator={denominator}"])  # fmt: skip
+    found = margin_of(setup)
+    assert found.stable is not None
+    limit = 0 if found.latency_limit_steps is None else found.latency_limit_steps
+    for steps, stable in ((max(limit, 0), limit >= 0), (limit + 1, False)):
+        tried = margin_of(setup.vary({"controller.latency_us": float(steps)}))
+        assert tried.stable is stable
 
 
 def test_the_law_linear_has_the_margin_of_velocity_feedback() -> None:
