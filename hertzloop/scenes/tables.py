@@ -245,7 +245,7 @@ class FitTable(Table):
     high: tuple[float | Literal["open"], ...]
     """upper ends of the 95 % intervals"""
     verdicts: tuple[str, ...]
-    """identified, one-sided or not identifiable"""
+    """identified, one-sided, not identifiable or at its bound"""
     covariance_log: tuple[float, ...]
     """covariance of the natural logarithms of the values, row by row"""
     model: str

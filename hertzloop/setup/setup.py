@@ -329,6 +329,14 @@ class Setup:
         """
         return resolve(vary_scene(self.scene, values))
 
+    def refusal(self, values: Mapping[str, Any]) -> str:
+        """Return why the scene cannot have these values, in a sentence; "" if it can."""
+        try:
+            vary_scene(self.scene, values)
+        except SceneError as error:
+            return str(error)
+        return ""
+
     def without_control(self) -> "Setup":
         """Return the same setup with the law switched off."""
         return resolve(self.scene.without_control())

@@ -477,9 +477,44 @@ def test_free_keys_are_read_from_their_text() -> None:
         ("run.duration_s", "choice of the simulation"), ("sensors.noise_rms", "low_pass_hz"),
         ("sphere.radius_m=2:1", "rise"), ("sphere.radius_m=a:b", "not a range"),
         ("sphere.radius_m±x", "not a prior"), ("=1:2", "names no key"),
+        ("sphere.radius_m=1e-7:0.01", "sphere.radius_m = 1e-07: must be at least 1e-05"),
+        ("plate.loss_factor=0.1:2", "plate.loss_factor = 2.*at most 1"),
+        ("sphere.material.density_kg_m3=1e-3:9000", "density_kg_m3 = 0.001: must be 1 to 1e5"),
     ):  # fmt: skip
         with pytest.raises(FitError, match=words):
             free_of(setup, text)
+
+
+def test_a_default_range_ends_where_the_scene_does() -> None:
+    wide = free_of(scene("sphere.drop_height_m=50.0"), HEIGHT)
+    assert (wide.low, wide.high) == (10.0, pytest.approx(100.0, rel=1e-5))
+    assert wide.high <= 100.0
+
+
+@pytest.mark.parametrize(("bounds", "end", "value"), [
+    ("0.0032:0.005", "low", 0.0032), ("0.002:0.0029", "high", 0.0029),
+    ("0.0032:0.005±50%", "low", 0.0032),
+])  # fmt: skip
+def test_a_key_at_its_bound_is_not_identified(
+    tmp_path: Path, bounds: str, end: str, value: float
+) -> None:
+    drop, data, page = (tmp_path / name for name in ("drop.csv", "f.json", "f.html"))
+    written(drop, record(scene()))
+    ended = invoke([
+        "fit", "aluminium-3mm", str(drop), "--free", f"{RADIUS}={bounds}", "--json", str(data),
+        "--report", str(page), "--out", str(tmp_path / "o.toml"),
+    ])  # fmt: skip
+    assert ended.exit_code == 1, ended.output
+    said = json.loads(data.read_text())
+    estimate = said["parameters"][RADIUS]
+    assert (estimate["verdict"], estimate[end]) == ("at its bound", None)
+    assert estimate["value"] == pytest.approx(value, rel=1e-6)
+    assert estimate["high" if end == "low" else "low"] is not None
+    assert said["statistics"]["at_bound"] == [RADIUS]
+    assert said["model"] == "does not fit"
+    assert any(f"{RADIUS} is at a bound of its range, the {end} one" in r for r in said["reasons"])
+    for text in (ended.output, page.read_text()):
+        assert "identified" not in text
 
 
 def test_the_command_writes_json_scene_page_and_replay(tmp_path: Path) -> None:

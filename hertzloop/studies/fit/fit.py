@@ -49,7 +49,7 @@ from hertzloop.studies.fit.solve import (
     of_loop,
     reject_outliers,
 )
-from hertzloop.studies.fit.steps import Profile, expected, profiled, searched, turned
+from hertzloop.studies.fit.steps import Profile, expected, in_steps, profiled, searched, turned
 from hertzloop.studies.fit.verdicts import (
     WIDEST,
     Combination,
@@ -67,6 +67,7 @@ _LONGEST_STEPS = 20  # of a key in whole steps, at least
 _FACTOR, _LOSS_FACTOR, _PRESSURE_FACTOR = 5.0, 100.0, 20.0  # of a start, for default bounds
 _PRESSURE = "contact.limiting_pressure_pa"
 _MATERIAL_KEYS = {"young_pa": "youngs_modulus_pa", "poisson": "poisson_ratio"}
+_NEAR_LIMIT = 1e-6  # of a logarithm: so near to the limit of a key a default range ends
 _STARTS = (0.25, 0.45, 0.7)  # of the elastic centre pressure: above it, nothing yields
 # Accuracy of the modes in the noise over the peak: the gap is as exact as it says, the plate's
 # velocity at the contact point ten times less, its acceleration a hundred times less.
@@ -111,7 +112,7 @@ class Estimate:
         value: estimate, in the unit of the key.
         low: lower end of the 95 % interval; None where it is open.
         high: upper end of the 95 % interval; None where it is open.
-        verdict: identified, one-sided or not identifiable.
+        verdict: identified, one-sided, not identifiable or at its bound.
         start: value of the scene before the fit.
         sd_log: standard deviation of the natural logarithm; None where it is unknown.
         prior_pull: distance from the prior in its standard deviations; None without a prior.
@@ -232,6 +233,11 @@ def free_of(setup: Setup, text: str) -> Free:
                 f"--free {text}: the range must be positive and rise. Write LOW:HIGH with LOW "
                 "above zero."
             )
+        first, last = in_steps(Free(key, start, low, high, None, grain))
+        for end in (low, high) if grain is None else (first * grain, last * grain):
+            why = setup.refusal({key: end})
+            if why:
+                raise FitError(f"--free {text}: {why}")
         if not low <= start <= high:
             start = math.sqrt(low * high) if grain is None else grain * round(high / grain / 2.0)
     prior = None
@@ -346,7 +352,21 @@ def _bounds(setup: Setup, key: str, start: float) -> tuple[float, float]:
     low, high = start / factor, start * factor
     if key.endswith(("loss_factor", "poisson", "restitution")):
         high = min(high, 0.49 if key.endswith("poisson") else 1.0)
-    return low, high
+    return _allowed(setup, key, start, low), _allowed(setup, key, start, high)
+
+
+def _allowed(setup: Setup, key: str, start: float, end: float) -> float:
+    """The end of a default range, or the value nearest to it that the scene can have."""
+    if not setup.refusal({key: end}) or setup.refusal({key: start}):
+        return end
+    inner, outer = math.log(start), math.log(end)
+    while abs(outer - inner) > _NEAR_LIMIT:
+        middle = 0.5 * (inner + outer)
+        if setup.refusal({key: math.exp(middle)}):
+            outer = middle
+        else:
+            inner = middle
+    return math.exp(inner)
 
 
 def expected_record(
@@ -877,7 +897,7 @@ def _estimates(
         value = problem.values(point.x)[f.key]
         sd, alone = float(known.sd[j]), float(known.alone[j])
         estimate = _estimate(f, value, sd, alone, pulls.get(f.key))
-        at_bound = not 1e-6 < float(point.x[j]) - math.log(f.low) < math.log(f.high / f.low) - 1e-6
+        at_bound = f.at_bound(point.x[j])
         doubtful = at_bound or estimate.verdict is not Verdict.IDENTIFIED
         if f.prior is None and (f.key == _PRESSURE or (doubtful and _flat_alone(alone, at_bound))):
             profiled = _profiled(problem, point, until_s, j, f, estimate)
@@ -885,8 +905,17 @@ def _estimates(
                 estimate = profiled
                 if estimate.low is None or estimate.high is None:
                     one_sided.add(f.key)
-        found.append(estimate)
+        found.append(_beyond_bound(estimate, at_bound, one_sided))
     return found, one_sided
+
+
+def _beyond_bound(e: Estimate, at_bound: str, one_sided: set[str]) -> Estimate:
+    """The estimate of a key, which is not identified where it ended at a bound of its range: then
+    the range made the value, and the records may ask for one beyond."""
+    if not at_bound or e.verdict is not Verdict.IDENTIFIED:
+        return e
+    one_sided.discard(e.key)
+    return replace(e, verdict=Verdict.AT_BOUND, sd_log=None, **{at_bound: None})
 
 
 def _with_steps(
@@ -934,7 +963,10 @@ def _profiled(
     def rise(value: float) -> float:
         held = replace(problem, fixed=problem.fixed | {f.key: value}, evaluations=0)
         x = np.delete(point.x, j)
-        found = minimised(held, x, until_s, early=False, steps=12, tolerance=1e-4)
+        try:
+            found = minimised(held, x, until_s, early=False, steps=12, tolerance=1e-4)
+        except SceneError:  # with the other values, the scene cannot have this one
+            return math.inf
         problem.evaluations += held.evaluations
         return found.chi_square - best
 

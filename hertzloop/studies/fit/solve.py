@@ -21,6 +21,7 @@ _PHASE_SD = math.sqrt(1.0 / 12.0)  # of a phase that is uniform over a period
 _MOST_PHASE = 0.1  # periods that a step changes a phase by
 _FIRST_WINDOW, _GROWTH = 1.5, 3.0  # contacts; from window to window
 _EARLY_SPREADS = 6.0  # the early windows know a key to a sixth of its range
+_AT_BOUND = 1e-6  # of a logarithm
 _OUTLIER = 4.0  # robust deviations
 _MOST_OUTLIERS = 0.06
 _LONGEST_RUN = 2  # outliers in a row; longer ones are a misfit
@@ -43,6 +44,12 @@ class Free:
     def spread(self) -> float:
         """Standard deviation of the logarithm that early windows take."""
         return math.log(self.high / self.low) / _EARLY_SPREADS
+
+    def at_bound(self, logarithm: float) -> str:
+        """At which end of the range the logarithm of a value is, "low" or "high"; "" within."""
+        if logarithm <= math.log(self.low) + _AT_BOUND:
+            return "low"
+        return "high" if logarithm >= math.log(self.high) - _AT_BOUND else ""
 
 
 @dataclass

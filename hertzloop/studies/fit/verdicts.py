@@ -28,6 +28,7 @@ class Verdict(StrEnum):
     IDENTIFIED = "identified"
     ONE_SIDED = "one-sided"
     NOT_IDENTIFIABLE = "not identifiable"
+    AT_BOUND = "at its bound"
 
 
 class Model(StrEnum):
@@ -293,11 +294,11 @@ def fitness(
     white_p = min(1.0, whiteness * len(problem.channels))
     ratio = math.sqrt(squares / max(count - parameters, 1.0))
     pulls = problem.pulls(point.x)
-    at_bound = [
-        f.key
-        for f, v in zip(problem.moving, point.x, strict=False)
-        if not math.log(f.low) + 1e-6 < v < math.log(f.high) - 1e-6
-    ]
+    at_bound = {
+        f.key: end
+        for f, x in zip(problem.moving, point.x, strict=False)
+        if (end := f.at_bound(float(x)))
+    }
     unsure = f_p is not None and f_p < _F_P <= beyond * tests
     if f_p is not None and f_p < _F_P and not unsure:
         reasons.append(
@@ -311,9 +312,12 @@ def fitness(
     for name, pull in pulls.items():
         if abs(pull) > _PULL:
             reasons.append(f"The prior of {name} is pulled by {pull:.1f} standard deviations.")
-    for key in at_bound:
+    for key, end in at_bound.items():
         if key not in allowed_at_bound:
-            reasons.append(f"{key} is at a bound of its range.")
+            reasons.append(
+                f"{key} is at a bound of its range, the {end} one. Widen the range with --free "
+                f"{key}=LOW:HIGH, or check the other values of the scene."
+            )
     if reasons:
         verdict = Model.DOES_NOT_FIT
     elif unsure:
@@ -333,4 +337,4 @@ def fitness(
         )
     else:
         verdict = Model.FITS
-    return Fitness(verdict, ratio, f_p, white_p, pulls, at_bound, reasons)
+    return Fitness(verdict, ratio, f_p, white_p, pulls, list(at_bound), reasons)
