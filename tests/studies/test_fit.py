@@ -222,6 +222,22 @@ def changed(one: Record, value: np.ndarray, time_s: np.ndarray | None = None) ->
     return replace(one, value=value, time_s=one.time_s if time_s is None else time_s)
 
 
+@pytest.mark.parametrize("scale", [1e9, 1e6, 1e3, 1e-3, 1e-9])
+def test_times_in_another_unit_are_refused_at_once(scale: float) -> None:
+    """A search over such an axis took minutes of CPU time, or 90 GiB."""
+    one = record(scene())
+    with pytest.raises(RecordError, match="that time_s is in seconds"):
+        fitted(scene(), changed(one, one.value, scale * one.time_s), RADIUS)
+
+
+def test_a_sparse_start_does_not_widen_the_search() -> None:
+    one = record(scene())
+    sparse = np.arange(-2000.0, 0.0) - 1.0
+    quiet = 0.2 * np.random.default_rng(0).standard_normal(len(sparse))
+    both = changed(one, np.append(quiet, one.value), np.append(sparse, one.time_s))
+    assert fitted(scene(), both, RADIUS).estimates[0].value == pytest.approx(0.003, rel=5e-3)
+
+
 @pytest.mark.parametrize(("change", "words"), [
     (lambda v: 1000.0 * v, "times the simulation"),
     (lambda v: -v, "opposite sign"),
@@ -393,6 +409,8 @@ def test_files_that_are_no_records(tmp_path: Path, text: str, words: str) -> Non
     ("time_s contact_force_n\n", "{t} {v}"),
     ("time_s,contact_force_n\ns,N\n", "{t},{v}"),
     ("Time [s],Force [N]\n", "{t},{v}"),
+    ("Time,Force\n(us),(kN)\n", "{us},{kn}"),
+    ("Time;Force\nns;N\n\n", "{ns};{v}"),
     ('"time_s","contact_force_n"\n', '"{t}","{v}"'),
 ])  # fmt: skip
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
@@ -401,13 +419,14 @@ def test_tables_as_other_programs_write_them(
 ) -> None:
     row, _, changes = rows.partition("|")
     old, _, new = changes.partition("|")
-    lines = [row.format(t=1e-6 * i, v=i % 5 + 0.5) for i in range(20)]
+    lines = [row.format(t=1e-6 * i, us=i, ns=1000 * i, v=i % 5 + 0.5, kn=0.001 * (i % 5 + 0.5))
+             for i in range(20)]  # fmt: skip
     if new:
         lines = [line.replace(old, new) for line in lines]
     (tmp_path / "r.csv").write_text(text + "\n".join(lines), encoding=encoding)
     one = read_record(tmp_path / "r.csv")
     np.testing.assert_allclose(one.time_s, 1e-6 * np.arange(20), rtol=1e-12)
-    assert one.value[3] == 3.5
+    assert one.value[3] == pytest.approx(3.5, rel=1e-12)
 
 
 def test_units_of_time_and_names_in_another_alphabet(tmp_path: Path) -> None:
@@ -461,6 +480,30 @@ def test_npz_parquet_and_wav_hold_the_same_record(tmp_path: Path) -> None:
         one = read_record(tmp_path / name, given)
         np.testing.assert_allclose(one.value, force, atol=1e-6)
         np.testing.assert_allclose(one.time_s, time_s, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", ["M8[ns]", "m8[us]", "time64[us]", "M8[us] in npz", "h5 in us"])
+def test_times_of_other_kinds_are_seconds(tmp_path: Path, kind: str) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    micro = np.arange(20) + 1_622_505_599_999_700 * ("M8" in kind)
+    force = np.arange(20.0)
+    path = tmp_path / f"r.{'npz' if 'npz' in kind else 'h5' if 'h5' in kind else 'parquet'}"
+    if path.suffix == ".npz":
+        np.savez(path, time=micro.astype("M8[us]"), contact_force_n=force)
+    elif path.suffix == ".h5":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w") as file:
+            file["time"], file["contact_force_n"] = micro, force
+            file["time"].attrs["units"] = "us"
+    else:
+        of_day = pyarrow.array(micro, pyarrow.int64()).cast(pyarrow.time64("us"))
+        times = of_day if "time64" in kind else micro.astype("M8[us]" if "M8" in kind else kind)
+        table = pyarrow.table({"time": times, "contact_force_n": force})
+        pyarrow.parquet.write_table(table, path)
+    one = read_record(path)
+    np.testing.assert_allclose(one.time_s - one.time_s[0], 1e-6 * np.arange(20), atol=1e-12)
 
 
 def test_free_keys_are_read_from_their_text() -> None:
@@ -653,6 +696,16 @@ def test_exit_codes_of_the_command(tmp_path: Path) -> None:
     assert run([*base, "--overwrite"]).exit_code == 2
     missing = ["fit", "aluminium-3mm", str(tmp_path / "no.csv"), "--free", RADIUS]
     assert run(missing).exit_code == 2
+
+
+@pytest.mark.parametrize("text", [
+    "contact_force:80us:0.3%:0MHz", "contact_force:1e12us:0.3%", "contact_force:80us:0.3%:1e9MHz",
+    "contact_force:1e1e1us:0.3%",
+])  # fmt: skip
+def test_an_expected_record_that_no_instrument_makes_is_refused(text: str) -> None:
+    ended = invoke(["fit", "aluminium-3mm", "--check", "--expect", text, "--free", RADIUS])
+    assert ended.exit_code == 2
+    assert f"--expect {text}:" in ended.output
 
 
 def test_a_check_names_every_key_that_it_calls_not_identifiable() -> None:

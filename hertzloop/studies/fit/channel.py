@@ -26,7 +26,7 @@ _SPIKE = 6.0  # deviations, of single samples before the impact
 _AR_FROM, _AR_MOST = 300, 8  # quiet samples for a model of coloured noise, its highest order
 _AR_P = 1e-5  # probability of white noise below which the noise counts as coloured
 _WINDOW = (-0.5, 1.6)  # of a contact, in which a record is aligned
-_MOST_ALIGNED = 600  # samples
+_FEWEST_ALIGNED, _MOST_ALIGNED = 4, 600  # samples
 _LEAST_GAIN, _MOST_GAIN = 1 / 3, 3.0
 _ALIKE = 0.3  # of the power, that a simulation may leave of a record
 _MOST_SHIFTS = 1500  # of a search through a whole record
@@ -348,13 +348,20 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
         RecordError: gain or sign say that unit, sensitivity or sign are wrong.
     """
     record = channel.record
+    kept_s = channel.time_s[channel.kept]
+    if (
+        np.min(kept_s[_FEWEST_ALIGNED - 1 :] - kept_s[: 1 - _FEWEST_ALIGNED], initial=math.inf)
+        >= (_WINDOW[1] - _WINDOW[0]) * contact_s
+    ):
+        raise _too_coarse(channel, contact_s)
     grid_s = observed.simulated.time_s
     fine = observed.value(grid_s)
     first = grid_s <= 2.0 * contact_s
     shown = float(np.max(np.abs(fine[first])))
     if shown == 0.0:
         shown = float(np.max(np.abs(fine)))
-    reach_s = max(8e-6, 3.0 * channel.interval_s, 0.35 * contact_s)
+    # An interval that is longer than the contact is that of another part of the record.
+    reach_s = max(8e-6, 3.0 * min(channel.interval_s, contact_s), 0.35 * contact_s)
     is_gap = record.quantity in ("xi", "xi_s")
     late_s = 0.0
     if record.quantity == "actuator_force":  # may come after the contact
@@ -381,11 +388,7 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
             closer = 2.0 * rough_s
             best = _best_shift(channel, observed, anywhere[1], closer, step_s, contact_s, late_s)
     if best is None:
-        raise RecordError(
-            f"{record.name}: too few samples are in the contact of {1e6 * contact_s:.3g} us, at "
-            f"{1e6 * channel.interval_s:.3g} us from sample to sample. Record at a higher rate, "
-            "and check that time_s is in seconds."
-        )
+        raise _too_coarse(channel, contact_s)
     _, touch_s, gain, offset, mirrored = best
     if gain < 0.0 or mirrored:
         raise RecordError(
@@ -395,9 +398,17 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
     if not _LEAST_GAIN <= gain <= _MOST_GAIN:
         raise RecordError(
             f"{record.name}: the record is {gain:.3g} times the simulation. Check record.unit, "
-            "record.sensitivity and the starting values of the scene."
+            "record.sensitivity, the starting values of the scene, and that time_s is in seconds."
         )
     channel.touch_s, channel.gain, channel.offset = touch_s, gain, offset
+
+
+def _too_coarse(channel: Channel, contact_s: float) -> RecordError:
+    return RecordError(
+        f"{channel.record.name}: too few samples are in the contact of {1e6 * contact_s:.3g} us, "
+        f"at {1e6 * channel.interval_s:.3g} us from sample to sample. Record at a higher rate, and "
+        "check that time_s is in seconds; if it is not, name the column time_us, for example."
+    )
 
 
 def _best_shift(
@@ -415,7 +426,7 @@ def _best_shift(
         window = channel.kept & (after_s > _WINDOW[0] * contact_s)
         window &= after_s < _WINDOW[1] * contact_s
         where = np.flatnonzero(window)
-        if len(where) < 4:
+        if len(where) < _FEWEST_ALIGNED:
             continue
         if len(where) > _MOST_ALIGNED:
             where = where[:: len(where) // _MOST_ALIGNED + 1]

@@ -78,6 +78,7 @@ _FINEST, _COARSEST = 3e-5, 1e-3
 # show: the square of the error times the root of the samples is what a test sees.
 _HIDDEN, _AT_SAMPLES = 0.1, 200.0
 _LONGEST_S = 0.06
+_MOST_EXPECTED = 10_000_000  # samples of an expected record
 _REFREEZE = 0.01  # change of a key's logarithm for which the model is frozen anew
 _ROUNDS = 4  # of outliers
 _CERTAIN = 3.841458820694124  # chi-square of one parameter at 95 %
@@ -390,9 +391,15 @@ def expected_record(
             f"--expect {text}: is not QUANTITY:DURATIONus:NOISE%[:RATEMHz], such as "
             f"contact_force:70us:0.3%:2MHz. Known quantities: {', '.join(QUANTITIES)}."
         )
-    duration_s, share = 1e-6 * float(match["us"]), 0.01 * float(match["noise"])
-    step_s = 1e-6 / float(match["mhz"] or 2.0)
+    duration_s, share = 1e-6 * _number(text, match["us"]), 0.01 * _number(text, match["noise"])
+    step_s = 1e-6 / _number(text, match["mhz"] or "2")
     quiet_s = max(250 * step_s, 0.2e-3)
+    samples = (duration_s + quiet_s) / step_s
+    if duration_s > _LONGEST_S or samples > _MOST_EXPECTED:
+        raise FitError(
+            f"--expect {text}: is a record of {1e3 * duration_s:.3g} ms with {samples:.3g} "
+            f"samples. Suppose at most {1e3 * _LONGEST_S:g} ms and {_MOST_EXPECTED:g} samples."
+        )
     quantity = match["quantity"]
     under = quantity == "actuator_force" if control is None else control
     table = Measured(quantity=quantity, control=under)
@@ -409,6 +416,14 @@ def expected_record(
     # The noise has a known size and no influence on the answer; its seed makes it repeatable.
     noisy = clean + noise * np.random.default_rng(1).standard_normal(len(clean))
     return Record(name, time_s, noisy, quantity, table)
+
+
+def _number(text: str, part: str) -> float:
+    """A positive number in the text of an expected record. Raises FitError."""
+    with suppress(ValueError):
+        if 0.0 < float(part) < math.inf:
+            return float(part)
+    raise FitError(f"--expect {text}: '{part}' is not a positive number. Give one.")
 
 
 def prepared(
@@ -899,7 +914,9 @@ def _estimates(
         estimate = _estimate(f, value, sd, alone, pulls.get(f.key))
         at_bound = f.at_bound(point.x[j])
         doubtful = at_bound or estimate.verdict is not Verdict.IDENTIFIED
-        if f.prior is None and (f.key == _PRESSURE or (doubtful and _flat_alone(alone, at_bound))):
+        if f.prior is None and (
+            f.key == _PRESSURE or (doubtful and _flat_alone(alone, bool(at_bound)))
+        ):
             profiled = _profiled(problem, point, until_s, j, f, estimate)
             if profiled is not None:
                 estimate = profiled
@@ -915,7 +932,8 @@ def _beyond_bound(e: Estimate, at_bound: str, one_sided: set[str]) -> Estimate:
     if not at_bound or e.verdict is not Verdict.IDENTIFIED:
         return e
     one_sided.discard(e.key)
-    return replace(e, verdict=Verdict.AT_BOUND, sd_log=None, **{at_bound: None})
+    low, high = (None, e.high) if at_bound == "low" else (e.low, None)
+    return replace(e, low=low, high=high, verdict=Verdict.AT_BOUND, sd_log=None)
 
 
 def _with_steps(

@@ -11,6 +11,7 @@ import math
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -325,7 +326,11 @@ def quantity_of(column: str) -> tuple[str, str | None] | None:
     return None
 
 
-_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_SECONDS = {
+    "": 1.0, "s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
+    "milliseconds": 1e-3, "us": 1e-6, "usec": 1e-6, "microseconds": 1e-6, "ns": 1e-9, "nsec": 1e-9,
+    "nanoseconds": 1e-9, "min": 60.0, "minutes": 60.0,
+}  # fmt: skip
 
 
 def _plain(column: str) -> str:
@@ -336,8 +341,34 @@ def _plain(column: str) -> str:
 
 def _unit_of_time(column: str) -> float | None:
     """Seconds in the unit of a column of times, such as `time_ms`; None of another column."""
-    found = re.fullmatch(r"(?:time|t)(?:_(s|ms|us|ns))?", _plain(column))
-    return None if found is None else _SECONDS[found[1] or ""]
+    found = re.fullmatch(r"(?:time|t|timestamp|datetime)(?:_(\w+))?", _plain(column))
+    return None if found is None else _SECONDS.get(found[1] or "")
+
+
+def _with_unit(column: str, unit: Any) -> str:
+    """The name of a column with a unit that stands beside it, if the name says none: "Time" in "us"
+    is "Time (us)". A unit that the record could not have is left out."""
+    named = f"{column} ({str(unit).strip(' ()[]')})"
+    if _unit_of_time(column) == 1.0 and _unit_of_time(named) is not None:
+        return named
+    said, more = quantity_of(column), quantity_of(named)
+    return named if said and more and said[1] is None else column
+
+
+def _numbers(values: Any) -> np.ndarray:
+    """Values of a file as numbers: durations in seconds, and timestamps from the first one on."""
+    found = np.asarray(values)
+    if found.dtype.kind == "O":  # dates or durations of another library
+        with suppress(ValueError, TypeError):
+            kind = "M8[ns]" if hasattr(found.flat[0], "year") else "m8[ns]"
+            found = found.astype(kind)
+    if found.dtype.kind == "M":
+        found = found - found[~np.isnat(found)][0] if not np.all(np.isnat(found)) else found
+    if found.dtype.kind in "mM":
+        known = ~np.isnat(found)
+        fine = found.astype("m8[ns]").astype(np.int64)
+        return np.where(known, 1e-9 * fine, np.nan)
+    return np.asarray(found, float)
 
 
 def _made(name: str, columns: Mapping[str, np.ndarray], measured: Measured, digest: str) -> Record:
@@ -357,6 +388,8 @@ def _made(name: str, columns: Mapping[str, np.ndarray], measured: Measured, dige
             )
         if column is None and measured.quantity and others:
             column = others[0]
+    if column is not None and column not in columns:  # a unit may stand behind it by now
+        column = next((c for c in others if c.rpartition(" (")[0] == column), column)
     if column is None or column not in columns:
         raise RecordError(
             (f"record.column = '{column}': not a column of {name}. " if column else "")
@@ -421,9 +454,10 @@ def _csv(path: Path) -> _Read:
             table_lines.append(line[1:].strip())
             line = file.readline()
         position = file.tell()
-        first = file.readline()
+        first, between = file.readline(), []
         while first and not re.match(r"\s*\"?[+-]?[.,]?(\d|nan|inf)", first.strip().lower()):
-            position, first = file.tell(), file.readline()  # a row of units, or an empty one
+            between.append(first)  # a row of units, or an empty one
+            position, first = file.tell(), file.readline()
         if not line.strip() or not first:
             return {}, {}
         # Programs of some languages write semicolons, tabs or spaces, and decimal commas.
@@ -436,6 +470,10 @@ def _csv(path: Path) -> _Read:
                 f"{path}: the first line holds numbers. Give a first line with a name for each "
                 "column, such as time_s,contact_force_n."
             )
+        for line in between:
+            units = next(csv.reader([line], delimiter=delimiter)) if delimiter else line.split()
+            if len(units) == len(header):
+                header = [_with_unit(*pair) for pair in zip(header, units, strict=True)]
         comma = delimiter != "," and "," in first and "." not in first
         other = {ord('"'): ""} if '"' in first else {}
         if comma:
@@ -510,20 +548,25 @@ def _json_table(value: Any) -> dict[str, Any]:
 
 
 def _parquet(path: Path) -> _Read:
+    import pyarrow
     import pyarrow.parquet
 
     table = pyarrow.parquet.read_table(path)
     inside = (table.schema.metadata or {}).get(b"record", b"")
-    return {n: np.asarray(table[n], float) for n in table.column_names}, _json_table(inside)
+    found = {}
+    for name in table.column_names:
+        values, kind = table[name], table.schema.field(name).type
+        if pyarrow.types.is_time(kind):  # of day
+            values = np.asarray(values.cast(f"int{kind.bit_width}")).astype(f"m8[{kind.unit}]")
+        found[name] = _numbers(values)
+    return found, _json_table(inside)
 
 
 def _npz(path: Path) -> _Read:
     with np.load(path, allow_pickle=False) as data:
         found = {name: data[name] for name in data.files}
     inside = found.pop("record", "")
-    return {n: np.asarray(v, float) for n, v in found.items() if np.ndim(v) == 1}, _json_table(
-        inside
-    )
+    return {n: _numbers(v) for n, v in found.items() if np.ndim(v) == 1}, _json_table(inside)
 
 
 def _hdf5(path: Path) -> _Read:
@@ -534,7 +577,8 @@ def _hdf5(path: Path) -> _Read:
 
         def keep(name: str, item: Any) -> None:
             if isinstance(item, h5py.Dataset) and item.ndim == 1:
-                found[name.rpartition("/")[2]] = np.asarray(item, float)
+                units = item.attrs.get("units", item.attrs.get("unit", ""))
+                found[_with_unit(name.rpartition("/")[2], units)] = _numbers(item)
 
         file.visititems(keep)
         inside = file.attrs.get("record", "")
@@ -576,10 +620,11 @@ def _tdms(path: Path) -> _Read:
     found: dict[str, np.ndarray] = {}
     for group in TdmsFile.read(path).groups():
         for channel in group.channels():
-            found[channel.name] = np.asarray(channel[:], float)
+            name = _with_unit(channel.name, channel.properties.get("unit_string", ""))
+            found[name] = _numbers(channel[:])
             if "wf_increment" in channel.properties:
                 # Channels may start at different times.
-                found[channel.name + _OWN_TIME] = np.asarray(channel.time_track(), float)
+                found[name + _OWN_TIME] = np.asarray(channel.time_track(), float)
     return found, {}
 
 
@@ -603,8 +648,9 @@ def _mdf(path: Path) -> _Read:
     with MDF(path) as file:
         for signal in file.iter_channels():
             if np.ndim(signal.samples) == 1 and len(signal.samples):
-                found[signal.name] = np.asarray(signal.samples, float)
-                found[signal.name + _OWN_TIME] = np.asarray(signal.timestamps, float)
+                name = _with_unit(signal.name, signal.unit)
+                found[name] = np.asarray(signal.samples, float)
+                found[name + _OWN_TIME] = np.asarray(signal.timestamps, float)
     return found, {}
 
 

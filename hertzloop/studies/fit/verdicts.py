@@ -295,9 +295,9 @@ def fitness(
     ratio = math.sqrt(squares / max(count - parameters, 1.0))
     pulls = problem.pulls(point.x)
     at_bound = {
-        f.key: end
+        f.key: side
         for f, x in zip(problem.moving, point.x, strict=False)
-        if (end := f.at_bound(float(x)))
+        if (side := f.at_bound(float(x)))
     }
     unsure = f_p is not None and f_p < _F_P <= beyond * tests
     if f_p is not None and f_p < _F_P and not unsure:
@@ -312,10 +312,10 @@ def fitness(
     for name, pull in pulls.items():
         if abs(pull) > _PULL:
             reasons.append(f"The prior of {name} is pulled by {pull:.1f} standard deviations.")
-    for key, end in at_bound.items():
+    for key, side in at_bound.items():
         if key not in allowed_at_bound:
             reasons.append(
-                f"{key} is at a bound of its range, the {end} one. Widen the range with --free "
+                f"{key} is at a bound of its range, the {side} one. Widen the range with --free "
                 f"{key}=LOW:HIGH, or check the other values of the scene."
             )
     if reasons:
