@@ -59,14 +59,7 @@ def __getattr__(name: str) -> object:
     if name in __all__:
         from importlib import import_module
 
-        from hertzloop.extras import sentence_on
-
-        try:
-            interface = import_module("hertzloop.api")
-        except ModuleNotFoundError as error:
-            sentence = sentence_on(error.name)
-            raise ImportError(sentence) if sentence else error from None
-        return getattr(interface, name)
+        return getattr(import_module("hertzloop.api"), name)
     raise AttributeError(f"module 'hertzloop' has no attribute '{name}'")
 
 

@@ -13,15 +13,16 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from hertzloop.bus.sockets import own_folder
+from hertzloop.extras import need
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.time_series import TRUTH
 from hertzloop.scenes import scene as scenes
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.scene import Scene, shipped, vary
+from hertzloop.scenes.scene import Scene, shipped
 from hertzloop.setup import Setup, resolve
 from hertzloop.setup.law import models_yield
-from hertzloop.views.labelled import FORCE_LABEL, HELD, cases_of, labelled, sensed_label, truth_of
+from hertzloop.views.labels import FORCE_LABEL, HELD, sensed_label
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -71,6 +72,7 @@ _LATER = {
 
 TransportName = Literal["zenoh", "inprocess", "compiled"]
 Range = str | Sequence[Any]
+AnyScene = Scene | str | Path  # a scene, the name of a shipped one, or a TOML file
 
 
 def __getattr__(name: str) -> Any:
@@ -85,11 +87,6 @@ class Run:
 
     Attributes:
         scene: the scene, as simulated.
-        truth: Dataset over `step`, one variable a column, each of shape (steps,) with unit and
-            meaning in `attrs`: gap `xi_m`, sphere `xi_s_m`, plate `xi_p_m` (m), plate velocity
-            `v_p_m_s` (m/s), contact force `f_c_n` and actuator force `f_a_n` (N, means of a step).
-        samples: measured samples, shape (samples,), in the unit of the sensed quantity.
-        force: commanded forces, N, shape (steps,); None for a run that was not recorded.
         impacts: the contacts, in order.
         noise: noise figures, one for each contact.
         energy_residual: missing part of the energy balance, relative.
@@ -101,9 +98,6 @@ class Run:
     """
 
     scene: Scene
-    truth: "xr.Dataset"
-    samples: "xr.DataArray"
-    force: "xr.DataArray | None"
     impacts: list[Impact]
     noise: list[ImpactNoise]
     energy_residual: float
@@ -112,7 +106,42 @@ class Run:
     path: Path | None = None
     pacing: dict[str, Any] | None = None
     _ran: Callable[[], "Ran"] | None = field(default=None, repr=False, compare=False)
+    _streams: "_Streams | None" = field(default=None, repr=False, compare=False)
     _not_again: "NotAgain | None" = field(default=None, repr=False, compare=False)
+
+    @cached_property
+    def truth(self) -> "xr.Dataset":
+        """The time series, with unit and meaning in `attrs`.
+
+        Dataset over `step`, one variable a column, each of shape (steps,): gap `xi_m`, sphere
+        `xi_s_m`, plate `xi_p_m` (m), plate velocity `v_p_m_s` (m/s), contact force `f_c_n` and
+        actuator force `f_a_n` (N, means of a step). Needs the extra `python`.
+        """
+        assert self._streams is not None
+        return _views().truth_of(self._streams.columns, self._streams.step_s)
+
+    @cached_property
+    def samples(self) -> "xr.DataArray":
+        """Measured samples, shape (samples,), in the unit of the sensed quantity.
+
+        Needs the extra `python`.
+        """
+        assert self._streams is not None
+        values, every_s = self._streams.values, self._streams.sample_s
+        label = sensed_label(self._streams.quantity)
+        return _views().labelled(values, label, "sample", np.arange(len(values)) * every_s)
+
+    @cached_property
+    def force(self) -> "xr.DataArray | None":
+        """Commanded forces, N, shape (steps,); None for a run that was not recorded.
+
+        Needs the extra `python`.
+        """
+        assert self._streams is not None
+        values, step_s = self._streams.commanded, self._streams.step_s
+        if values is None:
+            return None
+        return _views().labelled(values, FORCE_LABEL, "step", np.arange(len(values)) * step_s)
 
     @cached_property
     def _judged(self) -> "Ran":
@@ -153,6 +182,18 @@ class Run:
         return simulate(resolve(self.scene).uncontrolled().scene)
 
 
+@dataclass(frozen=True)
+class _Streams:
+    """Arrays of a run and what labels them."""
+
+    columns: Mapping[str, np.ndarray]
+    values: np.ndarray
+    commanded: np.ndarray | None
+    quantity: str
+    step_s: float
+    sample_s: float
+
+
 def scene_names() -> list[str]:
     """Return the names of the shipped scenes."""
     return shipped()
@@ -172,16 +213,39 @@ def load(source: str | Path, changes: Mapping[str, Any] | None = None) -> Scene:
         SceneError: the file cannot be read, or a key or a value is wrong.
     """
     scene = scenes.load(str(source))
-    return vary(scene, changes) if changes else scene
+    return scenes.vary(scene, changes) if changes else scene
 
 
-def simulate(scene: Scene) -> Run:
+def vary(scene: AnyScene, values: Mapping[str, Any]) -> Scene:
+    """Return a scene with other values.
+
+    Args:
+        scene: the scene, which stays as it is; or its name or TOML file.
+        values: new values by scene key, for example {"sphere.radius_m": 0.004}.
+
+    Raises:
+        SceneError: a key is unknown, or a value is not possible.
+    """
+    return scenes.vary(scene if isinstance(scene, Scene) else load(scene), values)
+
+
+def _views() -> Any:
+    """Return the module that labels arrays; it needs a package that an extra brings."""
+    need("xarray")
+    return import_module("hertzloop.views.labelled")
+
+
+def _resolved(scene: AnyScene) -> Setup:
+    return resolve(scene if isinstance(scene, Scene) else load(scene))
+
+
+def simulate(scene: AnyScene) -> Run:
     """Simulate a scene in this process, in one compiled loop.
 
     The samples have the same bytes as those of a run over the bus.
 
     Args:
-        scene: the scene.
+        scene: the scene, or its name or TOML file.
 
     Returns:
         The run, in memory. It has no `force` and no `events`.
@@ -192,14 +256,14 @@ def simulate(scene: Scene) -> Run:
     from hertzloop.loop import compiled
     from hertzloop.loop.plant_streams import truth_columns
 
-    setup = resolve(scene)
+    setup = _resolved(scene)
     found = compiled.simulate(setup)
     columns = truth_columns(found.rows, setup, setup.plant.same_point)
     return _run(setup, found.rows, columns, found.values, None, found.books)
 
 
 def run(
-    scene: Scene,
+    scene: AnyScene,
     recording: str | Path | None = None,
     *,
     transport: TransportName = "zenoh",
@@ -211,7 +275,7 @@ def run(
     """Run a scene, by default as processes over zenoh, and record it.
 
     Args:
-        scene: the scene.
+        scene: the scene, or its name or TOML file.
         recording: MCAP file to write; without one, the run is kept in memory only.
         transport: "zenoh" (processes), "inprocess" or "compiled"; all give the same bytes.
         overwrite: whether an existing file may be replaced.
@@ -234,14 +298,15 @@ def run(
     from hertzloop.processes.launcher import RunOptions, Transport, record
 
     options = RunOptions(Transport(transport), overwrite=overwrite, horizon=horizon, pace=pace)
+    setup = _resolved(scene)
     if pace is not None:
-        _check_pace(resolve(scene), options)
+        _check_pace(setup, options)
     if recording is not None:
-        record(resolve(scene), Path(recording), options, on_progress)
+        record(setup, Path(recording), options, on_progress)
         return read(recording)
     with own_folder() as folder:
         path = Path(folder) / "run.mcap"
-        record(resolve(scene), path, options, on_progress)
+        record(setup, path, options, on_progress)
         return replace(read(path), path=None)
 
 
@@ -315,10 +380,7 @@ def _run(
     from hertzloop.views.data import pacing_as_json
 
     step_s = setup.step_s
-    sampled_s = np.arange(len(values)) * setup.every_steps * step_s
-    label = sensed_label(setup.quantity)
     found = impacts_of_rows(setup, rows)
-    truth = truth_of(columns, step_s)
     law, not_again, saturation, pacing = setup.law_reference, None, None, None
     if recording is not None:
         law, not_again = law_of(recording).scene_law or "", why_not_again(recording)
@@ -331,15 +393,11 @@ def _run(
             models_yield(setup.scene.controller),
         )  # fmt: skip
 
-    force = None
+    commanded = None
     if recording is not None:
         commanded = recording.force.arrays.get("force_n", np.empty(0))
-        force = labelled(commanded, FORCE_LABEL, "step", np.arange(len(commanded)) * step_s)
     return Run(
         scene=setup.scene,
-        truth=truth,
-        samples=labelled(values, label, "sample", sampled_s),
-        force=force,
         impacts=[one.impact for one in found],
         noise=[one.noise for one in found],
         energy_residual=books.energy_residual,
@@ -348,6 +406,9 @@ def _run(
         path=recording.path if recording is not None else None,
         pacing=pacing_as_json(pacing),
         _ran=ran,
+        _streams=_Streams(
+            columns, values, commanded, setup.quantity, step_s, setup.every_steps * step_s
+        ),
         _not_again=not_again,
     )
 
@@ -369,11 +430,11 @@ def compare(a: "Run | RunFigures", b: "Run | RunFigures") -> "Comparison":
     return PrintedComparison(found.rows)
 
 
-def modes(scene: Scene) -> "xr.Dataset":
-    """Return the modes of the plate model of a scene.
+def modes(scene: AnyScene) -> "xr.Dataset":
+    """Return the modes of the plate model of a scene. Needs the extra `python`.
 
     Args:
-        scene: the scene.
+        scene: the scene, or its name or TOML file.
 
     Returns:
         Dataset over `mode`, each variable of shape (modes,): `frequency_hz`, `loss_factor`,
@@ -384,13 +445,12 @@ def modes(scene: Scene) -> "xr.Dataset":
         SceneError: the scene has no modes or cannot be simulated.
     """
     from hertzloop.analysis.deflection import modes_of_scene
-    from hertzloop.views.labelled import modes_of
 
-    return modes_of(modes_of_scene(resolve(scene)))
+    return _views().modes_of(modes_of_scene(_resolved(scene)))
 
 
 def sweep(
-    scene: Scene,
+    scene: AnyScene,
     over: Mapping[str, Range],
     *,
     design: Literal["grid", "lhs", "sobol"] = "grid",
@@ -398,10 +458,10 @@ def sweep(
     span: Literal["impact", "run"] = "impact",
     workers: int | None = None,
 ) -> "xr.Dataset":
-    """Compute the figures of a scene over ranges of its keys.
+    """Compute the figures of a scene over ranges of its keys. Needs the extra `python`.
 
     Args:
-        scene: the scene.
+        scene: the scene, or its name or TOML file.
         over: by scene key a list of values, "low:high:step" (a grid) or "low:high" (to be spread).
         design: "grid" for all combinations; "lhs" or "sobol" for spread points.
         cases: number of spread points.
@@ -422,16 +482,17 @@ def sweep(
     from hertzloop.studies.sweeps.evaluate import evaluate
     from hertzloop.studies.sweeps.pool import local_pool
 
+    views = _views()  # before the work, since a package may be missing
     axes = [as_axis(key, values) for key, values in over.items()]
-    setup = resolve(scene)
+    setup = _resolved(scene)
     planned = design_of(setup, axes, design, cases, setup.seed)
     with local_pool(workers) as pool:
         rows = evaluate(pool, setup, span, planned.cases())
-    return cases_of(rows, list(over), {"scene": scene.name, "span": span})
+    return views.cases_of(rows, list(over), {"scene": setup.scene.name, "span": span})
 
 
 def tune(
-    scene: Scene | Sequence[Scene],
+    scene: AnyScene | Sequence[AnyScene],
     laws: Sequence[str] = (),
     *,
     minimise: Sequence[str] = ("plate_energy_db", "rebound_percent"),
@@ -446,7 +507,7 @@ def tune(
     """Search the Pareto-optimal settings of laws (NSGA-II, Deb et al. 2002).
 
     Args:
-        scene: the scene, or several; the worst of them counts.
+        scene: the scene, or its name or TOML file; or several, of which the worst counts.
         laws: names or files of laws; the law of the scene if empty.
         minimise: names of the figures to minimise, as in `CaseFigures`.
         at_most: largest allowed values by figure.
@@ -465,11 +526,12 @@ def tune(
         SceneError: a scene cannot be simulated.
         SweepFailed: a worker process was lost.
     """
+    need("pymoo")
     from hertzloop.studies import tuning as study
     from hertzloop.studies.sweeps.design import as_axis
     from hertzloop.studies.sweeps.pool import local_pool
 
-    bases = [resolve(one) for one in ([scene] if isinstance(scene, Scene) else scene)]
+    bases = [_resolved(one) for one in ([scene] if isinstance(scene, AnyScene) else scene)]
     given = tuple(as_axis(key, values) for key, values in (over or {}).items())
     with local_pool(workers) as pool:
         return study.best_of(
@@ -497,13 +559,13 @@ def read_record(path: str | Path, **table: Any) -> "Record":
 
 
 def fit(
-    scene: Scene, records: "Record | Sequence[Record]", free: Sequence[str], *,
+    scene: AnyScene, records: "Record | Sequence[Record]", free: Sequence[str], *,
     hold_out: "Sequence[Record]" = (),
 ) -> "FitResult":  # fmt: skip
     """Fit keys of a scene to measured records of drops, with the law off or on.
 
     Args:
-        scene: the scene, with start values.
+        scene: the scene, or its name or TOML file, with start values.
         records: one record or several; `Record.measured.control` says whether the law was on.
         free: the keys to fit, `"KEY"`, `"KEY=LOW:HIGH"` or `"KEY±PRIOR"` as on the command line.
         hold_out: records to compare with the fitted scene only.
@@ -520,16 +582,16 @@ def fit(
     from hertzloop.studies.fit.fit import free_of
     from hertzloop.studies.fit.records import Record
 
-    setup = resolve(scene)
+    setup = _resolved(scene)
     several = [records] if isinstance(records, Record) else list(records)
     return study(setup, several, [free_of(setup, text) for text in free], hold_out)
 
 
-def linear(scene: Scene | Setup, quantity: str | None = None) -> "LinearSystem":
+def linear(scene: AnyScene | Setup, quantity: str | None = None) -> "LinearSystem":
     """Return the sampled response of the plant in flight to the force of the actuator.
 
     Args:
-        scene: the scene, or its setup.
+        scene: the scene, or its name, TOML file or setup.
         quantity: "v_p" (m/s), "acceleration" (m/s^2) or "xi" (m); that of the scene by default.
 
     Returns:
@@ -541,4 +603,4 @@ def linear(scene: Scene | Setup, quantity: str | None = None) -> "LinearSystem":
     """
     from hertzloop.studies.margin.system import LinearSystem
 
-    return LinearSystem.of(scene if isinstance(scene, Setup) else resolve(scene), quantity)
+    return LinearSystem.of(scene if isinstance(scene, Setup) else _resolved(scene), quantity)

@@ -21,10 +21,12 @@ EXTRAS = {
 
 
 def need(*packages: str) -> None:
-    """Raise ModuleNotFoundError for all of these packages that are missing, not for the first."""
+    """Raise ModuleNotFoundError, which says how to install them, for all of these packages that are
+    missing, not for the first."""
     missing = [package for package in packages if not _is_there(package)]
     if missing:
-        raise ModuleNotFoundError(f"No module named {', '.join(missing)}", name=" ".join(missing))
+        names = " ".join(missing)
+        raise ModuleNotFoundError(sentence_on(names), name=names)
 
 
 def _is_there(package: str) -> bool:

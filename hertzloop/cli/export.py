@@ -49,7 +49,7 @@ def export(
     from hertzloop.recordings.export import export as write
     from hertzloop.recordings.replay.data import scene_value
     from hertzloop.recordings.writer import RecordingError
-    from hertzloop.views.labelled import export_labels
+    from hertzloop.views.labels import export_labels
 
     if out_file.suffix not in FORMATS:
         fail(

@@ -8,27 +8,7 @@ import xarray as xr
 
 from hertzloop.plant.structures.mode_file import ModeTable
 from hertzloop.plant.time_series import TRUTH
-from hertzloop.scenes.quantities import SENSED
-
-FORCE_LABEL = ("N", "force commanded of the actuator, up on the plate")
-HELD = {"held_steps": ("", "by how many steps the command was too old, in a paced run")}
-
-
-def sensed_label(quantity: str) -> tuple[str, str]:
-    """Unit and meaning of the samples."""
-    found = SENSED.get(quantity)
-    return (found.unit, found.meaning) if found else ("", "sampled quantity")
-
-
-def export_labels(quantity: str) -> dict[str, tuple[str, str]]:
-    """Unit and meaning of the columns of an export, where the converter senses `quantity`."""
-    return TRUTH | {
-        **HELD,
-        "command_n": FORCE_LABEL,
-        "daq_value": sensed_label(quantity),
-        "daq_code": ("", "the converter's code of it"),
-        "daq_saturated": ("", "1 where the converter was out of its range"),
-    }
+from hertzloop.views.labels import HELD
 
 
 def labelled(values: np.ndarray, label: tuple[str, str], dim: str, time_s: np.ndarray) -> Any:

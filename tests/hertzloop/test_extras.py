@@ -1,23 +1,25 @@
 """Packages that only some commands need: without them the rest works, and a sentence says how."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from hertzloop.extras import EXTRAS
 
-def without(packages: str, *words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run a command, or an import, where packages, apart by spaces, are not installed."""
-    code = f"import sys; sys.modules |= dict.fromkeys({packages.split()!r}); "
-    code += f"sys.argv = ['hertzloop', *{words!r}]; "
-    what = (
-        "from hertzloop.__main__ import main; main()"
-        if words
-        else "import hertzloop; hertzloop.load"
-    )
+MAIN = "from hertzloop.__main__ import main; main()"
+
+
+def without(
+    packages: str, *words: str, cwd: Path, code: str = MAIN
+) -> subprocess.CompletedProcess[str]:
+    """Run a command, or code, where packages, apart by spaces, are not installed."""
+    before = f"import sys; sys.modules |= dict.fromkeys({packages.split()!r}); "
+    before += f"sys.argv = ['hertzloop', *{words!r}]\n"
     return subprocess.run(
-        [sys.executable, "-c", code + what], cwd=cwd, capture_output=True, text=True, timeout=120
+        [sys.executable, "-c", before + code], cwd=cwd, capture_output=True, text=True, timeout=120
     )
 
 
@@ -55,11 +57,31 @@ def test_all_that_tune_needs_is_named_at_once(tmp_path: Path) -> None:
     )
 
 
-def test_the_python_interface_names_it_too(tmp_path: Path) -> None:
-    done = without("xarray", cwd=tmp_path)
+NOT_IN_THE_BASE = " ".join(EXTRAS)
+
+
+def test_the_python_interface_needs_no_extra_until_one_is_asked_for(tmp_path: Path) -> None:
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "python.md"
+    first, second = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)[:2]
+    assert "truth" in second
+    done = without(NOT_IN_THE_BASE, cwd=tmp_path, code=first + "run.truth")
+    assert "us, " in done.stdout
+    assert "Figures of A and B" in done.stdout
     assert done.stderr.splitlines()[-1] == (
-        "ImportError: this needs xarray, which is not installed: pip install 'hertzloop[python]'"
+        "ModuleNotFoundError: this needs xarray, which is not installed: "
+        "pip install 'hertzloop[python]'"
     )
+
+
+@pytest.mark.full
+def test_an_export_needs_no_extra(tmp_path: Path) -> None:
+    for words in (
+        ("run", "--transport", "compiled", "--set", "run.duration_s=0.002", "-o", "a.mcap"),
+        ("export", "a.mcap", "-o", "a.csv"),
+        ("export", "a.mcap", "-o", "a.parquet"),
+    ):
+        done = without(NOT_IN_THE_BASE, *words, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.full

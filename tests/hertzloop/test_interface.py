@@ -53,6 +53,20 @@ def test_every_transport_gives_the_same_run(
     assert "contact 1 began" in {event.message for event in again.events}
 
 
+def test_a_scene_may_be_given_by_name_or_file(tmp_path: Path) -> None:
+    source = tmp_path / "mine.toml"
+    source.write_text(resolve(hertzloop.vary("aluminium-3mm", SHORT)).as_toml())
+    run = hertzloop.simulate(source)
+    assert run.scene == hertzloop.vary("aluminium-3mm", SHORT)
+    assert hertzloop.run(str(source), transport="compiled").impacts == run.impacts
+    assert hertzloop.modes("aluminium-3mm").equals(hertzloop.modes(source))
+    assert hertzloop.linear("aluminium-3mm").poles.size
+    [row] = hertzloop.sweep(source, {"controller.latency_us": [0]}).plate_energy_j.values
+    assert row == run.figures.first_impact.plate_energy_j
+    with pytest.raises(hertzloop.SceneError, match="no-such"):
+        hertzloop.simulate("no-such")
+
+
 def test_a_paced_run_tells_what_it_missed(scene: hertzloop.Scene, tmp_path: Path) -> None:
     """Late forces are numbered in the rows of truth, so that these name all that acted."""
     path = tmp_path / "a.mcap"

@@ -201,7 +201,7 @@ import numpy as np
 from hertzloop.loop.compiled import simulate
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.processes.law_trial import try_law
-from hertzloop.views.labelled import export_labels
+from hertzloop.views.labels import export_labels
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from hertzloop.recordings.reader import read
