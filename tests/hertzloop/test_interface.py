@@ -61,8 +61,8 @@ def test_a_scene_may_be_given_by_name_or_file(tmp_path: Path) -> None:
     assert hertzloop.run(str(source), transport="compiled").impacts == run.impacts
     assert hertzloop.modes("aluminium-3mm").equals(hertzloop.modes(source))
     assert hertzloop.linear("aluminium-3mm").poles.size
-    [row] = hertzloop.sweep(source, {"controller.latency_us": [0]}).plate_energy_j.values
-    assert row == run.figures.first_impact.plate_energy_j
+    over = {"controller.latency_us": [0]}
+    assert hertzloop.sweep(source, over).equals(hertzloop.sweep(run.scene, over))
     with pytest.raises(hertzloop.SceneError, match="no-such"):
         hertzloop.simulate("no-such")
 
