@@ -436,12 +436,13 @@ class EdgedPlate(BaseStructure):
 
     def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         """Shapes of all modes up to `omega_max` on a grid, (modes, x, y)."""
-        low, count, beyond = self._parts(omega_max)
+        plate = self.edges, self.size_m, self._nu
+        low, count, beyond, squared = _parts(*plate, self.accuracy, self._most(omega_max))
         groups = [low.shapes(x_m, y_m, count)]
         for group in beyond:
-            along_x, along_y = self._along(group, x_m, y_m)
+            along_x, along_y = _along(*plate, group, x_m, y_m)
             groups.append(np.einsum("xm,ym->mxy", along_x, along_y))
-        order = np.argsort(self._squared(omega_max), kind="stable")
+        order = np.argsort(squared, kind="stable")
         return np.asarray(self._unit * np.concatenate(groups)[order])
 
     @property
@@ -464,39 +465,59 @@ class EdgedPlate(BaseStructure):
         """w/k^2, m^2/s."""
         return math.sqrt(self.plate.bending_stiffness_n_m / self.plate.mass_per_area_kg_m2)
 
-    def _parts(self, omega_max: float) -> tuple[LowModes, int, list[Waves]]:
-        """Low modes, how many of them are below the limit, and those beyond."""
-        low, count, _ = _joint(self.edges, self.size_m, self._nu, self.accuracy)
-        most = omega_max / self._speed
-        beyond = _beyond(self.edges, self.size_m, self._nu, self.accuracy, most)
-        return low, int(np.searchsorted(low.squared[:count], most, side="right")), beyond
-
-    def _squared(self, omega_max: float) -> np.ndarray:
-        """k^2 of all modes, low ones first, then group by group."""
-        low, count, beyond = self._parts(omega_max)
-        return np.concatenate([low.squared[:count], *(group.squared for group in beyond)])
-
-    def _along(self, group: Waves, x_m: np.ndarray, y_m: np.ndarray) -> list[np.ndarray]:
-        sides = ((self.edges[:2], group.along_x, x_m), (self.edges[2:], group.along_y, y_m))
-        return [
-            shape_along(edges, length, side, self._nu, places)
-            for (edges, side, places), length in zip(sides, self.size_m, strict=True)
-        ]
+    def _most(self, omega_max: float) -> float:
+        """k^2 at a frequency, 1/m^2, without the rounding: plates that differ in stiffness and mass
+        alone have the same shapes up to limits in proportion, and share them."""
+        return float(f"{omega_max / self._speed:.12g}")
 
     def _shapes(self, omega_max: float, points: list[Point]) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies (modes,) and shapes at points (modes, points)."""
-        low, count, beyond = self._parts(omega_max)
-        squared = self._squared(omega_max)
-        shapes = np.empty((len(squared), len(points)))
-        for i, (x, y) in enumerate(points):
-            at = np.array([x]), np.array([y])
-            groups = [low.shapes(*at, count)[:, 0, 0]]
-            for group in beyond:
-                along_x, along_y = self._along(group, *at)
-                groups.append(along_x[0] * along_y[0])
-            shapes[:, i] = self._unit * np.concatenate(groups)
-        order = np.argsort(squared, kind="stable")
-        return self._speed * squared[order], shapes[order]
+        squared, shapes = _unit_shapes(
+            self.edges, self.size_m, self._nu, self.accuracy, self._most(omega_max), tuple(points)
+        )
+        return self._speed * squared, self._unit * shapes
+
+
+def _parts(
+    edges: str, size_m: tuple[float, float], nu: float, accuracy: float, most: float
+) -> tuple[LowModes, int, list[Waves], np.ndarray]:
+    """Low modes, how many of them are below the limit, those beyond, and k^2 of all: low ones
+    first, then group by group."""
+    low, count, _ = _joint(edges, size_m, nu, accuracy)
+    beyond = _beyond(edges, size_m, nu, accuracy, most)
+    count = int(np.searchsorted(low.squared[:count], most, side="right"))
+    squared = np.concatenate([low.squared[:count], *(group.squared for group in beyond)])
+    return low, count, beyond, squared
+
+
+def _along(
+    edges: str, size_m: tuple[float, float], nu: float, group: Waves, x_m: np.ndarray,
+    y_m: np.ndarray,
+) -> list[np.ndarray]:  # fmt: skip
+    sides = ((edges[:2], group.along_x, x_m), (edges[2:], group.along_y, y_m))
+    return [
+        shape_along(of_side, length, side, nu, places)
+        for (of_side, side, places), length in zip(sides, size_m, strict=True)
+    ]
+
+
+@lru_cache(maxsize=16)
+def _unit_shapes(
+    edges: str, size_m: tuple[float, float], nu: float, accuracy: float, most: float,
+    points: tuple[Point, ...],
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """k^2 up to a limit (modes,), rising, and shapes of unit integral at points (modes, points)."""
+    low, count, beyond, squared = _parts(edges, size_m, nu, accuracy, most)
+    shapes = np.empty((len(squared), len(points)))
+    for i, (x, y) in enumerate(points):
+        at = np.array([x]), np.array([y])
+        groups = [low.shapes(*at, count)[:, 0, 0]]
+        for group in beyond:
+            along_x, along_y = _along(edges, size_m, nu, group, *at)
+            groups.append(along_x[0] * along_y[0])
+        shapes[:, i] = np.concatenate(groups)
+    order = np.argsort(squared, kind="stable")
+    return squared[order], shapes[order]
 
 
 @lru_cache(maxsize=16)

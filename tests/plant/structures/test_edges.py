@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import brentq
 
 from hertzloop.plant.estimates.model_order import frequency_limit_hz
-from hertzloop.plant.structures.edged_plate import BeamBasis, EdgedPlate
+from hertzloop.plant.structures.edged_plate import BeamBasis, EdgedPlate, _unit_shapes
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.structure import oscillators
@@ -198,3 +198,18 @@ def test_accuracy_decides_how_many_modes_an_edged_plate_has() -> None:
         for accuracy in (0.1, 0.01, 0.001)
     ]
     assert limits == sorted(limits)
+
+
+def test_plates_of_other_stiffness_and_mass_share_their_shapes() -> None:
+    """A fit changes both: it solved the edges anew in each simulation."""
+    point, limit = (0.3, 0.2), 2.0 * np.pi * 2e3
+    first = edged("cfcf").modes(limit, point, point)
+    known = _unit_shapes.cache_info().misses
+    for young_pa, thickness_m in ((7.1e10, 0.003), (7.2e10, 0.00301), (9e10, 0.0042)):
+        metal = Material(young_pa, METAL.density_kg_m3, NU)
+        other = EdgedPlate(Plate(metal, SQUARE, thickness_m), "cfcf", 1e-3)
+        scale = other._speed / edged("cfcf")._speed
+        modes = other.modes(scale * limit, point, point)
+        assert np.array_equal(modes.at_contact, first.at_contact)
+        np.testing.assert_allclose(modes.omega, scale * first.omega, rtol=1e-13)
+    assert _unit_shapes.cache_info().misses == known
