@@ -1,5 +1,6 @@
 """The command `fit`: from measured records to a calibrated scene."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -124,12 +125,16 @@ def fit(
         data["scene"] = str(target)
         out.print(f"written: {target}", soft_wrap=True)
     if report_file is not None:
-        from hertzloop.studies.fit.page import page
+        from hertzloop.studies.report.fitted import page
 
-        _write(report_file, page(result))
+        named = {"--free": free, "--hold-out": held, "--expect": expect, "--set": settings}
+        given = [word for name, many in named.items() for one in many or [] for word in (name, one)]
+        words = ["fit", scene, *files, *given, *(["--check"] if check else [])]
+        command = shlex.join(map(str, ["hertzloop", *words, "--report", report_file]))
+        _write(report_file, page(result, command))
         out.print(f"written: {report_file}", soft_wrap=True)
     if replay_file is not None:
-        from hertzloop.studies.fit.page import write_replay
+        from hertzloop.studies.report.fitted import write_replay
 
         write_replay(result, replay_file)
         out.print(f"written: {replay_file}", soft_wrap=True)

@@ -583,7 +583,10 @@ def test_the_command_writes_json_scene_page_and_replay(tmp_path: Path) -> None:
     assert again.sphere.radius_m == data["parameters"][RADIUS]["value"]
     assert again.scene.fit is not None
     assert again.scene.fit.sha256 == (data["records"][0]["sha256"],)
-    assert "<svg" in out["f.html"].read_text()
+    page = out["f.html"].read_text()
+    for part in ("<svg", "Around the contact", "Whole record", "residual over noise", "contact of",
+                 "measured", "simulated", f"--free {RADIUS}", "[fit]", "identified"):  # fmt: skip
+        assert part in page, part
     assert out["f.rrd"].stat().st_size > 1000
 
 
