@@ -2,11 +2,14 @@
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import scipy
 
-from hertzloop.plant.actuator_kernels import ForceLimit, SecondOrder
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.actuator_kernels import ForceLimit, SecondOrder, force
 from hertzloop.plant.structures.modes import Oscillators
 
 _NO_SHAPE = 1e-9  # of the largest at the actuator: such a mode does not feel the mass
@@ -65,6 +68,79 @@ def build_model(actuator: Actuator, step_s: float) -> SecondOrder | ForceLimit |
         slope_d=float(slope_d),
         limit_n=float(limit),
     )
+
+
+@dataclass(frozen=True)
+class LinearActuator:
+    """An actuator as a linear system: x' = a x + b c from step to step under a command c.
+
+    Attributes:
+        a: of the state, shape (n, n); b: of the command, shape (n,).
+        state: of the mean force of a step and half its rise, shape (2, n).
+        command: of these, shape (2,).
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    state: np.ndarray
+    command: np.ndarray
+
+
+_STATE = [pk.ACTUATOR_F, pk.ACTUATOR_RATE]
+_TRIED_N = tuple(2.0**-power for power in (0, 10, 20, 30))  # exact factors; a limit may be small
+_LINEAR, _DIGITS = 1e-9, 1e-4
+
+
+def linear_form(model: Any) -> LinearActuator | None:
+    """Return the linear form of an actuator's kernel, found by asking the kernel; None if its force
+    is not linear in command and state, up to a constant force.
+
+    Args:
+        model: an actuator of `actuator_kernels`.
+    """
+    rest = _asked(model, np.zeros(3), 0.0)
+    for scale in _TRIED_N:
+        if scale < _DIGITS * np.abs(rest).max():
+            break  # beside a constant force it has too few digits
+        whole = np.array([_asked(model, scale * unit, 0.0) - rest for unit in np.eye(3)]).T / scale
+        # Small commands without an answer tell nothing: there may be a dead zone.
+        if np.any(whole[:, 2]) and _is_linear(model, rest, whole, scale):
+            reached = whole[2:, 2] != 0.0  # states that a command reaches
+            reached |= np.abs(whole[2:, :2]) @ reached > 0.0
+            own = np.flatnonzero(reached)
+            a, state = whole[2 + own][:, own], whole[:2, own]
+            return LinearActuator(a, whole[2 + own, 2], state, whole[:2, 2])
+    return None
+
+
+def _is_linear(model: Any, rest: np.ndarray, whole: np.ndarray, scale: float) -> bool:
+    rng = np.random.default_rng(0)
+    for size in (scale, 0.01 * scale):
+        for inputs in size * rng.uniform(-1.0, 1.0, (4, 3)):
+            # What else a plant knows must not count.
+            away = _asked(model, inputs, float(rng.normal())) - rest - whole @ inputs
+            if not np.all(np.abs(away) <= _LINEAR * size * np.abs(whole).max(axis=1)):
+                return False
+    return True
+
+
+def _asked(model: Any, inputs: np.ndarray, others: float) -> np.ndarray:
+    """Mean force and half its rise over a step, and the state at its end, from the state at its
+    start and a command, N; nan if it changes more than its state. `others` fills what is not its
+    state."""
+    body = np.full(pk.BODY_SIZE, others)
+    body[_STATE] = inputs[:2]
+    found = force.uncompiled(model, body, float(inputs[2]))
+    after = body[_STATE].copy()
+    body[_STATE] = others
+    return np.array([*found, *after]) if np.all(body == others) else np.full(4, np.nan)
+
+
+@lru_cache(maxsize=64)
+def rest_force_n(actuator: Actuator, step_s: float) -> float:
+    """Return the force on the plate without any command, N; zero of one that does not rest."""
+    mean, rise, *state = _asked(build_model(actuator, step_s), np.zeros(3), 0.0)
+    return float(mean) if rise == 0.0 and not np.any(state) else 0.0
 
 
 def mass_loaded(

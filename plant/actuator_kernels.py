@@ -73,7 +73,13 @@ def _second_order(actuator, body, command):
     return mean, slope
 
 
-# Whether the force changes within a step: actuator -> bool, known when a caller is compiled.
-has_slope = by_type({type(None): no, ForceLimit: no, SecondOrder: yes})
-# The force on the plate over the step: actuator, state's body, command (N) -> F_0, F_1 (N).
-force = by_type({type(None): _ideal, ForceLimit: _limited, SecondOrder: _second_order})
+# Of each actuator: whether its force changes within a step, known when a caller is compiled, and
+# the force on the plate over the step: actuator, state's body, command (N) -> F_0, F_1 (N). What
+# remains from step to step is in ACTUATOR_F and ACTUATOR_RATE of the body.
+_ACTUATORS = {
+    type(None): (no, _ideal),
+    ForceLimit: (no, _limited),
+    SecondOrder: (yes, _second_order),
+}
+has_slope = by_type({kind: row[0] for kind, row in _ACTUATORS.items()})
+force = by_type({kind: row[1] for kind, row in _ACTUATORS.items()})

@@ -142,14 +142,15 @@ class PushMeter(Meter):
     """When an actuator pushes, against the contacts, over rows of truth that come in blocks."""
 
     def __init__(self, setup: Setup) -> None:
-        self._step_s = setup.step_s
+        self._setup, self._step_s = setup, setup.step_s
         self._apart = self._all = 0.0  # impulse while nothing touches, and all, in N steps
         self._touch: int | None = None
         self._push: int | None = None
 
     def feed(self, first: int, rows: np.ndarray) -> None:
         """Take the next rows, shape (10, steps), from step `first` on."""
-        touching, pushed = rows[F_C] != 0.0, np.abs(rows[F_A])
+        touching = rows[F_C] != 0.0
+        pushed = np.abs(self._setup.control_force_n(rows))
         if self._touch is None and touching.any():
             self._touch = first + int(np.argmax(touching))
         if self._push is None and pushed.any():
@@ -209,7 +210,8 @@ class StabilityMeter(Meter):
 
     def feed(self, first: int, rows: np.ndarray) -> None:
         """Take the next rows, shape (10, steps), from step `first` on."""
-        k.exchanged(first, rows[F_A], rows[self._place], self.impact_j, self._sums, self._counts)
+        force = self.setup.control_force_n(rows)
+        k.exchanged(first, force, rows[self._place], self.impact_j, self._sums, self._counts)
 
     def result(self) -> Stability:
         """What the rows show."""

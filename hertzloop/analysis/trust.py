@@ -122,8 +122,9 @@ def past_first_impact(setup: Setup, rows: np.ndarray) -> int | None:
         return None
     first, end = found.start, min(found.end + 2, rows.shape[1])
     after = rows[:, end : 2 * end - first]
-    small = _SMALL * np.abs(rows[F_A, first:end]).max()
-    over = np.flatnonzero((np.abs(after[F_A]) <= small) | (after[F_C] != 0.0))
+    pushed = np.abs(setup.control_force_n(rows))
+    small = _SMALL * pushed[first:end].max()
+    over = np.flatnonzero((pushed[end : 2 * end - first] <= small) | (after[F_C] != 0.0))
     return end + (int(over[0]) if len(over) else after.shape[1])
 
 

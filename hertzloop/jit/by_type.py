@@ -16,11 +16,18 @@ def by_type(kernels: Mapping[type, Callable[..., Any]]) -> Callable[..., Any]:
     """A function of a part (a NamedTuple or None) and more that calls the kernel of its type.
 
     Which one is known when a caller is compiled, so the choice costs nothing at run time, and
-    what a kernel returns as a constant is one in its caller.
+    what a kernel returns as a constant is one in its caller. Its attribute `uncompiled` is the same
+    function in Python.
     """
 
     def chosen(part: Any, *arguments: Any) -> Any:
         return kernels[type(part)](part, *arguments)
+
+    def uncompiled(part: Any, *arguments: Any) -> Any:
+        kernel = kernels[type(part)]
+        return getattr(kernel, "py_func", kernel)(part, *arguments)
+
+    chosen.uncompiled = uncompiled  # type: ignore[attr-defined]
 
     # As @kernel(inline=True, borrowed=True).
     @overload(chosen, jit_options={"_nrt": False, "forceinline": True})

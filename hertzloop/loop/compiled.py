@@ -20,6 +20,7 @@ from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.loop.plant_streams import EVERY_S, ROOM_STEPS, PlantStreams, empty_window
 from hertzloop.loop.watchdog import watching
 from hertzloop.plant import state_kernels as pk
+from hertzloop.plant.actuator import rest_force_n
 from hertzloop.plant.figures.rows_kernels import Answer, answer
 from hertzloop.plant.plant import Balance, Plant
 from hertzloop.plant.time_series import COLUMNS
@@ -41,7 +42,9 @@ def quiet_steps(setup: Setup) -> int:
 
 def answer_of(setup: Setup) -> Answer:
     """An impact of the scene, before its first touch, for rows that are known."""
-    return answer(quiet_steps(setup), 1 + setup.line.latency_steps + setup.line.most_added_steps)
+    line_steps = 1 + setup.line.latency_steps + setup.line.most_added_steps
+    rest_n = rest_force_n(setup.actuator, setup.step_s)
+    return answer(quiet_steps(setup), line_steps, rest_n=rest_n)
 
 
 def ending_of(setup: Setup) -> Answer:

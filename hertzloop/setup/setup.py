@@ -20,7 +20,7 @@ from hertzloop.controller.loading.bound import BoundLaw
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant import time_series as ts
-from hertzloop.plant.actuator import Actuator
+from hertzloop.plant.actuator import Actuator, rest_force_n
 from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
 from hertzloop.plant.estimates.model_order import expected_error, expected_solid_error, held_error
 from hertzloop.plant.plant import Plant, PlantSpec
@@ -302,6 +302,12 @@ class Setup:
         """Simulate the plant alone, without any force of the actuator; its time series in blocks:
         first step, and an array of shape (10, steps of the block)."""
         return ts.free_series(self.start_plant(), self.steps)
+
+    def control_force_n(self, rows: np.ndarray) -> np.ndarray:
+        """Return the actuator's force beyond that without a command, N, of rows of a time series,
+        shape (10, steps)."""
+        rest_n = rest_force_n(self.actuator, self.step_s)
+        return rows[ts.F_A] - rest_n if rest_n else rows[ts.F_A]
 
     def start_sensor(self, steps: int | None = None) -> Sensor:
         """The data-acquisition channel at the start of the run, for as many `steps` as are to be

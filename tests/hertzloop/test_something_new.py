@@ -296,6 +296,65 @@ assert first_difference(found[0], found[2]).startswith("speed.speed_m_s differs 
 """
 
 
+ACTUATOR = """
+from pathlib import Path
+
+Path("own_preload.py").write_text('''
+from typing import NamedTuple
+from hertzloop.jit import kernel
+
+class Preload(NamedTuple):
+    preload_n: float
+    gain: float
+
+@kernel(inline=True, borrowed=True)
+def force(actuator, body, command):
+    gain = actuator.gain if actuator.gain > 0.0 else abs(command)
+    return actuator.preload_n + gain * command, 0.0
+''')
+from tests.hertzloop.with_lines import with_line
+
+with_line(
+    "hertzloop.plant.actuator_kernels", "    SecondOrder: (yes,",
+    '    __import__("own_preload").Preload: (no, __import__("own_preload").force),\\n',
+)
+import math
+
+from own_preload import Preload
+
+from hertzloop.loop.compiled import simulate
+from hertzloop.plant import actuator
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import load
+from hertzloop.studies.margin.margin import margin_of
+
+# The key that selects one, as a scene key of its own would.
+MADE = {1e6: None, 2e6: Preload(0.5, 1.0), 3e6: Preload(0.5, 0.5), 4e6: Preload(0.5, -math.inf)}
+actuator.build_model = lambda spec, step_s: MADE[spec.force_limit_n]
+KEYS = ["run.accuracy=0.1", "controller.kappa=0.4", "run.duration_s=0.15"]
+
+def loop(key, law="velocity_feedback"):
+    settings = [*KEYS, f"actuator.force_limit_n={key}", f"controller.law={law}"]
+    return load("aluminium-3mm", settings)
+
+def steps(key):
+    rows = simulate(loop(key, "slope_threshold"), impact_only=True).rows
+    assert (rows[5].min() > 0.49) == (key > 1e6)
+    return rows.shape[1]
+
+plain, preloaded, weaker = (margin_of(loop(key)) for key in (1e6, 2e6, 3e6))
+assert preloaded == plain
+assert abs(weaker.gain_margin / plain.gain_margin - 2.0) < 1e-9
+assert abs(steps(2e6) - steps(1e6)) < 50
+try:
+    margin_of(loop(4e6))
+except SceneError as error:
+    assert "not linear in the command" in str(error)
+else:
+    raise AssertionError
+"""
+
+
 def run(script: str, folder: Path, **environment: str) -> None:
     done = subprocess.run(
         [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r})\n{script}"],
@@ -315,6 +374,12 @@ def test_a_scheme_is_a_file_and_a_row_of_one_table(tmp_path: Path) -> None:
 def test_a_scheme_of_fourth_order_keeps_its_slope(tmp_path: Path) -> None:
     """A row says so, whatever the name."""
     run(FOURTH_ORDER, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
+
+
+@pytest.mark.full
+def test_an_actuator_is_a_row_of_one_table(tmp_path: Path) -> None:
+    """A constant force on the plate changes no margin, and no sweep runs on because of it."""
+    run(ACTUATOR, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "kernels"))
 
 
 def test_a_structure_is_a_file_and_a_row_of_one_table(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 
 from hertzloop.loop.compiled import finer_loop
-from hertzloop.plant import time_series as ts
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.setup import Setup, resolve
 from hertzloop.studies.fit.model import FrozenModel, Simulated
@@ -177,7 +176,7 @@ class LoopModel(FrozenModel):
     def acts(self, values: Mapping[str, float], until_s: float) -> bool:
         """Whether the actuator acts on the plate before `until_s` after the touch."""
         rows = self.run(values, until_s).rows
-        return float(np.max(np.abs(rows[ts.F_A]))) > _ACTS
+        return float(np.max(np.abs(self.loop.control_force_n(rows)))) > _ACTS
 
 
 def notes_on(model: LoopModel, setup: Setup, names: list[str]) -> Iterator[str]:

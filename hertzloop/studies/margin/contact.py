@@ -117,7 +117,7 @@ def impact_facts(setup: Setup) -> ImpactFacts:
 
     def first_force_s(tried: Setup) -> float | None:
         rows = simulate(tried).rows
-        pushes = np.flatnonzero(rows[ts.F_A])
+        pushes = np.flatnonzero(tried.control_force_n(rows))
         touches = np.flatnonzero(rows[ts.F_C] > 0.0)
         if not len(pushes) or not len(touches):
             return None

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.plant.actuator_kernels import SecondOrder
+from hertzloop.plant.actuator import LinearActuator, linear_form
 from hertzloop.plant.schemes import collocation_kernels as k
 from hertzloop.scenes.errors import SceneError
 from hertzloop.sensors.kernels import SensorModel
@@ -92,41 +92,27 @@ class PoleForm:
         return PoleForm(p**n, whole, fir)
 
 
-def _of_actuator(actuator: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Matrix of the actuator's state, its input, and rows (mean, slope) of its output with the
-    direct term last."""
-    a = np.array([[actuator.turn_ff, actuator.turn_fd], [actuator.turn_df, actuator.turn_dd]])
-    out = np.array([
-        [actuator.mean_f, actuator.mean_d, 1.0 - actuator.mean_f],
-        [actuator.slope_f, actuator.slope_d, -actuator.slope_f],
-    ])  # fmt: skip
-    return a, np.array([1.0 - actuator.turn_ff, -actuator.turn_df]), out
-
-
-def _through_actuator(by_mean: PoleForm, by_slope: PoleForm, actuator: Any) -> PoleForm:
-    a, b, out = _of_actuator(actuator)
-    own, vectors = np.linalg.eig(a)
-    if abs(own[0] - own[1]) < 1e-9:
+def _through_actuator(by_mean: PoleForm, by_slope: PoleForm, actuator: LinearActuator) -> PoleForm:
+    own, vectors = np.linalg.eig(actuator.a)
+    if len(own) > 1 and abs(own[0] - own[1]) < 1e-9:
         raise SceneError(
             "actuator: its two poles coincide, and the margin needs distinct ones. "
             "Change the damping ratio slightly."
         )
-    entry = np.linalg.solve(vectors, b.astype(complex))
-    exits = out[:, :2] @ vectors * entry  # residues, shape (2 outputs, 2 poles)
+    entry = np.linalg.solve(vectors, actuator.b.astype(complex))
+    exits = actuator.state @ vectors * entry  # residues, shape (2 outputs, n poles)
 
     def passes(row: int, z: np.ndarray) -> np.ndarray:
         z = np.asarray(z, complex)
-        return np.asarray(out[row, 2] + (exits[row] / (z[..., None] - own)).sum(axis=-1))
+        return np.asarray(actuator.command[row] + (exits[row] / (z[..., None] - own)).sum(axis=-1))
 
     residues = by_mean.residues * passes(0, by_mean.poles)
     residues = residues + by_slope.residues * passes(1, by_mean.poles)
     of_own = by_mean.at(own) * exits[0] + by_slope.at(own) * exits[1]
     zero = np.array([0.0 + 0.0j])
     first = by_mean.fir[0] * passes(0, zero)[0].real + by_slope.fir[0] * passes(1, zero)[0].real
-    if abs(own[0].imag) > 0.0:
-        own, of_own = own[:1], of_own[:1]
-    else:
-        of_own = 0.5 * of_own
+    half = np.where(own.imag == 0.0, 0.5, 1.0)[own.imag >= 0.0]  # its conjugate is added
+    of_own, own = half * of_own[own.imag >= 0.0], own[own.imag >= 0.0]
     return PoleForm(
         np.append(by_mean.poles, own), np.append(residues, of_own), np.array([first, 0.0])
     )
@@ -205,9 +191,13 @@ def by_command(model: k.CollocationModel, gap: bool) -> PoleForm:
         else:
             fir[1] += 2.0 * model.flexibility_m_n / model.step_s
     forms = [PoleForm(poles, r, np.array([f, 0.0])) for r, f in zip(residues, fir, strict=True)]
-    if isinstance(model.actuator, SecondOrder):
-        return _through_actuator(forms[0], forms[1], model.actuator)
-    return forms[0]
+    actuator = linear_form(model.actuator)
+    if actuator is None:
+        raise SceneError(
+            "actuator: its force is not linear in the command, so the loop has no linear response. "
+            "Use 'hertzloop budget' to find how much latency the law tolerates."
+        )
+    return _through_actuator(forms[0], forms[1], actuator)
 
 
 def by_contact(model: k.CollocationModel) -> tuple[PoleForm, PoleForm]:
