@@ -1,7 +1,6 @@
 """Strangers and doubles on the bus of real processes: no run goes on with what they say."""
 
 import math
-import re
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,6 +13,7 @@ import psutil
 import pytest
 import zenoh
 
+from hertzloop.analysis.recorded import rows_of
 from hertzloop.bus import wire
 from hertzloop.bus.messages_pb2 import DaqBlock, Hello
 from hertzloop.bus.port import PeerLost
@@ -21,6 +21,7 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, decode
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.controller_node import ControllerNode
+from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import Recorder
 from hertzloop.setup import load
@@ -253,17 +254,17 @@ def test_a_run_in_one_process_is_reconciled(
 
 @pytest.mark.parametrize("compiled", [False, True])
 def test_forces_that_explode(tmp_path: Path, compiled: bool) -> None:
-    """A law that answers itself soon has no number for it, and says so, in the file as well."""
+    """A law that answers itself is held before its numbers overflow: the run ends, as unstable."""
     scene = load(
         "aluminium-3mm",
         ["run.duration_s=0.0025", "run.accuracy=0.1", "controller.law=velocity_feedback",
          "controller.kappa=-100", "sensors.quantity=auto"],
     )  # fmt: skip
     path = tmp_path / "a.mcap"
-    sentence = r"the law velocity_feedback, at sample \d+, commanded -?inf N"
-    with pytest.raises(Exception, match=sentence):
-        record_in_process(scene, path, compiled=compiled)
+    record_in_process(scene, path, compiled=compiled)
     kept = read(path)
-    assert re.search(sentence, kept.result["fault"])
+    assert not kept.result.get("fault")
     assert set(kept.ends) == {"plant", "controller"}
-    assert kept.truth.samples > 0
+    rows = rows_of(kept)
+    assert np.isfinite(rows).all()
+    assert np.abs(rows[5]).max() == MOST_N
