@@ -4,7 +4,7 @@ import ctypes
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -153,6 +153,26 @@ _REAL = ("Real", "Float64")
 # Names of an input that say what is sensed; a quantity of one's own is asked for in the scene.
 _QUANTITIES = ("xi", "v_p", "acceleration", "contact_force")
 _INPUTS, _OUTPUT = (*_QUANTITIES, "sample"), "force"  # where a unit has more than one
+# Exponents of kg, m, s of an input's unit, with the quantity; those of a force.
+_FORCE, _NUMBER = (1, 1, -2), (0, 0, 0)
+_DIMENSIONS = {
+    (0, 1, 0): "xi", (0, 1, -1): "v_p", (0, 1, -2): "acceleration", _FORCE: "contact_force",
+}  # fmt: skip
+_SI = {
+    "m": (0, 1, 0), "m/s": (0, 1, -1), "m/s2": (0, 1, -2), "m/s^2": (0, 1, -2), "N": _FORCE,
+}  # fmt: skip
+_SAME_STEP = 1e-6  # relative difference of equal times
+
+
+@dataclass(frozen=True)
+class _Port:
+    """A real variable of a unit, and its value in SI units per value of its own; `dimension` is
+    None if it has no unit."""
+
+    name: str
+    reference: int
+    factor: float
+    dimension: tuple[int, int, int] | None
 
 
 @dataclass(frozen=True)
@@ -162,7 +182,23 @@ class UnitLaw(Law):
     @cached_property
     def _parameters(self) -> dict[str, Any]:
         """Variables by the scene key that sets them."""
-        return {re.sub(r"\W", "_", v.name): v for v in _real(self.home, "parameter")}
+        return {_key_of(v): v for v in _real(self.home, "parameter")}
+
+    @cached_property
+    def ports(self) -> tuple[_Port, _Port]:
+        """Its input and its output. Raises LawError."""
+        path = str(self.path)
+        given = _chosen(self.home, "input", _INPUTS, path)
+        made = _chosen(self.home, "output", (_OUTPUT,), path)
+        quantities = set(_DIMENSIONS) & {given.dimension}
+        if given.dimension is not None and not quantities:
+            raise _other_dimension(path, given, "a length, velocity, acceleration or force")
+        sensed = _DIMENSIONS.get(given.dimension or _NUMBER)
+        if sensed and given.name in _QUANTITIES and given.name != sensed:
+            raise _other_dimension(path, given, f"that of {given.name}")
+        if made.dimension not in (None, _FORCE):
+            raise _other_dimension(path, made, "a force")
+        return given, made
 
     @cached_property
     def keys(self) -> type[BaseModel]:
@@ -180,9 +216,28 @@ class UnitLaw(Law):
 
     @property
     def senses(self) -> str:
-        """The quantity that its input is called by; any for another name."""
-        name = _chosen(self.home, "input", _INPUTS, str(self.path)).name
-        return name if name in _QUANTITIES else "any"
+        """The quantity that its input is called by, or that has its unit; else any."""
+        given = self.ports[0]
+        if given.name in _QUANTITIES:
+            return given.name
+        return _DIMENSIONS.get(given.dimension or _NUMBER, "any")
+
+    def constants(self, keys: Any, about: About) -> Any:
+        """What is known of the run and its keys. Raises LawError for another sampling interval than
+        the unit can take."""
+        unit, sample_s = self.home.coSimulation, about.sample_s
+        fixed_s = float(unit.fixedInternalStepSize or 0.0)
+        whole = fixed_s and round(sample_s / fixed_s) * fixed_s  # FMI 3.0
+        if not fixed_s and not unit.canHandleVariableCommunicationStepSize:
+            experiment = self.home.defaultExperiment
+            whole = fixed_s = float((experiment and experiment.stepSize) or 0.0)
+        if fixed_s and abs(whole - sample_s) > _SAME_STEP * sample_s:
+            raise LawError(
+                f"law {self.path}: has a fixed step of {1e6 * fixed_s:g} us, but the scene samples "
+                f"every {1e6 * sample_s:g} us. Export it for the scene's interval, or change "
+                "sensors.every_steps."
+            )
+        return super().constants(keys, about)
 
     def bound_to(self, constants: Any, ahead: bool = True) -> BoundLaw:
         """The law with given constants; it knows nothing ahead."""
@@ -223,7 +278,6 @@ class _Instance:
     _unit: Any = None
     _done: int = 0
     _held: Any = None
-    _at: dict[str, int] = field(default_factory=dict)
 
     def command(self, p: Any, s: Any, samples: np.ndarray, i: int) -> float:
         """The command (N) after sample i."""
@@ -233,9 +287,10 @@ class _Instance:
             elif i != self._done:
                 raise RuntimeError(f"sample {i} came after {self._done} samples")
             unit, step_s = self._unit, self.constants.sample_s
-            _set(unit, {self._at["input"]: float(samples[i])})
+            given, made = self.law.ports
+            _set(unit, {given.reference: float(samples[i]) / given.factor})
             unit.doStep(i * step_s, step_s)
-            force = _get(unit, self._at["output"])
+            force = made.factor * _get(unit, made.reference)
         except Exception as error:
             self.said = self.said or f"failed: {error}"
             raise
@@ -265,10 +320,6 @@ class _Instance:
         about, path = self.law.home, str(self.law.path)
         self._held = TemporaryDirectory(prefix="hertzloop-")
         fmpy.extract(path, self._held.name)
-        self._at = {
-            "input": _chosen(about, "input", _INPUTS, path).valueReference,
-            "output": _chosen(about, "output", (_OUTPUT,), path).valueReference,
-        }
         self._unit = fmpy.instantiate_fmu(
             self._held.name, about, "CoSimulation", logger=lambda *words: None
         )
@@ -297,9 +348,14 @@ def unit_law(path: Path, digest: str) -> UnitLaw:
             f"the law {path} was built for {', '.join(platforms) or 'no platform'}, not for "
             f"{fmpy.platform}"
         )
-    _chosen(about, "input", _INPUTS, str(path))
-    _chosen(about, "output", (_OUTPUT,), str(path))
-    return UnitLaw(path.name, path, "", digest, about)
+    law = UnitLaw(path.name, path, "", digest, about)
+    law.ports  # noqa: B018 - refuses what is no law
+    names = [_key_of(v) for v in _real(about, "parameter")]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise LawError(
+            f"law {path}: has several parameters for the scene key {twice[0]}. Rename one of them."
+        )
+    return law
 
 
 def _real(about: Any, causality: str) -> list[Any]:
@@ -310,7 +366,11 @@ def _real(about: Any, causality: str) -> list[Any]:
     ]  # fmt: skip
 
 
-def _chosen(about: Any, causality: str, names: tuple[str, ...], path: str) -> Any:
+def _key_of(parameter: Any) -> str:
+    return re.sub(r"\W", "_", parameter.name).lstrip("_")
+
+
+def _chosen(about: Any, causality: str, names: tuple[str, ...], path: str) -> _Port:
     """The only variable of a causality, or the only one of these names. Raises LawError."""
     found = _real(about, causality)
     named = found if len(found) == 1 else [v for v in found if v.name in names]
@@ -320,7 +380,31 @@ def _chosen(about: Any, causality: str, names: tuple[str, ...], path: str) -> An
             f"law {path}: has the real {causality}s {there}. Keep one, or name one "
             f"{' or '.join(names)}."
         )
-    return named[0]
+    variable = named[0]
+    unit = variable.unit or (variable.declaredType and variable.declaredType.unit)
+    factor, dimension = 1.0, _SI.get(unit or "")
+    defined = next((u.baseUnit for u in about.unitDefinitions or () if u.name == unit), None)
+    if defined is not None:
+        b = defined
+        if b.offset or b.A or b.K or b.mol or b.cd or b.rad:
+            raise _other_unit(path, variable.name, unit)
+        factor, dimension = float(b.factor), (b.kg, b.m, b.s)
+        if dimension == _NUMBER and factor == 1.0:
+            dimension = None  # a number
+    elif unit not in (None, "", "1") and dimension is None:
+        raise _other_unit(path, variable.name, unit)
+    return _Port(variable.name, variable.valueReference, factor, dimension)
+
+
+def _other_unit(path: str, name: str, unit: str) -> LawError:
+    return LawError(
+        f"law {path}: the unit {unit} of {name} cannot be converted. Use m, m/s, m/s^2 or N, or "
+        "define the unit by base units."
+    )
+
+
+def _other_dimension(path: str, port: _Port, wanted: str) -> LawError:
+    return LawError(f"law {path}: the unit of {port.name} is not {wanted}. Change the unit.")
 
 
 def _set(unit: Any, values: dict[int, float]) -> None:

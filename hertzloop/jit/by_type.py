@@ -12,7 +12,7 @@ from numba.extending import intrinsic, overload
 from hertzloop.jit.decorator import kernel
 
 
-def by_type(kernels: Mapping[type, Callable[..., Any]]) -> Callable[..., Any]:
+def by_type(kernels: Mapping[type, Callable[..., Any]]) -> Any:
     """A function of a part (a NamedTuple or None) and more that calls the kernel of its type.
 
     Which one is known when a caller is compiled, so the choice costs nothing at run time, and

@@ -93,6 +93,11 @@ class ControllerTable(Table):
                 return self
             raise ValueError(str(error)) from error
         own = law.keys.model_fields
+        if taken := [name for name in own if name in ControllerTable.model_fields]:
+            raise ValueError(
+                f"controller.law = '{self.law}': its key {taken[0]} is a key of the control loop. "
+                "Rename it in the law."
+            )
         for name, value in given.items():
             if name in own:
                 continue

@@ -7,8 +7,10 @@ import zipfile
 from itertools import count
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from hertzloop.controller.controller import Controller, LineSpec
 from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
@@ -174,3 +176,75 @@ def test_what_is_no_law_is_refused(unit: Path, tmp_path: Path) -> None:
     other = built(tmp_path, more=second, name="depth")
     with pytest.raises(SceneError, match=r"has the real inputs depth, kept\. Keep one"):
         scene_of(other)
+
+
+UNITS = """<UnitDefinitions>
+<Unit name="mm"><BaseUnit m="1" factor="0.001"/></Unit>
+<Unit name="mm/s"><BaseUnit m="1" s="-1" factor="0.001"/></Unit>
+<Unit name="kN"><BaseUnit kg="1" m="1" s="-2" factor="1000"/></Unit>
+<Unit name="furlong"/><Unit name="m"/><Unit name="N"/>
+<Unit name="degC"><BaseUnit K="1" offset="273.15"/></Unit>
+</UnitDefinitions><LogCategories>"""
+
+
+def changed(unit: Path, folder: Path, given: str = "", made: str = "", **texts: str) -> Path:
+    """The unit with other units of its input and output, and other texts of its description."""
+    path = folder / "changed.fmu"
+    with zipfile.ZipFile(unit) as old, zipfile.ZipFile(path, "w") as file:
+        for name in old.namelist():
+            data = old.read(name)
+            if name == "modelDescription.xml":
+                text = data.decode().replace("<LogCategories>", UNITS)
+                for causality, said in (("input", given), ("output", made)):
+                    at = text.index("<Real", text.index(f'causality="{causality}"')) + 5
+                    text = text[:at] + (f' unit="{said}"' if said else "") + text[at:]
+                for before, after in texts.items():
+                    assert before in text
+                    text = text.replace(before, after)
+                data = text.encode()
+            file.writestr(name, data)
+    return path
+
+
+def test_values_are_in_the_units_of_the_unit(unit: Path, tmp_path: Path) -> None:
+    def forces(path: Path) -> np.ndarray:
+        bound = scene_of(path).bound_law()
+        controller = Controller(bound, LineSpec(), 1e-6, 20, 1, 0)
+        return np.asarray(controller.process(np.linspace(-1e-3, 0.0, 10)).forces)
+
+    plain, other = forces(unit), forces(changed(unit, tmp_path, "mm", "kN"))
+    assert other == pytest.approx(1e6 * plain)
+    assert plain.max() > 100.0
+    assert forces(changed(unit, tmp_path, "m", "N")) == pytest.approx(plain, rel=0.0, abs=0.0)
+    speed = changed(unit, tmp_path, "mm/s", **{'"xi"': '"depth"'})
+    assert scene_of(speed).law.senses == "v_p"
+
+
+@pytest.mark.parametrize(
+    ("given", "made", "texts", "sentence"),
+    [
+        ("mm/s", "", {}, "the unit of xi is not that of xi"),
+        ("furlong", "", {}, "the unit furlong of xi cannot be converted"),
+        ("", "mm", {}, "the unit of force is not a force"),
+        ("", "degC", {}, "the unit degC of force cannot be converted"),
+        ("", "", {'"gain"': '"latency_us"'}, "its key latency_us is a key of the control loop"),
+    ],
+)
+def test_what_would_be_misread_is_refused(
+    unit: Path, tmp_path: Path, given: str, made: str, texts: dict[str, str], sentence: str
+) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        scene_of(changed(unit, tmp_path, given, made, **texts))
+
+
+def test_a_unit_of_a_fixed_step_takes_that_step_alone(unit: Path, tmp_path: Path) -> None:
+    said = 'canHandleVariableCommunicationStepSize="true"'
+    fixed = changed(unit, tmp_path, **{
+        said: said.replace("true", "false"),
+        "<ModelVariables>": '<DefaultExperiment stepSize="5e-6"/><ModelVariables>',
+    })  # fmt: skip
+    with pytest.raises(SceneError, match="has a fixed step of 5 us, but the scene samples every 1"):
+        scene_of(fixed).bound_law()
+    assert scene_of(fixed, "sensors.every_steps=5").bound_law()
+    words = ["run", "aluminium-3mm", "--set", f"controller.law={fixed}", "--set", SHORT]
+    assert invoke([*words, "-o", str(tmp_path / "a.mcap")]).exit_code == 2
