@@ -214,7 +214,7 @@ def budget(
         }
     total = found.cases + (likely.cases if likely else 0)
     total += sobol * (len(uncertain.parts) + 2) if uncertain and sobol else 0
-    out.print(f"{total} cases in {time.perf_counter() - began_s:.1f} s")
+    out.print(f"{total} cases in {time.perf_counter() - began_s:z.1f} s")
     if folder is not None:
         from hertzloop.studies.budget.page import write_page
 
@@ -259,8 +259,8 @@ def print_probability(likely: "Probability", indices: "Sequence[Sensitivity]", w
             shares.add_column(heading, justify="left" if heading == "keys" else "right")
         for one in indices:
             shares.add_row(
-                ", ".join(one.keys), one.figure, f"{one.first:.3f} ± {one.first_half:.3f}",
-                f"{one.total:.3f} ± {one.total_half:.3f}",
+                ", ".join(one.keys), one.figure, f"{one.first:z.3f} ± {one.first_half:z.3f}",
+                f"{one.total:z.3f} ± {one.total_half:z.3f}",
             )  # fmt: skip
         out.print(shares)
     out.print(f"Run the worst case again: {worst}", soft_wrap=True)
@@ -323,7 +323,7 @@ def probability_line(likely: "Probability") -> str:
     """Return how likely the goals are met, in a sentence."""
     low, high = likely.interval
     return (
-        f"Probability that the goal is met: {likely.value:.3f} ({low:.3f} to {high:.3f} at "
+        f"Probability that the goal is met: {likely.value:z.3f} ({low:z.3f} to {high:z.3f} at "
         f"{100 * likely.confidence:g} %, {likely.cases} cases, {likely.unstable} unstable)."
     )
 

@@ -158,7 +158,7 @@ def export_plant(
             soft_wrap=True,
         )
     arrays = len(made.data) / 1000
-    out.print(f"written: {out_path}, for {cpu}, {arrays:.0f} kB of it arrays", soft_wrap=True)
+    out.print(f"written: {out_path}, for {cpu}, {arrays:z.0f} kB of it arrays", soft_wrap=True)
 
 
 def _machine() -> str:

@@ -103,9 +103,9 @@ def _change(values: list[float], unit: str) -> str:
     """The first against the second, in dB; "" where there is none."""
     first, second = values
     if unit == "dB":
-        return f"{first - second:+.2f} dB" if min(values) > -math.inf else ""
+        return f"{first - second:+z.2f} dB" if min(values) > -math.inf else ""
     times = 20.0 if unit == "Pa" else 10.0
-    return f"{times * math.log10(first / second):+.2f} dB" if min(values) > 0.0 else ""
+    return f"{times * math.log10(first / second):+z.2f} dB" if min(values) > 0.0 else ""
 
 
 def _explain(name: str, run: dict[str, Any]) -> None:
@@ -117,8 +117,8 @@ def _explain(name: str, run: dict[str, Any]) -> None:
         levels = [10.0 * math.log10(one) for one in energies]
         through, means, later = (levels[i] - levels[j] for i, j in ((0, 1), (2, 1), (3, 2)))
         out.print(
-            f"{name}: the half sphere, by {DIRECTIONS} directions, has {through:+.2f} dB against "
-            f"the modes' own efficiencies, mean efficiencies {means:+.2f} dB; what follows after "
-            f"the file (--tail) adds {later:.2f} dB",
+            f"{name}: the half sphere, by {DIRECTIONS} directions, has {through:+z.2f} dB against "
+            f"the modes' own efficiencies, mean efficiencies {means:+z.2f} dB; what follows after "
+            f"the file (--tail) adds {later:z.2f} dB",
             soft_wrap=True,
         )

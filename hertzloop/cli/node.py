@@ -300,7 +300,7 @@ def plant(
         tell(done=stats)
         if not machine:
             say_profile(stats)
-            out.print(f"{resolved.steps:,} steps in {stats['wall_s']:.3f} s")
+            out.print(f"{resolved.steps:,} steps in {stats['wall_s']:z.3f} s")
 
 
 def controller(

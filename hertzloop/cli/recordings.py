@@ -401,4 +401,4 @@ def _write(page: Path, text: str) -> None:
         page.write_text(text, encoding="utf-8")
     except OSError as error:
         fail(f"cannot write {page}: {error.strerror}", 1)
-    out.print(f"written: {page} ({len(text.encode()) / 1e6:.1f} MB)", soft_wrap=True)
+    out.print(f"written: {page} ({len(text.encode()) / 1e6:z.1f} MB)", soft_wrap=True)

@@ -164,7 +164,7 @@ def _draw_map(resolved: Setup, folder: Path) -> None:
     except OSError as error:
         fail(f"cannot write to the folder {folder}: {error.strerror}", 1)
     for name, size in sizes.items():
-        shares = (f"{100.0 * (size > level).mean():.0f} %" for level in (1e-3, 1e-1))
+        shares = (f"{100.0 * (size > level).mean():z.0f} %" for level in (1e-3, 1e-1))
         out.print("{}: above 0.1 % in {} of the map, above 10 % in {}".format(name, *shares))
     out.print(f"written: {folder}/validity.png and .csv", soft_wrap=True)
 

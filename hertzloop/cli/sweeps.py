@@ -193,7 +193,7 @@ def sweep(
         out.print(_spreads(over_phases, [key for key in keys if key != PHASE]))
     rate = found.ran / found.wall_s if found.wall_s else 0.0
     out.print(
-        f"{found.ran} of {total} cases run in {found.wall_s:.2f} s: {rate:.0f} cases/s. "
+        f"{found.ran} of {total} cases run in {found.wall_s:z.2f} s: {rate:z.0f} cases/s. "
         f"Results: {target}",
         soft_wrap=True,
     )

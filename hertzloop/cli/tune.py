@@ -354,7 +354,7 @@ def _table(best: "list[Found]", reference: "Found", objectives: tuple[str, ...])
     for f in [*best[::step], reference]:
         note = " (published)" if f is reference else ""
         spread = str(f.spreads[objectives[0]])
-        table.add_row(*(f"{v:.3f}" for v in f.figures.values()), spread, _words(f.values) + note)
+        table.add_row(*(f"{v:z.3f}" for v in f.figures.values()), spread, _words(f.values) + note)
     return table
 
 
@@ -373,6 +373,6 @@ def _verdict(best: "list[Found]", reference: "Found", objectives: tuple[str, ...
     if winner is None:
         return [f"none beats the published setting in {first} without raising {keep}"]
     gained = reference.figures[first] - winner.figures[first]
-    also = f" at {keep} {winner.figures[keep]:.3f} against {reference.figures[keep]:.3f}"
-    return [f"{_words(winner.values)} beats the published setting in {first} by {gained:.3f}"
+    also = f" at {keep} {winner.figures[keep]:z.3f} against {reference.figures[keep]:z.3f}"
+    return [f"{_words(winner.values)} beats the published setting in {first} by {gained:z.3f}"
             + (also if rest else "")]  # fmt: skip

@@ -107,7 +107,7 @@ def draw_response(path: Path, responses: Responses, found: Pacing) -> None:
 def write_table(path: Path, responses: Responses) -> None:
     """The classes that are not empty, as CSV."""
     rows = [
-        (f"{responses.ends_us[at]:.6g}", f"{responses.answers[at]:.0f}")
+        (f"{responses.ends_us[at]:.6g}", f"{responses.answers[at]:z.0f}")
         for at in np.flatnonzero(responses.answers)
     ]
     words.write_rows(path, ("response_us_below", "answers"), rows)

@@ -210,7 +210,7 @@ def run(setup: Setup, folder: Path, count: int = 61) -> dict[str, np.ndarray]:
     about = (
         f"{setup.material_name('sphere') or 'own'} on {setup.material_name('plate') or 'own'} "
         f"({sheet.youngs_modulus_pa * 1e-9:.3g} GPa), dropped from "
-        f"{1e3 * setup.sphere.drop_height_m:.3g} mm; {ball.density_kg_m3:.0f} kg/m3"
+        f"{1e3 * setup.sphere.drop_height_m:.3g} mm; {ball.density_kg_m3:z.0f} kg/m3"
     )
     draw_map(folder / "validity.png", about, radii, thicknesses, sizes,
              {name: words for name, words, _ in EFFECTS})  # fmt: skip

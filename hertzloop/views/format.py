@@ -64,7 +64,8 @@ def known_digits(value: float, form: str, error: float = 0.0) -> str:
         The number as `form` has it or with fewer digits, "about 100" where digits before the
         decimal point are not predictable, `UNKNOWN` where none is.
     """
-    usual = f"{value:{form}}"
+    # `z`: what is rounded to zero has no sign.
+    usual = f"{value:+z{form[1:]}}" if form.startswith("+") else f"{value:z{form}}"
     if error == 0.0:
         return usual
     if not error < abs(value):  # as `predictable` of analysis has it

@@ -135,7 +135,7 @@ def _beside(
         *provenance.compared(setup, theirs),
     ]
     if shift_ns:
-        lines.append(f"B is moved by {shift_ns * 1e-6:+.3f} ms: first contacts begin together.")
+        lines.append(f"B is moved by {shift_ns * 1e-6:+z.3f} ms: first contacts begin together.")
     return twin, found, lines
 
 
@@ -188,7 +188,7 @@ def _told(
     since_s, until_ns = meter.result().since_s, LAST_NS
     if since_s is not None:
         until_ns = round(since_s * 1e9)
-        told.insert(0, f"**Unstable** from {1e3 * since_s:.3f} ms on")
+        told.insert(0, f"**Unstable** from {1e3 * since_s:z.3f} ms on")
     name = twin[0].own if twin and twin[0].own else "run"
     spectra = [spectrum(name, own.speed_m_s, setup.step_s)]
     if twin is not None:

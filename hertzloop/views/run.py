@@ -289,7 +289,7 @@ def pressure_words(limit: dict[str, Any]) -> str:
         return f"{words}, as the scene says"
     return (
         f"{words}: {by['factor']:g} times the {by['measure']} of the {by['body']}, "
-        f"{by['value_pa'] * 1e-9:.3g} GPa, known to {100 * by['spread']:.0f} %"
+        f"{by['value_pa'] * 1e-9:.3g} GPa, known to {100 * by['spread']:z.0f} %"
     )
 
 

@@ -124,10 +124,10 @@ def _reasons(found: Reasons) -> list[str]:
     if found.after_touch_s is not None and found.late_share is not None:
         said.append(
             f"the first force comes {1e6 * found.after_touch_s:.3g} us after contact begins "
-            f"({100.0 * found.late_share:.0f} % of it)"
+            f"({100.0 * found.late_share:z.0f} % of it)"
         )
     if found.apart is not None:
-        said.append(f"{100.0 * found.apart:.0f} % of the control impulse acts without contact")
+        said.append(f"{100.0 * found.apart:z.0f} % of the control impulse acts without contact")
     if found.injected_j is not None:
         said.append(f"the actuator adds {1e6 * found.injected_j:.3g} uJ to the plate")
     if found.dent_m is not None:

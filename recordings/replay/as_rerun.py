@@ -264,7 +264,7 @@ def _send_contacts(stream: rr.RecordingStream, shown: Shown) -> None:
         return
     begins_ns = truth.step_at(np.array([one.first for one in contacts])) * truth.step_ns
     texts = [
-        f"{i} at {begins_ns[i - 1] * 1e-6:.3f} ms: "
+        f"{i} at {begins_ns[i - 1] * 1e-6:z.3f} ms: "
         f"{with_unit((one.end - one.first) * truth.step_ns * 1e-9, 's')}, "
         f"{_short(one.peak_n)} N, {with_unit(one.deepest_m, 'm')} deep"
         + ("" if one.end < truth.samples else ", cut by the end")
@@ -301,7 +301,10 @@ def _about(shown: Shown, still: bool) -> str:
         lines[-1] += f", the sphere {larger:.2g} times its size, at a compressed height in flight"
     lines[-1] += ". Its penetration is plotted, not drawn."
     if shown.contacts and not still:
-        lines += ["", f"Play the first contact from {shown.when.selection_ns[0] * 1e-6:.3f} ms on."]
+        lines += [
+            "",
+            f"Play the first contact from {shown.when.selection_ns[0] * 1e-6:z.3f} ms on.",
+        ]
     for problem in recording.problems:
         lines += ["", f"**Missing or damaged:** {problem}"]
     return "\n".join(lines) + "\n"
@@ -309,7 +312,7 @@ def _about(shown: Shown, still: bool) -> str:
 
 def _event_line(event: Event) -> str:
     """When and what; of a line that would be cut in its middle the beginning."""
-    line = f"{event.time_ns * 1e-6:.3f} ms  {event.message.removeprefix('law ')}"
+    line = f"{event.time_ns * 1e-6:z.3f} ms  {event.message.removeprefix('law ')}"
     return line if len(line) <= _LINE else line.split(", ", maxsplit=1)[0]
 
 

@@ -1,11 +1,14 @@
 """The pages of a sweep and of a tuning: what they say, and that a browser shows them."""
 
 import json
+import math
 import re
 from pathlib import Path
 
 import pytest
 
+from hertzloop.studies.report import results as report_of_results
+from hertzloop.studies.sweeps.sweep import read_results
 from tests.studies.test_report import BROWSER, call, in_browser
 
 COARSE = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016"]
@@ -92,3 +95,20 @@ def test_what_is_no_result_is_refused_with_a_sentence(results: Path, tmp_path: P
         result = call("report", source, "-o", tmp_path / "out")
         assert result.exit_code == 2
         assert says in result.output
+
+
+def test_a_figure_without_a_value_or_a_change_is_left_out(
+    results: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = results / "grid" / "g.parquet"
+    rows, header = read_results(file)
+    changed = [{**row, "radiated_db": math.nan, "pressure_db": -1e-4} for row in rows]
+    monkeypatch.setattr(report_of_results, "read_results", lambda path: (changed, header))
+    text = report_of_results.page_of_results(file)
+    assert "nan" not in re.findall(r"<td>([^<]*)</td>", text)
+    assert "pressure at 1 m" not in re.sub("<p>Left out.*</p>", "", text)
+    [said] = re.findall("<p>Left out: (.*)</p>", text)
+    assert "adiated energy" in said
+    assert "no value in any case" in said
+    assert ": 0.000 in every case" in said.replace("-0", "?")
+    assert len(re.findall("<th>", text)) == 5 + 6  # least and largest; case, keys, figures, status

@@ -267,7 +267,7 @@ def check(pool: Pool, row: Row) -> Checked:
             pool, setup, one.goals, uncertain, one.span, within=0.01, most=one.cases
         )
         low, high = found.interval
-        said = (f"probability {found.value:.4f} ({low:.4f} to {high:.4f}, {found.cases} cases), "
+        said = (f"probability {found.value:z.4f} ({low:z.4f} to {high:z.4f}, {found.cases} cases), "
                 f"required {one.probability:g}")  # fmt: skip
         # The lower end counts: the required probability has to be shown, not only possible.
         if low >= one.probability:
@@ -323,12 +323,12 @@ def junit(path: Path, found: Sequence[Checked]) -> None:
     suite = ET.Element(
         "testsuite", name="hertzloop budget", tests=str(len(found)),
         failures=str(sum(not one.passed for one in found)), errors="0", skipped="0",
-        time=f"{sum(one.seconds for one in found):.3f}",
+        time=f"{sum(one.seconds for one in found):z.3f}",
     )  # fmt: skip
     for one in found:
         case = ET.SubElement(
             suite, "testcase", classname=f"requirements.{one.row.scene}", name=one.row.name,
-            time=f"{one.seconds:.3f}",
+            time=f"{one.seconds:z.3f}",
         )  # fmt: skip
         if not one.passed:
             failure = ET.SubElement(case, "failure", message="; ".join(one.fails))

@@ -98,7 +98,7 @@ def fitted_scene(result: FitResult, name: str) -> str:
 
 
 def _percent(value: float) -> str:
-    return f"{value:.2g} %" if value < 100.0 else f"{value:.0f} %"
+    return f"{value:.2g} %" if value < 100.0 else f"{value:z.0f} %"
 
 
 def number(value: float | None, digits: int = 5) -> str:
@@ -154,7 +154,7 @@ def sentences(result: FitResult) -> list[str]:
             f"{n.offset:.3g}, clock {n.clock_ppm:+.3g} ppm, noise {n.noise_rms:.3g}."
         )
     if not math.isnan(result.wall_s):
-        found.append(f"{result.evaluations} simulations in {result.wall_s:.2f} s.")
+        found.append(f"{result.evaluations} simulations in {result.wall_s:z.2f} s.")
     return found
 
 

@@ -311,7 +311,7 @@ def fitness(
         )
     for name, pull in pulls.items():
         if abs(pull) > _PULL:
-            reasons.append(f"The prior of {name} is pulled by {pull:.1f} standard deviations.")
+            reasons.append(f"The prior of {name} is pulled by {pull:z.1f} standard deviations.")
     for key, side in at_bound.items():
         if key not in allowed_at_bound:
             reasons.append(

@@ -104,5 +104,5 @@ def mode_line(mode: BindingMode | None, frequency_hz: float) -> str:
             f"the contact and {mode.at_actuator[0]:.3g} at the actuator, largest 1"
         )
     others = "" if mode.share > _ALONE else ", as modes overlap there"
-    share = f"share of the response at {hertz(frequency_hz)}: {100.0 * mode.share:.0f} %{others}"
+    share = f"share of the response at {hertz(frequency_hz)}: {100.0 * mode.share:z.0f} %{others}"
     return f"{words}; {share}"

@@ -51,6 +51,14 @@ class _Drawn:
             return None
         return closed_loop_poles(loop.plant, loop.law, delay)
 
+    def fastest(self, latency: int) -> float | None:
+        """Return the growth of the fastest pole for a latency in steps, 1/s; None if unknown. Where
+        the poles are too many, the margin knows that of an unstable loop at its own latency."""
+        poles = self.poles(latency)
+        if poles is not None:
+            return float(self.growth(poles)[1].max())
+        return (self.margin.growth_per_s or None) if latency == self.latency else None
+
     def growth(self, poles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return frequency (kHz) and growth (1/s) of poles in the upper half plane."""
         # The imaginary part of a real pole is a rounding of either sign.
@@ -187,16 +195,17 @@ def _latencies(ax: Any, drawn: _Drawn) -> None:
         chosen |= {limit, limit + 1}
     at, growth = [], []
     for latency in sorted(chosen):
-        poles = drawn.poles(latency)
-        if poles is not None:
+        fastest = drawn.fastest(latency)
+        if fastest is not None:
             at.append(latency * step_us)
-            growth.append(float(drawn.growth(poles)[1].max()))
+            growth.append(fastest)
     for i, (first, end) in enumerate(margin.stable_windows_us or []):
         ax.axvspan(
             first, last * step_us if end is None else min(end, last * step_us), color=_GREEN,
             alpha=0.15, linewidth=0, label=None if i else "stable",
         )  # fmt: skip
-    ax.plot(at, growth, "-o", color=_BLUE, markersize=4, label="fastest growth")
+    if at:
+        ax.plot(at, growth, "-o", color=_BLUE, markersize=4, label="fastest growth")
     ax.axhline(0.0, color="#444444", linewidth=1.0)
     ax.axvline(margin.latency_us, color=_PINK, linestyle="--", label="latency of this scene")
     ax.set(

@@ -260,7 +260,7 @@ def _animation(shown: Shown) -> dict[str, Any]:
         "x": ((plate.x_m - corner[0]) / size[0]).tolist(),
         "y": (1.0 - (plate.y_m[::-1] - corner[1]) / size[1]).tolist(),
         "aspect": size[1] / size[0], "size": [f"{1e3 * side:g} mm" for side in size],
-        "times": [f"{1e-6 * t:.4f} ms" for t in plate.times_ns[inside].tolist()],
+        "times": [f"{1e-6 * t:z.4f} ms" for t in plate.times_ns[inside].tolist()],
         "touching": (gap_m < 0.0).tolist(),
         "force": [with_unit(float(f), "N") for f in np.nan_to_num(force_n)],
         "contact": place(plate.contact_point_m),
@@ -279,7 +279,7 @@ def _sounds(recording: Recording, setup: Setup) -> tuple[list[_Sound], str]:
         return [
             _Sound(
                 name.replace("-", " "),
-                f"{run['level_db']:.1f} dB sound exposure level",
+                f"{run['level_db']:z.1f} dB sound exposure level",
                 base64.b64encode(Path(run["file"]).read_bytes()).decode(),
             )
             for name, run in heard["runs"].items()

@@ -37,11 +37,29 @@ def key_words(key: str) -> str:
     return f"{name} ({unit})" if unit else name
 
 
+def telling_figures(rows: Rows) -> tuple[list[str], list[str]]:
+    """The figures that differ between cases, all that have a value if none does, and sentences on
+    those that are left out."""
+    there = [figure for figure in SHOWN if known(rows, figure)]
+    shown = {figure: {_digits(row[figure]) for row in known(rows, figure)} for figure in there}
+    differing = [figure for figure in there if len(shown[figure]) > 1] or there
+    said = [
+        f"{words.against_none(figure)}: no value in any case"
+        if figure not in there
+        else f"{words.against_none(figure)}: {min(shown[figure])} in every case"
+        for figure in SHOWN
+        if figure not in differing
+    ]
+    return differing, said
+
+
+def _digits(value: float) -> str:
+    return f"{value:z.3f}"
+
+
 def shown_figures(rows: Rows) -> list[str]:
     """Those that differ between cases, the first few; the first one if none does."""
-    there = [f for f in SHOWN if known(rows, f)]
-    differing = [f for f in there if len({row[f] for row in known(rows, f)}) > 1]
-    return (differing or there)[:_MOST_FIGURES]
+    return telling_figures(rows)[0][:_MOST_FIGURES]
 
 
 def over_keys(rows: Rows, keys: list[str]) -> Figure:
@@ -184,7 +202,7 @@ def _page_of_sweep(path: Path) -> str:
     setup = parse(header["scene_toml"], recorded=True)
     design = header["design"]
     keys = keys_of(design)
-    figures = [f for f in SHOWN if any(row[f] is not None for row in rows)]
+    figures, constant = telling_figures(rows)
     lacking = not_run(rows)
     unstable = sum(row["state"] == CaseState.UNSTABLE for row in rows)
     warnings = [f"{len(lacking)} cases could not be run: {lacking[0]['status']}"] if lacking else []
@@ -204,11 +222,11 @@ def _page_of_sweep(path: Path) -> str:
         if grid:
             what = "Blue: less than without control. Grey: no figure."
             drawn.append(_Chart("Over both keys", what, svg(maps(rows, *grid))))
-    ends = [[words.against_none(figure), *rest] for figure, *rest in extremes(rows, keys)]
+    ends = [[words.against_none(figure), *rest] for figure, *rest in extremes(rows, keys, figures)]
     tables = [_Table("Least and largest", "", ("figure", "least", "at", "largest", "at"), ends)]
     listed = [
         [str(row["case"]), *(short(row[key]) for key in keys),
-         *("" if row[f] is None else f"{row[f]:.3f}" for f in figures), row["status"] or ""]
+         *(_digits(row[f]) if known([row], f) else "" for f in figures), row["status"] or ""]
         for row in rows[:_MOST_ROWS]
     ]  # fmt: skip
     more = "" if len(rows) <= _MOST_ROWS else f" The first {_MOST_ROWS} of {len(rows)}."
@@ -223,6 +241,7 @@ def _page_of_sweep(path: Path) -> str:
             _ran(setup),
             f"{len(rows):,} cases, {kinds[design['kind']]} over {', '.join(keys)}; figures of "
             f"{_SPANS[header['span']]}, against the same scene without control.",
+            *([f"Left out: {'; '.join(constant)}."] if constant and figures else []),
         ],
         warnings=warnings,
         charts=drawn,
@@ -259,7 +278,7 @@ def _page_of_tuned(tuned: Tuned) -> str:
     for found in [*tuned.front, tuned.published]:
         law = words.law(str(found.values["controller.law"]))
         cells = [law + (" (published)" if found is tuned.published else "")]
-        cells += [f"{found.figures[name]:.3f}" for name in objectives]
+        cells += [f"{found.figures[name]:z.3f}" for name in objectives]
         cells += [str(found.spreads[name]) if name in found.spreads else "" for name in objectives]
         rows.append([*cells, *(short(found.values.get(key, "")) for key in keys)])
     headings = (

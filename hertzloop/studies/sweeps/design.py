@@ -260,7 +260,7 @@ class Spread:
     most: float
 
     def __str__(self) -> str:
-        return f"{self.mean:.2f} ({self.least:.2f} to {self.most:.2f})"
+        return f"{self.mean:z.2f} ({self.least:z.2f} to {self.most:z.2f})"
 
 
 def spread_of(values: Any) -> Spread:

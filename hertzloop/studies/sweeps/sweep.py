@@ -405,11 +405,11 @@ def known(rows: Rows, figure: str) -> Rows:
     return [row for row in rows if row[figure] is not None and row[figure] == row[figure]]
 
 
-def extremes(rows: Rows, keys: list[str]) -> list[list[str]]:
+def extremes(rows: Rows, keys: list[str], figures: Sequence[str] = SHOWN) -> list[list[str]]:
     """Where each figure is least and largest: its name, the least, its keys, the largest, its
     keys, in words."""
     found = []
-    for figure in SHOWN:
+    for figure in figures:
         having = known(rows, figure)
         if not having:
             continue
@@ -417,7 +417,7 @@ def extremes(rows: Rows, keys: list[str]) -> list[list[str]]:
         where = [
             ", ".join(f"{key.split('.')[-1]} {short(row[key])}" for key in keys) for row in ends
         ]
-        least, most = (f"{row[figure]:.2f}" for row in ends)
+        least, most = (f"{row[figure]:z.2f}" for row in ends)
         found.append([figure, least, where[0], most, where[1]])
     return found
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hertzloop.setup import load
+from hertzloop.studies.margin import picture
 from hertzloop.studies.margin.binding import binding_mode, mode_line, mode_name
 from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
@@ -107,6 +108,22 @@ def test_the_picture_shows_limit_and_state(kappa: float) -> None:
         assert np.all(rate[inside] < 0.0)
         if kappa < 1.0:
             assert np.all(rate[~inside] > 0.0)
+
+
+@pytest.mark.parametrize("kappa", [0.4, 1.1])
+def test_a_loop_with_too_many_poles_shows_the_growth_that_is_known(
+    kappa: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has no entry in the legend for a line without a point."""
+    monkeypatch.setattr(picture, "_MOST_POLES", 10)
+    setup = load("oak-20mm", [*VELOCITY, f"controller.kappa={kappa}"])
+    margin = margin_of(setup)
+    latencies = draw(setup, margin).axes[3]
+    drawn = [one.get_xydata() for one in latencies.lines if one.get_label() == "fastest growth"]
+    if margin.stable:
+        assert not drawn
+    else:
+        np.testing.assert_array_equal(drawn[0], [[margin.latency_us, margin.growth_per_s]])
 
 
 def test_a_real_pole_counts_whatever_the_sign_of_its_rounding() -> None:
