@@ -111,6 +111,7 @@ def test_a_heavy_ball_is_predictable() -> None:
 @pytest.mark.parametrize(
     ("value", "error", "shown"),
     [
+        (-1e-9, 0.0, "0.0000"),
         (0.69876, 0.0, "0.6988"), (0.69876, 1e-7, "0.6988"), (0.69876, 3e-3, "0.70"),
         (0.69876, 3e-4, "0.699"), (0.69876, 0.7, "unknown"), (0.69876, np.inf, "unknown"),
         (248.79, 30.0, "about 200"), (0.69876, np.nan, "unknown"), (248.79, 3.0, "about 250"),
