@@ -1,8 +1,9 @@
 """What the laws share that watch for a threshold of the slope, and answer stored samples."""
 
 import math
+from collections import namedtuple
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,11 @@ class Constants(NamedTuple):
     lead_samples: int
     slope_weights: np.ndarray
     contact_level: float = 0.0  # samples up to here are in contact
+
+
+def constants_with(*names: str) -> Any:
+    """A NamedTuple of these constants and more, which follow them."""
+    return namedtuple("Constants", (*Constants._fields, *names))
 
 
 @lru_cache(maxsize=64)

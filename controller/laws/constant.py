@@ -15,7 +15,7 @@ from hertzloop.controller.laws.profile import (  # noqa: F401
     quiet_level,
 )
 
-not_linear = "its force is computed before the run and does not depend on the samples"
+open_loop = True
 
 
 class Parameters(profile.Timing):

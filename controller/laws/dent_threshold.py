@@ -7,15 +7,15 @@ force is that of `slope_threshold`.
 """
 
 import math
-from typing import NamedTuple
-
-import numpy as np
+from typing import Any
 
 from hertzloop.controller.law import ACTING, IDLE, NO_PROMISE, WATCHING, About, kernel
 from hertzloop.controller.laws import slope_threshold
 from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     Parameters,
+    constants_with,
     latches,
+    not_linear,
     reach,
     slope_weights,
     stored,
@@ -24,7 +24,6 @@ from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
 )
 
 models_yield = True
-not_linear = "it waits for a threshold and then repeats a stored contact force"
 
 
 class State:
@@ -40,20 +39,11 @@ class State:
     stored_deepest: float = 0.0
 
 
-class Constants(NamedTuple):
-    """Those of the published law, and the penetration at which the contact begins to yield."""
-
-    kappa: float
-    v_thr_m_s: float
-    stiffness: float
-    sample_s: float
-    lead_samples: int
-    slope_weights: np.ndarray
-    contact_level: float
-    yield_depth_m: float
+# Those of the published law, and the penetration at which the contact begins to yield.
+Constants = constants_with("yield_depth_m")
 
 
-def prepare(keys, about: About) -> Constants:
+def prepare(keys, about: About) -> Any:
     """Constants of the published law and of the contact."""
     return Constants(*slope_threshold.prepare(keys, about), about.yield_depth_m)
 

@@ -1,24 +1,23 @@
 """The published law, but the force fades as soon as the contact is over."""
 
 import math
-from typing import NamedTuple
+from typing import Any
 
-import numpy as np
 from pydantic import Field
 
 from hertzloop.controller.law import ACTING, IDLE, WATCHING, About, Reach, StepsUs, kernel
 from hertzloop.controller.laws import slope_threshold
 from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     State,
+    constants_with,
     follow_contact,
     hertz,
     latches,
+    not_linear,
     quiet_level,
     stored,
     watch,
 )
-
-not_linear = "it waits for a threshold and then repeats a stored contact force"
 
 
 class Parameters(slope_threshold.Parameters):
@@ -27,20 +26,11 @@ class Parameters(slope_threshold.Parameters):
     fade_us: StepsUs = Field(10.0, description="length of the fading; 0 ends the force at once")
 
 
-class Constants(NamedTuple):
-    """Those of the published law, and the length of the fading."""
-
-    kappa: float
-    v_thr_m_s: float
-    stiffness: float
-    sample_s: float
-    lead_samples: int
-    slope_weights: np.ndarray
-    contact_level: float
-    fade_samples: int
+# Those of the published law, and the length of the fading.
+Constants = constants_with("fade_samples")
 
 
-def prepare(keys, about: About) -> Constants:
+def prepare(keys, about: About) -> Any:
     """Constants of the published law and of the fading."""
     return Constants(*slope_threshold.prepare(keys, about), about.samples(keys.fade_us))
 

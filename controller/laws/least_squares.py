@@ -10,10 +10,9 @@ from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     command_ahead,
     known_ahead,
     latches,
+    not_linear,
     quiet_level,
 )
-
-not_linear = "it waits for a threshold and then repeats a stored contact force"
 
 
 class Parameters(slope_threshold.Parameters):

@@ -5,6 +5,7 @@ import math
 from hertzloop.controller.law import Reach
 
 senses = "any"
+open_loop = True
 
 
 def reach(keys) -> Reach:

@@ -33,7 +33,7 @@ Name = Literal[
 ]  # fmt: skip
 
 
-not_linear = "its force is computed before the run and does not depend on the samples"
+open_loop = True
 
 
 class Parameters(profile.Timing):

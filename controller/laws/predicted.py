@@ -5,9 +5,8 @@ pass the threshold; it then commands what the published law would command that m
 """
 
 import math
-from typing import NamedTuple
+from typing import Any
 
-import numpy as np
 from pydantic import Field
 
 from hertzloop.controller.law import (
@@ -27,6 +26,7 @@ from hertzloop.controller.laws._local_model import look_ahead
 from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     State,
     command_ahead,
+    constants_with,
     follow_contact,
     hertz,
     known_ahead,
@@ -46,22 +46,11 @@ class Parameters(Keys):
     window_samples: int = Field(4, ge=2, le=1000, description="samples that the slope needs")
 
 
-class Constants(NamedTuple):
-    """What the compiled functions know; below `watch_level` (m) the law watches."""
-
-    kappa: float
-    v_thr_m_s: float
-    stiffness: float
-    sample_s: float
-    lead_samples: int
-    slope_weights: np.ndarray
-    contact_level: float
-    watch_level: float
-    mass_kg: float
-    impedance_n_s_m: float
+# Those of the published law; below `watch_level` (m) the law watches.
+Constants = constants_with("watch_level", "mass_kg", "impedance_n_s_m")
 
 
-def prepare(keys, about: About) -> Constants:
+def prepare(keys, about: About) -> Any:
     """Constants for the run's latency."""
     return Constants(
         keys.kappa, keys.v_thr_m_s, about.stiffness, about.sample_s,

@@ -18,7 +18,7 @@ from hertzloop.controller.law import (
     kernel,
 )
 
-not_linear = "its force is computed before the run and does not depend on the samples"
+open_loop = True
 
 
 class Timing(Keys):

@@ -21,6 +21,7 @@ from hertzloop.controller.law import (
 from hertzloop.controller.laws._threshold import (  # noqa: F401
     Constants,
     State,
+    constants_with,
     follow_contact,
     hertz,
     slope_weights,

@@ -68,7 +68,15 @@ class Law:
     def not_linear(self) -> str:
         """Why the law is not linear, as a clause for a message; empty if it may be. A law declares
         this with `not_linear = "it ..."` in its module or class."""
+        if self.open_loop:
+            return "its force is computed before the run and does not depend on the samples"
         return str(getattr(self.home, "not_linear", ""))
+
+    @property
+    def open_loop(self) -> bool:
+        """Whether its forces are known before the run, so that nothing is fed back. A law declares
+        this with `open_loop = True` in its module or class."""
+        return bool(getattr(self.home, "open_loop", False))
 
     @cached_property
     def whole_steps(self) -> list[str]:

@@ -12,6 +12,7 @@ from hertzloop.plant.figures import rows_kernels as k
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.time_series import COLUMNS
+from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 
 
@@ -173,8 +174,6 @@ class PushMeter(Meter):
 # a thousandfold. A loop that has put in more than the sphere brought pumps, bounded or not: plate
 # and sphere then hold energy that no impact could have given them.
 UNSTABLE = 10.0  # times the energy of the impact
-# Their forces are known before the run: nothing is fed back, whatever energy they feed in.
-_OPEN_LOOP = ("off", "constant", "profile", "precomputed")
 
 
 @dataclass(frozen=True)
@@ -201,7 +200,10 @@ class StabilityMeter(Meter):
 
     def __init__(self, setup: Setup) -> None:
         self.spec, self.setup = setup.plant, setup
-        self.closed = setup.law_reference not in _OPEN_LOOP
+        try:  # without feedback a law may feed in any energy
+            self.closed = not setup.law.open_loop
+        except SceneError:  # the law of a recording may not be there any more
+            self.closed = True
         sphere = self.spec.sphere
         self.impact_j = sphere.mass_kg * GRAVITY_M_S2 * sphere.drop_height_m
         self._place = XI_P if self.spec.same_point else XI_A

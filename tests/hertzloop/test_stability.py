@@ -172,3 +172,15 @@ def test_the_largest_force_is_told_in_units_of_the_rigid_contact() -> None:
     rigid_n = stiffness * (2.5 * energy_j / stiffness) ** 0.6
     assert found.largest_force_n == 50.0
     assert found.of_contact == pytest.approx(50.0 / rigid_n, rel=1e-6)
+
+
+def test_a_law_that_declares_itself_open_loop_is_never_unstable(tmp_path: Path) -> None:
+    """A user's law as much as a shipped one, whatever energy it feeds in."""
+    found = []
+    for declared in ("", "open_loop = True"):
+        path = tmp_path / f"pump{len(found)}.py"
+        path.write_text(f"{declared}\n\ndef command(p, s, samples, i):\n    return 3000.0\n")
+        scene = load("aluminium-3mm", [SHORT, "run.accuracy=0.1", f"controller.law={path}"])
+        found.append(stability_of(scene, simulate(scene).rows).unstable)
+        assert bool(scene.law.not_linear) is bool(declared)
+    assert found == [True, False]

@@ -200,7 +200,7 @@ def _has_no_loop(law_reference: str) -> bool:
         law = find(law_reference)
     except LawError:
         return True
-    return law_reference == "off" or bool(law.not_linear) or law.senses == "contact_force"
+    return bool(law.not_linear) or law.senses == "contact_force"
 
 
 def journal_of(out: Path) -> Path:
