@@ -204,6 +204,6 @@ LINEAR = {"velocity_feedback", "acceleration_feedback", "force_feedback", "linea
 @pytest.mark.parametrize("name", sorted(shipped()))
 def test_a_shipped_law_says_whether_it_is_linear(name):
     law = find(name)
-    assert bool(law.not_linear) == (name not in LINEAR | {"off"})
+    assert bool(law.not_linear) == (name not in LINEAR)
     if law.not_linear:
         assert law.not_linear.startswith("it")
