@@ -14,7 +14,7 @@ import numpy as np
 
 from hertzloop.controller.law_kernels import LAW_COUNTS, LawModel, LawState, quiet_level
 from hertzloop.controller.loading.callbacks import (
-    Known,
+    KnownSamples,
     UnknownSample,
     plain,
     python_functions,
@@ -25,7 +25,7 @@ from hertzloop.controller.loading.compiled import (
     FUNCTIONS,
     UNCOMPILED,
     Entries,
-    Packed,
+    PackedRecord,
     pack,
     state_of,
 )
@@ -42,7 +42,12 @@ class BoundLaw:
     """
 
     def __init__(
-        self, name: str, addresses: Mapping[str, int], constants: Packed, state: Packed, held: Any
+        self,
+        name: str,
+        addresses: Mapping[str, int],
+        constants: PackedRecord,
+        state: PackedRecord,
+        held: Any,
     ) -> None:
         self.name, self.trouble = name, ""
         at: list[Any] = [addresses.get(function, 0) for function in FUNCTIONS]
@@ -130,7 +135,7 @@ class BoundPython(BoundLaw):
         for i in range(len(samples)):
             try:
                 with np.errstate(all="ignore"):  # what comes of it is said elsewhere
-                    force = command(self._constants, state, samples[: i + 1].view(Known), i)
+                    force = command(self._constants, state, samples[: i + 1].view(KnownSamples), i)
             except (Exception, SystemExit) as error:
                 yield i, error
                 return
@@ -167,6 +172,8 @@ def _with_arrays(constants: Any, fields: Mapping[str, Any]) -> Any:
 def _said(error: BaseException) -> str:
     """An exception, with its line."""
     trace = traceback.extract_tb(error.__traceback__)
-    frames = [frame for frame in trace if frame.filename != Known.__getitem__.__code__.co_filename]
+    frames = [
+        frame for frame in trace if frame.filename != KnownSamples.__getitem__.__code__.co_filename
+    ]
     at = f" (line {frames[-1].lineno}: {frames[-1].line})" if len(frames) > 1 else ""
     return f"{type(error).__name__}: {error}{at}"

@@ -41,7 +41,7 @@ class UnknownSample(IndexError):
     """A law reads a sample that it is not given."""
 
 
-class Known(np.ndarray):
+class KnownSamples(np.ndarray):
     """The samples that a law is given: to read another one is an error, before the first as well,
     where Python would count from the end."""
 

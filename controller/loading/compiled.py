@@ -278,7 +278,7 @@ _FIRST = {"mode": int, "delay": int}
 _ARRAYS = (np.ndarray, list, tuple)
 
 
-class Packed(NamedTuple):
+class PackedRecord(NamedTuple):
     """A record's layout, its bytes, and the arrays whose addresses it holds."""
 
     dtype: np.dtype
@@ -306,7 +306,7 @@ def _layout(names: tuple[str, ...], kinds: tuple[type, ...]) -> np.dtype:
     return np.dtype(fields or [("unused", "i8")])
 
 
-def pack(values: Mapping[str, Any]) -> Packed:
+def pack(values: Mapping[str, Any]) -> PackedRecord:
     """Parameters as bytes. Raises TypeError for a value that is neither number nor numbers."""
     dtype = _layout(tuple(values), tuple(map(type, values.values())))
     flat: list[Any] = []
@@ -319,7 +319,7 @@ def pack(values: Mapping[str, Any]) -> Packed:
         else:
             flat.append(value)
     record = np.array([tuple(flat or [0])], dtype)
-    return Packed(dtype, record.view(np.uint8), tuple(held))
+    return PackedRecord(dtype, record.view(np.uint8), tuple(held))
 
 
 def numbers_of(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
@@ -330,7 +330,7 @@ def numbers_of(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=256)
-def state_of(home: Any) -> Packed:
+def state_of(home: Any) -> PackedRecord:
     """Layout and first content of the state that a law's class `State` describes.
 
     `mode` and `delay` come first, described or not. Raises TypeError for a field without a
@@ -353,4 +353,4 @@ def state_of(home: Any) -> Packed:
     dtype = np.dtype(fields)
     record = np.zeros(1, dtype)
     record[0] = tuple(first)
-    return Packed(dtype, record.view(np.int64), ())
+    return PackedRecord(dtype, record.view(np.int64), ())

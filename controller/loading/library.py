@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field, create_model
 from hertzloop.controller.law import ACTING, WATCHING, About, Keys
 from hertzloop.controller.loading.bound import BoundLaw
 from hertzloop.controller.loading.callbacks import python_functions
-from hertzloop.controller.loading.compiled import FUNCTIONS, Packed, pack, state_of
+from hertzloop.controller.loading.compiled import FUNCTIONS, PackedRecord, pack, state_of
 from hertzloop.controller.loading.law import ABOUT_FIELDS, Law, LawError
 
 _ABI = 1
@@ -89,8 +89,8 @@ class LibraryLaw(Law):
         return BoundLaw(
             self.name,
             {name: _address(self.home, f"hertzloop_{name}") for name in FUNCTIONS},
-            Packed(data.dtype, data.view(np.uint8), ()),
-            Packed(words.dtype, words, ()),
+            PackedRecord(data.dtype, data.view(np.uint8), ()),
+            PackedRecord(words.dtype, words, ()),
             self.home,
         )
 
@@ -254,7 +254,7 @@ class BoundUnit(BoundLaw):
 
     def __init__(self, law: UnitLaw, constants: Any) -> None:
         packed = pack(constants._asdict())
-        state: Packed = state_of(None)
+        state: PackedRecord = state_of(None)
         self._instance = _Instance(law, constants)
         held = python_functions(self._instance, constants, state.dtype, ("command",), self.ended)
         addresses = {

@@ -12,7 +12,7 @@ from hertzloop.setup.setup import Setup, resolve
 from hertzloop.studies.margin.identify import INSIDE, LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
 from hertzloop.studies.margin.poles import closed_loop_poles
-from hertzloop.studies.margin.table import Table, make_table
+from hertzloop.studies.margin.table import NyquistTable, make_table
 
 _SCANNED = 1 << 16  # largest latency, steps, that is looked at for the limit
 _WINDOWS = 2000  # latencies, steps, up to which stable windows are listed
@@ -67,7 +67,7 @@ class Loop:
 
     plant: PoleForm
     law: LawFilter
-    table: Table
+    table: NyquistTable
 
     def gain(self, z: np.ndarray) -> np.ndarray:
         """Return L without the whole samples of delay at complex `z`."""
@@ -299,7 +299,7 @@ def _limit(loops: Loops) -> int | None:
     return None
 
 
-def _ends(table: Table) -> tuple[np.ndarray, np.ndarray]:
+def _ends(table: NyquistTable) -> tuple[np.ndarray, np.ndarray]:
     angles, phases = [], []
     for arc in table.arcs:
         for angle, phase in ((arc.start, arc.phase_start), (arc.end, arc.phase_end)):

@@ -51,7 +51,7 @@ def _level(phase: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Table:
+class NyquistTable:
     """Arcs of a loop gain, its open-loop poles outside the circle, the grid with values, and the
     function that evaluates it between them."""
 
@@ -156,7 +156,7 @@ def grid(poles: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], theta, [math.pi]])
 
 
-def make_table(plant: PoleForm, law: LawFilter) -> Table:
+def make_table(plant: PoleForm, law: LawFilter) -> NyquistTable:
     """Return the table of the loop gain -C P without latency.
 
     An interval is halved until the cubic through log L and its slope at both ends predicts the
@@ -214,7 +214,7 @@ def make_table(plant: PoleForm, law: LawFilter) -> Table:
         arcs.append(Arc(start, math.pi, start_phase, float(phase[-1])))
     outside = poles[np.abs(poles) > 1.0]
     count = int(sum(1 if abs(p.imag) < 1e-15 else 2 for p in outside))
-    return Table(tuple(arcs), count, theta, size + 1j * phase, log_of)
+    return NyquistTable(tuple(arcs), count, theta, size + 1j * phase, log_of)
 
 
 def _edges(
