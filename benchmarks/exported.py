@@ -34,7 +34,7 @@ from hertzloop.analysis.impacts import F_C
 from hertzloop.interop.fmu import Driven, NoCompiler, build, drive, write_folder
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import CompileFault
-from hertzloop.loop.compiled import Simulated, simulate
+from hertzloop.loop.compiled import SimulatedRun, simulate
 from hertzloop.setup import load
 from hertzloop.studies.words import write_records
 
@@ -84,7 +84,7 @@ def measure(cpus: tuple[str, ...], rounds: int) -> list[Exported]:
     return found
 
 
-def same_bytes(loop: Simulated, driven: Driven) -> bool:
+def same_bytes(loop: SimulatedRun, driven: Driven) -> bool:
     """Whether rows and samples of a run and of the exported plant under its forces are the same."""
     every = -(-len(loop.forces) // len(loop.values))
     seen = driven.values["sample"][:-1:every]
@@ -93,7 +93,7 @@ def same_bytes(loop: Simulated, driven: Driven) -> bool:
     )
 
 
-def _differences(loop: Simulated, driven: Driven) -> tuple[float, float]:
+def _differences(loop: SimulatedRun, driven: Driven) -> tuple[float, float]:
     """Of the contact force, relative: until the first impact is over, and at all."""
     force = loop.rows[F_C]
     apart = np.abs(driven.rows()[F_C] - force) / np.max(np.abs(force))

@@ -95,12 +95,12 @@ class Counter:
     samples: int = 0
 
 
-def sample_count(block: wire.Packed) -> int:
+def sample_count(block: wire.DecodedBlock) -> int:
     """Number of samples in a decoded block; a message without arrays counts as one."""
     return max((len(a) for a in block.arrays.values()), default=1)
 
 
-def decode(envelope: Envelope) -> wire.Packed:
+def decode(envelope: Envelope) -> wire.DecodedBlock:
     """Decode any stream's message. Raises wire.MessageError if it is malformed."""
     stream = STREAMS[envelope.stream]
     return wire.decode(stream.message, envelope.payload)
@@ -144,7 +144,7 @@ class Checker:
         versions = self.announced.versions if self.announced else ""
         return StreamFault(f"{error}{other_version(versions, 'the plant is')}")
 
-    def accept(self, envelope: Envelope) -> wire.Packed:
+    def accept(self, envelope: Envelope) -> wire.DecodedBlock:
         """Decode and check one message. Raises StreamFault on anything out of order."""
         name = envelope.stream
         counter = self.counters.setdefault(name, Counter())

@@ -45,7 +45,7 @@ class MessageError(ValueError):
     """A payload is not the message it should be."""
 
 
-class Packed(NamedTuple):
+class DecodedBlock(NamedTuple):
     """A decoded block: scalar fields in `header`, arrays by field name."""
 
     header: Any
@@ -152,7 +152,7 @@ def _split(
     return b"".join(rest), found
 
 
-def decode(message_class: type[M], payload: bytes) -> Packed:
+def decode(message_class: type[M], payload: bytes) -> DecodedBlock:
     """Read a block message; arrays are views of the payload, absent ones are empty.
 
     Raises MessageError when the payload is not a whole message of this type or
@@ -174,7 +174,7 @@ def decode(message_class: type[M], payload: bytes) -> Packed:
     lengths = {name: len(a) for name, a in arrays.items() if len(a)}
     if len(set(lengths.values())) > 1:
         raise MessageError(f"{message_class.DESCRIPTOR.name} has arrays of lengths {lengths}")
-    return Packed(header, arrays)
+    return DecodedBlock(header, arrays)
 
 
 @cache

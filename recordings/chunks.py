@@ -49,7 +49,7 @@ class Damaged(Exception):
     """Why something in a file cannot be believed."""
 
 
-class Record(NamedTuple):
+class McapRecord(NamedTuple):
     """A record of the file's outermost level: kind, first byte, length in the file, and its
     content: unpacked, and empty for kinds nobody reads."""
 
@@ -78,7 +78,7 @@ class Walk:
         """Bytes of the file, fewer at its end."""
         return os.pread(self.handle, length, at)
 
-    def records(self) -> Iterator[Record]:
+    def records(self) -> Iterator[McapRecord]:
         """All records that can be read; a chunk's content is checked and unpacked.
 
         After damage, what has a checksum and was passed over comes last: a length that is damaged,
@@ -95,7 +95,7 @@ class Walk:
                 yield from self._passed(end, first)
                 end = after
 
-    def _one_after_another(self) -> Iterator[Record]:
+    def _one_after_another(self) -> Iterator[McapRecord]:
         at, whole = 8, True
         if self.read(0, 8) != MAGIC:
             self._passed_over(0, 8, "it does not begin as an MCAP file")
@@ -117,12 +117,12 @@ class Walk:
                 self.check_rest(at + 9 + length)
                 return
             if whole or opcode != Opcode.MESSAGE:  # without a checksum, one must be in its place
-                yield Record(opcode, at, length, content)
+                yield McapRecord(opcode, at, length, content)
             at += 9 + length
         if whole:
             self.damage.append("the file ends where more data were expected")
 
-    def _passed(self, start: int, end: int) -> Iterator[Record]:
+    def _passed(self, start: int, end: int) -> Iterator[McapRecord]:
         """Records with a checksum from `start` to `end`, whatever else was seen there."""
         reached = start
         for at in self._heads(start, end, _CHECKED):
@@ -132,12 +132,12 @@ class Walk:
                 opcode, length = self.head(at)
                 if at + 9 + length > end:
                     continue
-                record = Record(opcode, at, length, self.content(opcode, at, length))
+                record = McapRecord(opcode, at, length, self.content(opcode, at, length))
                 if _is_checked(record):
                     yield record
                     reached = at + 9 + length
 
-    def again(self, record: Record) -> Record:
+    def again(self, record: McapRecord) -> McapRecord:
         """A record once more, its content read anew. Raises Damaged if it no longer is one."""
         content = self.read(record.at + 9, record.length)
         if record.opcode == Opcode.CHUNK:
@@ -164,7 +164,7 @@ class Walk:
         return opcode, length
 
     def content(self, opcode: int, at: int, length: int) -> bytes:
-        """Content of a record, as `Record` has it. Raises Damaged if its checks fail."""
+        """Content of a record, as `McapRecord` has it. Raises Damaged if its checks fail."""
         if opcode == Opcode.CHUNK_INDEX:
             return b""
         if opcode in _CHECKED:
@@ -266,7 +266,7 @@ class _File:
         return found
 
 
-def intact(handle: int, size: int) -> Iterator[Record]:
+def intact(handle: int, size: int) -> Iterator[McapRecord]:
     """The records of an intact file, by the reader of the mcap library.
 
     The library checks the checksums of chunks and of all data. Sizes, the lengths inside records,
@@ -306,7 +306,7 @@ def intact(handle: int, size: int) -> Iterator[Record]:
             content = _chunk_data(record)
         else:
             content = walk.content(opcode, at, length)
-        yield Record(opcode, at, length, content)
+        yield McapRecord(opcode, at, length, content)
         at = file.at
 
 
@@ -330,7 +330,7 @@ def _chunk_data(chunk: Chunk) -> bytes:
     return data
 
 
-def _is_checked(record: Record) -> bool:
+def _is_checked(record: McapRecord) -> bool:
     """Whether a record that could be read had a checksum."""
     return record.opcode == Opcode.CHUNK or (
         record.opcode == Opcode.ATTACHMENT and any(record.content[-4:])

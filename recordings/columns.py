@@ -12,7 +12,7 @@ import numpy as np
 from mcap.records import Message
 
 from hertzloop.bus.streams import LAST_NS, STREAMS, has_header_sequence
-from hertzloop.bus.wire import Packed
+from hertzloop.bus.wire import DecodedBlock
 from hertzloop.recordings.writer import RecordingError
 
 Arrays = dict[str, np.ndarray]
@@ -54,7 +54,7 @@ class Columns(Mapping[str, np.ndarray]):
 
 
 @dataclass
-class Stream:
+class JoinedStream:
     """One stream joined over its blocks: arrays by field name, all of one length.
 
     `first_step`, `step_ns` and `every_steps` give the time of each sample; after a hole it goes
@@ -109,7 +109,7 @@ class Stream:
             return np.asarray(self.offset + self.scale * codes)
         return arrays.get("value", np.empty(0))
 
-    def before_a_hole(self) -> "Stream":
+    def before_a_hole(self) -> "JoinedStream":
         """The samples up to the first one that is missing."""
         if not self.resumed:
             return self
@@ -134,7 +134,7 @@ class Stream:
         elif self.arrays:
             yield dict(self.arrays)
 
-    def in_memory(self, most: int = IN_MEMORY) -> "Stream":
+    def in_memory(self, most: int = IN_MEMORY) -> "JoinedStream":
         """The same with its arrays in memory, read once, for who looks at it several times; itself
         if it has more samples than `most`. Raises RecordingError as `blocks` does."""
         if not isinstance(self.arrays, Columns) or not 0 < self.samples <= most:
@@ -177,7 +177,7 @@ class Track:
     """Follows the blocks of one stream. `add` takes those that join."""
 
     name: str
-    stream: Stream = field(default_factory=Stream)
+    stream: JoinedStream = field(default_factory=JoinedStream)
     samples: int = 0
     next_step: int = 0
     next_sequence: int = 0
@@ -185,7 +185,7 @@ class Track:
     finite: bool = True
     kept: list[Arrays] | None = None  # all blocks, if they are to be kept and while they are few
 
-    def add(self, block: Packed, message: Message) -> tuple[Arrays, str]:
+    def add(self, block: DecodedBlock, message: Message) -> tuple[Arrays, str]:
         """Arrays of a block, and what is missing before it or wrong in it, "" if nothing.
 
         Raises Refused if it does not belong here.
@@ -260,7 +260,7 @@ class Track:
                 return f"stream '{self.name}': {name} is not finite at step {step}"
         return ""
 
-    def join(self, again: Callable[[], Iterator[Arrays]]) -> Stream:
+    def join(self, again: Callable[[], Iterator[Arrays]]) -> JoinedStream:
         """The stream, its arrays still in the file unless they were kept."""
         if (kept := self.kept) is not None:
             self.stream.arrays = Columns(lambda: iter(kept), self.dtypes, self.samples)

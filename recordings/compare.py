@@ -8,7 +8,7 @@ import numpy as np
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.bus.streams import STREAMS
 from hertzloop.recordings.columns import SAMPLED, Arrays
-from hertzloop.recordings.reader import Event, Recording, Stream
+from hertzloop.recordings.reader import Event, JoinedStream, Recording
 
 _COMPARED = tuple(name for name in SAMPLED if STREAMS[name].compared)
 # A slope is solved for together with its force, and is as exact as that.
@@ -35,7 +35,7 @@ def first_difference(
 
 
 def _streams(
-    name: str, a: Stream, b: Stream, tolerance: float, until_step: int | None
+    name: str, a: JoinedStream, b: JoinedStream, tolerance: float, until_step: int | None
 ) -> str | None:
     counts = f"{name} has {a.samples} samples in one and {b.samples} in the other"
     if bool(a.messages) != bool(b.messages):
@@ -67,7 +67,7 @@ def _streams(
     return None
 
 
-def _side_by_side(a: Stream, b: Stream) -> Iterator[tuple[int, Arrays, Arrays]]:
+def _side_by_side(a: JoinedStream, b: JoinedStream) -> Iterator[tuple[int, Arrays, Arrays]]:
     """Position and arrays of pieces that are as long in both, up to the end of the shorter."""
     position = 0
     left_blocks, right_blocks = a.blocks(), b.blocks()
@@ -94,7 +94,7 @@ def _cut(arrays: Arrays, first: int, end: int | None) -> Arrays:
     return cut if _length(cut) else {}
 
 
-def _allowed(stream: Stream, tolerance: float) -> dict[str, float]:
+def _allowed(stream: JoinedStream, tolerance: float) -> dict[str, float]:
     """Allowed difference by field, from its largest finite value; empty for none at all."""
     if tolerance == 0.0:
         return {}

@@ -26,7 +26,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
 from hertzloop.bus.streams import LAST_NS
-from hertzloop.recordings.columns import Arrays, Stream
+from hertzloop.recordings.columns import Arrays, JoinedStream
 from hertzloop.recordings.reader import Event, Recording
 from hertzloop.recordings.writer import (
     LAW_ATTACHMENT,
@@ -56,10 +56,10 @@ class Samples:
         found = {name: list(self.renamed(name, self._empty(name))) for name in STREAMS}
         object.__setattr__(self, "names", found)
 
-    def stream(self, name: str) -> Stream:
+    def stream(self, name: str) -> JoinedStream:
         """One of STREAMS."""
         found = getattr(self.recording, name)
-        assert isinstance(found, Stream)
+        assert isinstance(found, JoinedStream)
         return found
 
     def _empty(self, name: str) -> Arrays:

@@ -18,8 +18,8 @@ from hertzloop.bus import streams as bus_streams
 from hertzloop.bus.events import MODES, Fact, fact_of
 from hertzloop.bus.messages_pb2 import Books, EventKind, Hello, RunEnd
 from hertzloop.bus.streams import CONTROLLER, LAST_NS, PLANT, STREAMS, Counter, Envelope
-from hertzloop.bus.wire import MessageError, Packed, not_finite
-from hertzloop.recordings.chunks import Damaged, Record, channel_of, inner_records, message_of
+from hertzloop.bus.wire import DecodedBlock, MessageError, not_finite
+from hertzloop.recordings.chunks import Damaged, McapRecord, channel_of, inner_records, message_of
 from hertzloop.recordings.columns import SAMPLED, Arrays, Refused, Track
 from hertzloop.recordings.writer import (
     LAW_ATTACHMENT,
@@ -73,7 +73,7 @@ class Intake:
     run_id: int = 0
     hello: Hello | None = None
     books: Books | None = None
-    pacing: Packed | None = None
+    pacing: DecodedBlock | None = None
     ends: dict[str, RunEnd] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
     counters: dict[str, Counter] = field(default_factory=dict)
@@ -93,7 +93,7 @@ class Intake:
         for track in self.tracks.values():
             track.kept = [] if keep else None
 
-    def take(self, record: Record) -> Iterator[Taken]:
+    def take(self, record: McapRecord) -> Iterator[Taken]:
         """The messages in a record that belong to the run."""
         self.first = {}
         try:

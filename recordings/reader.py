@@ -17,13 +17,13 @@ import numpy as np
 
 from hertzloop.bus.messages_pb2 import Books, RunEnd
 from hertzloop.bus.streams import CONTROLLER, STREAMS, other_version
-from hertzloop.bus.wire import Packed
-from hertzloop.recordings.chunks import MAGIC, Damaged, Record, Walk, intact
-from hertzloop.recordings.columns import SAMPLED, Arrays, Stream
+from hertzloop.bus.wire import DecodedBlock
+from hertzloop.recordings.chunks import MAGIC, Damaged, McapRecord, Walk, intact
+from hertzloop.recordings.columns import SAMPLED, Arrays, JoinedStream
 from hertzloop.recordings.intake import Event, Intake, Taken, in_order
 from hertzloop.recordings.writer import TOPICS, RecordingError, RecordingWriter
 
-__all__ = ["Event", "Recording", "Source", "Stream", "holds_a_run", "read"]
+__all__ = ["Event", "JoinedStream", "Recording", "Source", "holds_a_run", "read"]
 
 _DAMAGES_NAMED = 5
 
@@ -41,12 +41,12 @@ class Recording:
     scene_toml: str = ""
     metadata: dict[str, str] = field(default_factory=dict)
     result: dict[str, str] = field(default_factory=dict)
-    daq: Stream = field(default_factory=Stream)
-    force: Stream = field(default_factory=Stream)
-    truth: Stream = field(default_factory=Stream)
+    daq: JoinedStream = field(default_factory=JoinedStream)
+    force: JoinedStream = field(default_factory=JoinedStream)
+    truth: JoinedStream = field(default_factory=JoinedStream)
     events: list[Event] = field(default_factory=list)
     books: Books | None = None
-    pacing: Packed | None = None  # a Pacing, of a paced run
+    pacing: DecodedBlock | None = None  # a Pacing, of a paced run
     ends: dict[str, RunEnd] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     law_source: str = ""
@@ -72,7 +72,7 @@ class Recording:
 class Place(NamedTuple):
     """Where a record is, the topics of its messages, and the first number of every stream."""
 
-    record: Record
+    record: McapRecord
     topics: frozenset[str]
     first: dict[str, int]
 
@@ -109,7 +109,7 @@ class Source:
             remedy = ". Give the path of a recording." if absent else ""
             raise RecordingError(f"cannot read {self.path}: {error.strerror}{remedy}") from error
 
-    def messages(self, intake: Intake, records: Iterable[Record]) -> Iterator[Taken]:
+    def messages(self, intake: Intake, records: Iterable[McapRecord]) -> Iterator[Taken]:
         """All messages in `records` that belong to the run; `intake` knows then what else is
         there."""
         self._places.clear()
@@ -158,7 +158,7 @@ class Source:
             intake.problems.append("parts of the file have changed places, or are there twice")
         return intake, walk
 
-    def _drain(self, intake: Intake, records: Iterable[Record]) -> None:
+    def _drain(self, intake: Intake, records: Iterable[McapRecord]) -> None:
         for _ in self.messages(intake, records):
             pass
 
@@ -173,12 +173,12 @@ class Source:
                 return bool(intake.scene_toml)
         return False
 
-    def records(self) -> Iterator[Record]:
+    def records(self) -> Iterator[McapRecord]:
         """The records once more, after `look`, in the order in which they belong."""
         walk, places = self.walk(), list(self._places)
         return (self._read(walk, place) for place in places)
 
-    def _read(self, walk: Walk, place: Place) -> Record:
+    def _read(self, walk: Walk, place: Place) -> McapRecord:
         try:
             return walk.again(place.record)
         except Damaged as error:

@@ -18,9 +18,9 @@ from hertzloop.analysis.spans import (
     changes_db,
     of_impact,
 )
-from hertzloop.analysis.validity import Facts, State, names_by_state
+from hertzloop.analysis.validity import EffectState, Facts, names_by_state
 from hertzloop.controller.law import ACTING
-from hertzloop.loop.compiled import LawStopped, Simulated, quiet_steps, simulate
+from hertzloop.loop.compiled import LawStopped, SimulatedRun, quiet_steps, simulate
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.rows_kernels import all_finite, fingerprint, first_of
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -113,7 +113,7 @@ def digest_of(rows: np.ndarray, samples: np.ndarray) -> str:
     return f"{first:016x}{second:016x}"
 
 
-def _follow(setup: Setup, span: Span) -> tuple[Setup, Simulated]:
+def _follow(setup: Setup, span: Span) -> tuple[Setup, SimulatedRun]:
     """Simulate as much of a scene as the span asks for; the scene with the model of the plate
     that it came to.
 
@@ -130,7 +130,7 @@ def _follow(setup: Setup, span: Span) -> tuple[Setup, Simulated]:
     return setup, _until_over(setup)
 
 
-def _on_infinite_plate(setup: Setup) -> tuple[Setup, Simulated] | None:
+def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
     """Simulate the first impact on an infinite plate, and its scene; None where that does not meet
     the accuracy until the impact is over."""
     touch_s, quiet = setup.first_touch_s, quiet_steps(setup)
@@ -150,7 +150,7 @@ def _on_infinite_plate(setup: Setup) -> tuple[Setup, Simulated] | None:
     return None
 
 
-def _until_over(setup: Setup) -> Simulated:
+def _until_over(setup: Setup) -> SimulatedRun:
     """Simulate until the first impact is over, the run's end at the latest."""
     first, lasts_s = _FIRST_STEPS, _SLOWER * setup.about_bodies.rigid_contact_s
     while first < lasts_s / setup.step_s + setup.line.latency_steps + quiet_steps(setup):
@@ -164,7 +164,7 @@ def _until_over(setup: Setup) -> Simulated:
     return simulate(setup, impact_only=True)
 
 
-def latched_us(setup: Setup, run: Simulated) -> float:
+def latched_us(setup: Setup, run: SimulatedRun) -> float:
     """The first delay that the law of a run latched, us; nan of one that latches none."""
     first = first_of(run.modes, ACTING) if setup.law.latches else -1
     if first < 0:
@@ -244,8 +244,8 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures
         delay_us=latched_us(setup, run),
         energy_residual=books.energy_residual,
         plate_model=setup.plate_model_asked,
-        leaves_out=left_out.get(State.LEFT_OUT, ""),
-        out_of_range=left_out.get(State.OUT_OF_RANGE, ""),
+        leaves_out=left_out.get(EffectState.LEFT_OUT, ""),
+        out_of_range=left_out.get(EffectState.OUT_OF_RANGE, ""),
         steps=run.rows.shape[1],
         digest=digest_of(run.rows, run.samples),
     )
@@ -272,7 +272,7 @@ def _uncontrolled(setup: Setup, span: Span) -> SpanFigures:
     return _figures(setup, span, run.rows)[0]
 
 
-def _left_out(setup: Setup, rows: np.ndarray, impacts: list[Impact]) -> dict[State, str]:
+def _left_out(setup: Setup, rows: np.ndarray, impacts: list[Impact]) -> dict[EffectState, str]:
     spec = setup.plant
     meter = ExtremesMeter(spec)
     meter.feed(0, rows)

@@ -36,7 +36,7 @@ _AFTER = 10.0  # of the first contact's length, for waves to run to the edge and
 
 
 @dataclass(frozen=True)
-class Modes:
+class PlateModes:
     """Modes of what is struck; arrays have the shape (modes along x, modes along y) where they are
     products of sines, (modes,) elsewhere.
 
@@ -66,7 +66,7 @@ def _taking_part(numbers: np.ndarray, *shares: float) -> np.ndarray:
 def _modes(
     spec: PlantSpec, omega: np.ndarray, eta: float | np.ndarray, scale: float,
     at_contact: np.ndarray, at_actuator: np.ndarray, shapes: tuple[np.ndarray, ...],
-) -> Modes:  # fmt: skip
+) -> PlateModes:  # fmt: skip
     """Modes that move as the plant's do; those above its limit stay at rest."""
     h = spec.step_s
     root = np.sqrt(1.0 - np.asarray(eta) ** 2 / 4.0)
@@ -78,12 +78,12 @@ def _modes(
     for by in (grown, grown_1):
         by[omega > 2.0 * np.pi * spec.frequency_limit_hz] = 0.0
     powers = np.exp(np.arange(_PIECE, -1, -1).reshape(-1, *(1,) * omega.ndim) * x)
-    return Modes(shapes, x, grown, grown_1, at_contact, at_actuator, powers)
+    return PlateModes(shapes, x, grown, grown_1, at_contact, at_actuator, powers)
 
 
 def separable_modes(
     spec: PlantSpec, x_m: np.ndarray, y_m: np.ndarray, per_axis: int = MODES_PER_AXIS
-) -> Modes:
+) -> PlateModes:
     """Modes of a simply supported plate with both numbers up to `per_axis`."""
     plate = spec.simply_supported
     numbers = np.arange(1, per_axis + 1)
@@ -104,7 +104,7 @@ def separable_modes(
     )  # fmt: skip
 
 
-def _edged_modes(spec: PlantSpec, plate: Structure, x_m: np.ndarray, y_m: np.ndarray) -> Modes:
+def _edged_modes(spec: PlantSpec, plate: Structure, x_m: np.ndarray, y_m: np.ndarray) -> PlateModes:
     """The lower modes of what has shapes of its own."""
     limit = 2.0 * np.pi * spec.frequency_limit_hz
     modes = plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
@@ -124,7 +124,7 @@ def _flat_grid(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray]:
     return spec.contact_point_m[0] + flat, spec.contact_point_m[1] + flat
 
 
-def _without_shapes(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray, Modes]:
+def _without_shapes(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray, PlateModes]:
     """Grid and modes of a structure that has no shapes: it stays flat."""
     limit = 2.0 * np.pi * spec.frequency_limit_hz
     modes = spec.plate.modes(limit, spec.contact_point_m, spec.actuator_point_m)
@@ -135,7 +135,7 @@ def _without_shapes(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray, Modes]:
     )  # fmt: skip
 
 
-def _modes_of_file(spec: PlantSpec, table: ModeTable) -> tuple[np.ndarray, np.ndarray, Modes]:
+def _modes_of_file(spec: PlantSpec, table: ModeTable) -> tuple[np.ndarray, np.ndarray, PlateModes]:
     """Grid and modes of a file; without a grid in it a small one that stays flat."""
     if table.grid is None:
         grid = _flat_grid(spec)
@@ -150,7 +150,7 @@ def _modes_of_file(spec: PlantSpec, table: ModeTable) -> tuple[np.ndarray, np.nd
     return *grid, modes
 
 
-def _under_force(modes: Modes, z: np.ndarray, forces: np.ndarray) -> np.ndarray:
+def _under_force(modes: PlateModes, z: np.ndarray, forces: np.ndarray) -> np.ndarray:
     """z after at most _PIECE steps under forces up on the plate, shape (4, steps)."""
     count = forces.shape[1]
     # As pairs of real numbers: forces have no imaginary part.
@@ -163,7 +163,7 @@ def _under_force(modes: Modes, z: np.ndarray, forces: np.ndarray) -> np.ndarray:
     return np.asarray(z * turn + modes.grown * drive + modes.grown_1 * tilt)
 
 
-def _turned(modes: Modes, z: np.ndarray, steps: int) -> np.ndarray:
+def _turned(modes: PlateModes, z: np.ndarray, steps: int) -> np.ndarray:
     """z after some steps without a force."""
     if steps <= _PIECE:
         return np.asarray(z * modes.powers_down[_PIECE - steps])
@@ -201,7 +201,7 @@ def force_blocks(spec: PlantSpec, blocks: Iterable[Block]) -> Iterator[Block]:
         yield told, forces_on_plate(spec, held)[:, told - at :]
 
 
-def _states(modes: Modes, blocks: Iterable[Block], frames: np.ndarray) -> np.ndarray:
+def _states(modes: PlateModes, blocks: Iterable[Block], frames: np.ndarray) -> np.ndarray:
     """Deflection of every mode at the steps `frames` (ascending), shape (frames, m, n), from
     blocks of forces, each with its first step; of those frames that the blocks reach."""
     z = np.zeros_like(modes.grown)
@@ -225,7 +225,7 @@ def _states(modes: Modes, blocks: Iterable[Block], frames: np.ndarray) -> np.nda
     return found[:i]
 
 
-def _lowest(modes: Modes) -> Modes:
+def _lowest(modes: PlateModes) -> PlateModes:
     """The first _FEW modes along each axis."""
     few = (slice(_FEW),) * modes.grown.ndim
     cut = {
@@ -236,7 +236,11 @@ def _lowest(modes: Modes) -> Modes:
 
 
 def _advanced(
-    modes: Modes, z: np.ndarray, forces: np.ndarray, steps: tuple[int, int, int], forced: np.ndarray
+    modes: PlateModes,
+    z: np.ndarray,
+    forces: np.ndarray,
+    steps: tuple[int, int, int],
+    forced: np.ndarray,
 ) -> np.ndarray:
     """z from one step to another; `steps`: that of the first of the forces, from, to; `forced`: the
     steps where there is a force."""

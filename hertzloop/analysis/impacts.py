@@ -78,7 +78,7 @@ class RowsOfImpact:
     noise: ImpactNoise
 
 
-class Window(Protocol):
+class ImpactWindow(Protocol):
     """Takes the rows from the start of one impact to that of the next; its figures are of as many
     of them as belong to the impact."""
 
@@ -93,7 +93,7 @@ class Window(Protocol):
 def cut(
     blocks: Iterable[Block],
     touching: Callable[[np.ndarray], np.ndarray],
-    opened: Callable[[int, np.ndarray | None], Window],
+    opened: Callable[[int, np.ndarray | None], ImpactWindow],
 ) -> Iterator[RowsOfImpact]:
     """Impacts of a run from its rows in blocks; where steps are missing, it begins anew.
 
@@ -101,7 +101,7 @@ def cut(
     makes the window of an impact from its first step and the row before, shape (10, 1), None at
     the beginning.
     """
-    window: Window | None = None
+    window: ImpactWindow | None = None
     before: np.ndarray | None = None
     expected = 0
     for first, rows in blocks:
@@ -125,7 +125,7 @@ def cut(
     yield from _closed(window, None)
 
 
-def _closed(window: Window | None, following: np.ndarray | None) -> Iterator[RowsOfImpact]:
+def _closed(window: ImpactWindow | None, following: np.ndarray | None) -> Iterator[RowsOfImpact]:
     found = window.close(following) if window else None
     if found:
         yield found
@@ -438,7 +438,7 @@ def impacts_of_blocks(
         return _published(setup, blocks)
     spec = setup.plant
 
-    def opened(start: int, before: np.ndarray | None) -> Window:
+    def opened(start: int, before: np.ndarray | None) -> ImpactWindow:
         return ConsistentWindow(spec, modes or modes_of(spec), answer_of(setup), start, before)
 
     return cut(blocks, lambda rows: rows[F_C], opened)

@@ -151,7 +151,7 @@ def responses_of(recording: Recording) -> Responses | None:
 
 
 @dataclass(frozen=True)
-class Clock:
+class PacedClock:
     """What the clock said of a paced run; times in us of wall time, paces as simulated over wall
     time. `*_pace`: what the machine, as it was, could hold."""
 
@@ -178,7 +178,7 @@ class Pacing:
     longest_row: int
     oldest_steps: int
     is_repeat: bool
-    clock: Clock | None
+    clock: PacedClock | None
 
 
 def pacing_of(recording: Recording) -> Pacing | None:
@@ -199,7 +199,7 @@ def pacing_of(recording: Recording) -> Pacing | None:
     return Pacing(late, steps, share, longest, oldest, repeats, _clock(recording))
 
 
-def _clock(recording: Recording) -> Clock | None:
+def _clock(recording: Recording) -> PacedClock | None:
     responses = responses_of(recording)
     if recording.pacing is None or responses is None:
         return None
@@ -207,7 +207,7 @@ def _clock(recording: Recording) -> Clock | None:
     lead_us = 1e-3 * header.lead_steps * header.step_ns
     held_us = responses.within_us(IN_TIME)
     simulated_ns = recording.truth.samples * header.step_ns
-    return Clock(
+    return PacedClock(
         pace=header.pace,
         slack_us=lead_us / header.pace,
         answers=int(responses.answers.sum()),

@@ -264,7 +264,7 @@ _FOLLOWS = ("plate_speed_max_m_s",)  # with waves that samples hardly carry: say
 
 
 @dataclass(frozen=True)
-class Known:
+class ImpactErrors:
     """Of one impact: how often the disturbance is found in the quantity that moved most, relative
     to it, and by how much each quantity, and each of its noise figures, may be wrong at the model's
     error, in its unit; infinite where the disturbed run has no such impact."""
@@ -285,7 +285,7 @@ def known_impacts(
     model_error: float,
     in_lock_step: bool = True,
     noise: Sequence[ImpactNoise] = (),
-) -> list[Known] | None:
+) -> list[ImpactErrors] | None:
     """What can be known of the impacts of a run, and of their `noise` figures; None where nothing
     can depend on an impact before, and of the published scheme. `model_error`: relative, of the
     run. A run that was not `in_lock_step` has other impacts than the disturbed one for that reason
@@ -305,7 +305,7 @@ def known_impacts(
             {name: value * model_error / DISTURBANCE for name, value in each.items()}
             for each in (moved, _moved(sound, other_sound, sound))
         )
-        found.append(Known(float(np.max(share)) / DISTURBANCE, errors, noise_errors))
+        found.append(ImpactErrors(float(np.max(share)) / DISTURBANCE, errors, noise_errors))
     return found
 
 
@@ -325,7 +325,9 @@ def _impacts(
         return [(vars(one.impact), vars(one.noise)) for one in found]
 
 
-def errors_of(known: Sequence[Known] | None, impact: int, of: str = "errors") -> dict[str, float]:
+def errors_of(
+    known: Sequence[ImpactErrors] | None, impact: int, of: str = "errors"
+) -> dict[str, float]:
     """Errors of the figures of an impact that is chaotic, or of its noise (`noise_errors`); empty
     where all digits count."""
     if known is None or impact >= len(known) or not known[impact].chaotic:
@@ -380,8 +382,8 @@ class Predictability:
     run."""
 
     model_error: float | None
-    controlled: list[Known] | None
-    uncontrolled: list[Known] | None
+    controlled: list[ImpactErrors] | None
+    uncontrolled: list[ImpactErrors] | None
     not_again: NotAgain | None = None
     disturbance: float = DISTURBANCE
 
@@ -393,7 +395,7 @@ def predictability(
     in lock-step. Nothing is said of an unstable loop. `free`: of the run without control."""
     error, without = ran.expected_error, setup.uncontrolled()
 
-    def known(of: Setup, figures: Figures, in_lock_step: bool = True) -> list[Known] | None:
+    def known(of: Setup, figures: Figures, in_lock_step: bool = True) -> list[ImpactErrors] | None:
         assert error is not None
         return known_impacts(of, figures.impacts, error, in_lock_step, figures.noise)
 

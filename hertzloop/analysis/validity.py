@@ -274,7 +274,7 @@ class Facts:
         return self.flight_m / limits[1] if limits[1] > 0.0 else math.inf
 
 
-class State(StrEnum):
+class EffectState(StrEnum):
     """What a run does with an effect."""
 
     WITHIN = "within"
@@ -285,7 +285,7 @@ class State(StrEnum):
 
 
 # A member of an enumeration is looked up in ten times the time of a name.
-_WITHIN, _LEFT_OUT, _OUT_OF_RANGE, _IN_THE_MODEL, _NOT_KNOWN = State
+_WITHIN, _LEFT_OUT, _OUT_OF_RANGE, _IN_THE_MODEL, _NOT_KNOWN = EffectState
 
 
 class Effect(StrEnum):
@@ -321,10 +321,10 @@ class Finding:
     value: float
     threshold: float
     beyond: float
-    state: State
+    state: EffectState
 
 
-class Row(NamedTuple):
+class EffectRow(NamedTuple):
     """One indicator. `threshold` None: the accuracy that the scene asks for. `falls`: it is a least
     value and not a largest. `modelled`: whether the scene puts the effect into the model. `value`
     is nan where it is not known, None where there is nothing to say."""
@@ -339,73 +339,73 @@ class Row(NamedTuple):
 
 
 ROWS = (
-    Row(
+    EffectRow(
         Effect.YIELD, "p_0 / (1.6 Y), p_0 = 3 F/(2 pi a^2)", 1.0, math.nan,
         lambda f: f.centre_pressure_share, lambda f: f.plasticity != "none",
     ),
-    Row(
+    EffectRow(
         Effect.WIDE_ON_SPHERE, "a / R", 0.1, 0.3,
         lambda f: f.contact_radius_m / f.sphere.radius_m,
     ),
-    Row(
+    EffectRow(
         Effect.WIDE_ON_PLATE, "a / h", 0.25, 0.5,
         lambda f: f.contact_radius_m / f.spec.local_plate.thickness_m,
     ),
-    Row(
+    EffectRow(
         Effect.THEORY_ENERGY, "0.085 (k h)^2 at 1/T, where lambda < 1", None, 0.1,
         lambda f: f.kirchhoff.plate_energy if f.standing.zener < _TAKES_ALL else None,
         lambda f: f.solid,
     ),
-    Row(
+    EffectRow(
         Effect.THEORY_PEAK, "dC 3/2 s^(2/3) F^(1/3)", None, 0.5,
         lambda f: f.kirchhoff.peak_force, lambda f: f.solid,
     ),
-    Row(
+    EffectRow(
         Effect.LARGE_DEFLECTION, "w_max / h", 0.2, 1.0,
         lambda f: f.run.deflection_m / f.spec.local_plate.thickness_m,
     ),
-    Row(
+    EffectRow(
         Effect.SPHERE_VIBRATION, "T 2.65 c_T/(2 pi R)", 3.0, 1.0,
         lambda f: criteria.sphere_periods(f.sphere, f.run.contact_s), falls=True,
     ),
-    Row(
+    EffectRow(
         Effect.THICKNESS_RESONANCE, "T c_T/(2 h)", 3.0, 1.0,
         lambda f: criteria.thickness_periods(f.spec.local_plate, f.run.contact_s),
         lambda f: f.solid, falls=True,
     ),
-    Row(
+    EffectRow(
         Effect.REFLECTIONS, "time after the touch / first return", 1.0, 10.0,
         lambda f: f.after_touch_s / f.first_return_s, lambda f: not f.misses_reflections,
     ),
-    Row(
+    EffectRow(
         Effect.LOOP_DELAY, "(latency + 1 step + 2 zeta/omega_n + sensor) / T", 0.1, math.nan,
         lambda f: f.delay_s / f.run.contact_s if f.controlled else None,
     ),
-    Row(
+    EffectRow(
         Effect.ACTUATOR_FORCE, "max F_a / actuator.force_limit_n", 0.999, math.nan,
         lambda f: f.clipped_share,
     ),
-    Row(
+    EffectRow(
         Effect.ACTUATOR_MASS, "m_a / min(0.05 m_s, 0.05 Z T/(2 pi))", 1.0, math.nan,
         lambda f: f.actuator_mass_share, lambda f: bool(f.spec.actuator.mass_kg),
     ),
-    Row(
+    EffectRow(
         Effect.AIR_ON_MODES, "rho0 c/(omega m'' eta), one face", 0.1, math.nan,
         lambda f: f.standing.air_share, lambda f: bool(f.spec.radiating_faces),
     ),
-    Row(
+    EffectRow(
         Effect.AIR_FILM, "6 pi mu R^2 ln(R/1e-7 m) v/(m v^2/2)", 1e-3, 0.1,
         lambda f: f.standing.squeezed_film,
     ),
-    Row(
+    EffectRow(
         Effect.DRAG, "3/8 C_D rho0 H/(rho_s R)", 1e-3, 0.1,
         lambda f: f.standing.drag,
     ),
-    Row(
+    EffectRow(
         Effect.SENSOR_RANGE, "v (latency + window) / range above the plate", 1.0, math.nan,
         lambda f: f.flight_share,
     ),
-    Row(
+    EffectRow(
         Effect.DAMPER_BEHIND_SPRING, "2.5 d R_0 F/T", None, 0.1,
         lambda f: criteria.tail_share(
             f.spec.contact.hunt_crossley_s_m, f.standing.flexibility_m_n, f.run.force_n,
@@ -413,7 +413,7 @@ ROWS = (
         ) if f.spec.contact.hunt_crossley_s_m else None,
         lambda f: f.spec.damped_tail,
     ),
-    Row(
+    EffectRow(
         Effect.REFOCUSING, "time after the touch / revival of a square plate", 1.0, math.nan,
         lambda f: f.after_touch_s / f.revival_s if f.revival_s else None,
     ),
@@ -458,9 +458,9 @@ def neglected_of_scene(setup: Setup) -> Neglected:
     return neglected(setup, extremes.result(impacts))
 
 
-def names_by_state(facts: Facts) -> dict[State, str]:
+def names_by_state(facts: Facts) -> dict[EffectState, str]:
     """Names of the indicators in each state, as the results of a sweep have them."""
-    names: dict[State, list[str]] = {}
+    names: dict[EffectState, list[str]] = {}
     for row, *_, state in _evaluated(facts):
         if state in names:
             names[state].append(row.effect)
@@ -477,7 +477,7 @@ def findings(facts: Facts) -> list[Finding]:
     ]
 
 
-def _evaluated(facts: Facts) -> Iterator[tuple[Row, float, float, float, State]]:
+def _evaluated(facts: Facts) -> Iterator[tuple[EffectRow, float, float, float, EffectState]]:
     """Rows that say something about a run: value, threshold, where out of range begins, state."""
     if not facts.run.force_n > 0.0 or not facts.run.contact_s > 0.0:
         return  # without a contact nothing is left out of it

@@ -28,7 +28,7 @@ _FROM_NOTHING = 1e3  # times as high: what is divided by lies within the model's
 _DECIBELS = {"radiated_j": 10.0, "plate_speed_max_m_s": 20.0}
 
 
-class Outcome(Enum):
+class ControlEffect(Enum):
     """What control does to the plate energy."""
 
     IDLE = auto()  # the law never pushed
@@ -78,7 +78,7 @@ class Control:
     figures of the first impact; `reasons` where it does not help; `once`: both runs have one
     impact."""
 
-    outcome: Outcome
+    outcome: ControlEffect
     energy_db: float = 0.0
     error_db: float = 0.0
     over: Over = Over.ONLY
@@ -174,18 +174,18 @@ def _control(ran: Ran, free: Figures, known: Predictability | None) -> Control:
     """Whether control helped, in what, and why not."""
     figures = ran.figures
     if figures.push is None:
-        return Control(Outcome.IDLE)
+        return Control(ControlEffect.IDLE)
     once = len(figures.impacts) == len(free.impacts) == 1
     energy, error, over = _plate_energy(figures, free, known)
     if error > HARDLY_DB and not predictable(energy, error):
-        return Control(Outcome.UNPREDICTABLE)
-    outcome = Outcome.HARDLY
+        return Control(ControlEffect.UNPREDICTABLE)
+    outcome = ControlEffect.HARDLY
     if energy < -HARDLY_DB:
-        outcome = Outcome.HELPS
+        outcome = ControlEffect.HELPS
     elif energy > HARDLY_DB:
-        outcome = Outcome.HARMS
+        outcome = ControlEffect.HARMS
     reasons = None
-    if outcome is not Outcome.HELPS:
+    if outcome is not ControlEffect.HELPS:
         reasons = _reasons(ran, free.impacts[0].duration_s)
     changes = tuple(_changes(figures, free, known))
     return Control(outcome, energy, error, over, changes, reasons, once)

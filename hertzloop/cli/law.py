@@ -31,7 +31,7 @@ from hertzloop.views.format import Table
 
 if TYPE_CHECKING:
     from hertzloop.processes.conformance import Checks, Meeting, Script
-    from hertzloop.studies.law_on import Comparison
+    from hertzloop.studies.law_on import ForceComparison
 
 
 def list_laws() -> None:
@@ -134,7 +134,7 @@ def replay(
     write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})
 
 
-def _difference(found: "Comparison", name: str) -> str:
+def _difference(found: "ForceComparison", name: str) -> str:
     if found.first is None:
         return f"the same forces in all {len(found.other_n):,} steps"
     at = found.first

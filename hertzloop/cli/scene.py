@@ -127,7 +127,7 @@ def check(
     check_json(json_file)
     compile_first(resolved)
 
-    from hertzloop.analysis.validity import State, neglected_of_scene
+    from hertzloop.analysis.validity import EffectState, neglected_of_scene
     from hertzloop.views.effects import effects_as_json, not_evaluated, show_neglected, table_of
 
     try:
@@ -143,7 +143,7 @@ def check(
         out.print(table_of(found["validity"]))
         show_neglected(out, found["validity"])
         for finding in found["validity"]:
-            if finding["state"] == State.NOT_KNOWN:
+            if finding["state"] == EffectState.NOT_KNOWN:
                 out.print(f"Unknown: {finding['sentence']}.", soft_wrap=True)
         if lacking := not_evaluated(neglected):
             out.print(lacking, soft_wrap=True)

@@ -313,7 +313,7 @@ def _verify(
 ) -> None:
     """Run cases of a sweep again as real processes, and compare all bytes."""
     from hertzloop.studies.sweeps.evaluate import not_run
-    from hertzloop.studies.sweeps.replay_cases import Checked, replay_cases
+    from hertzloop.studies.sweeps.replay_cases import RepeatedCase, replay_cases
     from hertzloop.studies.sweeps.sweep import check_laws, code_version, counted, read_results
 
     check_json(json_file)
@@ -329,7 +329,7 @@ def _verify(
     if header["versions"] != code_version():
         err.print(f"{results}: written by {header['versions']}; bits may differ", soft_wrap=True)
     compile_first()
-    found: list[Checked] = []
+    found: list[RepeatedCase] = []
     try:
         with progress(f"{cases} cases", cases) as advance:
             for checked in replay_cases(rows, header, cases, transport, seed):

@@ -69,7 +69,7 @@ class LawStopped(SceneError):
         self.rows = rows
 
 
-class Clock:
+class LoopTimer:
     """Seconds of processor time that the compiled loop of `simulate` has taken while `running`: to
     read the clock of a thread may cost more than a case."""
 
@@ -77,11 +77,11 @@ class Clock:
     running = False
 
 
-IN_LOOP = Clock()
+IN_LOOP = LoopTimer()
 
 
 @dataclass(frozen=True)
-class Simulated:
+class SimulatedRun:
     """A simulated run in memory: rows as in TruthBlock, shape (10, steps), samples as they would
     be sent (values, or codes of a converter) and their values, commanded forces (N), the law's
     mode and latched delay (samples) after each, books, and whether the run ended because nothing
@@ -102,7 +102,7 @@ def simulate(
     impact_only: bool = False,
     own_plant: Plant | None = None,
     steps: int | None = None,
-) -> Simulated:
+) -> SimulatedRun:
     """Run a scene without bus or recording, on its plant, or on `own_plant`, at its start.
 
     With `impact_only` the run ends once nothing that is to come can belong to its first impact.
@@ -132,7 +132,7 @@ def simulate(
         raise LawStopped(str(error), window.truth[:, :before]) from error
     ran, taken = int(window.counts[k.TRUTH_END]), int(window.counts[k.SAMPLES_END])
     sent = window.values if sensor.model.ideal else window.codes
-    return Simulated(
+    return SimulatedRun(
         window.truth[:, :ran],
         sent[:taken],
         window.values[:taken],

@@ -17,7 +17,7 @@ from hertzloop.bus.streams import (
     compare_set_up,
     versions_here,
 )
-from hertzloop.bus.wire import Packed
+from hertzloop.bus.wire import DecodedBlock
 from hertzloop.controller.controller import Controller, Reply
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.answers import LaneAnswers
@@ -30,7 +30,7 @@ from hertzloop.setup.law import idle
 _BLOCK, _EVERY_S = 1000, 0.01
 
 
-def sampled_values(block: Packed) -> np.ndarray:
+def sampled_values(block: DecodedBlock) -> np.ndarray:
     """Physical values of a DaqBlock, shape (samples,), in the unit of its quantity."""
     codes = block.arrays["code"]
     if len(codes):
@@ -122,7 +122,7 @@ class ControllerNode:
         elif envelope.stream == "end/plant":
             self._end(block)
 
-    def _set_up(self, block: Packed) -> None:
+    def _set_up(self, block: DecodedBlock) -> None:
         self._publisher = Publisher(self.port, self.checker.run_id)
         try:
             setup = parse(block.header.scene_toml, law=self._law)
@@ -154,7 +154,7 @@ class ControllerNode:
             sample_ns = self._every_steps * self._step_ns / block.header.pace
             self._offered = lane.at_pace(self._offered, sample_ns)
 
-    def _answer(self, block: Packed) -> None:
+    def _answer(self, block: DecodedBlock) -> None:
         if self._controller is None or self._publisher is None:
             raise StreamFault("samples came before the plant announced the run")
         header: DaqBlock = block.header
@@ -213,7 +213,7 @@ class ControllerNode:
         if self._samples == len(self._controller.law_state.history):
             self._publisher.end(set_up=self._set_up_by)
 
-    def _end(self, block: Packed) -> None:
+    def _end(self, block: DecodedBlock) -> None:
         """The plant's end: all that was heard is all that was sent, unless the run failed."""
         self.done = True
         self.fault = fault = block.header.fault

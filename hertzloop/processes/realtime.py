@@ -36,7 +36,7 @@ class Wanted(StrEnum):
     OFF = "off"
 
 
-class Profile:
+class RealtimeProfile:
     """The profile of this process: set before the bus is opened, whose threads inherit it."""
 
     def __init__(self, wanted: Wanted, role: str) -> None:

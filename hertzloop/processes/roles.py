@@ -22,7 +22,7 @@ from hertzloop.foreign import visible
 from hertzloop.jit.cache import noticed
 from hertzloop.loop import watchdog
 from hertzloop.loop.answers import Repeat
-from hertzloop.processes.realtime import Profile, Wanted
+from hertzloop.processes.realtime import RealtimeProfile, Wanted
 from hertzloop.processes.signals import (
     INTERRUPTED,
     Interrupted,
@@ -140,7 +140,7 @@ def run_plant(
     from hertzloop.loop.plant_node import PlantNode
     from hertzloop.loop.plant_streams import EVERY_S
 
-    profile = Profile(realtime, PLANT)
+    profile = RealtimeProfile(realtime, PLANT)
     with _joined(address, PLANT) as port:
         common = (address.timeout_s, on_progress, fast_lane)
         node = (
@@ -174,7 +174,7 @@ def run_controller(
     the scene names, or by the file `law`, if that is the same."""
     from hertzloop.loop.controller_node import ControllerNode
 
-    profile = Profile(realtime, CONTROLLER)
+    profile = RealtimeProfile(realtime, CONTROLLER)
     with _joined(address, CONTROLLER) as port:
         node = ControllerNode(port, law=law, fast_lane=fast_lane)
         port.presence.announce()
@@ -244,7 +244,7 @@ def run_recorder(
     realtime: Wanted = Wanted.OFF,
 ) -> dict[str, Any]:
     """The recorder process: writes everything down until both roles have ended."""
-    started, profile = time.monotonic(), Profile(realtime, RECORDER)
+    started, profile = time.monotonic(), RealtimeProfile(realtime, RECORDER)
     with _joined(address, RECORDER) as port:
         with _recording(path, overwrite) as recorder:
             port.presence.announce()

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ValidationError
 
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.scenes.errors import shown
-from hertzloop.scenes.materials import Table
+from hertzloop.scenes.materials import SceneTable
 
 _KEPT = 4096
 # What other tables, or files, have a say in.
@@ -23,7 +23,7 @@ _NOT_ALONE = {
 }  # fmt: skip
 
 
-def changed_tables(scene: BaseModel, values: Mapping[str, Any]) -> dict[str, Table] | None:
+def changed_tables(scene: BaseModel, values: Mapping[str, Any]) -> dict[str, SceneTable] | None:
     """The tables that hold the keys "table.key" of `values`, with these; None where that takes
     more than these tables, or one of them does not allow it."""
     by_table: dict[str, dict[str, Any]] = defaultdict(dict)
@@ -37,7 +37,7 @@ def changed_tables(scene: BaseModel, values: Mapping[str, Any]) -> dict[str, Tab
     found = {}
     for name, changes in by_table.items():
         table = getattr(scene, name, None)
-        if not isinstance(table, Table):
+        if not isinstance(table, SceneTable):
             return None
         try:
             changed = _changed(table, tuple(changes), *changes.values())
@@ -50,7 +50,7 @@ def changed_tables(scene: BaseModel, values: Mapping[str, Any]) -> dict[str, Tab
 
 
 @lru_cache(maxsize=_KEPT, typed=True)  # True is no 1
-def _changed(table: Table, names: tuple[str, ...], *values: Any) -> Table | None:
+def _changed(table: SceneTable, names: tuple[str, ...], *values: Any) -> SceneTable | None:
     given = vars(table) | (table.__pydantic_extra__ or {})
     try:
         return type(table).model_validate(given | dict(zip(names, values, strict=True)))

@@ -10,7 +10,7 @@ from pydantic.fields import FieldInfo
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.controller.loading.registry import find, shipped, shipped_keys
 from hertzloop.scenes.errors import refused, shown, unknown_key
-from hertzloop.scenes.materials import Table
+from hertzloop.scenes.materials import SceneTable
 
 # Laws of checked tables by reference and digest: a case asks for its law a dozen times.
 _CHECKED: dict[tuple[str, str], Law] = {}
@@ -23,7 +23,7 @@ def _remember(reference: str, law: Law) -> None:
     _CHECKED[reference, law.digest] = law
 
 
-class ControllerTable(Table):
+class ControllerTable(SceneTable):
     """The law, the line to the actuator, and the law's own keys.
 
     `law`: a shipped name, "mine.py", "mine.py:Name", "package.module:Name", an entry point's name,

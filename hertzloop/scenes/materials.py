@@ -207,7 +207,7 @@ def unpacked(file: str, sha256: str, content: str) -> bytes:
 _LONGEST = 80  # letters of a name that are compared
 
 
-class Table(BaseModel):
+class SceneTable(BaseModel):
     """A table of a scene: no other keys, no change, finite numbers; a docstring for each key,
     which `hertzloop scene keys` prints."""
 
@@ -238,7 +238,7 @@ class Table(BaseModel):
         return found
 
 
-class MaterialTable(Table):
+class MaterialTable(SceneTable):
     """A material by its numbers; `plant.structures.materials` says which can be. `name`, in a
     list of materials, is what plate.material and sphere.material may say."""
 
@@ -253,7 +253,7 @@ class MaterialTable(Table):
     strength_spread: float | None = None
 
 
-class ModesTable(Table):
+class ModesTable(SceneTable):
     """A file of modes, taken into the scene: its name, the digest of its bytes, and these, packed
     by zlib, in base64."""
 

@@ -34,7 +34,7 @@ from hertzloop.scenes.errors import (
 )
 from hertzloop.scenes.materials import (
     MaterialTable,
-    Table,
+    SceneTable,
     check_materials,
     material_called,
     open_material,
@@ -60,7 +60,7 @@ __all__ = [
 ]  # fmt: skip
 
 
-class Scene(Table):
+class Scene(SceneTable):
     """A scene: one table per part, as in the TOML file. `load` and `vary` make it.
 
     `scene.controller.latency_us` reads a key. The page of scene keys lists all of them.

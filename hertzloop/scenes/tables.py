@@ -8,7 +8,7 @@ from pydantic import Field, field_validator
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.registry import THEORIES
 from hertzloop.scenes.errors import shown
-from hertzloop.scenes.materials import MaterialKey, ModesTable, Table
+from hertzloop.scenes.materials import MaterialKey, ModesTable, SceneTable
 from hertzloop.scenes.quantities import SENSED
 
 Point = tuple[float, float]
@@ -20,7 +20,7 @@ else:
     SchemeName = Literal[*SCHEMES]
 
 
-class SphereTable(Table):
+class SphereTable(SceneTable):
     """The falling sphere."""
 
     material: MaterialKey = "steel"
@@ -31,7 +31,7 @@ class SphereTable(Table):
     """drop height of the lowest point of the sphere above the plate"""
 
 
-class PlateTable(Table):
+class PlateTable(SceneTable):
     """The plate, the contact point and the actuator point (default: the contact point).
 
     `edges`: c, f or s, clamped, free or simply supported, at x = 0, x = l_x, y = 0, y = l_y.
@@ -100,7 +100,7 @@ class PlateTable(Table):
         return contact, self.actuator_point_m or contact
 
 
-class ContactTable(Table):
+class ContactTable(SceneTable):
     """Damping inside the contact; `relaxation_*` are s_tau (N/m^1.5), tau (s) and the solve.
     `plasticity` "thornton": the contact yields where the pressure reaches the limiting one, between
     1.6 times the softer body's yield strength and its hardness; left out, it is that hardness, or
@@ -126,7 +126,7 @@ class ContactTable(Table):
     """factor on the stiffness of Hertz's contact, as of a fit; 1 if left out"""
 
 
-class SensorsTable(Table):
+class SensorsTable(SceneTable):
     """Data acquisition. `quantity` "auto", the default, is the quantity that the law needs;
     `full_scale` is lowest and highest value, "auto", which for the gap holds the flight that a law
     has to see, "contact", which does not, or "none"."""
@@ -169,7 +169,7 @@ class SensorsTable(Table):
         return any(key is not None for key in keys)
 
 
-class ActuatorTable(Table):
+class ActuatorTable(SceneTable):
     """The actuator between the controller's line and the plate: natural frequency and damping (of
     critical) of a second-order response, mass that moves with the plate, largest force; left
     out: none of them."""
@@ -194,7 +194,7 @@ class ActuatorTable(Table):
         return None if value == 0 and not isinstance(value, bool) else value
 
 
-class RunTable(Table):
+class RunTable(SceneTable):
     """Length, scheme, step, accuracy and seed. The run starts `lead_in_s` before the first
     contact. `plate_model`: the plate's modes, an infinite plate, or ("auto") the infinite one
     where the run is over before reflections matter at `accuracy`. `touch_phase`: part of a step
@@ -232,7 +232,7 @@ class RunTable(Table):
         return round(time_us * 1000 / self.step_ns)
 
 
-class FitTable(Table):
+class FitTable(SceneTable):
     """Where values of a scene come from: `hertzloop fit` writes it, and nothing else need. A run
     does not read it; `sweep --uncertain` draws from it."""
 

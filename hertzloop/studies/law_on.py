@@ -16,7 +16,7 @@ _AROUND_STEPS = 100  # shown before and after the first difference
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ForceComparison:
     """Forces (N) of every step that both know, and the first step at which they differ."""
 
     recorded_n: np.ndarray
@@ -32,7 +32,7 @@ def scene_with(recording: Recording, law: str, settings: dict[str, object]) -> S
     return setup.vary({"controller.law": law, **fixed, **settings})
 
 
-def law_on(recording: Recording, setup: Setup) -> Comparison:
+def law_on(recording: Recording, setup: Setup) -> ForceComparison:
     """Feed the recorded samples to the scene's law and line. Raises SceneError, LawFault."""
     controller = setup.start_controller()
     other = controller.process(recording.daq_values).forces
@@ -41,10 +41,10 @@ def law_on(recording: Recording, setup: Setup) -> Comparison:
     other, recorded = other[:count].copy(), recorded[:count]
     differing = np.flatnonzero(other.view(np.int64) != recorded.view(np.int64))
     first = int(differing[0]) if len(differing) else None
-    return Comparison(recorded, other, first, setup.step_s)
+    return ForceComparison(recorded, other, first, setup.step_s)
 
 
-def draw(found: Comparison, names: tuple[str, str], path: Path) -> Path:
+def draw(found: ForceComparison, names: tuple[str, str], path: Path) -> Path:
     """Both forces over the whole run, and around the first difference."""
     at = found.first if found.first is not None else int(np.argmax(np.abs(found.recorded_n)))
     near = slice(max(at - _AROUND_STEPS, 0), at + _AROUND_STEPS)

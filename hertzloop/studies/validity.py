@@ -45,7 +45,7 @@ _TAKES_ALL = 1.0  # lambda from which on the plate's energy is right in any theo
 
 
 @dataclass(frozen=True)
-class Bodies:
+class MapPlace:
     """One place of the map, with its impact: length (s), peak (N), rebound over impact speed."""
 
     sphere: Sphere
@@ -57,7 +57,7 @@ class Bodies:
     peak_n: float
 
 
-def plate_theory(b: Bodies) -> float:
+def plate_theory(b: MapPlace) -> float:
     """What Kirchhoff's theory costs: of plate energy, rebound, peak and contact time."""
     number = thickness_number(b.plate, b.contact_s)
     numbers, integral, energy = _kirchhoff_table()
@@ -78,7 +78,7 @@ def _kirchhoff_table() -> tuple[np.ndarray, np.ndarray, float]:
     return numbers, found, energy / thickness_number(plate, 1.0) ** 2
 
 
-def yield_loss(b: Bodies) -> float:
+def yield_loss(b: MapPlace) -> float:
     """Share of the impact's energy that the dent takes, by Thornton's law at the elastic depth."""
     if b.strength is None:
         return float("nan")
@@ -94,35 +94,35 @@ def yield_loss(b: Bodies) -> float:
     return lost / (0.5 * b.sphere.mass_kg * b.sphere.impact_speed_m_s**2)
 
 
-def large_deflection(b: Bodies) -> float:
+def large_deflection(b: MapPlace) -> float:
     """Growth of the plate's stiffness, (w/h)^2, with w = 2 m v/Z at most."""
     impulse = b.sphere.mass_kg * b.sphere.impact_speed_m_s
     impulse *= 1.0 + max(1.0 - b.inelasticity, 0.0)
     return (impulse / b.plate.infinite_plate_impedance_n_s_m / b.plate.thickness_m) ** 2
 
 
-def no_half_space(b: Bodies) -> float:
+def no_half_space(b: MapPlace) -> float:
     """What Hertz's law misses where the plate is no half space below the contact, (a/h)^2."""
     return (_contact_radius_m(b) / b.plate.thickness_m) ** 2
 
 
-def sphere_vibration(b: Bodies) -> float:
+def sphere_vibration(b: MapPlace) -> float:
     """What the sphere's lowest vibration adds to its compliance, by order of size: the square of
     its period over the length of the contact."""
     return (0.25 / criteria.sphere_periods(b.sphere, b.contact_s)) ** 2
 
 
-def air(b: Bodies) -> float:
+def air(b: MapPlace) -> float:
     """Share of energy that drag on the drop and the squeezed film of air take."""
     return criteria.drag_on_the_drop(b.sphere) + criteria.squeezed_film(b.sphere)
 
 
-def _contact_radius_m(b: Bodies) -> float:
+def _contact_radius_m(b: MapPlace) -> float:
     return criteria.contact_radius_m(b.peak_n, b.sphere.radius_m, b.contact.stiffness)
 
 
 # Effect, what to do about it, and its size.
-EFFECTS: tuple[tuple[str, str, Callable[[Bodies], float]], ...] = (
+EFFECTS: tuple[tuple[str, str, Callable[[MapPlace], float]], ...] = (
     ("plate theory", "an elastic solid instead of Kirchhoff's plate", plate_theory),
     ("contact yields", "contact.plasticity = 'thornton'", yield_loss),
     ("large deflection", "the plate is not linear", large_deflection),
@@ -189,12 +189,12 @@ def _from_table(table: np.ndarray, number: float, column: int) -> float:
 def _bodies(
     sphere: Sphere, plate: Plate, radius_m: float, thickness_m: float,
     strength: Strength | None, table: np.ndarray,
-) -> Bodies:  # fmt: skip
+) -> MapPlace:  # fmt: skip
     ball, sheet, contact = _at(sphere, plate, float(radius_m), float(thickness_m))
     number, unit_s = zener_inelasticity(ball, sheet, contact), _unit_s(ball, contact)
     lasts, peak = (_from_table(table, number, column) for column in (1, 2))
     force = peak * ball.mass_kg * ball.impact_speed_m_s / unit_s
-    return Bodies(ball, sheet, contact, strength, number, lasts * unit_s, force)
+    return MapPlace(ball, sheet, contact, strength, number, lasts * unit_s, force)
 
 
 def run(setup: Setup, folder: Path, count: int = 61) -> dict[str, np.ndarray]:

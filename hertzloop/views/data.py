@@ -13,10 +13,10 @@ from typing import Any
 from hertzloop.analysis.figures import Figures, free_figures, no_loop
 from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.model import chosen_model, radiation_of, tail_of, theory_of
-from hertzloop.analysis.recorded import Clock, LawRan, Pacing, blocks_of
+from hertzloop.analysis.recorded import LawRan, PacedClock, Pacing, blocks_of
 from hertzloop.analysis.spans import Comparison, RunFigures, SpanFigures
 from hertzloop.analysis.trust import (
-    Known,
+    ImpactErrors,
     LawAccuracy,
     Predictability,
     Verification,
@@ -34,7 +34,7 @@ from hertzloop.views.sentences import verdict_sentences, why_not_words
 
 _M_ARENA_MAX = -8  # of glibc: the most heaps
 _BESIDE = 10  # nice value of what must not delay the loop
-_CLOCK = [f.name for f in fields(Clock)]
+_CLOCK = [f.name for f in fields(PacedClock)]
 _MISSED = [f.name for f in fields(Pacing)]
 
 
@@ -84,7 +84,7 @@ def pacing_in(report: Mapping[str, Any]) -> Pacing | None:
     data = report.get("pacing")
     if not data:
         return None
-    clock = None if data["pace"] is None else Clock(**{key: data[key] for key in _CLOCK})
+    clock = None if data["pace"] is None else PacedClock(**{key: data[key] for key in _CLOCK})
     missed = {key: value for key, value in data.items() if key in _MISSED}
     return Pacing(**({"is_repeat": False} | missed), clock=clock)
 
@@ -100,13 +100,13 @@ def predictability_as_json(found: Predictability) -> dict[str, Any]:
     }
 
 
-def _known(found: list[Known] | None) -> list[dict[str, Any]] | None:
+def _known(found: list[ImpactErrors] | None) -> list[dict[str, Any]] | None:
     return None if found is None else [asdict(each) for each in found]
 
 
-def known_in(found: list[dict[str, Any]] | None) -> list[Known] | None:
+def known_in(found: list[dict[str, Any]] | None) -> list[ImpactErrors] | None:
     """What is known of the impacts of a run, from what `predictability_as_json` writes."""
-    return None if found is None else [Known(**each) for each in found]
+    return None if found is None else [ImpactErrors(**each) for each in found]
 
 
 def verification_as_json(found: Verification | None) -> dict[str, float] | None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
-from hertzloop.analysis.validity import OF_PLATE, Effect, Facts, Finding, Neglected, State
+from hertzloop.analysis.validity import OF_PLATE, Effect, EffectState, Facts, Finding, Neglected
 from hertzloop.views.format import Table, percent, pressure, styled
 
 
@@ -125,7 +125,7 @@ _PARTS: dict[Effect, Callable[[Facts], str]] = {
 
 
 def _sentence(facts: Facts, found: Finding) -> str:
-    if found.state is State.IN_THE_MODEL:
+    if found.state is EffectState.IN_THE_MODEL:
         return f"in the model: {_PARTS[found.effect](facts)}"
     return _WORDS[found.effect](facts, found.value)
 
@@ -149,15 +149,15 @@ def effects_as_json(neglected: Neglected) -> dict[str, Any]:
         fields = asdict(found)
         name = fields.pop("effect")
         shown.append({"name": name, **fields, "sentence": _sentence(neglected.facts, found)})
-    beyond = [one for one in shown if one["state"] == State.OUT_OF_RANGE]
+    beyond = [one for one in shown if one["state"] == EffectState.OUT_OF_RANGE]
     return {"validity": shown, "warnings": [f"{one['name']}: {one['sentence']}" for one in beyond]}
 
 
 _HEADS = {
-    State.OUT_OF_RANGE: ("OUT OF RANGE:", "bold red"),
-    State.LEFT_OUT: ("Neglected:", "yellow"),
+    EffectState.OUT_OF_RANGE: ("OUT OF RANGE:", "bold red"),
+    EffectState.LEFT_OUT: ("Neglected:", "yellow"),
 }
-_STATE_WORDS = {State.LEFT_OUT: "neglected", State.NOT_KNOWN: "unknown"}
+_STATE_WORDS = {EffectState.LEFT_OUT: "neglected", EffectState.NOT_KNOWN: "unknown"}
 # The quantity that the value of an indicator is, for the one line that a run prints.
 _BRIEF: dict[str, tuple[str, str]] = {
     Effect.YIELD: ("peak contact pressure is {x:.2g} times first yield", "contact.plasticity"),

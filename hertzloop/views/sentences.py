@@ -2,9 +2,9 @@
 
 from hertzloop.analysis.figures import Saturation
 from hertzloop.analysis.meters import Stability
-from hertzloop.analysis.recorded import IN_TIME, Clock, LawRan, Pacing
+from hertzloop.analysis.recorded import IN_TIME, LawRan, PacedClock, Pacing
 from hertzloop.analysis.trust import LawAccuracy, Moved, NotAgain, Obstacle
-from hertzloop.analysis.verdict import Change, Control, Outcome, Over, Reasons, Verdict
+from hertzloop.analysis.verdict import Change, Control, ControlEffect, Over, Reasons, Verdict
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.views.format import known_digits, percent, time_words
 
@@ -87,17 +87,17 @@ def _pumping(stability: Stability) -> str:
 
 def _control(found: Control) -> list[str]:
     """State what control changes, and why it does not help where that is so."""
-    if found.outcome is Outcome.IDLE:
+    if found.outcome is ControlEffect.IDLE:
         return ["Control has no effect: the law never commands a force."]
-    if found.outcome is Outcome.UNPREDICTABLE:
+    if found.outcome is ControlEffect.UNPREDICTABLE:
         return ["The effect of control is unpredictable: the model error exceeds the change."]
     change = known_digits(abs(found.energy_db), ".1f", found.error_db)
     over = _OVER[found.over]
     said = [
         {
-            Outcome.HELPS: f"Control reduces plate energy by {change} dB{over}.",
-            Outcome.HARMS: f"Control increases plate energy by {change} dB{over}.",
-            Outcome.HARDLY: f"Control leaves plate energy nearly unchanged{over}.",
+            ControlEffect.HELPS: f"Control reduces plate energy by {change} dB{over}.",
+            ControlEffect.HARMS: f"Control increases plate energy by {change} dB{over}.",
+            ControlEffect.HARDLY: f"Control leaves plate energy nearly unchanged{over}.",
         }[found.outcome]
     ]
     for better, head in ((True, "Better"), (False, "Worse")):
@@ -217,7 +217,7 @@ def pacing_sentences(found: Pacing) -> list[str]:
     return [*said, _pacing_advice(clock)]
 
 
-def _pacing_advice(found: Clock) -> str:
+def _pacing_advice(found: PacedClock) -> str:
     controller, plant = found.controller_pace, found.plant_pace or found.controller_pace
     could = min(controller, plant)
     words = f"This machine, as it was, holds a pace of {could:.1g} with {100 * IN_TIME:g} % in time"

@@ -10,7 +10,7 @@ import numpy as np
 from hertzloop.bus.events import mode_name
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.bus.streams import LAST_NS
-from hertzloop.recordings.columns import Arrays, Stream
+from hertzloop.recordings.columns import Arrays, JoinedStream
 from hertzloop.recordings.reader import Recording
 
 # What a replay keeps of a run, found as its samples come: contacts, thinned lines, single rows.
@@ -67,7 +67,7 @@ def contacts_of(pieces: Iterable[tuple[int, Arrays]]) -> list[Contact]:
     return found
 
 
-def rows_at(stream: Stream, positions: np.ndarray, names: Sequence[str]) -> Arrays:
+def rows_at(stream: JoinedStream, positions: np.ndarray, names: Sequence[str]) -> Arrays:
     """The samples at ascending positions, each array (positions,)."""
     found: dict[str, list[np.ndarray]] = {name: [np.empty(0)] for name in names}
     for at, arrays in stream.pieces():

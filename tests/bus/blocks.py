@@ -51,7 +51,7 @@ def by_the_library(header: Message, arrays: Mapping[str, np.ndarray]) -> bytes:
     return full.SerializeToString()
 
 
-def same_contents(message: Message, block: wire.Packed) -> bool:
+def same_contents(message: Message, block: wire.DecodedBlock) -> bool:
     """Whether the library's reading of a block is ours, byte by byte."""
     rest = type(message)()
     rest.CopyFrom(message)

@@ -34,7 +34,7 @@ def test_the_library_reads_our_bytes(made: Contents) -> None:
     header, arrays = made
     payload = wire.encode(header, **arrays)
     message = type(header).FromString(payload)
-    assert same_contents(message, wire.Packed(header, {**empty(header), **arrays}))
+    assert same_contents(message, wire.DecodedBlock(header, {**empty(header), **arrays}))
 
 
 @given(contents())

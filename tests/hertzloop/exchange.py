@@ -59,7 +59,7 @@ class Heard:
     digests: dict[str, Any] = field(default_factory=dict)
     order: list[str] = field(default_factory=list)
 
-    def take(self, stream: str, block: wire.Packed) -> None:
+    def take(self, stream: str, block: wire.DecodedBlock) -> None:
         """Add one message."""
         self.order.append(stream)
         if not STREAMS[stream].compared:

@@ -10,7 +10,7 @@ import pytest
 from hertzloop.analysis import cases
 from hertzloop.analysis.cases import digest_of, figures_of_case
 from hertzloop.analysis.impacts import consistent_impacts
-from hertzloop.loop.compiled import Simulated, simulate
+from hertzloop.loop.compiled import SimulatedRun, simulate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from tests.commands import invoke
@@ -100,7 +100,7 @@ def test_of_a_rebound_within_the_models_error_nothing_is_a_share(tmp_path: Path)
 def test_numbers_that_are_not_finite_make_no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = load("aluminium-3mm", SHORT)
 
-    def broken(scene: Setup, *, impact_only: bool, steps: int | None = None) -> Simulated:
+    def broken(scene: Setup, *, impact_only: bool, steps: int | None = None) -> SimulatedRun:
         found = simulate(scene, impact_only, steps=steps)
         found.rows[3, -1] = math.nan
         return found

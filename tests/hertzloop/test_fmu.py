@@ -17,7 +17,7 @@ import pytest
 from hertzloop.interop.fmu import write_fmu
 from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
-from hertzloop.loop.compiled import Simulated, simulate
+from hertzloop.loop.compiled import SimulatedRun, simulate
 from tests.commands import invoke
 from tests.hertzloop.interop import NOISY, SHORT, needs_cc, scene_of
 
@@ -35,7 +35,7 @@ def path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.fixture(scope="module")
-def loop() -> Simulated:
+def loop() -> SimulatedRun:
     return simulate(scene_of(NOISY))
 
 
@@ -131,7 +131,7 @@ def test_it_is_valid_and_describes_its_variables(path: Path) -> None:
     assert about.defaultExperiment.stopTime == "0.002"
 
 
-def test_its_outputs_are_the_bytes_of_the_loop(master: Master, loop: Simulated) -> None:
+def test_its_outputs_are_the_bytes_of_the_loop(master: Master, loop: SimulatedRun) -> None:
     master.start()
     assert master.get("sample", "gap") == [loop.values[0], loop.rows[0, 0]]
     names = "gap", "plate_velocity", "contact_force", "actuator_force", "sample"

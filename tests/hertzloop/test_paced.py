@@ -19,7 +19,7 @@ from hertzloop.analysis.recorded import class_ends_ns, pacing_of, responses_of
 from hertzloop.bus.events import event
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.bus.streams import PLANT, StreamFault
-from hertzloop.bus.wire import Packed
+from hertzloop.bus.wire import DecodedBlock
 from hertzloop.loop import pace_kernels
 from hertzloop.loop.answers import Repeat, repeat_of
 from hertzloop.loop.controller_node import ControllerNode
@@ -340,13 +340,13 @@ def test_what_is_no_histogram(tmp_path: Path) -> None:
         spoiled = type(header)()
         spoiled.CopyFrom(header)
         setattr(spoiled, field, value)
-        recording.pacing = Packed(spoiled, {"answers": answers})
+        recording.pacing = DecodedBlock(spoiled, {"answers": answers})
         found = pacing_of(recording)
         assert found is not None
         assert found.clock is None
     for values in (np.empty(0), np.zeros(9), np.array([1.0, -1.0]), np.array([np.inf]),
                    np.ones(10**6)):  # fmt: skip
-        recording.pacing = Packed(header, {"answers": values})
+        recording.pacing = DecodedBlock(header, {"answers": values})
         assert responses_of(recording) is None
 
 

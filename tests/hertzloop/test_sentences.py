@@ -21,7 +21,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from hertzloop.studies.sweeps.design import Axis, Design
 from hertzloop.studies.sweeps.evaluate import run_cases
-from hertzloop.studies.sweeps.sweep import Outcome, header_of, read_results, write_results
+from hertzloop.studies.sweeps.sweep import SweepResults, header_of, read_results, write_results
 from tests.commands import invoke
 from tests.recordings.rewriting import Sent, rewrite
 
@@ -93,10 +93,10 @@ def test_a_sweep_with_other_words_counts_the_same(
     values = (0.1, 3.0, 1e9)  # the last one is refused
     design = Design((Axis("controller.kappa", values),), "grid", 3, 1)
 
-    def swept(file: Path) -> tuple[Outcome, list[dict[str, Any]]]:
+    def swept(file: Path) -> tuple[SweepResults, list[dict[str, Any]]]:
         rows = list(run_cases(scene, "run", list(enumerate(design.cases()))))
         write_results(file, rows, header_of(scene, design, "run"))
-        return Outcome(rows, 3, 0.0, []), read_results(file)[0]
+        return SweepResults(rows, 3, 0.0, []), read_results(file)[0]
 
     usual, read_again = swept(tmp_path / "a.csv")
     true = SceneError.__str__

@@ -9,7 +9,7 @@ import pytest
 
 from hertzloop.analysis.figures import Figures, Ran, Saturation
 from hertzloop.analysis.meters import Push, Stability
-from hertzloop.analysis.trust import Known, NotAgain, Obstacle, Predictability
+from hertzloop.analysis.trust import ImpactErrors, NotAgain, Obstacle, Predictability
 from hertzloop.analysis.validity import Neglected
 from hertzloop.analysis.verdict import saturation_of, verdict
 from hertzloop.plant.figures.impacts import Impact
@@ -147,10 +147,10 @@ def test_the_words_follow_the_figures() -> None:
 def test_what_is_not_predictable_is_not_added_up() -> None:
     free = figures([impact(1e-4), impact(1e-5)], [], Push(0.0, 0.0))
 
-    def known(*errors_j: float) -> list[Known]:
-        return [Known(1.0 if e == 0.0 else 1e3, {"plate_energy_j": e}, {}) for e in errors_j]
+    def known(*errors_j: float) -> list[ImpactErrors]:
+        return [ImpactErrors(1.0 if e == 0.0 else 1e3, {"plate_energy_j": e}, {}) for e in errors_j]
 
-    def said(controlled: list[Known] | None, not_again: NotAgain | None = None) -> str:
+    def said(controlled: list[ImpactErrors] | None, not_again: NotAgain | None = None) -> str:
         known_of = Predictability(1e-3, controlled, known(0.0, 0.0), not_again)
         return said_of([impact(5e-5), impact(9e-5)], [], free, known_of)[0]
 

@@ -16,7 +16,7 @@ from hertzloop.analysis.impacts import V_P
 from hertzloop.loop import compiled
 from hertzloop.loop.compiled import record_in_process, simulate
 from hertzloop.recordings import writer
-from hertzloop.recordings.reader import Recording, Stream, read
+from hertzloop.recordings.reader import JoinedStream, Recording, read
 from hertzloop.recordings.replay import as_rerun as replay
 from hertzloop.recordings.replay import scene3d, viewer
 from hertzloop.recordings.replay.viewer import screenshot
@@ -160,7 +160,7 @@ def test_later_contacts_are_said_to_be_as_recorded(contacts: int) -> None:
     gap = np.array([1.0, *(-1.0, 1.0) * contacts])
     fields = ("xi_s_m", "f_c_n", "f_a_n", "v_p_m_s")
     arrays = {name: np.zeros(len(gap)) for name in fields} | {"xi_m": gap}
-    recording.truth = Stream(1, step_ns=1000, arrays=arrays)
+    recording.truth = JoinedStream(1, step_ns=1000, arrays=arrays)
     shown = replay.prepare(recording, flat_plate(recording.truth.time_ns))
     assert len(shown.contacts) == contacts
     assert ("Digits as recorded" in replay._about(shown, still=True)) == (contacts > 1)
@@ -170,7 +170,7 @@ def test_times_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
     recording = Recording(Path("a.mcap"))
     fields = ("xi_m", "xi_s_m", "f_c_n", "f_a_n", "v_p_m_s")
     arrays = {name: np.ones(3) for name in fields} | {"xi_m": np.array([1.0, -1.0, 1.0])}
-    recording.truth = Stream(1, step_ns=333_333_337, arrays=arrays)
+    recording.truth = JoinedStream(1, step_ns=333_333_337, arrays=arrays)
     shown = replay.prepare(recording, flat_plate(recording.truth.time_ns))
     replay.save(shown, tmp_path / "a.rrd")
     printed = rerun("rrd", "print", "-vvv", "--entity", "/states/contact", tmp_path / "a.rrd")
@@ -194,7 +194,7 @@ def test_a_recording_that_was_cut_off_is_replayed_as_far_as_it_goes(
 
 
 def test_a_recording_without_a_step_says_so(file: Path, tmp_path: Path) -> None:
-    recording = dataclasses.replace(read(file), truth=Stream())
+    recording = dataclasses.replace(read(file), truth=JoinedStream())
     with pytest.raises(RecordingError, match=r"run\.mcap holds no step of the simulation"):
         replay.check_replayable(recording)
 
@@ -208,7 +208,7 @@ def test_what_is_missing_is_left_out(file: Path, tmp_path: Path, missing: str) -
         apart = {"xi_m": abs(recording.truth.arrays["xi_m"])}
         recording.truth.arrays = dict(recording.truth.arrays) | apart
     else:
-        setattr(recording, missing, Stream())
+        setattr(recording, missing, JoinedStream())
     shown = replay.prepare(recording, flat_plate(recording.truth.time_ns[:1]))
     replay.save(shown, tmp_path / "a.rrd")
     rerun("rrd", "verify", tmp_path / "a.rrd")

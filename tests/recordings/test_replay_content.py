@@ -7,7 +7,7 @@ import numpy as np
 
 from hertzloop.bus import wire
 from hertzloop.bus.messages_pb2 import TruthBlock
-from hertzloop.recordings.reader import Recording, Stream
+from hertzloop.recordings.reader import JoinedStream, Recording
 from hertzloop.recordings.replay import blueprint, spectrum, viewer
 from hertzloop.recordings.replay import data as replay_data
 
@@ -104,8 +104,8 @@ def test_what_was_measured_of_a_contact_after_a_hole_is_shown_in_full() -> None:
     fields = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
     recording = Recording(
         Path("a.mcap"),
-        truth=Stream(1, step_ns=1000, arrays={name: np.zeros(count) for name in fields}),
-        daq=Stream(
+        truth=JoinedStream(1, step_ns=1000, arrays={name: np.zeros(count) for name in fields}),
+        daq=JoinedStream(
             1, step_ns=1000, every_steps=2, arrays={"value": values}, resumed=[(1000, 2000 + hole)]
         ),
     )
@@ -124,6 +124,6 @@ def test_a_run_without_late_forces_has_no_plot_of_them() -> None:
     arrays = {name: np.zeros(4) for name in fields}
     for late in (False, True):
         more = {replay_data.LATE[2]: np.ones(4)} if late else {}
-        truth = Stream(1, step_ns=1000, arrays=arrays | more)
+        truth = JoinedStream(1, step_ns=1000, arrays=arrays | more)
         plots = {plot.key for plot in replay_data.plots(Recording(Path("a"), truth=truth), [])}
         assert ("late" in plots) == late

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hertzloop.bus.events import Fact
 from hertzloop.bus.messages_pb2 import EventKind, RunEnd, SetUp
 from hertzloop.recordings import columns
-from hertzloop.recordings.reader import Event, Recording, Stream
+from hertzloop.recordings.reader import Event, JoinedStream, Recording
 from hertzloop.recordings.replay import blueprint, data, scene3d
 from hertzloop.recordings.replay import data as replay_data
 from hertzloop.recordings.replay.data import (
@@ -114,7 +114,7 @@ def test_rows_are_picked_across_the_seams_of_pieces(monkeypatch: pytest.MonkeyPa
     values = np.arange(100.0)
     blocks = [{"xi_m": values[at : at + 7]} for at in range(0, 100, 7)]
     again = columns.Columns(lambda: iter(blocks), {"xi_m": values.dtype}, 100)
-    stream = Stream(1, step_ns=1000, arrays=again)
+    stream = JoinedStream(1, step_ns=1000, arrays=again)
     wanted = np.array([0, 9, 10, 13, 14, 99])
     assert rows_at(stream, wanted, ["xi_m"])["xi_m"].tolist() == wanted.tolist()
     assert [at for at, _ in stream.pieces()] == [0, 14, 28, 42, 56, 70, 84, 98]
@@ -169,8 +169,10 @@ def test_what_was_measured_is_plotted_where_it_belongs(
     quantity: str, plot: str, factor: float
 ) -> None:
     fields = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
-    truth = Stream(1, step_ns=1000, arrays={name: np.zeros(4) for name in fields})
-    daq = Stream(1, step_ns=1000, every_steps=2, scale=0.5, arrays={"code": np.array([1, -3])})
+    truth = JoinedStream(1, step_ns=1000, arrays={name: np.zeros(4) for name in fields})
+    daq = JoinedStream(
+        1, step_ns=1000, every_steps=2, scale=0.5, arrays={"code": np.array([1, -3])}
+    )
     toml = f"[sensors]\nquantity = '{quantity}'"
     recording = Recording(Path("a.mcap"), scene_toml=toml, truth=truth, daq=daq)
     (found,) = [

@@ -11,7 +11,7 @@ from hertzloop.setup import load
 from hertzloop.studies import validity as study
 
 
-def bodies(radius_m: float, thickness_m: float) -> study.Bodies:
+def bodies(radius_m: float, thickness_m: float) -> study.MapPlace:
     scene = load("aluminium-3mm")
     spec, found = scene.plant, scene.bodies.weaker
     plate = spec.plate.local_plate

@@ -174,13 +174,13 @@ def page_of(recording: Recording) -> str:
 
 
 @dataclass(frozen=True)
-class _Table:
+class _PageTable:
     headings: list[str]
     rows: list[list[str]]
     notes: list[str]
 
 
-def _tables(found: dict[str, Any], free: dict[str, Any] | None, compare: bool) -> list[_Table]:
+def _tables(found: dict[str, Any], free: dict[str, Any] | None, compare: bool) -> list[_PageTable]:
     """Noise figures of the first impact and all impacts as `run` prints them, those without
     control, too; none where a run has no impact."""
     runs = [found] if free is None else [found, free]
@@ -195,12 +195,12 @@ def _tables(found: dict[str, Any], free: dict[str, Any] | None, compare: bool) -
         [errors_of(known_in(each), 0, "noise_errors") for each in digits],
     )  # fmt: skip
     columns = ["figure of the first impact", *names, *(["change"] if compare else [])]
-    tables = [_Table(columns, rows, [])]
+    tables = [_PageTable(columns, rows, [])]
     for name, run, each in zip(names, runs, digits, strict=True):
         why_not = known["why_not"] if run is found else ""
         rows, notes = impact_rows(run["impacts"], each, why_not)
         numbered = [[str(i), *row] for i, row in enumerate(rows, 1)]
-        tables.append(_Table([f"impacts, {name}", *headings(run["impacts"])], numbered, notes))
+        tables.append(_PageTable([f"impacts, {name}", *headings(run["impacts"])], numbered, notes))
     return tables
 
 

@@ -22,7 +22,7 @@ from hertzloop.views.data import run_scene
 
 
 @dataclass(frozen=True)
-class Checked:
+class RepeatedCase:
     """A case that was to run again: whether its bytes are the same, or why it could not be run."""
 
     case: int
@@ -32,7 +32,7 @@ class Checked:
 
 def replay_cases(
     rows: list[dict[str, Any]], header: dict[str, Any], count: int, transport: str, seed: int
-) -> Iterator[Checked]:
+) -> Iterator[RepeatedCase]:
     """Run `count` random cases of a sweep's results again. Raises SceneError if the results hold
     no scene."""
     keys = keys_of(header["design"])
@@ -45,9 +45,9 @@ def replay_cases(
             try:
                 same = _digest(setup, row, keys, transport, Path(folder)) == row["digest"]
             except (RunFailed, BusError, StreamFault, RecordingError, SceneError) as error:
-                yield Checked(row["case"], False, str(error))
+                yield RepeatedCase(row["case"], False, str(error))
             else:
-                yield Checked(row["case"], same)
+                yield RepeatedCase(row["case"], same)
 
 
 def _digest(

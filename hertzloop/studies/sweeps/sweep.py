@@ -37,7 +37,7 @@ _WORKERLESS_S, _LOOK_S = 60.0, 5.0  # that a Dask cluster may be without workers
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SweepResults:
     """How a sweep went: all rows in the order of the cases, how many were run just now, in what
     time, and which lines of an earlier journal were damaged, so that their cases ran again."""
 
@@ -113,7 +113,7 @@ def header_of(setup: Setup, design: Design, span: Span) -> dict[str, Any]:
     }
 
 
-def finished(setup: Setup, design: Design, span: Span, out: Path) -> Outcome | None:
+def finished(setup: Setup, design: Design, span: Span, out: Path) -> SweepResults | None:
     """Return what `out` holds if it has the results of this very sweep, else None."""
     try:
         rows, header = read_results(out)
@@ -122,7 +122,7 @@ def finished(setup: Setup, design: Design, span: Span, out: Path) -> Outcome | N
     if header != json.loads(json.dumps(header_of(setup, design, span))):
         return None
     journal_of(out).unlink(missing_ok=True)
-    return Outcome([{"growth_per_s": None} | row for row in rows], 0, 0.0, [])
+    return SweepResults([{"growth_per_s": None} | row for row in rows], 0, 0.0, [])
 
 
 def sweep(
@@ -135,7 +135,7 @@ def sweep(
     dask: str | None = None,
     on_progress: Callable[[int], None] = lambda finished: None,
     on_wait: Callable[[str], None] = lambda sentence: None,
-) -> Outcome:
+) -> SweepResults:
     """Run all cases that were not finished earlier, and write `out` (.parquet or .csv).
 
     Unfinished, its rows are in `journal_of(out)`. `on_wait` is told when the sweep waits for
@@ -160,7 +160,7 @@ def sweep(
     rows = with_growth(setup, design.keys, rows)
     write_results(out, rows, header)
     journal_of(out).unlink()
-    return Outcome(rows, ran, wall_s, journal.damaged)
+    return SweepResults(rows, ran, wall_s, journal.damaged)
 
 
 def with_growth(setup: Setup, keys: Sequence[str], rows: Rows) -> Rows:
