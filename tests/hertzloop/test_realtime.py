@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 
 def child(text: str, fails: int = 0) -> str:
     """What Python prints on this text, with the profile at hand."""
-    first = "import os, time\nfrom hertzloop.processes.realtime import Profile, Wanted\n"
+    first = "import os, time\nfrom hertzloop.processes.realtime import RealtimeProfile, Wanted\n"
     done = subprocess.run(
         [sys.executable, "-c", first + text], capture_output=True, text=True, cwd=ROOT, timeout=120
     )
@@ -44,11 +44,11 @@ print(kind, os.sched_getparam(0).sched_priority)
 
 
 def test_off_sets_nothing() -> None:
-    assert child(f"p = Profile(Wanted.OFF, 'plant'){SHOW}print(p.line())") == "OTHER 0\noff"
+    assert child(f"p = RealtimeProfile(Wanted.OFF, 'plant'){SHOW}print(p.line())") == "OTHER 0\noff"
 
 
 def test_auto_leaves_a_core_to_others() -> None:
-    text = "os.sched_getaffinity = lambda _: {0, 1}\np = Profile(Wanted.AUTO, 'plant')"
+    text = "os.sched_getaffinity = lambda _: {0, 1}\np = RealtimeProfile(Wanted.AUTO, 'plant')"
     said = child(text + SHOW + "print(p.line())")
     assert said == "OTHER 0\noff, because the loops would take all 2 cores"
 
@@ -76,7 +76,7 @@ os.sched_setscheduler = refuse
 os.geteuid = lambda: 1000
 import resource
 resource.setrlimit(resource.RLIMIT_MEMLOCK, (65536, 65536))
-print(Profile(Wanted.ON, 'plant').line())
+print(RealtimeProfile(Wanted.ON, 'plant').line())
 """
     said = child(text)
     assert "not granted: SCHED_FIFO (allow it with rtprio in" in said
@@ -91,7 +91,7 @@ os.sched_getaffinity = lambda _: {0, 1, 2, 3}
 os.sched_setaffinity = lambda _, cores: taken.append(cores)
 os.sched_setscheduler = lambda *_: None
 for role in ('plant', 'controller', 'recorder'):
-    Profile(Wanted.AUTO, role)
+    RealtimeProfile(Wanted.AUTO, role)
 print(taken)
 """
     assert child(text) == "[[0, 1], [0, 1], [2, 3]]"
@@ -101,7 +101,7 @@ print(taken)
 def test_the_loop_is_in_the_class_and_leaves_it() -> None:
     text = f"""
 import gc
-p = Profile(Wanted.ON, 'plant'){SHOW}
+p = RealtimeProfile(Wanted.ON, 'plant'){SHOW}
 with p.loop(lambda: 0):
     print(gc.isenabled()){SHOW.replace(chr(10), chr(10) + "    ")}
 print(gc.isenabled()){SHOW}
@@ -114,7 +114,7 @@ print(gc.isenabled()){SHOW}
 @pytest.mark.usefixtures("permitted")
 def test_a_loop_that_spins_without_progress_gives_the_class_up() -> None:
     text = """
-p = Profile(Wanted.ON, 'plant')
+p = RealtimeProfile(Wanted.ON, 'plant')
 with p.loop(lambda: 0):
     until = time.monotonic() + 20
     while os.sched_getscheduler(0) == os.SCHED_FIFO and time.monotonic() < until:
@@ -130,7 +130,7 @@ print(os.sched_getscheduler(0) == os.SCHED_OTHER, p.line())
 def test_a_loop_that_is_slow_for_a_while_keeps_the_class() -> None:
     """More than half a second of processor time for a step, twice."""
     text = """
-p, steps = Profile(Wanted.ON, 'plant'), [0]
+p, steps = RealtimeProfile(Wanted.ON, 'plant'), [0]
 with p.loop(lambda: steps[0]):
     for _ in range(2):
         until = time.process_time() + 0.6
