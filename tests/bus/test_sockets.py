@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from hertzloop.bus import sockets
-from hertzloop.bus.sockets import own_endpoints, remove_folder_of, too_long
+from hertzloop.bus.sockets import own_endpoints, own_folder, remove_folder_of, too_long
 from hertzloop.bus.streams import PLANT
 from hertzloop.bus.zenoh_port import ZenohPort
 
@@ -97,6 +97,15 @@ def test_what_a_killed_process_left_goes_with_the_next_run(temporary: Path) -> N
         os.close(handle)
     assert left.name not in kept
     assert {used.name, young.name, "hertzloop-other"} <= kept
+
+
+def test_the_folder_of_a_long_run_outlives_the_start_of_another(temporary: Path) -> None:
+    """Its age says that it may be left over; the lock of its maker says that it is not."""
+    with own_folder() as folder:
+        os.utime(folder, (time.time() - LONG_AGO,) * 2)
+        with own_folder() as other:
+            assert {str(path) for path in temporary.iterdir()} == {folder, other}
+    assert not list(temporary.iterdir())
 
 
 def test_only_an_empty_folder_of_ours_is_removed(temporary: Path) -> None:

@@ -9,13 +9,15 @@ from pathlib import Path
 import pytest
 
 from hertzloop.bus.port import PeerLost
+from hertzloop.bus.presence import Presence
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
 from hertzloop.bus.zenoh_port import ZenohPort
-from hertzloop.processes.roles import BusAddress, run_recorder
+from hertzloop.processes.roles import BusAddress, run_controller, run_plant, run_recorder
 from hertzloop.recordings.reader import read
 from tests.bus.meshes import PATIENCE_S, url
 from tests.bus.tapes import SCENE, controller_says, plant_says
 from tests.ports import free_ports
+from tests.recordings.rewriting import scene
 
 
 @contextmanager
@@ -62,6 +64,27 @@ def test_what_was_announced_and_did_not_come_fails_the_run(tmp_path: Path, strea
     with pytest.raises(PeerLost, match="recorder left the run before its part was complete"):
         recorded(path, said[:last] + said[last + 1 :], controller_says())
     assert f"stream '{stream}' is incomplete" in read(path).result["fault"]
+
+
+def test_plant_and_controller_fail_where_the_recorder_does_not_confirm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All was sent and answered: without the recorder's word nobody knows that it was kept."""
+    monkeypatch.setattr(Presence, "confirm_completion", lambda _: None)
+    urls = [url(port) for port in free_ports(3)]
+    plant, controller, recorder = (
+        BusAddress("unconfirmed", [at], urls[:place], None, PATIENCE_S, PATIENCE_S)
+        for place, at in enumerate(urls)
+    )
+    with ThreadPoolExecutor(3) as roles:
+        others = [
+            roles.submit(run_plant, scene(), plant),
+            roles.submit(run_controller, controller),
+        ]
+        roles.submit(run_recorder, tmp_path / "a.mcap", recorder).result()
+        for role in others:
+            with pytest.raises(PeerLost, match="recorder left the run before its part was compl"):
+                role.result()
 
 
 def test_a_fault_that_comes_before_the_scene(tmp_path: Path) -> None:

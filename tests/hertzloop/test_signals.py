@@ -6,6 +6,8 @@ import subprocess
 import sys
 import time
 
+import pytest
+
 from hertzloop.processes.signals import ending_signals
 
 
@@ -20,6 +22,21 @@ def test_ending_signals_are_counted_in_order() -> None:
                 time.sleep(0.001)
             assert counted == list(range(1, number + 1))
     assert signal.getsignal(signal.SIGTERM) == before
+
+
+@pytest.mark.parametrize("ignored", [signal.SIGHUP, signal.SIGQUIT])
+def test_a_signal_that_is_ignored_stays_so(ignored: signal.Signals) -> None:
+    """As under nohup, or in a script's background: a run goes on where its terminal closes."""
+    counted: list[int] = []
+    before = signal.signal(ignored, signal.SIG_IGN)
+    try:
+        with ending_signals(counted.append):
+            signal.raise_signal(ignored)
+            signal.raise_signal(signal.SIGTERM)
+        assert counted == [1]  # all that came is counted when the context has ended
+        assert signal.getsignal(ignored) == signal.SIG_IGN
+    finally:
+        signal.signal(ignored, before)
 
 
 _INTERRUPTED_IMPORT = """

@@ -190,6 +190,7 @@ def test_a_second_hello(path: Path, scene: str) -> None:
     ("said", "sentence"),
     [
         (SCENE.replace("0.8", "-5.0"), "another scene: 'kappa = -5.0' where .* 'kappa = 0.8'"),
+        (SCENE.replace("0.8", "0.9"), "another scene: 'kappa = 0.9' where .* 'kappa = 0.8'"),
         (SCENE + "\nmore = 1", "another scene: 'more = 1' where the plant announced 'nothing'"),
         (
             SCENE + "\nmore = " + 200 * "1",

@@ -21,7 +21,7 @@ from hertzloop.recordings.reader import read, recover
 from hertzloop.recordings.writer import Recorder, RecordingError, RecordingWriter
 from tests.bus.tapes import plant_says
 from tests.commands import invoke
-from tests.recordings.rewriting import messages, record
+from tests.recordings.rewriting import Sent, messages, record, rewrite
 
 
 @pytest.fixture(scope="module")
@@ -214,6 +214,21 @@ def test_a_message_that_is_missing_is_named(whole: Path, tmp_path: Path, stream:
             writer.write(item.stream, payload, item.number, item.time_ns)
     writer.finish(source.result)
     assert any(words.startswith(f"stream '{stream}'") for words in read(path).problems)
+
+
+def test_a_hello_of_another_scene_that_is_as_long(whole: Path, tmp_path: Path) -> None:
+    source = read(whole)
+    other = source.scene_toml.replace('"steel"', '"glass"')
+    assert other != source.scene_toml
+
+    def change(sent: Sent) -> None:
+        if sent.stream == "hello":
+            sent.header.scene_toml, sent.header.seed = other, sent.header.seed + 1
+
+    path = rewrite(whole, tmp_path / "a.mcap", change)
+    told = read(path).problems
+    assert "the hello has another scene than the file" in told
+    assert any(words.startswith("seed is '") for words in told)
 
 
 def test_bytes_behind_the_end_are_damage(whole: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -222,6 +223,24 @@ class TestWriter:
         writer = RecordingWriter(path)
         writer.scene("# scene", {"steps": "10"})
         for i in range(3):
+            header = TruthBlock(run_id=1, sequence=i, first_step=i, step_ns=1000, xi_m=[0.5])
+            writer.write("truth", header.SerializeToString(), i, 1000 * i)
+            assert read(path).truth.samples == i + 1
+        writer.finish({})
+
+    def test_what_is_older_than_50_ms_is_in_the_file(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """So much and no more is lost with a recorder that is killed."""
+        clock = [0.0]
+        monkeypatch.setattr(
+            hertzloop.recordings.writer, "time", SimpleNamespace(monotonic=lambda: clock[0])
+        )
+        path = tmp_path / "run.mcap"
+        writer = RecordingWriter(path)
+        writer.scene("# scene", {"steps": "10"})
+        for i in range(3):
+            clock[0] += 0.051
             header = TruthBlock(run_id=1, sequence=i, first_step=i, step_ns=1000, xi_m=[0.5])
             writer.write("truth", header.SerializeToString(), i, 1000 * i)
             assert read(path).truth.samples == i + 1
