@@ -139,6 +139,12 @@ class Push:
     apart: float
 
 
+def _added(so_far: float, values: np.ndarray) -> float:
+    """A sum with these values, one after the other: the same bits however the rows are cut into
+    blocks, which the clock decides while a run is recorded."""
+    return float(np.add.accumulate(np.append(so_far, values))[-1])
+
+
 class PushMeter(Meter):
     """When an actuator pushes, against the contacts, over rows of truth that come in blocks."""
 
@@ -156,8 +162,8 @@ class PushMeter(Meter):
             self._touch = first + int(np.argmax(touching))
         if self._push is None and pushed.any():
             self._push = first + int(np.argmax(pushed > 0.0))
-        self._all += float(np.sum(pushed))
-        self._apart += float(np.sum(pushed[~touching]))
+        self._all = _added(self._all, pushed)
+        self._apart = _added(self._apart, pushed[~touching])
 
     def result(self) -> Push | None:
         """What the rows show; None where the actuator never pushes."""

@@ -10,6 +10,7 @@ import pytest
 from hertzloop.analysis import cases
 from hertzloop.analysis.cases import digest_of, figures_of_case
 from hertzloop.analysis.impacts import consistent_impacts
+from hertzloop.analysis.meters import PushMeter
 from hertzloop.loop.compiled import SimulatedRun, simulate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
@@ -39,6 +40,17 @@ def test_feedback_that_never_ends_counts_until_the_next_contact() -> None:
     assert figures.plate_energy_j == pytest.approx(first.plate_energy_j, rel=1e-12)
     change = first.plate_energy_j / free.plate_energy_j
     assert 10.0 ** (0.1 * figures.plate_energy_db) == pytest.approx(change, rel=1e-9)
+
+
+def test_the_share_of_the_push_has_the_same_bits_however_the_rows_are_cut() -> None:
+    scene = load("aluminium-3mm", [*SHORT, "controller.law=velocity_feedback"])
+    rows, found = simulate(scene).rows, set()
+    for size in (1800, 1000, 512, 333, 100, 7):
+        meter = PushMeter(scene)
+        for first in range(0, rows.shape[1], size):
+            meter.feed(first, rows[:, first : first + size])
+        found.add(meter.result())
+    assert len(found) == 1
 
 
 @pytest.mark.parametrize(
