@@ -9,6 +9,7 @@ from typing import Literal, TypeVar
 
 import numpy as np
 
+from hertzloop.analysis.effects import EffectState, Facts, names_by_state
 from hertzloop.analysis.impacts import first_impact, impacts_of_rows
 from hertzloop.analysis.meters import ExtremesMeter, Stability, StabilityMeter
 from hertzloop.analysis.spans import (
@@ -18,7 +19,6 @@ from hertzloop.analysis.spans import (
     changes_db,
     of_impact,
 )
-from hertzloop.analysis.validity import EffectState, Facts, names_by_state
 from hertzloop.controller.law import ACTING
 from hertzloop.loop.compiled import LawStopped, SimulatedRun, quiet_steps, simulate
 from hertzloop.plant.figures.impacts import Impact
@@ -76,7 +76,7 @@ class CaseFigures:
         energy_residual: missing part of the energy balance, relative.
         plate_model: "modal" or "infinite". With this value of run.plate_model, `hertzloop run`
             gives the same figures.
-        leaves_out: names of indicators above their threshold (`hertzloop.analysis.validity`).
+        leaves_out: names of indicators above their threshold (`hertzloop.analysis.effects`).
         out_of_range: names of indicators beyond the range of the model.
         steps: number of simulated steps.
         digest: digest of all samples and states of these steps.
@@ -276,7 +276,7 @@ def _left_out(setup: Setup, rows: np.ndarray, impacts: list[Impact]) -> dict[Eff
     spec = setup.plant
     meter = ExtremesMeter(spec)
     meter.feed(0, rows)
-    return names_by_state(Facts(setup, spec, meter.result(impacts), rows.shape[1] * setup.step_s))
+    return names_by_state(Facts(setup, meter.result(impacts), rows.shape[1] * setup.step_s))
 
 
 def _figures(setup: Setup, span: Span, rows: np.ndarray) -> tuple[SpanFigures, list[Impact], int]:

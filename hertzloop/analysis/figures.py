@@ -7,6 +7,7 @@ from threading import Event
 
 import numpy as np
 
+from hertzloop.analysis.effects import Neglected, neglected
 from hertzloop.analysis.impacts import Block, impacts_of_blocks
 from hertzloop.analysis.meters import (
     Demand,
@@ -18,7 +19,6 @@ from hertzloop.analysis.meters import (
     StabilityMeter,
 )
 from hertzloop.analysis.spans import SpanFigures, WholeRunMeter, of_impact
-from hertzloop.analysis.validity import Neglected, neglected
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES

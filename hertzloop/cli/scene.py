@@ -127,7 +127,7 @@ def check(
     check_json(json_file)
     compile_first(resolved)
 
-    from hertzloop.analysis.validity import EffectState, neglected_of_scene
+    from hertzloop.analysis.effects import EffectState, neglected_of_scene
     from hertzloop.views.effects import effects_as_json, not_evaluated, show_neglected, table_of
 
     try:

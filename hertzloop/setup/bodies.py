@@ -1,10 +1,8 @@
 """First stage: the sphere, the structure, their contact and the actuator."""
 
-import sys
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.hertz import (
@@ -29,26 +27,6 @@ from hertzloop.scenes.tables import ActuatorTable, ContactTable, PlateTable, Sph
 
 KEPT = 16  # results of a stage; a structure's modes can be large
 
-if TYPE_CHECKING or sys.version_info >= (3, 12):
-    from functools import cached_property as cached_property
-else:
-
-    class cached_property:
-        """Keep a property, as `functools.cached_property` does from Python 3.12 on. Python 3.11
-        takes a lock for it, which costs a case of a sweep a twentieth of its time."""
-
-        def __init__(self, function: Callable[[Any], Any]) -> None:
-            self.function, self.__doc__ = function, function.__doc__
-
-        def __set_name__(self, owner: type, name: str) -> None:
-            self.name = name
-
-        def __get__(self, instance: Any, owner: type | None = None) -> Any:
-            if instance is None:
-                return self
-            found = instance.__dict__[self.name] = self.function(instance)
-            return found
-
 
 @dataclass(frozen=True)
 class Bodies:
@@ -68,13 +46,14 @@ class Bodies:
     weaker: tuple[str, Strength] | None
     theory: str
 
-    def __hash__(self) -> int:
-        """Kept: later stages are looked up by it again and again."""
-        return self._hash
+    def __post_init__(self) -> None:
+        """Keep the hash: later stages are looked up by it again and again."""
+        parts = tuple(getattr(self, part.name) for part in fields(self))
+        object.__setattr__(self, "_hash", hash(parts))
 
-    @cached_property
-    def _hash(self) -> int:
-        return hash(tuple(getattr(self, part.name) for part in fields(self)))
+    def __hash__(self) -> int:
+        kept: int = self.__dict__["_hash"]
+        return kept
 
     @property
     def same_point(self) -> bool:

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from hertzloop.analysis.recorded import SHARES, Pacing, Responses
+from hertzloop.analysis.words import time_words
 from hertzloop.recordings.reader import Recording
 from hertzloop.setup import Setup, parse
 from hertzloop.studies import pictures, words
 from hertzloop.studies.pictures import look, save, sheet
-from hertzloop.views.format import time_words
 
 _AROUND_STEPS = 100  # shown before and after the first difference
 

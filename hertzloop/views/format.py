@@ -84,21 +84,3 @@ def about(value: float, digits: int = 2, sign: str = "") -> str:
     rounded = float(f"{value:.{digits}g}")
     plain = abs(rounded) < 10.0**_PLAIN
     return f"about {rounded:{sign},.0f}" if plain else f"about {rounded:{sign}.{digits}g}"
-
-
-def percent(share: float) -> str:
-    """A share with the two digits that an estimate has."""
-    return f"{100.0 * share:.2g} %"
-
-
-def pressure(pascal: float) -> str:
-    """A pressure in words."""
-    return f"{pascal * 1e-9:.3g} GPa" if pascal >= 1e8 else f"{pascal * 1e-6:.3g} MPa"
-
-
-def time_words(us: float) -> str:
-    """A time to two digits."""
-    for unit, length in (("s", 1e6), ("ms", 1e3)):
-        if us >= length:
-            return f"{float(f'{us / length:.2g}'):g} {unit}"
-    return f"{float(f'{us:.2g}'):g} us"

@@ -5,8 +5,9 @@ from hertzloop.analysis.meters import Stability
 from hertzloop.analysis.recorded import IN_TIME, LawRan, PacedClock, Pacing
 from hertzloop.analysis.trust import LawAccuracy, Moved, NotAgain, Obstacle
 from hertzloop.analysis.verdict import Change, Control, ControlEffect, Over, Reasons, Verdict
+from hertzloop.analysis.words import percent, time_words
 from hertzloop.controller.loading.registry import shipped
-from hertzloop.views.format import known_digits, percent, time_words
+from hertzloop.views.format import known_digits
 
 # Decibels have one digit: the second depends on where in a sample the contact begins.
 UNSTABLE = "UNSTABLE:"  # the first words of a verdict on an unstable loop

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from hertzloop.analysis.cases import figures_of_case
-from hertzloop.analysis.validity import ROWS, neglected_of_scene
+from hertzloop.analysis.effects import ROWS, neglected_of_scene
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from hertzloop.views.effects import effects_as_json
@@ -190,5 +190,5 @@ def test_a_case_names_what_it_leaves_out() -> None:
     case = figures_of_case(load("aluminium-3mm"))
     assert case.out_of_range == "yield"
     assert "plate theory (energy)" in case.leaves_out.split(", ")
-    names = [row.effect for row in ROWS]
+    names = [row.name for row in ROWS]
     assert len(set(names)) == len(names)

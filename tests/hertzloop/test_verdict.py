@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.analysis.effects import Neglected
 from hertzloop.analysis.figures import Figures, Ran, Saturation
 from hertzloop.analysis.meters import Push, Stability
 from hertzloop.analysis.trust import ImpactErrors, NotAgain, Obstacle, Predictability
-from hertzloop.analysis.validity import Neglected
 from hertzloop.analysis.verdict import saturation_of, verdict
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
