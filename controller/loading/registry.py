@@ -24,8 +24,14 @@ from hertzloop.controller.loading.law import Law, LawError, check_home, said_of
 _ENDINGS = (".py", ".so", ".dylib", ".fmu", ".c")
 _SOURCE = (".c", ".cc", ".cpp", ".cxx")
 ENTRY_POINTS = "hertzloop.laws"
+NO_CONTROL = "off"  # the law that stands for none
 _FILE = re.compile(r"(?P<file>.+\.(?:py|so|dylib|fmu))(?::(?P<name>\w+))?", re.DOTALL)
 _MODULE = re.compile(r"(?P<module>\w+(?:\.\w+)+|\w+(?=:))(?::(?P<name>\w+))?")
+
+
+def controls(name: str) -> bool:
+    """Whether a law of this name controls: every one but that which stands for none."""
+    return name != NO_CONTROL
 
 
 @cache

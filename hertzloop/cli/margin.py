@@ -17,6 +17,7 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.terminal import fail, out
 from hertzloop.extras import need
+from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT
 
@@ -58,7 +59,7 @@ def margin(
     contact = facts = None
     try:
         found = margin_of(setup)
-        if not found.applicable and setup.has_law and setup.scheme == "modal":
+        if not found.applicable and setup.has_law and SCHEMES[setup.scheme].has_linear_model:
             analysed = contact_margin(setup)
             if isinstance(analysed, str):
                 facts = impact_facts(setup)

@@ -124,8 +124,6 @@ def run(
     from hertzloop.processes.launcher import RunFailed, RunOptions, Transport, what_is_kept
     from hertzloop.processes.observer import observer_beside
     from hertzloop.recordings.writer import RecordingError
-    from hertzloop.studies.margin.margin import growth_of
-    from hertzloop.studies.margin.shown import unstable_line
     from hertzloop.views import run as report
     from hertzloop.views.data import run_scene
 
@@ -164,10 +162,14 @@ def run(
     except (RunFailed, BusError, StreamFault, RecordingError) as error:
         fail(str(error), 1)
     growth = warning = None
-    try:
-        growth = growth_of(resolved)
-    except Exception as error:  # whatever it is, the run has ended well
-        warning = styled(("Linear loop:", "bold red"), f" not analysed ({error!r}).")
+    if resolved.has_law and not resolved.law.not_linear:  # the margin takes 0.06 s to import
+        from hertzloop.studies.margin.margin import growth_of
+        from hertzloop.studies.margin.shown import unstable_line
+
+        try:
+            growth = growth_of(resolved)
+        except Exception as error:  # whatever it is, the run has ended well
+            warning = styled(("Linear loop:", "bold red"), f" not analysed ({error!r}).")
     data["linear_loop"] = None if growth is None else asdict(growth)
     if growth is not None and growth.unstable_poles != 0:
         undecided = growth.unstable_poles is None

@@ -8,7 +8,7 @@ from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, model_v
 from pydantic.fields import FieldInfo
 
 from hertzloop.controller.loading.law import Law, LawError
-from hertzloop.controller.loading.registry import find, shipped, shipped_keys
+from hertzloop.controller.loading.registry import NO_CONTROL, find, shipped, shipped_keys
 from hertzloop.scenes.errors import refused, shown, unknown_key
 from hertzloop.scenes.materials import SceneTable
 
@@ -79,7 +79,7 @@ class ControllerTable(SceneTable):
     def switched_off(self) -> "ControllerTable":
         """The same line without control."""
         line = {name: getattr(self, name) for name in ControllerTable.model_fields}
-        return ControllerTable.model_construct(**{**line, "law": "off", "law_digest": None})
+        return ControllerTable.model_construct(**{**line, "law": NO_CONTROL, "law_digest": None})
 
     @model_validator(mode="after")
     def _keys_of_laws(self, info: ValidationInfo) -> "ControllerTable":

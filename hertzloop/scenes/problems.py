@@ -4,8 +4,9 @@ import math
 from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
+from hertzloop.controller.loading.registry import controls
 from hertzloop.plant.contact.hertz import GRAVITY_M_S2
-from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.schemes.registry import SCHEMES, supporting
 from hertzloop.scenes.changed_tables import unread
 from hertzloop.scenes.errors import shortened
 from hertzloop.scenes.materials import MaterialTable, material_called
@@ -137,7 +138,7 @@ def _line_problems(
                 f"of {run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})."
             )
     late = control.latency_us > 0.0 and in_steps(control.latency_us) + 1 >= steps
-    if control.law != "off" and late:
+    if controls(control.law) and late:
         found.append(
             f"controller.latency_us = {control.latency_us:g}: is as long as the run, so no force "
             f"acts. Reduce it or increase run.duration_s (now {run.duration_s:g})."
@@ -173,7 +174,7 @@ def _phase_problems(scene: _Uncontrolled) -> list[str]:
     if not SCHEMES[run.scheme].supports_touch_phase:
         return [
             f"{phase}: not supported by run.scheme = '{run.scheme}'. Remove the key, or use the "
-            f"scheme {_supporting('supports_touch_phase')}."
+            f"scheme {supporting('supports_touch_phase')}."
         ]
     if not run.step_s <= run.lead_in_s < fall_s - run.step_s:
         return [
@@ -227,7 +228,7 @@ def _beyond_simply_supported(scene: _Uncontrolled) -> list[str]:
     if not SCHEMES[scene.run.scheme].supports_edges:
         found.append(
             f"{words}: run.scheme = '{scene.run.scheme}' supports a simply supported plate only. "
-            f"Remove {key}, or use the scheme {_supporting('supports_edges')}."
+            f"Remove {key}, or use the scheme {supporting('supports_edges')}."
         )
     if scene.run.plate_model == "infinite" and plate.modes is not None:
         found.append(
@@ -271,18 +272,12 @@ def _plate_in_words(scene: _Uncontrolled) -> str:
     return f"plate.material = '{shortened(name)}'" if name else "the plate's material"
 
 
-def _supporting(capability: str) -> str:
-    """Names of the schemes that support something, quoted."""
-    names = [f"'{name}'" for name, row in SCHEMES.items() if getattr(row, capability)]
-    return " or ".join(names)
-
-
 def _needs(capability: str, scheme: str, plate_model: str, key: str) -> list[str]:
     """The sentence on a key that needs a capability of the scheme, and modes."""
     if not getattr(SCHEMES[scheme], capability):
         return [
             f"{key}: not supported by run.scheme = '{scheme}'. Remove the key, or use the scheme "
-            f"{_supporting(capability)}."
+            f"{supporting(capability)}."
         ]
     if plate_model == "infinite":
         return [
@@ -376,7 +371,7 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
         if not scheme.supports_infinite_plate:
             found.append(
                 f"run.plate_model = 'infinite': not supported by run.scheme = '{run.scheme}'. Use "
-                f"the scheme {_supporting('supports_infinite_plate')}, or plate_model 'auto'."
+                f"the scheme {supporting('supports_infinite_plate')}, or plate_model 'auto'."
             )
         if apart:
             found.append(
@@ -394,7 +389,7 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
         found.append(
             f"plate.actuator_point_m = {list(point or ())} is not supported by run.scheme = "
             f"'{run.scheme}'. Remove the key, or use the scheme "
-            f"{_supporting('supports_separate_actuator')}."
+            f"{supporting('supports_separate_actuator')}."
         )
     if scheme.most_steps is not None and run.steps > scheme.most_steps:
         found.append(

@@ -12,7 +12,7 @@ from hertzloop.controller.controller import Controller, LineSpec
 from hertzloop.controller.law import About, Keys, Reach
 from hertzloop.controller.loading.bound import BoundLaw
 from hertzloop.controller.loading.law import Law, LawError
-from hertzloop.controller.loading.registry import find
+from hertzloop.controller.loading.registry import NO_CONTROL, find
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import (
     rigid_contact_time_s,
@@ -254,7 +254,7 @@ def _needs_impedance(law: Law, keys: Any, about: About) -> bool:
 def idle() -> Controller:
     """A controller without a law, whose kernels are loaded, or compiled, once it is there: before
     anybody waits for an answer."""
-    found = Controller(find("off").bind(Keys(), About()), LineSpec(), 1e-6, 1, 1, 0)
+    found = Controller(find(NO_CONTROL).bind(Keys(), About()), LineSpec(), 1e-6, 1, 1, 0)
     found.process(np.empty(0))
     return found
 

@@ -18,6 +18,7 @@ from hertzloop.controller.controller import Controller, LineSpec
 from hertzloop.controller.law import About, Reach
 from hertzloop.controller.loading.bound import BoundLaw
 from hertzloop.controller.loading.law import Law, LawError
+from hertzloop.controller.loading.registry import NO_CONTROL, controls
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.actuator import Actuator, rest_force_n
@@ -54,7 +55,7 @@ PHASE_STREAM = 4  # random stream of the touch phase; sensor and controller have
 _FIRST_STEPS = 1 << 10
 _MOST_STEPS, _MOST_PUBLISHED = 1 << 20, 1 << 14
 _KEPT_TABLES = 64
-_PLAIN_SENSORS, _NO_CONTROL = SensorsTable(quantity="xi"), ControllerTable(law="off")
+_PLAIN_SENSORS, _NO_CONTROL = SensorsTable(quantity="xi"), ControllerTable(law=NO_CONTROL)
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -447,7 +448,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         every_steps=sensors.every_steps,
         size_m=scene.plate.size_m,
         law_reference=control.law,
-        has_law=control.law != "off",
+        has_law=controls(control.law),
         law_is_shipped=control.law in shipped_laws(),
         touch_phase=_touch_phase(run),
         bodies=bodies,

@@ -3,6 +3,7 @@
 from typing import Any
 
 from hertzloop.analysis.recorded import law_of
+from hertzloop.controller.loading.registry import controls
 from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.keys import unit_of
@@ -65,7 +66,7 @@ def control(setup: Setup, law: str | None = None) -> str:
     really ran, where that is known."""
     table = setup.scene.controller
     name = law or table.law
-    if name == "off":
+    if not controls(name):
         return "no control"
     pieces = [name]
     for key, value in table.model_dump(exclude_none=True).items():

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from hertzloop.analysis.spans import change_db
 from hertzloop.analysis.trust import errors_of
+from hertzloop.controller.loading.registry import controls
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.views.data import known_in, law_in, pacing_in
 from hertzloop.views.effects import brief_warnings, show_neglected
@@ -421,7 +422,7 @@ def figures_table(report: dict[str, Any], other: dict[str, Any] | None = None) -
     """
     known = report["predictability"] or {"controlled": None, "uncontrolled": None}
     compare = other is not None and not report["stability"]["unstable"]
-    controlled = report["scene_law"] != "off"
+    controlled = controls(report["scene_law"])
     cases = [(report, known["controlled"]), *([(other, known["uncontrolled"])] if other else [])]
     table = Table(title="Figures of the first impact")
     table.add_column("figure")
@@ -497,7 +498,7 @@ def print_run(
         details: Whether to print all tables as well.
         warning: One more warning, on what is not in the recording.
     """
-    controlled = report["scene_law"] != "off"
+    controlled = controls(report["scene_law"])
     if not report["verdict"]:
         what = "The run has control." if controlled else "The run has no control."
         console.print(styled((what, "bold")))
@@ -545,7 +546,7 @@ def _show_run_lines(console: Console, report: dict[str, Any]) -> None:
 
 def _print_details(console: Console, report: dict[str, Any]) -> None:
     """Print all impacts, noise figures, properties of the run and neglected effects."""
-    controlled, unstable = report["scene_law"] != "off", report["stability"]["unstable"]
+    controlled, unstable = controls(report["scene_law"]), report["stability"]["unstable"]
     noise, free = report["noise"], report["uncontrolled"]
     known = report["predictability"]
     own, other = known["controlled"], known["uncontrolled"]

@@ -29,6 +29,7 @@ class Scheme:
     records_slope: bool = False  # the contact force changes within a step: truth has its slope
     converges: bool = True  # to the exact motion as steps become shorter
     conserves: bool = True  # energy and momentum, which the figures of impacts rest on
+    has_linear_model: bool = False  # of its modes under forces that are held: the margin's
     note: str = ""  # what a reader of results has to know of it
 
     # How its plant is made.
@@ -85,6 +86,7 @@ SCHEMES = {
     "modal": Scheme(
         f"{_AT}.collocation:CollocationPlant", f"{_AT}.collocation_kernels:CollocationModel",
         infinite_plate=f"{_AT}.infinite:InfinitePlant", records_slope=True,
+        has_linear_model=True,
         supports_tail=True, supports_solid=True, supports_yield=True, supports_radiation=True,
         supports_actuator_dynamics=True, supports_mode_losses=True,
     ),
@@ -100,6 +102,12 @@ SCHEMES = {
         supports_separate_actuator=False, supports_touch_phase=False,
     ),
 }  # fmt: skip
+
+
+def supporting(capability: str) -> str:
+    """Names of the schemes that have a field of `Scheme`, quoted."""
+    names = [f"'{name}'" for name, row in SCHEMES.items() if getattr(row, capability)]
+    return " or ".join(names)
 
 
 _MODELS = {row.model_class: row.kernels for row in SCHEMES.values()}

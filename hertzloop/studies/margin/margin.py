@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.plant.schemes.registry import SCHEMES, supporting
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup.setup import Setup, resolve
 from hertzloop.studies.margin.identify import INSIDE, LawFilter, NotLinearError, law_filter
@@ -148,8 +149,11 @@ def why_no_loop(setup: Setup) -> str:
     it may have one."""
     if not setup.has_law:
         return "the scene has no law, so there is no loop"
-    if setup.scheme != "modal":
-        return f"run.scheme = '{setup.scheme}' has no linear model; use 'modal'"
+    if not SCHEMES[setup.scheme].has_linear_model:
+        return (
+            f"run.scheme = '{setup.scheme}' has no linear model; use "
+            f"{supporting('has_linear_model')}"
+        )
     if setup.quantity == "contact_force":
         return "the contact force is zero in flight, so the loop is closed in contact only"
     return ""
