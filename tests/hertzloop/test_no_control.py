@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 from pathlib import Path
 
 import pytest
@@ -77,18 +76,16 @@ def test_an_error_that_nobody_knows_is_no_damage(whole: Path, tmp_path: Path) ->
 
 @pytest.mark.full
 @pytest.mark.parametrize("transport", ["compiled", "zenoh"])
-def test_a_run_whose_energy_no_number_holds(tmp_path: Path, transport: str) -> None:
-    """Every row is a number; the energy, a sum of their squares, is none."""
+def test_a_run_that_explodes_is_unstable(tmp_path: Path, transport: str) -> None:
+    """The actuator's force ends at a bound, so that the energy stays a number."""
     path = tmp_path / "a.mcap"
     keys = ["run.accuracy=0.1", "run.duration_s=0.0014", "sensors.quantity=auto",
             "controller.law=velocity_feedback", "controller.kappa=10"]  # fmt: skip
     words = [word for key in keys for word in ("--set", key)]
     done = hertzloop("run", "aluminium-3mm", *words, "--transport", transport, "--out", str(path))
-    said = re.search(r"stream 'books' sequence 0 holds \w+ = (nan|inf)", done.stderr)
-    assert (done.returncode, bool(said)) == (1, True), done.stderr
-    assert "Traceback" not in done.stderr
-    assert "Impacts" not in done.stdout
+    assert done.returncode == 0, done.stderr
     inspected = hertzloop("inspect", str(path))
-    assert inspected.returncode == 1
-    assert said is not None
-    assert said[0] in " ".join(inspected.stdout.split())
+    assert inspected.returncode == 0
+    for said in (done.stdout, inspected.stdout):
+        assert "UNSTABLE: the actuator supplies 3.04e+21 times the impact energy." in said
+    assert "Complete" in inspected.stdout
