@@ -1,11 +1,13 @@
 """A recording that was cut off becomes a whole file again, as far as it goes."""
 
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+import hertzloop.recordings.writer
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read, recover
@@ -16,8 +18,11 @@ from hertzloop.setup import load
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("whole") / "a.mcap"
-    # Long enough for several chunks, since a chunk is what a cut loses.
-    record_in_process(load("aluminium-3mm", ["run.duration_s=0.12"]), path, compiled=True)
+    with pytest.MonkeyPatch.context() as patch:
+        # Chunks end where they are full, not where a busy machine pauses: a byte is always in the
+        # same one. Long enough for several, since a chunk is what a cut loses.
+        patch.setattr(hertzloop.recordings.writer, "_FLUSH_EVERY_S", math.inf)
+        record_in_process(load("aluminium-3mm", ["run.duration_s=0.12"]), path, compiled=True)
     return path
 
 
