@@ -2,7 +2,8 @@
 
 `intact` reads a file with the mcap library and stops at the first thing that is not as it should
 be. `Walk` reads past damage: it goes on at the next record that can be one. Neither believes a
-length, a size to unpack to, or a content without its checksum.
+length, a size to unpack to, or a content without its checksum. A program other than hertzloop may
+have left checksums out, as MCAP allows: `Walk.unchecked` then says where.
 """
 
 import os
@@ -11,6 +12,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from io import BytesIO
 from typing import IO, NamedTuple, cast
 
@@ -19,8 +21,10 @@ import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, Footer, Message
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
+
+from hertzloop.recordings.writer import LIBRARY
 
 MAGIC = b"\x89MCAP0\r\n"
 RECORD_BYTES = 64 << 20  # at most, of a record, and of a chunk when unpacked
@@ -64,7 +68,7 @@ class Walk:
     """A walk over a file of `size` bytes; `damage` lists in sentences what was passed over.
 
     `late_channels` are those that the summary repeats, `not_so` where what seemed a record is
-    none.
+    none, `unchecked` where a record is whose checksum was left out.
     """
 
     handle: int
@@ -72,11 +76,28 @@ class Walk:
     damage: list[str] = field(default_factory=list)
     late_channels: dict[int, str] = field(default_factory=dict)
     not_so: set[int] = field(default_factory=set)
+    unchecked: set[int] = field(default_factory=set)
     checked: int = 0  # bytes, packed and unpacked
 
     def read(self, at: int, length: int) -> bytes:
         """Bytes of the file, fewer at its end."""
         return os.pread(self.handle, length, at)
+
+    @cached_property
+    def is_ours(self) -> bool:
+        """Whether the header names hertzloop, which leaves no checksum out, or cannot be read."""
+        try:
+            opcode, length = self.head(len(MAGIC))
+            header = Header.read(ReadDataStream(BytesIO(self.read(len(MAGIC) + 9, length))))
+        except Exception:  # whatever the library makes of bytes that mean nothing
+            return True
+        return opcode != Opcode.HEADER or header.library == LIBRARY
+
+    def left_out(self, at: int) -> None:
+        """Note that the record at a byte has no checksum. Raises Damaged where it must have one."""
+        if self.is_ours:
+            raise Damaged("a checksum is missing")
+        self.unchecked.add(at)
 
     def records(self) -> Iterator[McapRecord]:
         """All records that can be read; a chunk's content is checked and unpacked.
@@ -86,7 +107,7 @@ class Walk:
         """
         sure: list[tuple[int, int]] = []
         for record in self._one_after_another():
-            if _is_checked(record):
+            if self._is_checked(record):
                 sure.append((record.at, record.at + 9 + record.length))
             yield record
         if self.damage:
@@ -133,7 +154,7 @@ class Walk:
                 if at + 9 + length > end:
                     continue
                 record = McapRecord(opcode, at, length, self.content(opcode, at, length))
-                if _is_checked(record):
+                if self._is_checked(record):
                     yield record
                     reached = at + 9 + length
 
@@ -178,12 +199,21 @@ class Walk:
             return b""
         if opcode == Opcode.ATTACHMENT:
             [checksum] = struct.unpack("<I", content[-4:])
-            if checksum and checksum != zlib.crc32(content[:-4]):
+            if not checksum:
+                self.left_out(at)
+            elif checksum != zlib.crc32(content[:-4]):
                 raise Damaged("the checksum of an attachment does not fit")
         if opcode == Opcode.CHUNK:
-            self.count(_chunk_head(content, length)[1])
+            _, size, checksum, _ = _chunk_head(content, length)
+            self.count(size)
+            if not checksum:
+                self.left_out(at)
             content = unpacked(content)
         return content
+
+    def _is_checked(self, record: McapRecord) -> bool:
+        """Whether a record that could be read had a checksum."""
+        return record.opcode in _CHECKED and record.at not in self.unchecked
 
     def count(self, size: int) -> None:
         """Count bytes that are to be checked, wherever something seems to begin; raises Damaged
@@ -197,8 +227,13 @@ class Walk:
         checksum = 0
         for first in range(0, at, _WINDOW):
             checksum = zlib.crc32(self.read(first, min(_WINDOW, at - first)), checksum)
-        if whole and struct.unpack("<I", content)[0] != checksum:
+        [told] = struct.unpack("<I", content)
+        if not (told or self.is_ours):
+            self.unchecked.add(at)
+        elif whole and told != checksum:
             self.damage.append("the checksum over all data does not fit, or is missing")
+        elif whole:
+            self.unchecked.clear()  # it covers them
 
     def check_rest(self, start: int) -> None:
         """Check that what follows the data is summary, footer, magic, and nothing else."""
@@ -216,7 +251,8 @@ class Walk:
             self._passed_over(start, self.size, "the footer is not the end of the file")
             return
         footer = Footer.read(ReadDataStream(BytesIO(rest[end - start + 9 :])))
-        if footer.summary_crc != zlib.crc32(rest[:-12]):
+        told = footer.summary_crc
+        if told != zlib.crc32(rest[:-12]) and (told or self.is_ours):
             self._passed_over(start, self.size, "the checksum of the summary does not fit")
 
     def _follows(self, at: int) -> bool:
@@ -266,21 +302,17 @@ class _File:
         return found
 
 
-def intact(handle: int, size: int) -> Iterator[McapRecord]:
-    """The records of an intact file, by the reader of the mcap library.
+def intact(walk: Walk) -> Iterator[McapRecord]:
+    """The records of an intact file, not walked yet, by the reader of the mcap library.
 
     The library checks the checksums of chunks and of all data. Sizes, the lengths inside records,
     the checksums of attachments and of the summary are checked here, since it does not.
-
-    Args:
-        handle: the open file.
-        size: its length, bytes.
 
     Raises:
         Damaged: the file is not intact, or has something that the library reads without a limit
             (lz4). A `Walk` tells what.
     """
-    file, walk = _File(handle), Walk(handle, size)
+    file = _File(walk.handle)
     reader = StreamReader(
         cast(IO[bytes], file), emit_chunks=True, validate_crcs=True, record_size_limit=RECORD_BYTES
     )
@@ -298,10 +330,16 @@ def intact(handle: int, size: int) -> Iterator[McapRecord]:
             raise Damaged("a record does not end where it says")
         if isinstance(record, DataEnd):
             walk.check_rest(file.at)
-            if not record.data_section_crc or walk.damage:
-                raise Damaged("a checksum is missing or does not fit")
+            if record.data_section_crc:
+                walk.unchecked.clear()  # it covers them
+            else:
+                walk.left_out(at)
+            if walk.damage:
+                raise Damaged(walk.damage[0])
             return
         if isinstance(record, Chunk):
+            if not record.uncompressed_crc:
+                walk.left_out(at)
             walk.count(length + record.uncompressed_size)
             content = _chunk_data(record)
         else:
@@ -313,8 +351,8 @@ def intact(handle: int, size: int) -> Iterator[McapRecord]:
 def _chunk_data(chunk: Chunk) -> bytes:
     """The records in a chunk, unpacked by the mcap library."""
     size = chunk.uncompressed_size
-    if size > RECORD_BYTES or chunk.compression not in ("", "zstd") or not chunk.uncompressed_crc:
-        raise Damaged("a chunk is too large, has no checksum, or is packed without a limit")
+    if size > RECORD_BYTES or chunk.compression not in ("", "zstd"):
+        raise Damaged("a chunk is too large, or is packed without a limit")
     try:
         # The library would make room for whatever size the packed data announce.
         if chunk.compression and zstandard.frame_content_size(chunk.data) not in (-1, size):
@@ -328,13 +366,6 @@ def _chunk_data(chunk: Chunk) -> bytes:
     if length != size:
         raise Damaged(f"a chunk does not unpack to the {size} bytes it announces")
     return data
-
-
-def _is_checked(record: McapRecord) -> bool:
-    """Whether a record that could be read had a checksum."""
-    return record.opcode == Opcode.CHUNK or (
-        record.opcode == Opcode.ATTACHMENT and any(record.content[-4:])
-    )
 
 
 def _adds_up(opcode: int, content: bytes) -> bool:
@@ -364,7 +395,8 @@ def _chunk_head(content: bytes, length: int) -> tuple[str, int, int, int]:
 
 
 def unpacked(content: bytes) -> bytes:
-    """The records in a chunk. Raises Damaged if they are too many or not what was written."""
+    """The records in a chunk. Raises Damaged if they are too many or not what was written, as far
+    as a checksum tells."""
     name, size, checksum, at = _chunk_head(content, len(content))
     packed = content[at:]
     try:
@@ -380,7 +412,7 @@ def unpacked(content: bytes) -> bytes:
         raise Damaged(f"a chunk cannot be unpacked ({error})") from error
     if len(data) != size:
         raise Damaged(f"a chunk does not unpack to the {size} bytes it announces")
-    if checksum != zlib.crc32(data):
+    if checksum and checksum != zlib.crc32(data):
         raise Damaged("the checksum of a chunk does not fit")
     return data
 

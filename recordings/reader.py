@@ -33,6 +33,7 @@ class Recording:
     """What a file holds. `problems` lists gaps and damage in sentences; empty when whole.
 
     `others`: how many messages are of topics that are none of ours, and were passed over.
+    `unchecked`: how many parts of the file no checksum covers, since another program wrote it.
     `law_ran`: name and digest of the law that the controller said it ran, empty where it did not
     say; `law_source`: text of the one that the plant announced.
     """
@@ -51,6 +52,7 @@ class Recording:
     problems: list[str] = field(default_factory=list)
     law_source: str = ""
     others: int = 0
+    unchecked: int = 0
 
     @property
     def other_version(self) -> str:
@@ -133,12 +135,12 @@ class Source:
         `keep`. The mcap library reads an intact file; past damage we walk."""
         intake, walk = Intake(keep=keep), self.walk()
         try:
-            self._drain(intake, intact(self._handle, self.size))
+            self._drain(intake, intact(walk))
             if not intake.unknown_channels and not intake.out_of_place:
                 return intake, walk
         except Damaged:
             pass
-        intake = Intake(keep=keep)
+        intake, walk = Intake(keep=keep), self.walk()
         self._drain(intake, walk.records())
         if intake.unknown_channels:
             # The record that names them is lost, or comes later. The summary repeats it; without
@@ -164,7 +166,7 @@ class Source:
 
     def names_a_scene(self) -> bool:
         """Whether there is a scene, or a hello, which has one."""
-        for records in (intact(self._handle, self.size), self.walk().records()):
+        for records in (intact(self.walk()), self.walk().records()):
             intake = Intake()
             with suppress(Damaged):
                 for _ in self.messages(intake, records):
@@ -223,6 +225,7 @@ def read(path: Path, keep: bool = False) -> Recording:
         pacing=intake.pacing,
         ends=intake.ends,
         others=intake.others,
+        unchecked=len(walk.unchecked),
     )
     for name in SAMPLED:
         again: Callable[[], Iterator[Arrays]] = partial(source.again, name, intake.run_id)
@@ -251,10 +254,12 @@ def holds_a_run(path: Path) -> bool:
 
 
 class Recovered(NamedTuple):
-    """How many messages were copied, and how many of topics that are none of ours were not."""
+    """How many messages were copied, how many of topics that are none of ours were not, and how
+    many parts of the old file no checksum covers."""
 
     messages: int
     others: int
+    unchecked: int
 
 
 def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
@@ -286,4 +291,4 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
         writer.write(taken.stream, message.data, message.sequence, message.log_time)
         copied += 1
     writer.finish({"complete": "no" if fault else "yes", "fault": fault})
-    return Recovered(copied, old.others)
+    return Recovered(copied, old.others, old.unchecked)

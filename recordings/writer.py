@@ -27,6 +27,7 @@ from hertzloop.bus.streams import (
 SCENE_ATTACHMENT = "scene.toml"
 LAW_ATTACHMENT = "law"
 RUN_METADATA, RESULT_METADATA = "run", "result"
+LIBRARY = "hertzloop"  # in the header of what this writes
 TOPICS = tuple(dict.fromkeys(stream.topic for stream in STREAMS.values()))
 _CHUNK_BYTES = 1 << 20
 _FLUSH_EVERY_S = 0.05
@@ -60,7 +61,7 @@ class RecordingWriter:
             self._writer = Writer(
                 self._file, _CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True
             )
-            self._writer.start(profile="hertzloop", library="hertzloop")
+            self._writer.start(profile="hertzloop", library=LIBRARY)
         return self._writer
 
     def scene(self, text: str, metadata: dict[str, str], law: str = "") -> None:

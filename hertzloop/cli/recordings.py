@@ -322,15 +322,18 @@ def repair(
     """
     from hertzloop.recordings.reader import recover as recover_file
     from hertzloop.recordings.writer import RecordingError
+    from hertzloop.views.inspection import without_checksum
 
     whole = out_file or file.with_name(f"{file.stem}-repaired.mcap")
     check_recording(whole, overwrite, read=[file])
     try:
-        messages, others = recover_file(file, whole, overwrite)
+        messages, others, unchecked = recover_file(file, whole, overwrite)
     except RecordingError as error:
         fail(str(error), 2)
     left = f"; ignored: {others:,} of other topics" if others else ""
     out.print(f"repaired: {messages:,} messages are in {whole}{left}", soft_wrap=True)
+    if unchecked:
+        err.print(f"{file}: {without_checksum(unchecked)}.", soft_wrap=True)
 
 
 def report(

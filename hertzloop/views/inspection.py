@@ -60,6 +60,7 @@ def summary(recording: Recording) -> dict[str, Any]:
         "steps": _number(recording, "steps"),
         "streams": streams,
         "other_messages": recording.others,
+        "unchecked_parts": recording.unchecked,
         "events": [
             {"time_s": e.time_ns * 1e-9, "name": e.name, "message": e.message}
             for e in recording.events
@@ -82,6 +83,14 @@ def summary(recording: Recording) -> dict[str, Any]:
         data["problems"] = [*recording.problems, problem]
         data["complete"] = False
     return data
+
+
+def without_checksum(parts: int) -> str:
+    """What it means that another program left checksums out."""
+    return (
+        f"{parts:,} parts of the file have no checksum, since another program wrote it. Damage in "
+        "them may go unnoticed"
+    )
 
 
 def _number(recording: Recording, key: str) -> int:
@@ -144,6 +153,8 @@ def show(
         console.print(styled(("Missing or damaged:", "red"), f" {problem}"), soft_wrap=True)
     if not data["problems"]:
         console.print(styled(("Complete: no announced message is missing.", "bold")))
+    if data["unchecked_parts"]:
+        console.print(f"Not checked: {without_checksum(data['unchecked_parts'])}.", soft_wrap=True)
     show_verdict(console, data)
     if data["impacts"] and data["stability"]:
         console.print(figures_table(data))

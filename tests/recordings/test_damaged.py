@@ -1,5 +1,7 @@
 """Cut off or flipped bytes: what is there is read, what is not is named, nothing else happens."""
 
+import struct
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,6 +11,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
 import hertzloop.recordings.writer
+from hertzloop.recordings.chunks import unpacked
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError
 from tests.recordings.rewriting import record
@@ -125,6 +128,55 @@ def test_a_flipped_byte_in_a_chunk_is_reported(whole: Path, tmp_path: Path, part
         assert np.array_equal(steps * 1000, stream.time_ns)
         for label, values in stream.arrays.items():
             assert full.arrays[label][steps].tobytes() == values.tobytes()
+
+
+def without_checksum(content: bytes, closed: bool) -> bytes:
+    """The file with another last sample in its longest chunk, whose checksum is 0, as of a writer
+    that leaves it out; `closed`: with the right checksum over all data, else cut off before it."""
+    at, chunks = 8, list[tuple[int, int]]()
+    while content[at] != Opcode.DATA_END:
+        length = int.from_bytes(content[at + 1 : at + 9], "little")
+        if content[at] == Opcode.CHUNK:
+            chunks.append((length, at))
+        at += 9 + length
+    length, first = max(chunks)
+    records = bytearray(unpacked(content[first + 9 : first + 9 + length]))
+    records[-8] ^= 1
+    head = content[first + 9 : first + 25] + struct.pack("<QIIQ", len(records), 0, 0, len(records))
+    chunk = struct.pack("<BQ", Opcode.CHUNK, len(head) + len(records)) + head + records
+    data = content[:first] + chunk + content[first + 9 + length : at]
+    if not closed:
+        return data
+    return data + content[at : at + 9] + struct.pack("<I", zlib.crc32(data)) + content[at + 13 :]
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_chunk_of_ours_without_its_checksum_is_not_believed(
+    whole: Path, tmp_path: Path, closed: bool
+) -> None:
+    """MCAP lets a writer leave checksums out; hertzloop leaves none out."""
+    path = tmp_path / "a.mcap"
+    path.write_bytes(without_checksum(whole.read_bytes(), closed))
+    original, kept = read(whole), read(path)
+    assert "are damaged: a checksum is missing" in " ".join(kept.problems)
+    assert kept.truth.samples < original.truth.samples
+    for name in STREAMS:
+        stream, full = getattr(kept, name), getattr(original, name)
+        steps = stream.step_at(np.arange(stream.samples))
+        for label, values in stream.arrays.items():
+            assert full.arrays[label][steps].tobytes() == values.tobytes()
+
+
+def test_a_scene_of_ours_without_its_checksum_is_not_believed(whole: Path, tmp_path: Path) -> None:
+    content = bytearray(whole.read_bytes())
+    at = content.index(b"\x0a\x00\x00\x00scene.toml") - 25
+    end = at + 9 + int.from_bytes(content[at + 1 : at + 9], "little")
+    assert content[at] == Opcode.ATTACHMENT
+    content[end - 4 : end] = bytes(4)
+    path = tmp_path / "a.mcap"
+    path.write_bytes(content[:-100])
+    told = read(path).problems
+    assert any("are damaged: a checksum is missing" in problem for problem in told)
 
 
 def test_only_what_is_damaged_is_said_to_be(whole: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
@@ -11,10 +12,10 @@ from tests.commands import invoke
 from tests.recordings.rewriting import record
 
 
-def with_temperatures(original: Path, path: Path, count: int) -> Path:
+def with_temperatures(original: Path, path: Path, count: int, **options: bool) -> Path:
     """A copy in which another tool has put `count` messages before ours."""
     with original.open("rb") as source, path.open("wb") as target:
-        reader, writer = make_reader(source), Writer(target, enable_data_crcs=True)
+        reader, writer = make_reader(source), Writer(target, **options)
         writer.start()
         own = writer.register_channel("/room/temperature", "json", 0)
         for number in range(count):
@@ -48,7 +49,7 @@ def said(*words: str | Path) -> str:
 
 def test_messages_of_other_topics_are_counted_and_told(tmp_path: Path) -> None:
     original = record(tmp_path / "a.mcap", compiled=True)
-    path = with_temperatures(original, tmp_path / "b.mcap", 3)
+    path = with_temperatures(original, tmp_path / "b.mcap", 3, enable_data_crcs=True)
     found = read(path)
     assert found.others == 3
     assert not found.problems
@@ -58,3 +59,24 @@ def test_messages_of_other_topics_are_counted_and_told(tmp_path: Path) -> None:
     whole = tmp_path / "c.mcap"
     assert "; ignored: 3 of other topics" in said("repair", path, "--out", whole)
     assert read(whole).others == 0
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+def test_a_file_of_another_writer_needs_no_checksums(tmp_path: Path, chunked: bool) -> None:
+    """MCAP lets a writer leave them out. A file without them is not damaged; that nobody would see
+    damage is said."""
+    original, whole = record(tmp_path / "a.mcap", compiled=True), tmp_path / "c.mcap"
+    path = with_temperatures(
+        original, tmp_path / "b.mcap", 0, enable_crcs=False, use_chunking=chunked
+    )
+    found = read(path)
+    assert not found.problems
+    assert first_difference(read(original), found) is None
+    assert found.unchecked == 1 + chunked  # a chunk, and all data together
+    sentence = f"{found.unchecked} parts of the file have no checksum"
+    assert f"Not checked: {sentence}" in said("inspect", path)
+    assert "Not checked" not in said("inspect", original)
+    assert f"b.mcap: {sentence}" in invoke(["repair", str(path), "--out", str(whole)]).output
+    assert read(whole).unchecked == 0
+    path.write_bytes(path.read_bytes()[:-60])
+    assert any("damaged" in problem for problem in read(path).problems)

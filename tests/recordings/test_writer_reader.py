@@ -302,7 +302,7 @@ def test_a_recording_without_a_controller_says_so(tmp_path: Path) -> None:
 def test_the_library_reads_the_same_records_as_the_walk(whole: Path) -> None:
     with whole.open("rb") as file:
         size = whole.stat().st_size
-        by_library = list(intact(file.fileno(), size))
+        by_library = list(intact(Walk(file.fileno(), size)))
         assert by_library == list(Walk(file.fileno(), size).records())
 
 
@@ -321,7 +321,7 @@ def test_the_library_reader_notices_flipped_bytes_and_cuts(whole: Path, tmp_path
         changed.write_bytes(content)
         with changed.open("rb") as file:
             try:
-                list(intact(file.fileno(), len(content)))
+                list(intact(Walk(file.fileno(), len(content))))
             except Damaged:
                 return True
         return False
