@@ -68,7 +68,7 @@ def by_brute_force(
 def difference(quantity: Quantity, limit: Limit, holds: dict[int, bool]) -> str:
     """Return in words how a limit differs from brute force; empty if it does not."""
     if limit.first_failure is None:
-        good = len(quantity.values) - 1 if limit.boundary is Boundary.BEYOND else -1
+        good = len(quantity.values) - 1 if limit.boundary is Boundary.NO_LIMIT else -1
     else:
         good = [*map(quantity.reported, range(len(quantity.values)))].index(limit.first_failure) - 1
     failing = [place for place, held in holds.items() if place <= good and not held]
@@ -116,6 +116,7 @@ def compare(
         if limit.boundary is Boundary.IMPOSSIBLE:
             continue
         began_s = time.process_time()
+        quantity = quantity.within(limit)  # a search ends with its scan where it found a limit
         holds = by_brute_force(pool, setup, quantity, search, most)
         brute_s += (time.process_time() - began_s) * len(quantity.values) / len(holds)
         found.append(difference(quantity, limit, holds))

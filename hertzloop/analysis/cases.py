@@ -217,7 +217,7 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures
     if few:
         yield
     left_out = _left_out(setup, run.rows[:, :end], impacts)
-    free = _uncontrolled(setup.plain(), span)
+    free = uncontrolled(setup, span)
     if few:
         yield
     change = changes_db(figures, free)
@@ -264,6 +264,11 @@ def _bounded(setup: Setup, rows: np.ndarray) -> Stability:
             + " energy of the impact"
         )
     return found
+
+
+def uncontrolled(setup: Setup, span: Span) -> SpanFigures:
+    """Return the figures of a span of a scene without control. Raises SceneError."""
+    return _uncontrolled(setup.plain(), span)
 
 
 @lru_cache(maxsize=64)

@@ -119,7 +119,7 @@ def budget(
     from hertzloop.plant.schemes.registry import SCHEMES
     from hertzloop.studies.budget import budget as study
     from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
-    from hertzloop.studies.budget.limits import quantities_of
+    from hertzloop.studies.budget.limits import NAMES
     from hertzloop.studies.budget.probability import probability, sensitivities
     from hertzloop.studies.sweeps.design import Design
     from hertzloop.studies.sweeps.pool import local_pool
@@ -146,11 +146,10 @@ def budget(
                 "controller.law = 'off': has no limits. Name a law, for example --law "
                 "slope_threshold"
             )
-        names = [quantity.name for quantity in quantities_of(resolved)]
         for name in only or []:
-            if name not in names:
+            if name not in NAMES:
                 raise SceneError(
-                    f"--only = '{name}': is not a quantity. Choose from {', '.join(names)}"
+                    f"--only = '{name}': is not a quantity. Choose from {', '.join(NAMES)}"
                 )
         uncertain = read_uncertain(uncertain_file, resolved) if uncertain_file else None
         if sobol and not uncertain:
@@ -360,7 +359,7 @@ def print_budget(found: "Budget") -> None:
     for name, plant in plants:
         first = plant.binds_first
         if first is None:
-            out.print(f"In {name} no limit was found in the ranges searched.")
+            out.print(f"In {name} no quantity has a limit.")
         else:
             out.print(f"In {name} {first} binds first.")
         for limit in plant.limits:
@@ -369,8 +368,8 @@ def print_budget(found: "Budget") -> None:
                 out.print(f"In {name} the goal is met again at {limit.quantity} = {places}: "
                           "the tolerated values are not an interval.", soft_wrap=True)  # fmt: skip
             if limit.reason:
-                out.print(f"In {name} {limit.quantity} cannot be varied. {limit.reason}",
-                          soft_wrap=True)  # fmt: skip
+                says = _REASONS[limit.boundary].format(limit)
+                out.print(f"In {name} {says} {limit.reason}", soft_wrap=True)
     if found.margin is None:
         out.print("Linear margin: none, because the loop in flight is not linear under this law.")
     else:
@@ -388,6 +387,11 @@ def _trace_words(latencies: Sequence[float]) -> str:
     )
 
 
+_REASONS = {
+    "no limit": "{0.quantity} has no limit:",
+    "refused": "{0.quantity} beyond {0.value:.4g} {0.unit} is refused:",
+    "not possible": "{0.quantity} cannot be varied.",
+}
 _MOST = ("bits", "bandwidth_hz")  # the limit is the least value, not the largest
 
 

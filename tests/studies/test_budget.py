@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from hertzloop.setup import load
 from hertzloop.studies.budget import budget as study
 from hertzloop.studies.budget.goal import FIGURES, GoalError, all_met, parse_goal
 from hertzloop.studies.budget.limits import (
+    NAMES,
     Boundary,
     Quantity,
     Search,
@@ -35,10 +37,12 @@ from hertzloop.studies.sweeps.evaluate import evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.sweeps.sweep import read_results, sweep
 from hertzloop.studies.sweeps.uncertain import Part, read_uncertain, uncertain_of, with_draws
+from hertzloop.studies.tuning import LAWS
 from tests.commands import invoke
 
 SHORT = ["run.duration_s=0.0016", "controller.law=force_feedback"]
 GOAL = parse_goal("plate_energy_db <= -0.1")
+ANSWERS = (Boundary.NEVER, Boundary.IDEAL_ONLY)  # which need no value and no reason
 
 
 def row(value, state=CaseState.FIGURES):
@@ -100,12 +104,65 @@ def test_bisection_finds_the_last_value_that_holds(last):
 
 def test_ends_of_the_range_are_told_apart():
     quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
-    assert found_by(lambda *_: True, quantity)[0].boundary is Boundary.BEYOND
+    whole, _ = found_by(lambda *_: True, replace(quantity, end="it is as long as the contact"))
+    assert (whole.boundary, whole.value, whole.share) == (Boundary.NO_LIMIT, None, None)
+    assert whole.reason == "at 99 us it is as long as the contact."
     never, _ = found_by(lambda *_: False, quantity)
     assert (never.boundary, never.value, never.share) == (Boundary.NEVER, None, None)
     bits = Quantity("bits", "a.b", "bits", ("ideal", 3, 2, 1))
     ideal, _ = found_by(lambda value, _: value == "ideal", bits)
     assert (ideal.boundary, ideal.value, ideal.first_failure) == (Boundary.IDEAL_ONLY, None, 3)
+
+
+@pytest.mark.parametrize("last", [150, 151, 400, 998])
+def test_a_search_goes_on_beyond_the_usual_range_until_the_goal_fails(last):
+    quantity = Quantity("latency_us", "a.b", "us", tuple(range(1000)), "it ends", 100)
+    limit, asked = found_by(lambda value, _: value <= last, quantity)
+    assert (limit.value, limit.first_failure, limit.interval) == (last, last + 1, True)
+    assert limit.searched == (0.0, 999.0)
+    assert len(quantity.within(limit).values) == 1000
+    assert len(asked) < 120
+    usual, _ = found_by(lambda value, _: value <= 60, quantity)
+    assert (usual.value, usual.searched, usual.share) == (60, (0.0, 100.0), 0.6)
+    assert quantity.within(usual).values == tuple(range(101))
+    whole, _ = found_by(lambda *_: True, quantity)
+    assert (whole.boundary, whole.searched) == (Boundary.NO_LIMIT, (0.0, 999.0))
+
+
+def test_values_that_the_scene_refuses_end_a_search_without_a_failure():
+    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+
+    def run(cases):
+        return [row(-1.0, CaseState.FIGURES if case["a.b"] <= 62 else CaseState.NOT_RUN)
+                for case in cases]  # fmt: skip
+
+    (limit,) = side_by_side([limit_of(quantity, [GOAL], Search((0.5,), (1,), 6))], run)
+    assert (limit.boundary, limit.value, limit.first_failure) == (Boundary.REFUSED, 62, None)
+    assert (limit.share, limit.reason) == (None, "a.b: no")
+
+
+_SCENES = ("aluminium-3mm", "offcentre-6mm", "aluminium-20mm", "oak-20mm", "sylomer-20mm")
+
+
+# The laws that hertzloop tunes; the others are made for a scene of their own. A search in the mat
+# of Sylomer takes a minute a law.
+@pytest.mark.parametrize(
+    ("scene", "law", "names"),
+    [("aluminium-20mm", "slope_threshold", ("latency_us", "bandwidth_hz")),
+     *(pytest.param(scene, law, NAMES, marks=pytest.mark.full)
+       for scene in _SCENES for law in (LAWS[:1] if scene == _SCENES[-1] else LAWS))],
+)  # fmt: skip
+def test_every_quantity_of_a_shipped_scene_has_an_answer(pool, scene, law, names):
+    setup = load(scene, [f"controller.law={law}"])
+    search = replace(study.search_of(setup, True, "impact"), phases=(0.5,))
+    limits = side_by_side(
+        [limit_of(q, [GOAL], search) for q in quantities_of(setup) if q.name in names],
+        lambda cases: evaluate(pool, setup, "impact", cases),
+    )
+    assert [limit.quantity for limit in limits] == list(names)
+    for limit in limits:
+        assert limit.value is not None or limit.reason or limit.boundary in ANSWERS, limit
+        assert limit.boundary is not Boundary.REFUSED, limit
 
 
 def test_a_region_that_is_not_an_interval_is_reported():
@@ -225,7 +282,7 @@ def test_limits_agree_with_brute_force(pool):
         only=("latency_us", "sampling_us"),
     )  # fmt: skip
     for limit in found.ideal.limits:
-        quantity = next(q for q in quantities_of(setup) if q.name == limit.quantity)
+        quantity = next(q for q in quantities_of(setup) if q.name == limit.quantity).within(limit)
         others = variants(quantity, search)
         cases = [{quantity.key: value} | one for value in quantity.values for one in others]
         rows = evaluate(pool, setup, "impact", cases)

@@ -2,7 +2,9 @@
 
 A quantity has a finite list of values, from harmless to harsh. A scan at a few of them finds the
 first that misses a goal; bisection then finds the boundary to one place of the list. Values of the
-scan beyond the boundary that meet the goals show that the region is not an interval.
+scan beyond the boundary that meet the goals show that the region is not an interval. Where the
+whole scan meets the goals, it goes on in growing steps to the end of the list: that is where the
+quantity has done all that it physically can within a contact, so there is no limit.
 
 A value meets the goals if it does so in every variant: at every touch phase and, for a quantity
 that works by chance, with every seed. One variant that fails settles the value, so the variant that
@@ -24,10 +26,11 @@ with the longer runs.
 
 import math
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
+from hertzloop.analysis.cases import uncontrolled
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
@@ -42,6 +45,7 @@ _BANDWIDTHS_HZ = (1e3, 1e7)  # the largest acts within a tenth of a step: it sta
 _MASSES = (1e-3, 1e2)  # of the mass of the sphere
 _MOST_BITS, _COARSE_BITS = 24, 12  # above 12 bits the scan takes every fourth value
 _BELOW_JUMP = 8  # places below a jump, tried for a quantity that works by chance
+_FURTHER = 1.1  # from one value of the scan to the next beyond the usual range
 _FEW = 64  # sampling periods that are all scanned: a law may miss its goal at every other one
 
 
@@ -49,7 +53,8 @@ class Boundary(StrEnum):
     """How a search ended."""
 
     FOUND = "found"
-    BEYOND = "beyond the range"  # every value tried meets the goals
+    NO_LIMIT = "no limit"  # the goals are met up to the physical end of the quantity
+    REFUSED = "refused"  # the goals are met up to the first value that the scene refuses
     NEVER = "never met"  # the most harmless value misses a goal
     IDEAL_ONLY = "ideal only"  # no finite value meets the goals
     IMPOSSIBLE = "not possible"  # the scene refuses the quantity
@@ -59,17 +64,21 @@ class Boundary(StrEnum):
 class Quantity:
     """A quantity whose limit is asked for.
 
-    `values`: from harmless to harsh, as the scene key takes them; `scale`: reported value over
-    value of the key; `own`: place in the list of the scene's own value; `by_chance`: whether the
-    effect depends on the seed; `finer`: times as many values in the scan as `Search.points`, where
-    the tolerated values often have gaps; `scan`: places of a scan in all variants, as for bits and
-    sampling periods, which are few and have more gaps; evenly spread places if empty.
+    `values`: from harmless to harsh, as the scene key takes them, up to the physical end; `end`:
+    what the last value means, in a sentence; `usual`: place of the last value that the scan tries
+    before it goes on to the end, None for all; `scale`: reported value over value of the key;
+    `own`: place in the list of the scene's own value; `by_chance`: whether the effect depends on
+    the seed; `finer`: times as many values in the scan as `Search.points`, where the tolerated
+    values often have gaps; `scan`: places of a scan in all variants, as for bits and sampling
+    periods, which are few and have more gaps; evenly spread places if empty.
     """
 
     name: str
     key: str
     unit: str
     values: tuple[Any, ...]
+    end: str = ""
+    usual: int | None = None
     own: int = 0
     scale: float = 1.0
     by_chance: bool = False
@@ -81,17 +90,23 @@ class Quantity:
         value = self.values[place]
         return None if isinstance(value, str) else float(f"{value * self.scale:.12g}")
 
+    def within(self, limit: "Limit") -> "Quantity":
+        """Return the quantity with those values only that the search of a limit went through."""
+        places = range(len(self.values))
+        last = max(place for place in places if self.reported(place) in limit.searched)
+        return replace(self, values=self.values[: last + 1], usual=None)
+
 
 @dataclass(frozen=True)
 class Limit:
     """Up to where a law meets its goals.
 
     `value`: the last value that does, None where no limit was found; `first_failure`: the next
-    value of the list, which misses a goal; `searched`: least and largest value of the list;
-    `interval`: whether no value of the scan beyond the boundary meets the goals again;
+    value of the list, which misses a goal; `searched`: least and largest value that the search
+    reached; `interval`: whether no value of the scan beyond the boundary meets the goals again;
     `holds_again`: those that do; `share`: the part of the searched list between the scene's own
-    value and the boundary, negative where the scene is beyond it; `reason`: why the quantity is not
-    possible. Values are in `unit`.
+    value and the boundary, negative where the scene is beyond it; `reason`: why there is no limit,
+    or why the scene refuses values. Values are in `unit`.
     """
 
     quantity: str
@@ -116,24 +131,32 @@ def contact_us(setup: Setup) -> float:
     return 1e6 * seconds
 
 
-def quantities_of(setup: Setup) -> list[Quantity]:
-    """Return the quantities of a scene with the values that are searched.
+NAMES = ("latency_us", "jitter_us", "bits", "noise", "sampling_us", "bandwidth_hz", "mass_kg")
 
-    Latency and jitter go to twice the contact time on a rigid plate in whole steps, but not beyond
-    0.45 of the time after the lead-in; the sampling period to the contact time itself; bits from
-    24 to 1 after an ideal converter; noise over six decades up to the range of a converter;
-    bandwidth from 10 MHz to 1 kHz; mass from 1e-3 to 100 times that of the sphere. The last three
-    have 25 values a decade.
+
+def quantities_of(setup: Setup) -> list[Quantity]:
+    """Return the quantities of a scene with the values that are searched, in the order of `NAMES`.
+
+    Latency and jitter go to twice the contact time on a rigid plate in whole steps, the sampling
+    period to the contact time itself; bits from 24 to 1 after an ideal converter; noise over six
+    decades up to the range of a converter; bandwidth from 10 MHz to 1 kHz; mass from 1e-3 to 100
+    times that of the sphere. The last three have 25 values a decade. Times go on to the contact
+    time without control, and the bandwidth to the inverse of that, where they do not reach it.
     """
     scene, step_us = setup.scene, setup.step_ns / 1000.0
-    time_us = contact_us(setup)
-    most = min(2.0 * time_us, 0.45e6 * (setup.duration_s - setup.lead_in_s))
-    times = tuple(i * step_us for i in range(max(2, math.ceil(most / step_us)) + 1))
-    periods = tuple(range(1, max(2, math.ceil(time_us / step_us)) + 1))
+    rigid_us, free_us = contact_us(setup), 1e6 * uncontrolled(setup, "impact").contact_time_s
+    # A latency as long as the run is refused.
+    most = min(2.0 * rigid_us, 0.45e6 * (setup.duration_s - setup.lead_in_s))
+    usual, used = (max(2, math.ceil(x / step_us)) for x in (most, rigid_us))
+    longest = math.ceil(min(free_us, 1e6 * setup.duration_s - step_us) / step_us)
+    times = tuple(i * step_us for i in range(max(usual, longest) + 1))
+    periods = tuple(range(1, max(used, longest) + 1))
     bits = ("ideal", *range(_MOST_BITS, 0, -1))
     fine = tuple(range(1, _MOST_BITS - _COARSE_BITS, 4))
     high_hz, low_hz = max(_BANDWIDTHS_HZ), min(_BANDWIDTHS_HZ)
-    bandwidths = tuple(reversed(_spread(low_hz, high_hz)))
+    slow_hz = max(1.0, 1e6 / (2.0 * math.pi * free_us))
+    slower = _spread(slow_hz, low_hz)[-2::-1] if slow_hz < low_hz else ()
+    bandwidths = (*reversed(_spread(low_hz, high_hz)), *slower)
     least_kg, most_kg = (share * setup.sphere.mass_kg for share in _MASSES)
     masses = (0.0, *_spread(max(least_kg, 1e-6), min(most_kg, 1e3)))
     width = converter_width(setup)
@@ -142,20 +165,26 @@ def quantities_of(setup: Setup) -> list[Quantity]:
     own_hz = actuator.bandwidth_hz
     return [
         Quantity("latency_us", "controller.latency_us", "us", times,
+                 "the latency is as long as the contact", usual,
                  _place(times, line.latency_us), finer=2),
         Quantity("jitter_us", "controller.jitter_us", "us", times,
+                 "the jitter is as long as the contact", usual,
                  _place(times, line.jitter_us), by_chance=True, finer=2),
         Quantity("bits", "sensors.bits", "bits", bits,
-                 bits.index(sensors.bits),
+                 "the converter only tells two values apart", None, bits.index(sensors.bits),
                  scan=(0, *fine, *range(_MOST_BITS - _COARSE_BITS + 1, len(bits)))),
         Quantity("noise", "sensors.noise_rms", f"{SENSED[setup.quantity].unit} rms", noises,
+                 "the noise is as large as the range of the converter", None,
                  _place(noises, sensors.noise_rms), by_chance=True, finer=4),
         Quantity("sampling_us", "sensors.every_steps", "us", periods,
+                 "the contact has one sample", used - 1,
                  _place(periods, sensors.every_steps), scale=step_us, finer=4,
-                 scan=tuple(range(len(periods))) if len(periods) <= _FEW else ()),
+                 scan=tuple(range(used)) if used <= _FEW else ()),
         Quantity("bandwidth_hz", "actuator.bandwidth_hz", "Hz", bandwidths,
+                 "the actuator is slower than the contact", len(bandwidths) - len(slower) - 1,
                  0 if own_hz is None else max(0, sum(hz >= own_hz for hz in bandwidths) - 1)),
         Quantity("mass_kg", "actuator.mass_kg", "kg", masses,
+                 "the actuator is too heavy for the sphere to move", None,
                  _place(masses, actuator.mass_kg or 0.0)),
     ]  # fmt: skip
 
@@ -304,7 +333,8 @@ class _Known:
 def limit_of(quantity: Quantity, goals: Sequence[Goal], search: Search) -> Asks:
     """Search the limit of one quantity: a generator of lists of cases that is sent their rows, in
     the same order, and returns the `Limit`."""
-    last = len(quantity.values) - 1
+    end = len(quantity.values) - 1
+    last = end if quantity.usual is None else quantity.usual
     known = _Known(quantity, goals, search)
     if last < 1:
         known.reason = f"{quantity.key}: the scene allows only {quantity.values[0]:g}"
@@ -316,23 +346,32 @@ def limit_of(quantity: Quantity, goals: Sequence[Goal], search: Search) -> Asks:
     if known.refused.issuperset(scan[1:]):
         return _result(quantity, known, None, scan, Boundary.IMPOSSIBLE)
     good = yield from _last_good(known, scan)
+    if good == last < end:
+        steps = math.ceil(math.log(end / last) / math.log(_FURTHER))
+        more = sorted({round(last * (end / last) ** (i / steps)) for i in range(1, steps + 1)})
+        yield from look([last, *more])
+        scan = [*scan, *more]
+        good = yield from _last_good(known, scan)
     if good is not None:
         agreed = yield from known.confirm(good)
         if not agreed:
             yield from look([place for place in scan if place <= good])
             good = yield from _last_good(known, scan)
+    top = scan[-1]
     if quantity.by_chance:
         scan = scan[:: quantity.finer]  # all variants of many values would take most of the time
     if good is None:
         yield from known.ask(scan)
-        return _result(quantity, known, None, scan, Boundary.NEVER)
-    if good == last:
-        return _result(quantity, known, last, scan, Boundary.BEYOND)
+        return _result(quantity, known, None, scan, Boundary.NEVER, top)
+    if good == top:
+        return _result(quantity, known, top, scan, Boundary.NO_LIMIT, top)
     yield from known.ask([place for place in scan if place > good])
-    only_ideal = quantity.reported(good) is None
-    return _result(
-        quantity, known, good, scan, Boundary.IDEAL_ONLY if only_ideal else Boundary.FOUND
-    )
+    boundary = Boundary.FOUND
+    if good + 1 in known.refused:
+        boundary = Boundary.REFUSED
+    elif quantity.reported(good) is None:
+        boundary = Boundary.IDEAL_ONLY
+    return _result(quantity, known, good, scan, boundary, top)
 
 
 def _last_good(known: _Known, scan: Sequence[int]) -> Generator[list[Case], Rows, int | None]:
@@ -362,16 +401,20 @@ def _last_good(known: _Known, scan: Sequence[int]) -> Generator[list[Case], Rows
 
 
 def _result(
-    quantity: Quantity, known: _Known, good: int | None, scan: Sequence[int], boundary: Boundary
-) -> Limit:
-    last = len(quantity.values) - 1
+    quantity: Quantity, known: _Known, good: int | None, scan: Sequence[int], boundary: Boundary,
+    top: int | None = None,
+) -> Limit:  # fmt: skip
+    last = len(quantity.values) - 1 if top is None else top
     beyond = last if boundary is Boundary.IMPOSSIBLE else -1 if good is None else good
     again = [place for place in scan if place > beyond and place not in known.failed]
     ends = [quantity.reported(place) for place in (0, 1, last) if place <= last]
     finite = [value for value in ends if value is not None]
-    found = boundary is Boundary.FOUND
+    found = boundary in (Boundary.FOUND, Boundary.REFUSED)
+    reason = known.reason if boundary in (Boundary.REFUSED, Boundary.IMPOSSIBLE) else ""
+    if boundary is Boundary.NO_LIMIT:
+        reason = f"at {quantity.reported(last):.4g} {quantity.unit} {quantity.end}."
     share = None
-    if found or boundary is Boundary.IDEAL_ONLY:
+    if boundary in (Boundary.FOUND, Boundary.IDEAL_ONLY):
         assert good is not None
         share = (good - quantity.own) / last
     return Limit(
@@ -380,15 +423,15 @@ def _result(
         unit=quantity.unit,
         boundary=boundary,
         value=quantity.reported(good) if found and good is not None else None,
-        first_failure=None
-        if good is None or good == last or boundary is Boundary.IMPOSSIBLE
-        else quantity.reported(good + 1),
+        first_failure=quantity.reported(good + 1)
+        if good is not None and boundary in (Boundary.FOUND, Boundary.IDEAL_ONLY)
+        else None,
         searched=(min(finite), max(finite)) if finite else (0.0, 0.0),
         interval=not again,
         holds_again=tuple(x for x in map(quantity.reported, again) if x is not None),
         share=share,
         cases=known.cases,
-        reason=known.reason if boundary is Boundary.IMPOSSIBLE else "",
+        reason=reason,
     )
 
 

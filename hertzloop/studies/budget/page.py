@@ -14,11 +14,12 @@ from hertzloop.setup import Setup
 from hertzloop.studies import pictures
 from hertzloop.studies.budget.budget import Budget, InPlant, search_of
 from hertzloop.studies.budget.goal import Goal, all_met
-from hertzloop.studies.budget.limits import Limit, Quantity, quantities_of
+from hertzloop.studies.budget.limits import Boundary, Limit, Quantity, quantities_of
 from hertzloop.studies.report.page import svg, template
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.sweep import code_version
 
+_HELD = (Boundary.NO_LIMIT, Boundary.REFUSED)
 _PLACES = 11  # values of a quantity in a map
 _BEYOND = 1.6  # times the distance to the limit, in places, that a map shows
 
@@ -65,7 +66,7 @@ def map_of(
 
 def _places(quantity: Quantity, limit: Limit) -> tuple[int, ...]:
     """Places of a quantity around its limit."""
-    last = len(quantity.values) - 1
+    last = len(quantity.within(limit).values) - 1
     good = quantity.own + round((limit.share or 0.0) * last)
     end = min(last, max(good + 3, round(_BEYOND * good)))
     return tuple(sorted({round(x) for x in np.linspace(0, end, _PLACES)}))
@@ -99,7 +100,7 @@ def _share_bars(found: Budget) -> Figure:
     ax = axes[0, 0]
     names = [limit.quantity for limit in found.ideal.limits]
     for i, (name, plant) in enumerate(plants):
-        shares = [{"beyond the range": 1.0}.get(limit.boundary.value, limit.share or 0.0)
+        shares = [1.0 if limit.boundary in _HELD else limit.share or 0.0
                   for limit in plant.limits]  # fmt: skip
         places = np.arange(len(names)) + 0.38 * i
         ax.barh(places, shares, height=0.36, label=name, color=pictures.COLOURS[i])
@@ -158,9 +159,10 @@ def write_page(
 
 def _cells(limit: Limit) -> list[str]:
     again = ", ".join(f"{x:.4g}" for x in limit.holds_again)
+    value = limit.boundary.value if limit.value is None else f"{limit.value:.4g}"
     return [
         limit.quantity,
-        limit.boundary.value if limit.value is None else f"{limit.value:.4g}",
+        f"{value}: {limit.reason}" if limit.reason else value,
         "" if limit.first_failure is None else f"{limit.first_failure:.4g}",
         f"{limit.searched[0]:.3g} to {limit.searched[1]:.3g}",
         "yes" if limit.interval else f"no: met again at {again}",

@@ -301,7 +301,7 @@ def _check_limits(
     for found in limits:
         wanted = one.limit[found.quantity]
         least = found.quantity in _LEAST
-        enough = found.boundary is Boundary.BEYOND or (
+        enough = found.boundary is Boundary.NO_LIMIT or (
             found.value is not None
             and (found.value <= wanted if least else found.value >= wanted - 1e-12)
         )
