@@ -84,14 +84,19 @@ class Walk:
         return os.pread(self.handle, length, at)
 
     @cached_property
-    def is_ours(self) -> bool:
-        """Whether the header names hertzloop, which leaves no checksum out, or cannot be read."""
+    def library(self) -> str:
+        """What wrote the file, as its header says; empty where that cannot be read."""
         try:
             opcode, length = self.head(len(MAGIC))
             header = Header.read(ReadDataStream(BytesIO(self.read(len(MAGIC) + 9, length))))
         except Exception:  # whatever the library makes of bytes that mean nothing
-            return True
-        return opcode != Opcode.HEADER or header.library == LIBRARY
+            return ""
+        return header.library if opcode == Opcode.HEADER else ""
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether hertzloop wrote the file, which leaves no checksum out, or nobody knows."""
+        return self.library in ("", LIBRARY)
 
     def left_out(self, at: int) -> None:
         """Note that the record at a byte has no checksum. Raises Damaged where it must have one."""

@@ -29,6 +29,7 @@ from hertzloop.bus.streams import LAST_NS
 from hertzloop.recordings.columns import Arrays, JoinedStream
 from hertzloop.recordings.reader import Event, Recording
 from hertzloop.recordings.writer import (
+    EXPORT_LIBRARY,
     LAW_ATTACHMENT,
     RUN_METADATA,
     SCENE_ATTACHMENT,
@@ -343,7 +344,7 @@ def write_mcap(samples: Samples, path: Path) -> None:
     recording = samples.recording
     with path.open("wb") as file:
         writer = Writer(file, 1 << 20, compression=CompressionType.ZSTD)
-        writer.start(profile="", library="hertzloop export")
+        writer.start(profile="", library=EXPORT_LIBRARY)
         for name, media, text in (
             (SCENE_ATTACHMENT, "application/toml", recording.scene_toml),
             (LAW_ATTACHMENT, "text/plain", recording.law_source),

@@ -21,7 +21,7 @@ from hertzloop.bus.wire import DecodedBlock
 from hertzloop.recordings.chunks import MAGIC, Damaged, McapRecord, Walk, intact
 from hertzloop.recordings.columns import SAMPLED, Arrays, JoinedStream
 from hertzloop.recordings.intake import Event, Intake, Taken, in_order
-from hertzloop.recordings.writer import TOPICS, RecordingError, RecordingWriter
+from hertzloop.recordings.writer import EXPORT_LIBRARY, TOPICS, RecordingError, RecordingWriter
 
 __all__ = ["Event", "JoinedStream", "Recording", "Source", "holds_a_run", "read"]
 
@@ -204,11 +204,17 @@ def read(path: Path, keep: bool = False) -> Recording:
     Raises RecordingError if there is no file, or no recording of hertzloop in it.
     """
     source = Source(path)
+    if source.walk().library == EXPORT_LIBRARY:
+        raise RecordingError(
+            f"{path} is an export of a recording, with one message a sample. Give the recording"
+        )
     intake, walk = source.look(keep)
     intake.agree()
     if not intake.scene_toml:
         if walk.read(0, 8) != MAGIC and not intake.counters:
-            raise RecordingError(f"{path}: is not an MCAP recording of hertzloop")
+            raise RecordingError(
+                f"{path}: is not an MCAP recording of hertzloop. Its exports cannot be read back"
+            )
         why = f" ({walk.damage[0]})" if walk.damage else ""
         raise RecordingError(f"{path} holds no scene{why}: not a recording of hertzloop")
     damage = [f"the file is cut off or damaged ({words})" for words in walk.damage]
@@ -272,7 +278,7 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
     try:
         old = read(path)
     except RecordingError as error:
-        raise RecordingError(f"{error}: nothing to recover") from error
+        raise RecordingError(f"nothing to recover: {error}") from error
     if whole.exists() and whole.samefile(path):
         raise RecordingError(f"{path} cannot be recovered into itself. Choose another name.")
     fault = old.result.get("fault", "")

@@ -27,7 +27,7 @@ from hertzloop.bus.streams import (
 SCENE_ATTACHMENT = "scene.toml"
 LAW_ATTACHMENT = "law"
 RUN_METADATA, RESULT_METADATA = "run", "result"
-LIBRARY = "hertzloop"  # in the header of what this writes
+LIBRARY, EXPORT_LIBRARY = "hertzloop", "hertzloop export"  # in the headers of files
 TOPICS = tuple(dict.fromkeys(stream.topic for stream in STREAMS.values()))
 _CHUNK_BYTES = 1 << 20
 _FLUSH_EVERY_S = 0.05

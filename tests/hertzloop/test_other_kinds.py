@@ -22,7 +22,7 @@ LAW = "def command(p, s, samples, i):\n    return 0.0\n"
         ("report a.png -o r", f"a.png{NO_MCAP}"),
         ("law replay a.json --law off", f"a.json{NO_MCAP}"),
         ("run --repeat a.csv", f"a.csv{NO_MCAP}"),
-        ("repair a.csv", f"a.csv{NO_MCAP}: nothing to recover"),
+        ("repair a.csv", f"nothing to recover: a.csv{NO_MCAP}"),
         (
             "report a.partial -o r",
             "a.partial: is unfinished. Run the command that started it again",
