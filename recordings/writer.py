@@ -9,8 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorSet
+from google.protobuf.message import Message
 from mcap.writer import CompressionType, Writer
-from mcap_protobuf.schema import register_schema
+from mcap_protobuf.schema import build_file_descriptor_set
 
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import (
@@ -117,7 +119,12 @@ class RecordingWriter:
             # part of the file that names them is lost.
             for topic in TOPICS:
                 entry = next(s for s in STREAMS.values() if s.topic == topic)
-                schema = register_schema(self._begun(), entry.recorded_as or entry.message)
+                shown = entry.recorded_as or entry.message
+                schema = self._begun().register_schema(
+                    shown.DESCRIPTOR.full_name,
+                    "protobuf",
+                    _schema_of(shown, entry.message).SerializeToString(),
+                )
                 self._channels[topic] = self._begun().register_channel(
                     topic=topic, message_encoding="protobuf", schema_id=schema
                 )
@@ -131,6 +138,26 @@ class RecordingWriter:
             raise RecordingError(
                 f"cannot write the recording {self.path}: {error.strerror or error}{kept}"
             ) from error
+
+
+def _schema_of(shown: type[Message], message: type[Message]) -> FileDescriptorSet:
+    """The schema of `shown`, with the fields that only `message` has: viewers know `shown` by its
+    name, and programs find every field."""
+    schema: FileDescriptorSet = build_file_descriptor_set(shown)
+    if shown is message:
+        return schema
+    made = next(m for m in schema.file[-1].message_type if m.name == shown.DESCRIPTOR.name)
+    known = {field.number for field in made.field}
+    message.DESCRIPTOR.CopyToProto(whole := DescriptorProto())
+    made.oneof_decl.extend(whole.oneof_decl)
+    for field in whole.field:
+        if field.number in known:
+            continue
+        if kind := message.DESCRIPTOR.fields_by_number[field.number].enum_type:
+            kind.CopyToProto(made.enum_type.add())
+            field.type_name = f".{shown.DESCRIPTOR.full_name}.{kind.name}"
+        made.field.append(field)
+    return schema
 
 
 def described_by(hello: Hello) -> dict[str, str]:

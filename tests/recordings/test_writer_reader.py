@@ -15,6 +15,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 import hertzloop.recordings.writer
 from hertzloop.bus.messages_pb2 import TruthBlock
+from hertzloop.bus.streams import STREAMS
 from hertzloop.recordings.chunks import Damaged, Walk, intact
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
@@ -96,6 +97,19 @@ class TestByTheMcapLibrary:
         told = [(i[3].name, i[3].message) for i in decoded["/events"]]
         assert ("plant", "contact 1 began") in told
         assert ("controller", "law idle -> watching") in told
+
+    def test_the_embedded_schemas_have_every_field(self, decoded: dict[str, list[Any]]) -> None:
+        ours = {stream.topic: stream.message.DESCRIPTOR for stream in STREAMS.values()}
+        for topic, items in decoded.items():
+            there = items[0][3].DESCRIPTOR.fields_by_number
+            for number, field in ours[topic].fields_by_number.items():
+                assert there[number].name == field.name, topic
+        facts = {
+            i[3].DESCRIPTOR.fields_by_name["kind"].enum_type.values_by_number[i[3].kind].name
+            for i in decoded["/events"]
+        }
+        assert facts == {"CONTACT_BEGAN", "CONTACT_ENDED", "LAW_MODE"}
+        assert any(i[3].HasField("delay_ns") for i in decoded["/events"])
 
     def test_scene_and_metadata(self, whole: Path) -> None:
         with whole.open("rb") as file:
