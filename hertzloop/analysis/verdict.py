@@ -39,13 +39,14 @@ class ControlEffect(Enum):
     HARDLY = auto()
 
 
-class Over(Enum):
-    """Contacts that a change of the plate energy is of."""
+class Later(Enum):
+    """What is known of the contacts after the first impact, of which a change of the plate energy
+    is."""
 
-    ONLY = auto()  # both runs have one
-    ALL = auto()
-    FIRST = auto()  # later ones are not predictable
-    FIRST_KNOWN = auto()  # whether later ones are predictable is not known
+    NONE = auto()
+    PREDICTABLE = auto()
+    UNPREDICTABLE = auto()
+    UNKNOWN = auto()  # whether they are predictable
 
 
 @dataclass(frozen=True)
@@ -75,17 +76,19 @@ class Reasons:
 
 @dataclass(frozen=True)
 class Control:
-    """What control changes: the plate energy in dB with its error, over which contacts, and other
-    figures of the first impact; `reasons` where it does not help; `once`: both runs have one
-    impact."""
+    """What control changes in the first impact: the plate energy in dB with its error, and other
+    figures; what is known of `later` contacts, and the change of the plate energy over all, None
+    where it is not predictable; numbers of contacts with and without control; `reasons` where it
+    does not help."""
 
     outcome: ControlEffect
     energy_db: float = 0.0
     error_db: float = 0.0
-    over: Over = Over.ONLY
+    later: Later = Later.NONE
+    whole_db: float | None = None
+    contacts: tuple[int, int] = (1, 1)
     changes: tuple[Change, ...] = ()
     reasons: Reasons | None = None
-    once: bool = True
 
 
 @dataclass(frozen=True)
@@ -176,8 +179,8 @@ def _control(ran: Ran, free: Figures, known: Predictability | None) -> Control:
     figures = ran.figures
     if figures.push is None:
         return Control(ControlEffect.IDLE)
-    once = len(figures.impacts) == len(free.impacts) == 1
-    energy, error, over = _plate_energy(figures, free, known)
+    contacts = len(figures.impacts), len(free.impacts)
+    energy, error, later, whole_db = _plate_energy(figures, free, known)
     if error > HARDLY_DB and not predictable(energy, error):
         return Control(ControlEffect.UNPREDICTABLE)
     outcome = ControlEffect.HARDLY
@@ -189,14 +192,14 @@ def _control(ran: Ran, free: Figures, known: Predictability | None) -> Control:
     if outcome is not ControlEffect.HELPS:
         reasons = _reasons(ran, free.impacts[0].duration_s)
     changes = tuple(_changes(figures, free, known))
-    return Control(outcome, energy, error, over, changes, reasons, once)
+    return Control(outcome, energy, error, later, whole_db, contacts, changes, reasons)
 
 
 def _plate_energy(
     figures: Figures, free: Figures, known: Predictability | None
-) -> tuple[float, float, Over]:
-    """Change of the plate energy (dB), its error, and over what: all contacts, or the first one
-    where later ones are not predictable to the digit that is printed."""
+) -> tuple[float, float, Later, float | None]:
+    """Change of the plate energy in the first impact (dB), its error, what is known of later
+    contacts, and the change over all of them where that is predictable to the printed digit."""
     sums, errors, whole = [], [], []
     digits = (known.controlled, known.uncontrolled) if known else (None, None)
     for found, of in zip((figures, free), digits, strict=True):
@@ -206,14 +209,15 @@ def _plate_energy(
         errors.append([errors_of(of, i).get("plate_energy_j", 0.0) for i in range(len(sums[-1]))])
     energy, error = change_db(whole[0], whole[1], 10.0, sum(errors[0]), sum(errors[1]))
     if len(sums[0]) == len(sums[1]) == 1:
-        return energy, error, Over.ONLY
+        return energy, error, Later.NONE, None
     if known and known.not_again:
-        over = Over.FIRST_KNOWN
+        later, over_all = Later.UNKNOWN, None
     elif error <= HARDLY_DB:
-        return energy, error, Over.ALL
+        later, over_all = Later.PREDICTABLE, energy
     else:
-        over = Over.FIRST
-    return *change_db(sums[0][0], sums[1][0], 10.0, errors[0][0], errors[1][0]), over
+        later, over_all = Later.UNPREDICTABLE, None
+    first = change_db(sums[0][0], sums[1][0], 10.0, errors[0][0], errors[1][0])
+    return *first, later, over_all
 
 
 def _changes(figures: Figures, free: Figures, known: Predictability | None) -> Iterable[Change]:

@@ -4,7 +4,7 @@ from hertzloop.analysis.figures import Saturation
 from hertzloop.analysis.meters import Stability
 from hertzloop.analysis.recorded import IN_TIME, LawRan, PacedClock, Pacing
 from hertzloop.analysis.trust import LawAccuracy, Moved, NotAgain, Obstacle
-from hertzloop.analysis.verdict import Change, Control, ControlEffect, Over, Reasons, Verdict
+from hertzloop.analysis.verdict import Change, Control, ControlEffect, Later, Reasons, Verdict
 from hertzloop.analysis.words import percent, time_words
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.views.format import known_digits
@@ -12,11 +12,12 @@ from hertzloop.views.format import known_digits
 # Decibels have one digit: the second depends on where in a sample the contact begins.
 UNSTABLE = "UNSTABLE:"  # the first words of a verdict on an unstable loop
 _LONGEST = 200  # characters that are shown of a controller's own words
-_OVER = {
-    Over.ONLY: "",
-    Over.ALL: " over all contacts",
-    Over.FIRST: " (first impact; later ones are not predictable)",
-    Over.FIRST_KNOWN: " (first impact; it is unknown whether later ones are predictable)",
+_MUCH_DB = 0.5  # between the first impact and all contacts
+_LATER = {
+    Later.NONE: "",
+    Later.PREDICTABLE: " in the first impact",
+    Later.UNPREDICTABLE: " (first impact; later ones are not predictable)",
+    Later.UNKNOWN: " (first impact; it is unknown whether later ones are predictable)",
 }
 _CHANGED = {"radiated_j": "radiated energy", "plate_speed_max_m_s": "largest plate speed"}
 _MOVED = {
@@ -93,7 +94,7 @@ def _control(found: Control) -> list[str]:
     if found.outcome is ControlEffect.UNPREDICTABLE:
         return ["The effect of control is unpredictable: the model error exceeds the change."]
     change = known_digits(abs(found.energy_db), ".1f", found.error_db)
-    over = _OVER[found.over]
+    over = _LATER[found.later]
     said = [
         {
             ControlEffect.HELPS: f"Control reduces plate energy by {change} dB{over}.",
@@ -101,9 +102,15 @@ def _control(found: Control) -> list[str]:
             ControlEffect.HARDLY: f"Control leaves plate energy nearly unchanged{over}.",
         }[found.outcome]
     ]
+    if found.whole_db is not None and abs(found.whole_db - found.energy_db) > _MUCH_DB:
+        with_, without = found.contacts
+        said.append(
+            f"Over all contacts the change is {found.whole_db:+.1f} dB, with {with_} contact"
+            f"{'s' if with_ > 1 else ''} instead of {without}."
+        )
     for better, head in ((True, "Better"), (False, "Worse")):
         listed = [_change(one) for one in found.changes if one.better is better]
-        of = "" if found.once else " (first impact)"
+        of = "" if found.later is Later.NONE else " (first impact)"
         if listed:
             said.append(f"{head}{of}: {', '.join(listed)}.")
     return [*said, *(_reasons(found.reasons) if found.reasons else [])]
