@@ -28,6 +28,9 @@ from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
 from hertzloop.setup import Setup
 
 Span = Literal["impact", "run"]
+# The other span, and both in words.
+OTHER: dict[Span, Span] = {"impact": "run", "run": "impact"}
+IN_WORDS: dict[Span, str] = {"impact": "in the first impact", "run": "over all contacts"}
 Result = TypeVar("Result")
 # After the lead-in, unless an impact is expected to last longer; four times as many until it is
 # over. A run that is over ends before.

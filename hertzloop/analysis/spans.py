@@ -94,6 +94,7 @@ class RunFigures:
 
 _ENERGIES = ("plate_energy_j", "radiated_j", "sound_j", "longhorn_j", "holmes_j")
 _AMPLITUDES = ("peak_force_n", "plate_speed_max_m_s", "peak_pressure_pa")
+MUCH_DB = 0.5  # between the change in the first impact and that over all contacts
 # Factor of the logarithm of a ratio: of energies, and of amplitudes.
 DECIBELS = dict.fromkeys(_ENERGIES, 10.0) | dict.fromkeys(_AMPLITUDES, 20.0)
 _SHARED = {f.name for f in fields(ImpactNoise)} & {f.name for f in fields(SpanFigures)}

@@ -31,6 +31,7 @@ from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
 from hertzloop.views.format import Table, styled
 
 if TYPE_CHECKING:
+    from hertzloop.analysis.cases import Span
     from hertzloop.studies.budget.budget import Budget, InPlant
     from hertzloop.studies.budget.limits import Limit
     from hertzloop.studies.budget.probability import Probability, Sensitivity
@@ -61,8 +62,8 @@ def budget(
         bool, typer.Option("--real-plant/--no-real-plant", help="Search in the real plant too.")
     ] = True,
     span: Annotated[
-        Literal["impact", "run"],
-        typer.Option(help="Take figures of the first impact, or of the whole run."),
+        Literal["impact", "run", "both"],
+        typer.Option(help="Take figures of the first impact, or of the whole run, or of each."),
     ] = "impact",
     settings: SetOption = None,
     seed: SeedOption = None,
@@ -167,6 +168,7 @@ def budget(
     else:
         check_writable(Path())  # for unfinished work
     compile_first(resolved)
+    of: Span = "impact" if span == "both" else span
     header = {
         **work_of([resolved], [resolved.law_reference], Design(())),
         "budget": [*map(str, wanted), span, quick, with_real, *(only or [])],
@@ -179,22 +181,23 @@ def budget(
             local_pool(workers) as pool,
         ):
             found = study.budget(
-                finished.of(pool), resolved, wanted, span, quick=quick, with_real=with_real,
-                only=only or (), on_progress=lambda share: advance(round(1000 * share)),
+                finished.of(pool), resolved, wanted, of, quick=quick, with_real=with_real,
+                both=span == "both", only=only or (),
+                on_progress=lambda share: advance(round(1000 * share)),
             )  # fmt: skip
             mapped = None
             if folder is not None:
                 from hertzloop.studies.budget.page import map_of
 
-                mapped = map_of(finished.of(pool), resolved, wanted, span, found.ideal, quick)
+                mapped = map_of(finished.of(pool), resolved, wanted, of, found.ideal, quick)
             likely, indices = None, []
             if uncertain:
                 counted = finished.of(pool)
                 likely = probability(
-                    counted, resolved, wanted, uncertain, span, within=within, most=most_cases
+                    counted, resolved, wanted, uncertain, of, within=within, most=most_cases
                 )
                 if sobol:
-                    indices = sensitivities(counted, resolved, wanted, uncertain, span, sobol)
+                    indices = sensitivities(counted, resolved, wanted, uncertain, of, sobol)
     except SceneError as error:
         fail(str(error), 2)
     latencies = resolved.scene.controller.latency_trace
@@ -329,11 +332,15 @@ def probability_line(likely: "Probability") -> str:
 
 def _plants(found: "Budget") -> "list[tuple[str, InPlant]]":
     real = [("the real plant", found.real)] if found.real else []
-    return [("the scene", found.ideal), *real]
+    if not found.other:
+        return [("the scene", found.ideal), *real]
+    return [("the first impact", found.ideal), ("the whole run", found.other), *real]
 
 
 def effect_lines(found: "Budget") -> list[str]:
     """Return the goal, and what the law does in each plant, in sentences."""
+    from hertzloop.views.sentences import spans_differ
+
     goal = " and ".join(map(str, found.goals))
     lines = [f"{found.scene}, law {found.law}. Goal: {goal}, at every touch phase."]
     for name, plant in _plants(found):
@@ -342,6 +349,10 @@ def effect_lines(found: "Budget") -> list[str]:
         if plant.nominal.unstable:
             words += "; the loop is unstable"
         lines.append(f"In {name} the law {words}: plate energy {energy} dB over touch phases.")
+        if plant is found.ideal:
+            own = plant.nominal.figures["plate_energy_db"]
+            hint = "" if found.other else "--span both searches the limits of each."
+            lines += spans_differ(own, found.other_db, found.span, hint)
         if plant.left_out:
             refused = ", ".join(plant.left_out)
             lines.append(f"The real plant is without {refused}, which the scene refuses.")

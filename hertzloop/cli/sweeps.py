@@ -185,6 +185,17 @@ def sweep(
     figureless = len(found.not_run) + found.unstable
     if figureless < total:
         out.print(_extremes(found.rows, keys))
+    having = study.known(found.rows, "plate_energy_db")
+    if having and uncertain is None:
+        from hertzloop.analysis.cases import OTHER
+        from hertzloop.studies.sweeps.evaluate import run_case
+        from hertzloop.views.sentences import spans_differ
+
+        best = min(having, key=lambda row: row["plate_energy_db"])
+        other = run_case(resolved, OTHER[span], 0, {key: best[key] for key in keys})
+        hint = f"--span {OTHER[span]} sweeps the other."
+        for said in spans_differ(best["plate_energy_db"], other["plate_energy_db"], span, hint):
+            out.print(f"At the least plate energy: {said}", soft_wrap=True)
     if uncertain is not None and figureless < total:
         out.print(_uncertainties(found.rows, [axis.key for axis in planned.axes]))
     phased = PHASE in keys and design == "grid" and uncertain is None

@@ -1,8 +1,10 @@
 """Sentences on a run: what it comes to, which law ran, how it kept pace."""
 
+from hertzloop.analysis.cases import IN_WORDS, OTHER, Span
 from hertzloop.analysis.figures import Saturation
 from hertzloop.analysis.meters import Stability
 from hertzloop.analysis.recorded import IN_TIME, LawRan, PacedClock, Pacing
+from hertzloop.analysis.spans import MUCH_DB
 from hertzloop.analysis.trust import LawAccuracy, Moved, NotAgain, Obstacle
 from hertzloop.analysis.verdict import Change, Control, ControlEffect, Later, Reasons, Verdict
 from hertzloop.analysis.words import percent, time_words
@@ -12,7 +14,6 @@ from hertzloop.views.format import known_digits
 # Decibels have one digit: the second depends on where in a sample the contact begins.
 UNSTABLE = "UNSTABLE:"  # the first words of a verdict on an unstable loop
 _LONGEST = 200  # characters that are shown of a controller's own words
-_MUCH_DB = 0.5  # between the first impact and all contacts
 _LATER = {
     Later.NONE: "",
     Later.PREDICTABLE: " in the first impact",
@@ -53,6 +54,26 @@ def verdict_sentences(found: Verdict) -> list[str]:
     if found.law_accuracy:
         said += law_accuracy_sentences(found.law_accuracy)
     return said
+
+
+def spans_differ(own_db: float, other_db: float | None, span: Span, hint: str) -> list[str]:
+    """State the change of the plate energy in both spans where it differs by much.
+
+    Args:
+        own_db: The change in `span`, dB.
+        other_db: The change in the other span, dB; None without one.
+        span: The span that the command evaluates.
+        hint: What to do, a sentence.
+
+    Returns:
+        One sentence and the hint, or nothing.
+    """
+    if other_db is None or not abs(other_db - own_db) > MUCH_DB:
+        return []
+    return [
+        f"Plate energy changes by {own_db:+.1f} dB {IN_WORDS[span]} and by {other_db:+.1f} dB "
+        f"{IN_WORDS[OTHER[span]]}, because the contacts after the first differ. {hint}".strip()
+    ]
 
 
 def _saturation(found: Saturation) -> str:
@@ -102,7 +123,7 @@ def _control(found: Control) -> list[str]:
             ControlEffect.HARDLY: f"Control leaves plate energy nearly unchanged{over}.",
         }[found.outcome]
     ]
-    if found.whole_db is not None and abs(found.whole_db - found.energy_db) > _MUCH_DB:
+    if found.whole_db is not None and abs(found.whole_db - found.energy_db) > MUCH_DB:
         with_, without = found.contacts
         said.append(
             f"Over all contacts the change is {found.whole_db:+.1f} dB, with {with_} contact"

@@ -584,6 +584,24 @@ def test_the_command_ends_as_documented(requirements):
     assert "has no limits" in refused.stderr
 
 
+def test_both_spans_stand_in_one_table(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["budget", "oak-20mm", "--quick", "--no-real-plant", "--workers", "1",
+             "--only", "bandwidth_hz", "--json", "a.json"]  # fmt: skip
+    one = " ".join(invoke(words).stdout.split())
+    assert "changes by -4.2 dB in the first impact and by -2.0 dB over all contacts" in one
+    assert "--span both" in one
+    done = invoke([*words, "--span", "both"])
+    assert done.exit_code == 0, done.output
+    assert "the first impact" in done.stdout
+    assert "the whole run" in done.stdout
+    data = json.loads((tmp_path / "a.json").read_text())
+    limits = [data[of]["bandwidth_hz"]["value"] for of in ("limits", "other_span")]
+    assert None not in limits
+    assert limits[0] != limits[1]
+    assert data["other_span_db"] == pytest.approx(-2.0, abs=0.05)
+
+
 def test_the_page_shows_limits_and_a_map(pool, tmp_path):
     page = pytest.importorskip("hertzloop.studies.budget.page")
     setup = load("aluminium-3mm", SHORT)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from hertzloop.analysis.cases import CaseState, Span
+from hertzloop.analysis.cases import OTHER, CaseState, Span
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
@@ -66,8 +66,9 @@ class InPlant:
 
 @dataclass(frozen=True)
 class Budget:
-    """The answer of `hertzloop budget`; `real` is None where it was not asked for; `margin`: the
-    linear margin, None for a law that has none."""
+    """The answer of `hertzloop budget`; `real` is None where it was not asked for, and so is
+    `other`, the scene by figures of the other span; `other_db`: its change of the plate energy,
+    None without one; `margin`: the linear margin, None for a law that has none."""
 
     scene: str
     law: str
@@ -75,6 +76,8 @@ class Budget:
     goals: tuple[Goal, ...]
     ideal: InPlant
     real: InPlant | None
+    other: InPlant | None
+    other_db: float | None
     margin: Margin | None
     unstable: bool | None
     cases: int
@@ -141,6 +144,7 @@ def budget(
     *,
     quick: bool = False,
     with_real: bool = True,
+    both: bool = False,
     only: Iterable[str] = (),
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Budget:
@@ -153,6 +157,7 @@ def budget(
         span: Figures of the first impact, or of the whole run.
         quick: Search coarsely, with a thin plate as the real one.
         with_real: Whether to search in the real plant too.
+        both: Whether to search by figures of the other span too.
         only: Names of the quantities to search; all if empty.
         on_progress: Is told the finished share of the work.
 
@@ -163,10 +168,12 @@ def budget(
         raise SceneError(
             "controller.law = 'off': has no limits. Name a law, for example --law slope_threshold"
         )
-    names, parts = tuple(only), 2 if with_real else 1
+    names, parts = tuple(only), 1 + with_real + both
     counted = [0]
 
-    def of_plant(found: Setup, part: int, left_out: tuple[str, ...]) -> InPlant:
+    def of_plant(
+        found: Setup, part: int, left_out: tuple[str, ...] = (), span: Span = span
+    ) -> InPlant:
         def run(cases: list[Case]) -> Rows:
             counted[0] += len(cases)
             return evaluate(pool, found, span, cases)
@@ -181,17 +188,19 @@ def budget(
         )
         return InPlant(nominal, tuple(limits), binds_first(limits), left_out)
 
-    ideal, real = of_plant(setup, 0, ()), None
+    ideal, real = of_plant(setup, 0), None
+    other = of_plant(setup, 1, span=OTHER[span]) if both else None
+    other_db = evaluate(pool, setup, OTHER[span], [{}])[0]["plate_energy_db"]
     if with_real:
         changed, left_out = real_plant(setup, quick)
-        real = of_plant(changed, 1, left_out)
+        real = of_plant(changed, 1 + both, left_out)
     on_progress(1.0)
     margin = linear_margin(setup)
     stable = None if margin is None else margin.stable
     unstable = True if ideal.nominal.unstable else None if stable is None else not stable
     return Budget(
-        setup.name, setup.law_reference, span, tuple(goals), ideal, real, margin, unstable,
-        counted[0],
+        setup.name, setup.law_reference, span, tuple(goals), ideal, real, other, other_db,
+        margin, unstable, counted[0] + 1,
     )  # fmt: skip
 
 
@@ -254,6 +263,9 @@ def as_data(found: Budget) -> dict[str, Any]:
         "nominal_over_phases": _spreads(found.ideal.nominal),
         "limits": {limit.quantity: _limit(limit) for limit in found.ideal.limits},
         "binds_first": found.ideal.binds_first,
+        "other_span_db": found.other_db,
+        "other_span": {limit.quantity: _limit(limit) for limit in found.other.limits}
+        if found.other else None,
         "real_plant": {limit.quantity: _limit(limit) for limit in real.limits} if real else None,
         "real_plant_met": real.nominal.met if real else None,
         "real_plant_nominal": real.nominal.figures if real else None,
