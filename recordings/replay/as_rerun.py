@@ -35,6 +35,7 @@ _LINE_COLOURS = {
     "held": (251, 146, 60),
 }  # fmt: skip
 _FAINT = (150, 156, 166), (201, 167, 110)  # of what is there to compare with
+_EXACT_SHARE = 5e-4  # error of a curve at the cursor, of its axis: below one pixel
 _MOST_LISTED = 2000  # contacts
 _LINE = 66  # characters of an event that the dashboard shows
 _STATE_COLOURS = {
@@ -144,8 +145,9 @@ def fill(stream: rr.RecordingStream, shown: Shown, still: bool = False) -> None:
         at, full_n = shown.told.actuator_m, _full_arrow_n(shown)
         scene3d.send_actuator(stream, rows["f_a_n"], deflection, at, drawn, full_n)
     for plot in shown.plots:
+        low, high = _zoom_range(shown, plot)
         for curve in (one for one in plot.curves if len(one.values)):
-            _send_curve(stream, shown, plot, curve)
+            _send_curve(stream, plot, curve, _EXACT_SHARE * (high - low))
     if shown.told.spectra:
         colours = [_LINE_COLOURS["v_p"], *_FAINT]
         spectra_drawn.send(stream, shown.told.spectra, colours[: len(shown.told.spectra)])
@@ -170,14 +172,16 @@ def _full_arrow_n(shown: Shown) -> float:
     return scene3d.round_above(largest) if largest > 0.0 else 0.0
 
 
+def _zoom_range(shown: Shown, plot: Plot) -> tuple[float, float]:
+    """Ends of the axis of a plot at the cursor."""
+    (before, after), still = shown.when.zoom_ns, shown.when.still_ns
+    return blueprint.zoomed(plot, (still - before, still + after))
+
+
 def _layout(shown: Shown) -> Layout:
-    around = (
-        shown.when.still_ns - shown.when.zoom_ns[0],
-        shown.when.still_ns + shown.when.zoom_ns[1],
-    )
     return Layout(
         plots=[
-            PlotLook(plot.key, plot.title, blueprint.zoomed(plot, around), blueprint.whole(plot))
+            PlotLook(plot.key, plot.title, _zoom_range(shown, plot), blueprint.whole(plot))
             for plot in shown.plots
         ],
         selection_ns=shown.when.selection_ns,
@@ -196,24 +200,23 @@ def _surface_title(shown: Shown) -> str:
     return "Plate at rest" if shown.drawn.flat else f"Plate, heights drawn {shown.drawn.in_words}"
 
 
-def _colour(shown: Shown, plot: Plot, curve: Curve) -> tuple[int, int, int]:
+def _colour(plot: Plot, curve: Curve) -> tuple[int, int, int]:
     if not curve.faint:
         return _LINE_COLOURS[curve.name]
     earlier = [other.name for other in plot.curves if other.faint]
     return _FAINT[earlier.index(curve.name) % len(_FAINT)]
 
 
-def _send_curve(stream: rr.RecordingStream, shown: Shown, plot: Plot, curve: Curve) -> None:
-    enough = slice(None) if curve.overview is None else curve.overview
-    for entity, held, chosen in (
-        ("overview", False, enough),
-        ("zoom", curve.held, slice(None)),
-    ):
+def _send_curve(stream: rr.RecordingStream, plot: Plot, curve: Curve, within: float) -> None:
+    """As an overview and, exact `within` so much, for the plot at the cursor."""
+    whole = slice(None) if curve.overview is None else curve.overview
+    at_cursor = replay_data.enough(curve.time_ns, curve.values, within, curve.held)
+    for entity, held, chosen in (("overview", False, whole), ("zoom", curve.held, at_cursor)):
         # Later names are drawn over earlier ones: what is there to compare with lies behind.
         path = f"{entity}/{plot.key}/{'0_' if curve.faint else ''}{curve.name}"
         line = rr.SeriesLines(
             names=curve.label or curve.name,
-            colors=_colour(shown, plot, curve),
+            colors=_colour(plot, curve),
             widths=1.5,
             aggregation_policy="MinMax",
             interpolation_mode="StepAfter" if held else "Linear",

@@ -97,6 +97,26 @@ def extremes(values: np.ndarray, points: int) -> np.ndarray:
     return np.flatnonzero(shown)
 
 
+def enough(time_ns: np.ndarray, values: np.ndarray, within: float, held: bool) -> np.ndarray:
+    """Ascending positions of samples between which straight lines keep within so much of all
+    values, or, if they are `held`, the value before."""
+    kept = np.ones(len(values), bool)
+    time, width = time_ns.astype(float), 1
+    good: np.ndarray = np.ones(max(len(values) - 1, 0), bool)  # pieces so wide
+    while len(good) > 1:
+        good = good[:-1:2] & good[1::2]
+        width *= 2
+        tried = np.flatnonzero(good)
+        at = tried[:, None] * width + np.arange(width + 1)
+        value, when = values[at], time[at] - time[at[:, :1]]
+        with np.errstate(invalid="ignore", over="ignore"):  # of values without bound
+            slope = 0.0 if held else (value[:, -1:] - value[:, :1]) / when[:, -1:]
+            error = abs(value[:, :1] + slope * when - value)[:, :-1].max(axis=1, initial=0.0)
+        good[tried] = error <= within
+        kept[at[good[tried], 1:-1]] = False
+    return np.flatnonzero(kept)
+
+
 def full_rate_spans(contacts: Sequence[Span], count: int) -> list[Span]:
     """Samples shown at full rate: everything in a short run, else the surroundings of contacts.
 

@@ -1,7 +1,7 @@
 """The plate, the sphere, the actuator and the colour scale in three dimensions."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 
@@ -21,6 +21,11 @@ _HIGHEST_SHARE = 0.35  # of the sphere as drawn: it stays in the picture
 _FLAT_M = 1e-15  # less than this is no deflection
 _LOW, _REST, _HIGH = (np.array(c) for c in ((38, 98, 214), (196, 204, 214), (226, 84, 44)))
 _SHADES = 512  # to either side of rest: finer than a colour can be told
+_LIGHTS = 128  # levels of light, from none to all of it
+# The viewer's lamps (rerun-sdk 0.41): direction to each and brightness; light from everywhere.
+_LAMPS = (((1.0, 2.0, 3.0), 1.0), ((-1.0, -3.0, -5.0), 0.5))
+_AMBIENT = 0.2
+_EXACT_SHARE = 1e-3  # error of a surface as drawn, of the plate's shorter side: below one pixel
 
 
 @dataclass(frozen=True)
@@ -103,6 +108,23 @@ def _heights(deflection: Deflection, drawn: Scale) -> np.ndarray:
     return np.asarray(np.clip(drawn.heights * deflection.w_m, -drawn.highest_m, drawn.highest_m))
 
 
+def enough_lines(along_m: np.ndarray, heights: np.ndarray, within_m: float) -> np.ndarray:
+    """Ascending positions along an axis (n,), both ends among them, between which straight lines
+    keep within `within_m` of the heights (frames, n, m)."""
+    kept, last = [0], len(along_m) - 1
+    while (a := kept[-1]) < last:
+        b = a + 1
+        while b < last:
+            share = ((along_m[a + 1 : b + 1] - along_m[a]) / (along_m[b + 1] - along_m[a]))[:, None]
+            start, end = heights[:, a, None], heights[:, b + 1, None]
+            error = abs(start + share * (end - start) - heights[:, a + 1 : b + 1]).max(initial=0.0)
+            if not error <= within_m:
+                break
+            b += 1
+        kept.append(b)
+    return np.array(kept)
+
+
 def normals(deflection: Deflection, drawn: Scale) -> np.ndarray:
     """Unit normals of the surface as drawn, shape (frames, nodes, 3)."""
     w = _heights(deflection, drawn).astype(np.float32)
@@ -116,24 +138,40 @@ def normals(deflection: Deflection, drawn: Scale) -> np.ndarray:
     return found.reshape(len(w), -1, 3)
 
 
+def light(normals: np.ndarray) -> np.ndarray:
+    """Share of its colour that a surface shows in the viewer's light, by normals (..., 3)."""
+    found = np.full(normals.shape[:-1], _AMBIENT, np.float32)
+    for towards, brightness in _LAMPS:
+        unit = np.array(towards, np.float32) / np.float32(np.linalg.norm(towards))
+        found += np.float32(brightness) * np.clip(normals @ unit, 0.0, 1.0)
+    return np.asarray(np.clip(found, 0.0, 1.0))
+
+
 def colours(deflection: Deflection, drawn: Scale) -> np.ndarray:
-    """Blue below and red above rest, shape (frames, nodes), 0xRRGGBBAA."""
-    return colour_of(deflection.w_m.reshape(len(deflection.w_m), -1) / drawn.full_colour_m)
+    """Blue below and red above rest, darker where the surface turns away from the light, shape
+    (frames, nodes), 0xRRGGBBAA."""
+    share = deflection.w_m.reshape(len(deflection.w_m), -1) / drawn.full_colour_m
+    return colour_of(share, light(normals(deflection, drawn)))
 
 
-def colour_of(share: np.ndarray) -> np.ndarray:
-    """Colours of deflections in shares of that in full colour, same shape, 0xRRGGBBAA."""
+def colour_of(share: np.ndarray, lit: np.ndarray | float = 1.0) -> np.ndarray:
+    """Colours of deflections in shares of that in full colour, `lit` by so much of the light (both
+    of the same shape, or one number), 0xRRGGBBAA."""
     shade = np.rint(_SHADES * np.clip(share, -1.0, 1.0)).astype(np.int16) + np.int16(_SHADES)
-    return np.asarray(_shades()[shade])
+    return np.asarray(_shades()[shade, np.rint(_LIGHTS * np.asarray(lit)).astype(np.int16)])
 
 
 @cache
 def _shades() -> np.ndarray:
-    """The colours of the shares -1 to 1 in equal steps, (2 _SHADES + 1,), 0xRRGGBBAA."""
+    """The colours of the shares -1 to 1 and of no light to all of it, each in equal steps,
+    (2 _SHADES + 1, _LIGHTS + 1), 0xRRGGBBAA."""
     share = np.linspace(-1.0, 1.0, 2 * _SHADES + 1)[:, None]
     towards = np.where(share < 0.0, _LOW, _HIGH)
-    rgb = (_REST + abs(share) * (towards - _REST)).astype(np.uint32)
-    return (rgb[..., 0] << 24) | (rgb[..., 1] << 16) | (rgb[..., 2] << 8) | np.uint32(255)
+    # Light multiplies what a colour stands for: its number to the power of 2.2.
+    lit = np.linspace(0.0, 1.0, _LIGHTS + 1)[:, None] ** (1.0 / 2.2)
+    rgb = (_REST + abs(share) * (towards - _REST))[:, None] * lit
+    red, green, blue = rgb.astype(np.uint32).transpose(2, 0, 1)
+    return (red << 24) | (green << 16) | (blue << 8) | np.uint32(255)
 
 
 def sphere_centres(deflection: Deflection, xi_s_m: np.ndarray, drawn: Scale) -> np.ndarray:
@@ -168,20 +206,33 @@ def times(time_ns: np.ndarray) -> rr.TimeColumn:
 
 def send_plate(stream: rr.RecordingStream, deflection: Deflection, drawn: Scale) -> None:
     """The deflecting plate with its rim at rest, and what its colours mean."""
-    frames, nodes = len(deflection.times_ns), deflection.w_m[0].size
     (x0, y0), (x1, y1) = deflection.low_m, (deflection.x_m[-1], deflection.y_m[-1])
     edge = [(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0), (x0, y0, 0)]
     stream.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     stream.log("scene/edge", rr.LineStrips3D([edge], colors=(120, 130, 145)), static=True)
-    indices = rr.Mesh3D.from_fields(triangle_indices=triangles(deflection))
-    stream.log("scene/plate", indices, static=True)
+    # What each frame repeats decides how large the file is: only as many nodes as the surface
+    # needs, round heights, and the light within the colours, since normals take more than both.
+    within_m = _EXACT_SHARE * min(deflection.size_m)
+    heights = _heights(deflection, drawn).astype(np.float32)
+    i = enough_lines(deflection.x_m, heights, within_m)
+    j = enough_lines(deflection.y_m, heights[:, i].transpose(0, 2, 1), within_m)
+    w = deflection.w_m[:, i][:, :, j]
+    coarse = replace(deflection, x_m=deflection.x_m[i], y_m=deflection.y_m[j], w_m=w)
+    places, shape = vertices(coarse, drawn), deflection.w_m.shape
+    step = 2.0 ** math.floor(math.log2(within_m / 2.0))
+    places[..., 2] = np.rint(places[..., 2] / step) * step
+    looks = rr.Mesh3D.from_fields(
+        triangle_indices=triangles(coarse), vertex_normals=np.zeros_like(places[0])
+    )
+    stream.log("scene/plate", looks, static=True)
     columns = rr.Mesh3D.columns(
-        vertex_positions=vertices(deflection, drawn).reshape(-1, 3),
-        vertex_normals=normals(deflection, drawn).reshape(-1, 3),
-        vertex_colors=colours(deflection, drawn).ravel(),
+        vertex_positions=places.reshape(-1, 3),
+        vertex_colors=colours(deflection, drawn).reshape(shape)[:, i][:, :, j].ravel(),
     )
     stream.send_columns(
-        "scene/plate", [times(deflection.times_ns)], columns.partition([nodes] * frames)
+        "scene/plate",
+        [times(deflection.times_ns)],
+        columns.partition([len(i) * len(j)] * len(places)),
     )
     if not drawn.flat:
         _send_colour_scale(stream, deflection, drawn)

@@ -106,6 +106,28 @@ def test_the_file_holds_every_entity_and_loads(file: Path, tmp_path: Path) -> No
     assert set(entities(rrd)) == ENTITIES | TOLD
 
 
+@pytest.mark.full
+def test_the_file_of_the_default_run_is_small(tmp_path: Path) -> None:
+    record_in_process(load("aluminium-20mm"), tmp_path / "run.mcap", compiled=True)
+    assert read(tmp_path / "run.mcap").truth.samples == 60_000
+    rrd = tmp_path / "run.rrd"
+    result = call("replay", tmp_path / "run.mcap", "--save", rrd)
+    assert result.exit_code == 0, result.output
+    assert rrd.stat().st_size < 10e6
+    assert "make_active: true" in rerun("rrd", "print", rrd)
+
+
+@pytest.mark.full
+def test_the_light_in_colours_is_that_of_the_viewer() -> None:
+    """Its shader is part of the program."""
+    shader = viewer.executable().read_bytes()
+    assert b"var shading = %g;" % scene3d._AMBIENT in shader
+    for (x, y, z), brightness in scene3d._LAMPS:
+        lamp = f"normalize(vec3f({x}, {y}, {z}))"
+        term = f"shading += {brightness} * clamp(dot({lamp}, normal), 0.0, 1.0);"
+        assert term.encode() in shader
+
+
 def test_a_run_lies_over_its_twin_from_the_first_contact_on(file: Path, tmp_path: Path) -> None:
     """The other run falls for longer and is moved to touch at the same time."""
     later = load("aluminium-3mm", [*SCENE, "run.lead_in_s=0.0015", "controller.kappa=0.5"])

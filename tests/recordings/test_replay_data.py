@@ -21,6 +21,7 @@ from hertzloop.recordings.replay.data import (
     Thinner,
     contact_spans,
     contacts_of,
+    enough,
     extremes,
     full_rate_spans,
     rows_at,
@@ -49,6 +50,32 @@ def test_thinning_keeps_a_spike_of_one_sample() -> None:
     kept = extremes(values, 6000)
     assert {123_457, 876_543} <= set(kept.tolist())
     assert len(kept) < 6010
+
+
+@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize("count", [1, 2, 3, 64, 65, 1000])
+def test_a_curve_of_fewer_samples_keeps_within_its_error(count: int, held: bool) -> None:
+    """At uneven times, too; what is smooth takes few samples, a jump none more."""
+    rng = np.random.default_rng(count)
+    time_ns = np.cumsum(rng.integers(1, 9, count))
+    values = np.sin(time_ns / 700.0) + (np.arange(count) > count // 3)
+    kept = enough(time_ns, values, 1e-2, held)
+    assert (kept[0], kept[-1]) == (0, count - 1)
+    if held:
+        shown = values[kept][np.searchsorted(kept, np.arange(count), "right") - 1]
+    else:
+        shown = np.interp(time_ns, time_ns[kept], values[kept])
+    assert abs(shown - values).max() <= 1e-2 * (1 + 1e-9)
+    if count == 1000:
+        assert len(kept) < (800 if held else 200)
+
+
+def test_values_without_bound_are_kept_what_is_constant_is_not() -> None:
+    values = np.ones(4097)
+    assert len(enough(np.arange(4097), values, 0.0, held=False)) == 2
+    values[[10, 300, 301, 302]] = np.nan, np.inf, np.inf, -np.inf
+    kept = enough(np.arange(4097), values, 1e-3, held=False)
+    assert {9, 10, 11, 299, 300, 301, 302, 303} <= set(kept.tolist())
 
 
 def test_contacts_are_found_up_to_both_ends() -> None:
@@ -245,6 +272,32 @@ def test_triangles_face_up_and_normals_agree_with_them() -> None:
     at_first_corner = normals[1][scene3d.triangles(plate)[:, 0]]
     unit = faces / np.linalg.norm(faces, axis=1)[:, None]
     assert np.all((unit * at_first_corner).sum(axis=1) > 0.98)
+
+
+def test_as_many_lines_of_the_grid_are_drawn_as_a_surface_needs() -> None:
+    plate = bent_plate()
+    x, heights = plate.x_m, 2000.0 * plate.w_m
+    kept = scene3d.enough_lines(x, heights, 3e-4)
+    assert 2 < len(kept) < len(x)
+    shown = np.array(
+        [[np.interp(x, x[kept], line[kept]) for line in frame.T] for frame in heights]
+    ).transpose(0, 2, 1)
+    assert abs(shown - heights).max() <= 3e-4
+    assert scene3d.enough_lines(x, heights, 1.0).tolist() == [0, len(x) - 1]
+    assert len(scene3d.enough_lines(x, np.full_like(heights, np.nan), 1.0)) == len(x)
+
+
+def test_a_surface_that_turns_away_from_the_light_is_darker() -> None:
+    """Level, it has its colour; the viewer's first lamp is towards (1, 2, 3)."""
+    turned = np.array([(0.0, 0.0, 1.0), (1.0, 2.0, 3.0), (-0.6, 0.0, 0.8), (0.0, -0.6, 0.8)])
+    turned /= np.linalg.norm(turned, axis=1)[:, None]
+    level, towards, left, front = scene3d.light(turned.astype(np.float32))
+    assert level == towards == 1.0
+    assert left == pytest.approx(0.2 + (0.8 * 3.0 - 0.6) / 14.0**0.5, abs=1e-6)
+    assert front == pytest.approx(0.2 + (0.8 * 3.0 - 1.2) / 14.0**0.5, abs=1e-6)
+    shares = np.zeros(4)
+    reds = scene3d.colour_of(shares, np.array([level, towards, left, front])) >> 24
+    assert reds[0] == reds[1] == scene3d.colour_of(shares)[0] >> 24 > reds[2] > reds[3]
 
 
 def test_the_sphere_rests_on_the_plate_in_contact_and_hovers_by_the_same_factor() -> None:
