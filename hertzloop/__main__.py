@@ -5,12 +5,13 @@ import _signal  # type: ignore[import-not-found]
 import os
 import sys
 
-if (__name__ == "__main__" or os.path.basename(sys.argv[0]) == "hertzloop") and (
-    _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler
-):
-    # Before the imports below, in which Python would report it line by line. Other programs import
-    # this module, too, and keep their handler.
-    _signal.signal(_signal.SIGINT, lambda *_: (os.write(2, b"interrupted\n"), os._exit(130)))
+if __name__ == "__main__" or os.path.basename(sys.argv[0]) == "hertzloop":
+    # Before the imports below, in which Python would report Ctrl-C line by line, and the others
+    # would kill. Other programs import this module, too, and keep their handlers; what is ignored,
+    # as SIGHUP under nohup, stays so.
+    for _number in (_signal.SIGINT, _signal.SIGTERM, _signal.SIGHUP, _signal.SIGQUIT):
+        if _signal.getsignal(_number) in (_signal.default_int_handler, _signal.SIG_DFL):
+            _signal.signal(_number, lambda *_: (os.write(2, b"interrupted\n"), os._exit(130)))
 
 import gc
 

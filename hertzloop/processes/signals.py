@@ -98,7 +98,8 @@ def command_line() -> Iterator[Callable[[], None]]:
     Until then a signal ends the process at once; from then on it raises KeyboardInterrupt.
     """
     atexit.register(_end)  # before the imports: the first to be registered is the last to run
-    before = signal.signal(signal.SIGINT, leave)
+    before = signal.getsignal(signal.SIGINT)
+    raise_when_ended(leave)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # a launcher holds it back
 
     def imported() -> None:

@@ -5,6 +5,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
+from typing import Any
 
 import pytest
 
@@ -44,26 +46,51 @@ import signal, sys
 
 class Finder:
     def find_spec(self, name, path, target=None):
-        if name == "hertzloop.processes":
-            signal.raise_signal(signal.SIGINT)
+        if name in {modules!r}:
+            signal.raise_signal(signal.{signal})
 
 sys.argv[0] = {name!r}
 sys.meta_path.insert(0, Finder())
 import hertzloop.__main__
+sys.argv[1:] = ["law", "--help"]
+hertzloop.__main__.main()
 """
+_FIRST, _LATE = "hertzloop.processes", "hertzloop.cli.app"
 
 
-def interrupted_as_it_imports(name: str) -> tuple[int, str]:
+def interrupted_as_it_imports(
+    name: str,
+    number: int = signal.SIGINT,
+    modules: Sequence[str] = (_FIRST,),
+    before: Any = signal.SIG_DFL,
+) -> tuple[int, str]:
+    script = _INTERRUPTED_IMPORT.format(
+        name=name, signal=signal.Signals(number).name, modules=modules
+    )
     done = subprocess.run(
-        [sys.executable, "-c", _INTERRUPTED_IMPORT.format(name=name)],
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        [sys.executable, "-c", script],
+        preexec_fn=lambda: signal.signal(number, before),
         capture_output=True, text=True, timeout=60,
     )  # fmt: skip
     return done.returncode, done.stderr
 
 
-def test_the_command_ends_quietly_in_its_first_import() -> None:
-    assert interrupted_as_it_imports("/usr/bin/hertzloop") == (130, "interrupted\n")
+@pytest.mark.parametrize(
+    ("name", "module"),
+    [("SIGINT", _FIRST), ("SIGTERM", _FIRST), ("SIGTERM", _LATE), ("SIGHUP", _FIRST),
+     ("SIGQUIT", _LATE)],
+)  # fmt: skip
+def test_the_command_ends_quietly_in_its_imports(name: str, module: str) -> None:
+    number = signal.Signals[name]
+    found = interrupted_as_it_imports("/usr/bin/hertzloop", number, [module])
+    assert found == (130, "interrupted\n")
+
+
+def test_what_nohup_ignores_stays_ignored() -> None:
+    found = interrupted_as_it_imports(
+        "/usr/bin/hertzloop", signal.SIGHUP, [_FIRST, _LATE], signal.SIG_IGN
+    )
+    assert found == (0, "")
 
 
 def test_another_program_that_imports_the_command_keeps_its_handler() -> None:
