@@ -6,12 +6,11 @@ body or a signal; log time = publish time = simulated time.
 """
 
 import json
-import os
-import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
+from io import FileIO, RawIOBase
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +34,7 @@ from hertzloop.recordings.writer import (
     SCENE_ATTACHMENT,
     RecordingError,
 )
+from hertzloop.whole_files import NotWritten, whole_file
 
 WINDOW_STEPS = 1 << 16
 STREAMS = ("truth", "daq", "force")
@@ -214,7 +214,13 @@ def write_hdf5(samples: Samples, path: Path) -> None:
         raise RecordingError("HDF5 needs h5py, which is not installed: pip install 'hertzloop[h5]'")
     import h5py
 
-    with h5py.File(path, "w") as file:
+    with _SteadyFile(path) as steady:
+        _fill_hdf5(samples, h5py, steady)
+        steady.check()
+
+
+def _fill_hdf5(samples: Samples, h5py: Any, steady: "_SteadyFile") -> None:
+    with h5py.File(steady, "w") as file:
         file.attrs["scene.toml"] = samples.recording.scene_toml
         for key, value in samples.recording.metadata.items():
             file.attrs[key] = value
@@ -234,6 +240,56 @@ def write_hdf5(samples: Samples, path: Path) -> None:
                     at = made.shape[0]
                     made.resize(at + len(values), axis=0)
                     made[at:] = values
+            steady.check()
+
+
+class _SteadyFile(FileIO):
+    """A file for HDF5, which may crash the process after a write has failed: what the disk refuses
+    is kept in memory, until `check` raises the error and HDF5 closes the file."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path, "w+")
+        self._refused: list[tuple[int, bytes]] = []  # place and content
+        self._error: OSError | None = None
+
+    def check(self) -> None:
+        """Raise the first error of a write."""
+        if self._error is not None:
+            raise self._error
+
+    def write(self, data: Any) -> int:
+        """Write all of `data`, or keep the rest."""
+        at, done = self.tell(), 0
+        try:
+            while done < len(data) and self._error is None:
+                done += super().write(data[done:])
+        except OSError as error:
+            self._error = error
+        if done < len(data):
+            self._refused.append((at + done, bytes(data[done:])))
+        return len(data)
+
+    def readinto(self, buffer: Any) -> int:
+        """Read what was written, kept or not."""
+        begin, size = self.tell(), len(buffer)
+        buffer[:] = super().read(size).ljust(size, b"\0")
+        for at, data in self._refused:
+            first, last = max(at, begin), min(at + len(data), begin + size)
+            if first < last:
+                buffer[first - begin : last - begin] = data[first - at : last - at]
+        return size
+
+    def read(self, size: int | None = -1) -> Any:
+        """Read by way of `readinto`."""
+        return RawIOBase.read(self, -1 if size is None else size)
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the length, or note why it cannot be set."""
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self._error = self._error or error
+            return self.tell()
 
 
 _TIME_NAME = {"step": ("", "number of the step"), "time_ns": ("ns", "simulated time")}
@@ -435,18 +491,8 @@ def export(samples: Samples, path: Path) -> None:
 
     Raises RecordingError if the recording cannot be read on or the file not be written.
     """
-    write = FORMATS[path.suffix]
     try:
-        handle, name = tempfile.mkstemp(path.suffix, f".{path.stem}-", path.parent)
-        os.close(handle)
-        unfinished = Path(name)
-        try:
-            write(samples, unfinished)
-            mask = os.umask(0)
-            os.umask(mask)
-            unfinished.chmod(0o666 & ~mask)  # as any file, not only for its owner
-            unfinished.replace(path)
-        finally:
-            unfinished.unlink(missing_ok=True)
-    except OSError as error:
-        raise RecordingError(f"cannot write {path}: {error.strerror or error}") from error
+        with whole_file(path) as unfinished:
+            FORMATS[path.suffix](samples, unfinished)
+    except NotWritten as error:
+        raise RecordingError(str(error)) from error

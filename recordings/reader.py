@@ -7,7 +7,7 @@ more memory than what is looked at.
 import os
 import stat
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,14 @@ from hertzloop.bus.wire import DecodedBlock
 from hertzloop.recordings.chunks import MAGIC, Damaged, McapRecord, Walk, intact
 from hertzloop.recordings.columns import SAMPLED, Arrays, JoinedStream
 from hertzloop.recordings.intake import Event, Intake, Taken, in_order
-from hertzloop.recordings.writer import EXPORT_LIBRARY, TOPICS, RecordingError, RecordingWriter
+from hertzloop.recordings.writer import (
+    EXPORT_LIBRARY,
+    TOPICS,
+    NotRecorded,
+    RecordingError,
+    RecordingWriter,
+)
+from hertzloop.whole_files import whole_file
 
 __all__ = ["Event", "JoinedStream", "Recording", "Source", "holds_a_run", "read"]
 
@@ -273,7 +280,7 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
     and checksums.
 
     The new file says that it is incomplete and why. Raises RecordingError if there is nothing to
-    recover or the new file cannot be written.
+    recover or the new file exists or is in use, and NotWritten.
     """
     try:
         old = read(path)
@@ -288,13 +295,19 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
     seen, _ = source.look()
     if not seen.counters:
         raise RecordingError(f"{path} holds no message of a run: nothing to recover")
-    writer = RecordingWriter(whole, overwrite)
-    writer.scene(old.scene_toml, old.metadata)
     copied = 0
     again = Intake(channels=dict(seen.channels))
-    for taken in source.messages(again, source.records()):
-        message = taken.message
-        writer.write(taken.stream, message.data, message.sequence, message.log_time)
-        copied += 1
-    writer.finish({"complete": "no" if fault else "yes", "fault": fault})
+    with whole_file(whole) as unfinished, ExitStack() as locked:
+        if unfinished != whole:
+            locked.callback(RecordingWriter(whole, overwrite).finish, {})
+        try:
+            writer = RecordingWriter(unfinished, overwrite)
+            writer.scene(old.scene_toml, old.metadata)
+            for taken in source.messages(again, source.records()):
+                message = taken.message
+                writer.write(taken.stream, message.data, message.sequence, message.log_time)
+                copied += 1
+            writer.finish({"complete": "no" if fault else "yes", "fault": fault})
+        except NotRecorded as error:
+            raise error.reason from error  # `whole_file` names the file
     return Recovered(copied, old.others, old.unchecked)

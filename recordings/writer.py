@@ -39,6 +39,14 @@ class RecordingError(RuntimeError):
     """A recording cannot be written or read. The message says why."""
 
 
+class NotRecorded(RecordingError):
+    """A recording cannot be written, for a `reason` of the system."""
+
+    def __init__(self, message: str, reason: OSError) -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
 class RecordingWriter:
     """Writes messages as they come; a killed process loses at most the last 50 ms.
 
@@ -135,8 +143,8 @@ class RecordingWriter:
             action()
         except OSError as error:
             kept = "; the data written so far are readable" if self._channels else ""
-            raise RecordingError(
-                f"cannot write the recording {self.path}: {error.strerror or error}{kept}"
+            raise NotRecorded(
+                f"cannot write the recording {self.path}: {error.strerror or error}{kept}", error
             ) from error
 
 
@@ -180,7 +188,8 @@ def described_by(hello: Hello) -> dict[str, str]:
 
 def _opened(path: Path, overwrite: bool) -> tuple[BinaryIO, bool]:
     """The file, open and locked, with what it holds; and whether it is new."""
-    flags = os.O_WRONLY | os.O_CLOEXEC | os.O_CREAT
+    # A pipe without a reader is refused: nobody waits for one.
+    flags = os.O_WRONLY | os.O_CLOEXEC | os.O_CREAT | os.O_NONBLOCK
     while True:
         try:
             try:

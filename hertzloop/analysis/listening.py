@@ -4,6 +4,7 @@ import math
 import wave
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from hertzloop.plant.structures.structure import Structure
 from hertzloop.recordings.reader import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
+from hertzloop.whole_files import write_whole
 
 RATE_HZ = 48_000
 _NODES_A_WAVE = 6.0  # at the highest frequency, of the shorter of both waves
@@ -238,11 +240,12 @@ def write_wavs(heard: dict[Path, Heard]) -> float:
     for path, one in heard.items():
         share = one.pressure_pa / full_pa if full_pa > 0.0 else one.pressure_pa
         samples = np.round(np.clip(share, -1.0, 1.0) * _FULL_SCALE).astype("<i2")
-        with wave.open(str(path), "wb") as file:
+        with wave.open(sound := BytesIO(), "wb") as file:
             file.setnchannels(1)
             file.setsampwidth(2)
             file.setframerate(RATE_HZ)
             file.writeframes(samples.tobytes())
+        write_whole(path, sound.getvalue())
     return full_pa
 
 

@@ -19,6 +19,7 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.terminal import fail, out
 from hertzloop.scenes.errors import SceneError
+from hertzloop.whole_files import write_whole
 
 
 def fit(
@@ -121,7 +122,7 @@ def fit(
         out.print(sentence, soft_wrap=True)
     data = report.as_json(result)
     if result.setup is not None and result.identifiable:
-        _write(target, report.fitted_scene(result, target.stem))
+        write_whole(target, report.fitted_scene(result, target.stem))
         data["scene"] = str(target)
         out.print(f"written: {target}", soft_wrap=True)
     if report_file is not None:
@@ -131,7 +132,7 @@ def fit(
         given = [word for name, many in named.items() for one in many or [] for word in (name, one)]
         words = ["fit", scene, *files, *given, *(["--check"] if check else [])]
         command = shlex.join(map(str, ["hertzloop", *words, "--report", report_file]))
-        _write(report_file, page(result, command))
+        write_whole(report_file, page(result, command))
         out.print(f"written: {report_file}", soft_wrap=True)
     if replay_file is not None:
         from hertzloop.studies.report.fitted import write_replay
@@ -151,10 +152,3 @@ def _written_by_fit(path: Path) -> bool:
         return "\n[fit]\n" in path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         return False
-
-
-def _write(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        fail(f"cannot write {path}: {error.strerror}", 1)

@@ -69,8 +69,6 @@ def listen(
         data = heard_of(recording, scene_of(recording), folder, at, slow, tail, energy)
     except (RecordingError, SceneError) as error:
         fail(str(error), 1)
-    except OSError as error:
-        fail(f"cannot write to the folder {folder}: {error.strerror}", 1)
     _show(data)
     write_json(json_file, data)
 

@@ -91,11 +91,8 @@ def margin(
     from hertzloop.studies.margin.picture import draw
     from hertzloop.studies.margin.system import LinearSystem
 
-    try:
-        pictures.save(draw(setup, found), folder / "margin.png")
-        LinearSystem.of(setup).save(folder / "plant.npz")
-    except OSError as error:
-        fail(f"cannot write into {folder}: {error.strerror}", 1)
+    pictures.save(draw(setup, found), folder / "margin.png")
+    LinearSystem.of(setup).save(folder / "plant.npz")
     write_json(folder / "margin.json", data)
     for name in ("margin.png", "margin.json", "plant.npz"):
         out.print(f"written: {folder / name}", soft_wrap=True)

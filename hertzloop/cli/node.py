@@ -48,6 +48,7 @@ from hertzloop.processes.signals import (
     raise_when_ended,
 )
 from hertzloop.scenes.scene import DEFAULT
+from hertzloop.whole_files import write_together, write_whole
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -238,7 +239,7 @@ def _shown_in(stream: "rr.RecordingStream", save: Path | None) -> Iterator[None]
     if save is not None:
         memory = stream.memory_recording()
         yield
-        save.write_bytes(memory.drain_as_bytes())
+        write_whole(save, memory.drain_as_bytes())
         return
     with reserved_ports(1) as [port]:
         command = [str(viewer.executable()), "--bind", "127.0.0.1", "--port", str(port)]
@@ -414,10 +415,12 @@ def write_keys(folder: Path, hosts: str, days: int) -> None:
         )
     make_folder(folder)
     authority = Authority(days)
-    for role, configuration in configurations(authority, places).items():
-        _write(folder / f"{role}.json5", json.dumps(configuration, indent=1))
-    _write(folder / "authority.pem", authority.pem())
-    _write(folder / "authority.key", authority.key_pem())
+    texts = {
+        f"{role}.json5": json.dumps(configuration, indent=1)
+        for role, configuration in configurations(authority, places).items()
+    } | {"authority.pem": authority.pem(), "authority.key": authority.key_pem()}
+    # Nobody else can read them, from the first byte on.
+    write_together({folder / name: f"{text}\n" for name, text in texts.items()}, mode=0o600)
     words = {PLANT: "plant SCENE", CONTROLLER: "controller", RECORDER: "recorder --out F.mcap"}
     out.print(f"Valid for {days} days. Copy one file to each host, and start there:")
     for role, (host, _) in places.items():
@@ -429,15 +432,6 @@ def write_keys(folder: Path, hosts: str, days: int) -> None:
         "stays here.",
         soft_wrap=True,
     )
-
-
-def _write(path: Path, text: str) -> None:
-    """A new file that nobody else can read, from the first byte on."""
-    try:
-        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-            file.write(text + "\n")
-    except OSError as error:
-        fail(f"cannot write {path}: {error.strerror}", 1)
 
 
 def _places(hosts: str) -> dict[str, tuple[str, int]]:

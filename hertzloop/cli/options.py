@@ -1,6 +1,5 @@
 """Options and checks that commands share."""
 
-import errno
 import json
 import math
 import os
@@ -20,6 +19,7 @@ from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
+from hertzloop.whole_files import NotWritten, in_place, write_together, write_whole
 
 SceneArgument = Annotated[str, typer.Argument(help="Name of a shipped scene, or a .toml file.")]
 SetOption = Annotated[
@@ -100,7 +100,7 @@ JsonOption = Annotated[
     ),
 ]
 
-_STDOUT = Path("-")
+_STDOUT = (Path("-"), Path("/dev/stdout"), Path("/dev/fd/1"))
 _JSON_BEGINS = '{\n  "hertzloop": '  # and its version: what --json wrote
 
 TransportName = Literal["zenoh", "inprocess", "compiled"]
@@ -225,19 +225,26 @@ def check_folder(path: Path | None) -> None:
     check_reachable(path)
     if path.is_dir():
         fail(f"{path}: is a folder. Give the name of a file.", 2)
+    if path.is_symlink() and not path.exists():
+        fail(
+            f"cannot write {path}: links to {os.readlink(path)}, which does not exist. Remove the "
+            "link, or choose another name.",
+            2,
+        )
     if not path.parent.is_dir():
         fail(f"cannot write {path}: the folder {path.parent} does not exist. Create it.", 2)
-    if not path.exists():
-        check_writable(path.parent)
-    elif not os.access(path, os.W_OK):
-        fail(f"cannot write {path}: {os.strerror(errno.EACCES)}", 2)
+    try:
+        if not in_place(path):
+            check_writable(path.resolve().parent if path.is_symlink() else path.parent)
+    except NotWritten as error:
+        fail(f"{error}. Choose another name.", 2)
 
 
 def check_json(path: Path | None, *outputs: Path | None) -> None:
     """End the command unless what --json asks for, if it does, can be written: to a file that is
     new, empty or an earlier one of these, and none of the command's other `outputs`. Where it goes
     to standard output, nothing else does: words for people then go to standard error."""
-    if path == _STDOUT:
+    if path in _STDOUT:
         out.stderr = True
         return
     check_folder(path)
@@ -298,15 +305,12 @@ def write_json(path: Path | None, data: dict[str, Any]) -> None:
     if path is None:
         return
     marked = {"hertzloop": version("hertzloop"), **_strict(data)}
-    if path == _STDOUT:
+    if path in _STDOUT:
         print(json.dumps(marked, indent=2))
         return
-    try:
-        if not _of_json(path):
-            fail(f"--json = {path}: another program wrote this file. It was not changed.", 1)
-        path.write_text(json.dumps(marked, indent=2) + "\n", encoding="utf-8")
-    except OSError as error:
-        fail(f"cannot write {path}: {error.strerror}", 1)
+    if not _of_json(path):
+        fail(f"--json = {path}: another program wrote this file. It was not changed.", 1)
+    write_whole(path, json.dumps(marked, indent=2) + "\n")
 
 
 def _strict(data: Any) -> Any:
@@ -351,12 +355,8 @@ def write_new(
         fail(f"{file}: a {kind} must end in {' or '.join(endings)}. Change the name.", 2)
     check_folder(file)
     written = texts()
-    try:
-        for path, text in written.items():
-            with path.open("x", encoding="utf-8") as target:
-                target.write(text)
-    except FileExistsError:
-        fail(f"{file} exists. Choose another name.", 2)
-    except OSError as error:
-        fail(f"cannot write {file}: {error.strerror}", 1)
+    for path in written:
+        if path.exists():
+            fail(f"{path} exists. Choose another name.", 2)
+    write_together(written)
     out.print(f"written: {', '.join(map(str, written))}. Next: {then}", soft_wrap=True)

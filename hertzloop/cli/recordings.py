@@ -18,6 +18,7 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
+from hertzloop.whole_files import write_whole
 
 if TYPE_CHECKING:
     from hertzloop.loop.answers import Repeat
@@ -121,29 +122,23 @@ def _draw_responses(recording: "Recording", folder: Path) -> None:
     if responses is None or found is None or found.clock is None:
         fail(f"{recording.path}: has no response times. Record it with hertzloop run --pace.", 2)
     make_folder(folder)
-    try:
-        picture.draw_response(folder / "response.png", responses, found)
-        picture.write_table(folder / "response.csv", responses)
-    except OSError as error:
-        fail(f"cannot write {error.filename}: {error.strerror}", 1)
+    picture.draw_response(folder / "response.png", responses, found)
+    picture.write_table(folder / "response.csv", responses)
     for sentence in pacing_sentences(found):
         out.print(sentence, soft_wrap=True)
     out.print(f"written: {folder}/response.png and .csv", soft_wrap=True)
 
 
 def _write_law(recording: "Recording", file: Path, overwrite: bool) -> None:
-    """Write the text of the law that ran; ends the command if there is none, or it cannot be
-    written."""
+    """Write the text of the law that ran; ends the command if there is none."""
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.views.provenance import text_of_law
 
     check_output(file, overwrite, "--law", [recording.path])
     try:
-        file.write_text(text_of_law(recording), encoding="utf-8", newline="")
+        write_whole(file, text_of_law(recording))
     except RecordingError as error:
         fail(f"--law {file}: {error}", 2)
-    except OSError as error:
-        fail(f"cannot write {file}: {error.strerror}", 1)
     err.print(f"written: {file}", soft_wrap=True)
 
 
@@ -400,8 +395,5 @@ def _page(source: Path, folder: Path, overwrite: bool) -> Path:
 
 
 def _write(page: Path, text: str) -> None:
-    try:
-        page.write_text(text, encoding="utf-8")
-    except OSError as error:
-        fail(f"cannot write {page}: {error.strerror}", 1)
+    write_whole(page, text)
     out.print(f"written: {page} ({len(text.encode()) / 1e6:z.1f} MB)", soft_wrap=True)

@@ -27,6 +27,7 @@ from hertzloop.scenes.errors import SceneError, shown
 from hertzloop.scenes.scene import DEFAULT, shipped, shipped_text
 from hertzloop.setup import Setup, load
 from hertzloop.views.format import Table, styled
+from hertzloop.whole_files import write_whole
 
 
 def list_scenes() -> None:
@@ -161,8 +162,6 @@ def _draw_map(resolved: Setup, folder: Path) -> None:
         sizes = study.run(resolved, folder)
     except SceneError as error:
         fail(str(error), 2)
-    except OSError as error:
-        fail(f"cannot write to the folder {folder}: {error.strerror}", 1)
     for name, size in sizes.items():
         shares = (f"{100.0 * (size > level).mean():z.0f} %" for level in (1e-3, 1e-1))
         out.print("{}: above 0.1 % in {} of the map, above 10 % in {}".format(name, *shares))
@@ -198,10 +197,7 @@ def modes(
         table = modes_of_scene(resolved, grid)
     except SceneError as error:
         fail(str(error), 2)
-    try:
-        target.write_bytes(write_modes(target.suffix, table))
-    except OSError as error:
-        fail(f"cannot write {target}: {error.strerror}", 1)
+    write_whole(target, write_modes(target.suffix, table))
     out.print(
         f"{len(table.omega_rad_s)} modes up to {table.omega_rad_s[-1] / (2 * np.pi):.4g} Hz (modes "
         "of equal frequency merged, modes without participation dropped), and a residual "

@@ -13,6 +13,7 @@ from rich.text import Text
 from hertzloop.extras import sentence_on
 from hertzloop.foreign import visible
 from hertzloop.processes.signals import INTERRUPTED, on_interrupt
+from hertzloop.whole_files import NotWritten
 
 
 class Terminal(Console):
@@ -60,8 +61,8 @@ def if_interrupted(explain: Callable[[], str] | None = None) -> Iterator[None]:
 
 @contextmanager
 def explained() -> Iterator[None]:
-    """End the command in one sentence for an interruption that nothing inside explains, and for a
-    missing package that an extra brings."""
+    """End the command in one sentence for an interruption that nothing inside explains, for a
+    missing package that an extra brings, and for a file that cannot be written."""
     out.stderr = False  # --json - changes it
     try:
         with if_interrupted():
@@ -71,6 +72,8 @@ def explained() -> Iterator[None]:
         if sentence is None:
             raise
         fail(sentence, 2)
+    except NotWritten as error:
+        fail(str(error), 1)
 
 
 @contextmanager

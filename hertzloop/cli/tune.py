@@ -31,6 +31,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text
 from hertzloop.setup import Setup
 from hertzloop.views.format import Table, styled
+from hertzloop.whole_files import write_whole
 
 if TYPE_CHECKING:
     from hertzloop.studies.margin.margin import Growth
@@ -279,7 +280,7 @@ def _key(setting: str) -> str:
 
 def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Setup]) -> None:
     """Settings as CSV, all that was found as JSON, the chart, and every scene with the best
-    setting; ends the command where they cannot be written."""
+    setting. Raises NotWritten."""
     from hertzloop.studies.tuning import draw_front, write_tuned
     from hertzloop.studies.words import write_rows
 
@@ -292,14 +293,11 @@ def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Set
          *(f.values.get(key, "") for key in keys)]
         for f in best
     )  # fmt: skip
-    try:
-        write_rows(folder / f"{name}.csv", headings, rows)
-        write_tuned(folder / f"{name}.json", tuned)
-        draw_front(folder / f"{name}.png", ", ".join(names), best, tuned.published, objectives)
-        for setup in best_scenes:
-            (folder / f"tuned-{setup.name}.toml").write_text(setup.as_toml(), encoding="utf-8")
-    except OSError as error:
-        fail(f"cannot write to the folder {folder}: {error.strerror}", 1)
+    write_rows(folder / f"{name}.csv", headings, rows)
+    write_tuned(folder / f"{name}.json", tuned)
+    draw_front(folder / f"{name}.png", ", ".join(names), best, tuned.published, objectives)
+    for setup in best_scenes:
+        write_whole(folder / f"tuned-{setup.name}.toml", setup.as_toml())
     out.print(
         f"written: {folder}/{name}.csv, .json and .png; with the best setting: "
         + ", ".join(f"{folder}/tuned-{setup.name}.toml" for setup in best_scenes),

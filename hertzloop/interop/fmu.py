@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import zipfile
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
@@ -19,6 +20,7 @@ from hertzloop.interop.objects import plant_object
 from hertzloop.jit.object_code import outline
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
+from hertzloop.whole_files import write_whole
 
 Version = Literal["2", "3"]
 _BASE_UNITS = {
@@ -164,8 +166,8 @@ _LONG_AGO = (1980, 1, 1, 0, 0, 0)  # the same unit is the same file
 
 
 def write_fmu(image: Image, cpu: str, version: Version, out: Path) -> None:
-    """Write the unit. Raises SceneError for a seed that FMI 2.0 has no number for, NoCompiler and
-    CompileFault."""
+    """Write the unit. Raises SceneError for a seed that FMI 2.0 has no number for, NoCompiler,
+    CompileFault and NotWritten."""
     seed = image.setup.seed
     if seed >= _LARGEST[version]:
         raise SceneError(
@@ -185,9 +187,10 @@ def write_fmu(image: Image, cpu: str, version: Version, out: Path) -> None:
                 folder / "unit.so"
             ).read_bytes(),
         }
-    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
+    with zipfile.ZipFile(packed := BytesIO(), "w") as file:
         for entry, data in entries.items():
             file.writestr(zipfile.ZipInfo(entry, _LONG_AGO), data, zipfile.ZIP_DEFLATED)
+    write_whole(out, packed.getvalue())
 
 
 def _token(image: Image, cpu: str, version: Version) -> str:
@@ -214,7 +217,7 @@ def write_library(
     image: Image, cpu: str, out: Path, more: tuple[Path, ...] = (), headers: Path = C
 ) -> None:
     """Write the shared library of a plant, with `more` sources in C that use it, and `headers` of
-    theirs. Raises NoCompiler, and CompileFault of `objects`."""
+    theirs. Raises NoCompiler, NotWritten, and CompileFault of `objects`."""
     if shutil.which("cc") is None:
         raise NoCompiler("there is no C compiler `cc` here; on Debian `apt install gcc libc6-dev`")
     if not _NORMAL.exists():
@@ -234,7 +237,7 @@ def write_library(
         if done.returncode != 0:
             said = next(iter(done.stderr.strip().splitlines()), "no reason given")
             raise NoCompiler(f"cc did not make the library: {said}")
-        shutil.copyfile(folder / "made.so", out)
+        write_whole(out, (folder / "made.so").read_bytes())
 
 
 def write_folder(image: Image, cpu: str, folder: Path) -> None:
@@ -242,7 +245,7 @@ def write_folder(image: Image, cpu: str, folder: Path) -> None:
     `write_library`."""
     write_library(image, cpu, folder / "libhertzloop_plant.so")
     for source in (HEADER, EXAMPLE, LICENCES):
-        shutil.copyfile(source, folder / source.name)
+        write_whole(folder / source.name, source.read_bytes())
 
 
 # hertzloop_values and hertzloop_energies of hertzloop_plant.h.

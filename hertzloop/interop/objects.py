@@ -6,13 +6,14 @@ Numba compiles for one processor a process, so that happens in a process of its 
 import hashlib
 import os
 import pickle
-import secrets
 import subprocess
 import sys
+from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hertzloop.jit.cache import cache_folder
+from hertzloop.whole_files import NotWritten, write_whole
 
 if TYPE_CHECKING:
     from hertzloop.interop.kernels import Unit
@@ -66,16 +67,16 @@ def plant_object(outline: "Unit", cpu: str) -> bytes:
     environment = {**os.environ, "NUMBA_DISABLE_INTEL_SVML": "1"}
     if cpu != HOST:
         environment |= {"NUMBA_CPU_NAME": cpu, "NUMBA_CPU_FEATURES": ""}
-    made = kept.with_suffix(f".{secrets.token_hex(8)}")
     done = subprocess.run(
-        [sys.executable, "-m", __spec__.name, made],
+        [sys.executable, "-m", __spec__.name],
         input=pickle.dumps(outline), env=environment, capture_output=True,
     )  # fmt: skip
     if done.returncode != 0:
         last = done.stderr.decode(errors="replace").strip().splitlines()
         raise CompileFault(f"the kernels did not compile for {cpu}: {last[-1] if last else '?'}")
-    made.replace(kept)
-    return kept.read_bytes()
+    with suppress(NotWritten):  # then the next call compiles again
+        write_whole(kept, done.stdout)
+    return done.stdout
 
 
 def _compile(outline: "Unit") -> bytes:
@@ -106,4 +107,6 @@ def _compile(outline: "Unit") -> bytes:
 
 
 if __name__ == "__main__":
-    Path(sys.argv[1]).write_bytes(_compile(pickle.load(sys.stdin.buffer)))
+    with redirect_stdout(sys.stderr):  # as with NUMBA_DEBUG_CACHE=1
+        code = _compile(pickle.load(sys.stdin.buffer))
+    sys.stdout.buffer.write(code)

@@ -7,6 +7,8 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from hertzloop.whole_files import whole_file
+
 # Okabe and Ito's colours, each with a line style and a marker of its own.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F7F7F")
 LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (7, 3)))
@@ -50,6 +52,7 @@ def round_above(value: float) -> float:
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a PNG."""
-    figure.savefig(path, dpi=130)
+    """Write a PNG, or what the ending says. Raises NotWritten."""
+    with whole_file(path) as unfinished:
+        figure.savefig(unfinished, dpi=130)
     return path

@@ -38,6 +38,7 @@ from hertzloop.studies.sweeps.design import (
 )
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.sweep import work_of
+from hertzloop.whole_files import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -83,13 +84,13 @@ class Tuned:
 
 
 def write_tuned(path: Path, tuned: Tuned) -> None:
-    """Write a JSON file. Raises OSError."""
+    """Write a JSON file. Raises NotWritten."""
     data = asdict(tuned)
     for found in (*data["front"], data["published"]):
         for spread in found["spreads"].values():  # JSON knows no nan
             spread.update({k: None if math.isnan(v) else v for k, v in spread.items()})
     text = json.dumps({"tuned": data}, indent=2, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    write_whole(path, text + "\n")
 
 
 def read_tuned(path: Path) -> Tuned:

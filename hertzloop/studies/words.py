@@ -6,6 +6,8 @@ from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any
 
+from hertzloop.whole_files import whole_file
+
 FIGURES = {
     "plate_energy_db": "plate energy (dB)", "radiated_db": "radiated energy (dB)",
     "plate_speed_db": "largest plate speed (dB)", "pressure_db": "pressure bound (dB)",
@@ -38,8 +40,8 @@ def law(name: str) -> str:
 
 
 def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-    """One line a row under a header."""
-    with path.open("w", newline="", encoding="utf-8") as file:
+    """One line a row under a header. Raises NotWritten."""
+    with whole_file(path) as unfinished, unfinished.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
         writer.writerows(rows)

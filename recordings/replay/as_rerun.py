@@ -26,6 +26,7 @@ from hertzloop.recordings.replay.data import (
 from hertzloop.recordings.replay.scene3d import times, with_unit
 from hertzloop.recordings.replay.spectrum import Spectrum
 from hertzloop.recordings.writer import RecordingError
+from hertzloop.whole_files import write_whole
 
 _LEVELS = {1: "DEBUG", 2: "INFO", 3: "WARN", 4: "ERROR", 5: "CRITICAL"}  # of foxglove.Log
 _LINE_COLOURS = {
@@ -118,7 +119,7 @@ def check_replayable(recording: Recording) -> None:
 def save(shown: Shown, path: Path, still: bool = False) -> None:
     """Write an .rrd file, with a dashboard for the viewer or for a `still` picture.
 
-    Raises RecordingError if the file cannot be written.
+    Raises NotWritten.
     """
     recording = shown.recording
     # One application per file: the viewer remembers a layout by application, and the times
@@ -129,10 +130,7 @@ def save(shown: Shown, path: Path, still: bool = False) -> None:
     memory = stream.memory_recording()
     stream.send_blueprint(dashboard(_layout(shown), still))
     fill(stream, shown, still)
-    try:
-        path.write_bytes(memory.drain_as_bytes())
-    except OSError as error:
-        raise RecordingError(f"cannot write {path}: {error.strerror}") from error
+    write_whole(path, memory.drain_as_bytes())
 
 
 def fill(stream: rr.RecordingStream, shown: Shown, still: bool = False) -> None:

@@ -24,6 +24,7 @@ from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.wire import LOOPBACK, reserved_ports
 from hertzloop.recordings.replay.blueprint import TIMELINE
 from hertzloop.recordings.writer import RecordingError
+from hertzloop.whole_files import write_whole
 
 _STOPPING_TAKES_S = 5.0
 _ASK_EVERY_S = 0.3
@@ -189,18 +190,15 @@ def screenshot(
 ) -> None:
     """Draw an .rrd file with the time cursor at `time_ns` and write the picture.
 
-    Raises ViewerError if the viewer does not start, a view reports an error, the picture is
-    not there after `within_s` seconds, or cannot be written.
+    Raises ViewerError if the viewer does not start, a view reports an error, or the picture is
+    not there after `within_s` seconds; and NotWritten.
     """
 
     def ask(process: subprocess.Popen[bytes], port: int) -> bytes:
         return _settled(loaded(process, port), time_ns)
 
     picture = _asked(rrd, ask, "draw the picture", size, within_s)
-    try:
-        png.write_bytes(picture)
-    except OSError as error:
-        raise ViewerError(f"cannot write {png}: {error.strerror}") from error
+    write_whole(png, picture)
 
 
 def frame_times_ms(

@@ -18,6 +18,7 @@ from hertzloop.studies.budget.limits import Boundary, Limit, Quantity, quantitie
 from hertzloop.studies.report.page import svg, template
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.sweep import code_version
+from hertzloop.whole_files import write_whole
 
 _HELD = (Boundary.NO_LIMIT, Boundary.REFUSED)
 _PLACES = 11  # values of a quantity in a map
@@ -126,7 +127,7 @@ def write_page(
         command: The command that makes the page again.
 
     Returns:
-        The path of the page. Raises OSError where it cannot be written.
+        The path of the page. Raises NotWritten.
     """
     charts: list[dict[str, Any]] = [
         {"title": "How far each limit is", "words": "", "svg": svg(_share_bars(found))}
@@ -153,7 +154,7 @@ def write_page(
         scenes=[(found.scene, setup.as_toml())],
     )  # fmt: skip
     path = folder / "budget.html"
-    path.write_text(text, encoding="utf-8")
+    write_whole(path, text)
     return path
 
 

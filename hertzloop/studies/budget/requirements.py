@@ -37,6 +37,7 @@ from hertzloop.studies.budget.probability import probability
 from hertzloop.studies.sweeps.design import phases as spread_evenly
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.uncertain import read_uncertain
+from hertzloop.whole_files import write_whole
 
 _LEAST = ("bits", "bandwidth_hz")  # a law tolerates these down to a value, the others up to one
 _AMPLITUDES = ("plate_speed_db", "pressure_db")
@@ -319,7 +320,7 @@ def _check_limits(
 
 
 def junit(path: Path, found: Sequence[Checked]) -> None:
-    """Write the results as JUnit XML. Raises OSError."""
+    """Write the results as JUnit XML. Raises NotWritten."""
     suite = ET.Element(
         "testsuite", name="hertzloop budget", tests=str(len(found)),
         failures=str(sum(not one.passed for one in found)), errors="0", skipped="0",
@@ -337,4 +338,4 @@ def junit(path: Path, found: Sequence[Checked]) -> None:
     root = ET.Element("testsuites")
     root.append(suite)
     ET.indent(root)
-    ET.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+    write_whole(path, ET.tostring(root, encoding="utf-8", xml_declaration=True))

@@ -1,6 +1,5 @@
 """The plant in flight as a linear system for other programs: responses, state space, files."""
 
-import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,8 @@ from hertzloop.scenes.quantities import SENSED
 from hertzloop.setup.setup import Setup
 from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
 from hertzloop.studies.margin.table import grid
+from hertzloop.studies.words import write_rows
+from hertzloop.whole_files import whole_file
 
 if TYPE_CHECKING:
     import control
@@ -150,6 +151,7 @@ class LinearSystem(PoleForm):
 
         Raises:
             ValueError: the ending is unknown, or the state space is too large.
+            OSError: the file cannot be written.
         """
         path = Path(path)
         if path.suffix not in ENDINGS:
@@ -157,10 +159,8 @@ class LinearSystem(PoleForm):
         frequency_hz = self.resonance_grid_hz()
         response = self.frequency_response(frequency_hz)
         if path.suffix == ".csv":
-            with path.open("w", newline="", encoding="utf-8") as file:
-                table = csv.writer(file)
-                table.writerow(["frequency_hz", "real", "imag"])
-                table.writerows(zip(frequency_hz, response.real, response.imag, strict=True))
+            rows = zip(frequency_hz, response.real, response.imag, strict=True)
+            write_rows(path, ["frequency_hz", "real", "imag"], rows)
             return
         arrays: dict[str, Any] = {
             "poles": self.poles, "residues": self.residues, "fir": self.fir,
@@ -169,9 +169,10 @@ class LinearSystem(PoleForm):
         }  # fmt: skip
         if statespace:
             arrays |= self.to_statespace()._asdict()
-        if path.suffix == ".npz":
-            np.savez(path, **arrays)
-        else:
-            import scipy.io
+        with whole_file(path) as unfinished:
+            if path.suffix == ".npz":
+                np.savez(unfinished, **arrays)
+            else:
+                import scipy.io
 
-            scipy.io.savemat(path, arrays)
+                scipy.io.savemat(unfinished, arrays)

@@ -15,6 +15,7 @@ from hertzloop.studies.fit.report import fitted_scene, number, sentences
 from hertzloop.studies.fit.verdicts import Model
 from hertzloop.studies.report.page import svg, template
 from hertzloop.studies.sweeps.sweep import code_version
+from hertzloop.whole_files import write_whole
 
 _MOST_POINTS = 1500  # of a curve
 _DOTS = {"markersize": 3, "color": pictures.COLOURS[0]}
@@ -131,11 +132,13 @@ def _some(kept: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def write_replay(result: FitResult, path: Path) -> None:
-    """Write a Rerun recording (.rrd) with measured and simulated values of every record."""
+    """Write a Rerun recording (.rrd) with measured and simulated values of every record.
+    Raises NotWritten."""
     import rerun as rr
 
     stream = rr.RecordingStream("hertzloop_fit")
-    stream.save(str(path))
+    # By way of memory: a stream that saves to a file on a full disk blocks for ever (0.41).
+    memory = stream.memory_recording()
     for record, curve in zip(result.records, result.curves, strict=False):
         times = [rr.TimeColumn("after_touch", duration=curve["time_s"])]
         for name in ("simulated", "measured"):
@@ -147,4 +150,4 @@ def write_replay(result: FitResult, path: Path) -> None:
             f"{record.name}/residual", indexes=times,
             columns=rr.Scalars.columns(scalars=curve["measured"] - curve["simulated"]),
         )  # fmt: skip
-    stream.flush()
+    write_whole(path, memory.drain_as_bytes())

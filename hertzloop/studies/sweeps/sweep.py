@@ -30,6 +30,7 @@ from hertzloop.studies.sweeps.design import Design, keys_of
 from hertzloop.studies.sweeps.evaluate import Rows, chunked, not_run, older_state, run_chunk
 from hertzloop.studies.sweeps.journal import Journal
 from hertzloop.studies.sweeps.pool import SweepFailed, local_cores, local_pool
+from hertzloop.whole_files import whole_file, write_whole
 
 _NOT_OF_LOOP = ("run.touch_phase", "run.seed", "run.duration_s")  # the linear loop is the same
 _PACKAGES = ("hertzloop", "numpy", "numba")
@@ -286,22 +287,18 @@ def _dask_results(
 
 def write_results(out: Path, rows: list[dict[str, Any]], header: dict[str, Any]) -> None:
     """Write a Parquet file with `header` in its metadata, or a CSV file and `header` beside it in
-    NAME.csv.json; under its name only when whole."""
+    NAME.csv.json. Raises NotWritten."""
     keys = keys_of(header["design"])
     alike = _one_type_a_column(rows, keys, out.suffix)
     table = pa.table({name: column_of([row[name] for row in alike]) for name in alike[0]})
     about = json.dumps(header, indent=2)
-    new = out.with_name(out.name + ".new")
-    try:
+    with whole_file(out) as unfinished:
         if out.suffix == ".parquet":
             kept = {b"hertzloop": about.encode(), **(table.schema.metadata or {})}
-            pyarrow.parquet.write_table(table.replace_schema_metadata(kept), new)
+            pyarrow.parquet.write_table(table.replace_schema_metadata(kept), unfinished)
         else:
-            pyarrow.csv.write_csv(table, new)
-            _beside(out).write_text(about + "\n", encoding="utf-8")
-        new.replace(out)
-    finally:
-        new.unlink(missing_ok=True)  # of a full disk
+            pyarrow.csv.write_csv(table, unfinished)
+            write_whole(_beside(out), about + "\n")
 
 
 _TYPES = {float: pa.float64(), int: pa.int64(), bool: pa.bool_()}

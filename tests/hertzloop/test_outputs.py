@@ -1,0 +1,236 @@
+"""Files that a command writes: whole or not at all, and none that it would wait for."""
+
+import errno
+import os
+import stat
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hertzloop.loop.compiled import record_in_process
+from hertzloop.recordings.writer import RecordingError, RecordingWriter
+from hertzloop.setup import load
+from hertzloop.whole_files import NotWritten, whole_file, write_whole
+from tests.hertzloop.processes import HERTZLOOP, hertzloop
+from tests.hertzloop.test_cli import SHORT, call, here, said
+
+__all__ = ["here"]  # the fixture
+
+_FULL = "No space left on device"
+
+
+def test_a_file_is_replaced_by_a_whole_one_only(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    with whole_file(path) as unfinished:
+        unfinished.write_text("begun")
+        assert (unfinished.parent, unfinished.suffix) == (tmp_path, ".csv")
+        assert unfinished.name.startswith(".")
+        assert not path.exists()
+    assert path.read_text() == "begun"
+    for stops in (KeyboardInterrupt(), ValueError("x")):
+        with pytest.raises(type(stops)):
+            _written_half(path, stops)
+        assert path.read_text() == "begun"
+        assert list(tmp_path.iterdir()) == [path]
+
+
+def _written_half(path: Path, error: BaseException) -> None:
+    with whole_file(path) as unfinished:
+        unfinished.write_text("half")
+        raise error
+
+
+def test_an_error_of_the_system_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    sentence = f"cannot write {path}: {_FULL}"
+    with pytest.raises(NotWritten, match=sentence) as caught:
+        _written_half(path, OSError(errno.ENOSPC, _FULL))
+    assert (caught.value.errno, caught.value.filename) == (errno.ENOSPC, str(path))
+    assert list(tmp_path.iterdir()) == []
+    # Arrow's errors have words only.
+    with pytest.raises(NotWritten, match=r"cannot write .*a\.csv: no room"):
+        _written_half(path, OSError("no room"))
+
+
+def test_links_and_permissions_stay(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    path, link = tmp_path / "folder" / "a.txt", tmp_path / "link.txt"
+    link.symlink_to(path)
+    before = os.umask(0o027)
+    try:
+        write_whole(link, "one")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+    path.chmod(0o604)
+    write_whole(link, b"two")
+    assert link.is_symlink()
+    assert path.read_text() == "two"
+    assert stat.S_IMODE(path.stat().st_mode) == 0o604
+    assert [one.name for one in path.parent.iterdir()] == ["a.txt"]
+
+
+def test_a_pipe_is_refused_and_a_device_written_to(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(NotWritten, match="not a regular file"):
+        write_whole(pipe, "words")
+    with pytest.raises(NotWritten, match="not a regular file"):
+        write_whole(tmp_path, "words")
+    with pytest.raises(RecordingError, match="cannot create the recording"):
+        RecordingWriter(pipe, overwrite=True)
+    write_whole(Path(os.devnull), "words")
+    (tmp_path / "null").symlink_to(os.devnull)
+    write_whole(tmp_path / "null", "words")
+    assert stat.S_ISCHR(Path(os.devnull).stat().st_mode)
+    reading, writing = os.pipe()
+    write_whole(Path(f"/dev/fd/{writing}"), "words")  # as of a shell's >(...)
+    assert os.read(reading, 100) == b"words"
+    os.close(reading)
+    os.close(writing)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("outputs") / "run.mcap"
+    record_in_process(load("aluminium-3mm", ["run.duration_s=0.003"]), path, compiled=True)
+    return path
+
+
+# A command with the options that name its output {}, and the ending of that.
+_SAMPLED = [["export", "F.mcap", "-o", f"{{}}{end}"] for end in (
+    ".csv", ".npz", ".parquet", ".h5", ".mcap"
+)]  # fmt: skip
+_MODES = [["scene", "modes", "-o", f"{{}}{end}"] for end in (".csv", ".npz", ".parquet")]
+_FILES = [
+    *_SAMPLED,
+    *_MODES,
+    ["repair", "F.mcap", "-o", "{}.mcap"],
+    ["replay", "F.mcap", "--save", "{}.rrd", "--alone"],
+    ["inspect", "F.mcap", "--json", "{}"],
+    ["inspect", "F.mcap", "--law", "{}"],
+    ["law", "new", "{}.py"],
+    ["law", "new", "{}.c", "--with-check"],
+    ["scene", "new", "{}.toml"],
+    ["law", "replay", "F.mcap", "--law", "shifted_threshold", "-o", "{}.png"],
+    ["export-plant", "aluminium-3mm", "--cpu", "host", "-o", "{}.fmu"],
+    ["export-plant", "aluminium-3mm", "--cpu", "host", "-o", "{}.so"],
+    ["sweep", "--over", "sensors.bits=4,5", *SHORT[2:], "-o", "{}.csv"],
+    ["run", "aluminium-3mm", *SHORT, "-o", "{}.mcap"],
+    ["node", "watch", "--save", "{}.rrd"],
+    ["fit", "aluminium-3mm", "--check", "--free", "sphere.radius_m", "--report", "{}.html"],
+    ["fit", "aluminium-3mm", "none.csv", "--free", "sphere.radius_m", "-o", "{}.toml"],
+]
+_FOLDERS = [
+    ["report", "F.mcap", "--out-dir", "{}"],
+    ["listen", "F.mcap", "--out-dir", "{}"],
+    ["margin", "--set", "controller.law=velocity_feedback", "--out-dir", "{}"],
+    ["scene", "check", "--map", "{}"],
+    ["export-plant", "aluminium-3mm", "--cpu", "host", "--out-dir", "{}"],
+    [
+        "node",
+        "keys",
+        "{}",
+        "--hosts",
+        "plant=127.0.0.1:1,controller=127.0.0.1:2,recorder=127.0.0.1:3",
+    ],
+]
+
+
+def _named(words: list[str], output: Path, recording: Path) -> list[str]:
+    return [word.format(output).replace("F.mcap", str(recording)) for word in words]
+
+
+def _name_of(words: list[str]) -> str:
+    return " ".join(word for word in words[:4] if not word.startswith("-")).replace("{}", "x")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("words", _FILES, ids=_name_of)
+def test_an_output_that_cannot_be_is_found_before_the_command_begins(
+    words: list[str], recording: Path, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A pipe, that would wait for a reader, and links to nowhere."""
+    named = _named(words, here / "out", recording)
+    place = next(Path(word) for word in named if word.startswith(str(here)))
+    for make, sentence in (
+        (os.mkfifo, "not a regular file. Choose another name"),
+        (lambda path: path.symlink_to(here / "none" / "x"), f"links to {here}/none/x, which does"),
+        (lambda path: path.symlink_to(here / "absent"), f"links to {here}/absent, which does not"),
+    ):
+        make(place)
+        for more in ([], ["--overwrite"]):
+            if more and words[1] == "new":
+                continue
+            result = call(*named, *more)
+            assert result.exit_code == 2, result.output
+            assert sentence in said(result)
+        place.unlink()
+        assert list(here.iterdir()) == []
+
+
+@pytest.fixture
+def full(tmp_path: Path) -> Iterator[Path]:
+    """A file system without room for a byte."""
+    folder = tmp_path / "full"
+    folder.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", folder], capture_output=True, text=True
+    )
+    if mounted.returncode != 0:
+        pytest.skip(f"no file system of one's own here: {mounted.stderr}")
+    try:
+        (folder / "filled").write_bytes(bytes(60 * 1024))
+        yield folder
+    finally:
+        subprocess.run(["umount", "-l", folder], check=True)
+
+
+_SMALL = ("law", "scene", "inspect")  # fits into a page
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("words", [*_FILES[:16], *_FOLDERS], ids=_name_of)
+def test_a_full_disk_leaves_no_part(
+    words: list[str], recording: Path, full: Path, here: Path
+) -> None:
+    """One page is free, or none for what would fit into it."""
+    if words[0] in _SMALL:
+        (full / "more").write_bytes(bytes(4096))
+    before = sorted(full.iterdir())
+    named = _named(words, full / "out", recording)
+    if named[-1].endswith(".h5"):  # HDF5 might end the process
+        done = hertzloop(*named, cwd=here)
+        code, told = done.returncode, done.stderr
+    else:
+        result = call(*named)
+        code, told = result.exit_code, said(result)
+    assert code == 1, told
+    assert "cannot write " in told
+    assert _FULL in told
+    assert "Traceback" not in told
+    left = [path for path in full.rglob("*") if path.is_file()]
+    assert sorted(left) == before
+    assert not any(here.glob(".*"))
+
+
+@pytest.mark.full
+def test_an_existing_file_outlives_a_full_disk(recording: Path, full: Path, here: Path) -> None:
+    old = full / "out.mcap"
+    old.write_bytes(b"old")
+    result = call("repair", str(recording), "-o", str(old), "--overwrite")
+    assert (result.exit_code, old.read_bytes()) == (1, b"old"), result.output
+    assert f"cannot write {old}: {_FULL}" in said(result)
+
+
+@pytest.mark.full
+def test_json_goes_to_devices_and_open_files(recording: Path, here: Path) -> None:
+    words = ("inspect", str(recording), "--json")
+    assert hertzloop(*words, "/dev/null", cwd=here).returncode == 0
+    alone = hertzloop(*words, "-", cwd=here).stdout
+    assert hertzloop(*words, "/dev/stdout", cwd=here).stdout == alone
+    with (here / "into.json").open("w") as file:
+        subprocess.run([*HERTZLOOP, *words, "/dev/stdout"], cwd=here, stdout=file, check=True)
+    assert (here / "into.json").read_text() == alone
