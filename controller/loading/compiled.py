@@ -8,11 +8,10 @@ function defined in a function.)
 import hashlib
 import os
 import re
-import secrets
 import sys
 from collections import namedtuple
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -20,7 +19,7 @@ from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from llvmlite import ir
-from numba import cfunc, config, from_dtype, types
+from numba import config, from_dtype, types
 from numba.core import cgutils
 from numba.core.ccallback import CFunc
 from numba.core.dispatcher import Dispatcher
@@ -29,9 +28,10 @@ from numba.extending import intrinsic
 from numba.np.numpy_support import as_dtype
 
 from hertzloop.jit import kernel
-from hertzloop.jit.cache import QuickCache, cache_folder
+from hertzloop.jit.cache import cache_folder, note_refused, stored
 from hertzloop.jit.decorator import kept_in
 from hertzloop.jit.object_code import array_at
+from hertzloop.whole_files import NotWritten, write_whole
 
 UNCOMPILED = bool(config.DISABLE_JIT)  # all runs as Python, to be tested line by line
 # Result and arguments after p and s.
@@ -195,7 +195,8 @@ class Entries:
             if "no compiled object yet" in str(error):  # Ctrl-C was lost in a call from LLVM
                 raise KeyboardInterrupt from error
             self.trouble = _first_line(error)
-            _put(self._refused, self.trouble)
+            with suppress(NotWritten):  # then the next process asks Numba again
+                write_whole(self._refused, self.trouble)
         if self.trouble:
             return {}
         return {name: self._made[name].address for name in wanted}
@@ -225,13 +226,11 @@ class Entries:
         signature = _TYPES[result](*self._records, *samples, *words)
         function = self._module.__dict__[name]
         with kept_in(cache_folder()):
-            if not self._shipped:
-                return cfunc(signature, cache=True, error_model="numpy")(function)
             made = CFunc(
                 function, normalize_signature(signature), locals={},
                 options={"error_model": "numpy"},
             )  # fmt: skip
-            made._cache = QuickCache(function)  # type: ignore[attr-defined]
+            made._cache = stored(function, quick=self._shipped)  # type: ignore[attr-defined]
             made.compile()
             return made
 
@@ -247,16 +246,12 @@ def _written(name: str, text: str) -> tuple[Path, bool]:
     path = cache_folder() / "laws" / f"{name}.py"
     new = not path.exists()
     if new:
-        path.parent.mkdir(mode=0o700, exist_ok=True)
-        _put(path, text)
+        try:
+            path.parent.mkdir(mode=0o700, exist_ok=True)
+            write_whole(path, text)
+        except OSError as error:
+            note_refused(error.strerror or str(error))
     return path, new
-
-
-def _put(path: Path, text: str) -> None:
-    """Write a file that others, threads or processes, may be looking for, or writing too."""
-    new = path.with_suffix(f".{secrets.token_hex(8)}")
-    new.write_text(text, encoding="utf-8")
-    new.replace(path)
 
 
 def _first_line(error: Exception) -> str:

@@ -20,7 +20,7 @@ from typing import Any
 
 from numba import typeof
 from numba.core import event
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, NullCache
 from numba.core.runtime import rtsys
 
 # A file that holds kernels imports one of these.
@@ -175,8 +175,45 @@ def types_digest(*values: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-class QuickCache(FunctionCache):
-    """Numba's cache of a function, without what only a compiler needs.
+_refused: list[str] = []
+
+
+def all_kept() -> bool:
+    """Whether the disk has taken all that this process has compiled."""
+    return not _refused
+
+
+def note_refused(reason: str) -> None:
+    """Note that the disk does not take compiled code; say so the first time."""
+    if not _refused:
+        said = f"compiled kernels cannot be kept in {cache_folder()}: {reason}"
+        print(f"hertzloop: {said}. Every process compiles them again. Make room there.",
+              file=sys.stderr)  # fmt: skip
+    _refused.append(reason)
+
+
+def stored(function: Callable[..., Any], quick: bool) -> Any:
+    """Numba's cache for a function within `kept_in`; with `quick` a QuickCache."""
+    try:
+        return (QuickCache if quick else LenientCache)(function)
+    except (OSError, RuntimeError) as error:  # a folder or its source cannot be written
+        note_refused(str(error))
+        return NullCache()
+
+
+class LenientCache(FunctionCache):
+    """Numba's cache of a function, which does without a disk that does not take the code."""
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the machine code for a signature, if the disk takes it."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            note_refused(error.strerror or str(error))
+
+
+class QuickCache(LenientCache):
+    """A cache without what only a compiler needs.
 
     Before it loads machine code, Numba registers all that it knows to compile, which takes 0.15 s
     of a process. When it compiles, it does that again. Machine code of this package calls the

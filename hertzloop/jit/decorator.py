@@ -8,7 +8,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from hertzloop.jit.cache import QuickCache, cache_folder
+from hertzloop.jit.cache import cache_folder, stored
 
 _swapping = Lock()
 
@@ -69,9 +69,9 @@ def kernel(
     on_disk = kept and os.path.exists(function.__code__.co_filename)  # not typed at a prompt
     ours = (function.__module__ or "").startswith("hertzloop.")
     with kept_in(cache_folder()):
-        made = njit(cache=on_disk and not ours, error_model="numpy", **options)(function)
-        if on_disk and ours:
-            made._cache = QuickCache(function)
+        made = njit(error_model="numpy", **options)(function)
+        if on_disk:
+            made._cache = stored(function, quick=ours)
     return made
 
 

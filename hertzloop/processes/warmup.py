@@ -1,11 +1,12 @@
 """Compile all that a scene runs before it runs; later processes load it from the cache."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hertzloop.bus.sockets import own_folder
-from hertzloop.jit.cache import cache_folder
+from hertzloop.jit.cache import all_kept, cache_folder
 
 if TYPE_CHECKING:
     from hertzloop.setup import Setup
@@ -65,9 +66,16 @@ def ensure_compiled(announce: Callable[[], None], *scenes: "Setup", paced: bool 
             announce()
             with own_folder() as folder:
                 run(_moment_of(setup), Path(folder))
-            marker.touch()
+            _mark(marker)
     if not scenes:
-        usual.touch()
+        _mark(usual)
+
+
+def _mark(marker: Path) -> None:
+    """Note that all is in the cache, if the disk has taken it."""
+    with suppress(OSError):
+        if all_kept():
+            marker.touch()
 
 
 def _moment_of(setup: "Setup") -> "Setup":

@@ -1,5 +1,6 @@
 """What is compiled for a law that this machine has never seen."""
 
+import errno
 import shutil
 import time
 from collections.abc import Iterator
@@ -10,9 +11,11 @@ from typing import Any
 
 import pytest
 from numba import config
-from numba.core import event
+from numba.core import caching, event
 
+from hertzloop.controller.loading import compiled
 from hertzloop.controller.loading.registry import SHIPPED, find
+from hertzloop.jit import cache
 from hertzloop.law import About, Keys
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
@@ -89,6 +92,30 @@ def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -
     bound._ENTRIES.clear()
     again.bind(again.keys(), About())
     assert not heard.names
+
+
+@pytest.mark.parametrize("broken", ["write_whole", "save", "ensure_cache_path"])
+def test_a_disk_that_takes_nothing_ends_nothing(
+    tmp_path: Path, heard: Heard, monkeypatch: pytest.MonkeyPatch, broken: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    """Neither text nor machine code of a law, nor a folder for them: a sentence, once."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    owners = {"save": caching.IndexDataCacheFile, "ensure_cache_path": caching._CacheLocator}
+    monkeypatch.setattr(owners.get(broken, compiled), broken, full)
+    monkeypatch.setattr(cache, "_refused", [])
+    law = unseen(tmp_path / "new.py", (SHIPPED / "force_feedback.py").read_text())
+    bound = law.bind(law.keys(), About())
+    assert bound.model.command
+    assert not bound.trouble
+    assert not cache.all_kept()
+    said = capsys.readouterr().err
+    assert said.startswith("hertzloop: compiled kernels cannot be kept in ")
+    assert said.endswith(". Every process compiles them again. Make room there.\n")
+    assert said.count("hertzloop:") == 1
 
 
 def test_what_numba_refuses_is_told_by_its_line(tmp_path: Path) -> None:
