@@ -14,8 +14,10 @@ from dataclasses import dataclass
 import zenoh
 
 from hertzloop.bus.port import BusError, PeerLost
+from hertzloop.bus.process_clock import clock
 from hertzloop.bus.streams import ROLES
 from hertzloop.bus.unauthorised import UnauthorisedPeers
+from hertzloop.bus.zenoh_config import role_of
 
 _NOTICE_S = 4.0  # for zenoh to say whose link it has closed
 # For a final message that says why a role has left: it comes over the link of another role, perhaps
@@ -63,6 +65,10 @@ class Presence:
             for key, handler in (("alive/*/*", self._on_life), ("complete/*", self._on_complete))
         ]
         self._tokens: list[zenoh.LivelinessToken] = []
+        self._unlinked: list[tuple[float, str]] = []  # when, and of which role by the session's id
+        self._links = session.info.declare_link_events_listener(
+            zenoh.handlers.Callback(self._on_link, indirect=False)
+        )
         self.compiling = Compiling(session, self._root, role, self._instance)
 
     def _on_life(self, sample: zenoh.Sample) -> None:
@@ -72,13 +78,17 @@ class Presence:
         if sample.kind == zenoh.SampleKind.PUT:
             self.alive[role].add(instance)
         else:
-            self._left_s[role] = time.monotonic()  # first: who is not alive has a time
+            self._left_s[role] = clock.now()  # first: who is not alive has a time
             self.alive[role].discard(instance)
             self._on_left(PeerLost(f"{role} left the run", role))
 
     def _on_complete(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
             self._complete.add(str(sample.key_expr).rsplit("/", 1)[1])
+
+    def _on_link(self, event: zenoh.LinkEvent) -> None:
+        if event.kind == zenoh.SampleKind.DELETE:
+            self._unlinked.append((clock.now(), role_of(self.name, str(event.link.zid))))
 
     def _declare(self, what: str) -> None:
         self._tokens.append(self._living.declare_token(f"{self._root}/{what}"))
@@ -120,7 +130,7 @@ class Presence:
         said, watched = self._ended | self._complete, list(self._watched.items())
         lost = [role for role, one in watched if one not in self.alive[role] and role not in said]
         to_say = self._watched.keys() - said - {*lost}
-        before_s = time.monotonic() - (_EXPLAIN_S if to_say else 0.0)
+        before_s = clock.now() - (_EXPLAIN_S if to_say else 0.0)
         return [role for role in lost if self._left_s[role] <= before_s]
 
     def look_again_s(self) -> float:
@@ -143,17 +153,22 @@ class Presence:
             *(role for role in self._watched if role in senders),
         )
 
-    def not_taken(self, stream: str, patience_s: float) -> PeerLost:
-        """The error of a message that zenoh has given up: it names who did not take it."""
-        deadline = time.monotonic() + _NOTICE_S
-        while not (deaf := set(self.missing())) and time.monotonic() < deadline:
+    def not_taken(self, stream: str, patience_s: float) -> BusError:
+        """The error of a message that zenoh has given up: it names who did not take it. That can be
+        a session with an id of a role's, whose process is still there."""
+        began_s = clock.now()
+        what = f"accepted no message for {patience_s:g} s; {self.role} was sending '{stream}'"
+        while not (deaf := set(self.missing())) and clock.now() < began_s + _NOTICE_S:
+            if clock.now() > began_s + 2 * _EXPLAIN_S:
+                closed = {role for at_s, role in self._unlinked if at_s > began_s - patience_s}
+                for role in sorted(closed - {"", *self._left_s}):
+                    return BusError(
+                        f"an unknown process that uses a session id of the {role} {what}. "
+                        "End that process, or use certificates"
+                    )
             time.sleep(_LOOK_S)
         named = sorted(deaf or self._watched.keys() - self._ended or self._watched)
-        return PeerLost(
-            f"{' or '.join(named)} accepted no message for {patience_s:g} s; {self.role} was "
-            f"sending '{stream}'",
-            *named,
-        )
+        return PeerLost(f"{' or '.join(named)} {what}", *named)
 
     def _refuse_doubles(self) -> None:
         for role, instances in self.alive.items():
@@ -170,7 +185,7 @@ class Presence:
 
         A role that left while others were awaited may come again.
         """
-        deadline = time.monotonic() + timeout_s
+        deadline = clock.now() + timeout_s
         while absent := [role for role in roles if not self.alive[role]]:
             self._refuse_doubles()
             if self._aborted:
@@ -178,7 +193,7 @@ class Presence:
             if self._unauthorised:
                 self._unauthorised.report(absent)
             deadline = self.compiling.extended(deadline, timeout_s, lambda one, _: one in absent)
-            if time.monotonic() > deadline:
+            if clock.now() > deadline:
                 left = [role for role in absent if role in self._left_s]
                 again = f" ({' and '.join(left)} appeared, but exited again)" if left else ""
                 again += self._unauthorised.words() if self._unauthorised else ""
@@ -197,12 +212,12 @@ class Presence:
         """Wait until a role has left, so that it has surely heard everything; whether it has. Of a
         role of the run, the process that takes part counts, whoever else says to be that role.
         Raises what `abort` was given."""
-        deadline = time.monotonic() + timeout_s
+        deadline = clock.now() + timeout_s
         one = self._watched.get(role)
         while there := bool(self.alive[role]) if one is None else one in self.alive[role]:
             if self._aborted:
                 raise self._aborted
-            if time.monotonic() > deadline:
+            if clock.now() > deadline:
                 break
             time.sleep(_LOOK_S)
         return not there
@@ -210,13 +225,13 @@ class Presence:
     def wait_until_heard(self, timeout_s: float, besides: Collection[str] = ()) -> None:
         """Wait until the final message of this role has reached all: each of the others has left,
         or has announced an end of its own, or is one that nobody waits for (`besides`)."""
-        deadline = time.monotonic() + timeout_s
+        deadline = clock.now() + timeout_s
 
         def listening() -> bool:
             known = {self.role, *besides, *tuple(self._ended)}
             return any(alive for role, alive in self.alive.items() if role not in known)
 
-        while listening() and time.monotonic() < deadline:
+        while listening() and clock.now() < deadline:
             time.sleep(_LOOK_S)
 
     def wait_for_completion(self, role: str, timeout_s: float) -> None:
@@ -242,7 +257,7 @@ class _Compiling:
 
     @property
     def overdue(self) -> bool:
-        return self.until_s is None and time.monotonic() - self.since_s > LONGEST_S
+        return self.until_s is None and clock.now() - self.since_s > LONGEST_S
 
 
 class Compiling:
@@ -260,7 +275,7 @@ class Compiling:
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         role, instance = str(sample.key_expr).rsplit("/", 2)[1:]
-        now = time.monotonic()
+        now = clock.now()
         if sample.kind == zenoh.SampleKind.PUT:
             self._seen[role, instance] = _Compiling(now)
         elif one := self._seen.get((role, instance)):
@@ -280,7 +295,7 @@ class Compiling:
     ) -> float:
         """When to give up a wait that was to end at `deadline_s`: not before `timeout_s` after the
         end of a compilation of an `awaited` process (role, instance)."""
-        now = time.monotonic()
+        now = clock.now()
         for one, found in list(self._seen.items()):
             if awaited(*one) and not found.overdue:
                 deadline_s = max(deadline_s, (found.until_s or now) + timeout_s)

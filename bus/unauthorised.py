@@ -11,8 +11,7 @@ from pathlib import Path
 
 import zenoh
 
-from hertzloop.bus.streams import ROLES
-from hertzloop.bus.zenoh_config import is_known
+from hertzloop.bus.zenoh_config import role_of
 
 _SHOWS_S = 1.5  # in which a role that is linked shows itself, if it is not still starting
 
@@ -78,8 +77,8 @@ class UnauthorisedPeers:
         if event.kind != zenoh.SampleKind.PUT:
             self._links.pop(number, None)
             return
-        role = next((r for r in ROLES if is_known(self._run, (r,), number)), "")
-        link = _Link(event.link.auth_identifier or "", str(event.link.dst), role, time.monotonic())
+        name, where = event.link.auth_identifier or "", str(event.link.dst)
+        link = _Link(name, where, role_of(self._run, number), time.monotonic())
         self._links[number] = link
         if self._allowed is not None and link.name not in self._allowed:
             named = ", ".join(f"'{name}'" for name in sorted(self._allowed))

@@ -4,9 +4,13 @@ A dropped or reordered sample would be a wrong result, so messages between the r
 under congestion (BLOCK) until the link's patience is over; then zenoh closes the link, and
 the departure is reported. That patience is also the longest time for which the death of a
 process may stay unheard: where a message waits for its link, zenoh 1.10 can, on closing the
-link, wait for that message. Whoever else listens must not make the run wait: to sessions
-that are no role's, messages are dropped when they do not take them. zenoh tells sessions
-apart by their ids, so a role draws its id from a pool that follows from the run's name.
+link, wait for that message. zenoh also closes the link of a process that sends nothing for a
+lease, and counts the time in which all processes are stopped: the lease is long, and a role
+that hangs is noticed by whoever waits for it. Whoever else listens must not make the run
+wait: to sessions that are no role's, messages are dropped when they do not take them. zenoh
+tells sessions apart by their ids, so a role draws its id from a pool that follows from the
+run's name, and from a secret (HERTZLOOP_RUN_KEY) that a launcher gives its processes: nobody
+else can guess it.
 Multicast scouting and gossip are off: only the given endpoints are open. Shared memory is
 off: it pays for large messages only, and leaves segments and handles behind.
 """
@@ -25,23 +29,25 @@ from hertzloop.bus.port import BusError
 from hertzloop.bus.sockets import mesh_endpoints
 from hertzloop.bus.streams import ROLES, STREAMS, SUBSCRIPTIONS
 
-_LEASE_MS = 5_000  # how long a hung peer stays unnoticed while nobody waits for it
+RUN_KEY = "HERTZLOOP_RUN_KEY"  # variable with the secret
+_LEASE_MS = 24 * 3_600_000
 _IDS_PER_ROLE = 256  # a pool and not one id, so that a second process of a role can say so
 _opened = itertools.count()
 
 
 def _ids(name: str, role: str) -> list[str]:
     """Session ids (hexadecimal) that processes of a role take in the run `name`."""
-    words = (f"{name}/{role}/{i}".encode() for i in range(_IDS_PER_ROLE))
+    secret = os.environ.get(RUN_KEY, "")
+    words = (f"{secret}{name}/{role}/{i}".encode() for i in range(_IDS_PER_ROLE))
     return [
         f"{int.from_bytes(hashlib.blake2b(word, digest_size=15).digest(), 'big'):x}"
         for word in words
     ]
 
 
-def is_known(name: str, roles: Sequence[str], number: str) -> bool:
-    """Whether a session's id (hexadecimal) is one that the roles of the run `name` take."""
-    return any(number in _ids(name, role) for role in roles)
+def role_of(name: str, number: str) -> str:
+    """Role of the run `name` that takes this session id (hexadecimal); "" if none does."""
+    return next((role for role in ROLES if number in _ids(name, role)), "")
 
 
 def _rules(name: str, roles: Sequence[str]) -> list[dict[str, object]]:

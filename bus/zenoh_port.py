@@ -6,7 +6,6 @@ The settings of a session are in zenoh_config, the presence of the roles in pres
 import os
 import queue
 import threading
-import time
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -16,9 +15,10 @@ import zenoh
 from hertzloop.bus import LEAVING
 from hertzloop.bus.port import BusError, PeerLost
 from hertzloop.bus.presence import Presence
+from hertzloop.bus.process_clock import clock
 from hertzloop.bus.streams import ROLES, STREAMS, SUBSCRIPTIONS, Envelope, has_header_sequence
 from hertzloop.bus.unauthorised import UnauthorisedPeers, names_allowed
-from hertzloop.bus.zenoh_config import is_known, session_config
+from hertzloop.bus.zenoh_config import role_of, session_config
 
 # Few runtime threads instead of several pools shorten the round trip. One would be fastest,
 # but while zenoh closes the link of a session that hangs, nothing else runs on its thread.
@@ -52,6 +52,7 @@ class ZenohPort:
     ) -> None:
         os.environ.setdefault("ZENOH_RUNTIME", SMALL_RUNTIME)
         self.role, self.name = role, name
+        clock.start()
         self._first: Envelope | BaseException | None = None  # out of the inbox
         self._inbox: queue.SimpleQueue[Envelope | BaseException] = queue.SimpleQueue()
         self._patience_s = patience_s
@@ -110,7 +111,7 @@ class ZenohPort:
         """Ids of the sessions linked to this one that belong to no role: what they do not take in
         time is dropped."""
         linked = [str(number) for number in self._session.info.peers_zid()]
-        return [number for number in linked if not is_known(self.name, ROLES, number)]
+        return [number for number in linked if not role_of(self.name, number)]
 
     def publish(self, envelope: Envelope) -> None:
         """Send, in the order of the calls; a large message in a thread of its own. Blocks while too
@@ -147,9 +148,9 @@ class ZenohPort:
         attachment = None
         if not has_header_sequence(envelope.stream):
             attachment = (envelope.sequence or 0).to_bytes(8, "little")
-        started = time.monotonic()
+        started = clock.now()
         self._publishers[envelope.stream].put(envelope.payload, attachment=attachment)
-        if time.monotonic() - started >= self._patience_s:
+        if clock.now() - started >= self._patience_s:
             raise self.presence.not_taken(envelope.stream, self._patience_s)
 
     def _check(self, doing: str) -> None:
@@ -169,16 +170,16 @@ class ZenohPort:
 
     def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
         """Next message; see Port. A role's departure is reported after what it sent."""
-        deadline, presence = time.monotonic() + timeout_s, self.presence
+        deadline, presence = clock.now() + timeout_s, self.presence
         while True:
-            wait_s = max(0.0, deadline - time.monotonic())
+            wait_s = max(0.0, deadline - clock.now())
             try:
                 item = self._first or self._inbox.get(timeout=min(wait_s, presence.look_again_s()))
                 self._first = None
             except queue.Empty:
                 self._check(f"waiting for {awaited}")
                 deadline = presence.compiling.extended(deadline, timeout_s, presence.takes_part)
-                if time.monotonic() < deadline:
+                if clock.now() < deadline:
                     continue
                 self._check_all_sent()
                 raise presence.nothing_came(timeout_s, awaited, senders) from None

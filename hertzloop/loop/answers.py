@@ -1,7 +1,6 @@
 """Answers of the controller from the bus or the lane, and both ends of that lane."""
 
 import math
-import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from hertzloop.bus import lane, lane_kernels
 from hertzloop.bus.lane import Segment, leave, sleep_precisely
 from hertzloop.bus.messages_pb2 import ForceBlock, Hello, LaneAnswer
 from hertzloop.bus.port import BusError, EndedByOther, PeerLost, Port
+from hertzloop.bus.process_clock import clock
 from hertzloop.bus.streams import Checker, StreamFault
 from hertzloop.controller import kernels as ck
 from hertzloop.controller import law_kernels as laws
@@ -239,7 +239,7 @@ class LaneOffer:
         if said > k.SILENT:
             raise StreamFault(refusal(said, self._answers))
         if said == k.SILENT:
-            seen, now = self._answers.samples, time.monotonic()
+            seen, now = self._answers.samples, clock.now()
             if seen != self._quiet[0]:
                 self._quiet = (seen, now)
             if now - self._quiet[1] > self._timeout_s:
@@ -274,7 +274,7 @@ class LaneAnswers:
         end.own[lane_kernels.FORCES_PUT] = self._first_step
         end.own[lane_kernels.SAMPLES_PUT] = self._first
         self._heard: list[tuple[int, int, np.ndarray]] = []  # daq: sequence, first sample, values
-        self._since = time.monotonic()
+        self._since = clock.now()
 
     @property
     def samples(self) -> int:
@@ -303,7 +303,7 @@ class LaneAnswers:
             raise StreamFault(f"sample {self.samples} is missing in the lane")
         if said == k.NO_NUMBER:
             raise StreamFault(f"sample {self.samples} in the lane is no finite number")
-        now = time.monotonic()
+        now = clock.now()
         if said != k.SILENT or self.samples != before:
             self._since = now
         self.idle_s = now - self._since

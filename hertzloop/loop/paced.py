@@ -13,6 +13,7 @@ import numpy as np
 from hertzloop.bus.lane import sleep_precisely
 from hertzloop.bus.messages_pb2 import Pacing
 from hertzloop.bus.port import PeerLost, Port, say_every_s
+from hertzloop.bus.process_clock import clock
 from hertzloop.bus.streams import StreamFault
 from hertzloop.loop import kernels as k
 from hertzloop.loop.answers import refusal
@@ -116,7 +117,7 @@ class PacedPlantNode(PlantNode):
         """Raise PeerLost if a sample has not been answered for too long."""
         first, end = self.answers.samples, int(self.streams.window.counts[k.SAMPLES_END])
         ring = self._pace.taken_ns
-        if first < end and time.monotonic_ns() - ring[first % len(ring)] > self.timeout_s * 1e9:
+        if first < end and clock.since(ring[first % len(ring)] / 1e9) > self.timeout_s:
             raise PeerLost(
                 f"plant waited {self.timeout_s:g} s for the force for step {self.answers.end} from "
                 "the controller: nothing came",

@@ -19,11 +19,12 @@ import subprocess
 import sys
 import threading
 import weakref
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from signal import SIGKILL, SIGTERM
+from types import MappingProxyType
 from typing import NoReturn, TextIO
 
 from setproctitle import setproctitle
@@ -121,12 +122,13 @@ class ForkServer:
             finally:
                 os._exit(1)
 
-    def start(self, arguments: Sequence[str], stderr: Path) -> Role:
+    def start(self, arguments: Sequence[str], stderr: Path, more: Mapping[str, str]) -> Role:
         """Start `hertzloop ARGUMENTS` in this working directory, with this environment.
 
         Args:
             arguments: the command line after the program's name.
             stderr: file that takes standard error.
+            more: variables beside those of this environment.
 
         Raises:
             OSError: the server has ended, or the system refuses another process.
@@ -134,7 +136,7 @@ class ForkServer:
         request = {
             "arguments": list(arguments),
             "cwd": os.getcwd(),
-            "environment": dict(os.environ),
+            "environment": {**os.environ, **more},
         }
         stdin, stdout, status = os.pipe(), os.pipe(), os.pipe()
         # A file in memory: an environment may be larger than any message.
@@ -173,13 +175,15 @@ def prepare() -> ForkServer:
     return _servers[key]
 
 
-def start(arguments: Sequence[str], stderr: Path) -> Role:
+def start(
+    arguments: Sequence[str], stderr: Path, more: Mapping[str, str] = MappingProxyType({})
+) -> Role:
     """Start a role; see `ForkServer.start`. A server that was killed is replaced once."""
     try:
-        return prepare().start(arguments, stderr)
+        return prepare().start(arguments, stderr, more)
     except (BrokenPipeError, ConnectionResetError):
         _servers.clear()
-        return prepare().start(arguments, stderr)
+        return prepare().start(arguments, stderr, more)
 
 
 @cache

@@ -15,8 +15,10 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.bus.presence import LONGEST_S
+from hertzloop.bus.process_clock import clock
 from hertzloop.bus.sockets import mesh_endpoints, own_endpoints, own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
+from hertzloop.bus.zenoh_config import RUN_KEY
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.processes import fork_server
 from hertzloop.processes.signals import Interrupted, ending_signals, how_ended
@@ -80,7 +82,7 @@ class Launcher:
         repeat: Path | None = None,
     ) -> None:
         self._reports: queue.SimpleQueue[tuple[Child, dict[str, Any]] | None] = queue.SimpleQueue()
-        self._signals = 0
+        self._signals, self._key = 0, secrets.token_hex(16)
         self._setup = setup
         self._in_use = ExitStack()
         self.children: list[Child] = []
@@ -111,7 +113,7 @@ class Launcher:
         stderr = folder / f"{role}.stderr"
         # A role has its own session: Ctrl-C comes to the launcher, which ends the roles in order.
         # Nothing is written to its standard input, which ends with the launcher, however that ends.
-        process = fork_server.start(arguments, stderr)
+        process = fork_server.start(arguments, stderr, {RUN_KEY: self._key})
         child = Child(role, process, stderr)
         self.children.append(child)
         threading.Thread(target=self._listen, args=(child,), daemon=True).start()
@@ -155,16 +157,16 @@ class Launcher:
         """
         running = {child.role: child for child in self.children}
         failed: list[Child] = []  # in the order of their ends
-        deadline, heard_s = math.inf, time.monotonic()
-        while running and time.monotonic() < deadline:
+        deadline, heard_s = math.inf, clock.now()
+        while running and clock.now() < deadline:
             try:
                 item = self._reports.get(timeout=0.2)
             except queue.Empty:
-                if time.monotonic() - heard_s > self._silence_s:
+                if clock.now() - heard_s > self._silence_s:
                     silent = f"the launcher has received nothing for {self._silence_s:g} s"
                     raise RunFailed(_not_reacting(running, silent)) from None
                 continue
-            heard_s = time.monotonic()
+            heard_s = clock.now()
             if item is None:
                 raise Interrupted
             child, report = item
@@ -174,7 +176,7 @@ class Launcher:
                 setattr(child, name, report.get(name, getattr(child, name)))
             if child.done:  # whatever becomes of the process now
                 running.pop(child.role, None)
-                deadline = min(deadline, time.monotonic() + _LEAVE_S)
+                deadline = min(deadline, clock.now() + _LEAVE_S)
             elif "exited" in report:
                 del running[child.role]
                 failed.append(child)
@@ -182,7 +184,7 @@ class Launcher:
                 # Who still waits for the others to appear would wait for nothing.
                 known = any(c.own_reason() for c in failed)
                 in_vain = known and not any(c.ready for c in running.values())
-                deadline = min(deadline, time.monotonic() + (0.0 if in_vain else _GRACE_S))
+                deadline = min(deadline, clock.now() + (0.0 if in_vain else _GRACE_S))
         if failed:
             own = not self._setup.law_is_shipped
             law = self._setup.law.name if own else ""
@@ -208,10 +210,10 @@ class Launcher:
             chosen = [c for c in self.children if c.role in roles and c.process.poll() is None]
             for child in chosen:
                 end(child.process)
-            deadline = time.monotonic() + _PATIENCE_S
+            deadline = clock.now() + _PATIENCE_S
             while chosen and any(c.process.poll() is None for c in self.children):
                 hurry = self._signals > 1 and end is not Role.kill
-                if hurry or time.monotonic() > deadline:
+                if hurry or clock.now() > deadline:
                     break
                 time.sleep(0.01)
         for child in self.children:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hertzloop.bus.port import BusError, EndedByOther, PeerLost
+from hertzloop.bus.process_clock import clock
 from hertzloop.bus.sockets import mesh_endpoints, on_loopback, remove_folder_of
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.zenoh_port import ZenohPort
@@ -43,6 +44,7 @@ _PATIENCE_S = 4.0  # for an interrupted role to end in order
 # Of the recorder, in that of plant and controller: one of these waits for the other alone and can
 # name it, but the last block that it recorded may be older than its wait.
 _LONGER = 1.5
+_RECENT = 2.0  # of the longest wait, before an error: a pause that ended then can have caused it
 
 
 @dataclass(frozen=True)
@@ -110,6 +112,13 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
             if role != RECORDER or isinstance(error, StreamFault):
                 lost = error.roles if isinstance(error, PeerLost) else ()
                 port.presence.wait_until_heard(_GRACE_S, {*lost} - {RECORDER})
+            pause_s = clock.paused_s(within_s=_RECENT * address.timeout_s)
+            own = isinstance(error, BusError | StreamFault) and not isinstance(error, EndedByOther)
+            if own and pause_s >= address.timeout_s:  # what it finds then follows from that
+                raise BusError(
+                    f"{role} was stopped, or got no processor time, for {pause_s:.1f} s; "
+                    f"then {error}"
+                ) from error
             raise
         else:
             if role != RECORDER:

@@ -19,6 +19,7 @@ import psutil
 import pytest
 
 from hertzloop.bus.sockets import own_folder
+from hertzloop.bus.zenoh_config import _ids
 from tests.hertzloop.processes import (
     EVENTUALLY_S,
     LONG,
@@ -248,6 +249,35 @@ class TestLauncher:
         assert "interrupted" in err
 
 
+@pytest.mark.full
+def test_a_recorder_that_was_stopped_is_named(recording: Path) -> None:
+    run = start("run", *LONG, "--out", str(recording), "--timeout", "2", "--no-fast-lane")
+    recorder = child_of(run, "recorder")
+    wait_for(grown_to(recording, WELL_UNDER_WAY))
+    recorder.send_signal(signal.SIGSTOP)
+    wait_for(lambda: child_of(run, "plant").cpu_percent(0.5) < 2)  # its message waits
+    time.sleep(3.0)
+    recorder.send_signal(signal.SIGCONT)
+    code, err, _ = finish(run)
+    assert code == 1
+    assert "recorder was stopped, or got no processor time, for" in err
+
+
+@pytest.mark.full
+def test_a_run_whose_processes_were_all_stopped_goes_on(recording: Path) -> None:
+    words = ["--set", "run.duration_s=0.2", "--pace", "0.02", "--timeout", "2"]
+    run = start("run", "aluminium-3mm", *words, "--out", str(recording))
+    roles = [child_of(run, role) for role in ("plant", "controller", "recorder")]
+    wait_for(grown_to(recording, 50_000))
+    for role in roles:
+        role.send_signal(signal.SIGSTOP)
+    time.sleep(8.0)  # longer than any of them waits
+    for role in roles:
+        role.send_signal(signal.SIGCONT)
+    code, err, _ = finish(run)
+    assert code == 0, err
+
+
 STRANGER = """
 import json, os, signal, sys, time, zenoh
 config = zenoh.Config()
@@ -255,6 +285,8 @@ config.insert_json5("scouting/multicast/enabled", "false")
 config.insert_json5("listen/endpoints", "[]")
 config.insert_json5("connect/endpoints", sys.argv[1])
 config.insert_json5("transport/link/tx/lease", "1000")
+if len(sys.argv) > 3:
+    config.insert_json5("id", json.dumps(sys.argv[3]))
 config.insert_json5("connect/retry", '{"period_init_ms": 20, "period_max_ms": 50}')
 heard = []
 def hear(sample):
@@ -273,22 +305,24 @@ time.sleep(600)
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("sleep_s", ["0", "0.5"])
-def test_a_stranger_that_does_not_keep_up_changes_nothing(tmp_path: Path, sleep_s: str) -> None:
-    """It hears something, then stops (0), or takes half a second for every message. Its
-    lease is short, so that zenoh gives its link up during the run."""
+@pytest.mark.parametrize(
+    "words", [["0"], ["0.5"], ["0", _ids("victim", "recorder")[7]]], ids=["stops", "lags", "id"]
+)
+def test_a_stranger_that_does_not_keep_up_changes_nothing(tmp_path: Path, words: list[str]) -> None:
+    """It has an id that follows from the run's name, or not. It hears something, then stops (0), or
+    takes half a second for every message. Its lease is short, so that zenoh gives its link up."""
     base = free_ports(3, in_a_row=True)[0]
-    words = ["--set", "run.duration_s=1", "--port", str(base), "--timeout", "30"]
+    run = ["--set", "run.duration_s=1", "--port", str(base), "--timeout", "30", "--name", "victim"]
     alone, beside = tmp_path / "alone.mcap", tmp_path / "beside.mcap"
-    assert hertzloop("run", "aluminium-3mm", *words, "--out", str(alone)).returncode == 0
+    assert hertzloop("run", "aluminium-3mm", *run, "--out", str(alone)).returncode == 0
     urls = json.dumps([f"tcp/127.0.0.1:{base + i}" for i in range(3)])
     with subprocess.Popen(
-        [sys.executable, "-c", STRANGER, urls, sleep_s], stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", STRANGER, urls, *words], stdout=subprocess.PIPE, text=True
     ) as stranger:
         try:
             assert stranger.stdout is not None
             assert stranger.stdout.readline() == "listening\n"
-            done = hertzloop("run", "aluminium-3mm", *words, "--out", str(beside))
+            done = hertzloop("run", "aluminium-3mm", *run, "--out", str(beside))
             assert done.returncode == 0, done.stderr
             assert select.select([stranger.stdout], [], [], 5.0)[0], "the stranger heard nothing"
             assert stranger.stdout.readline() == "heard\n"
