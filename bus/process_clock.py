@@ -7,6 +7,7 @@ hold that time against them.
 import math
 import threading
 import time
+from collections.abc import Callable
 
 _BEAT_S = 0.2
 _PAUSE_S = 1.0  # without a beat: an ordinary delay on a busy machine is shorter
@@ -20,6 +21,7 @@ class ProcessClock:
 
     def __init__(self) -> None:
         self._lock, self._thread = threading.Lock(), threading.Thread()
+        self.on_beat: Callable[[], None] = lambda: None  # called again and again, once started
         self._seen_s, self._paused_s = time.monotonic(), 0.0
         self._ended_s, self._lasted_s = -math.inf, 0.0  # the latest pause, by the monotonic clock
 
@@ -33,16 +35,22 @@ class ProcessClock:
     def _beat(self) -> None:
         while True:
             self.now()
+            self.on_beat()
             time.sleep(_BEAT_S)
 
     def now(self) -> float:
         """Time without the pauses, s."""
+        paused_s, now_s = self._paused_s, time.monotonic()
+        # Without the lock, unless another thread counts a pause meanwhile, or there was one.
+        if 0.0 <= now_s - self._seen_s < _BEAT_S and paused_s == self._paused_s:
+            return now_s - paused_s
         with self._lock:
             now_s = time.monotonic()
-            gap_s, self._seen_s = now_s - self._seen_s, now_s
+            gap_s = now_s - self._seen_s
             if gap_s > _PAUSE_S:
                 self._paused_s += gap_s - _BEAT_S
                 self._ended_s, self._lasted_s = now_s, gap_s
+            self._seen_s = now_s  # last: who sees it finds the pause
             return now_s - self._paused_s
 
     def since(self, then_s: float) -> float:

@@ -4,13 +4,14 @@ A dropped or reordered sample would be a wrong result, so messages between the r
 under congestion (BLOCK) until the link's patience is over; then zenoh closes the link, and
 the departure is reported. That patience is also the longest time for which the death of a
 process may stay unheard: where a message waits for its link, zenoh 1.10 can, on closing the
-link, wait for that message. zenoh also closes the link of a process that sends nothing for a
-lease, and counts the time in which all processes are stopped: the lease is long, and a role
-that hangs is noticed by whoever waits for it. Whoever else listens must not make the run
-wait: to sessions that are no role's, messages are dropped when they do not take them. zenoh
-tells sessions apart by their ids, so a role draws its id from a pool that follows from the
-run's name, and from a secret (HERTZLOOP_RUN_KEY) that a launcher gives its processes: nobody
-else can guess it.
+link, wait for that message. zenoh's times go on while all processes are stopped. So a process
+with a launcher has patience without limit, and the launcher ends a run of which a process does
+not react. The lease, after which zenoh closes the link of a process that sends nothing, is at
+least as long: a role that hangs is noticed by whoever waits for it. Whoever else listens must
+not make the run wait: to sessions that are no role's, messages are dropped when they do not
+take them. zenoh tells sessions apart by their ids, so a role draws its id from a pool that
+follows from the run's name, and from a secret (HERTZLOOP_RUN_KEY) that a launcher gives its
+processes: nobody else can guess it.
 Multicast scouting and gossip are off: only the given endpoints are open. Shared memory is
 off: it pays for large messages only, and leaves segments and handles behind.
 """
@@ -30,15 +31,22 @@ from hertzloop.bus.sockets import mesh_endpoints
 from hertzloop.bus.streams import ROLES, STREAMS, SUBSCRIPTIONS
 
 RUN_KEY = "HERTZLOOP_RUN_KEY"  # variable with the secret
-_LEASE_MS = 24 * 3_600_000
+_LEASE_S = 60.0  # at least: until the loss of a host is noticed that nobody waits for
 _IDS_PER_ROLE = 256  # a pool and not one id, so that a second process of a role can say so
 _opened = itertools.count()
+_key = ""
+
+
+def _secret() -> str:
+    """Take the secret out of the environment: programs that this process starts do not get it."""
+    global _key
+    _key = os.environ.pop(RUN_KEY, _key)
+    return _key
 
 
 def _ids(name: str, role: str) -> list[str]:
     """Session ids (hexadecimal) that processes of a role take in the run `name`."""
-    secret = os.environ.get(RUN_KEY, "")
-    words = (f"{secret}{name}/{role}/{i}".encode() for i in range(_IDS_PER_ROLE))
+    words = (f"{_secret()}{name}/{role}/{i}".encode() for i in range(_IDS_PER_ROLE))
     return [
         f"{int.from_bytes(hashlib.blake2b(word, digest_size=15).digest(), 'big'):x}"
         for word in words
@@ -113,7 +121,7 @@ def session_config(
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/shared_memory/enabled": False,
-        "transport/link/tx/lease": _LEASE_MS,
+        "transport/link/tx/lease": int(max(_LEASE_S, patience_s) * 1e3),
         "transport/link/tx/queue/congestion_control": {
             "block": {"wait_before_close": int(patience_s * 1e6)},
             "drop": {"wait_before_drop": 0, "max_wait_before_drop_fragments": 0},

@@ -6,6 +6,7 @@ The settings of a session are in zenoh_config, the presence of the roles in pres
 import os
 import queue
 import threading
+import time
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -148,9 +149,10 @@ class ZenohPort:
         attachment = None
         if not has_header_sequence(envelope.stream):
             attachment = (envelope.sequence or 0).to_bytes(8, "little")
-        started = clock.now()
+        started = time.monotonic()
         self._publishers[envelope.stream].put(envelope.payload, attachment=attachment)
-        if clock.now() - started >= self._patience_s:
+        # The clock of the process costs more: it is asked only where it matters.
+        if time.monotonic() - started >= self._patience_s <= clock.since(started):
             raise self.presence.not_taken(envelope.stream, self._patience_s)
 
     def _check(self, doing: str) -> None:
@@ -170,16 +172,18 @@ class ZenohPort:
 
     def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
         """Next message; see Port. A role's departure is reported after what it sent."""
-        deadline, presence = clock.now() + timeout_s, self.presence
+        now, presence = clock.now(), self.presence
+        deadline = now + timeout_s
         while True:
-            wait_s = max(0.0, deadline - clock.now())
+            wait_s = max(0.0, deadline - now)
             try:
                 item = self._first or self._inbox.get(timeout=min(wait_s, presence.look_again_s()))
                 self._first = None
             except queue.Empty:
                 self._check(f"waiting for {awaited}")
                 deadline = presence.compiling.extended(deadline, timeout_s, presence.takes_part)
-                if clock.now() < deadline:
+                now = clock.now()
+                if now < deadline:
                     continue
                 self._check_all_sent()
                 raise presence.nothing_came(timeout_s, awaited, senders) from None
@@ -190,6 +194,7 @@ class ZenohPort:
             if not isinstance(item, PeerLost):
                 raise item
             self._check(f"waiting for {awaited}")
+            now = clock.now()
 
     def abort(self, error: BaseException) -> None:
         """Make the next wait raise `error`; may be called from a signal handler."""

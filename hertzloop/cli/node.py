@@ -68,16 +68,18 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
 
     Faults are reported too, or told to a person; then the command ends with exit code 1, or
     130 if it was interrupted. A report says whether the fault is another role's (`others`),
-    which roles were missing (`lost`), and when that was found (`at_s`).
+    which roles were missing (`lost`), and when that was found (`at_s`). While the process runs, it
+    says so again and again (`beat`).
     """
     from hertzloop.bus.port import BusError, EndedByOther, PeerLost
+    from hertzloop.bus.process_clock import clock
     from hertzloop.bus.streams import StreamFault
     from hertzloop.recordings.writer import RecordingError
 
     def tell(**what: object) -> None:
         if machine:
             with suppress(BrokenPipeError):  # the launcher is gone, and cannot be told
-                print(json.dumps(what), flush=True)
+                print(json.dumps(what) + "\n", end="", flush=True)  # at once: threads do
 
     def interrupted(sentence: str) -> NoReturn:
         sentence = sentence or f"{role} was interrupted"
@@ -89,6 +91,7 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
     raise_when_ended()
     if machine:
         end_with_the_launcher()
+        clock.on_beat = lambda: tell(beat=True)
     try:
         with on_interrupt(interrupted):
             yield tell
@@ -101,6 +104,8 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
         if not machine:
             fail(str(error), 1)
         raise typer.Exit(1) from None
+    finally:
+        clock.on_beat = lambda: None
 
 
 def bus_address(
@@ -111,6 +116,7 @@ def bus_address(
     config: Path | None,
     timeout: float,
     wait: float,
+    machine: bool,
 ) -> "BusAddress":
     """Address from the options of a command, else from `config`, else on loopback.
 
@@ -131,7 +137,7 @@ def bus_address(
                 _check_port(f"--zenoh-config: {config}: '{endpoint}'", endpoint)
     except BusError as error:
         fail(f"--zenoh-config: {error}", 2)
-    return BusAddress(name, listen or own, connect or others, config, timeout, wait)
+    return BusAddress(name, listen or own, connect or others, config, timeout, wait, machine)
 
 
 def check_endpoints(option: str, endpoints: list[str] | None) -> None:
@@ -284,7 +290,7 @@ def plant(
     check_pace(resolved, pace, timeout, horizon=horizon, repeat=repeat)
     repeated = repeat_or_fail(read_or_fail(repeat), resolved) if repeat else None
     with framed(PLANT, machine) as tell:
-        address = bus_address(PLANT, name, listen, connect, zenoh_config, timeout, wait)
+        address = bus_address(PLANT, name, listen, connect, zenoh_config, timeout, wait, machine)
         if not machine:
             err.print(f"plant on {where(address)}: waiting for controller and recorder")
         stats = roles.run_plant(
@@ -326,7 +332,9 @@ def controller(
     from hertzloop.processes import roles
 
     with framed(CONTROLLER, machine) as tell:
-        address = bus_address(CONTROLLER, name, listen, connect, zenoh_config, timeout, wait)
+        address = bus_address(
+            CONTROLLER, name, listen, connect, zenoh_config, timeout, wait, machine
+        )
         if not machine:
             err.print(f"controller on {where(address)}: waiting for plant and recorder")
         stats = roles.run_controller(
@@ -359,7 +367,7 @@ def recorder(
 
     check_recording(out_file, overwrite)
     with framed(RECORDER, machine) as tell:
-        address = bus_address(RECORDER, name, listen, connect, zenoh_config, timeout, wait)
+        address = bus_address(RECORDER, name, listen, connect, zenoh_config, timeout, wait, machine)
         if not machine:
             err.print(f"recorder on {where(address)}: waiting for plant and controller")
         stats = roles.run_recorder(

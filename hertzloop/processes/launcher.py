@@ -7,7 +7,7 @@ import queue
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.bus.presence import LONGEST_S
-from hertzloop.bus.process_clock import clock
+from hertzloop.bus.process_clock import ProcessClock, clock
 from hertzloop.bus.sockets import mesh_endpoints, own_endpoints, own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.bus.zenoh_config import RUN_KEY
@@ -29,6 +29,9 @@ _START_S = 180.0  # for all to appear: a death is told at once, kernels may have
 _GRACE_S = 6.0  # for the others to notice a fault, close their files and leave the bus
 _PATIENCE_S = 5.0  # for a process to react to a signal, or to exit once it has done its part
 _LEAVE_S = 15.0  # for the others to do their part, once one has: all was recorded before
+# A process shows a few times a second that it runs. One that did not for this long when another
+# failed is the cause; one that did not for so many times the longest wait of the others has hung.
+_SILENT_S, _HUNG = 1.5, 1.5
 _SCENE = "scene.toml"
 
 
@@ -49,6 +52,7 @@ class Child:
     lost: list[str] = field(default_factory=list)  # roles that it missed
     at_s: float = 0.0  # when it found that they are missing
     done: dict[str, Any] = field(default_factory=dict)
+    heard_s: float = math.inf  # when it last showed that it runs, by the clock of all
 
     def own_reason(self) -> str:
         """Return why it failed, if for a reason of its own; "" if another role was the reason."""
@@ -100,6 +104,7 @@ class Launcher:
         self._common += ["--realtime", realtime]
         # A role that waits, compiles or runs times out or reports before.
         self._silence_s = wait_s + timeout_s + LONGEST_S
+        self._hung_s = max(2 * _SILENT_S, _HUNG * timeout_s)
 
     def _bus(self, role: str, name: str, endpoints: Sequence[str]) -> list[str]:
         """Options by which a process meets the others."""
@@ -157,23 +162,33 @@ class Launcher:
         """
         running = {child.role: child for child in self.children}
         failed: list[Child] = []  # in the order of their ends
+        silent: set[str] = set()  # when the first of them failed
         deadline, heard_s = math.inf, clock.now()
+        ran = ProcessClock()  # read at reports only: it stands still while all processes do
         while running and clock.now() < deadline:
             try:
                 item = self._reports.get(timeout=0.2)
             except queue.Empty:
                 if clock.now() - heard_s > self._silence_s:
-                    silent = f"the launcher has received nothing for {self._silence_s:g} s"
-                    raise RunFailed(_not_reacting(running, silent)) from None
+                    how = f"the launcher has received nothing for {self._silence_s:g} s"
+                    raise RunFailed(_not_reacting(running, how)) from None
                 continue
-            heard_s = clock.now()
             if item is None:
                 raise Interrupted
             child, report = item
+            child.heard_s = ran.now()
+            if not failed and (hung := _silent(running, self._hung_s, ran)):
+                how = f"no sign of life for {self._hung_s:g} s (stopped, or no processor time)"
+                raise RunFailed(_not_reacting(hung, how))
+            if "beat" in report:
+                continue
+            heard_s = clock.now()
             if "step" in report:
                 on_progress(report["step"])
             for name in ("ready", "fault", "others", "lost", "at_s", "done"):
                 setattr(child, name, report.get(name, getattr(child, name)))
+            if child.fault and not failed:
+                silent |= _silent(running, _SILENT_S, ran)
             if child.done:  # whatever becomes of the process now
                 running.pop(child.role, None)
                 deadline = min(deadline, clock.now() + _LEAVE_S)
@@ -188,7 +203,7 @@ class Launcher:
         if failed:
             own = not self._setup.law_is_shipped
             law = self._setup.law.name if own else ""
-            raise RunFailed(_cause(failed, set(running), law))
+            raise RunFailed(_cause(failed, set(running), silent, law))
         if running:
             ended = f"the others had ended their part of the run {_LEAVE_S:g} s before"
             raise RunFailed(_not_reacting(running, ended))
@@ -220,19 +235,27 @@ class Launcher:
             child.process.stdin.close()
 
 
-def _cause(failed: list[Child], running: set[str], law: str = "") -> str:
+def _silent(running: Mapping[str, Child], for_s: float, ran: ProcessClock) -> set[str]:
+    """Roles that take part and have not shown for this long, by `ran`, that they run."""
+    now_s = ran.now()
+    return {role for role, one in running.items() if one.ready and now_s - one.heard_s > for_s}
+
+
+def _cause(
+    failed: list[Child], running: set[str], silent: Collection[str] = (), law: str = ""
+) -> str:
     """The sentence that explains a failure: a death, a fault, a hang, at last a lost peer.
 
-    `failed` is in the order of the ends. Whoever merely lost another, or was told of a fault,
-    is not to blame; nor is one that still runs, unless another missed it. `law`: one from
-    elsewhere, which may hang.
+    `failed` is in the order of the ends; `silent` are those that did not run when the first failed.
+    Whoever merely lost another, or was told of a fault, is not to blame; nor is one that still
+    runs, unless another missed it. `law`: one from elsewhere, which may hang.
     """
     for child in sorted(failed, key=lambda c: (c.process.returncode or 0) >= 0):
         if reason := child.own_reason():
             return reason
     missed = {role for child in failed for role in child.lost}
     lost = _most_precise(failed).fault
-    if hung := sorted(running & missed):
+    if hung := sorted(silent or running & missed):
         hangs = f", perhaps in an endless loop of the law {law}" * bool(law)
         why = hangs if CONTROLLER in hung else ""
         return _not_reacting(hung, lost, why)

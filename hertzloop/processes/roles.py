@@ -44,6 +44,8 @@ _PATIENCE_S = 4.0  # for an interrupted role to end in order
 # Of the recorder, in that of plant and controller: one of these waits for the other alone and can
 # name it, but the last block that it recorded may be older than its wait.
 _LONGER = 1.5
+# zenoh counts the time in which all processes of a run are stopped, too.
+_NO_LIMIT_S = 24 * 3600.0
 _RECENT = 2.0  # of the longest wait, before an error: a pause that ended then can have caused it
 
 
@@ -57,11 +59,13 @@ class BusAddress:
     config_file: Path | None = None
     timeout_s: float = 5.0  # longest wait for a message during the run
     wait_s: float = 30.0  # longest wait for the others to appear
+    watched: bool = False  # by a launcher, which ends the run if a role does not react
 
     def open(self, role: str) -> ZenohPort:
         """Join the bus. Raises BusError."""
         where = (self.listen, self.connect, self.config_file)
-        return ZenohPort(role, self.name, *where, self.timeout_s, _say)
+        patience_s = _NO_LIMIT_S if self.watched else self.timeout_s
+        return ZenohPort(role, self.name, *where, patience_s, _say)
 
 
 def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[str]]:

@@ -143,6 +143,9 @@ def test_who_gave_up_is_not_to_blame_for_leaving() -> None:
     blocked = ended("plant", "the recorder took nothing", "recorder")
     awake = ended("recorder", "the controller left", "controller")
     assert _cause([waits, blocked, awake], set()) == blocked.fault
+    # The same, but the plant says nothing, since it still waits, and the recorder does not run.
+    named = _cause([waits], {"plant", "recorder"}, {"recorder"})
+    assert named == f"recorder does not respond; {waits.fault}"
     # The same, but who wakes up late ends first.
     blocked = ended("plant", "the recorder took nothing", "recorder", at_s=2.0)
     awake = ended("recorder", "the plant left", "plant", at_s=2.5)

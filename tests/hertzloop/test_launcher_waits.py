@@ -18,6 +18,7 @@ from tests.hertzloop.processes import EVENTUALLY_S
 from tests.hertzloop.short_runs import scene
 
 DONE, STAYS = {"done": {"wall_s": 0.0}}, {"ready": True}
+BEATS = {"ready": True, "beats": True}  # again and again
 
 
 @pytest.fixture(autouse=True)
@@ -33,7 +34,8 @@ def waiting_for(folder: Path, reports: dict[str, dict[str, Any]]) -> Launcher:
     """A launcher with processes that report one thing each; those that are not done stay."""
     launcher = Launcher(scene(), folder / "run.mcap", timeout_s=0.1, wait_s=0.1)
     for role, report in reports.items():
-        stay = "" if report is DONE else "; time.sleep(600)"
+        beats = """[print('{"beat": true}', flush=True) or time.sleep(0.1) for _ in range(6000)]"""
+        stay = {id(DONE): "", id(BEATS): f"; {beats}"}.get(id(report), "; time.sleep(600)")
         code = f"import time; print('{json.dumps(report)}', flush=True){stay}"
         process = subprocess.Popen(
             [sys.executable, "-c", code],
@@ -70,12 +72,22 @@ def test_who_says_nothing_at_all_is_named(tmp_path: Path, monkeypatch: pytest.Mo
         outcome(launcher)
 
 
+def test_one_that_does_not_run_any_more_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(launchers, "_SILENT_S", 0.5)
+    monkeypatch.setattr(launchers, "_PATIENCE_S", 0.2)
+    launcher = waiting_for(tmp_path, {PLANT: BEATS, CONTROLLER: BEATS, RECORDER: STAYS})
+    with pytest.raises(RunFailed, match=r"^recorder does not respond; no sign of life for 1 s"):
+        outcome(launcher)
+
+
 class StopsWhoIsDone:
     """Reports of a launcher; a role is stopped when it has said that it is done."""
 
     def __init__(self, launcher: Launcher, role: str) -> None:
         self._reports, self._role = launcher._reports, role
-        self.get = self._reports.get
+        self.get, self.empty = self._reports.get, self._reports.empty
         self.stopped = False
 
     def put(self, item: Any) -> None:
