@@ -232,7 +232,7 @@ def judged(setup: Setup, until_s: float) -> LawAccuracy | None:
     if found is None:
         return None
     return LawAccuracy(
-        found, setup.accuracy, short.expected_error(),
+        found, setup.accuracy, short.expected_error(finer.frequency_limit_hz),
         latched_us(short, run), latched_us(short, other),
     )  # fmt: skip
 

@@ -23,7 +23,7 @@ from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.actuator import Actuator, rest_force_n
 from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
-from hertzloop.plant.estimates.model_order import expected_error, expected_solid_error, held_error
+from hertzloop.plant.estimates.model_order import expected_error, expected_solid_error, law_error
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -206,30 +206,28 @@ class Setup:
             at_most_s,
         )  # fmt: skip
 
-    def expected_error(self) -> float:
+    def expected_error(self, until_hz: float = math.inf) -> float:
         """Return the relative error of penetration or plate energy that leaving out modes, or the
-        reflections, is expected to cost; under a law at least what the steps of its force do."""
+        reflections, is expected to cost; under a law at least what the steps of its force do.
+        `until_hz`: of these steps count in a solid only what they do below this frequency."""
         spec = self.plant
         if spec.infinite_plate:
             return self.infinite_plate_error_at(self.duration_s)
+        parts = (spec.sphere, spec.plate, spec.contact)
         if spec.plate.solid:
-            return expected_solid_error(
-                spec.sphere, spec.plate, spec.contact, spec.frequency_limit_hz
+            found = expected_solid_error(*parts, spec.frequency_limit_hz)
+            until_hz = min(
+                until_hz, of_plate.widest_limit_hz(spec.plate, spec.sphere, spec.contact)
             )
-        found = expected_error(
-            spec.sphere, spec.plate, spec.contact, spec.frequency_limit_hz,
-            spring=spec.residual_flexibility, damped=spec.damped_tail,
-        )  # fmt: skip
-        return max(found, self._held_error(spec)) if spec.residual_flexibility else found
-
-    def _held_error(self, spec: PlantSpec) -> float:
-        """What a law's force, held from sample to sample, costs; a bandwidth rounds its steps."""
-        if self.reach.force_n < math.inf:
-            return 0.0
+        else:
+            found = expected_error(
+                *parts, spec.frequency_limit_hz,
+                spring=spec.residual_flexibility, damped=spec.damped_tail,
+            )  # fmt: skip
+        if not spec.residual_flexibility:
+            return found
         hold_s = self.step_s * self.every_steps
-        rounded = min(1.0, ((spec.actuator.bandwidth_hz or math.inf) * hold_s) ** 2)
-        share = min(self.reach.share, 1.0) * rounded
-        return held_error(spec.sphere, spec.contact, share, hold_s, damped=spec.damped_tail)
+        return max(found, law_error(spec, self.reach.force_n, self.reach.share, hold_s, until_hz))
 
     # The law with its constants.
 

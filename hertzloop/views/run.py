@@ -319,21 +319,39 @@ def _model_order(report: dict[str, Any]) -> str:
         return _chosen_infinite(report)
     chosen = (
         f"{report['frequencies']} frequencies up to {report['frequency_limit_hz'] / 1e3:.4g} kHz; "
-        f"expected truncation error {report['expected_error']:.1g} of penetration or plate energy"
+        f"expected truncation error {error_words(report)} of penetration or plate energy"
     )
-    if report["expected_error"] > 1.001 * report["requested_accuracy"]:
+    if missed(report):
         return f"{chosen} (requested: {report['requested_accuracy']:g}; {what_limits(report)})"
     return chosen
 
 
 def _chosen_infinite(report: dict[str, Any]) -> str:
     """The same for the infinite plate."""
-    expected, asked = report["expected_error"], report["requested_accuracy"]
     chosen = f"infinite plate, a dashpot of {report['model']['impedance_n_s_m']:.4g} N s/m"
-    if math.isinf(expected):
+    if math.isinf(report["expected_error"]):
         return f"{chosen}; what the missing reflections cost by the run's end is not known"
-    found = f"{chosen}; missing reflections may cost {expected:.1g} by the run's end"
-    return f"{found} (requested: {asked:g}; missed)" if expected > asked else found
+    found = f"{chosen}; missing reflections may cost {error_words(report)} by the run's end"
+    asked = f" (requested: {report['requested_accuracy']:g}; missed)"
+    return f"{found}{asked}" if missed(report) else found
+
+
+def missed(report: dict[str, Any]) -> bool:
+    """Whether a run expects more error than was asked for."""
+    expected = report["expected_error"]
+    return expected is not None and expected > 1.001 * report["requested_accuracy"]
+
+
+def error_words(report: dict[str, Any]) -> str:
+    """The expected error of a run; where more was missed than a digit shows, with the digits that
+    show it."""
+    expected = report["expected_error"]
+    if expected is None or math.isinf(expected):
+        return "unknown"
+    words = (f"{expected:.{digits}g}" for digits in range(1, 17))
+    if not missed(report):
+        return next(words)
+    return next(word for word in words if float(word) > report["requested_accuracy"])
 
 
 def _full_model(model: dict[str, Any]) -> str:
@@ -524,13 +542,10 @@ def _show_run_lines(console: Console, report: dict[str, Any]) -> None:
             f"Law: {law_line(law_in(report))}."
         )
     )
-    expected, asked = report["expected_error"], report["requested_accuracy"]
-    error = "unknown" if expected is None or math.isinf(expected) else f"{expected:.1g}"
-    missed = expected is not None and expected > 1.001 * asked
     console.print(
         styled(
-            f"Model error {error} (requested {asked:g}",
-            ("; missed", "yellow") if missed else "",
+            f"Model error {error_words(report)} (requested {report['requested_accuracy']:g}",
+            ("; missed", "yellow") if missed(report) else "",
             f"). Energy residual {report['residuals']['energy']:.1e}, "
             f"momentum {report['residuals']['momentum']:.1e}.",
         )
@@ -589,15 +604,17 @@ def tail_words(found: dict[str, float]) -> str:
 
 def what_limits(report: dict[str, Any]) -> str:
     """Why a run expects more error than was asked for, in words."""
+    steps = (
+        "the law's force jumps, or is held from sample to sample, and its steps cost that, not the "
+        "modes; actuator.bandwidth_hz, or of a held force a smaller run.step_ns, makes them smaller"
+    )
     if report["theory"] and report["theory"]["chosen"] == "3d":
-        return "all that this step, or a contact as wide as the waves, allows"
+        allowed = "all that this step, or a contact as wide as the waves, allows"
+        return allowed if report["scene_law"] == "off" else f"{allowed}; or {steps}"
     if "modes_in_file" in report["struck"]:
         return "all modes of the file"
     if report["frequency_limit_hz"] < (1.0 - 1e-9) * report["model"]["full"]["frequency_limit_hz"]:
-        return (
-            "the law's force is held from sample to sample, and its steps cost that, not the "
-            "modes; a smaller run.step_ns or actuator.bandwidth_hz makes them smaller"
-        )
+        return steps
     return "the limit of this time step; a smaller run.step_ns supports more modes"
 
 

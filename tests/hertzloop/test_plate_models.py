@@ -19,7 +19,7 @@ from hertzloop.plant.structures.solid_plate import SolidPlate
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
-from hertzloop.views.run import what_limits
+from hertzloop.views.run import error_words, what_limits
 from tests.commands import invoke
 
 SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]
@@ -227,3 +227,29 @@ def test_a_run_expects_what_the_steps_of_a_held_force_cost() -> None:
     report = {"theory": None, "struck": {}, "model": {"full": {"frequency_limit_hz": 5e5}}}
     assert "held from sample to sample" in what_limits(report | {"frequency_limit_hz": 4e5})
     assert "the limit of this time step" in what_limits(report | {"frequency_limit_hz": 5e5})
+
+
+def test_a_solid_expects_what_the_waves_of_a_held_force_cost() -> None:
+    """Samples further apart than the modes of a solid reach make waves that no mode carries."""
+    scene = load("aluminium-3mm", SOLID)
+    assert scene.vary({"controller.law": "off"}).expected_error() == pytest.approx(1e-3, rel=0.01)
+    expected = scene.expected_error()
+    assert expected > 5e-3
+    assert scene.expected_error(2.0 * scene.plant.frequency_limit_hz) < 0.2 * expected
+    assert load("aluminium-3mm", [*SOLID, "run.step_ns=250"]).expected_error() < 0.5 * expected
+    smooth = load("aluminium-3mm", [*SOLID, "actuator.bandwidth_hz=1e5"])
+    assert smooth.expected_error() == pytest.approx(1e-3, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("expected", "words"),
+    [
+        (1e-3, "0.001"),
+        (9.6e-4, "0.001"),
+        (1.4e-3, "0.0014"),
+        (1.002e-3, "0.001002"),
+        (0.03, "0.03"),
+    ],
+)
+def test_an_error_beyond_the_request_is_seen_to_be(expected: float, words: str) -> None:
+    assert error_words({"expected_error": expected, "requested_accuracy": 1e-3}) == words
