@@ -610,7 +610,7 @@ def what_limits(report: dict[str, Any]) -> str:
     )
     if report["theory"] and report["theory"]["chosen"] == "3d":
         allowed = "all that this step, or a contact as wide as the waves, allows"
-        return allowed if report["scene_law"] == "off" else f"{allowed}; or {steps}"
+        return allowed if report["scene_law"] == "off" else f"{steps}; or it is {allowed}"
     if "modes_in_file" in report["struck"]:
         return "all modes of the file"
     if report["frequency_limit_hz"] < (1.0 - 1e-9) * report["model"]["full"]["frequency_limit_hz"]:
