@@ -16,6 +16,7 @@ if __name__ == "__main__" or os.path.basename(sys.argv[0]) == "hertzloop":
 import gc
 
 from hertzloop.processes.signals import command_line
+from hertzloop.processes.surroundings import lacks_explained, take_streams
 
 
 def load() -> None:
@@ -40,7 +41,8 @@ def collect_rarely() -> None:
 def main() -> None:
     """Entry point: the command line, with imports that can be interrupted quietly."""
     collect_rarely()
-    with command_line() as imported:
+    take_streams()
+    with command_line() as imported, lacks_explained():
         from hertzloop.cli import app
 
         commands = app.built()

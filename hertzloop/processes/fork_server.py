@@ -97,7 +97,7 @@ class ForkServer:
     def __init__(self) -> None:
         self._requests, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.process: subprocess.Popen[bytes] | None = None
-        if len(os.listdir("/proc/self/task")) == 1:
+        if _has_one_thread():
             self._fork(theirs)
         else:  # a fork would copy locks that another thread holds
             self.process = subprocess.Popen(
@@ -160,6 +160,14 @@ class ForkServer:
                 for end in (stdin[0], stdout[1], status[1]):
                     os.close(end)
         return Role(pid, stdin[1], stdout[0], status[0])
+
+
+def _has_one_thread() -> bool:
+    """Whether this process surely has no thread but this one, be it of Python or not."""
+    try:
+        return len(os.listdir("/proc/self/task")) == 1
+    except OSError:  # no /proc is mounted
+        return False
 
 
 _servers: dict[tuple[object, ...], ForkServer] = {}
@@ -249,8 +257,6 @@ def _become(file: int, *streams: int) -> NoReturn:
         os.environ.clear()
         os.environ.update(request["environment"])
         os.chdir(request["cwd"])
-        sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")
-        sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace")
         sys.argv = ["hertzloop", *request["arguments"]]
         setproctitle(visible(" ".join(sys.argv)))
         as_in_a_fresh_process()
