@@ -17,7 +17,7 @@ from hertzloop.cli.options import (
     scene_from,
     write_json,
 )
-from hertzloop.cli.terminal import fail, out
+from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.scenes.errors import SceneError
 from hertzloop.whole_files import write_whole
 
@@ -112,7 +112,13 @@ def fit(
         if check:
             result = study.check(setup, measured, keys)
         else:
-            result = study.fit(setup, measured, keys, compared)
+            with progress("fit", 1000, lines=True) as advance:
+
+                def tell(done: int, expected: int) -> None:
+                    about = f"fit: {done} of about {expected} simulations"
+                    advance(round(1000 * done / expected), about)
+
+                result = study.fit(setup, measured, keys, compared, tell)
     except (RecordError, SceneError, study.FitError) as error:
         fail(str(error), 2)
     except ModuleNotFoundError:

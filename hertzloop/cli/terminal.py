@@ -1,8 +1,9 @@
 """What every command prints with: two consoles, errors, progress, interruptions."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import NoReturn
+from typing import NoReturn, Protocol
 
 import typer
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -14,6 +15,14 @@ from hertzloop.extras import sentence_on
 from hertzloop.foreign import visible
 from hertzloop.processes.signals import INTERRUPTED, on_interrupt
 from hertzloop.whole_files import NotWritten
+
+_LINE_S = 10.0  # between two lines on progress
+
+
+class Advance(Protocol):
+    """How far something is, of its total, and in what words to say so."""
+
+    def __call__(self, completed: int, about: str = ..., /) -> None: ...
 
 
 class Terminal(Console):
@@ -77,10 +86,13 @@ def explained() -> Iterator[None]:
 
 
 @contextmanager
-def progress(what: str, total: int, auto_refresh: bool = True) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar with the time left, gone when done; yields a function that takes how much
-    of `total` is completed. Without `auto_refresh` no thread redraws the bar: it would disturb a
-    measurement."""
+def progress(
+    what: str, total: int, auto_refresh: bool = True, lines: bool = False
+) -> Iterator[Advance]:
+    """Show a progress bar with the time left, gone when done; with `lines`, where standard error
+    is no terminal, a line every 10 s instead. Yields a function that takes how much of `total` is
+    completed, and other words than `what`. Without `auto_refresh` no thread redraws the bar: it
+    would disturb a measurement."""
     percent = TextColumn("{task.percentage:3.0f} %", markup=False)
     about = TextColumn("{task.description}", markup=False)
     columns = (about, BarColumn(), percent, TimeRemainingColumn())
@@ -90,4 +102,16 @@ def progress(what: str, total: int, auto_refresh: bool = True) -> Iterator[Calla
     ) as bar:
         task = bar.add_task(what, total=total)
         bar.refresh()
-        yield lambda completed: bar.update(task, completed=completed, refresh=not auto_refresh)
+        began = said = time.monotonic()
+
+        def advance(completed: int, about: str = what) -> None:
+            nonlocal said
+            bar.update(task, completed=completed, description=about, refresh=not auto_refresh)
+            now = time.monotonic()
+            if not lines or err.is_terminal or out.quiet or now < said + _LINE_S or not completed:
+                return
+            left_s, said = max(total / completed - 1.0, 0.0) * (now - began), now
+            share = 100 * completed // total
+            err.print(f"{about}: {share} %, about {left_s:.0f} s left", soft_wrap=True)
+
+        yield advance

@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,13 @@ _RIGID = 1e-3  # of the frequency of a beam as long as the plate
 _ROUNDS = 40
 _STRIP_ROUNDS = 4  # of strip and phase in turn
 _STRIP_FUNCTIONS = 36
+# Plates that share their functions: Poisson's ratios between these ends; relative error of k^4 and
+# of k^2 of the waves that this may add; how many more low modes than used the functions come from;
+# modes this close to others are left out; most plates solved, and nodes of waves, which need
+# fewer rounds.
+_ENDS, _ADDED, _ADDED_WAVES = (0.0, 0.5), 1e-6, 3e-6
+_SPARE, _ALIKE = 1.05, 1e-4
+_MOST_SOLVED, _MOST_NODES, _FEWER_ROUNDS = 9, 33, 16
 
 
 # Functions of one coordinate that keep the edge conditions of a plate, orthonormal by themselves.
@@ -180,22 +188,26 @@ def low_modes(edges: str, size_m: tuple[float, float], nu: float) -> LowModes:
     """Modes of a plate, edges as in "csff": at x = 0, x = l_x, y = 0, y = l_y."""
     import scipy.linalg  # noqa: F401  before the call on one thread that uses it
 
-    nx, ny = _counts(size_m)
-    lx, ly = size_m
-    shift = (math.pi / max(size_m)) ** 4
-    bases = BeamBasis(edges[:2], lx, nx), BeamBasis(edges[2:], ly, ny)
+    bases, parts, shift = _problem(edges, size_m)
+    nx, ny = (basis.count for basis in bases)
     blocks, coarse = [], []
-    for x in _families(edges[:2], nx):
-        for y in _families(edges[2:], ny):
-            values, vectors = _solved(bases, x, y, nu, shift)
-            blocks.append(_Block(x, y, np.sqrt(values), vectors))
-            fewer = (x[x < nx - _FEWER], y[y < ny - _FEWER])
-            coarse.append(np.sqrt(_solved(bases, *fewer, nu, shift)[0]))
-    squared = np.concatenate([block.squared for block in blocks])
+    for x, y in parts:
+        values, vectors = _solved(bases, x, y, nu, shift)
+        blocks.append(_Block(x, y, np.sqrt(values), vectors))
+        fewer = (x[x < nx - _FEWER], y[y < ny - _FEWER])
+        coarse.append(np.sqrt(_solved(bases, *fewer, nu, shift)[0]))
     before = np.concatenate([
         np.pad(fewer, (0, len(block.squared) - len(fewer)), constant_values=math.inf)
         for fewer, block in zip(coarse, blocks, strict=True)
     ])  # fmt: skip
+    return _in_order(bases, blocks, before, shift)
+
+
+def _in_order(
+    bases: tuple[BeamBasis, BeamBasis], blocks: list[_Block], before: np.ndarray, shift: float
+) -> LowModes:
+    """The modes of all blocks; `before`: their k^2 in a smaller basis, (modes,)."""
+    squared = np.concatenate([block.squared for block in blocks])
     rigid = squared < _RIGID * math.sqrt(shift)
     change = np.where(rigid, 0.0, before / np.where(rigid, 1.0, squared) - 1.0)
     squared[rigid] = 0.0
@@ -203,10 +215,34 @@ def low_modes(edges: str, size_m: tuple[float, float], nu: float) -> LowModes:
     return LowModes(squared[order], change[order], bases, tuple(blocks), order)
 
 
+def _problem(
+    edges: str, size_m: tuple[float, float]
+) -> tuple[tuple[BeamBasis, BeamBasis], list[tuple[np.ndarray, np.ndarray]], float]:
+    """Functions along x and y, those that take part together, and the shift of k^4."""
+    (nx, ny), (lx, ly) = _counts(size_m), size_m
+    bases = BeamBasis(edges[:2], lx, nx), BeamBasis(edges[2:], ly, ny)
+    parts = [(x, y) for x in _families(edges[:2], nx) for y in _families(edges[2:], ny)]
+    return bases, parts, (math.pi / max(size_m)) ** 4
+
+
 def _families(edges: str, count: int) -> list[np.ndarray]:
     """Functions that take part together: even and odd ones apart between equal edges."""
     functions = np.arange(count)
     return [functions[::2], functions[1::2]] if edges[0] == edges[1] else [functions]
+
+
+def _stiffness(
+    bases: tuple[BeamBasis, BeamBasis], x: np.ndarray, y: np.ndarray, nu: float, shift: float
+) -> np.ndarray:
+    """Stiffness of products of functions, with the shift; linear in Poisson's ratio."""
+    (kx, ex, gx), (ky, ey, gy) = (
+        [matrix[np.ix_(part, part)] for matrix in basis.integrals()]
+        for basis, part in zip(bases, (x, y), strict=True)
+    )
+    stiffness = np.kron(kx, np.eye(len(y))) + np.kron(np.eye(len(x)), ky)
+    stiffness += nu * (np.kron(ex, ey.T) + np.kron(ex.T, ey)) + 2.0 * (1.0 - nu) * np.kron(gx, gy)
+    stiffness[np.diag_indices(len(stiffness))] += shift
+    return stiffness
 
 
 @on_one_thread
@@ -218,13 +254,7 @@ def _solved(
     Solved for 1/(k^4 + shift), of which the low modes have the largest: their rounding is
     relative to themselves, not to the highest, 1e8 times as large.
     """
-    (kx, ex, gx), (ky, ey, gy) = (
-        [matrix[np.ix_(part, part)] for matrix in basis.integrals()]
-        for basis, part in zip(bases, (x, y), strict=True)
-    )
-    stiffness = np.kron(kx, np.eye(len(y))) + np.kron(np.eye(len(x)), ky)
-    stiffness += nu * (np.kron(ex, ey.T) + np.kron(ex.T, ey)) + 2.0 * (1.0 - nu) * np.kron(gx, gy)
-    stiffness[np.diag_indices(len(stiffness))] += shift
+    stiffness = _stiffness(bases, x, y, nu, shift)
     scale = np.sqrt(np.diag(stiffness))
     lower = scipy.linalg.cholesky(stiffness / np.outer(scale, scale), lower=True)
     halved = scipy.linalg.solve_triangular(lower, np.diag(1.0 / scale), lower=True)
@@ -233,6 +263,123 @@ def _solved(
     coefficients = scipy.linalg.solve_triangular(lower, vectors[:, ::-1], lower=True, trans="T")
     coefficients /= scale[:, None]
     return values, coefficients / np.linalg.norm(coefficients, axis=0)
+
+
+# Low modes of plates that differ in Poisson's ratio alone.
+#
+# The low modes of a few such plates are functions for Ritz's method for all others between: at the
+# few, they are exact, and the error between is of second order. Its bound decides how many plates
+# are solved. Each further plate then costs an eigenproblem of a few hundred functions.
+
+
+@dataclass(frozen=True)
+class _Shared:
+    """Functions of a block, orthonormal (functions, shared ones), and their stiffness at the two
+    `_ENDS`; `count`: how many modes they hold."""
+
+    x: np.ndarray
+    y: np.ndarray
+    functions: np.ndarray
+    stiffness: tuple[np.ndarray, np.ndarray]
+    count: int
+
+    @on_one_thread
+    def solved(self, nu: float) -> tuple[np.ndarray, np.ndarray]:
+        """Shifted eigenvalues (modes,), rising, and coefficients of the shared functions."""
+        by = (nu - _ENDS[0]) / (_ENDS[1] - _ENDS[0])
+        first, last = self.stiffness
+        values, vectors = np.linalg.eigh((1.0 - by) * first + by * last)
+        return values[: self.count], vectors[:, : self.count]
+
+
+@lru_cache(maxsize=4)
+def _shared(edges: str, size_m: tuple[float, float], nu: float, count: int) -> list[_Shared]:
+    """The functions that plates with Poisson's ratios between `_ENDS` share, the blocks in order;
+    good for the first `count` modes, and exact at `nu`."""
+    import scipy.linalg  # noqa: F401  before the calls on one thread that use it
+
+    low = low_modes(edges, size_m, nu)
+    most = low.squared[min(int(_SPARE * count) + 10, len(low.squared) - 1)]
+    share = 1.0 - (low.squared[count - 1] / most) ** 2
+    shift = _problem(edges, size_m)[2]
+    found: list[_Shared] = []
+    for block in low.blocks:
+        kept = int(np.searchsorted(block.squared, most))
+        nodes = sorted({*_ENDS, nu})
+        solved = {at: _snapshot(edges, size_m, at, len(found), kept) for at in _ENDS}
+        solved[nu] = block.coefficients[:, :kept]
+        while True:
+            shared = _reduced(low.bases, block, shift, [solved[at] for at in nodes])
+            middles = [0.5 * (a + b) for a, b in pairwise(nodes)]
+            middles = [m for m in middles if m not in solved]
+            errors = [_error(low.bases, shared, m, shift) / share for m in middles]
+            if max(errors) <= _ADDED or len(nodes) >= _MOST_SOLVED:
+                break
+            worst = middles[int(np.argmax(errors))]
+            solved[worst] = _snapshot(edges, size_m, worst, len(found), kept)
+            nodes = sorted(solved)
+        found.append(shared)
+    return found
+
+
+@lru_cache(maxsize=32)
+def _snapshot(
+    edges: str, size_m: tuple[float, float], nu: float, part: int, count: int
+) -> np.ndarray:
+    """Coefficients of the first modes of one block of a plate, (functions, count)."""
+    bases, parts, shift = _problem(edges, size_m)
+    return _solved(bases, *parts[part], nu, shift)[1][:, :count].copy()
+
+
+@on_one_thread
+def _reduced(
+    bases: tuple[BeamBasis, BeamBasis], block: _Block, shift: float, modes: list[np.ndarray]
+) -> _Shared:
+    """What the modes of several plates span, without what is almost the same."""
+    middle = _stiffness(bases, block.x, block.y, 0.5 * sum(_ENDS), shift)
+    scale = np.sqrt(np.diag(middle))
+    lower = scipy.linalg.cholesky(middle / np.outer(scale, scale), lower=True)
+    # By energy: a difference of high frequency counts for more.
+    energies = lower.T @ (scale[:, None] * np.concatenate(modes, axis=1))
+    energies /= np.linalg.norm(energies, axis=0)
+    span, size, _ = scipy.linalg.svd(energies, full_matrices=False)
+    span = span[:, size > _ALIKE * size[0]]
+    span = scipy.linalg.solve_triangular(lower, span, lower=True, trans="T") / scale[:, None]
+    functions = np.linalg.qr(span)[0]
+    first, last = (
+        functions.T @ (_stiffness(bases, block.x, block.y, nu, shift) @ functions) for nu in _ENDS
+    )
+    return _Shared(block.x, block.y, functions, (first, last), modes[0].shape[1])
+
+
+@on_one_thread
+def _error(bases: tuple[BeamBasis, BeamBasis], shared: _Shared, nu: float, shift: float) -> float:
+    """Largest relative error of k^4, by the residuals in the norm of the inverse stiffness; the
+    modes that the functions do not hold are taken to be far above."""
+    values, vectors = shared.solved(nu)
+    stiffness = _stiffness(bases, shared.x, shared.y, nu, shift)
+    modes = shared.functions @ vectors
+    residual = stiffness @ modes - modes * values
+    scale = np.sqrt(np.diag(stiffness))
+    lower = scipy.linalg.cholesky(stiffness / np.outer(scale, scale), lower=True)
+    left = scipy.linalg.solve_triangular(lower, residual / scale[:, None], lower=True)
+    return float(np.max(np.sum(left * left, axis=0) / values))
+
+
+@lru_cache(maxsize=16)
+def _low_modes_near(
+    edges: str, size_m: tuple[float, float], nu: float, near: float, count: int
+) -> LowModes:
+    """The low modes by functions shared with the plate of Poisson's ratio `near`, at least
+    `count`; their `change` is not known."""
+    bases, _, shift = _problem(edges, size_m)
+    blocks = []
+    for shared in _shared(edges, size_m, near, count):
+        values, vectors = shared.solved(nu)
+        squared = np.sqrt(np.maximum(values - shift, 0.0))
+        blocks.append(_Block(shared.x, shared.y, squared, shared.functions @ vectors))
+    unknown = np.full(sum(len(block.squared) for block in blocks), math.nan)
+    return _in_order(bases, blocks, unknown, shift)
 
 
 # Modes of a rectangular plate far above its first ones, by the dynamic edge effect (Bolotin 1961).
@@ -266,9 +413,9 @@ class Waves(NamedTuple):
     along_x: _Side
     along_y: _Side
 
-    def above(self, least: float) -> "Waves":
-        """The modes with k^2 of `least` and more."""
-        kept = self.squared >= least
+    def within(self, least: float, most: float) -> "Waves":
+        """The modes with k^2 from `least` to `most`."""
+        kept = (self.squared >= least) & (self.squared <= most)
         return Waves(self.squared[kept], self.along_x.of(kept), self.along_y.of(kept))
 
 
@@ -294,46 +441,108 @@ def _numbers(count: np.ndarray, edges: str, length: float, k: np.ndarray, t2: np
 
 def waves(edges: str, size_m: tuple[float, float], nu: float, k_max: float) -> list[Waves]:
     """All modes with k_x^2 + k_y^2 <= k_max^2; the corners' share left out."""
+    every = _labelled(edges, size_m, nu, k_max)
+    return [group.within(0.0, k_max * k_max) for group in every]
+
+
+def _labelled(
+    edges: str, size_m: tuple[float, float], nu: float, k_max: float, rounds: int = _ROUNDS
+) -> list[Waves]:
+    """The modes up to k_max and some beyond, in an order that no Poisson's ratio changes."""
     (lx, ly), (ex, ey) = size_m, (edges[:2], edges[2:])
     highest = [np.arange(1.0, int(k_max * length / np.pi) + 2) for length in size_m]
     m, n = (grid.ravel() for grid in np.meshgrid(*highest, indexing="ij"))
     kx, ky = m * np.pi / lx, n * np.pi / ly
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         kx, ky = _numbers(m, ex, lx, kx, ky * ky, nu), _numbers(n, ey, ly, ky, kx * kx, nu)
-    kept = kx * kx + ky * ky <= k_max * k_max
-    kx, ky = kx[kept], ky[kept]
     found = [Waves(kx * kx + ky * ky, _Side(kx, ky * ky), _Side(ky, kx * kx))]
-    for squared, across, along in _edge_waves(ex, ey, lx, ly, nu, k_max):
+    for squared, across, along in _edge_waves(ex, ey, lx, ly, nu, k_max, rounds):
         found.append(Waves(squared, across, along))
-    for squared, across, along in _edge_waves(ey, ex, ly, lx, nu, k_max):
+    for squared, across, along in _edge_waves(ey, ex, ly, lx, nu, k_max, rounds):
         found.append(Waves(squared, along, across))
     return found
 
 
 @on_one_thread
 def _edge_waves(
-    across: str, along: str, width: float, length: float, nu: float, k_max: float
+    across: str, along: str, width: float, length: float, nu: float, k_max: float, rounds: int
 ) -> list[tuple[np.ndarray, _Side, _Side]]:
     """For every free edge of `across` the modes that run along it: k^2, shape across, along."""
     basis = BeamBasis(across, width, _STRIP_FUNCTIONS)
     bend, mixed, slope = basis.integrals()
     mixed = mixed + mixed.T
+    at_free = basis.at(np.array([0.0 if across[0] == "f" else width]))
     n = np.arange(1.0, int(k_max * length / np.pi) + 2)
     found = []
-    for j in range(across.count("f")):
+    # Two free edges have an even and an odd mode, with almost equal k^2: each of its own functions.
+    for part in _families(across, _STRIP_FUNCTIONS)[: across.count("f")]:
+        inside = np.ix_(part, part)
         k, t2 = n * np.pi / length, np.zeros(len(n))
         for _ in range(_STRIP_ROUNDS):
-            for _ in range(_ROUNDS):
+            for _ in range(rounds):
                 k = _numbers(n, along, length, k, t2, nu)
             k2 = (k * k)[:, None, None]
-            strip = bend + k2 * (2.0 * (1.0 - nu) * slope - nu * mixed)
-            values, vectors = np.linalg.eigh(strip + k2 * k2 * np.eye(_STRIP_FUNCTIONS))
-            squared = np.sqrt(np.maximum(values[:, j], 0.0))
+            strip = (bend + k2 * (2.0 * (1.0 - nu) * slope - nu * mixed))[(..., *inside)]
+            values, vectors = np.linalg.eigh(strip + k2 * k2 * np.eye(len(part)))
+            squared = np.sqrt(np.maximum(values[:, 0], 0.0))
             t2 = np.maximum(squared - k * k, -0.45 * k * k)
-        kept = squared <= k_max * k_max
-        side = _Side(k[kept], k[kept] ** 2, vectors[kept, :, j].T)
-        found.append((squared[kept], side, _Side(k[kept], t2[kept])))
+        shape = np.zeros((_STRIP_FUNCTIONS, len(n)))
+        shape[part] = vectors[:, :, 0].T
+        shape *= np.sign(at_free @ shape)  # one sign at every Poisson's ratio
+        found.append((squared, _Side(k, k * k, shape), _Side(k, t2)))
     return found
+
+
+@lru_cache(maxsize=4)
+def _nodes(
+    edges: str, size_m: tuple[float, float], k_max: float
+) -> tuple[np.ndarray, list[list[Waves]]]:
+    """Poisson's ratios, and the modes there: polynomials through them hold for all between."""
+    count, known = 9, dict[float, list[Waves]]()
+    middle, half = 0.5 * sum(_ENDS), 0.5 * (_ENDS[1] - _ENDS[0])
+    while True:
+        ratios = middle - half * np.cos(np.arange(count) * np.pi / (count - 1))
+        for nu in ratios:
+            known.setdefault(float(nu), _labelled(edges, size_m, float(nu), k_max, _FEWER_ROUNDS))
+        found = ratios, [known[float(nu)] for nu in ratios]
+        # Between two nodes in the middle the error is as large as anywhere, or almost so.
+        test = 0.5 * float(ratios[count // 2] + ratios[count // 2 + 1])
+        exact = _labelled(edges, size_m, test, k_max, _FEWER_ROUNDS)
+        errors = [
+            float(np.max(np.abs(one.squared / other.squared - 1.0)))
+            for one, other in zip(_by_nodes(*found, test), exact, strict=True)
+        ]
+        if max(errors) <= _ADDED_WAVES or count >= _MOST_NODES:
+            return found
+        count = 2 * count - 1
+
+
+@lru_cache(maxsize=4)
+def _left(edges: str, size_m: tuple[float, float], nu: float, k_max: float) -> list[Waves]:
+    """What the polynomials miss at one of Poisson's ratios: with that added, they are exact there
+    and nearly so around."""
+    pairs = zip(
+        _labelled(edges, size_m, nu, k_max), _by_nodes(*_nodes(edges, size_m, k_max), nu),
+        strict=True,
+    )  # fmt: skip
+    return [_summed(list(pair), np.array([1.0, -1.0])) for pair in pairs]
+
+
+def _by_nodes(ratios: np.ndarray, modes: list[list[Waves]], nu: float) -> list[Waves]:
+    """The labelled modes at one Poisson's ratio, by Lagrange's polynomials."""
+    apart = ratios[:, None] - ratios + np.eye(len(ratios))
+    parts = np.where(np.eye(len(ratios), dtype=bool), 1.0, (nu - ratios) / apart)
+    weights = np.prod(parts, axis=1)
+    return [_summed(list(groups), weights) for groups in zip(*modes, strict=True)]
+
+
+def _summed(parts: list[Any], weights: np.ndarray) -> Any:
+    """Weighted sum of arrays, or of tuples of them member by member."""
+    if parts[0] is None:
+        return None
+    if isinstance(parts[0], np.ndarray):
+        return np.tensordot(weights, np.stack(parts), 1)
+    return type(parts[0])(*(_summed(list(m), weights) for m in zip(*parts, strict=True)))
 
 
 @on_one_thread
@@ -372,12 +581,14 @@ class EdgedPlate(BaseStructure):
     """A plate with the edges x = 0, x = l_x, y = 0, y = l_y as named, c, f or s each.
 
     Low modes by Ritz's method as far as it has converged to `accuracy`, those beyond by phases
-    at the edges.
+    at the edges. A plate beside another shares the functions of its modes and takes as many low
+    ones.
     """
 
     plate: Plate
     edges: str
     accuracy: float
+    near: float | None = None  # Poisson's ratio of the plate that it is `beside`
 
     def __str__(self) -> str:
         if len(set(self.edges)) == 1:
@@ -409,17 +620,29 @@ class EdgedPlate(BaseStructure):
         """Fields of `Reached`."""
         return asdict(self.reached)
 
+    def beside(self, other: Structure) -> Structure:
+        """See `Structure`."""
+        if not isinstance(other, EdgedPlate) or not _ENDS[0] <= self._nu <= _ENDS[1]:
+            return self
+        one, two = ((p.edges, p.size_m, p.accuracy) for p in (self, other))
+        return replace(self, near=other._nu) if one == two and self._nu != other._nu else self
+
     def modes_below(self, frequency_hz: float) -> float:
         """About how many modes there are up to a frequency, by the modal density."""
         return self.plate.modes_below(frequency_hz)
 
     def modes(self, omega_max: float, contact_m: Point, actuator_m: Point) -> Modes:
         """All modes up to `omega_max` rad/s."""
-        points = [contact_m, actuator_m]
-        omega, shapes = self._shapes(omega_max, points)
+        points = [contact_m] if actuator_m == contact_m else [contact_m, actuator_m]
+        if self.near is None:
+            omega, shapes = self._shapes(omega_max, points)
+        else:  # of those that the residual flexibility needs as well
+            omega, shapes = self._shapes(_TAIL * omega_max, points)
+            count = int(np.searchsorted(omega, self._speed * self._most(omega_max), side="right"))
+            omega, shapes = omega[:count], shapes[:count]
         return Modes(
             omega, self.plate.eta, self.plate.modal_scale_per_kg,
-            shapes[:, 0], shapes[:, 1] if actuator_m != contact_m else shapes[:, 0],
+            shapes[:, 0], shapes[:, -1],
         )  # fmt: skip
 
     def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:
@@ -437,7 +660,9 @@ class EdgedPlate(BaseStructure):
     def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         """Shapes of all modes up to `omega_max` on a grid, (modes, x, y)."""
         plate = self.edges, self.size_m, self._nu
-        low, count, beyond, squared = _parts(*plate, self.accuracy, self._most(omega_max))
+        low, count, beyond, squared = _parts(
+            *plate, self.accuracy, self.near, self._most(omega_max)
+        )
         groups = [low.shapes(x_m, y_m, count)]
         for group in beyond:
             along_x, along_y = _along(*plate, group, x_m, y_m)
@@ -448,7 +673,8 @@ class EdgedPlate(BaseStructure):
     @property
     def reached(self) -> Reached:
         """How far the modes are converged."""
-        low, count, error = _joint(self.edges, self.size_m, self._nu, self.accuracy)
+        nu = self._nu if self.near is None else self.near
+        low, count, error = _joint(self.edges, self.size_m, nu, self.accuracy, None)
         return Reached(count, 0.5 * float(low.change[:count].max()), 0.5 * error)
 
     @property
@@ -473,18 +699,20 @@ class EdgedPlate(BaseStructure):
     def _shapes(self, omega_max: float, points: list[Point]) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies (modes,) and shapes at points (modes, points)."""
         squared, shapes = _unit_shapes(
-            self.edges, self.size_m, self._nu, self.accuracy, self._most(omega_max), tuple(points)
-        )
+            self.edges, self.size_m, self._nu, self.accuracy, self.near, self._most(omega_max),
+            tuple(points),
+        )  # fmt: skip
         return self._speed * squared, self._unit * shapes
 
 
 def _parts(
-    edges: str, size_m: tuple[float, float], nu: float, accuracy: float, most: float
-) -> tuple[LowModes, int, list[Waves], np.ndarray]:
+    edges: str, size_m: tuple[float, float], nu: float, accuracy: float, near: float | None,
+    most: float,
+) -> tuple[LowModes, int, list[Waves], np.ndarray]:  # fmt: skip
     """Low modes, how many of them are below the limit, those beyond, and k^2 of all: low ones
     first, then group by group."""
-    low, count, _ = _joint(edges, size_m, nu, accuracy)
-    beyond = _beyond(edges, size_m, nu, accuracy, most)
+    low, count, _ = _joint(edges, size_m, nu, accuracy, near)
+    beyond = _beyond(edges, size_m, nu, accuracy, near, most)
     count = int(np.searchsorted(low.squared[:count], most, side="right"))
     squared = np.concatenate([low.squared[:count], *(group.squared for group in beyond)])
     return low, count, beyond, squared
@@ -503,11 +731,11 @@ def _along(
 
 @lru_cache(maxsize=16)
 def _unit_shapes(
-    edges: str, size_m: tuple[float, float], nu: float, accuracy: float, most: float,
-    points: tuple[Point, ...],
+    edges: str, size_m: tuple[float, float], nu: float, accuracy: float, near: float | None,
+    most: float, points: tuple[Point, ...],
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """k^2 up to a limit (modes,), rising, and shapes of unit integral at points (modes, points)."""
-    low, count, beyond, squared = _parts(edges, size_m, nu, accuracy, most)
+    low, count, beyond, squared = _parts(edges, size_m, nu, accuracy, near, most)
     shapes = np.empty((len(squared), len(points)))
     for i, (x, y) in enumerate(points):
         at = np.array([x]), np.array([y])
@@ -522,13 +750,16 @@ def _unit_shapes(
 
 @lru_cache(maxsize=16)
 def _joint(
-    edges: str, size_m: tuple[float, float], nu: float, accuracy: float
+    edges: str, size_m: tuple[float, float], nu: float, accuracy: float, near: float | None
 ) -> tuple[LowModes, int, float]:
     """Low modes, how many of them to take, and the relative error in k^2 of the waves there.
 
     As many as have converged; among the last of them the widest gap, so that no mode counts
-    twice or is lost.
+    twice or is lost. `near`: Poisson's ratio of a plate that decides on the number.
     """
+    if near is not None:
+        _, count, error = _joint(edges, size_m, near, accuracy, None)
+        return _low_modes_near(edges, size_m, nu, near, count), count, error
     low = low_modes(edges, size_m, nu)
     unconverged = np.flatnonzero(low.change > _SHARE * accuracy)
     most = max(int(unconverged[0]) if len(unconverged) else len(low.squared) - 1, _LEAST)
@@ -552,16 +783,27 @@ def _missing(edges: str) -> int:
 
 @lru_cache(maxsize=16)
 def _beyond(
-    edges: str, size_m: tuple[float, float], nu: float, accuracy: float, most: float
-) -> list[Waves]:
+    edges: str, size_m: tuple[float, float], nu: float, accuracy: float, near: float | None,
+    most: float,
+) -> list[Waves]:  # fmt: skip
     """The waves above the low modes, up to k^2 = `most`."""
-    count = _joint(edges, size_m, nu, accuracy)[1]
-    found = waves(edges, size_m, nu, math.sqrt(most))
-    every = np.sort(np.concatenate([group.squared for group in found]))
+    count = _joint(edges, size_m, nu, accuracy, near)[1]
+    k_max = math.sqrt(most)
+    if near is None:
+        found = waves(edges, size_m, nu, k_max)
+    else:
+        k_top = 2.0 ** (math.ceil(8.0 * math.log2(k_max)) / 8.0)  # one for limits almost the same
+        every = _by_nodes(*_nodes(edges, size_m, k_top), nu)
+        left = _left(edges, size_m, near, k_top)
+        found = [
+            _summed([group, more], np.ones(2)).within(0.0, k_max * k_max)
+            for group, more in zip(every, left, strict=True)
+        ]
+    squared = np.sort(np.concatenate([group.squared for group in found]))
     first = count - _missing(edges)
-    if first >= len(every):
+    if first >= len(squared):
         return []
-    return [group.above(every[first]) for group in found]
+    return [group.within(squared[first], math.inf) for group in found]
 
 
 def made(description: Description) -> Structure:

@@ -86,6 +86,10 @@ class Structure(Protocol):
         """By how much the inertia of all modes above `omega_max` adds to their flexibility at a
         lower frequency `omega`, m/N; 0 where that is not worth counting."""
 
+    def beside(self, other: "Structure") -> "Structure":
+        """This structure, sharing what does not depend on a few numbers with another one that
+        differs in these: for many that are close to one."""
+
     def contact_limit_hz(self, radius_m: float) -> float:
         """Up to where waves are long against a contact of this radius, Hz; inf where the theory of
         the structure knows no short waves."""
@@ -143,6 +147,9 @@ class BaseStructure:
 
     def residual_inertia_m_n(self, omega_max: float, omega: float) -> float:
         return 0.0
+
+    def beside(self, other: Structure) -> Any:
+        return self
 
     def contact_limit_hz(self, radius_m: float) -> float:
         return math.inf

@@ -4,7 +4,7 @@ import difflib
 import math
 import re
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -81,6 +81,7 @@ _LONGEST_S = 0.06
 _MOST_EXPECTED = 10_000_000  # samples of an expected record
 _REFREEZE = 0.01  # change of a key's logarithm for which the model is frozen anew
 _ROUNDS = 4  # of outliers
+_LAST_STAGES = 2  # minimisations after the windows, for the estimate of the time left
 _CERTAIN = 3.841458820694124  # chi-square of one parameter at 95 %
 _YIELDED = 10.827566170662733  # at 99.9 %: yielding that is only probable sets no upper limit
 _CLEAR = 30.0  # rise of chi-square beyond which the quadratic interval of a pressure is right
@@ -688,8 +689,9 @@ def _check_rows(point: Point) -> None:
 
 
 def fit(
-    setup: Setup, records: Sequence[Record], free: Sequence[Free], hold_out: Sequence[Record] = ()
-) -> FitResult:
+    setup: Setup, records: Sequence[Record], free: Sequence[Free], hold_out: Sequence[Record] = (),
+    on_progress: Callable[[int, int], None] = lambda done, expected: None,
+) -> FitResult:  # fmt: skip
     """Fit scene keys to records.
 
     Args:
@@ -697,6 +699,7 @@ def fit(
         records: at least one; all share the keys.
         free: the keys to find.
         hold_out: records that are only compared with the result.
+        on_progress: is told the number of simulations done and of those expected.
 
     Returns:
         Estimates with 95 % intervals, verdicts, and the fitted setup.
@@ -714,6 +717,8 @@ def fit(
     began = time.perf_counter()
     records = _named_apart(records)
     problem = prepared(setup, records, free)
+    tally, keys = problem.tally, len(problem.moving)
+    tally.on_progress = on_progress
     if any(acts_by_law(f.key) for f in free):
         hold_out = [_under_law(record) for record in hold_out]
     evaluations = 0
@@ -722,10 +727,13 @@ def fit(
         problem = searched(problem)
     x = _best_start(problem, setup)
     windows = problem.windows_s()
-    for end in windows[:-1]:
+    for i, end in enumerate(windows[:-1]):
+        tally.expect(len(windows) - i + _LAST_STAGES, keys)
         x = minimised(problem, x, end, early=True, steps=15, tolerance=1e-3).x
     until_s = windows[-1]
+    tally.expect(1 + _LAST_STAGES, keys)
     point = minimised(problem, x, until_s, early=False, steps=15, tolerance=1e-3)
+    tally.expect(_LAST_STAGES, keys)
     if not looped:
         point = _lowest(problem, point, windows)
     starts = [math.log(f.start) for f in problem.moving]
@@ -737,6 +745,7 @@ def fit(
     for c, model in zip(problem.channels, problem.models, strict=True):
         without_contact(c, model.contact_s)  # only now: the early windows hold little else
     profile: Profile | None = None
+    tally.expect(1, keys)
     for rounds in range(_ROUNDS + 1):
         if problem.stepped is not None:
             problem, point, profile = profiled(problem, point, until_s)
@@ -839,7 +848,9 @@ def _refrozen(
     accuracy = problem.models[0].setup.accuracy
     looped = [isinstance(model, LoopModel) for model in problem.models]
     models = _frozen(setup, problem.channels, looped, values, accuracy)
-    new = Problem(problem.free, problem.channels, models, problem.chains, problem.fixed)
+    new = Problem(
+        problem.free, problem.channels, models, problem.chains, problem.fixed, tally=problem.tally
+    )
     return new, point
 
 

@@ -299,7 +299,7 @@ class FrozenModel:
         spec = replace(
             self.spec,
             sphere=bodies.sphere,
-            plate=bodies.structure,
+            plate=bodies.structure.beside(self.spec.plate),
             contact=bodies.contact,
             contact_point_m=bodies.contact_point_m,
             actuator_point_m=bodies.actuator_point_m,

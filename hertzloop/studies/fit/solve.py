@@ -1,7 +1,7 @@
 """Least squares: scene keys and nuisances of the records, with growing windows and priors."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,6 +25,7 @@ _AT_BOUND = 1e-6  # of a logarithm
 _OUTLIER = 4.0  # robust deviations
 _MOST_OUTLIERS = 0.06
 _LONGEST_RUN = 2  # outliers in a row; longer ones are a misfit
+_STEPS_OF_STAGE = 4  # of a minimisation, as expected
 SHIFT_UNIT_S = 1e-6  # s
 
 
@@ -77,12 +78,34 @@ def of_loop(key: str) -> bool:
 
 
 @dataclass
+class Tally:
+    """Simulations of a fit, with all of its problems: those `done`, and how many are `expected`.
+
+    `on_progress`: is told both after each simulation.
+    """
+
+    on_progress: Callable[[int, int], None] = lambda done, expected: None
+    done: int = 0
+    expected: int = 0
+
+    def add(self, simulations: int) -> None:
+        """Count simulations."""
+        self.done += simulations
+        if simulations:
+            self.on_progress(self.done, max(self.expected, self.done + 1))
+
+    def expect(self, stages: int, keys: int) -> None:
+        """Expect so many more minimisations of a problem with this number of keys."""
+        self.expected = self.done + _STEPS_OF_STAGE * stages * (2 * keys + 2)
+
+
+@dataclass
 class Problem:
     """Keys, channels and models of a fit.
 
     `models`: the frozen model of each channel (channels with the same setup share one). `chains`:
     as they are at the starting point; a free key of the sensor changes them. `phases_held`: whether
-    the phases stay as they are.
+    the phases stay as they are. `tally`: of the fit that the problem is a part of.
     """
 
     free: Sequence[Free]
@@ -92,6 +115,7 @@ class Problem:
     fixed: dict[str, float] = field(default_factory=dict)
     evaluations: int = 0
     phases_held: bool = False
+    tally: Tally = field(default_factory=Tally)
 
     @property
     def moving(self) -> list[Free]:
@@ -158,6 +182,7 @@ class Problem:
             alone = {k: v for k, v in of_plant.items() if not of_loop(k)}
             simulated = model.run(alone, until_s)
         self.evaluations += model.simulations - before
+        self.tally.add(model.simulations - before)
         return observe(simulated, channel.record.quantity, chain, model.elsewhere)
 
     def start(self) -> np.ndarray:

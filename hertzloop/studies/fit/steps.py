@@ -145,7 +145,7 @@ def _part(problem: Problem, some: list[int]) -> Problem:
     """The problem of some channels; all its keys have to be held."""
     return Problem(
         problem.free, [problem.channels[i] for i in some], [problem.models[i] for i in some],
-        [problem.chains[i] for i in some], problem.fixed,
+        [problem.chains[i] for i in some], problem.fixed, tally=problem.tally,
     )  # fmt: skip
 
 
