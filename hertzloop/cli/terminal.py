@@ -102,16 +102,22 @@ def progress(
     ) as bar:
         task = bar.add_task(what, total=total)
         bar.refresh()
-        began = said = time.monotonic()
+        before, said = 0, time.monotonic()
 
         def advance(completed: int, about: str = what) -> None:
-            nonlocal said
+            nonlocal before, said
             bar.update(task, completed=completed, description=about, refresh=not auto_refresh)
             now = time.monotonic()
-            if not lines or err.is_terminal or out.quiet or now < said + _LINE_S or not completed:
+            if (
+                not lines
+                or err.is_terminal
+                or out.quiet
+                or now < said + _LINE_S
+                or completed <= before
+            ):
                 return
-            left_s, said = max(total / completed - 1.0, 0.0) * (now - began), now
-            share = 100 * completed // total
-            err.print(f"{about}: {share} %, about {left_s:.0f} s left", soft_wrap=True)
+            left_s = (total - completed) * (now - said) / (completed - before)
+            before, said = completed, now
+            err.print(f"{about}, about {left_s:.0f} s left", soft_wrap=True)
 
         yield advance

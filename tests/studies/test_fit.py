@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import scipy
 
+from hertzloop.plant.structures import edged_plate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.studies.fit.fit import (
@@ -896,6 +897,52 @@ def test_cases_of_a_sweep_over_draws_run_again_with_the_same_keys(tmp_path: Path
     assert len(rows) == 6
     checked = list(replay_cases(rows, header, 2, "compiled", 1))
     assert [one.same for one in checked] == [True, True]
+
+
+@pytest.mark.full
+def test_a_fit_of_poissons_ratio_solves_the_edges_a_few_times(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Poisson's ratio changes the shapes of a plate with other edges: each simulation solved them
+    anew, and a fit took minutes."""
+    edges = ["--set", "plate.edges=ccff", "--set", "controller.law=off"]
+    recorded = ["--set", "sensors.quantity=v_p", "--set", "sensors.noise_rms=1e-3",
+                "--set", "run.step_ns=250", "--set", "run.lead_in_s=3e-4",
+                "--set", "run.duration_s=8e-4", "--set", "run.seed=2"]  # fmt: skip
+    path, json_file = tmp_path / "drop.mcap", tmp_path / "fit.json"
+    ended = invoke(["run", "aluminium-3mm", *edges, *recorded, "--out", str(path)])
+    assert ended.exit_code == 0, ended.output
+    solved, solve = [], edged_plate._solved
+
+    def count(*given: Any) -> Any:
+        solved.append(given)
+        return solve(*given)
+
+    monkeypatch.setattr(edged_plate, "_solved", count)
+    start = ["--set", "plate.thickness_m=0.0031", "--set", "sensors.quantity=v_p"]
+    ended = invoke([
+        "fit", "aluminium-3mm", *edges, str(path), *start, "--free", THICKNESS, "--free",
+        "plate.material.poisson", "--out", str(tmp_path / "fitted.toml"), "--json", str(json_file),
+    ])  # fmt: skip
+    found = json.loads(json_file.read_text())
+    assert found["evaluations"] > 50
+    # Four blocks by symmetry, in two bases: of the start, the solution, and plates between.
+    assert len(solved) <= 4 * 8
+    for key, true in ((THICKNESS, 0.003), ("plate.material.poisson", 0.34)):
+        assert found["parameters"][key]["value"] == pytest.approx(true, rel=0.02), ended.output
+
+
+def test_a_fit_says_how_far_it_is() -> None:
+    one, told = record(scene(*YIELDS)), []
+    start = scene(YIELDS[0], "contact.limiting_pressure_pa=1.1e9")
+    found = fit(
+        start, [one], [free_of(start, PRESSURE)],
+        on_progress=lambda done, expected: told.append((done, expected)),
+    )  # fmt: skip
+    done = [d for d, _ in told]
+    assert done == sorted(done)
+    assert all(d < expected < 20 * found.evaluations for d, expected in told)
+    assert done[-1] > 0.5 * found.evaluations
 
 
 @pytest.mark.parametrize(
