@@ -24,6 +24,8 @@ from hertzloop.bus.streams import (
 class BusError(RuntimeError):
     """A process is missing or was lost. The message names it."""
 
+    exit_status = 1
+
 
 class PeerLost(BusError):
     """A process that takes part in the run is gone, or never came, or is silent.

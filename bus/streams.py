@@ -86,6 +86,8 @@ class StreamFault(RuntimeError):
     The message names the stream and the sequence number.
     """
 
+    exit_status = 1
+
 
 @dataclass
 class Counter:

@@ -43,6 +43,8 @@ def kernel(function: Callable[..., Any]) -> Any:
 class LawError(ValueError):
     """There is no such law, or it cannot run; the sentence names the key and the remedy."""
 
+    exit_status = 2
+
 
 class Keys(BaseModel):
     """Base class of the scene keys of a law: one pydantic field per key, finite numbers only."""

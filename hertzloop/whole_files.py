@@ -13,6 +13,8 @@ _NAMES_OF_OPEN_FILES = (Path("/dev"), Path("/dev/fd"))  # as /dev/stdout; and de
 class NotWritten(OSError):
     """A file cannot be written. The message names it and says why."""
 
+    exit_status = 1
+
     def __str__(self) -> str:
         return f"cannot write {self.filename}: {self.strerror}"
 

@@ -38,6 +38,8 @@ _FLUSH_EVERY_S = 0.05
 class RecordingError(RuntimeError):
     """A recording cannot be written or read. The message says why."""
 
+    exit_status = 1
+
 
 class NotRecorded(RecordingError):
     """A recording cannot be written, for a `reason` of the system."""

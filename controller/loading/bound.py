@@ -34,6 +34,8 @@ from hertzloop.controller.loading.compiled import (
 class LawFault(RuntimeError):
     """A law failed in a run; the sentence names it, the sample and what it did."""
 
+    exit_status = 1
+
 
 class BoundLaw:
     """A law's functions, the bytes of its constants, and its state at the start.

@@ -14,8 +14,7 @@ from hertzloop.cli.options import (
     scene_from,
     write_json,
 )
-from hertzloop.cli.terminal import fail, out, progress
-from hertzloop.scenes.errors import SceneError
+from hertzloop.cli.terminal import out, progress
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.views.format import Table
 
@@ -40,21 +39,12 @@ def bench(
     resolved = scene_from(scene, settings, None)
     compile_first(resolved)
 
-    from hertzloop.bus.port import BusError
-    from hertzloop.bus.streams import StreamFault
     from hertzloop.processes import fork_server
-    from hertzloop.processes.launcher import RunFailed
-    from hertzloop.recordings.writer import RecordingError
     from hertzloop.studies import bench as study
 
     fork_server.prepare()  # before anything starts a thread
-    try:
-        with progress("bench", 100) as advance:
-            found = study.measure(resolved, quick, lambda done, of: advance(round(100 * done / of)))
-    except SceneError as error:
-        fail(str(error), 2)
-    except (RunFailed, BusError, StreamFault, RecordingError) as error:
-        fail(str(error), 1)
+    with progress("bench", 100) as advance:
+        found = study.measure(resolved, quick, lambda done, of: advance(round(100 * done / of)))
     table = Table(title=f"{found.scene}: {found.steps:,} steps, {found.rounds} rounds")
     table.add_column("loop")
     for heading in ("us a step, median", "least", "times real time"):

@@ -140,25 +140,21 @@ def budget(
     resolved = scene_from(scene, given, seed)
     if not SCHEMES[resolved.scheme].conserves:
         fail(NO_CASE_OF_THESIS, 2)
-    try:
-        wanted = [parse_goal(text) for text in goals or [DEFAULT_GOAL]]
-        if not resolved.has_law:
+    wanted = [parse_goal(text) for text in goals or [DEFAULT_GOAL]]
+    if not resolved.has_law:
+        raise SceneError(
+            "controller.law = 'off': has no limits. Name a law, for example --law slope_threshold"
+        )
+    for name in only or []:
+        if name not in NAMES:
             raise SceneError(
-                "controller.law = 'off': has no limits. Name a law, for example --law "
-                "slope_threshold"
+                f"--only = '{name}': is not a quantity. Choose from {', '.join(NAMES)}"
             )
-        for name in only or []:
-            if name not in NAMES:
-                raise SceneError(
-                    f"--only = '{name}': is not a quantity. Choose from {', '.join(NAMES)}"
-                )
-        uncertain = read_uncertain(uncertain_file, resolved) if uncertain_file else None
-        if sobol and not uncertain:
-            raise SceneError("--sobol needs --uncertain. Name a file of distributions")
-        if sobol & (sobol - 1):
-            raise SceneError(f"--sobol = {sobol}: must be a power of 2, for example 256")
-    except SceneError as error:
-        fail(str(error), 2)
+    uncertain = read_uncertain(uncertain_file, resolved) if uncertain_file else None
+    if sobol and not uncertain:
+        raise SceneError("--sobol needs --uncertain. Name a file of distributions")
+    if sobol & (sobol - 1):
+        raise SceneError(f"--sobol = {sobol}: must be a power of 2, for example 256")
     if sobol:
         need("SALib")
     if folder is not None:
@@ -174,32 +170,29 @@ def budget(
         "budget": [*map(str, wanted), span, quick, with_real, *(only or [])],
     }
     began_s = time.perf_counter()
-    try:
-        with (
-            resumable(folder or Path(), "budget", header) as finished,
-            progress("budget", 1000) as advance,
-            local_pool(workers) as pool,
-        ):
-            found = study.budget(
-                finished.of(pool), resolved, wanted, of, quick=quick, with_real=with_real,
-                both=span == "both", only=only or (),
-                on_progress=lambda share: advance(round(1000 * share)),
-            )  # fmt: skip
-            mapped = None
-            if folder is not None:
-                from hertzloop.studies.budget.page import map_of
+    with (
+        resumable(folder or Path(), "budget", header) as finished,
+        progress("budget", 1000) as advance,
+        local_pool(workers) as pool,
+    ):
+        found = study.budget(
+            finished.of(pool), resolved, wanted, of, quick=quick, with_real=with_real,
+            both=span == "both", only=only or (),
+            on_progress=lambda share: advance(round(1000 * share)),
+        )  # fmt: skip
+        mapped = None
+        if folder is not None:
+            from hertzloop.studies.budget.page import map_of
 
-                mapped = map_of(finished.of(pool), resolved, wanted, of, found.ideal, quick)
-            likely, indices = None, []
-            if uncertain:
-                counted = finished.of(pool)
-                likely = probability(
-                    counted, resolved, wanted, uncertain, of, within=within, most=most_cases
-                )
-                if sobol:
-                    indices = sensitivities(counted, resolved, wanted, uncertain, of, sobol)
-    except SceneError as error:
-        fail(str(error), 2)
+            mapped = map_of(finished.of(pool), resolved, wanted, of, found.ideal, quick)
+        likely, indices = None, []
+        if uncertain:
+            counted = finished.of(pool)
+            likely = probability(
+                counted, resolved, wanted, uncertain, of, within=within, most=most_cases
+            )
+            if sobol:
+                indices = sensitivities(counted, resolved, wanted, uncertain, of, sobol)
     latencies = resolved.scene.controller.latency_trace
     if latencies:
         out.print(_trace_words(latencies))
@@ -270,26 +263,21 @@ def check_requirements(
 ) -> None:
     """Check a file of requirements; end with exit code 1 if one fails."""
     from hertzloop.studies.budget.requirements import check, junit, read_requirements
-    from hertzloop.studies.sweeps.pool import SweepFailed, local_pool
+    from hertzloop.studies.sweeps.pool import local_pool
 
     found = []
-    try:
-        rows = read_requirements(path)
-        setups = [row.setup() for row in rows]
-        for setup in {setup.law_reference: setup for setup in setups}.values():
-            check_law(setup)
-        compile_first(*{(s.name, s.law_reference): s for s in setups}.values())
-        with (
-            if_interrupted(), progress("requirements", len(rows)) as advance,
-            local_pool(workers) as pool,
-        ):  # fmt: skip
-            for row in rows:
-                found.append(check(pool, row))
-                advance(len(found))
-    except SceneError as error:
-        fail(str(error), 2)
-    except SweepFailed as error:
-        fail(str(error), 1)
+    rows = read_requirements(path)
+    setups = [row.setup() for row in rows]
+    for setup in {setup.law_reference: setup for setup in setups}.values():
+        check_law(setup)
+    compile_first(*{(s.name, s.law_reference): s for s in setups}.values())
+    with (
+        if_interrupted(), progress("requirements", len(rows)) as advance,
+        local_pool(workers) as pool,
+    ):  # fmt: skip
+        for row in rows:
+            found.append(check(pool, row))
+            advance(len(found))
     for one in found:
         out.print(styled(("holds", "green") if one.passed else ("FAILS", "bold red"),
                          f"  {one.row.name}"), soft_wrap=True)  # fmt: skip

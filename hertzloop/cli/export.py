@@ -22,7 +22,6 @@ from hertzloop.cli.options import (
 from hertzloop.cli.recordings import FileArgument, read_or_fail
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
-from hertzloop.scenes.errors import SceneError
 
 
 def export(
@@ -48,7 +47,6 @@ def export(
     from hertzloop.recordings.export import FORMATS, Samples
     from hertzloop.recordings.export import export as write
     from hertzloop.recordings.replay.data import scene_value
-    from hertzloop.recordings.writer import RecordingError
     from hertzloop.views.labels import export_labels
 
     if out_file.suffix not in FORMATS:
@@ -67,10 +65,7 @@ def export(
     if from_ms or to_ms is not None:
         last = samples.span_ns[1] if to_ms is None else round(to_ms * 1e6)
         samples = Samples(recording, samples.labels, (round(from_ms * 1e6), last))
-    try:
-        write(samples, out_file)
-    except RecordingError as error:
-        fail(str(error), 1)
+    write(samples, out_file)
     out.print(f"written: {out_file}", soft_wrap=True)
 
 
@@ -127,30 +122,22 @@ def export_plant(
     from hertzloop.interop import fmu as library
     from hertzloop.interop.fmu import write_fmu
     from hertzloop.interop.image import image
-    from hertzloop.interop.objects import CompileFault, is_compiled
+    from hertzloop.interop.objects import is_compiled
     from hertzloop.jit.object_code import outline
 
-    try:
-        made = image(resolved)
-    except SceneError as error:
-        fail(str(error), 2)
+    made = image(resolved)
     if not is_compiled(outline(made.unit), cpu):
         err.print(f"Compiling the kernels for {cpu}: once, about half a minute.")
     if folder:
         make_folder(out_path)
     else:
         check_writable(out_path.parent)
-    try:
-        if folder:
-            library.write_folder(made, cpu, out_path)
-        elif out_path.suffix == ".fmu":
-            write_fmu(made, cpu, fmi, out_path)
-        else:
-            library.write_library(made, cpu, out_path)
-    except (SceneError, library.NoCompiler) as error:
-        fail(str(error), 2)
-    except CompileFault as error:
-        fail(str(error), 1)
+    if folder:
+        library.write_folder(made, cpu, out_path)
+    elif out_path.suffix == ".fmu":
+        write_fmu(made, cpu, fmi, out_path)
+    else:
+        library.write_library(made, cpu, out_path)
     if resolved.plate_model_asked == "auto" and resolved.plate_model == "infinite":
         err.print(
             "the plate is infinite, as in this scene's runs, for the force of its own law; for any "

@@ -18,7 +18,6 @@ from hertzloop.cli.options import (
     write_json,
 )
 from hertzloop.cli.terminal import fail, out, progress
-from hertzloop.scenes.errors import SceneError
 from hertzloop.whole_files import write_whole
 
 
@@ -77,7 +76,7 @@ def fit(
     from hertzloop.studies.fit import fit as study
     from hertzloop.studies.fit import report
     from hertzloop.studies.fit.loop_model import acts_by_law
-    from hertzloop.studies.fit.records import RecordError, read_record
+    from hertzloop.studies.fit.records import read_record
     from hertzloop.studies.fit.verdicts import Model
 
     setup = scene_from(scene, settings, None)
@@ -93,36 +92,31 @@ def fit(
         if path is not None:
             check_output(path, overwrite, option, read=[*files, *held])
     check_json(json_file, target, report_file, replay_file)
-    try:
-        keys = [study.free_of(setup, text) for text in free or []]
-        if not keys:
-            raise study.FitError("--free: no key is free. Name at least one, --free KEY.")
-        measured = [read_record(path) for path in files]
-        compared = [read_record(path) for path in held]
-        compile_first(setup)
-        if check:
-            under = True if any(acts_by_law(key.key) for key in keys) else None
-            measured += [
-                study.expected_record(setup, text, f"expected record {i}", under)
-                for i, text in enumerate(expect or [], 1)
-            ]
-        if not measured:
-            remedy = "RECORD, or --expect" if check else "RECORD"
-            raise study.FitError(f"RECORD: none is given. Name at least one {remedy}.")
-        if check:
-            result = study.check(setup, measured, keys)
-        else:
-            with progress("fit", 1000, lines=True) as advance:
+    keys = [study.free_of(setup, text) for text in free or []]
+    if not keys:
+        raise study.FitError("--free: no key is free. Name at least one, --free KEY.")
+    measured = [read_record(path) for path in files]
+    compared = [read_record(path) for path in held]
+    compile_first(setup)
+    if check:
+        under = True if any(acts_by_law(key.key) for key in keys) else None
+        measured += [
+            study.expected_record(setup, text, f"expected record {i}", under)
+            for i, text in enumerate(expect or [], 1)
+        ]
+    if not measured:
+        remedy = "RECORD, or --expect" if check else "RECORD"
+        raise study.FitError(f"RECORD: none is given. Name at least one {remedy}.")
+    if check:
+        result = study.check(setup, measured, keys)
+    else:
+        with progress("fit", 1000, lines=True) as advance:
 
-                def tell(done: int, expected: int) -> None:
-                    about = f"fit: {done} of about {expected} simulations"
-                    advance(round(1000 * done / expected), about)
+            def tell(done: int, expected: int) -> None:
+                about = f"fit: {done} of about {expected} simulations"
+                advance(round(1000 * done / expected), about)
 
-                result = study.fit(setup, measured, keys, compared, tell)
-    except (RecordError, SceneError, study.FitError) as error:
-        fail(str(error), 2)
-    except ModuleNotFoundError:
-        raise
+            result = study.fit(setup, measured, keys, compared, tell)
     out.print(report.parameter_table(result))
     for sentence in report.sentences(result):
         out.print(sentence, soft_wrap=True)

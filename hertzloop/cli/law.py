@@ -107,7 +107,6 @@ def replay(
     json_file: JsonOption = None,
 ) -> None:
     """Feed a recording's samples to another law and show where the forces differ."""
-    from hertzloop.controller.loading.bound import LawFault
     from hertzloop.recordings.reader import read
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.studies import law_on as study
@@ -123,8 +122,6 @@ def replay(
         found = study.law_on(recording, setup)
     except (RecordingError, SceneError) as error:
         fail(str(error), 2)
-    except LawFault as error:
-        fail(str(error), 1)
     for problem in recording.problems:
         err.print(f"{file}: {problem}", soft_wrap=True, markup=False)
     ran = recording.law_ran[0] or recording.metadata.get("law") or "as recorded"

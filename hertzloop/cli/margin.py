@@ -15,10 +15,9 @@ from hertzloop.cli.options import (
     scene_from,
     write_json,
 )
-from hertzloop.cli.terminal import fail, out
+from hertzloop.cli.terminal import out
 from hertzloop.extras import need
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT
 
 
@@ -57,16 +56,13 @@ def margin(
         changes.insert(0, f"controller.law={law}")
     setup = scene_from(scene, changes, None)
     contact = facts = None
-    try:
-        found = margin_of(setup)
-        if not found.applicable and setup.has_law and SCHEMES[setup.scheme].has_linear_model:
-            analysed = contact_margin(setup)
-            if isinstance(analysed, str):
-                facts = impact_facts(setup)
-            else:
-                contact = analysed
-    except SceneError as error:
-        fail(str(error), 2)
+    found = margin_of(setup)
+    if not found.applicable and setup.has_law and SCHEMES[setup.scheme].has_linear_model:
+        analysed = contact_margin(setup)
+        if isinstance(analysed, str):
+            facts = impact_facts(setup)
+        else:
+            contact = analysed
     data: dict[str, Any] = asdict(found) | {
         "binding_mode": None,
         "contact": None if contact is None else asdict(contact),

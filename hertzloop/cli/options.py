@@ -17,7 +17,6 @@ import typer
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
-from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
 from hertzloop.whole_files import NotWritten, in_place, write_together, write_whole
 
@@ -115,20 +114,17 @@ def scene_from(
 ) -> Setup:
     """Return the resolved scene; end the command if it cannot be simulated. `tried`: whether the
     caller has already tried the law."""
-    try:
-        setup = load(source, settings or (), seed)
-        from hertzloop.processes.warmup import anything_compiled
-        from hertzloop.setup.plate import build_words
+    setup = load(source, settings or (), seed)
+    from hertzloop.processes.warmup import anything_compiled
+    from hertzloop.setup.plate import build_words
 
-        if not anything_compiled():
-            announce_compilation()
-        if said := build_words(setup.plant):
-            err.print(said, soft_wrap=True, markup=False)
-        if not tried:
-            check_law(setup)
-        return setup
-    except SceneError as error:
-        fail(str(error), 2)
+    if not anything_compiled():
+        announce_compilation()
+    if said := build_words(setup.plant):
+        err.print(said, soft_wrap=True, markup=False)
+    if not tried:
+        check_law(setup)
+    return setup
 
 
 def check_pace(setup: Setup, pace: float | None, timeout: float, **others: object) -> None:
@@ -145,10 +141,7 @@ def check_pace(setup: Setup, pace: float | None, timeout: float, **others: objec
             )
     from hertzloop.loop.paced import check_pace as check
 
-    try:
-        check(setup, pace, timeout)
-    except SceneError as error:
-        fail(str(error), 2)
+    check(setup, pace, timeout)
 
 
 def check_law(setup: Setup) -> None:
@@ -326,10 +319,7 @@ def compile_first(*scenes: Setup, paced: bool = False) -> None:
     """Compile what scenes run, see `ensure_compiled`; ends the command if one cannot be built."""
     from hertzloop.processes.warmup import ensure_compiled
 
-    try:
-        ensure_compiled(announce_compilation, *scenes, paced=paced)
-    except SceneError as error:
-        fail(str(error), 2)
+    ensure_compiled(announce_compilation, *scenes, paced=paced)
 
 
 @cache

@@ -89,17 +89,13 @@ def inspect(
 
     The exit code is 1 if a message is missing or damaged.
     """
-    from hertzloop.recordings.writer import RecordingError
     from hertzloop.views import inspection
 
     check_json(json_file, law_file)
     recording = read_or_fail(file)
     if law_file is not None:
         _write_law(recording, law_file, overwrite)
-    try:
-        data = inspection.summary(recording)
-    except RecordingError as error:
-        fail(str(error), 1)
+    data = inspection.summary(recording)
     inspection.show(out, recording, data, details)
     if responses is not None:
         _draw_responses(recording, responses)
@@ -111,14 +107,10 @@ def inspect(
 def _draw_responses(recording: "Recording", folder: Path) -> None:
     """Draw how long the answers of a paced run took; ends the command for another run."""
     from hertzloop.analysis.recorded import pacing_of, responses_of
-    from hertzloop.recordings.writer import RecordingError
     from hertzloop.studies import law_on as picture
     from hertzloop.views.sentences import pacing_sentences
 
-    try:
-        responses, found = responses_of(recording), pacing_of(recording)
-    except RecordingError as error:
-        fail(str(error), 1)
+    responses, found = responses_of(recording), pacing_of(recording)
     if responses is None or found is None or found.clock is None:
         fail(f"{recording.path}: has no response times. Record it with hertzloop run --pace.", 2)
     make_folder(folder)
@@ -168,7 +160,6 @@ def compare(
     The exit code is 0 if every compared stream has the same bytes, else 1.
     """
     from hertzloop.recordings.compare import first_difference
-    from hertzloop.recordings.writer import RecordingError
 
     if json_file and not figures:
         fail(f"--json = {json_file}: there are no figures to write. Add --figures.", 2)
@@ -183,10 +174,7 @@ def compare(
         _compare_figures(left, right, json_file)
         return
     until = _horizon(left, tolerance) if tolerance else None
-    try:
-        difference = first_difference(left, right, tolerance, until)
-    except RecordingError as error:
-        fail(str(error), 1)
+    difference = first_difference(left, right, tolerance, until)
     if difference:
         out.print(difference, soft_wrap=True)
         raise typer.Exit(1)
@@ -282,7 +270,6 @@ def replay(
     compared = read_or_fail(other, keep=True) if other else None
 
     # Here and not above: Rerun takes a second to load, and only a replay needs it.
-    from hertzloop.recordings.writer import RecordingError
     from hertzloop.views import replaying
 
     if save is None and screenshot is None and not replaying.has_display():
@@ -294,10 +281,7 @@ def replay(
     for one in (recording, compared) if compared else (recording,):
         for problem in one.problems:
             err.print(f"{one.path}: {problem}", soft_wrap=True)
-    try:
-        replaying.replay(recording, save, screenshot, compared, alone)
-    except RecordingError as error:
-        fail(str(error), 1)
+    replaying.replay(recording, save, screenshot, compared, alone)
     for output in (save, screenshot):
         if output is not None:
             out.print(f"written: {output}", soft_wrap=True)

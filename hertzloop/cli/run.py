@@ -35,7 +35,6 @@ from hertzloop.cli.options import (
 from hertzloop.cli.recordings import read_or_fail, repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.processes.signals import raise_when_ended
-from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.views.format import styled
 
@@ -97,10 +96,7 @@ def run(
     if verify:
         from hertzloop.analysis.trust import check_verifiable
 
-        try:
-            check_verifiable(resolved)
-        except SceneError as error:
-            fail(str(error), 2)
+        check_verifiable(resolved)
     if live and transport != "zenoh":
         fail(
             f"--live: not available with --transport {transport}. Use --transport zenoh.",
@@ -117,13 +113,10 @@ def run(
         repeat_or_fail(repeated, resolved)  # before three processes are started for nothing
     compile_first(resolved, paced=pace is not None)
 
-    from hertzloop.bus.port import BusError
     from hertzloop.bus.sockets import on_loopback, own_endpoints
-    from hertzloop.bus.streams import StreamFault
     from hertzloop.processes import fork_server
-    from hertzloop.processes.launcher import RunFailed, RunOptions, Transport, what_is_kept
+    from hertzloop.processes.launcher import RunOptions, Transport, what_is_kept
     from hertzloop.processes.observer import observer_beside
-    from hertzloop.recordings.writer import RecordingError
     from hertzloop.views import run as report
     from hertzloop.views.data import run_scene
 
@@ -146,21 +139,16 @@ def run(
         repeat=repeat,
     )
     started_s = time.time()
-    try:
-        if transport == "zenoh":
-            resolved.check()  # so that the roles inherit what it loads
-            fork_server.prepare()  # before anything starts a thread
-        with (
-            if_interrupted(lambda: what_is_kept(recording, started_s)),
-            held,
-            observer_beside(name, endpoints) if live and name and endpoints else nullcontext(),
-            progress(resolved.name, resolved.steps) as advance,
-        ):
-            data = run_scene(resolved, recording, options, advance)
-    except SceneError as error:
-        fail(str(error), 2)
-    except (RunFailed, BusError, StreamFault, RecordingError) as error:
-        fail(str(error), 1)
+    if transport == "zenoh":
+        resolved.check()  # so that the roles inherit what it loads
+        fork_server.prepare()  # before anything starts a thread
+    with (
+        if_interrupted(lambda: what_is_kept(recording, started_s)),
+        held,
+        observer_beside(name, endpoints) if live and name and endpoints else nullcontext(),
+        progress(resolved.name, resolved.steps) as advance,
+    ):
+        data = run_scene(resolved, recording, options, advance)
     growth = warning = None
     if resolved.has_law and not resolved.law.not_linear:  # the margin takes 0.06 s to import
         from hertzloop.studies.margin.margin import growth_of

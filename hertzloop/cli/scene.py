@@ -23,7 +23,7 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.terminal import fail, out
 from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
-from hertzloop.scenes.errors import SceneError, shown
+from hertzloop.scenes.errors import shown
 from hertzloop.scenes.scene import DEFAULT, shipped, shipped_text
 from hertzloop.setup import Setup, load
 from hertzloop.views.format import Table, styled
@@ -84,16 +84,12 @@ def keys(
     markdown: Annotated[bool, typer.Option("--markdown", help="Print a Markdown page.")] = False,
 ) -> None:
     """List the keys of a scene: values, unit, default, meaning."""
-    from hertzloop.controller.loading.law import LawError
     from hertzloop.scenes import keys as all_keys
 
     if markdown:
         print(all_keys.page(), end="")
         return
-    try:
-        found = all_keys.keys() if law is None else all_keys.keys_of(law)
-    except LawError as error:
-        fail(str(error), 2)
+    found = all_keys.keys() if law is None else all_keys.keys_of(law)
     chosen = [key for key in found if part in key.name]
     if part and not chosen:
         fail(f"PART = '{part}': no key contains it. List all keys with: hertzloop scene keys", 2)
@@ -131,10 +127,7 @@ def check(
     from hertzloop.analysis.effects import EffectState, neglected_of_scene
     from hertzloop.views.effects import effects_as_json, not_evaluated, show_neglected, table_of
 
-    try:
-        neglected = neglected_of_scene(resolved)
-    except SceneError as error:
-        fail(str(error), 2)
+    neglected = neglected_of_scene(resolved)
     found = {"stable": neglected.stable, **effects_as_json(neglected)}
     if not neglected.stable:
         out.print("The closed loop is unstable; neglected effects are not evaluated.")
@@ -158,10 +151,7 @@ def _draw_map(resolved: Setup, folder: Path) -> None:
     from hertzloop.studies import validity as study
 
     make_folder(folder)
-    try:
-        sizes = study.run(resolved, folder)
-    except SceneError as error:
-        fail(str(error), 2)
+    sizes = study.run(resolved, folder)
     for name, size in sizes.items():
         shares = (f"{100.0 * (size > level).mean():z.0f} %" for level in (1e-3, 1e-1))
         out.print("{}: above 0.1 % in {} of the map, above 10 % in {}".format(name, *shares))
@@ -193,10 +183,7 @@ def modes(
     check_output(target, overwrite, read=files_of(resolved, scene, *(settings or [])))
     from hertzloop.analysis.deflection import modes_of_scene
 
-    try:
-        table = modes_of_scene(resolved, grid)
-    except SceneError as error:
-        fail(str(error), 2)
+    table = modes_of_scene(resolved, grid)
     write_whole(target, write_modes(target.suffix, table))
     out.print(
         f"{len(table.omega_rad_s)} modes up to {table.omega_rad_s[-1] / (2 * np.pi):.4g} Hz (modes "

@@ -30,7 +30,7 @@ def results_in(folder: Path, *schemes: str) -> Iterator[None]:
 def resumable(folder: Path, name: str, header: dict[str, Any]) -> "Iterator[Kept]":
     """Work on many cases that goes on where an earlier start of it was cut short, if one was;
     `header` says what decides the cases. Ends the command where they cannot be finished."""
-    from hertzloop.studies.sweeps.journal import JournalError, kept
+    from hertzloop.studies.sweeps.journal import kept
     from hertzloop.studies.sweeps.pool import SweepFailed
 
     on = "no case is finished"
@@ -49,7 +49,5 @@ def resumable(folder: Path, name: str, header: dict[str, Any]) -> "Iterator[Kept
                     yield finished
             except SweepFailed as error:
                 fail(f"{error}; {on}.", 1)
-    except JournalError as error:
-        fail(str(error), 2)
     except OSError as error:
         fail(f"cannot write to the folder {folder}: {error.strerror or error}; {on}.", 1)

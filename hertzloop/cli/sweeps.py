@@ -28,7 +28,6 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.extras import need
-from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
 from hertzloop.views.format import Table, styled
 
@@ -108,7 +107,6 @@ def sweep(
     from hertzloop.studies.sweeps.design import KEY as PHASE
     from hertzloop.studies.sweeps.design import Design, DesignError, grouped, make_design
     from hertzloop.studies.sweeps.design import phases as spread_evenly
-    from hertzloop.studies.sweeps.journal import JournalError
     from hertzloop.studies.sweeps.sweep import SHOWN, counted
 
     resolved = scene_from(scene, settings, seed)
@@ -119,33 +117,28 @@ def sweep(
         fail(NO_CASE_OF_THESIS, 2)
     if dask is not None:
         _check_scheduler(dask)
-    try:
-        over = list(over or [])
-        if uncertain is not None and design != "grid":
-            raise DesignError(f"--uncertain needs --design grid, not {design}. Leave it out")
-        if phases is not None:
-            if any(text.partition("=")[0].strip() == PHASE for text in over):
-                raise DesignError(
-                    f"--phases {phases} spreads {PHASE}, so --over cannot give it too"
-                )
-            if design != "grid":
-                raise DesignError(
-                    f"--phases {phases} needs --design grid; with '{design}' spread them with the "
-                    f"rest, --over {PHASE}=0:1"
-                )
-            over.append(f"{PHASE}={','.join(map(str, spread_evenly(phases)))}")
-        planned = Design(())
-        if over or uncertain is None:
-            planned = make_design(resolved, over, design, cases, resolved.seed)
-        if uncertain is not None:
-            from hertzloop.studies.sweeps.uncertain import read_uncertain, with_draws
+    over = list(over or [])
+    if uncertain is not None and design != "grid":
+        raise DesignError(f"--uncertain needs --design grid, not {design}. Leave it out")
+    if phases is not None:
+        if any(text.partition("=")[0].strip() == PHASE for text in over):
+            raise DesignError(f"--phases {phases} spreads {PHASE}, so --over cannot give it too")
+        if design != "grid":
+            raise DesignError(
+                f"--phases {phases} needs --design grid; with '{design}' spread them with the "
+                f"rest, --over {PHASE}=0:1"
+            )
+        over.append(f"{PHASE}={','.join(map(str, spread_evenly(phases)))}")
+    planned = Design(())
+    if over or uncertain is None:
+        planned = make_design(resolved, over, design, cases, resolved.seed)
+    if uncertain is not None:
+        from hertzloop.studies.sweeps.uncertain import read_uncertain, with_draws
 
-            planned = with_draws(resolved, planned, read_uncertain(uncertain, resolved), cases)
-        for axis in planned.axes:
-            for law in axis.values if axis.key == "controller.law" else ():
-                check_law(resolved.vary({"controller.law": law}))
-    except (DesignError, SceneError) as error:
-        fail(str(error), 2)
+        planned = with_draws(resolved, planned, read_uncertain(uncertain, resolved), cases)
+    for axis in planned.axes:
+        for law in axis.values if axis.key == "controller.law" else ():
+            check_law(resolved.vary({"controller.law": law}))
     complete = None if overwrite else study.finished(resolved, planned, span, target)
     check_output(
         target, overwrite or complete is not None,
@@ -169,8 +162,6 @@ def sweep(
                     on_progress=advance,
                     on_wait=lambda sentence: err.print(f"{sentence}.", soft_wrap=True),
                 )  # fmt: skip
-        except JournalError as error:
-            fail(str(error), 2)
         except study.SweepFailed as error:
             fail(f"{error}; {on}.", 1)
         except OSError as error:
@@ -341,13 +332,10 @@ def _verify(
         err.print(f"{results}: written by {header['versions']}; bits may differ", soft_wrap=True)
     compile_first()
     found: list[RepeatedCase] = []
-    try:
-        with progress(f"{cases} cases", cases) as advance:
-            for checked in replay_cases(rows, header, cases, transport, seed):
-                found.append(checked)
-                advance(len(found))
-    except SceneError as error:
-        fail(str(error), 2)
+    with progress(f"{cases} cases", cases) as advance:
+        for checked in replay_cases(rows, header, cases, transport, seed):
+            found.append(checked)
+            advance(len(found))
     ran = [checked for checked in found if not checked.not_run]
     differing = [checked.case for checked in ran if not checked.same]
     out.print(f"{len(ran) - len(differing)} of {len(ran)} cases: the same bytes over {transport}")

@@ -14,7 +14,6 @@ from rich.text import Text
 from hertzloop.extras import sentence_on
 from hertzloop.foreign import visible
 from hertzloop.processes.signals import INTERRUPTED, on_interrupt
-from hertzloop.whole_files import NotWritten
 
 _LINE_S = 10.0  # between two lines on progress
 
@@ -71,7 +70,8 @@ def if_interrupted(explain: Callable[[], str] | None = None) -> Iterator[None]:
 @contextmanager
 def explained() -> Iterator[None]:
     """End the command in one sentence for an interruption that nothing inside explains, for a
-    missing package that an extra brings, and for a file that cannot be written."""
+    missing package that an extra brings, and for an error with an `exit_status`: 2 of the user's
+    mistake, 1 of a failed run."""
     out.stderr = False  # --json - changes it
     try:
         with if_interrupted():
@@ -81,8 +81,10 @@ def explained() -> Iterator[None]:
         if sentence is None:
             raise
         fail(sentence, 2)
-    except NotWritten as error:
-        fail(str(error), 1)
+    except Exception as error:
+        if not hasattr(error, "exit_status"):
+            raise
+        fail(str(error), error.exit_status)
 
 
 @contextmanager

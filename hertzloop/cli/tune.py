@@ -114,7 +114,7 @@ def tune(
     need("matplotlib", "pymoo")
     from hertzloop.plant.schemes.registry import SCHEMES
     from hertzloop.studies import tuning as study
-    from hertzloop.studies.sweeps.design import DesignError, check_keys, parse_axis
+    from hertzloop.studies.sweeps.design import check_keys, parse_axis
     from hertzloop.studies.sweeps.evaluate import Tally
     from hertzloop.studies.sweeps.pool import local_pool
     from hertzloop.studies.sweeps.sweep import code_version
@@ -134,25 +134,22 @@ def tune(
                 2,
             )
     chosen = list(LAWS) if laws == ["all"] else laws or [bases[0].law_reference]
-    try:
-        given = tuple(parse_axis(text) for text in ranges or [])
-        check_keys(given, "--vary")
-        around = _cases_of(over or [])
-        for axis in given:
-            if axis.key in around[0]:
-                fail(f"{axis.key}: is given to both --vary and --over. Remove one of them.", 2)
-        tried = [base.vary(case) for base in bases for case in around]
-        speed = study.fastest_m_s(tried)
-        for law in chosen:
-            for base, case in product(bases, around):  # the law may not have a key of the case
-                of_law = {**case, "controller.law": law}
-                check_law(base.vary(of_law))
-                for axis in given:
-                    for value in axis.values or (axis.low, axis.high):
-                        base.vary({**of_law, axis.key: value})
-            study.axes_of(law, given, speed)
-    except (DesignError, SceneError) as error:
-        fail(str(error), 2)
+    given = tuple(parse_axis(text) for text in ranges or [])
+    check_keys(given, "--vary")
+    around = _cases_of(over or [])
+    for axis in given:
+        if axis.key in around[0]:
+            fail(f"{axis.key}: is given to both --vary and --over. Remove one of them.", 2)
+    tried = [base.vary(case) for base in bases for case in around]
+    speed = study.fastest_m_s(tried)
+    for law in chosen:
+        for base, case in product(bases, around):  # the law may not have a key of the case
+            of_law = {**case, "controller.law": law}
+            check_law(base.vary(of_law))
+            for axis in given:
+                for value in axis.values or (axis.low, axis.high):
+                    base.vary({**of_law, axis.key: value})
+        study.axes_of(law, given, speed)
     if folder is not None:
         make_folder(folder)
     else:

@@ -212,6 +212,8 @@ _LINK = ("-shared", "-s", "-Wl,--gc-sections", "-Wl,--exclude-libs,ALL", "-Wl,-z
 class NoCompiler(RuntimeError):
     """There is no C compiler, or it refused."""
 
+    exit_status = 2
+
 
 def write_library(
     image: Image, cpu: str, out: Path, more: tuple[Path, ...] = (), headers: Path = C

@@ -33,6 +33,8 @@ _MORE = ("avx512vbmi", "avx512ifma", "avx512vnni", "avx512bitalg", "avx512vpopcn
 class CompileFault(RuntimeError):
     """The kernels could not be compiled for another program."""
 
+    exit_status = 1
+
 
 def needed(cpu: str) -> list[str]:
     """Instructions beyond plain x86-64 that code for this processor takes."""

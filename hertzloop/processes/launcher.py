@@ -38,6 +38,8 @@ _SCENE = "scene.toml"
 class RunFailed(RuntimeError):
     """A process of the run failed. The message names the first cause."""
 
+    exit_status = 1
+
 
 @dataclass
 class Child:

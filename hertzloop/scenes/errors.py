@@ -11,6 +11,8 @@ from pydantic import BaseModel, ValidationError
 class SceneError(ValueError):
     """The scene cannot be simulated. The message names the key, its value and the remedy."""
 
+    exit_status = 2
+
 
 NO_CASE_OF_THESIS = (
     "run.scheme = 'thesis2008': not supported here. Use 'modal' or 'discrete_gradient'."

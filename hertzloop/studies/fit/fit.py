@@ -104,6 +104,8 @@ _EXPECTED = re.compile(
 class FitError(ValueError):
     """A key cannot be fitted as asked. The message says why."""
 
+    exit_status = 2
+
 
 @dataclass(frozen=True)
 class Estimate:

@@ -22,6 +22,8 @@ import numpy as np
 class RecordError(ValueError):
     """A record cannot be used. The message names the field, its value and the remedy."""
 
+    exit_status = 2
+
 
 class Quantity(NamedTuple):
     """A quantity that can be measured: SI unit, meaning, and the `sensors.quantity` of a scene that

@@ -23,6 +23,8 @@ _LAW = "controller.law"
 class DesignError(ValueError):
     """The ranges of a sweep cannot be used. The message names the key and the remedy."""
 
+    exit_status = 2
+
 
 @dataclass(frozen=True)
 class Axis:

@@ -76,6 +76,8 @@ def _digest(what: Any) -> str:
 class JournalError(ValueError):
     """The journal found is of other work, in use, or damaged; the message says which."""
 
+    exit_status = 2
+
 
 class Journal:
     """An open journal: a header line that names the work, then a line a finished case.

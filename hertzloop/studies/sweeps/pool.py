@@ -40,6 +40,8 @@ _WORTH_S = 1.5  # of work left for this process alone: about what the start of a
 class SweepFailed(RuntimeError):
     """Some cases could not be run. The finished cases are kept."""
 
+    exit_status = 1
+
 
 def local_cores() -> int:
     """Cores that this process may use."""
