@@ -52,13 +52,11 @@ def exchanged(first, pushed, moved, bound_j, sums, counts):
         sums[LAST_PUSH], sums[LAST_PLACE] = pushed[0], moved[0]
         at = 1
     force, place = sums[LAST_PUSH], sums[LAST_PLACE]
-    total, largest = 0.0, abs(force)
+    injected, largest = sums[INJECTED], abs(force)
     known, numbers = not math.isnan(force), True
-    before = sums[INJECTED]
     for i in range(at, pushed.size):
-        total += force * (moved[i] - place)
+        injected += force * (moved[i] - place)  # one sum, whatever the blocks: the same bits
         force, place = pushed[i], moved[i]
-        injected = before + total
         sums[INJECTED] = injected
         size = abs(injected)
         if size <= bound_j:

@@ -78,8 +78,7 @@ def test_its_figures_are_those_of_the_work_done(name: str, monkeypatch: pytest.M
     rows = simulate(scene).rows
     place = rows[XI_P] if scene.plant.same_point else rows[XI_A]
     whole, found = stability_of(scene, rows), stability_of(scene, rows, 73)
-    assert found.since_s == whole.since_s
-    assert found.most_injected == pytest.approx(whole.most_injected, rel=1e-9)
+    assert found == whole  # to the bit: blocks depend on how fast the machine is
     meter = stability.StabilityMeter(scene)
     injected = np.cumsum(rows[F_A, :-1] * np.diff(place))
     expected = np.max(np.abs(injected)) / meter.impact_j
