@@ -11,7 +11,7 @@ import re
 import sys
 from collections import namedtuple
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -28,10 +28,9 @@ from numba.extending import intrinsic
 from numba.np.numpy_support import as_dtype
 
 from hertzloop.jit import kernel
-from hertzloop.jit.cache import cache_folder, note_refused, stored
+from hertzloop.jit.cache import cache_folder, keep, stored
 from hertzloop.jit.decorator import kept_in
 from hertzloop.jit.object_code import array_at
-from hertzloop.whole_files import NotWritten, write_whole
 
 UNCOMPILED = bool(config.DISABLE_JIT)  # all runs as Python, to be tested line by line
 # Result and arguments after p and s.
@@ -195,8 +194,7 @@ class Entries:
             if "no compiled object yet" in str(error):  # Ctrl-C was lost in a call from LLVM
                 raise KeyboardInterrupt from error
             self.trouble = _first_line(error)
-            with suppress(NotWritten):  # then the next process asks Numba again
-                write_whole(self._refused, self.trouble)
+            keep(self._refused, self.trouble)
         if self.trouble:
             return {}
         return {name: self._made[name].address for name in wanted}
@@ -246,11 +244,7 @@ def _written(name: str, text: str) -> tuple[Path, bool]:
     path = cache_folder() / "laws" / f"{name}.py"
     new = not path.exists()
     if new:
-        try:
-            path.parent.mkdir(mode=0o700, exist_ok=True)
-            write_whole(path, text)
-        except OSError as error:
-            note_refused(error.strerror or str(error))
+        keep(path, text)
     return path, new
 
 

@@ -8,12 +8,11 @@ import os
 import pickle
 import subprocess
 import sys
-from contextlib import redirect_stdout, suppress
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hertzloop.jit.cache import cache_folder
-from hertzloop.whole_files import NotWritten, write_whole
+from hertzloop.jit.cache import cache_folder, keep
 
 if TYPE_CHECKING:
     from hertzloop.interop.kernels import Unit
@@ -76,8 +75,7 @@ def plant_object(outline: "Unit", cpu: str) -> bytes:
     if done.returncode != 0:
         last = done.stderr.decode(errors="replace").strip().splitlines()
         raise CompileFault(f"the kernels did not compile for {cpu}: {last[-1] if last else '?'}")
-    with suppress(NotWritten):  # then the next call compiles again
-        write_whole(kept, done.stdout)
+    keep(kept, done.stdout)
     return done.stdout
 
 

@@ -23,6 +23,8 @@ from numba.core import event
 from numba.core.caching import FunctionCache, NullCache
 from numba.core.runtime import rtsys
 
+from hertzloop.whole_files import write_whole
+
 # A file that holds kernels imports one of these.
 _HOLDS_KERNELS = re.compile(
     rb"^\s*(?:from\s+(?:numba\b|hertzloop\.jit\s|hertzloop\.jit\.(?:by_type|apart)\s|"
@@ -190,6 +192,15 @@ def note_refused(reason: str) -> None:
         print(f"hertzloop: {said}. Every process compiles them again. Make room there.",
               file=sys.stderr)  # fmt: skip
     _refused.append(reason)
+
+
+def keep(path: Path, content: str | bytes) -> None:
+    """Write a file into the folder of kernels, if the disk takes it."""
+    try:
+        path.parent.mkdir(mode=0o700, exist_ok=True)
+        write_whole(path, content)
+    except OSError as error:
+        note_refused(error.strerror or str(error))
 
 
 def stored(function: Callable[..., Any], quick: bool) -> Any:

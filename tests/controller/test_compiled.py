@@ -13,7 +13,6 @@ import pytest
 from numba import config
 from numba.core import caching, event
 
-from hertzloop.controller.loading import compiled
 from hertzloop.controller.loading.registry import SHIPPED, find
 from hertzloop.jit import cache
 from hertzloop.law import About, Keys
@@ -105,7 +104,7 @@ def test_a_disk_that_takes_nothing_ends_nothing(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     owners = {"save": caching.IndexDataCacheFile, "ensure_cache_path": caching._CacheLocator}
-    monkeypatch.setattr(owners.get(broken, compiled), broken, full)
+    monkeypatch.setattr(owners.get(broken, cache), broken, full)
     monkeypatch.setattr(cache, "_refused", [])
     law = unseen(tmp_path / "new.py", (SHIPPED / "force_feedback.py").read_text())
     bound = law.bind(law.keys(), About())

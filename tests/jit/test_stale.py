@@ -155,7 +155,7 @@ def test_kernels_are_spelled_in_one_way() -> None:
     spelled = {
         file
         for file, text in kernel_sources().items()
-        if re.search(rb"\b(?:njit|jit|vectorize|guvectorize|cfunc)\b\s*\(|import njit", text)
+        if re.search(rb"\b(?:njit|jit|vectorize|guvectorize|cfunc|CFunc)\b\s*\(|import njit", text)
     }
     # Laws are compiled to C functions, in a module written for each.
     assert spelled == {"hertzloop/jit/decorator.py", "hertzloop/controller/loading/compiled.py"}
