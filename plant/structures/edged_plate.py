@@ -17,9 +17,7 @@ from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.registry import Description
 from hertzloop.plant.structures.structure import BaseStructure, Structure
 
-# Of the accuracy asked for, in k^2 of the modes taken from Ritz's method; and the error of the
-# waves beyond, about: those would replace better modes where a smaller error is asked for.
-_SHARE, _OF_WAVES = 0.1, 1e-3
+_SHARE = 0.1  # of the accuracy asked for, in k^2 of the modes taken from Ritz's method
 _LEAST = 25  # low modes that are taken however little is asked
 _LOOKED_AT = 0.2  # of the low modes, to find a gap and to compare with the waves
 _TAIL = 4.0  # modes left out are summed one by one up to this multiple of the limit
@@ -763,7 +761,7 @@ def _joint(
         _, count, error = _joint(edges, size_m, near, accuracy, None)
         return _low_modes_near(edges, size_m, nu, near, count), count, error
     low = low_modes(edges, size_m, nu)
-    unconverged = np.flatnonzero(low.change > _SHARE * max(accuracy, _OF_WAVES))
+    unconverged = np.flatnonzero(low.change > _SHARE * accuracy)
     most = max(int(unconverged[0]) if len(unconverged) else len(low.squared) - 1, _LEAST)
     k_max = math.sqrt(1.2 * low.squared[most])
     beyond = np.sort(np.concatenate([g.squared for g in waves(edges, size_m, nu, k_max)]))
