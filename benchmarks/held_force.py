@@ -10,6 +10,7 @@ scenes have half the step, a sample every other step or a bandwidth of the actua
 
 import math
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,10 +35,14 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n
 from hertzloop.setup import Setup, load
 from hertzloop.setup.plate import widest_limit_hz
+from hertzloop.studies import pictures
 from hertzloop.studies.words import write_records
 
 _LEAD_S = 1e-5
 _SHORT = {"3d": "3d", "kirchhoff": "thin", "slope_threshold": "held", "constant": "switched"}
+_KINDS = tuple(
+    (theory, law) for theory in ("3d", "kirchhoff") for law in ("slope_threshold", "constant")
+)
 _LINES = 1.5  # times the sampling frequency: modes of the reference
 HEADINGS = ("plate", "law", "k h", "expected", "found", "twice: expected", "found", "kept")
 
@@ -134,6 +139,21 @@ def _error(setup: Setup, limit_hz: float) -> float | None:
     return found.largest if found else None
 
 
+def _draw(path: Path, found: list[Outcome]) -> None:
+    figure, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
+    pairs = [(o.expected, o.found) for o in found]
+    ends = [min(map(min, pairs)), max(map(max, pairs))]
+    for i, kind in enumerate(_KINDS):
+        mine = [o for o in found if (o.theory, o.law) == kind]
+        style = {**pictures.look(i, True), "linestyle": "none"}
+        label = ", ".join(_SHORT[name] for name in kind)
+        axes.loglog([o.expected for o in mine], [o.found for o in mine], label=label, **style)
+    axes.loglog(ends, ends, color="grey", linewidth=0.8)
+    axes.set(title="Error of the first impact", xlabel="expected", ylabel="found")
+    axes.legend()
+    pictures.save(figure, path)
+
+
 def main(
     folder: OutDirOption = None,
     scenes: ScenesOption = 40,
@@ -146,18 +166,17 @@ def main(
     Example: python -m benchmarks.held_force --quick
     """
     scenes = 4 if quick else scenes
-    kinds = [("3d", "slope_threshold"), ("3d", "constant"), ("kirchhoff", "slope_threshold"),
-             ("kirchhoff", "constant")]  # fmt: skip
     found: list[Outcome] = []
 
     def next_ones(number: int, random: np.random.Generator) -> list[Outcome]:
-        one = outcome(*kinds[number % len(kinds)], accuracy, random)
+        one = outcome(*_KINDS[number % len(_KINDS)], accuracy, random)
         return [one] if one else []
 
     with results_in(folder, "held_force", "modal") as made:
         compile_first(load("aluminium-3mm", ["plate.theory=3d"]))
         found = drawn(scenes, seed, next_ones)
         write_records(made / "held_force.csv", found)
+        _draw(made / "held_force.png", found)
     rows = [
         (_SHORT[o.theory], _SHORT[o.law], f"{o.kh:.2f}", f"{o.expected:.1e}", f"{o.found:.1e}",
          f"{o.twice_expected:.1e}", f"{o.twice_found:.1e}",
@@ -169,8 +188,8 @@ def main(
     for o in found:
         if not o.kept:
             out.print(f"missed: {o.keys}", soft_wrap=True)
-    written(made, "held_force.csv")
-    for kind in kinds:
+    written(made, "held_force.csv", "held_force.png")
+    for kind in _KINDS:
         ratios = [o.expected / o.found for o in found if (o.theory, o.law) == kind and not o.told]
         if ratios:
             low, mid, high = np.quantile(ratios, [0.0, 0.5, 1.0])

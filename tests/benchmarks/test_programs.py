@@ -25,6 +25,7 @@ CONCLUSIONS = {
     "benchmarks.fit_coverage": r"The 95 % intervals hold the true value in [\d.]+ % \(\d+ of 4\)",
     "benchmarks.fit_identify": r"The check of identifiability answers 4 of 4 questions right",
     "benchmarks.fit_validation": r"The coefficient of restitution is within [\d.e-]+ of Zener's",
+    "benchmarks.held_force": r"The error of the first impact is as expected, or announced",
     "benchmarks.infinite_plate": r"The infinite plate is offered in \d+ of 12 requests",
     "benchmarks.latency": r"In aluminium-3mm \w+ tolerates most latency, \d+ us, \d+ us more than",
     "benchmarks.laws": r"A law of your own runs at least [\d.]+ times as many cases",
