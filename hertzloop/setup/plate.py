@@ -17,7 +17,7 @@ from hertzloop.plant.contact.hertz import (
     rigid_peak_force_n,
     rigid_penetration_m,
 )
-from hertzloop.plant.estimates.model_order import expected_error, frequency_limit_hz, solid_limit_hz
+from hertzloop.plant.estimates.model_order import frequency_limit_hz, least_limit_hz, solid_limit_hz
 from hertzloop.plant.estimates.reflections import (
     Actuation,
     Reflections,
@@ -78,9 +78,7 @@ def described(
 @lru_cache(maxsize=KEPT)
 def with_modes(spec: PlantSpec, step_ns: int, scheme: str, accuracy: float) -> PlantSpec:
     """The plant with the modes of its structure. Raises SceneError if they are none or too many."""
-    if spec.plate.mode_table is not None:
-        _check_reach(spec.plate, spec.sphere, spec.contact, spec.frequency_limit_hz)
-    else:
+    if spec.plate.mode_table is None:
         _check_modes(spec, step_ns, scheme, accuracy)
     _check_build(spec)
     return spec
@@ -229,17 +227,27 @@ def _limit_hz(
     return limits[damped], damped
 
 
-def _check_reach(structure: Structure, sphere: Sphere, contact: Contact, limit_hz: float) -> None:
-    """Refuse modes that leave out all of an impact, or a solid's with what does not fit those."""
-    _check_below_zero(structure, sphere, contact)
-    if expected_error(sphere, structure, contact, limit_hz, spring=True) < 1.0:
+def check_reach(spec: PlantSpec) -> None:
+    """Refuse modes of a file that leave out all of an impact, or a solid's with what does not fit
+    those. In flight they are right all the same. Raises SceneError."""
+    sphere, plate, contact = spec.sphere, spec.plate, spec.contact
+    if plate.mode_table is None or spec.infinite_plate:
         return
-    lasts_us = 1e6 * rigid_contact_time_s(
-        sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s
-    )
+    _check_below_zero(plate, sphere, contact)
+    needed_hz = least_limit_hz(sphere, plate, contact, spec.frequency_limit_hz)
+    if spec.frequency_limit_hz > needed_hz:
+        return
+    if needed_hz == math.inf:
+        raise SceneError(
+            f"contact.damping: is too large for {plate}, which leave out too much flexibility. "
+            "Give modes up to a higher frequency, or less damping."
+        )
+    lasts_s = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s)
+    grain = 10.0 ** (math.floor(math.log10(needed_hz)) - 2)  # rounded up, to three digits
     raise SceneError(
-        f"{structure} reach up to {limit_hz:.3g} Hz, too low for an impact of {lasts_us:.3g} us; "
-        f"give modes up to {5e5 / lasts_us:.2g} Hz at least (are they in Hz?)"
+        f"{plate} reach up to {spec.frequency_limit_hz:,.6g} Hz, too low for an impact of "
+        f"{1e6 * lasts_s:.3g} us; give modes up to {(needed_hz // grain + 1) * grain:,.6g} Hz at "
+        "least (are they in Hz?)"
     )
 
 

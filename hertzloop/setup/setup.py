@@ -287,11 +287,16 @@ class Setup:
 
     # The parts at the start of a run.
 
-    def start_plant(self, spec: PlantSpec | None = None, steps: int | None = None) -> Plant:
+    def start_plant(
+        self, spec: PlantSpec | None = None, steps: int | None = None, *, flight: bool = False
+    ) -> Plant:
         """The plant at the start of the run, or that of another description `spec` by the same
-        scheme, for as many `steps` as are to be run, by default all. Raises SceneError for what the
-        scheme does not know."""
+        scheme, for as many `steps` as are to be run, by default all; `flight`: no impact is asked
+        of it. Raises SceneError for what the scheme does not know, and modes too low for impacts.
+        """
         steps = steps or self.steps
+        if not flight:
+            of_plate.check_reach(spec or self.plant)
         try:
             return plant_at_start(spec or self.plant, self.scheme, steps, self.touch_phase)
         except ValueError as error:

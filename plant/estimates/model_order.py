@@ -242,6 +242,21 @@ def frequency_limit_hz(
     return min(nyquist, limit)
 
 
+def least_limit_hz(
+    sphere: Sphere, plate: Structure, contact: Contact, frequency_limit_hz: float
+) -> float:
+    """Lowest limit at which `expected_error` with a spring is below 1, so that modes hold a part
+    of the impact, if those beyond `frequency_limit_hz` stay as flexible as they are; inf where a
+    damper in the contact costs as much at any limit."""
+    s, m, v = contact.stiffness, sphere.mass_kg, sphere.impact_speed_m_s
+    rest = 1.0 - damper_error(sphere, plate, contact, frequency_limit_hz)
+    if rest <= 0.0:
+        return math.inf
+    share = expected_error(sphere, plate, contact, frequency_limit_hz)
+    for_gap = (_SPRING_FACTOR * share / rest) ** (1.0 / _SPRING_EXPONENT)
+    return max(for_gap, _periods_for(rest / _ENERGY_FACTOR)) / rigid_contact_time_s(m, s, v)
+
+
 def expected_solid_error(
     sphere: Sphere, plate: Structure, contact: Contact, frequency_limit_hz: float
 ) -> float:

@@ -21,6 +21,7 @@ from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import shipped
 from hertzloop.setup import Setup, load, parse
+from hertzloop.studies.margin.margin import margin_of
 from hertzloop.views.data import run_scene
 
 SHORT = ["run.duration_s=0.002"]
@@ -209,6 +210,26 @@ def test_what_does_not_go_with_a_file_of_modes(
         load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", *settings]).start_plant()
     assert words in str(caught.value), str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_modes_too_low_for_an_impact_follow_the_advice_and_do_for_flight(tmp_path: Path) -> None:
+    def up_to(highest_hz: float) -> Setup:
+        rows = [f"{highest_hz * (i + 1) / 5:.6f},0.01,0.4,1.0" for i in range(5)]
+        text = "\n".join(["# residual_flexibility_m_n = 1e-9", MODES.splitlines()[0], *rows])
+        (tmp_path / "m.csv").write_text(text)
+        law = ["controller.law=linear", "controller.numerator=[-0.01]", "sensors.quantity=v_p"]
+        return load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", *law])
+
+    with pytest.raises(
+        SceneError, match=r"reach up to 4,000 Hz.*give modes up to ([\d,]+) Hz"
+    ) as e:
+        up_to(4000.0).start_plant()
+    advice = float(str(e.value).partition("modes up to ")[2].split()[0].replace(",", ""))
+    up_to(advice).start_plant()
+    with pytest.raises(SceneError, match="too low for an impact"):
+        up_to(0.99 * advice).start_plant()
+    assert len(hertzloop.linear(up_to(4000.0)).poles) >= 5
+    assert margin_of(up_to(4000.0)).applicable
 
 
 def test_laws_that_need_an_impedance_say_so(tmp_path: Path) -> None:

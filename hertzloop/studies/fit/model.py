@@ -26,6 +26,7 @@ from hertzloop.plant.structures.structure import frequencies
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.setup.bodies import Bodies
+from hertzloop.setup.plate import check_reach
 
 LEAD_IN_S = 2e-6  # flight before the touch; the plate is at rest until then
 PHASE = 0.5
@@ -251,6 +252,7 @@ class FrozenModel:
         self.setup = free.vary(changed)
         self.elsewhere = point_m is not None
         self.spec = self.setup.plant
+        check_reach(self.spec)
         if velocity_error is not None and not self.spec.plate.solid:
             self._refine(velocity_error, changed["run.duration_s"])
         self.velocity_error = self._velocity_error(self.step_ns, self.spec.frequency_limit_hz)
@@ -306,7 +308,9 @@ class FrozenModel:
             actuator=bodies.actuator,
         )
         limit_hz = self._limit_hz * _frequency_scale(spec) / self._scale
-        return replace(spec, frequency_limit_hz=min(limit_hz, spec.plate.highest_hz))
+        spec = replace(spec, frequency_limit_hz=min(limit_hz, spec.plate.highest_hz))
+        check_reach(spec)
+        return spec
 
     def run(self, values: Mapping[str, float], until_s: float) -> Simulated:
         """Simulate the drop with other values of some keys until `until_s` after the touch.

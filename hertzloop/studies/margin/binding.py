@@ -45,7 +45,7 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
         frequency_hz: the binding frequency, Hz.
     """
     form = plant_in_flight(setup)
-    modal = setup.on_plate("modal").start_plant()
+    modal = setup.on_plate("modal").start_plant(flight=True)
     count = modal.model.table.shape[1]
     z = np.exp(2j * math.pi * frequency_hz * setup.step_s)
     parts = np.abs(form.residues / (z - form.poles))[:count]

@@ -162,7 +162,7 @@ def plant_in_flight(setup: Setup, quantity: str | None = None) -> PoleForm:
 
 def linear_model(setup: Setup) -> k.CollocationModel:
     """Return the compiled plant with its modes. Raises SceneError for another scheme."""
-    model = setup.on_plate("modal").start_plant().model
+    model = setup.on_plate("modal").start_plant(flight=True).model
     if not isinstance(model, k.CollocationModel):
         raise SceneError(
             "run.scheme: the margin needs the scheme 'modal'. Set run.scheme = 'modal'."
