@@ -32,8 +32,8 @@ from hertzloop.studies.budget.budget import search_of
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, all_met, parse_goal
 from hertzloop.studies.budget.limits import (
     Boundary,
-    Limit,
-    Quantity,
+    BudgetLimit,
+    BudgetQuantity,
     Search,
     limit_of,
     quantities_of,
@@ -52,7 +52,7 @@ DURATIONS_S = {
 
 
 def by_brute_force(
-    pool: Pool, setup: Setup, quantity: Quantity, search: Search, most: int
+    pool: Pool, setup: Setup, quantity: BudgetQuantity, search: Search, most: int
 ) -> dict[int, bool]:
     """Return which places of a quantity meet the goal: all, or at most so many, evenly spread."""
     last, each = len(quantity.values) - 1, variants(quantity, search)
@@ -65,7 +65,7 @@ def by_brute_force(
             for i, place in enumerate(places)}  # fmt: skip
 
 
-def difference(quantity: Quantity, limit: Limit, holds: dict[int, bool]) -> str:
+def difference(quantity: BudgetQuantity, limit: BudgetLimit, holds: dict[int, bool]) -> str:
     """Return in words how a limit differs from brute force; empty if it does not."""
     if limit.first_failure is None:
         good = len(quantity.values) - 1 if limit.boundary is Boundary.NO_LIMIT else -1
@@ -109,7 +109,7 @@ def compare(
     quantities = [q for q in quantities_of(setup) if not only or q.name in only]
     run([{q.key: q.values[place]} for q in quantities for place in (1, -1)])  # compiles
     began_s = time.process_time()
-    limits: list[Limit] = side_by_side([limit_of(q, goals, search) for q in quantities], run)
+    limits: list[BudgetLimit] = side_by_side([limit_of(q, goals, search) for q in quantities], run)
     searched_s, brute_s = time.process_time() - began_s, 0.0
     found = []
     for quantity, limit in zip(quantities, limits, strict=True):

@@ -18,7 +18,7 @@ from hertzloop.plant.schemes.collocation import residual_m_n
 from hertzloop.plant.structures.mode_file import ModeTable
 from hertzloop.plant.structures.structure import Structure, oscillator_shapes, oscillators
 from hertzloop.recordings.reader import Recording
-from hertzloop.recordings.replay.data import Contact, Deflection, Span, contacts_of
+from hertzloop.recordings.replay.data import ContactSpan, Deflection, Span, contacts_of
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 
@@ -311,7 +311,7 @@ def deflection(
     recording: Recording,
     frames: np.ndarray | None = None,
     per_axis: int = MODES_PER_AXIS,
-    contacts: Sequence[Contact] | None = None,
+    contacts: Sequence[ContactSpan] | None = None,
 ) -> Deflection:
     """Deflection of the plate at the steps `frames` (default: `frame_steps`) of a recording;
     `contacts` if they are known.

@@ -92,7 +92,7 @@ class Control:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class RunVerdict:
     """What a run comes to. `control`: None where there is nothing to compare with; `law_accuracy`:
     of a law that does not let the run keep its accuracy."""
 
@@ -107,7 +107,7 @@ class Conclusions:
 
     predictability: Predictability
     law_accuracy: LawAccuracy | None
-    verdict: Verdict
+    verdict: RunVerdict
 
 
 @dataclass(frozen=True)
@@ -164,14 +164,14 @@ def verdict(
     free: Figures | None = None,
     known: Predictability | None = None,
     accuracy: LawAccuracy | None = None,
-) -> Verdict:
+) -> RunVerdict:
     """What a run comes to; without the figures of the same run without control (`free`) on that
     alone which spoils its own."""
     control, figures = None, ran.figures
     comparable = bool(figures.impacts) and not figures.stability.unstable
     if comparable and free is not None and free.impacts and controls(ran.scene_law or ""):
         control = _control(ran, free, known)
-    return Verdict(ran, control, accuracy if accuracy and not accuracy.kept else None)
+    return RunVerdict(ran, control, accuracy if accuracy and not accuracy.kept else None)
 
 
 def _control(ran: Ran, free: Figures, known: Predictability | None) -> Control:

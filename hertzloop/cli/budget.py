@@ -33,7 +33,7 @@ from hertzloop.views.format import Table, styled
 if TYPE_CHECKING:
     from hertzloop.analysis.cases import Span
     from hertzloop.studies.budget.budget import Budget, InPlant
-    from hertzloop.studies.budget.limits import Limit
+    from hertzloop.studies.budget.limits import BudgetLimit
     from hertzloop.studies.budget.probability import Probability, Sensitivity
 
 
@@ -403,7 +403,7 @@ def _limits_table(plants: "list[tuple[str, InPlant]]") -> Table:
     return table
 
 
-def limit_words(limit: "Limit") -> str:
+def limit_words(limit: "BudgetLimit") -> str:
     """Return a limit in words."""
     if limit.value is not None:
         least = limit.quantity in _MOST

@@ -115,7 +115,7 @@ def tune(
     from hertzloop.plant.schemes.registry import SCHEMES
     from hertzloop.studies import tuning as study
     from hertzloop.studies.sweeps.design import check_keys, parse_axis
-    from hertzloop.studies.sweeps.evaluate import Tally
+    from hertzloop.studies.sweeps.evaluate import CaseTally
     from hertzloop.studies.sweeps.pool import local_pool
     from hertzloop.studies.sweeps.sweep import code_version
     from hertzloop.studies.tuning import LAWS, Tuned
@@ -155,7 +155,7 @@ def tune(
     else:
         check_writable(Path())  # for what is unfinished
     compile_first(*bases)
-    tally = Tally()
+    tally = CaseTally()
     names = [base.name for base in bases]
     search: dict[str, Any] = {
         "generations": generations, "population": population, "phases": phases,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 from hertzloop.controller.loading.registry import controls
 from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
+from hertzloop.plant.structures.registry import STRUCTURES
 from hertzloop.scenes.changed_tables import unread
 from hertzloop.scenes.errors import shortened
 from hertzloop.scenes.materials import MaterialTable, material_called
@@ -358,7 +359,8 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
         if value is not None:
             found += needs("supports_actuator_dynamics", f"actuator.{key} = {value:g}")
     found += _tail_problems(scene)
-    if scene.plate.theory == "3d":
+    theory = STRUCTURES.get(scene.plate.theory)  # None for "auto"
+    if theory is not None and theory.solid:
         found += not_in_three_dimensions(
             scene.plate, contact, scene.actuator, run.scheme, run.plate_model
         )

@@ -18,9 +18,9 @@ from hertzloop.recordings.replay import viewer
 from hertzloop.recordings.replay.as_rerun import Told
 from hertzloop.recordings.replay.data import (
     SIGNALS,
-    Contact,
-    Curve,
+    ContactSpan,
     Plot,
+    PlotCurve,
     Twin,
     contacts_of,
     curve_of,
@@ -113,7 +113,7 @@ def scene_of(recording: Recording) -> Setup:
 
 
 def without_control(
-    recording: Recording, setup: Setup, contacts: list[Contact]
+    recording: Recording, setup: Setup, contacts: list[ContactSpan]
 ) -> tuple[Twin, Overlay]:
     """The run without control, simulated here and now. Raises SceneError."""
     free = setup.without_control()
@@ -123,7 +123,7 @@ def without_control(
 
 
 def _beside(
-    recording: Recording, setup: Setup, contacts: list[Contact], other: Recording
+    recording: Recording, setup: Setup, contacts: list[ContactSpan], other: Recording
 ) -> tuple[Twin, Overlay, list[str]]:
     other = _whole(other)
     rerun_replay.check_replayable(other)
@@ -141,7 +141,7 @@ def _beside(
 
 def _twin(
     recording: Recording,
-    contacts: list[Contact],
+    contacts: list[ContactSpan],
     setup: Setup,
     found: Overlay,
     own: str,
@@ -153,7 +153,7 @@ def _twin(
     if contacts and found.touched is not None:
         begins_ns = int(truth.step_at(contacts[0].first)) * truth.step_ns
         shift_ns = begins_ns - found.touched * setup.step_ns
-    curves: dict[str, list[Curve]] = {}
+    curves: dict[str, list[PlotCurve]] = {}
     for plot, signal, _, factor, held in SIGNALS:
         line = found.lines[signal]
         if signal == "F_a" and not line.values.any():
@@ -170,7 +170,7 @@ def _twin(
 def _told(
     recording: Recording,
     setup: Setup,
-    contacts: list[Contact],
+    contacts: list[ContactSpan],
     twin: tuple[Twin, Overlay, float] | None,
     lines: list[str],
 ) -> Told:
@@ -200,6 +200,7 @@ def _told(
         spectra=[one for one in spectra if one is not None],
         twin=twin[0] if twin else None,
         actuator_m=None if not setup.has_law else setup.bodies.actuator_point_m,
+        controlled=setup.has_law,
         until_ns=until_ns,
     )
 

@@ -11,6 +11,7 @@ from hertzloop.analysis.spans import change_db
 from hertzloop.analysis.trust import errors_of
 from hertzloop.controller.loading.registry import controls
 from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.structures.registry import STRUCTURES
 from hertzloop.views.data import known_in, law_in, pacing_in
 from hertzloop.views.effects import brief_warnings, show_neglected
 from hertzloop.views.format import LEGEND, UNKNOWN, Table, about, known_digits, styled
@@ -224,7 +225,8 @@ def run_table(report: dict[str, Any]) -> Table:
         table.add_row("real-time profile", styled(report["realtime"]))
     if not report["struck"]["closed_form"]:
         table.add_row("structure", _struck(report["struck"]))
-    if report["theory"] and report["theory"]["asked"] != "kirchhoff":
+    asked = STRUCTURES.get(report["theory"]["asked"]) if report["theory"] else None
+    if report["theory"] and (asked is None or asked.solid):  # None: "auto"
         table.add_row("plate theory", theory_words(report["theory"]))
     table.add_row("plate model", _model_order(report))
     if report["tail"]:
@@ -583,7 +585,7 @@ def _print_details(console: Console, report: dict[str, Any]) -> None:
 def theory_words(found: dict[str, Any]) -> str:
     """Which theory a run took, and why."""
     size = f"Kirchhoff's theory may cost {found['kirchhoff_error']['largest']:.1g}"
-    if found["chosen"] == "3d":
+    if STRUCTURES[found["chosen"]].solid:
         loud = "; a force that jumps has no limit as modes are added: give actuator.bandwidth_hz"
         return f"three dimensions; {size}{loud if found['jumps'] else ''}"
     if found["why_not_3d"]:
@@ -608,9 +610,9 @@ def what_limits(report: dict[str, Any]) -> str:
         "the law's force jumps, or is held from sample to sample, and its steps cost that, not the "
         "modes; actuator.bandwidth_hz, or of a held force a smaller run.step_ns, makes them smaller"
     )
-    if report["theory"] and report["theory"]["chosen"] == "3d":
+    if report["theory"] and STRUCTURES[report["theory"]["chosen"]].solid:
         allowed = "all that this step, or a contact as wide as the waves, allows"
-        return allowed if report["scene_law"] == "off" else f"{steps}; or it is {allowed}"
+        return f"{steps}; or it is {allowed}" if controls(report["scene_law"]) else allowed
     if "modes_in_file" in report["struck"]:
         return "all modes of the file"
     if report["frequency_limit_hz"] < (1.0 - 1e-9) * report["model"]["full"]["frequency_limit_hz"]:

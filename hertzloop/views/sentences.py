@@ -6,7 +6,7 @@ from hertzloop.analysis.meters import Stability
 from hertzloop.analysis.recorded import IN_TIME, LawRan, PacedClock, Pacing
 from hertzloop.analysis.spans import MUCH_DB
 from hertzloop.analysis.trust import LawAccuracy, Moved, NotAgain, Obstacle
-from hertzloop.analysis.verdict import Change, Control, ControlEffect, Later, Reasons, Verdict
+from hertzloop.analysis.verdict import Change, Control, ControlEffect, Later, Reasons, RunVerdict
 from hertzloop.analysis.words import percent, time_words
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.views.format import known_digits
@@ -28,7 +28,7 @@ _MOVED = {
 }
 
 
-def verdict_sentences(found: Verdict) -> list[str]:
+def verdict_sentences(found: RunVerdict) -> list[str]:
     """Render the verdict on a run as short sentences, the outcome of control first.
 
     Args:

@@ -14,11 +14,11 @@ from hertzloop.recordings.replay import data as replay_data
 from hertzloop.recordings.replay import spectrum as spectra_drawn
 from hertzloop.recordings.replay.blueprint import Layout, PlotLook, dashboard
 from hertzloop.recordings.replay.data import (
-    Contact,
-    Curve,
+    ContactSpan,
     Deflection,
     Moments,
     Plot,
+    PlotCurve,
     Twin,
     contacts_of,
     rows_at,
@@ -51,7 +51,7 @@ class Told:
 
     `heading`, `lines`: what ran, as markdown; `notes`: of missing or unstable; `more_plots` and
     `spectra` go below the recorded signals; `actuator_m`: where it pushes, None for nowhere;
-    `until_ns`: when the loop explodes.
+    `controlled`: whether there is a law; `until_ns`: when the loop explodes.
     """
 
     heading: str = ""
@@ -60,6 +60,7 @@ class Told:
     spectra: list[Spectrum] = field(default_factory=list)
     twin: Twin | None = None
     actuator_m: tuple[float, float] | None = None
+    controlled: bool = True
     until_ns: int = LAST_NS
 
 
@@ -70,7 +71,7 @@ class Shown:
 
     recording: Recording
     deflection: Deflection
-    contacts: list[Contact]
+    contacts: list[ContactSpan]
     when: Moments
     plots: list[Plot]
     drawn: scene3d.Scale
@@ -83,7 +84,7 @@ def prepare(
     recording: Recording,
     deflection: Deflection,
     told: Told | None = None,
-    contacts: list[Contact] | None = None,
+    contacts: list[ContactSpan] | None = None,
 ) -> Shown:
     """What there is to show; `contacts` if they are known. The recording has at least one step, see
     `check_replayable`."""
@@ -198,14 +199,14 @@ def _surface_title(shown: Shown) -> str:
     return "Plate at rest" if shown.drawn.flat else f"Plate, heights drawn {shown.drawn.in_words}"
 
 
-def _colour(plot: Plot, curve: Curve) -> tuple[int, int, int]:
+def _colour(plot: Plot, curve: PlotCurve) -> tuple[int, int, int]:
     if not curve.faint:
         return _LINE_COLOURS[curve.name]
     earlier = [other.name for other in plot.curves if other.faint]
     return _FAINT[earlier.index(curve.name) % len(_FAINT)]
 
 
-def _send_curve(stream: rr.RecordingStream, plot: Plot, curve: Curve, within: float) -> None:
+def _send_curve(stream: rr.RecordingStream, plot: Plot, curve: PlotCurve, within: float) -> None:
     """As an overview and, exact `within` so much, for the plot at the cursor."""
     whole = slice(None) if curve.overview is None else curve.overview
     at_cursor = replay_data.enough(curve.time_ns, curve.values, within, curve.held)
@@ -246,7 +247,8 @@ def _send_states(stream: rr.RecordingStream, shown: Shown) -> None:
         contact.append((begins_ns(touched.first), "in contact"))
         if touched.end < truth.samples:
             contact.append((begins_ns(touched.end), "apart"))
-    for name, states in (("contact", contact), ("law", replay_data.law_states(recording))):
+    law = replay_data.law_states(recording, shown.told.controlled)
+    for name, states in (("contact", contact), ("law", law)):
         known = list(dict.fromkeys(state for _, state in states))
         colours = [_STATE_COLOURS.get(state, 0x808080FF) for state in known]
         looks = rr.StateConfiguration(

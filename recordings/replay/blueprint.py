@@ -8,7 +8,7 @@ import numpy as np
 import rerun.blueprint as rrb
 from rerun.blueprint.components import AbsoluteTimeRange
 
-from hertzloop.recordings.replay.data import Curve, Plot, Span
+from hertzloop.recordings.replay.data import Plot, PlotCurve, Span
 
 TIMELINE = "sim_time"
 _FIRST_IMPACT_LASTS_S = 8.0  # on the wall, when somebody presses play
@@ -232,7 +232,7 @@ def zoomed(plot: Plot, around_ns: Span) -> Range:
     return labelled(*(first if runs_away else ever))
 
 
-def _within(curve: Curve, span_ns: Span) -> np.ndarray:
+def _within(curve: PlotCurve, span_ns: Span) -> np.ndarray:
     a, b = np.searchsorted(curve.time_ns, span_ns)
     return curve.values[a : b + 1]
 

@@ -26,7 +26,7 @@ Span = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactSpan:
     """Positions of the first sample in contact and of the first one after it; largest force and
     penetration in between, N and m."""
 
@@ -35,9 +35,9 @@ class Contact:
     peak_n: float
     deepest_m: float
 
-    def joined(self, later: "Contact") -> "Contact":
+    def joined(self, later: "ContactSpan") -> "ContactSpan":
         """Both as one."""
-        return Contact(
+        return ContactSpan(
             self.first,
             later.end,
             max(self.peak_n, later.peak_n),
@@ -52,14 +52,14 @@ def contact_spans(xi_m: np.ndarray) -> list[Span]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
-def contacts_of(pieces: Iterable[tuple[int, Arrays]]) -> list[Contact]:
+def contacts_of(pieces: Iterable[tuple[int, Arrays]]) -> list[ContactSpan]:
     """Contacts of a run from pieces of its truth, each with the position of its first row."""
-    found: list[Contact] = []
+    found: list[ContactSpan] = []
     for at, arrays in pieces:
         xi, force = arrays["xi_m"], arrays["f_c_n"]
         for a, b in contact_spans(xi):
             deepest, peak = -float(xi[a:b].min()), float(force[a:b].max())
-            contact = Contact(at + a, at + b, peak, deepest)
+            contact = ContactSpan(at + a, at + b, peak, deepest)
             if found and found[-1].end == contact.first:
                 found[-1] = found[-1].joined(contact)
             else:
@@ -241,7 +241,7 @@ class Deflection:
 
 
 @dataclass(frozen=True)
-class Curve:
+class PlotCurve:
     """One line of a plot: `time_ns` and `values`, both (samples,), in the plot's unit.
 
     `name` is its entity's, `label` what the legend says; a `faint` one is there to compare with.
@@ -264,7 +264,7 @@ class Plot:
 
     key: str
     title: str
-    curves: tuple[Curve, ...]
+    curves: tuple[PlotCurve, ...]
     most: float | None = None
 
 
@@ -273,7 +273,7 @@ class Twin:
     """Another run to compare with: its curves by plot. `own`, `name`: what legends call the run
     itself ("" for nothing) and the other."""
 
-    curves: dict[str, list[Curve]]
+    curves: dict[str, list[PlotCurve]]
     own: str
     name: str
 
@@ -322,11 +322,16 @@ def moments(
 
 
 def plots(
-    recording: Recording, contacts: Sequence[Contact], twin: Twin | None = None
+    recording: Recording, contacts: Sequence[ContactSpan], twin: Twin | None = None
 ) -> list[Plot]:
     """Gap, forces and plate velocity, with what the data acquisition saw where it belongs, and
     with the twin's; thinned away from contacts."""
-    curves: dict[str, list[Curve]] = {"gap": [], "force": [], "velocity": [], "acceleration": []}
+    curves: dict[str, list[PlotCurve]] = {
+        "gap": [],
+        "force": [],
+        "velocity": [],
+        "acceleration": [],
+    }
     if twin is not None:  # first, to lie behind
         for plot in curves:
             curves[plot] += twin.curves.get(plot, [])
@@ -361,10 +366,10 @@ def plots(
 def curve_of(
     name: str, line: Line, time_ns: np.ndarray, factor: float = 1.0, held: bool = False,
     label: str = "", faint: bool = False,
-) -> Curve:  # fmt: skip
+) -> PlotCurve:  # fmt: skip
     """A thinned signal as a curve, in the plot's unit."""
     values = line.values if factor == 1.0 else factor * line.values
-    return Curve(name, time_ns, values, held, label, faint, line.overview)
+    return PlotCurve(name, time_ns, values, held, label, faint, line.overview)
 
 
 def _signals(recording: Recording, spans: list[Span], fields: Sequence[str]) -> list[Line]:
@@ -393,7 +398,7 @@ def _measured(recording: Recording, spans: list[Span]) -> Line:
     return thinner.line()
 
 
-def law_states(recording: Recording) -> list[tuple[int, str]]:
+def law_states(recording: Recording, controlled: bool = True) -> list[tuple[int, str]]:
     """Time in ns and name of each state of the force law, from the controller's events; of a law
     that is not the scene's nothing is known without."""
     law = scene_value(recording, "controller", "law", "")
@@ -406,4 +411,4 @@ def law_states(recording: Recording) -> list[tuple[int, str]]:
             states.append((event.time_ns, mode_name(event.fact.mode)))
     if not states and end and end.set_up.law not in ("", law):
         return [(0, "not told")]
-    return states or [(0, "off" if law == "off" else "idle")]
+    return states or [(0, "idle" if controlled else "off")]

@@ -99,7 +99,7 @@ def test_events_say_their_time_themselves_contacts_are_listed_by_it() -> None:
 
 def test_what_was_measured_of_a_contact_after_a_hole_is_shown_in_full() -> None:
     """Samples are missing before it: its own are not where they would be otherwise."""
-    count, hole, contact = 600_000, 50_000, replay_data.Contact(400_000, 400_400, 1.0, 1e-6)
+    count, hole, contact = 600_000, 50_000, replay_data.ContactSpan(400_000, 400_400, 1.0, 1e-6)
     values = np.random.default_rng(1).normal(size=count // 2 - hole // 2)
     fields = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
     recording = Recording(

@@ -16,7 +16,7 @@ from hertzloop.recordings.reader import Event, JoinedStream, Recording
 from hertzloop.recordings.replay import blueprint, data, scene3d
 from hertzloop.recordings.replay import data as replay_data
 from hertzloop.recordings.replay.data import (
-    Contact,
+    ContactSpan,
     Deflection,
     Thinner,
     contact_spans,
@@ -126,7 +126,7 @@ def test_contacts_are_found_across_the_seams_of_pieces() -> None:
     xi = np.repeat(rng.choice([-1.0, 1.0], 40), 5) * rng.uniform(0.1, 1.0, 200)
     force = np.where(xi < 0.0, rng.uniform(1.0, 2.0, 200), 0.0)
     expected = [
-        Contact(a, b, force[a:b].max(), -xi[a:b].min()) for a, b in contact_spans(xi)
+        ContactSpan(a, b, force[a:b].max(), -xi[a:b].min()) for a, b in contact_spans(xi)
     ]  # fmt: skip
     for length in (1, 3, 7, 200):
         pieces = [
@@ -182,7 +182,7 @@ def test_states_of_the_law_come_from_its_events() -> None:
         (0, "idle"), (1_000, "watching"), (2_000, "acting"),
     ]  # fmt: skip
     off = Recording(Path("a.mcap"), scene_toml="[controller]\nlaw = 'off'")
-    assert replay_data.law_states(off) == [(0, "off")]
+    assert replay_data.law_states(off, controlled=False) == [(0, "off")]
     foreign = dataclasses.replace(off, ends={"controller": RunEnd(set_up=SetUp(law="another's"))})
     assert replay_data.law_states(foreign) == [(0, "not told")]
 
@@ -330,7 +330,7 @@ def test_any_column_has_a_range_to_be_drawn_in(
 ) -> None:
     """Empty, constant, of one sample, of huge and of damaged values."""
     curves = tuple(
-        data.Curve("xi", np.arange(len(values)), np.array(values, float))
+        data.PlotCurve("xi", np.arange(len(values)), np.array(values, float))
         for values in columns_drawn
     )
     plot = data.Plot(key, "", curves, most)
@@ -341,6 +341,6 @@ def test_any_column_has_a_range_to_be_drawn_in(
 
 @pytest.mark.parametrize("gap", [(1.0, -1e9), (1e300, -1e300), (2.0,), (-5e-324,), ()])
 def test_a_damaged_gap_is_drawn(gap: tuple[float, ...]) -> None:
-    plot = data.Plot("gap", "", (data.Curve("xi", np.arange(len(gap)), np.array(gap)),))
+    plot = data.Plot("gap", "", (data.PlotCurve("xi", np.arange(len(gap)), np.array(gap)),))
     low, high = blueprint.zoomed(plot, (0, 0))
     assert low < high < np.inf

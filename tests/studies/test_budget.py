@@ -23,7 +23,7 @@ from hertzloop.studies.budget.goal import FIGURES, GoalError, all_met, parse_goa
 from hertzloop.studies.budget.limits import (
     NAMES,
     Boundary,
-    Quantity,
+    BudgetQuantity,
     Search,
     limit_of,
     quantities_of,
@@ -93,7 +93,7 @@ def test_a_goal_that_cannot_be_read_is_refused(text, word):
 
 @pytest.mark.parametrize("last", [0, 1, 2, 7, 50, 98])
 def test_bisection_finds_the_last_value_that_holds(last):
-    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    quantity = BudgetQuantity("latency_us", "a.b", "us", tuple(range(100)))
     limit, asked = found_by(lambda value, _: value <= last, quantity)
     assert limit.boundary is Boundary.FOUND
     assert (limit.value, limit.first_failure) == (last, last + 1)
@@ -103,20 +103,20 @@ def test_bisection_finds_the_last_value_that_holds(last):
 
 
 def test_ends_of_the_range_are_told_apart():
-    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    quantity = BudgetQuantity("latency_us", "a.b", "us", tuple(range(100)))
     whole, _ = found_by(lambda *_: True, replace(quantity, end="it is as long as the contact"))
     assert (whole.boundary, whole.value, whole.share) == (Boundary.NO_LIMIT, None, None)
     assert whole.reason == "at 99 us it is as long as the contact."
     never, _ = found_by(lambda *_: False, quantity)
     assert (never.boundary, never.value, never.share) == (Boundary.NEVER, None, None)
-    bits = Quantity("bits", "a.b", "bits", ("ideal", 3, 2, 1))
+    bits = BudgetQuantity("bits", "a.b", "bits", ("ideal", 3, 2, 1))
     ideal, _ = found_by(lambda value, _: value == "ideal", bits)
     assert (ideal.boundary, ideal.value, ideal.first_failure) == (Boundary.IDEAL_ONLY, None, 3)
 
 
 @pytest.mark.parametrize("last", [150, 151, 400, 998])
 def test_a_search_goes_on_beyond_the_usual_range_until_the_goal_fails(last):
-    quantity = Quantity("latency_us", "a.b", "us", tuple(range(1000)), "it ends", 100)
+    quantity = BudgetQuantity("latency_us", "a.b", "us", tuple(range(1000)), "it ends", 100)
     limit, asked = found_by(lambda value, _: value <= last, quantity)
     assert (limit.value, limit.first_failure, limit.interval) == (last, last + 1, True)
     assert limit.searched == (0.0, 999.0)
@@ -130,7 +130,7 @@ def test_a_search_goes_on_beyond_the_usual_range_until_the_goal_fails(last):
 
 
 def test_values_that_the_scene_refuses_end_a_search_without_a_failure():
-    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    quantity = BudgetQuantity("latency_us", "a.b", "us", tuple(range(100)))
 
     def run(cases):
         return [row(-1.0, CaseState.FIGURES if case["a.b"] <= 62 else CaseState.NOT_RUN)
@@ -166,7 +166,7 @@ def test_every_quantity_of_a_shipped_scene_has_an_answer(pool, scene, law, names
 
 
 def test_a_region_that_is_not_an_interval_is_reported():
-    quantity = Quantity("latency_us", "a.b", "us", tuple(range(101)))
+    quantity = BudgetQuantity("latency_us", "a.b", "us", tuple(range(101)))
     limit, _ = found_by(lambda value, _: value <= 10 or value >= 70, quantity)
     assert limit.value == 10
     assert not limit.interval
@@ -189,7 +189,7 @@ def test_a_refused_quantity_has_one_reason_and_no_values():
 
 
 def test_every_phase_and_seed_counts():
-    quantity = Quantity("noise", "a.b", "rms", tuple(range(100)), by_chance=True)
+    quantity = BudgetQuantity("noise", "a.b", "rms", tuple(range(100)), by_chance=True)
     search = Search((0.1, 0.9), (4, 5), 6)
     assert len(variants(quantity, search)) == 4
 
@@ -200,7 +200,7 @@ def test_every_phase_and_seed_counts():
 
 
 def test_a_harmless_value_that_fails_at_one_phase_has_no_limit():
-    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    quantity = BudgetQuantity("latency_us", "a.b", "us", tuple(range(100)))
     never, _ = found_by(
         lambda value, case: 5 <= value <= 40 or case["run.touch_phase"] != 0.9, quantity
     )
@@ -209,7 +209,7 @@ def test_a_harmless_value_that_fails_at_one_phase_has_no_limit():
 
 
 def test_a_value_that_fails_at_one_phase_ends_the_tolerated_values():
-    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    quantity = BudgetQuantity("latency_us", "a.b", "us", tuple(range(100)))
     for phase in (0.1, 0.5, 0.9):
         limit, _ = found_by(
             lambda value, case, at=phase: value <= 62 or case["run.touch_phase"] != at, quantity
@@ -234,7 +234,7 @@ def test_a_narrow_gap_at_a_jump_is_found_where_the_figure_bends_towards_it(phase
         jumps = value >= 44 and phase in (None, case["run.touch_phase"])
         return (0.7 - 0.3 * (value - 44)) if jumps else -6.0
 
-    quantity = Quantity("mass_kg", "a.b", "kg", tuple(range(127)))
+    quantity = BudgetQuantity("mass_kg", "a.b", "kg", tuple(range(127)))
     limit = figure_limit(figure, quantity, Search((0.1, 0.9, 0.5), (1,), 10))
     assert (limit.value, limit.first_failure) == (43, 44)
 
@@ -246,19 +246,19 @@ def test_a_failure_by_chance_just_below_a_jump_is_found():
         alone = value in (86, 87) and case["run.seed"] == 2 and case["run.touch_phase"] == 0.5
         return 1.0 if alone or value >= 92 else -3.0
 
-    quantity = Quantity("noise", "a.b", "rms", tuple(range(121)), by_chance=True, finer=4)
+    quantity = BudgetQuantity("noise", "a.b", "rms", tuple(range(121)), by_chance=True, finer=4)
     limit = figure_limit(figure, quantity, Search((0.1, 0.5, 0.9), (1, 2, 3), 10))
     assert limit.value < 87
 
 
 def test_the_first_value_after_the_ideal_one_is_tried():
-    quantity = Quantity("mass_kg", "a.b", "kg", tuple(range(127)))
+    quantity = BudgetQuantity("mass_kg", "a.b", "kg", tuple(range(127)))
     limit, _ = found_by(lambda value, _: not 1 <= value <= 13, quantity)
     assert (limit.value, limit.first_failure) == (0.0, 1.0)
 
 
 def test_a_loop_that_fails_late_is_found_by_the_longer_run():
-    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    quantity = BudgetQuantity("latency_us", "a.b", "us", tuple(range(100)))
     search = Search((0.5,), (1,), 6, short_s=0.001, long_s=0.01)
     limit, _ = found_by(
         lambda value, case: value <= (60 if case["run.duration_s"] < 0.005 else 33),
@@ -312,7 +312,7 @@ def test_limits_agree_with_brute_force(pool):
 
 
 def test_brute_force_says_how_a_limit_differs():
-    quantity = Quantity("latency_us", "a.b", "us", tuple(range(100)))
+    quantity = BudgetQuantity("latency_us", "a.b", "us", tuple(range(100)))
     right, _ = found_by(lambda value, _: value <= 33, quantity)
     assert not difference(quantity, right, {place: place <= 33 for place in range(100)})
     assert not difference(quantity, right, {0: True, 30: True, 60: False, 99: False})

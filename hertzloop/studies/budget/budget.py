@@ -9,8 +9,8 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.studies.budget.goal import FIGURES, Goal, all_met, worst_excess
 from hertzloop.studies.budget.limits import (
+    BudgetLimit,
     Case,
-    Limit,
     Search,
     contact_us,
     converter_width,
@@ -55,11 +55,11 @@ class Nominal:
 @dataclass(frozen=True)
 class InPlant:
     """Effect and limits in one plant; `binds_first`: the quantity whose limit is the nearest, by
-    `Limit.share`, None where no limit was found; `left_out`: keys of the real plant that the scene
-    does not accept."""
+    `BudgetLimit.share`, None where no limit was found; `left_out`: keys of the real plant that the
+    scene does not accept."""
 
     nominal: Nominal
-    limits: tuple[Limit, ...]
+    limits: tuple[BudgetLimit, ...]
     binds_first: str | None
     left_out: tuple[str, ...] = ()
 
@@ -232,7 +232,7 @@ def nominal_of(
     )
 
 
-def binds_first(limits: Iterable[Limit]) -> str | None:
+def binds_first(limits: Iterable[BudgetLimit]) -> str | None:
     """Return the quantity with the least share of its searched range left before its limit."""
     found = [limit for limit in limits if limit.share is not None]
     return min(found, key=lambda limit: limit.share or 0.0).quantity if found else None
@@ -283,7 +283,7 @@ def _spreads(nominal: Nominal) -> dict[str, dict[str, float]]:
     return {name: asdict(spread) for name, spread in nominal.over_phases.items()}
 
 
-def _limit(limit: Limit) -> dict[str, Any]:
+def _limit(limit: BudgetLimit) -> dict[str, Any]:
     data = asdict(limit)
     del data["quantity"]
     return data | {

@@ -39,7 +39,7 @@ from hertzloop.studies.budget.goal import Goal, all_met, worst_excess
 from hertzloop.studies.sweeps.evaluate import Rows, not_run
 
 Case = dict[str, Any]
-Asks = Generator[list[Case], Rows, "Limit"]  # yields cases, is sent their rows
+Asks = Generator[list[Case], Rows, "BudgetLimit"]  # yields cases, is sent their rows
 _NOISE_DECADES, _PLACES_A_DECADE = 6, 25
 _BANDWIDTHS_HZ = (1e3, 1e7)  # the largest acts within a tenth of a step: it stands for ideal
 _MASSES = (1e-3, 1e2)  # of the mass of the sphere
@@ -61,7 +61,7 @@ class Boundary(StrEnum):
 
 
 @dataclass(frozen=True)
-class Quantity:
+class BudgetQuantity:
     """A quantity whose limit is asked for.
 
     `values`: from harmless to harsh, as the scene key takes them, up to the physical end; `end`:
@@ -90,7 +90,7 @@ class Quantity:
         value = self.values[place]
         return None if isinstance(value, str) else float(f"{value * self.scale:.12g}")
 
-    def within(self, limit: "Limit") -> "Quantity":
+    def within(self, limit: "BudgetLimit") -> "BudgetQuantity":
         """Return the quantity with those values only that the search of a limit went through."""
         places = range(len(self.values))
         last = max(place for place in places if self.reported(place) in limit.searched)
@@ -98,7 +98,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Limit:
+class BudgetLimit:
     """Up to where a law meets its goals.
 
     `value`: the last value that does, None where no limit was found; `first_failure`: the next
@@ -134,7 +134,7 @@ def contact_us(setup: Setup) -> float:
 NAMES = ("latency_us", "jitter_us", "bits", "noise", "sampling_us", "bandwidth_hz", "mass_kg")
 
 
-def quantities_of(setup: Setup) -> list[Quantity]:
+def quantities_of(setup: Setup) -> list[BudgetQuantity]:
     """Return the quantities of a scene with the values that are searched, in the order of `NAMES`.
 
     Latency and jitter go to twice the contact time on a rigid plate in whole steps, the sampling
@@ -164,26 +164,26 @@ def quantities_of(setup: Setup) -> list[Quantity]:
     line, sensors, actuator = scene.controller, scene.sensors, scene.actuator
     own_hz = actuator.bandwidth_hz
     return [
-        Quantity("latency_us", "controller.latency_us", "us", times,
+        BudgetQuantity("latency_us", "controller.latency_us", "us", times,
                  "the latency is as long as the contact", usual,
                  _place(times, line.latency_us), finer=2),
-        Quantity("jitter_us", "controller.jitter_us", "us", times,
+        BudgetQuantity("jitter_us", "controller.jitter_us", "us", times,
                  "the jitter is as long as the contact", usual,
                  _place(times, line.jitter_us), by_chance=True, finer=2),
-        Quantity("bits", "sensors.bits", "bits", bits,
+        BudgetQuantity("bits", "sensors.bits", "bits", bits,
                  "the converter only tells two values apart", None, bits.index(sensors.bits),
                  scan=(0, *fine, *range(_MOST_BITS - _COARSE_BITS + 1, len(bits)))),
-        Quantity("noise", "sensors.noise_rms", f"{SENSED[setup.quantity].unit} rms", noises,
+        BudgetQuantity("noise", "sensors.noise_rms", f"{SENSED[setup.quantity].unit} rms", noises,
                  "the noise is as large as the range of the converter", None,
                  _place(noises, sensors.noise_rms), by_chance=True, finer=4),
-        Quantity("sampling_us", "sensors.every_steps", "us", periods,
+        BudgetQuantity("sampling_us", "sensors.every_steps", "us", periods,
                  "the contact has one sample", used - 1,
                  _place(periods, sensors.every_steps), scale=step_us, finer=4,
                  scan=tuple(range(used)) if used <= _FEW else ()),
-        Quantity("bandwidth_hz", "actuator.bandwidth_hz", "Hz", bandwidths,
+        BudgetQuantity("bandwidth_hz", "actuator.bandwidth_hz", "Hz", bandwidths,
                  "the actuator is slower than the contact", len(bandwidths) - len(slower) - 1,
                  0 if own_hz is None else max(0, sum(hz >= own_hz for hz in bandwidths) - 1)),
-        Quantity("mass_kg", "actuator.mass_kg", "kg", masses,
+        BudgetQuantity("mass_kg", "actuator.mass_kg", "kg", masses,
                  "the actuator is too heavy for the sphere to move", None,
                  _place(masses, actuator.mass_kg or 0.0)),
     ]  # fmt: skip
@@ -213,8 +213,8 @@ def _place(values: Sequence[float], own: float) -> int:
 @dataclass(frozen=True)
 class Search:
     """How thoroughly to search: touch phases, seeds for a quantity that works by chance, the
-    number of values in the scan (see `Quantity.finer`), and how much of a run to simulate in the
-    search and to confirm its result, s; None for the whole."""
+    number of values in the scan (see `BudgetQuantity.finer`), and how much of a run to simulate in
+    the search and to confirm its result, s; None for the whole."""
 
     phases: tuple[float, ...]
     seeds: tuple[int, ...]
@@ -223,7 +223,7 @@ class Search:
     long_s: float | None = None
 
 
-def variants(quantity: Quantity, search: Search) -> list[Case]:
+def variants(quantity: BudgetQuantity, search: Search) -> list[Case]:
     """Return the settings in which a value has to meet the goals."""
     at = [{"run.touch_phase": phase} for phase in search.phases]
     if not quantity.by_chance:
@@ -234,7 +234,7 @@ def variants(quantity: Quantity, search: Search) -> list[Case]:
 class _Known:
     """What is known of the values of a quantity: the variants tried, and the values that fail."""
 
-    def __init__(self, quantity: Quantity, goals: Sequence[Goal], search: Search) -> None:
+    def __init__(self, quantity: BudgetQuantity, goals: Sequence[Goal], search: Search) -> None:
         self.quantity, self.goals = quantity, goals
         self.order = variants(quantity, search)
         self.phases = search.phases
@@ -330,9 +330,9 @@ class _Known:
         return agrees
 
 
-def limit_of(quantity: Quantity, goals: Sequence[Goal], search: Search) -> Asks:
+def limit_of(quantity: BudgetQuantity, goals: Sequence[Goal], search: Search) -> Asks:
     """Search the limit of one quantity: a generator of lists of cases that is sent their rows, in
-    the same order, and returns the `Limit`."""
+    the same order, and returns the `BudgetLimit`."""
     end = len(quantity.values) - 1
     last = end if quantity.usual is None else quantity.usual
     known = _Known(quantity, goals, search)
@@ -401,9 +401,9 @@ def _last_good(known: _Known, scan: Sequence[int]) -> Generator[list[Case], Rows
 
 
 def _result(
-    quantity: Quantity, known: _Known, good: int | None, scan: Sequence[int], boundary: Boundary,
-    top: int | None = None,
-) -> Limit:  # fmt: skip
+    quantity: BudgetQuantity, known: _Known, good: int | None, scan: Sequence[int],
+    boundary: Boundary, top: int | None = None,
+) -> BudgetLimit:  # fmt: skip
     last = len(quantity.values) - 1 if top is None else top
     beyond = last if boundary is Boundary.IMPOSSIBLE else -1 if good is None else good
     again = [place for place in scan if place > beyond and place not in known.failed]
@@ -417,7 +417,7 @@ def _result(
     if boundary in (Boundary.FOUND, Boundary.IDEAL_ONLY):
         assert good is not None
         share = (good - quantity.own) / last
-    return Limit(
+    return BudgetLimit(
         quantity=quantity.name,
         key=quantity.key,
         unit=quantity.unit,
@@ -439,7 +439,7 @@ def side_by_side(
     searches: Sequence[Asks],
     run: Callable[[list[Case]], Rows],
     on_round: Callable[[int], None] = lambda finished: None,
-) -> list[Limit]:
+) -> list[BudgetLimit]:
     """Advance several searches together, so that all cores have work.
 
     Args:
@@ -450,7 +450,7 @@ def side_by_side(
     Returns:
         The limits, in the order of the searches.
     """
-    found: dict[int, Limit] = {}
+    found: dict[int, BudgetLimit] = {}
     asked: dict[int, list[Case]] = {}
 
     def advance(number: int, rows: Rows | None) -> None:

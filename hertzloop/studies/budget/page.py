@@ -14,7 +14,7 @@ from hertzloop.setup import Setup
 from hertzloop.studies import pictures
 from hertzloop.studies.budget.budget import Budget, InPlant, search_of
 from hertzloop.studies.budget.goal import Goal, all_met
-from hertzloop.studies.budget.limits import Boundary, Limit, Quantity, quantities_of
+from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity, quantities_of
 from hertzloop.studies.report.page import svg, template
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.sweep import code_version
@@ -30,14 +30,14 @@ class Map:
     """Where two quantities together meet the goals: `met` is the share of the touch phases, shape
     (values of `down`, values of `across`); values in the units of the report."""
 
-    across: Quantity
-    down: Quantity
+    across: BudgetQuantity
+    down: BudgetQuantity
     across_places: tuple[int, ...]
     down_places: tuple[int, ...]
     met: np.ndarray
 
 
-def tightest(plant: InPlant) -> list[Limit]:
+def tightest(plant: InPlant) -> list[BudgetLimit]:
     """Return the limits with the smallest share, at most two of them."""
     found = [limit for limit in plant.limits if limit.share is not None]
     return sorted(found, key=lambda limit: limit.share or 0.0)[:2]
@@ -65,7 +65,7 @@ def map_of(
     return Map(across, down, places[0], places[1], met.reshape(shape).mean(axis=2))
 
 
-def _places(quantity: Quantity, limit: Limit) -> tuple[int, ...]:
+def _places(quantity: BudgetQuantity, limit: BudgetLimit) -> tuple[int, ...]:
     """Places of a quantity around its limit."""
     last = len(quantity.within(limit).values) - 1
     good = quantity.own + round((limit.share or 0.0) * last)
@@ -158,7 +158,7 @@ def write_page(
     return path
 
 
-def _cells(limit: Limit) -> list[str]:
+def _cells(limit: BudgetLimit) -> list[str]:
     again = ", ".join(f"{x:.4g}" for x in limit.holds_again)
     value = limit.boundary.value if limit.value is None else f"{limit.value:.4g}"
     return [

@@ -20,7 +20,7 @@ from hertzloop.analysis.verdict import judge
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.replay.as_rerun import Shown
-from hertzloop.recordings.replay.data import Curve, Deflection, Plot, extremes
+from hertzloop.recordings.replay.data import Deflection, Plot, PlotCurve, extremes
 from hertzloop.recordings.replay.scene3d import with_unit
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
@@ -86,7 +86,7 @@ def _sheet(plots: list[Plot], span_ns: tuple[int, int], label: str) -> str:
     return svg(sheet)
 
 
-def _draw(ax: Any, curve: Curve, span_ns: tuple[int, int]) -> None:
+def _draw(ax: Any, curve: PlotCurve, span_ns: tuple[int, int]) -> None:
     times, values = curve.time_ns, curve.values
     a, b = np.searchsorted(times, span_ns)
     if b - a >= len(times) - 1 and curve.overview is not None:  # all of it, evenly

@@ -81,7 +81,7 @@ def older_state(status: str | None) -> str:
 
 
 @dataclass
-class Tally:
+class CaseTally:
     """How many cases were asked for, and the rows of those that could not be run."""
 
     cases: int = 0
