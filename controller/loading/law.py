@@ -3,7 +3,7 @@
 import math
 from collections import namedtuple
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,20 @@ ABOUT_FIELDS = (
 
 @dataclass(frozen=True)
 class Law:
-    """A law written in Python. `home` is the module, or the class in it, with its functions."""
+    """A law written in Python. `home` is the module, or the class in it, with its functions.
+
+    Attributes:
+        keys, key_names: its scene keys.
+        whole_steps: those that have to be a whole number of steps.
+        senses: the quantity that it has to be given; "any" if that is all the same. Of several,
+            with a comma between them, the first is the default.
+        latches: whether the state's delay is one that the law latches.
+        models_yield: whether the law allows for the dent that a yielding contact leaves.
+        open_loop: whether its forces are known before the run, so that nothing is fed back.
+        not_linear: why the law is not linear, as a clause for a message; empty if it may be.
+
+    A law declares the last five by these names in its module or class.
+    """
 
     name: str
     path: Path
@@ -32,57 +45,39 @@ class Law:
     digest: str
     home: Any = field(repr=False, compare=False)
     _bound: dict[Any, BoundLaw] = field(default_factory=dict, repr=False, compare=False)
+    keys: type[BaseModel] = field(init=False, repr=False, compare=False)
+    key_names: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    whole_steps: list[str] = field(init=False, repr=False, compare=False)
+    senses: str = field(init=False, repr=False, compare=False)
+    latches: bool = field(init=False, repr=False, compare=False)
+    models_yield: bool = field(init=False, repr=False, compare=False)
+    open_loop: bool = field(init=False, repr=False, compare=False)
+    not_linear: str = field(init=False, repr=False, compare=False)
 
-    @cached_property
-    def keys(self) -> type[BaseModel]:
-        """Its scene keys."""
-        return getattr(self.home, "Parameters", Keys)
+    def __post_init__(self) -> None:
+        senses, keys = self._declared()
+        open_loop = bool(getattr(self.home, "open_loop", False))
+        fixed = "its force is computed before the run and does not depend on the samples"
+        vars(self).update(
+            keys=keys,
+            key_names=tuple(keys.model_fields),
+            whole_steps=[
+                k for k, info in keys.model_fields.items() if WHOLE_STEPS in info.metadata
+            ],
+            senses=senses,
+            latches=bool(getattr(self.home, "latches", False)),
+            models_yield=bool(getattr(self.home, "models_yield", False)),
+            open_loop=open_loop,
+            not_linear=fixed if open_loop else str(getattr(self.home, "not_linear", "")),
+        )
 
-    @cached_property
-    def key_names(self) -> tuple[str, ...]:
-        """Names of its scene keys."""
-        return tuple(self.keys.model_fields)
-
-    @property
-    def senses(self) -> str:
-        """The quantity that it has to be given; "any" if that is all the same. Of several, with a
-        comma between them, the first is the default."""
-        return str(getattr(self.home, "senses", "xi"))
+    def _declared(self) -> tuple[str, type[BaseModel]]:
+        """What it senses, and its keys."""
+        return str(getattr(self.home, "senses", "xi")), getattr(self.home, "Parameters", Keys)
 
     def note(self, keys: Any) -> str:
         """A sentence on its keys that a user should read before a run; usually empty."""
         return str(self._asked("note", keys)) if hasattr(self.home, "note") else ""
-
-    @property
-    def latches(self) -> bool:
-        """Whether the state's delay is one that the law latches."""
-        return bool(getattr(self.home, "latches", False))
-
-    @property
-    def models_yield(self) -> bool:
-        """Whether the law allows for the dent that a yielding contact leaves. A law declares this
-        with `models_yield = True` in its module or class."""
-        return bool(getattr(self.home, "models_yield", False))
-
-    @property
-    def not_linear(self) -> str:
-        """Why the law is not linear, as a clause for a message; empty if it may be. A law declares
-        this with `not_linear = "it ..."` in its module or class."""
-        if self.open_loop:
-            return "its force is computed before the run and does not depend on the samples"
-        return str(getattr(self.home, "not_linear", ""))
-
-    @property
-    def open_loop(self) -> bool:
-        """Whether its forces are known before the run, so that nothing is fed back. A law declares
-        this with `open_loop = True` in its module or class."""
-        return bool(getattr(self.home, "open_loop", False))
-
-    @cached_property
-    def whole_steps(self) -> list[str]:
-        """Keys that have to be a whole number of steps."""
-        fields = self.keys.model_fields.items()
-        return [name for name, about in fields if WHOLE_STEPS in about.metadata]
 
     def reach(self, keys: Any) -> Reach:
         """How far its force can go; without limit if it does not say. Raises LawError."""

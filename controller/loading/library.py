@@ -50,9 +50,7 @@ class LibraryLaw(Law):
     def _description(self) -> _Description:
         return _Description.in_dll(self.home, "hertzloop_law")
 
-    @cached_property
-    def keys(self) -> type[BaseModel]:
-        """Its scene keys, as the library describes them."""
+    def _declared(self) -> tuple[str, type[BaseModel]]:
         fields: dict[str, Any] = {}
         table = ctypes.cast(
             ctypes.addressof(_Key.in_dll(self.home, "hertzloop_keys")), ctypes.POINTER(_Key)
@@ -65,12 +63,8 @@ class LibraryLaw(Law):
             said = f"{(key.description or b'').decode()} ({(key.unit or b'').decode()})"
             info = Field(key.initial, ge=low, le=high, description=said)
             fields[key.name.decode()] = (float, info)
-        return create_model("Parameters", __base__=Keys, **fields)
-
-    @property
-    def senses(self) -> str:
-        """The quantity that it has to be given."""
-        return (self._description.senses or b"").decode()
+        senses = (self._description.senses or b"").decode()
+        return senses, create_model("Parameters", __base__=Keys, **fields)
 
     def constants(self, keys: Any, about: About) -> Mapping[str, float]:
         """What is known of the run and the keys, in the order of the record."""
@@ -106,13 +100,13 @@ def library_law(path: Path, digest: str) -> LibraryLaw:
             raise LawError(
                 f"{path}: is not a law; the symbol {name} is missing. See hertzloop_law.h."
             )
-    law = LibraryLaw(path.name, path, "", digest, library)
-    about = law._description
+    about = _Description.in_dll(library, "hertzloop_law")
     if about.abi != _ABI:
         raise LawError(
             f"{path}: built for version {about.abi} of hertzloop_law.h. Rebuild it for {_ABI}."
         )
-    least = 8 * (len(ABOUT_FIELDS) + len(law.keys.model_fields))
+    law = LibraryLaw(path.name, path, "", digest, library)
+    least = 8 * (len(ABOUT_FIELDS) + len(law.key_names))
     if about.parameters_bytes < least or about.parameters_bytes % 8:
         raise LawError(
             f"{path} has {about.parameters_bytes} bytes of parameters; what is known of a run and "
@@ -200,10 +194,13 @@ class UnitLaw(Law):
             raise _other_dimension(path, made, "a force")
         return given, made
 
-    @cached_property
-    def keys(self) -> type[BaseModel]:
-        """Its scene keys: its real parameters, with their bounds."""
-        fields: dict[str, Any] = {}
+    def _declared(self) -> tuple[str, type[BaseModel]]:
+        """By the name or the unit of its input, and its real parameters with their bounds. Raises
+        LawError."""
+        given, fields = self.ports[0], dict[str, Any]()
+        senses = given.name
+        if senses not in _QUANTITIES:
+            senses = _DIMENSIONS.get(given.dimension or _NUMBER, "any")
         for key, variable in self._parameters.items():
             low, high = (None if bound is None else float(bound) for bound in
                          (variable.min, variable.max))  # fmt: skip
@@ -212,15 +209,7 @@ class UnitLaw(Law):
                 said += f" ({variable.unit})"
             info = Field(float(variable.start or 0.0), ge=low, le=high, description=said)
             fields[key] = (float, info)
-        return create_model("Parameters", __base__=Keys, **fields)
-
-    @property
-    def senses(self) -> str:
-        """The quantity that its input is called by, or that has its unit; else any."""
-        given = self.ports[0]
-        if given.name in _QUANTITIES:
-            return given.name
-        return _DIMENSIONS.get(given.dimension or _NUMBER, "any")
+        return senses, create_model("Parameters", __base__=Keys, **fields)
 
     def constants(self, keys: Any, about: About) -> Any:
         """What is known of the run and its keys. Raises LawError for another sampling interval than
@@ -349,7 +338,6 @@ def unit_law(path: Path, digest: str) -> UnitLaw:
             f"{fmpy.platform}"
         )
     law = UnitLaw(path.name, path, "", digest, about)
-    law.ports  # noqa: B018 - refuses what is no law
     names = [_key_of(v) for v in _real(about, "parameter")]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise LawError(
