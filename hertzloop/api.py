@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from hertzloop.analysis.figures import Ran
-    from hertzloop.analysis.spans import Comparison, Difference, RunFigures, SpanFigures
+    from hertzloop.analysis.meters import Comparison, Difference, RunFigures, SpanFigures
     from hertzloop.analysis.trust import NotAgain
     from hertzloop.bus.messages_pb2 import Books as BooksMessage
     from hertzloop.bus.port import BusError
@@ -55,17 +55,17 @@ __all__ = [
 # Names that are loaded when they are used: a script that only simulates needs none of them.
 _LATER = {
     "BusError": "hertzloop.bus.port",
-    "Comparison": "hertzloop.analysis.spans",
+    "Comparison": "hertzloop.analysis.meters",
     "DesignError": "hertzloop.studies.sweeps.design",
-    "Difference": "hertzloop.analysis.spans",
+    "Difference": "hertzloop.analysis.meters",
     "FitError": "hertzloop.studies.fit.fit",
     "FitResult": "hertzloop.studies.fit.fit",
     "Record": "hertzloop.studies.fit.records",
     "RecordError": "hertzloop.studies.fit.records",
     "RecordingError": "hertzloop.recordings.writer",
     "RunFailed": "hertzloop.processes.launcher",
-    "RunFigures": "hertzloop.analysis.spans",
-    "SpanFigures": "hertzloop.analysis.spans",
+    "RunFigures": "hertzloop.analysis.meters",
+    "SpanFigures": "hertzloop.analysis.meters",
     "StreamFault": "hertzloop.bus.streams",
     "SweepFailed": "hertzloop.studies.sweeps.pool",
 }
@@ -154,7 +154,7 @@ class Run:
 
         `hertzloop run` and `hertzloop inspect` print these figures.
         """
-        from hertzloop.analysis.spans import RunFigures
+        from hertzloop.analysis.meters import RunFigures
 
         found = self._judged.figures
         return RunFigures(found.first_impact, found.whole_run)
@@ -423,7 +423,7 @@ def compare(a: "Run | RunFigures", b: "Run | RunFigures") -> "Comparison":
     Returns:
         One row per figure. `print` shows the table of `hertzloop compare --figures`.
     """
-    from hertzloop.analysis.spans import compared
+    from hertzloop.analysis.meters import compared
     from hertzloop.views.inspection import PrintedComparison
 
     found = compared(*(one.figures if isinstance(one, Run) else one for one in (a, b)))

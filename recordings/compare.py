@@ -7,8 +7,7 @@ import numpy as np
 
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.bus.streams import STREAMS
-from hertzloop.recordings.columns import SAMPLED, Arrays
-from hertzloop.recordings.reader import Event, JoinedStream, Recording
+from hertzloop.recordings.reader import SAMPLED, Arrays, Event, JoinedStream, Recording
 
 _COMPARED = tuple(name for name in SAMPLED if STREAMS[name].compared)
 # A slope is solved for together with its force, and is as exact as that.

@@ -25,8 +25,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
 from hertzloop.bus.streams import LAST_NS
-from hertzloop.recordings.columns import Arrays, JoinedStream
-from hertzloop.recordings.reader import Event, Recording
+from hertzloop.recordings.reader import Arrays, Event, JoinedStream, Recording
 from hertzloop.recordings.writer import (
     EXPORT_LIBRARY,
     LAW_ATTACHMENT,

@@ -4,31 +4,695 @@ Samples are read again whenever somebody asks for them, so that a long recording
 more memory than what is looked at.
 """
 
+import heapq
 import os
+import re
 import stat
-from collections.abc import Callable, Iterable, Iterator
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field, replace
 from functools import partial
+from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+from weakref import WeakValueDictionary
 
 import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Message, Metadata
 
-from hertzloop.bus.messages_pb2 import Books, RunEnd
-from hertzloop.bus.streams import CONTROLLER, STREAMS, other_version
-from hertzloop.bus.wire import DecodedBlock
-from hertzloop.recordings.chunks import MAGIC, Damaged, McapRecord, Walk, intact
-from hertzloop.recordings.columns import SAMPLED, Arrays, JoinedStream
-from hertzloop.recordings.intake import Event, Intake, Taken, in_order
+from hertzloop.bus import streams as bus_streams
+from hertzloop.bus.events import MODES, Fact, fact_of
+from hertzloop.bus.messages_pb2 import Books, EventKind, Hello, RunEnd
+from hertzloop.bus.streams import (
+    CONTROLLER,
+    LAST_NS,
+    PLANT,
+    STREAMS,
+    Counter,
+    Envelope,
+    has_header_sequence,
+    other_version,
+)
+from hertzloop.bus.wire import DecodedBlock, MessageError, not_finite
+from hertzloop.recordings.chunks import (
+    MAGIC,
+    Damaged,
+    McapRecord,
+    Walk,
+    channel_of,
+    inner_records,
+    intact,
+    message_of,
+)
 from hertzloop.recordings.writer import (
     EXPORT_LIBRARY,
+    LAW_ATTACHMENT,
+    RESULT_METADATA,
+    RUN_METADATA,
+    SCENE_ATTACHMENT,
     TOPICS,
     NotRecorded,
     RecordingError,
     RecordingWriter,
+    described_by,
 )
 from hertzloop.whole_files import whole_file
+
+Arrays = dict[str, np.ndarray]
+IN_MEMORY = 1 << 20  # samples: rows of truth have 84 MB then
+PIECE = 1 << 16
+SAMPLED = tuple(sorted(filter(has_header_sequence, STREAMS)))  # daq, force, truth
+
+
+class Columns(Mapping[str, np.ndarray]):
+    """Arrays by field name, each read when it is asked for and kept while somebody uses it.
+
+    `again` reads the blocks once more. Getting an item raises RecordingError if the file is no
+    longer what it was.
+    """
+
+    def __init__(
+        self, again: Callable[[], Iterator[Arrays]], dtypes: dict[str, np.dtype], samples: int
+    ) -> None:
+        self.again, self.samples = again, samples
+        self.dtypes = dtypes
+        self._used: WeakValueDictionary[str, np.ndarray] = WeakValueDictionary()
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        found = self._used.get(name)
+        if found is None:
+            found = np.empty(self.samples, self.dtypes[name])
+            at = 0
+            for arrays in self.again():
+                found[at : at + len(arrays[name])] = arrays[name]
+                at += len(arrays[name])
+            self._used[name] = found
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.dtypes)
+
+    def __len__(self) -> int:
+        return len(self.dtypes)
+
+
+@dataclass
+class JoinedStream:
+    """One stream joined over its blocks: arrays by field name, all of one length.
+
+    `first_step`, `step_ns` and `every_steps` give the time of each sample; after a hole it goes
+    on at the (position, step) that `resumed` lists.
+    """
+
+    messages: int = 0
+    first_step: int = 0
+    step_ns: int = 0
+    every_steps: int = 1
+    scale: float = 1.0
+    offset: float = 0.0
+    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
+    resumed: list[tuple[int, int]] = field(default_factory=list)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        if isinstance(self.arrays, Columns):
+            return self.arrays.samples
+        return max((len(a) for a in self.arrays.values()), default=0)
+
+    @property
+    def end_step(self) -> int:
+        """Step after that of the last sample."""
+        return int(self.step_at(self.samples)) if self.samples else 0
+
+    def step_at(self, positions: np.ndarray | int) -> np.ndarray:
+        """Step of the samples at these positions."""
+        steps = self.first_step + self.every_steps * np.asarray(positions, dtype=np.int64)
+        for position, step in self.resumed:
+            later = step + self.every_steps * (np.asarray(positions, dtype=np.int64) - position)
+            steps = np.where(np.asarray(positions) >= position, later, steps)
+        return np.asarray(steps)
+
+    @property
+    def time_ns(self) -> np.ndarray:
+        """Simulated time of every sample, shape (samples,), ns."""
+        times = np.arange(self.samples, dtype=np.int64)
+        times *= self.every_steps
+        times += self.first_step
+        for position, step in self.resumed:
+            times[position:] += step - times[position]
+        times *= self.step_ns
+        return times
+
+    def values_of(self, arrays: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Acquired values in the unit of the quantity, from a converter's codes where it has them;
+        empty where there are none."""
+        codes = arrays.get("code")
+        if codes is not None and len(codes):
+            return np.asarray(self.offset + self.scale * codes)
+        return arrays.get("value", np.empty(0))
+
+    def before_a_hole(self) -> "JoinedStream":
+        """The samples up to the first one that is missing."""
+        if not self.resumed:
+            return self
+        end = self.resumed[0][0]
+
+        def again() -> Iterator[Arrays]:
+            left = end
+            for arrays in self.blocks():
+                if left <= 0:
+                    return
+                yield {name: values[:left] for name, values in arrays.items()}
+                left -= len(next(iter(arrays.values())))
+
+        dtypes = getattr(self.arrays, "dtypes", {})
+        return replace(self, arrays=Columns(again, dtypes, end), resumed=[])
+
+    def blocks(self) -> Iterator[Arrays]:
+        """The same arrays piece by piece, whatever the pieces; raises RecordingError if the file
+        is no longer what it was."""
+        if isinstance(self.arrays, Columns):
+            yield from self.arrays.again()
+        elif self.arrays:
+            yield dict(self.arrays)
+
+    def in_memory(self, most: int = IN_MEMORY) -> "JoinedStream":
+        """The same with its arrays in memory, read once, for who looks at it several times; itself
+        if it has more samples than `most`. Raises RecordingError as `blocks` does."""
+        if not isinstance(self.arrays, Columns) or not 0 < self.samples <= most:
+            return self
+        held = {n: np.empty(self.samples, dtype) for n, dtype in self.arrays.dtypes.items()}
+        at = 0
+        for arrays in self.blocks():
+            count = len(next(iter(arrays.values())))
+            for name, values in held.items():
+                values[at : at + count] = arrays[name]
+            at += count
+        return replace(self, arrays=held)
+
+    def pieces(self) -> Iterator[tuple[int, Arrays]]:
+        """The same in pieces of at least PIECE samples, but for the last, each with the position
+        of its first one: what costs by the piece is worth it then. Raises as `blocks` does."""
+        at, count, waiting = 0, 0, list[Arrays]()
+        for arrays in self.blocks():
+            waiting.append(arrays)
+            count += len(next(iter(arrays.values())))
+            if count >= PIECE:
+                yield at, _joined(waiting)
+                at, count, waiting = at + count, 0, []
+        if waiting:
+            yield at, _joined(waiting)
+
+
+def _joined(blocks: list[Arrays]) -> Arrays:
+    if len(blocks) == 1:
+        return blocks[0]
+    return {name: np.concatenate([block[name] for block in blocks]) for name in blocks[0]}
+
+
+class Refused(Exception):
+    """Why a message cannot be part of the run."""
+
+
+@dataclass
+class Track:
+    """Follows the blocks of one stream. `add` takes those that join."""
+
+    name: str
+    stream: JoinedStream = field(default_factory=JoinedStream)
+    samples: int = 0
+    next_step: int = 0
+    next_sequence: int = 0
+    dtypes: dict[str, np.dtype] = field(default_factory=dict)
+    finite: bool = True
+    kept: list[Arrays] | None = None  # all blocks, if they are to be kept and while they are few
+
+    def add(self, block: DecodedBlock, message: Message) -> tuple[Arrays, str]:
+        """Arrays of a block, and what is missing before it or wrong in it, "" if nothing.
+
+        Raises Refused if it does not belong here.
+        """
+        header: Any = block.header
+        every = getattr(header, "every_steps", 1)
+        arrays = {name: values for name, values in block.arrays.items() if len(values)}
+        flags = getattr(header, "saturated", b"")
+        if flags:
+            arrays["saturated"] = np.frombuffer(flags, np.uint8)
+        count = max((len(values) for values in arrays.values()), default=0)
+        self._check(header, message, every, arrays, count)
+        expected = f"sequence {self.next_sequence} at step {self.next_step} was expected"
+        found = f"sequence {header.sequence} at step {header.first_step} follows where {expected}"
+        if header.sequence < self.next_sequence or header.first_step < self.next_step:
+            raise Refused(found)
+        stream, problem = self.stream, ""
+        if stream.messages == 0:
+            stream.step_ns, stream.every_steps = header.step_ns, every
+            stream.scale = getattr(header, "scale", 1.0)
+            stream.offset = getattr(header, "offset", 0.0)
+        if header.sequence != self.next_sequence or header.first_step != self.next_step:
+            problem = f"stream '{self.name}': {found}"
+        if count and not self.dtypes:
+            stream.first_step = header.first_step
+            self.dtypes = {name: values.dtype for name, values in arrays.items()}
+        elif count and header.first_step != self.next_step:
+            stream.resumed.append((self.samples, header.first_step))
+        stream.messages += 1
+        self.samples += count
+        self.next_sequence = header.sequence + 1
+        self.next_step = header.first_step + count * every
+        if self.kept is not None and count:
+            self.kept.append(arrays)
+            if self.samples > IN_MEMORY:
+                self.kept = None
+        return arrays, problem or self._not_finite(arrays, header.first_step, every)
+
+    def _check(self, header: Any, message: Message, every: int, arrays: Arrays, count: int) -> None:
+        """Raises Refused for a block that contradicts itself, its message or those before."""
+        stream = self.stream
+        if not header.step_ns or not every:
+            raise Refused(f"its steps have {header.step_ns} ns, a sample comes every {every} steps")
+        if (header.first_step + count * every) * header.step_ns > LAST_NS:
+            raise Refused(f"it begins at step {header.first_step}, beyond any run")
+        if message.log_time != header.first_step * header.step_ns:
+            raise Refused(f"step {header.first_step} is recorded at {message.log_time} ns")
+        if message.sequence != header.sequence & 0xFFFFFFFF:
+            raise Refused(f"sequence {header.sequence} is recorded as {message.sequence}")
+        if count and len({len(values) for values in arrays.values()}) > 1:
+            lengths = {name: len(values) for name, values in arrays.items()}
+            raise Refused(f"its arrays have the lengths {lengths}")
+        if count and self.dtypes and set(arrays) != set(self.dtypes):
+            raise Refused(f"its fields are {sorted(arrays)}, those before {sorted(self.dtypes)}")
+        described = {"step_ns": header.step_ns, "every_steps": every}
+        if hasattr(header, "scale"):
+            described |= {"scale": header.scale, "offset": header.offset}
+        for label, value in described.items():
+            before = getattr(stream, label)
+            # As words: what is not a number equals itself here.
+            if stream.messages and repr(value) != repr(before):
+                raise Refused(f"its {label} is {value}, that of those before {before}")
+
+    def _not_finite(self, arrays: Arrays, first_step: int, every: int) -> str:
+        """A sentence on the first value of the stream that is not finite, "" without one."""
+        if not self.finite:
+            return ""
+        for name, values in arrays.items():
+            if values.dtype.kind == "f" and not np.isfinite(values).all():
+                self.finite = False
+                step = first_step + every * int(np.flatnonzero(~np.isfinite(values))[0])
+                return f"stream '{self.name}': {name} is not finite at step {step}"
+        return ""
+
+    def join(self, again: Callable[[], Iterator[Arrays]]) -> JoinedStream:
+        """The stream, its arrays still in the file unless they were kept."""
+        if (kept := self.kept) is not None:
+            self.stream.arrays = Columns(lambda: iter(kept), self.dtypes, self.samples)
+            return self.stream
+        self.stream.arrays = Columns(self._same(again), self.dtypes, self.samples)
+        return self.stream
+
+    def _same(self, again: Callable[[], Iterator[Arrays]]) -> Callable[[], Iterator[Arrays]]:
+        """`again` with a check that there are as many samples as before."""
+
+        def blocks() -> Iterator[Arrays]:
+            count = 0
+            for arrays in again():
+                if arrays:
+                    count += len(next(iter(arrays.values())))
+                    yield arrays
+            if count != self.samples:
+                raise RecordingError(
+                    f"stream '{self.name}' had {self.samples} samples and now has {count}: the "
+                    "recording changed while it was read"
+                )
+
+        return blocks
+
+
+MOST_EVENTS = 1_000_000  # a sphere at rest: 130 000 in 20 million steps
+MOST_TEXT = 200_000_000  # characters of all events together
+_MOST_PROBLEMS = 40
+_NAMELESS = "events"  # of a publisher that is no role
+_KINDS = {topic: next(s for s in STREAMS.values() if s.topic == topic) for topic in TOPICS}
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Simulated time in ns, publisher ("plant", "controller"), level as in foxglove.Log, the
+    sentence for people, and the fact for programs."""
+
+    time_ns: int
+    name: str
+    level: int
+    message: str
+    fact: Fact = field(default=Fact(), repr=False)
+
+
+class Taken(NamedTuple):
+    """A message that belongs to the run: its stream, itself as recorded, and its arrays."""
+
+    stream: str
+    message: Message
+    arrays: Arrays
+
+
+@dataclass
+class Intake:
+    """Takes a file's records one by one; `problems` says in sentences what does not belong.
+
+    `only` limits it to one topic, for another look at what was taken before.
+    """
+
+    channels: dict[int, str] = field(default_factory=dict)
+    only: str = ""
+    scene_toml: str = ""
+    law_source: str = ""
+    metadata: dict[str, str] | None = None
+    result: dict[str, str] | None = None
+    run_id: int = 0
+    hello: Hello | None = None
+    books: Books | None = None
+    pacing: DecodedBlock | None = None
+    ends: dict[str, RunEnd] = field(default_factory=dict)
+    events: list[Event] = field(default_factory=list)
+    counters: dict[str, Counter] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+    unknown_channels: set[int] = field(default_factory=set)
+    unnamed_channels: bool = False  # what they carry is known from elsewhere
+    others: int = 0  # messages of topics that are none of ours
+    tracks: dict[str, Track] = field(default_factory=lambda: {n: Track(n) for n in SAMPLED})
+    text: int = 0  # characters of the events
+    first: dict[str, int] = field(default_factory=dict)  # numbers in the last record, by stream
+    out_of_place: bool = False  # a message came after a later one of its stream
+    keep: InitVar[bool] = False  # the samples of streams that are short enough
+    _next: dict[str, int] = field(default_factory=dict)
+    _highest: dict[str, int] = field(default_factory=dict)
+
+    def __post_init__(self, keep: bool) -> None:
+        for track in self.tracks.values():
+            track.kept = [] if keep else None
+
+    def take(self, record: McapRecord) -> Iterator[Taken]:
+        """The messages in a record that belong to the run."""
+        self.first = {}
+        try:
+            if record.opcode == Opcode.ATTACHMENT:
+                self._attachment(_parsed(Attachment, record.content))
+            elif record.opcode == Opcode.METADATA:
+                self._metadata(_parsed(Metadata, record.content))
+            elif record.opcode == Opcode.CHUNK:
+                for opcode, content in inner_records(record.content):
+                    yield from self._inner(opcode, content)
+            else:
+                yield from self._inner(record.opcode, record.content)
+        except Damaged as error:
+            self._problem(f"the file is cut off or damaged (byte {record.at}: {error})")
+
+    def _problem(self, sentence: str) -> None:
+        if len(self.problems) < _MOST_PROBLEMS:
+            self.problems.append(sentence)
+        elif len(self.problems) == _MOST_PROBLEMS:
+            self.problems.append("and more problems of this kind")
+
+    def _attachment(self, attachment: Attachment) -> None:
+        if attachment.name == LAW_ATTACHMENT:
+            self.law_source = self.law_source or attachment.data.decode(errors="replace")
+        if attachment.name != SCENE_ATTACHMENT:
+            return
+        if self.scene_toml:
+            self._problem("there is a second scene; the first is used")
+            return
+        try:
+            self.scene_toml = attachment.data.decode()
+        except UnicodeDecodeError as error:
+            raise Damaged("the scene is not text") from error
+
+    def _metadata(self, metadata: Metadata) -> None:
+        if metadata.name == RUN_METADATA:
+            if self.metadata is None:
+                self.metadata = dict(metadata.metadata)
+                try:
+                    self.run_id = int(self.metadata.get("run_id", "0"), 16)
+                except ValueError:
+                    self._problem("the run's id cannot be read")
+            elif not any("a second scene" in problem for problem in self.problems):
+                self._problem("there is a second description of the run; the first is used")
+        elif metadata.name == RESULT_METADATA:
+            if self.result is not None:
+                self._problem("there is a second result of the run; the first is used")
+            else:
+                self.result = dict(metadata.metadata)
+
+    def _inner(self, opcode: int, content: bytes) -> Iterator[Taken]:
+        if opcode == Opcode.CHANNEL:
+            channel = channel_of(content)
+            self.channels[channel.id] = channel.topic
+        elif opcode == Opcode.MESSAGE:
+            message = message_of(content)
+            topic = self.channels.get(message.channel_id)
+            if topic is None:
+                self.unknown_channels.add(message.channel_id)
+            elif topic not in _KINDS:
+                self.others += 1
+            elif not self.only or topic == self.only:
+                yield from self._message(topic, message)
+
+    def _message(self, topic: str, message: Message) -> Iterator[Taken]:
+        name = topic[1:]
+        try:
+            block = bus_streams.decode(Envelope(_KINDS[topic].name, message.data))
+            header: Any = block.header
+            if topic == "/events":
+                # Whoever brings a controller may call it as he likes.
+                name = f"events/{header.name}"
+                name = name if name in STREAMS else _NAMELESS
+            elif topic == "/end":
+                name = f"end/{header.role}"
+            if name not in STREAMS and name != _NAMELESS:
+                raise Refused(f"'{name[:40]}' is not a stream of a run")
+            if hasattr(header, "run_id"):
+                self.run_id = self.run_id or header.run_id
+                if header.run_id != self.run_id:
+                    raise Refused(f"it belongs to run {header.run_id:x}, not to {self.run_id:x}")
+            if name != _NAMELESS:
+                self._numbered(name, getattr(header, "sequence", message.sequence))
+            if name in self.tracks:
+                arrays, problem = self.tracks[name].add(block, message)
+            else:
+                arrays, problem = {}, self._single(name, header, message)
+                if name == "pacing":
+                    self.pacing = block
+        except (MessageError, Refused) as error:
+            self._problem(f"a message of stream '{name[:40]}' is ignored: {error}")
+            return
+        if problem:
+            self._problem(problem)
+        counter = self.counters.setdefault(name, Counter())
+        counter.messages += 1
+        counter.samples += bus_streams.sample_count(block)
+        yield Taken(name if name in STREAMS else _KINDS[topic].name, message, arrays)
+
+    def _numbered(self, name: str, number: int) -> None:
+        """Note where in its stream a message belongs."""
+        self.first.setdefault(name, number)
+        self.out_of_place |= number < self._highest.get(name, 0)
+        self._highest[name] = max(number, self._highest.get(name, 0))
+
+    def _single(self, name: str, header: Any, message: Message) -> str:
+        """Keep a message that is no block; a sentence on what is missing before it."""
+        expected = self._next.get(name, 0)
+        if name == _NAMELESS:
+            self._event(header, message)
+            return ""
+        if message.sequence < expected:
+            raise Refused(f"number {message.sequence} is repeated")
+        if STREAMS[name].once and self.counters.get(name):
+            raise Refused("there is a second one; the first is used")
+        self._next[name] = message.sequence + 1
+        if name == "hello":
+            self.hello = header
+        elif name == "books":
+            self.books = header
+            if wrong := not_finite(header, {}):
+                return f"the energy balance holds {wrong}, which is not finite"
+        elif name.startswith("end/"):
+            self.ends[header.role] = header
+        elif name.startswith("events/"):
+            self._event(header, message)
+        if message.sequence > expected:
+            return f"stream '{name}': number {message.sequence} follows where {expected} was due"
+        return ""
+
+    def _event(self, log: Any, message: Message) -> None:
+        # Not ToNanoseconds(): it refuses what is out of the calendar.
+        told = log.timestamp.seconds * 1_000_000_000 + log.timestamp.nanos
+        if told != message.log_time or told > LAST_NS:
+            raise Refused(f"an event of {told} ns is recorded at {message.log_time} ns")
+        if len(self.events) >= MOST_EVENTS:
+            raise Refused(f"there are more than {MOST_EVENTS} events")
+        self.text += len(log.message) + len(log.name) + len(log.quantity)
+        if self.text > MOST_TEXT:
+            raise Refused(f"the events have more than {MOST_TEXT} characters")
+        fact = fact_of(log) if log.kind else older_fact(log.name, log.message)
+        self.events.append(Event(told, sys.intern(log.name), log.level, log.message, fact))
+
+    def reconcile(self) -> None:
+        """Compare what came with what the roles announced, and with the length of the run."""
+        for role in (PLANT, CONTROLLER):
+            end = self.ends.get(role)
+            if end is None:
+                self._problem(f"the {role} announced no end: counts cannot be reconciled")
+                continue
+            announced = {count.stream: count for count in end.count}
+            for name, stream in STREAMS.items():
+                if stream.publisher == role and not name.startswith("end/"):
+                    self._reconcile(role, name, announced.get(name))
+        if _NAMELESS in self.counters and len(self.ends) > 1:
+            self._reconcile_events()
+        steps, truth = self._steps(), self.tracks["truth"]
+        end_step = truth.next_step
+        if end_step < steps:
+            self._problem(f"stream 'truth' ends at step {end_step} of {steps}")
+        elif end_step > steps and self.metadata and "steps" in self.metadata:
+            self._problem(f"stream 'truth' goes on to step {end_step} of {steps}")
+        if self.unknown_channels or self.unnamed_channels:
+            self._problem("the file is cut off or damaged (it does not say what some messages are)")
+
+    def _reconcile_events(self) -> None:
+        """All events together, where some do not say which role's they are."""
+        names = [name for name in STREAMS if STREAMS[name].topic == "/events"]
+        here = sum(self.counters.get(n, Counter()).messages for n in [*names, _NAMELESS])
+        announced = sum(
+            count.messages for e in self.ends.values() for count in e.count if count.stream in names
+        )
+        if here != announced:
+            self._problem(f"{here} events are here, {announced} were announced")
+
+    def _reconcile(self, role: str, name: str, announced: Any) -> None:
+        here = self.counters.get(name, Counter())
+        if name.startswith("events/") and _NAMELESS in self.counters:
+            return
+        if announced is None:
+            if here.messages:
+                self._problem(f"the {role} announced no count for stream '{name}'")
+        elif (here.messages, here.samples) != (announced.messages, announced.samples):
+            self._problem(
+                f"stream '{name}': {here.messages} messages with {here.samples} samples are "
+                f"here, {announced.messages} with {announced.samples} were announced"
+            )
+
+    def _steps(self) -> int:
+        """Length of the run, in steps."""
+        text = (self.metadata or {}).get("steps", "0")
+        try:
+            steps = int(text)
+        except ValueError:
+            steps = -1
+        if not 0 <= steps <= LAST_NS:
+            self._problem(f"the length of the run cannot be read: '{text[:40]}'")
+            return 0
+        return steps
+
+    def agree(self) -> None:
+        """Fill what the hello says, too, and name where it says something else."""
+        hello = self.hello
+        if hello is None:
+            return
+        described = described_by(hello)
+        if not self.scene_toml:
+            self._problem("the scene is that of the hello: the file has no other")
+            self.scene_toml = hello.scene_toml
+        elif self.scene_toml != hello.scene_toml:
+            self._problem("the hello has another scene than the file")
+        if self.metadata is None:
+            self._problem("the description of the run is that of the hello")
+            self.metadata = described
+        for key in sorted(set(self.metadata) & set(described)):
+            if self.metadata[key] != described[key]:
+                self._problem(
+                    f"{key} is '{self.metadata[key][:40]}' in the file's description, "
+                    f"'{described[key][:40]}' in the hello"
+                )
+
+
+def _parsed(kind: Any, content: bytes) -> Any:
+    try:
+        return kind.read(ReadDataStream(BytesIO(content)))
+    except Exception as error:  # whatever the library makes of lengths that mean nothing
+        raise Damaged(f"{kind.__name__} cannot be read ({type(error).__name__})") from error
+
+
+def in_order(numbers: Sequence[Mapping[str, int]]) -> list[int]:
+    """Positions of parts so that the messages of every stream follow one another; else as they are.
+
+    `numbers` has, for each part, the first number of every stream in it. Where no order suits all
+    streams, as only a forged file has it, the part that comes first in the file is taken.
+    """
+    by_stream: dict[str, list[tuple[int, int]]] = defaultdict(list)
+    for position, first in enumerate(numbers):
+        for stream, number in first.items():
+            by_stream[stream].append((number, position))
+    after: dict[int, list[int]] = defaultdict(list)
+    waits = [0] * len(numbers)  # for how many others a part has to wait
+    for of_stream in by_stream.values():
+        of_stream.sort()
+        for (_, position), (_, follows) in pairwise(of_stream):
+            after[position].append(follows)
+            waits[follows] += 1
+    ready = [position for position, count in enumerate(waits) if not count]
+    order: list[int] = []
+    taken = [False] * len(numbers)
+    first_left = 0
+    while len(order) < len(numbers):
+        if ready:
+            position = heapq.heappop(ready)
+        else:  # a circle
+            while taken[first_left]:
+                first_left += 1
+            position = first_left
+        if taken[position]:
+            continue
+        taken[position] = True
+        order.append(position)
+        for follows in after[position]:
+            waits[follows] -= 1
+            if not waits[follows]:
+                heapq.heappush(ready, follows)
+    return order
+
+
+_OF_PLANT = (
+    (EventKind.CONTACT_BEGAN, re.compile(r"contact (?P<number>[0-9]{1,18}) began")),
+    (EventKind.CONTACT_ENDED, re.compile(r"contact (?P<number>[0-9]{1,18}) ended")),
+    (EventKind.RANGE_LEFT, re.compile(r"(?P<quantity>\w+) left the converter's range")),
+    (EventKind.RANGE_REGAINED, re.compile(r"(?P<quantity>\w+) is back in the converter's range")),
+)
+_LAW = re.compile(r"law (mode )?(\w+) -> (mode )?(\w+)(, .*)?")
+
+
+def older_fact(name: str, message: str) -> Fact:
+    """The fact in an event of an earlier version; of another sentence, that no more is known."""
+    if name == "controller" and (change := _LAW.fullmatch(message)):
+        before, mode = _mode(change[2]), _mode(change[4])
+        if before is not None and mode is not None:
+            return Fact(EventKind.LAW_MODE, mode_before=before, mode=mode)
+    for kind, pattern in _OF_PLANT if name == "plant" else ():
+        if found := pattern.fullmatch(message):
+            said = found.groupdict()
+            return Fact(kind, int(said.get("number", 0)), said.get("quantity", ""))
+    return Fact()
+
+
+def _mode(said: str) -> int | None:
+    if said in MODES:
+        return MODES.index(said)
+    return int(said) if re.fullmatch(r"-?[0-9]{1,18}", said) else None
+
 
 __all__ = ["Event", "JoinedStream", "Recording", "Source", "holds_a_run", "read"]
 

@@ -11,9 +11,11 @@ import numpy as np
 
 from hertzloop.analysis.effects import EffectState, Facts, names_by_state
 from hertzloop.analysis.impacts import first_impact, impacts_of_rows
-from hertzloop.analysis.meters import ExtremesMeter, Stability, StabilityMeter
-from hertzloop.analysis.spans import (
+from hertzloop.analysis.meters import (
+    ExtremesMeter,
     SpanFigures,
+    Stability,
+    StabilityMeter,
     WholeRunMeter,
     audible_modes,
     changes_db,

@@ -15,10 +15,12 @@ from hertzloop.analysis.meters import (
     ExtremesMeter,
     Push,
     PushMeter,
+    SpanFigures,
     Stability,
     StabilityMeter,
+    WholeRunMeter,
+    of_impact,
 )
-from hertzloop.analysis.spans import SpanFigures, WholeRunMeter, of_impact
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES

@@ -8,8 +8,7 @@ import numpy as np
 
 from hertzloop.analysis.impacts import Block
 from hertzloop.plant.time_series import TRUTH
-from hertzloop.recordings.columns import Arrays
-from hertzloop.recordings.reader import Recording
+from hertzloop.recordings.reader import Arrays, Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import parse
 

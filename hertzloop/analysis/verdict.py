@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from hertzloop.analysis.figures import Figures, Ran, Saturation, figures_of
+from hertzloop.analysis.meters import change_db, predictable
 from hertzloop.analysis.model import Yield, yield_of
 from hertzloop.analysis.recorded import LawRan, Pacing, blocks_of, law_of, pacing_of
-from hertzloop.analysis.spans import change_db, predictable
 from hertzloop.analysis.trust import (
     LawAccuracy,
     NotAgain,

@@ -193,7 +193,7 @@ def compare(
 
 def _compare_figures(left: "Recording", right: "Recording", json_file: Path | None) -> None:
     """Print the figures of two recordings side by side."""
-    from hertzloop.analysis.spans import compared
+    from hertzloop.analysis.meters import compared
     from hertzloop.views import inspection
     from hertzloop.views.data import comparison_as_json, figures_in
 

@@ -1,15 +1,15 @@
 """What values of a scene do not fit together, each alone being fine."""
 
 import math
+from collections.abc import Mapping
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from hertzloop.controller.loading.registry import controls
 from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
 from hertzloop.plant.structures.registry import STRUCTURES
-from hertzloop.scenes.changed_tables import unread
-from hertzloop.scenes.errors import shortened
+from hertzloop.scenes.errors import shortened, shown
 from hertzloop.scenes.materials import MaterialTable, material_called
 from hertzloop.scenes.quantities import SENSED
 
@@ -399,3 +399,49 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
             f"'{run.scheme}' supports at most {scheme.most_steps}. Reduce the duration."
         )
     return found
+
+
+_ANY = object()  # any value but None
+# By table and key: the key of the same table that decides, and its value. The keys of laws are
+# treated the same way, by the law that has them.
+_READ_BY: dict[tuple[str, str], tuple[str, Any]] = {
+    ("contact", "viscous_n_s_m"): ("damping", "viscous"),
+    ("contact", "restitution"): ("damping", "hunt_crossley"),
+    ("contact", "relaxation_stiffness"): ("damping", "relaxation"),
+    ("contact", "relaxation_s"): ("damping", "relaxation"),
+    ("contact", "relaxation_solve"): ("damping", "relaxation"),
+    ("contact", "limiting_pressure_pa"): ("plasticity", "thornton"),
+    ("actuator", "damping"): ("bandwidth_hz", _ANY),
+}
+
+
+def _reads(decided: Any, needed: Any) -> bool:
+    return decided is not None if needed is _ANY else bool(decided == needed)
+
+
+def unread(scene: Any) -> list[str]:
+    """Sentences on keys of a scene's tables that are not at their default, but have no effect."""
+    found = []
+    for (name, key), (by, needed) in _READ_BY.items():
+        table = getattr(scene, name)
+        value, decided = getattr(table, key), getattr(table, by)
+        if value == type(table).model_fields[key].default or _reads(decided, needed):
+            continue
+        has, give = f"with {name}.{by} = {shown(decided)}", f"{name}.{by} = {shown(needed)}"
+        if needed is _ANY:
+            has, give = f"without {name}.{by}", f"{name}.{by}"
+        found.append(
+            f"{name}.{key} = {shown(value)}: has no effect {has}. Leave the key out, or set {give}"
+        )
+    return found
+
+
+def drop_unread(data: dict[str, Any], changed: Mapping[str, Any]) -> None:
+    """Drop keys of a scene's tables that lose their effect because of the keys `changed`, unless
+    they are among these."""
+    for (name, key), (by, needed) in _READ_BY.items():
+        table, decides = data.get(name), f"{name}.{by}"
+        if not isinstance(table, dict) or f"{name}.{key}" in changed:
+            continue
+        if decides in changed and not _reads(changed[decides], needed):
+            table.pop(key, None)

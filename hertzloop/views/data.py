@@ -12,9 +12,9 @@ from typing import Any
 
 from hertzloop.analysis.figures import Figures, free_figures, no_loop
 from hertzloop.analysis.impacts import through_first_contact
+from hertzloop.analysis.meters import Comparison, RunFigures, SpanFigures
 from hertzloop.analysis.model import chosen_model, radiation_of, tail_of, theory_of
 from hertzloop.analysis.recorded import LawRan, PacedClock, Pacing, blocks_of
-from hertzloop.analysis.spans import Comparison, RunFigures, SpanFigures
 from hertzloop.analysis.trust import (
     ImpactErrors,
     LawAccuracy,

@@ -8,9 +8,9 @@ from rich.console import Console
 from rich.text import Text
 
 from hertzloop.analysis.figures import Ran, figures_of
+from hertzloop.analysis.meters import Comparison, Difference
 from hertzloop.analysis.model import yield_of
 from hertzloop.analysis.recorded import NEEDED_FIELDS, blocks_of, law_of, pacing_of
-from hertzloop.analysis.spans import Comparison, Difference
 from hertzloop.analysis.trust import errors_of, predictability, why_not_again
 from hertzloop.analysis.verdict import saturation_of, verdict
 from hertzloop.recordings.reader import Recording

@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from hertzloop.analysis.spans import change_db
+from hertzloop.analysis.meters import change_db
 from hertzloop.analysis.trust import errors_of
 from hertzloop.controller.loading.registry import controls
 from hertzloop.plant.schemes.registry import SCHEMES

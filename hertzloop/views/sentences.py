@@ -2,9 +2,8 @@
 
 from hertzloop.analysis.cases import IN_WORDS, OTHER, Span
 from hertzloop.analysis.figures import Saturation
-from hertzloop.analysis.meters import Stability
+from hertzloop.analysis.meters import MUCH_DB, Stability
 from hertzloop.analysis.recorded import IN_TIME, LawRan, PacedClock, Pacing
-from hertzloop.analysis.spans import MUCH_DB
 from hertzloop.analysis.trust import LawAccuracy, Moved, NotAgain, Obstacle
 from hertzloop.analysis.verdict import Change, Control, ControlEffect, Later, Reasons, RunVerdict
 from hertzloop.analysis.words import percent, time_words

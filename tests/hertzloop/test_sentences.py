@@ -14,8 +14,7 @@ from hertzloop.bus import events
 from hertzloop.bus.messages_pb2 import Event, EventKind
 from hertzloop.law import ACTING, IDLE, SPENT, WATCHING
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.intake import older_fact
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import Recording, older_fact, read
 from hertzloop.recordings.replay.data import law_states
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load

@@ -14,8 +14,7 @@ from hertzloop.analysis.trust import ImpactErrors, NotAgain, Obstacle, Predictab
 from hertzloop.analysis.verdict import saturation_of, verdict
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
-from hertzloop.recordings.intake import older_fact
-from hertzloop.recordings.reader import Event
+from hertzloop.recordings.reader import Event, older_fact
 from hertzloop.views.sentences import verdict_sentences
 from tests.commands import invoke
 

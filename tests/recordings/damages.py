@@ -24,9 +24,8 @@ from mcap.opcode import Opcode
 
 import hertzloop.recordings.writer
 from hertzloop.recordings.chunks import inner_records, message_of, unpacked
-from hertzloop.recordings.columns import SAMPLED
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Recording, read, recover
+from hertzloop.recordings.reader import SAMPLED, Recording, read, recover
 from hertzloop.recordings.writer import RecordingError
 from tests.faults import page
 from tests.recordings.damaging import DAMAGES

@@ -9,8 +9,7 @@ import pytest
 from mcap.opcode import Opcode
 
 import hertzloop.recordings.chunks
-from hertzloop.recordings.intake import in_order
-from hertzloop.recordings.reader import Source, read, recover
+from hertzloop.recordings.reader import Source, in_order, read, recover
 from hertzloop.recordings.writer import RecordingError
 from tests.recordings.damages import (
     DAMAGES,

@@ -12,9 +12,8 @@ from mcap.opcode import Opcode
 from rich.console import Console
 
 import hertzloop.recordings.writer
-from hertzloop.recordings.columns import SAMPLED
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import Recording, read, recover
+from hertzloop.recordings.reader import SAMPLED, Recording, read, recover
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.views import inspection
 from tests.recordings.damaging import DAMAGES, lying

@@ -15,7 +15,7 @@ from mcap.opcode import Opcode
 from hertzloop.bus import wire
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import Envelope, StreamFault
-from hertzloop.recordings import columns, intake
+from hertzloop.recordings import reader
 from hertzloop.recordings.chunks import MAGIC, RECORD_BYTES
 from hertzloop.recordings.reader import read, recover
 from hertzloop.recordings.writer import Recorder, RecordingError, RecordingWriter
@@ -114,7 +114,7 @@ def test_the_events_of_a_long_run_are_read(many: Path) -> None:
 def test_there_is_an_end_to_events(
     many: Path, monkeypatch: pytest.MonkeyPatch, limit: str, most: int, sentence: str
 ) -> None:
-    monkeypatch.setattr(intake, limit, most)
+    monkeypatch.setattr(reader, limit, most)
     kept = read(many)
     assert len(kept.events) == 1000
     assert sentence in kept.problems[0] + kept.problems[1]
@@ -188,7 +188,7 @@ def test_a_recording_that_changes_while_it_is_read(
     path = tmp_path / "a.mcap"
     path.write_bytes(whole.read_bytes())
     there, in_memory = read(path), read(path, keep=True)
-    monkeypatch.setattr(columns, "IN_MEMORY", 10)
+    monkeypatch.setattr(reader, "IN_MEMORY", 10)
     too_long = read(path, keep=True)
     with path.open("r+b") as file:
         file.truncate(2000)
