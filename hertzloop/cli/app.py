@@ -112,8 +112,9 @@ SCENE = (
         "scene check aluminium-3mm",
     ),
     Leaf(
-        "scene modes", "scene:modes", "Write the plate's modes as a table that a scene can read.",
-        "scene modes aluminium-3mm --out modes.csv",
+        "scene modes", "modes:modes",
+        "Write modes as a table that a scene can read: of a plate, or measured ones.",
+        "scene modes --from plate.unv --contact 12 --direction z --out modes.csv",
     ),
 )  # fmt: skip
 LAW = (

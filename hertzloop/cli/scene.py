@@ -1,33 +1,27 @@
-"""The commands `hertzloop scene ...`: list, show, new, keys, check, modes."""
+"""The commands `hertzloop scene ...`: list, show, new, keys, check."""
 
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from hertzloop.cli.options import (
     JsonOption,
-    OverwriteOption,
     SceneArgument,
     SeedOption,
     SetOption,
     check_json,
-    check_output,
     compile_first,
-    files_of,
     make_folder,
     scene_from,
     write_json,
     write_new,
 )
 from hertzloop.cli.terminal import fail, out
-from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
 from hertzloop.scenes.errors import shown
 from hertzloop.scenes.scene import DEFAULT, shipped, shipped_text
 from hertzloop.setup import Setup, load
 from hertzloop.views.format import Table, styled
-from hertzloop.whole_files import write_whole
 
 
 def list_scenes() -> None:
@@ -68,11 +62,11 @@ _HEAD = """# A scene for hertzloop: run it with   hertzloop run {name}
 
 
 def _start_of(file: Path) -> str:
-    text = shipped_text(DEFAULT).replace(f'name = "{DEFAULT}"', f'name = "{_scene_name(file)}"')
+    text = shipped_text(DEFAULT).replace(f'name = "{DEFAULT}"', f'name = "{scene_name(file)}"')
     return _HEAD.format(name=file.name) + text
 
 
-def _scene_name(file: Path) -> str:
+def scene_name(file: Path) -> str:
     """Return a name that a scene may have."""
     kept = "".join(c if c.isascii() and (c.isalnum() or c in "._-") else "-" for c in file.stem)
     return kept.lstrip("._-")[:80] or "mine"
@@ -156,38 +150,3 @@ def _draw_map(resolved: Setup, folder: Path) -> None:
         shares = (f"{100.0 * (size > level).mean():z.0f} %" for level in (1e-3, 1e-1))
         out.print("{}: above 0.1 % in {} of the map, above 10 % in {}".format(name, *shares))
     out.print(f"written: {folder}/validity.png and .csv", soft_wrap=True)
-
-
-def modes(
-    scene: SceneArgument = DEFAULT,
-    out_file: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Write this .csv, .parquet or .npz file."),
-    ] = None,
-    settings: SetOption = None,
-    grid: Annotated[
-        bool, typer.Option("--grid", help="Add mode shapes on a grid for the replay; .npz only.")
-    ] = False,
-    overwrite: OverwriteOption = False,
-) -> None:
-    """Write the plate's modes as a table that a scene can read.
-
-    The key plate.modes of a scene takes this file.
-    """
-    resolved = scene_from(scene, settings, None)
-    target = out_file or Path(f"{resolved.name}-modes.csv")
-    if target.suffix not in SUFFIXES:
-        fail(f"--out = {target}: unknown format. Use a name that ends in {', '.join(SUFFIXES)}.", 2)
-    if grid and target.suffix != ".npz":
-        fail(f"--out = {target}: cannot hold shapes on a grid. Use an .npz file with --grid.", 2)
-    check_output(target, overwrite, read=files_of(resolved, scene, *(settings or [])))
-    from hertzloop.analysis.deflection import modes_of_scene
-
-    table = modes_of_scene(resolved, grid)
-    write_whole(target, write_modes(target.suffix, table))
-    out.print(
-        f"{len(table.omega_rad_s)} modes up to {table.omega_rad_s[-1] / (2 * np.pi):.4g} Hz (modes "
-        "of equal frequency merged, modes without participation dropped), and a residual "
-        f"flexibility of {table.residual_flexibility_m_n:.4g} m/N; written: {target}",
-        soft_wrap=True,
-    )

@@ -232,6 +232,33 @@ def parse(
     return _checked(data, folder, recorded)
 
 
+def on_modes(source: str, settings: Iterable[str], modes: str, name: str) -> dict[str, Any]:
+    """Tables of a scene with a file of modes in the place of its plate.
+
+    Args:
+        source: a shipped scene, or a file. Of its plate, the material stays.
+        settings: `key=value`, set after that.
+        modes: name of the file of modes, beside the new scene.
+        name: name of the new scene.
+
+    Raises:
+        SceneError: there is no such scene, or a setting is wrong.
+    """
+    path = Path(source)
+    folder = path.parent if path.is_file() else Path()
+    data = from_toml(_text(source))
+    plate = data.get("plate")
+    material = plate.get("material") if isinstance(plate, dict) else None
+    data["plate"] = {"material": material} if material else {}
+    _take_in(data, folder)
+    pairs = [_setting(text) for text in settings]
+    _switch(data, dict(pairs), folder)
+    for key, value in pairs:
+        _put(data, key, value)
+    data["plate"]["modes"], data["name"] = modes, name
+    return {key: data[key] for key in ("name", *data)}
+
+
 def vary(scene: Scene, values: Mapping[str, Any]) -> Scene:
     """Return a scene with other values.
 

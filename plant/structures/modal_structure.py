@@ -35,6 +35,12 @@ class ModalStructure(BaseStructure):
     residual: float | None = None
 
     def __post_init__(self) -> None:
+        sensed = self.table.shape_sensor
+        if sensed is not None and not np.array_equal(sensed, self.table.shape_contact):
+            raise ValueError(
+                f"shape_sensor of {self.name}: sensors measure at the contact point only. Remove "
+                "the column, or give the modes with the contact point at the sensor."
+            )
         said = self.residual is not None or self.table.residual_flexibility_m_n is not None
         if not said and self.local_plate is None:
             raise ValueError(

@@ -1,11 +1,12 @@
 """Files of modes, from a finite-element program, a modal test or `hertzloop scene modes`.
 
 One row a mode, by rising frequency: frequency_hz, loss_factor, modal_mass_kg, shape_contact and,
-where the actuator pushes elsewhere, shape_actuator; CSV with a heading, Parquet, or NPZ with one
-array a column. Shapes are in any unit whose square goes with that of the modal mass. NPZ may hold
-x_m, y_m and shape_grid (modes, x, y) besides, for the picture. residual_flexibility_m_n, of all
-modes that are not in the file, is one number: "# residual_flexibility_m_n = 1e-8" above the heading
-of a CSV, in the metadata of a Parquet file, an array without dimensions in NPZ.
+where the actuator pushes or the sensor measures elsewhere, shape_actuator and shape_sensor; CSV
+with a heading, Parquet, or NPZ with one array a column. Shapes are in any unit whose square goes
+with that of the modal mass. NPZ may hold x_m, y_m and shape_grid (modes, x, y) besides, for the
+picture. residual_flexibility_m_n, of all modes that are not in the file, is one number: "#
+residual_flexibility_m_n = 1e-8" above the heading of a CSV, in the metadata of a Parquet file, an
+array without dimensions in NPZ.
 
 omega_rad_s and per_modal_mass_1_kg may stand in for frequency and mass: what the plant computes
 with, without the rounding of 2 pi and of a division. `hertzloop scene modes` writes both.
@@ -24,7 +25,7 @@ SUFFIXES = (".csv", ".parquet", ".npz")
 RESIDUAL = "residual_flexibility_m_n"
 _COLUMNS = ("frequency_hz", "loss_factor", "modal_mass_kg", "shape_contact")
 _INSTEAD = {"frequency_hz": "omega_rad_s", "modal_mass_kg": "per_modal_mass_1_kg"}
-_OPTIONAL = ("shape_actuator", *_INSTEAD.values())
+_OPTIONAL = ("shape_actuator", "shape_sensor", *_INSTEAD.values())
 _GRID = ("x_m", "y_m", "shape_grid")
 _AGREE = 1e-9  # of two columns that say the same
 _MOST_BYTES = 1 << 28  # unpacked
@@ -38,7 +39,8 @@ class ModeFileError(ValueError):
 @dataclass(frozen=True)
 class ModeTable:
     """What a file of modes says; arrays (modes,), `grid`: x (nx,), y (ny,) in m, shapes (modes, nx,
-    ny), or None; the residual flexibility in m/N, or None."""
+    ny), or None; the residual flexibility in m/N, or None; `shape_sensor`: None of a sensor at the
+    contact point."""
 
     omega_rad_s: np.ndarray
     loss_factor: np.ndarray
@@ -47,6 +49,7 @@ class ModeTable:
     shape_actuator: np.ndarray
     residual_flexibility_m_n: float | None = None
     grid: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+    shape_sensor: np.ndarray | None = None
 
 
 def read_modes(name: str, content: bytes) -> ModeTable:
@@ -160,6 +163,7 @@ def _checked(name: str, found: Mapping[str, np.ndarray]) -> ModeTable:
     return ModeTable(
         omega, columns["loss_factor"], per_mass, contact,
         columns.get("shape_actuator", contact), residual, _grid(name, found, count),
+        columns.get("shape_sensor"),
     )  # fmt: skip
 
 
@@ -174,7 +178,7 @@ def _needed(name: str, found: Mapping[str, np.ndarray]) -> None:
             hint = f" ('{like[0]}' has another unit or none: name it {key}, in that unit)"
         raise ModeFileError(
             f"{name} has no column {key}{hint}; a file of modes has {', '.join(_COLUMNS)}, and "
-            "shape_actuator if the actuator acts at another point"
+            "shape_actuator or shape_sensor if actuator or sensor are at another point"
         )
 
 
@@ -267,6 +271,8 @@ def write_modes(suffix: str, table: ModeTable) -> bytes:
         "shape_contact": table.shape_contact,
         "shape_actuator": table.shape_actuator,
     }
+    if table.shape_sensor is not None:
+        columns["shape_sensor"] = table.shape_sensor
     residual = table.residual_flexibility_m_n
     out = io.BytesIO()
     if suffix == ".csv":

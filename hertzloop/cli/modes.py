@@ -1,0 +1,234 @@
+"""The command `scene modes`: modes of a scene's plate, or measured ones, as a file of modes."""
+
+import tempfile
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import tomli_w
+import typer
+
+from hertzloop.cli.options import (
+    JsonOption,
+    OverwriteOption,
+    SetOption,
+    check_json,
+    check_output,
+    files_of,
+    scene_from,
+    write_json,
+)
+from hertzloop.cli.scene import scene_name
+from hertzloop.cli.terminal import fail, out
+from hertzloop.extras import need
+from hertzloop.plant.structures.mode_file import SUFFIXES, ModeTable, write_modes
+from hertzloop.scenes.scene import DEFAULT, on_modes, shipped
+from hertzloop.setup import Setup, load
+from hertzloop.whole_files import write_whole
+
+
+def modes(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[SCENE] [FILE]...",
+            help="Name of a shipped scene, or a .toml file; more files of --from.",
+        ),
+    ] = None,
+    source: Annotated[
+        str | None,
+        typer.Option(
+            "--from", metavar="FILE", help="Read measured modes from this file (UFF, UNV)."
+        ),
+    ] = None,
+    contact: Annotated[
+        str | None, typer.Option(metavar="NODE", help="Node of the contact point, with --from.")
+    ] = None,
+    actuator: Annotated[
+        str | None,
+        typer.Option(metavar="NODE", help="Node of the actuator; default: the contact point."),
+    ] = None,
+    sensor: Annotated[
+        str | None,
+        typer.Option(metavar="NODE", help="Node of the sensor; default: the contact point."),
+    ] = None,
+    direction: Annotated[
+        Literal["x", "y", "z"] | None,
+        typer.Option(help="Direction of force and motion; default: the only one of the file."),
+    ] = None,
+    units: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LENGTH,FORCE",
+            help="Units of the file, such as mm,N; default: those that the file states.",
+        ),
+    ] = None,
+    unit_mass: Annotated[
+        bool,
+        typer.Option("--unit-modal-mass", help="Take the shapes of the file as mass-normalised."),
+    ] = False,
+    loss_factor: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=1.0, help="Loss factor of every mode of a file without damping."),
+    ] = None,
+    out_file: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Write this .csv, .parquet or .npz file."),
+    ] = None,
+    settings: SetOption = None,
+    grid: Annotated[
+        bool, typer.Option("--grid", help="Add mode shapes on a grid for the replay; .npz only.")
+    ] = False,
+    json_file: JsonOption = None,
+    overwrite: OverwriteOption = False,
+) -> None:
+    """Write modes as a table that a scene can read: of a scene's plate, or measured ones.
+
+    The key plate.modes of a scene takes this file. With --from, a scene with these modes in the
+    place of the plate of SCENE is written beside it.
+    """
+    scene, files = _scene_and_files(names or [], source)
+    if source is None:
+        given = {"contact": contact, "actuator": actuator, "sensor": sensor, "units": units,
+                 "direction": direction, "loss-factor": loss_factor,
+                 "unit-modal-mass": unit_mass or None}  # fmt: skip
+        for option, value in given.items():
+            if value is not None:
+                fail(f"--{option}: describes a file of measured modes. Add --from FILE.", 2)
+        _of_scene(scene, out_file, settings or [], grid, overwrite, json_file)
+        return
+    if grid:
+        fail("--grid: measured modes have no shapes on a grid. Leave it out.", 2)
+    target = _target(out_file or Path(f"{Path(source).stem}-modes.csv"))
+    beside = target.with_suffix(".toml")
+    for path in (target, beside):
+        check_output(path, overwrite, read=[*map(Path, files), Path(scene)])
+    check_json(json_file, target, beside)
+    from hertzloop.studies.modal import universal as uff
+
+    need("pyuff")
+    if contact is None:
+        fail("--contact: is missing. Give the node of the contact point.", 2)
+    points = uff.Points(
+        uff.node_of("contact", contact),
+        None if actuator is None else uff.node_of("actuator", actuator),
+        None if sensor is None else uff.node_of("sensor", sensor),
+        direction,
+    )
+    if len(files) != 1:
+        fail(f"--from: {len(files)} files are given. Give one file of modes.", 2)
+    path = Path(files[0])
+    sets = uff.read_sets(path)
+    found = uff.modes_of_sets(
+        sets, path, points, uff.units_of(sets, path, units), unit_mass=unit_mass,
+        loss_factor=loss_factor,
+    )  # fmt: skip
+    setup = _write(found.table, target, scene, settings or [])
+    table = found.table
+    out.print(
+        f"{len(table.omega_rad_s)} modes from {_hz(table, 0):.5g} to {_hz(table, -1):.5g} Hz in "
+        f"direction {found.direction}, units of the file: {found.units.name}.",
+        soft_wrap=True,
+    )
+    if found.most_complex:
+        out.print(
+            "The shapes are complex. The imaginary part of the nearest real shapes is at most "
+            f"{100 * found.most_complex:.2g} % of the largest value.",
+            soft_wrap=True,
+        )
+    if found.undamped:
+        out.print("The file has no damping. Give --loss-factor to set it.")
+    _tell_written(setup, target, beside, scene)
+    write_json(
+        json_file,
+        {
+            "modes": len(table.omega_rad_s),
+            "lowest_hz": _hz(table, 0),
+            "highest_hz": _hz(table, -1),
+            "direction": found.direction,
+            "units": found.units.name,
+            "largest_imaginary_part": found.most_complex,
+            "undamped": found.undamped,
+            "files": [str(target), str(beside)],
+        },
+    )
+
+
+def _target(path: Path) -> Path:
+    """The file to write; ends the command for one of another format."""
+    if path.suffix not in SUFFIXES:
+        fail(f"--out = {path}: unknown format. Use a name that ends in {', '.join(SUFFIXES)}.", 2)
+    return path
+
+
+def _hz(table: ModeTable, mode: int) -> float:
+    return float(table.omega_rad_s[mode] / (2 * np.pi))
+
+
+def _scene_and_files(names: list[str], source: str | None) -> tuple[str, list[str]]:
+    """The scene, and the files of --from: shells write the files of a pattern one by one."""
+    scenes = [name for name in names if name in shipped() or name.endswith(".toml")]
+    files = [name for name in names if name not in scenes]
+    if source is None:
+        scenes, files = [*scenes, *files], []
+    if len(scenes) > 1:
+        fail(f"SCENE = {', '.join(scenes)}: is more than one scene. Give one.", 2)
+    return scenes[0] if scenes else DEFAULT, [source, *files] if source is not None else []
+
+
+def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> Setup:
+    """Write a file of modes, and a scene with them beside it, if that can be simulated. Returns
+    the scene."""
+    content = write_modes(target.suffix, table)
+    data = on_modes(scene, settings, target.name, scene_name(target))
+    data["shows"] = f"Modes measured, in {target.name}; sphere and law of {scene}"
+    text = f"# Modes by hertzloop scene modes; all else from {scene}.\n{tomli_w.dumps(data)}"
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / target.name).write_bytes(content)
+        trial = Path(folder) / target.with_suffix(".toml").name
+        trial.write_text(text, encoding="utf-8")
+        setup = load(str(trial))
+    write_whole(target, content)
+    write_whole(target.with_suffix(".toml"), text)
+    return setup
+
+
+def _tell_written(setup: Setup, target: Path, beside: Path, scene: str) -> None:
+    out.print(
+        f"written: {target} and {beside}, which has sphere, material of the plate "
+        f"({setup.material_name('plate') or 'own numbers'}) and law of {scene}. Next: hertzloop "
+        f"run {beside}",
+        soft_wrap=True,
+    )
+
+
+def _of_scene(
+    scene: str, out_file: Path | None, settings: list[str], grid: bool, overwrite: bool,
+    json_file: Path | None,
+) -> None:  # fmt: skip
+    """Write the modes of a scene's plate."""
+    resolved = scene_from(scene, settings, None)
+    target = _target(out_file or Path(f"{resolved.name}-modes.csv"))
+    if grid and target.suffix != ".npz":
+        fail(f"--out = {target}: cannot hold shapes on a grid. Use an .npz file with --grid.", 2)
+    check_output(target, overwrite, read=files_of(resolved, scene, *settings))
+    check_json(json_file, target)
+    from hertzloop.analysis.deflection import modes_of_scene
+
+    table = modes_of_scene(resolved, grid)
+    write_whole(target, write_modes(target.suffix, table))
+    out.print(
+        f"{len(table.omega_rad_s)} modes up to {_hz(table, -1):.4g} Hz (modes "
+        "of equal frequency merged, modes without participation dropped), and a residual "
+        f"flexibility of {table.residual_flexibility_m_n:.4g} m/N; written: {target}",
+        soft_wrap=True,
+    )
+    write_json(
+        json_file,
+        {
+            "modes": len(table.omega_rad_s),
+            "highest_hz": _hz(table, -1),
+            "residual_flexibility_m_n": table.residual_flexibility_m_n,
+            "files": [str(target)],
+        },
+    )
