@@ -22,7 +22,8 @@ from hertzloop.bus.streams import (
     has_header_sequence,
 )
 from hertzloop.bus.zenoh_port import ZenohPort
-from hertzloop.processes.roles import BASE_PORT, default_endpoints
+from hertzloop.processes.program import BASE_PORT
+from hertzloop.processes.roles import default_endpoints
 from tests.hertzloop.processes import wait_for
 from tests.ports import free_ports
 

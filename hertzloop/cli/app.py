@@ -131,7 +131,7 @@ LAW = (
     Leaf(
         "law test", "law:controller_test",
         "Test your own controller program against the wire protocol.",
-        "law test --start 'python my_controller.py {name} {listen} {connect}'",
+        "law test --controller 'python my_controller.py {name} {listen} {connect}'",
     ),
 )  # fmt: skip
 NODE = (

@@ -1,8 +1,6 @@
 """The commands `hertzloop law ...`: list, new, replay, test."""
 
 import inspect
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,12 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hertzloop.cli.options import (
+    ControllerOption,
     JsonOption,
     NameOption,
     OverwriteOption,
     SetOption,
     TimeoutOption,
     WaitOption,
+    check_controller,
     check_json,
     check_output,
     check_picture,
@@ -153,17 +153,10 @@ def _setting(text: str) -> tuple[str, object]:
 
 
 def controller_test(
-    start: Annotated[
-        str,
-        typer.Option(
-            metavar="'CMD ...'",
-            help="Command line that starts the controller; {name}, {listen} and {connect} in it "
-            "are filled in. Without, one that runs already plays one script.",
-        ),
-    ] = "",
+    command: ControllerOption = None,
     script: Annotated[
         list[str] | None,
-        typer.Option(help="Play this script; repeatable; default with --start: all."),
+        typer.Option(help="Play this script; repeatable; default with --controller: all."),
     ] = None,
     law: Annotated[
         str | None, typer.Option(help="Require the forces of this law, byte for byte.")
@@ -182,7 +175,7 @@ def controller_test(
             min=1,
             max=65533,
             help="First of three ports: plant's, controller's, recorder's. Default: free ones "
-            "with --start, else those from 7450 on.",
+            "if CMD has {listen}, else those from 7450 on.",
         ),
     ] = None,
     timeout: TimeoutOption = 5.0,
@@ -190,40 +183,32 @@ def controller_test(
 ) -> None:
     """Test your own controller program against the wire protocol.
 
-    It plays a plant to the controller, and prints the first thing that is wrong.
+    It plays a plant to the controller, and prints the first thing that is wrong. Without
+    --controller it waits for a program that runs already, and plays one script.
     """
     from hertzloop.processes.conformance import Broken, Checks, Meeting
+    from hertzloop.processes.program import meeting_endpoints
 
     if law and expect:
         fail("--law: cannot be combined with --expect. Remove one of the two.", 2)
-    chosen = _chosen(script, law, expect, settings or [], everything=bool(start))
+    check_controller(command)
+    chosen = _chosen(script, law, expect, settings or [], everything=command is not None)
     checks = Checks()
     laws: set[str] = set()
-    with _ports(port, bool(start)) as ports:
-        meeting = Meeting(name, ports, timeout, wait)
+    with meeting_endpoints(command or "", port) as endpoints:
+        meeting = Meeting(name, endpoints, timeout, wait)
         for one in chosen:
             try:
-                laws |= _played(one, meeting, start, checks)
+                laws |= _played(one, meeting, command or "", checks)
             except Broken as error:
                 out.print(f"script '{one.name}': {error}", soft_wrap=True)
                 raise typer.Exit(1) from None
-            except (OSError, ValueError) as error:
-                fail(f"'{start}' cannot be started: {error}", 2)
+            except OSError as error:
+                fail(f"--controller = '{command}': cannot be started: {error}", 2)
     for text in sorted(laws):
         said = f"its law: {text}" if text else "it does not say which law ran (set_up.law)"
         err.print(said, soft_wrap=True)
     out.print(f"conforms: {checks.count:,} checks")
-
-
-def _ports(first: int | None, ours_to_start: bool) -> AbstractContextManager[Sequence[int]]:
-    """Ports of plant, controller and recorder; who runs already has to know them."""
-    from hertzloop.bus.wire import reserved_ports
-    from hertzloop.processes.roles import BASE_PORT
-
-    if first is None and ours_to_start:
-        return reserved_ports(3)
-    first = first or BASE_PORT
-    return nullcontext(range(first, first + 3))
 
 
 def _chosen(
@@ -251,22 +236,25 @@ def _chosen(
         if name not in known:
             fail(f"--script = '{name}': unknown script. Use one of {', '.join(known)}.", 2)
     if not everything and len(wanted) > 1:
-        fail("--script: a running controller plays one script. Use --start 'CMD' for several.", 2)
+        fail(
+            "--script: a running controller plays one script. Use --controller 'CMD' for several.",
+            2,
+        )
     return [known[name] for name in wanted]
 
 
-def _played(script: "Script", meeting: "Meeting", start: str, checks: "Checks") -> set[str]:
-    """Play a script at each of its horizons, once without `start`; the laws that ran.
+def _played(script: "Script", meeting: "Meeting", command: str, checks: "Checks") -> set[str]:
+    """Play a script at each of its horizons, once without `command`; the laws that ran.
 
-    Raises Broken, OSError and ValueError as `conformance.play`.
+    Raises Broken and OSError as `conformance.play`.
     """
     import numpy as np
 
     from hertzloop.processes.conformance import play
 
     laws, before = set(), None
-    for horizon in script.horizons if start else script.horizons[-1:]:
-        plant = play(script, horizon, meeting, start, checks)
+    for horizon in script.horizons if command else script.horizons[-1:]:
+        plant = play(script, horizon, meeting, command, checks)
         if plant.end is not None:
             laws.add(plant.end.set_up.law)
         if before is not None:

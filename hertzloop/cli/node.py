@@ -9,6 +9,7 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -124,7 +125,8 @@ def bus_address(
     """
     from hertzloop.bus.port import BusError
     from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
-    from hertzloop.processes.roles import BASE_PORT, BusAddress, default_endpoints
+    from hertzloop.processes.program import BASE_PORT
+    from hertzloop.processes.roles import BusAddress, default_endpoints
 
     check_endpoints("--listen", listen)
     check_endpoints("--connect", connect)
@@ -143,7 +145,7 @@ def bus_address(
 def check_endpoints(option: str, endpoints: list[str] | None) -> None:
     """End the command if what an option gives is no endpoint."""
     from hertzloop.bus.sockets import too_long
-    from hertzloop.processes.roles import BASE_PORT
+    from hertzloop.processes.program import BASE_PORT
 
     for endpoint in endpoints or []:
         found = _ENDPOINT.fullmatch(endpoint)
@@ -200,7 +202,7 @@ def watch(
     from hertzloop.bus.port import PeerLost
     from hertzloop.bus.wire import MessageError
     from hertzloop.processes.observer import truth_blocks
-    from hertzloop.processes.roles import BASE_PORT
+    from hertzloop.processes.program import BASE_PORT
     from hertzloop.recordings.replay import viewer
 
     check_endpoints("--connect", connect)
@@ -293,6 +295,7 @@ def plant(
         address = bus_address(PLANT, name, listen, connect, zenoh_config, timeout, wait, machine)
         if not machine:
             err.print(f"plant on {where(address)}: waiting for controller and recorder")
+        address = replace(address, on_open=lambda: tell(open=True))
         stats = roles.run_plant(
             resolved,
             address,
@@ -444,7 +447,7 @@ def write_keys(folder: Path, hosts: str, days: int) -> None:
 
 def _places(hosts: str) -> dict[str, tuple[str, int]]:
     """Host and port of every role, in the order of roles."""
-    from hertzloop.processes.roles import BASE_PORT
+    from hertzloop.processes.program import BASE_PORT
 
     places: dict[str, tuple[str, int]] = {}
     for word in hosts.split(","):

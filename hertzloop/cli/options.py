@@ -70,6 +70,15 @@ ConfigOption = Annotated[
     Path | None,
     typer.Option(help="Read the zenoh configuration from this JSON5 file.", exists=True),
 ]
+ControllerOption = Annotated[
+    str | None,
+    typer.Option(
+        "--controller",
+        metavar="'CMD ...'",
+        help="Start this command line as the controller; {name}, {listen} and {connect} in it are "
+        "filled in.",
+    ),
+]
 FastLaneOption = Annotated[
     bool,
     typer.Option(
@@ -142,6 +151,18 @@ def check_pace(setup: Setup, pace: float | None, timeout: float, **others: objec
     from hertzloop.loop.paced import check_pace as check
 
     check(setup, pace, timeout)
+
+
+def check_controller(command: str | None) -> None:
+    """End the command for a command line of a controller that cannot be started."""
+    if command is None:
+        return
+    from hertzloop.processes.program import check_command
+
+    try:
+        check_command(command)
+    except ValueError as error:
+        fail(str(error), 2)
 
 
 def check_law(setup: Setup) -> None:

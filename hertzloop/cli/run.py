@@ -12,6 +12,7 @@ import typer
 
 from hertzloop.cli.options import (
     RUN_NAME,
+    ControllerOption,
     DetailsOption,
     FastLaneOption,
     HorizonOption,
@@ -24,6 +25,7 @@ from hertzloop.cli.options import (
     SetOption,
     TimeoutOption,
     TransportName,
+    check_controller,
     check_json,
     check_pace,
     check_recording,
@@ -78,6 +80,7 @@ def run(
             "--verify", help="Repeat the closed loop with half the step and twice the modes."
         ),
     ] = False,
+    controller: ControllerOption = None,
     live: Annotated[
         bool, typer.Option("--live", help="Show the run in a viewer while it is in progress.")
     ] = False,
@@ -102,12 +105,14 @@ def run(
             f"--live: not available with --transport {transport}. Use --transport zenoh.",
             2,
         )
-    for option in ("pace",) * bool(pace) + ("repeat",) * bool(repeat):
+    given = {"pace": pace, "repeat": repeat, "controller": controller}
+    for option in (name for name, value in given.items() if value):
         if transport != "zenoh":
             fail(
                 f"--{option}: not available with --transport {transport}. Use --transport zenoh.",
                 2,
             )
+    check_controller(controller)
     check_pace(resolved, pace, timeout, horizon=horizon, verify=verify, repeat=repeat)
     if repeated is not None:
         repeat_or_fail(repeated, resolved)  # before three processes are started for nothing
@@ -117,11 +122,15 @@ def run(
     from hertzloop.processes import fork_server
     from hertzloop.processes.launcher import RunOptions, Transport, what_is_kept
     from hertzloop.processes.observer import observer_beside
+    from hertzloop.processes.program import BUS_NAME, meeting_endpoints
     from hertzloop.views import run as report
     from hertzloop.views.data import run_scene
 
     endpoints = on_loopback([port, port + 1, port + 2]) if port else None
     held = ExitStack()
+    if controller:
+        endpoints = held.enter_context(meeting_endpoints(controller, port))
+        name = name or (None if "{name}" in controller else BUS_NAME)
     if live:
         endpoints = endpoints or held.enter_context(own_endpoints())
         name = name or f"live-{os.getpid()}-{secrets.token_hex(4)}"
@@ -137,6 +146,7 @@ def run(
         realtime=realtime,
         pace=pace,
         repeat=repeat,
+        controller=controller,
     )
     started_s = time.time()
     if transport == "zenoh":
@@ -150,7 +160,9 @@ def run(
     ):
         data = run_scene(resolved, recording, options, advance)
     growth = warning = None
-    if resolved.has_law and not resolved.law.not_linear:  # the margin takes 0.06 s to import
+    if (
+        resolved.has_law and not resolved.law.not_linear and not controller
+    ):  # the margin takes 0.06 s to import
         from hertzloop.studies.margin.margin import growth_of
         from hertzloop.studies.margin.shown import unstable_line
 

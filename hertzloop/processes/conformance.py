@@ -5,7 +5,6 @@ The controller's process is started for each script, or runs already.
 """
 
 import math
-import shlex
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -18,7 +17,7 @@ import numpy as np
 
 from hertzloop.bus.messages_pb2 import DaqBlock, ForceBlock, RunEnd
 from hertzloop.bus.port import BusError, PeerLost, Publisher, new_run_id
-from hertzloop.bus.sockets import mesh_endpoints, on_loopback, own_folder
+from hertzloop.bus.sockets import mesh_endpoints, own_folder
 from hertzloop.bus.streams import (
     CONTROLLER,
     PLANT,
@@ -33,6 +32,7 @@ from hertzloop.bus.wire import MessageError
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.loop.controller_node import physical_values
 from hertzloop.loop.plant_streams import hello
+from hertzloop.processes.program import filled_in
 from hertzloop.recordings.reader import Recording
 from hertzloop.setup import Setup, load, parse
 
@@ -426,11 +426,11 @@ class Listener:
 
 @dataclass(frozen=True)
 class Meeting:
-    """Where the controller is met: the run's name, three ports on loopback (plant, controller,
-    recorder), the longest waits (s) for an answer and for the controller to appear."""
+    """Where the controller is met: the run's name, endpoints of plant, controller and recorder, the
+    longest waits (s) for an answer and for the controller to appear."""
 
     name: str
-    ports: Sequence[int]
+    endpoints: Sequence[str]
     timeout_s: float
     wait_s: float
 
@@ -441,17 +441,8 @@ class Meeting:
 
     def open(self, role: str) -> ZenohPort:
         """Join the bus. Raises BusError."""
-        listen, connect = mesh_endpoints(role, on_loopback(self.ports))
+        listen, connect = mesh_endpoints(role, self.endpoints)
         return ZenohPort(role, self.name, listen, connect, patience_s=self.timeout_s)
-
-    def command(self, words: str) -> list[str]:
-        """The controller's command line, with {name}, {listen} and {connect} filled in."""
-        [listen], [connect] = mesh_endpoints(CONTROLLER, on_loopback(self.ports))
-        filled = {"{name}": self.name, "{listen}": listen, "{connect}": connect}
-        found = shlex.split(words)
-        for place, value in filled.items():
-            found = [word.replace(place, value) for word in found]
-        return found
 
 
 class _Process:
@@ -507,25 +498,33 @@ def _started(words: list[str]) -> Iterator[_Process | None]:
 
 
 def play(
-    script: Script, horizon: int | None, meeting: Meeting, start: str, checks: Checks
+    script: Script, horizon: int | None, meeting: Meeting, command: str, checks: Checks
 ) -> ScriptedPlant:
-    """One run. `start`: the controller's command line, "" if it runs already.
+    """One run. `command`: the controller's command line, "" if it runs already.
 
     Raises Broken with the first thing that is wrong, OSError if the command line cannot be
     started.
     """
-    with _started(meeting.command(start)) as process:
-        return _play(script, horizon, meeting, process, checks)
+    ports: dict[str, ZenohPort] = {}
+    try:
+        ports[PLANT] = meeting.open(PLANT)  # first: not every program tries to connect again
+        with _started(filled_in(command, meeting.name, meeting.endpoints)) as process:
+            return _play(script, horizon, meeting, ports, process, checks)
+    except BusError as error:
+        raise Broken(str(error)) from error
+    finally:
+        for port in ports.values():
+            port.close()
 
 
 def _play(
     script: Script,
     horizon: int | None,
     meeting: Meeting,
+    ports: dict[str, ZenohPort],
     process: _Process | None,
     checks: Checks,
 ) -> ScriptedPlant:
-    ports = {PLANT: meeting.open(PLANT)}
     try:
         plant = ScriptedPlant(script, ports[PLANT], horizon, meeting.timeout_s, checks)
 
@@ -556,9 +555,6 @@ def _play(
         return plant
     except BusError as error:  # it is gone, or silent: before we go, too, it may say why
         raise Broken(f"{error}{process.last_words() if process else ''}") from error
-    finally:
-        for port in ports.values():
-            port.close()
 
 
 def _await(port: ZenohPort, roles: list[str], wait_s: float, process: _Process | None) -> None:

@@ -8,6 +8,7 @@ and standard streams. The fork server of `multiprocessing` does not fit: it runs
 """
 
 import atexit
+import ctypes
 import gc
 import importlib
 import json
@@ -34,6 +35,7 @@ from hertzloop.processes.signals import as_in_a_fresh_process, left_to_the_launc
 
 # What a role runs. By name, as in `python -m`: the command line imports this module.
 _PROGRAM = "hertzloop.__main__"
+_PR_SET_PDEATHSIG = 1  # of prctl(2)
 _DESCRIPTORS = 5  # of a request: its file, standard input, output and error, and the exit code
 # Variables that are read while modules are imported: a server with other values is of no use.
 _READ_AT_IMPORT = ("HOME", "NUMBA_", "OMP_", "OPENBLAS_", "PYTHON", "TMPDIR", "XDG_")
@@ -122,11 +124,13 @@ class ForkServer:
             finally:
                 os._exit(1)
 
-    def start(self, arguments: Sequence[str], stderr: Path, more: Mapping[str, str]) -> Role:
+    def start(
+        self, arguments: Sequence[str], stderr: Path, more: Mapping[str, str], program: bool
+    ) -> Role:
         """Start `hertzloop ARGUMENTS` in this working directory, with this environment.
 
         Args:
-            arguments: the command line after the program's name.
+            arguments: the command line after the program's name; of another `program` all of it.
             stderr: file that takes standard error.
             more: variables beside those of this environment.
 
@@ -137,6 +141,7 @@ class ForkServer:
             "arguments": list(arguments),
             "cwd": os.getcwd(),
             "environment": {**os.environ, **more},
+            "program": program,
         }
         stdin, stdout, status = os.pipe(), os.pipe(), os.pipe()
         # A file in memory: an environment may be larger than any message.
@@ -184,14 +189,17 @@ def prepare() -> ForkServer:
 
 
 def start(
-    arguments: Sequence[str], stderr: Path, more: Mapping[str, str] = MappingProxyType({})
+    arguments: Sequence[str],
+    stderr: Path,
+    more: Mapping[str, str] = MappingProxyType({}),
+    program: bool = False,
 ) -> Role:
     """Start a role; see `ForkServer.start`. A server that was killed is replaced once."""
     try:
-        return prepare().start(arguments, stderr, more)
+        return prepare().start(arguments, stderr, more, program)
     except (BrokenPipeError, ConnectionResetError):
         _servers.clear()
-        return prepare().start(arguments, stderr, more)
+        return prepare().start(arguments, stderr, more, program)
 
 
 @cache
@@ -257,6 +265,11 @@ def _become(file: int, *streams: int) -> NoReturn:
         os.environ.clear()
         os.environ.update(request["environment"])
         os.chdir(request["cwd"])
+        if request["program"]:
+            # It does not watch its standard input: it ends with this server, so with the launcher.
+            ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, SIGTERM)
+            as_in_a_fresh_process()
+            os.execvp(request["arguments"][0], request["arguments"])
         sys.argv = ["hertzloop", *request["arguments"]]
         setproctitle(visible(" ".join(sys.argv)))
         as_in_a_fresh_process()

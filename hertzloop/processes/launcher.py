@@ -8,10 +8,11 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
+from signal import SIGKILL
 from typing import Any
 
 from hertzloop.bus.presence import LONGEST_S
@@ -21,11 +22,13 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.bus.zenoh_config import RUN_KEY
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.processes import fork_server
+from hertzloop.processes.program import filled_in
 from hertzloop.processes.signals import Interrupted, ending_signals, how_ended
 from hertzloop.recordings.reader import holds_a_run
 from hertzloop.setup import Setup
 
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled
+_CONNECTS_S = 30.0  # for a program of the user's to connect
 _GRACE_S = 6.0  # for the others to notice a fault, close their files and leave the bus
 _PATIENCE_S = 5.0  # for a process to react to a signal, or to exit once it has done its part
 _LEAVE_S = 15.0  # for the others to do their part, once one has: all was recorded before
@@ -48,6 +51,7 @@ class Child:
     role: str
     process: fork_server.Role
     stderr: Path
+    program: str = ""  # its command line, if it is the user's: it reports nothing but its end
     ready: bool = False
     fault: str = ""
     others: bool = False  # the fault is another role's
@@ -63,9 +67,14 @@ class Child:
         if self.fault and code >= 0:
             return "" if self.others else self.fault
         if how := how_ended(code):
-            return f"{self.role} {how}"
-        lines = self.stderr.read_text().strip().splitlines() or ["no message"]
-        return f"{self.role} failed with exit code {code}: {lines[-1]}"
+            return f"{self.named} {how}"
+        lines = self.stderr.read_text(errors="replace").strip().splitlines() or ["no message"]
+        return f"{self.named} failed with exit code {code}: {lines[-1]}"
+
+    @property
+    def named(self) -> str:
+        """The role, and the program that plays it if that is the user's."""
+        return f"{self.role} ('{self.program}')" if self.program else self.role
 
 
 class Launcher:
@@ -86,9 +95,11 @@ class Launcher:
         realtime: str = "off",
         pace: float | None = None,
         repeat: Path | None = None,
+        controller: str | None = None,
     ) -> None:
         self._reports: queue.SimpleQueue[tuple[Child, dict[str, Any]] | None] = queue.SimpleQueue()
-        self._signals, self._key = 0, secrets.token_hex(16)
+        # Session ids that a program of the user's can know follow from the run's name alone.
+        self._signals, self._key = 0, "" if controller else secrets.token_hex(16)
         self._setup = setup
         self._in_use = ExitStack()
         self.children: list[Child] = []
@@ -102,6 +113,10 @@ class Launcher:
         self._commands[PLANT] += [] if fast_lane else ["--no-fast-lane"]
         self._commands[PLANT] += ["--pace", repr(pace)] if pace else []
         self._commands[PLANT] += ["--repeat", str(repeat)] if repeat else []
+        self._program = controller  # in place of our own
+        if controller:
+            del self._commands[CONTROLLER]
+            wait_s = min(wait_s, _CONNECTS_S)
         self._common = ["--timeout", str(timeout_s), "--wait", str(wait_s)]
         self._common += ["--realtime", realtime]
         # A role that waits, compiles or runs times out or reports before.
@@ -115,18 +130,21 @@ class Launcher:
         options += [word for url in listen for word in ("--listen", url)]
         return options + [word for url in connect for word in ("--connect", url)]
 
-    def _start(self, role: str, arguments: list[str], folder: Path) -> None:
+    def _start(self, role: str, arguments: list[str], folder: Path, program: str = "") -> Child:
         arguments = [str(folder / word) if word == _SCENE else word for word in arguments]
         stderr = folder / f"{role}.stderr"
         # A role has its own session: Ctrl-C comes to the launcher, which ends the roles in order.
         # Nothing is written to its standard input, which ends with the launcher, however that ends.
-        process = fork_server.start(arguments, stderr, {RUN_KEY: self._key})
-        child = Child(role, process, stderr)
+        process = fork_server.start(arguments, stderr, {RUN_KEY: self._key}, bool(program))
+        child = Child(role, process, stderr, program)
         self.children.append(child)
         threading.Thread(target=self._listen, args=(child,), daemon=True).start()
+        return child
 
     def _listen(self, child: Child) -> None:
         for line in child.process.stdout:
+            if child.program:
+                continue  # it is for people
             try:
                 self._reports.put((child, json.loads(line)))
             except json.JSONDecodeError:
@@ -141,6 +159,7 @@ class Launcher:
             (Path(folder) / _SCENE).write_text(self._setup.as_toml(), encoding="utf-8")
             endpoints = self._endpoints or stack.enter_context(own_endpoints())
             name = self._name or f"run-{os.getpid()}-{secrets.token_hex(4)}"
+            self._place = Path(folder), name, endpoints
             stack.callback(self._end_all)
             for role, command in self._commands.items():
                 self._start(
@@ -178,6 +197,10 @@ class Launcher:
             if item is None:
                 raise Interrupted
             child, report = item
+            if "open" in report and self._program:  # not every program tries to connect again
+                folder, name, endpoints = self._place
+                words = filled_in(self._program, name, endpoints)
+                running[CONTROLLER] = self._start(CONTROLLER, words, folder, self._program)
             child.heard_s = ran.now()
             if not failed and (hung := _silent(running, self._hung_s, ran)):
                 how = f"no sign of life for {self._hung_s:g} s (stopped, or no processor time)"
@@ -191,9 +214,14 @@ class Launcher:
                 setattr(child, name, report.get(name, getattr(child, name)))
             if child.fault and not failed:
                 silent |= _silent(running, _SILENT_S, ran)
+            if child.program and "exited" in report and not child.process.returncode:
+                begun = any(c.ready for c in self.children)
+                child.done = {"left": True} if begun else {}
+                child.fault = "" if begun else f"{child.named} ended before the run began"
             if child.done:  # whatever becomes of the process now
                 running.pop(child.role, None)
-                deadline = min(deadline, clock.now() + _LEAVE_S)
+                own = running.keys() - {CONTROLLER} or not self._program
+                deadline = min(deadline, clock.now() + (_LEAVE_S if own else _PATIENCE_S))
             elif "exited" in report:
                 del running[child.role]
                 failed.append(child)
@@ -203,9 +231,13 @@ class Launcher:
                 in_vain = known and not any(c.ready for c in running.values())
                 deadline = min(deadline, clock.now() + (0.0 if in_vain else _GRACE_S))
         if failed:
-            own = not self._setup.law_is_shipped
+            own = not self._setup.law_is_shipped and not self._program
             law = self._setup.law.name if own else ""
             raise RunFailed(_cause(failed, set(running), silent, law))
+        if self._program and running.keys() == {CONTROLLER}:  # it might serve another run
+            program = running.pop(CONTROLLER)
+            program.process.terminate()
+            program.done = {"left": False}
         if running:
             ended = f"the others had ended their part of the run {_LEAVE_S:g} s before"
             raise RunFailed(_not_reacting(running, ended))
@@ -221,6 +253,8 @@ class Launcher:
         stages: list[tuple[Callable[[fork_server.Role], None], Sequence[str]]] = [
             (Role.terminate, (PLANT,)), (Role.terminate, ROLES), (Role.kill, ROLES)
         ]  # fmt: skip
+        if not any(child.ready for child in self.children):
+            del stages[0]  # they have not met
         if all(child.done for child in self.children):
             stages.insert(0, (lambda _: None, ROLES))
         for end, roles in stages:
@@ -235,6 +269,9 @@ class Launcher:
                 time.sleep(0.01)
         for child in self.children:
             child.process.stdin.close()
+            if child.program:  # a shell's, too
+                with suppress(ProcessLookupError):
+                    os.killpg(child.process.pid, SIGKILL)
 
 
 def _silent(running: Mapping[str, Child], for_s: float, ran: ProcessClock) -> set[str]:
@@ -252,7 +289,8 @@ def _cause(
     Whoever merely lost another, or was told of a fault, is not to blame; nor is one that still
     runs, unless another missed it. `law`: one from elsewhere, which may hang.
     """
-    for child in sorted(failed, key=lambda c: (c.process.returncode or 0) >= 0):
+    # A program of the user's ends by a code of its own where it was told of a fault.
+    for child in sorted(failed, key=lambda c: (c.program != "", (c.process.returncode or 0) >= 0)):
         if reason := child.own_reason():
             return reason
     missed = {role for child in failed for role in child.lost}
@@ -307,6 +345,7 @@ class RunOptions:
     realtime: str = "off"
     pace: float | None = None  # simulated over wall time; None: in lock-step
     repeat: Path | None = None  # a recording whose forces act, late ones as late as there
+    controller: str | None = None  # command line of a program that plays the controller
 
 
 def record(
@@ -334,6 +373,7 @@ def record(
             realtime=options.realtime,
             pace=options.pace,
             repeat=options.repeat,
+            controller=options.controller,
         ) as processes:
             return processes.wait(on_progress)
     loop = record_in_process(

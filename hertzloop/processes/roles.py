@@ -37,7 +37,6 @@ from hertzloop.setup import Setup
 if TYPE_CHECKING:
     from hertzloop.loop.controller_node import ControllerNode
 
-BASE_PORT = 7450
 _GRACE_S = 2.0  # for the others to hear of a fault, and for the scene to come after one
 _COMPLETION_S = 60.0  # for the recorder to close its file, at least
 _PATIENCE_S = 4.0  # for an interrupted role to end in order
@@ -60,12 +59,15 @@ class BusAddress:
     timeout_s: float = 5.0  # longest wait for a message during the run
     wait_s: float = 30.0  # longest wait for the others to appear
     watched: bool = False  # by a launcher, which ends the run if a role does not react
+    on_open: Callable[[], None] = lambda: None  # called once others can connect
 
     def open(self, role: str) -> ZenohPort:
         """Join the bus. Raises BusError."""
         where = (self.listen, self.connect, self.config_file)
         patience_s = _NO_LIMIT_S if self.watched else self.timeout_s
-        return ZenohPort(role, self.name, *where, patience_s, _say)
+        port = ZenohPort(role, self.name, *where, patience_s, _say)
+        self.on_open()
+        return port
 
 
 def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[str]]:

@@ -10,12 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.streams import PLANT, Envelope, decode
+from hertzloop.loop.compiled import simulate
+from hertzloop.plant import time_series as ts
 from hertzloop.processes.conformance import Checks, ScriptedPlant, scripts
 from hertzloop.recordings.reader import read
+from hertzloop.setup import parse
 from tests.hertzloop.lanes import QueuePort
 from tests.hertzloop.processes import finish, hertzloop, start
 from tests.ports import free_ports
@@ -46,14 +50,19 @@ def start_other(command: str) -> subprocess.Popen:
     )
 
 
+def words_of(text: str) -> str:
+    """A text in one line."""
+    return " ".join(text.split())
+
+
 def conformance(command: str, *words: str) -> tuple[int, str]:
     """Exit code and what was said, in one line."""
     # Nothing is timed, but where a controller is silent: it says when it ends that wait.
     patient = [] if "--timeout" in words else ["--timeout", "60"]
-    wanted = ("law", "test", "--start", command, "--wait", "120", *patient, *words)
+    wanted = ("law", "test", "--controller", command, "--wait", "120", *patient, *words)
     done = hertzloop(*wanted, timeout_s=800.0)
     assert "Traceback" not in done.stderr, done.stderr
-    return done.returncode, " ".join((done.stdout + done.stderr).split())
+    return done.returncode, words_of(done.stdout + done.stderr)
 
 
 @pytest.mark.full
@@ -136,7 +145,7 @@ def test_a_broken_rule_of_a_script(rule: str, words: str, sentence: str) -> None
 def test_a_controller_that_cannot_be_started_or_does_not_stay() -> None:
     code, said = conformance("no-such-program-here {name}")
     assert code == 2
-    assert "'no-such-program-here {name}' cannot be started" in said
+    assert "'no-such-program-here {name}': cannot be started" in said
     code, said = conformance(f"{sys.executable} -c 1/0")
     assert code == 1
     assert "did not connect (its process ended with exit code 1: ZeroDivisionError" in said
@@ -153,7 +162,7 @@ def test_a_controller_that_cannot_be_started_or_does_not_stay() -> None:
     ],
 )
 def test_mistakes(words: str, sentence: str) -> None:
-    done = hertzloop("law", "test", "--start", "true", *words.split(), cwd=ROOT)
+    done = hertzloop("law", "test", "--controller", "true", *words.split(), cwd=ROOT)
     assert done.returncode == 2
     assert sentence in " ".join(done.stderr.split())
 
@@ -172,6 +181,54 @@ def test_one_that_runs_already(tmp_path: Path) -> None:
     done = hertzloop("law", "test", *words, "--wait", "1")
     assert done.returncode == 1
     assert "no controller connected to bus 'running' within 1 s" in done.stdout
+
+
+def run_with(command: str, folder: Path, *words: str) -> subprocess.CompletedProcess:
+    """`hertzloop run` with a program of the user's as its controller."""
+    short = ("--set", "run.duration_s=0.0016", "--set", "run.accuracy=0.1", "--overwrite")
+    return hertzloop("run", "aluminium-3mm", *short, "--controller", command, *words, cwd=folder)
+
+
+def test_a_run_has_a_program_as_its_controller(tmp_path: Path) -> None:
+    done = run_with(EXAMPLE, tmp_path, "--out", "own.mcap", "--timeout", "60")
+    assert done.returncode == 0, done.stderr
+    assert "Law: own slope threshold 1.0 (the scene says slope_threshold)" in words_of(done.stdout)
+    forces = read(tmp_path / "own.mcap").force.arrays["force_n"]
+    assert np.any(forces)
+    scene = read(tmp_path / "own.mcap").scene_toml
+    assert forces.tobytes() == simulate(parse(scene)).rows[ts.F_A].tobytes()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    ("command", "code", "sentence"),
+    [
+        ("false", 1, "controller ('false') failed with exit code 1: no message"),
+        ("true", 1, "controller ('true') ended before the run began"),
+        (f"{sys.executable} -c 1/0", 1, "failed with exit code 1: ZeroDivisionError"),
+        ("sh -c 'sleep 0.3; kill -9 $$'", 1, "was killed by SIGKILL"),
+        ("no-such-program-here", 2, "cannot be started: no such program"),
+        ("sh 'x", 2, "No closing quotation. Close the quotation."),
+        ("sh {connect}", 2, "has one of {listen} and {connect}. Use both, or none"),
+        (f"{BROKEN} rubbish {PLACES}", 1, "malformed message on stream 'force'"),
+        (f"{BROKEN} dies {PLACES}", 1, "controller ("),
+    ],
+)
+def test_a_program_that_fails_is_named(
+    tmp_path: Path, command: str, code: int, sentence: str
+) -> None:
+    done = run_with(command, tmp_path, "--timeout", "60")
+    assert done.returncode == code, done.stderr
+    assert sentence in words_of(done.stderr)
+
+
+@pytest.mark.full
+def test_a_program_ends_with_the_run(tmp_path: Path) -> None:
+    base, pid = free_ports(3, in_a_row=True)[0], tmp_path / "pid"
+    stays = f"""sh -c "echo $$ > {pid}; {EXAMPLE}; sleep 500" """
+    done = run_with(stays, tmp_path, "--timeout", "60", "--port", str(base))
+    assert done.returncode == 0, done.stderr
+    assert not psutil.pid_exists(int(pid.read_text()))
 
 
 class TestARecording:

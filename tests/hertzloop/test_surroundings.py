@@ -46,8 +46,8 @@ COMMANDS = {
     "law new": (["law", "new", "{out}/a.py"], 0),
     "law replay": (["law", "replay", "{a}", "--law", "shifted_threshold", "--out", "{out}/a.png"],
                    0),
-    "law test": (["law", "test", "--start", NODE, "--script", "touch", "--timeout", "60", "--wait",
-                  "120"], 0),
+    "law test": (["law", "test", "--controller", NODE, "--script", "touch", "--timeout", "60",
+                  "--wait", "120"], 0),
     "node plant": (["node", "plant", *SCENE, "--wait", "0.1", "--name", "nobody"], 1),
     "node keys": (["node", "keys", "{out}/keys", "--hosts", "plant=10.0.0.1,controller=10.0.0.2,"
                    "recorder=10.0.0.3"], 0),

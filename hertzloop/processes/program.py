@@ -1,0 +1,55 @@
+"""A controller that is a program of the user's: its command line, and where it meets the run."""
+
+import shlex
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from hertzloop.bus.sockets import mesh_endpoints, on_loopback
+from hertzloop.bus.streams import CONTROLLER
+from hertzloop.bus.wire import reserved_ports
+
+BASE_PORT = 7450  # plant's; controller and recorder have the next two
+BUS_NAME = "hertzloop"  # of a run whose processes are not told another
+_PLACES = ("{listen}", "{connect}")
+
+
+def filled_in(command: str, name: str, endpoints: Sequence[str]) -> list[str]:
+    """The words of a command line, with {name}, {listen} and {connect} of the controller."""
+    [listen], [connect] = mesh_endpoints(CONTROLLER, endpoints)
+    words = shlex.split(command)
+    for place, value in (("{name}", name), *zip(_PLACES, (listen, connect), strict=True)):
+        words = [word.replace(place, value) for word in words]
+    return words
+
+
+def check_command(command: str) -> None:
+    """Raise ValueError, with a sentence, for a command line that cannot be started."""
+    try:
+        words = shlex.split(command)
+    except ValueError as error:
+        raise ValueError(f"--controller = '{command}': {error}. Close the quotation.") from None
+    if not words or shutil.which(words[0]) is None:
+        raise ValueError(
+            f"--controller = '{command}': cannot be started: no such program. Give its path."
+        )
+    if sum(place in command for place in _PLACES) == 1:
+        raise ValueError(
+            f"--controller = '{command}': has one of {{listen}} and {{connect}}. Use both, or "
+            f"none for a program that uses the ports from {BASE_PORT} on."
+        )
+
+
+@contextmanager
+def meeting_endpoints(command: str, first_port: int | None) -> Iterator[list[str]]:
+    """Endpoints of plant, controller and recorder on loopback, until the context ends.
+
+    They are the ports from `first_port` on; without it free ports for a program that is told its
+    endpoints, else those that a program uses by default.
+    """
+    if first_port is None and _PLACES[0] in command:
+        with reserved_ports(3) as ports:
+            yield on_loopback(ports)
+        return
+    first = first_port or BASE_PORT
+    yield on_loopback(range(first, first + 3))
