@@ -160,7 +160,7 @@ PICTURES = {
     "latency-chance.png": Drawn(_LATENCY, "latency-chance.png", _KAPPAS),
     "real.png": Drawn("python -m benchmarks.real_plant -o DIR", "real.png", _KAPPAS),
     "model_order.png": Drawn("python -m benchmarks.model_order -o DIR", "model_order.png", _PLANTS),
-    "validity.png": Drawn("hertzloop scene check --map DIR", "validity.png", _PLANTS),
+    "validity.png": Drawn("python -m benchmarks.validity_map -o DIR", "validity.png", _PLANTS),
     "speed_accuracy.png": Drawn(
         "python -m benchmarks.speed_accuracy -o DIR", "speed_accuracy.png", _SCHEMES
     ),

@@ -22,8 +22,8 @@ from benchmarks.program import (
     write_json,
     written,
 )
-from hertzloop.plant.schemes.thesis2008 import calibrate_relaxation, calibrate_viscous
 from hertzloop.studies.words import write_rows
+from paper.restitution import calibrate_relaxation, calibrate_viscous
 
 
 def main(

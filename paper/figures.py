@@ -23,7 +23,7 @@ from hertzloop.analysis.impacts import F_A, F_C, V_P, XI, XI_P, XI_S, first_impa
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import noise
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.plant.schemes.thesis2008 import calibrate_relaxation, sampled
+from hertzloop.plant.schemes.thesis2008 import sampled
 from hertzloop.plant.structures import radiation
 from hertzloop.plant.structures.structure import oscillators
 from hertzloop.setup import Setup, load
@@ -32,6 +32,7 @@ from hertzloop.studies.pictures import look
 from hertzloop.studies.words import write_records
 from paper import optima, weaknesses
 from paper import table_a1 as appendix
+from paper.restitution import calibrate_relaxation
 
 PLATES = ("aluminium", "oak", "sylomer")
 _OFF, _ON = "controller.law=off", "controller.law=slope_threshold"

@@ -38,16 +38,12 @@ from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes import thesis2008_kernels as k
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.plant.schemes.thesis2008 import (
-    ThesisPlant,
-    calibrate_relaxation,
-    calibrate_viscous,
-    first_contact,
-)
+from hertzloop.plant.schemes.thesis2008 import ThesisPlant
 from hertzloop.setup import Setup, load
 from hertzloop.studies import pictures
 from hertzloop.studies.words import write_records
 from hertzloop.views.format import Table
+from paper.restitution import calibrate_relaxation, calibrate_viscous, first_contact
 
 _LAW = "controller.law=slope_threshold"
 _OFF = "controller.law=off"

@@ -12,7 +12,6 @@ from hertzloop.cli.options import (
     SetOption,
     check_json,
     compile_first,
-    make_folder,
     scene_from,
     write_json,
     write_new,
@@ -20,7 +19,7 @@ from hertzloop.cli.options import (
 from hertzloop.cli.terminal import fail, out
 from hertzloop.scenes.errors import shown
 from hertzloop.scenes.scene import DEFAULT, shipped, shipped_text
-from hertzloop.setup import Setup, load
+from hertzloop.setup import load
 from hertzloop.views.format import Table, styled
 
 
@@ -100,14 +99,6 @@ def check(
     scene: SceneArgument = DEFAULT,
     settings: SetOption = None,
     seed: SeedOption = None,
-    map_folder: Annotated[
-        Path | None,
-        typer.Option(
-            "--map",
-            help="Map the effects over radius and thickness into this folder.",
-            metavar="DIR",
-        ),
-    ] = None,
     json_file: JsonOption = None,
 ) -> None:
     """List the physical effects that a scene neglects, and the size of each.
@@ -135,18 +126,4 @@ def check(
                 out.print(f"Unknown: {finding['sentence']}.", soft_wrap=True)
         if lacking := not_evaluated(neglected):
             out.print(lacking, soft_wrap=True)
-    if map_folder is not None:
-        _draw_map(resolved, map_folder)
     write_json(json_file, {"scene": resolved.name, **found})
-
-
-def _draw_map(resolved: Setup, folder: Path) -> None:
-    """Draw which theory and effects matter, over radius and thickness, for a scene's materials."""
-    from hertzloop.studies import validity as study
-
-    make_folder(folder)
-    sizes = study.run(resolved, folder)
-    for name, size in sizes.items():
-        shares = (f"{100.0 * (size > level).mean():z.0f} %" for level in (1e-3, 1e-1))
-        out.print("{}: above 0.1 % in {} of the map, above 10 % in {}".format(name, *shares))
-    out.print(f"written: {folder}/validity.png and .csv", soft_wrap=True)

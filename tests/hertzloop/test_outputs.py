@@ -127,7 +127,6 @@ _FOLDERS = [
     ["report", "F.mcap", "--out-dir", "{}"],
     ["listen", "F.mcap", "--out-dir", "{}"],
     ["margin", "--set", "controller.law=velocity_feedback", "--out-dir", "{}"],
-    ["scene", "check", "--map", "{}"],
     ["export-plant", "aluminium-3mm", "--cpu", "host", "--out-dir", "{}"],
     [
         "node",

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hertzloop.plant.figures.sound import PointMobility, longhorn_any_j, longhorn_short_j
 from hertzloop.setup import load
 from paper import equations, optima, tables
 from paper import figures as gallery
 from paper import table_a1 as appendix
+from paper.equations import PointMobility, longhorn_any_j, longhorn_short_j
 from tests.benchmarks.programs import called
 
 

@@ -13,16 +13,18 @@ from hertzloop.plant.schemes import thesis2008_kernels as k
 from hertzloop.plant.schemes.registry import step
 from hertzloop.plant.schemes.thesis2008 import (
     ThesisPlant,
-    calibrate_relaxation,
-    calibrate_viscous,
-    first_contact,
     green_functions,
     relative_speed_m_s,
-    relaxation_stiffness,
-    restitution,
 )
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
+from paper.restitution import (
+    calibrate_relaxation,
+    calibrate_viscous,
+    first_contact,
+    relaxation_stiffness,
+    restitution,
+)
 
 THICKNESS = {"aluminium": 0.003, "oak": 0.01, "sylomer_m": 0.0125}
 VISCOUS = {"aluminium": 9.41, "oak": 1.6379, "sylomer_m": 0.093915}

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks import validity_map as study
 from hertzloop.plant.estimates.plate_theory import expected_kirchhoff_error, zener_impact
 from hertzloop.setup import load
-from hertzloop.studies import validity as study
 
 
 def bodies(radius_m: float, thickness_m: float) -> study.MapPlace:

@@ -13,6 +13,19 @@ import numpy as np
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator
 
+from benchmarks.program import (
+    OutDirOption,
+    QuickOption,
+    SceneArgument,
+    SetOption,
+    conclude,
+    number_table,
+    out,
+    results_in,
+    scene_from,
+    start,
+    written,
+)
 from hertzloop.plant.contact.hertz import (
     Contact,
     Limit,
@@ -32,6 +45,7 @@ from hertzloop.plant.estimates.plate_theory import (
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.text import DEFAULT
 from hertzloop.setup import Setup, load
 from hertzloop.studies import pictures
 from hertzloop.studies.words import write_rows
@@ -298,3 +312,32 @@ def _key(name: str, remedy: str, index: int) -> Patch:
     red, green, blue = (int(colour[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
     return Patch(facecolor=(red, green, blue, 0.16), edgecolor=colour, hatch=_HATCHES[index],
                  linewidth=1.5, label=f"{name}: {remedy}")  # fmt: skip
+
+
+def main(
+    scene: SceneArgument = DEFAULT,
+    settings: SetOption = None,
+    folder: OutDirOption = None,
+    quick: QuickOption = False,
+) -> None:
+    """Map the effects that a scene's materials neglect, over radius and thickness.
+
+    With --quick: nine values of each.
+
+    Example: python -m benchmarks.validity_map aluminium-3mm --out-dir map
+    """
+    resolved = scene_from(scene, settings, None)
+    with results_in(folder, "validity_map") as made:
+        sizes = run(resolved, made, 9 if quick else 61)
+    rows = [
+        (name, *(f"{100.0 * (size > level).mean():.0f} %" for level, _ in _LEVELS))
+        for name, size in sizes.items()
+    ]
+    out.print(number_table("Share of the map", ("effect", "above 0.1 %", "above 10 %"), rows, 1))
+    written(made, "validity.csv", "validity.png")
+    worst = max(sizes, key=lambda name: float((sizes[name] > _LEVELS[0][0]).mean()))
+    conclude(f"The effect above 0.1 % in most of the map is: {worst}.")
+
+
+if __name__ == "__main__":
+    start("benchmarks.validity_map")
