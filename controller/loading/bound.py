@@ -40,7 +40,8 @@ class LawFault(RuntimeError):
 class BoundLaw:
     """A law's functions, the bytes of its constants, and its state at the start.
 
-    `trouble`: why it runs as Python, empty if it is compiled.
+    `trouble`: why it runs as Python, empty if it is compiled; `ended`: what was raised in the law
+    that is to end more than the law, as Ctrl-C is, a list that its callbacks `held` may share.
     """
 
     def __init__(
@@ -50,16 +51,12 @@ class BoundLaw:
         constants: PackedRecord,
         state: PackedRecord,
         held: Any,
+        ended: list[BaseException],
     ) -> None:
-        self.name, self.trouble = name, ""
+        self.name, self.trouble, self.ended = name, "", ended
         at: list[Any] = [addresses.get(function, 0) for function in FUNCTIONS]
         self.model = LawModel(*[*at, constants.data])
         self._state, self._held = state, (constants, held)
-
-    @cached_property
-    def ended(self) -> list[BaseException]:
-        """What was raised in the law that is to end more than the law, as Ctrl-C is."""
-        return []
 
     def new_state(self) -> np.ndarray:
         """Words of the state at the start of a run."""
@@ -96,18 +93,18 @@ class BoundPython(BoundLaw):
         wanted = tuple(FUNCTIONS) if ahead else ("command",)
         addresses: dict[str, int] = {}
         held: Any = None
-        trouble = ""
+        trouble, ended = "", list[BaseException]()
         if not UNCOMPILED:
             with _compiling:
                 held = _entries(name, digest, home, packed.dtype, state.dtype)
                 addresses, trouble = held.addresses(wanted), held.trouble
         if not addresses:
-            held = python_functions(home, self._constants, state.dtype, wanted, self.ended)
+            held = python_functions(home, self._constants, state.dtype, wanted, ended)
             addresses = {
                 key: ctypes.cast(function, ctypes.c_void_p).value or 0
                 for key, function in held.items()
             }
-        super().__init__(name, addresses, packed, state, held)
+        super().__init__(name, addresses, packed, state, held, ended)
         self.trouble = trouble
 
     def explain(self, samples: np.ndarray, index: int) -> str:

@@ -86,6 +86,7 @@ class LibraryLaw(Law):
             PackedRecord(data.dtype, data.view(np.uint8), ()),
             PackedRecord(words.dtype, words, ()),
             self.home,
+            [],
         )
 
 
@@ -244,13 +245,13 @@ class BoundUnit(BoundLaw):
     def __init__(self, law: UnitLaw, constants: Any) -> None:
         packed = pack(constants._asdict())
         state: PackedRecord = state_of(None)
-        self._instance = _Instance(law, constants)
-        held = python_functions(self._instance, constants, state.dtype, ("command",), self.ended)
+        self._instance, ended = _Instance(law, constants), list[BaseException]()
+        held = python_functions(self._instance, constants, state.dtype, ("command",), ended)
         addresses = {
             name: ctypes.cast(function, ctypes.c_void_p).value or 0
             for name, function in held.items()
         }
-        super().__init__(law.name, addresses, packed, state, held)
+        super().__init__(law.name, addresses, packed, state, held, ended)
 
     def explain(self, samples: np.ndarray, index: int) -> str:
         """One sentence on what the unit said last, or did."""

@@ -17,7 +17,6 @@ import numpy as np
 
 from hertzloop.analysis.impacts import impacts_of_rows
 from hertzloop.analysis.meters import Extremes, ExtremesMeter, StabilityMeter
-from hertzloop.analysis.words import percent, pressure
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.yielding import Strength
 from hertzloop.plant.estimates import plate_theory as criteria
@@ -486,3 +485,21 @@ def _evaluated(
         else:
             state = _WITHIN
         yield row, value, threshold, beyond, part, state
+
+
+def percent(share: float) -> str:
+    """A share with the two digits that an estimate has."""
+    return f"{100.0 * share:.2g} %"
+
+
+def pressure(pascal: float) -> str:
+    """A pressure in words."""
+    return f"{pascal * 1e-9:.3g} GPa" if pascal >= 1e8 else f"{pascal * 1e-6:.3g} MPa"
+
+
+def time_words(us: float) -> str:
+    """A time to two digits."""
+    for unit, length in (("s", 1e6), ("ms", 1e3)):
+        if us >= length:
+            return f"{float(f'{us / length:.2g}'):g} {unit}"
+    return f"{float(f'{us:.2g}'):g} us"

@@ -3,6 +3,7 @@
 import math
 import time
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.structure import frequencies
 from hertzloop.plant.time_series import series_under
 from hertzloop.setup import Setup
-from hertzloop.setup.bodies import thin_plate_error
+from hertzloop.setup.bodies import limiting_pressure, thin_plate_error
 from hertzloop.setup.plate import NEAREST, wavelengths_to_edge
 
 _COUNTED = 500_000  # modes; beyond, the full model is only said to be larger
@@ -88,6 +89,18 @@ class Radiation:
     dissipated_j: float
 
 
+@dataclass(frozen=True)
+class PlantParts:
+    """What a run took for its plant. `tail`: None where the modes left out are a spring, or none
+    are; `radiation`: None where air takes nothing; `limiting_pressure` as in `setup.bodies`."""
+
+    tail: Tail | None
+    theory: Theory | None
+    limiting_pressure: dict[str, Any] | None
+    radiation: Radiation | None
+    model: PlateModel | None
+
+
 def chosen_model(setup: Setup) -> PlateModel | None:
     """The plate's model of a run, and what the full one would have cost. None for the published
     scheme, which always has the full model."""
@@ -141,29 +154,13 @@ def _ratio(full: Plant, chosen: Plant) -> float:
     return least[0] / least[1]
 
 
-def tail_of(setup: Setup, books: Books) -> Tail | None:
-    """The modes left out; None where they are a spring, or none are."""
-    if not setup.plant.damped_tail:
-        return None
-    return Tail(
-        books.tail_dissipated_j,
-        wavelengths_to_edge(setup.bodies, setup.plant.frequency_limit_hz),
-        NEAREST,
-    )
-
-
-def theory_of(setup: Setup) -> Theory | None:
-    """The theory of the plate; None for what is not a plate made from its sizes."""
+def _theory(setup: Setup) -> Theory | None:
+    """None for what is not a plate made from its sizes."""
     if setup.structure.mode_table is not None or setup.structure.local_plate is None:
         return None
     jumps = setup.has_law and setup.actuator.bandwidth_hz is None
-    return Theory(
-        setup.scene.plate.theory,
-        setup.theory,
-        thin_plate_error(setup.bodies),
-        jumps,
-        setup.why_not_solid(),
-    )
+    error, why_not = thin_plate_error(setup.bodies), setup.why_not_solid()
+    return Theory(setup.scene.plate.theory, setup.theory, error, jumps, why_not)
 
 
 def yield_of(books: Books | Balance | None) -> Yield | None:
@@ -173,7 +170,16 @@ def yield_of(books: Books | Balance | None) -> Yield | None:
     return Yield(books.dent_m, books.plastic_dissipated_j)
 
 
-def radiation_of(setup: Setup, books: Books) -> Radiation | None:
-    """None where air takes nothing."""
+def parts_of(setup: Setup, books: Books) -> PlantParts:
+    """What a run that ended took for its plant."""
+    away = None
+    if setup.plant.damped_tail:
+        away = wavelengths_to_edge(setup.bodies, setup.plant.frequency_limit_hz)
     faces = setup.bodies.radiating_faces
-    return Radiation(faces, books.air_dissipated_j) if faces else None
+    return PlantParts(
+        tail=None if away is None else Tail(books.tail_dissipated_j, away, NEAREST),
+        theory=_theory(setup),
+        limiting_pressure=limiting_pressure(setup.bodies, setup.scene.contact),
+        radiation=Radiation(faces, books.air_dissipated_j) if faces else None,
+        model=chosen_model(setup),
+    )

@@ -172,7 +172,7 @@ def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> 
         )
     text = _text(source)  # first: there may be no looking for it
     folder = path.parent if path.is_file() else None
-    return parse(text, settings, seed, folder=folder, name=shortened(source))
+    return parse(text, settings, seed, folder=folder, name=source)
 
 
 def _text(source: str) -> str:
@@ -215,7 +215,7 @@ def parse(
         data = from_toml(text)
     except ValueError as error:
         raise SceneError(
-            f"the scene{name and ' ' + name} is not valid TOML: {shortened(str(error))}"
+            f"the scene{name and ' ' + shortened(name)} is not valid TOML: {shortened(str(error))}"
         ) from error
     _take_in(data, folder or Path())
     before = copy.deepcopy(data)

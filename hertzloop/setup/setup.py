@@ -404,7 +404,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     if isinstance(scene, Setup):
         return scene
     run, control, sensors = scene.run, scene.controller, scene.sensors
-    step_ns, step_s = run.step_ns, run.step_s
+    step_ns, step_s, touch_phase = run.step_ns, run.step_s, _touch_phase(run)
     bodies = of_bodies.bodies_of(
         scene.sphere, scene.plate, scene.contact, scene.actuator, scene.materials,
         run.scheme, run.plate_model, run.accuracy,
@@ -453,7 +453,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         law_reference=control.law,
         has_law=controls(control.law),
         law_is_shipped=control.law in shipped_laws(),
-        touch_phase=_touch_phase(run),
+        touch_phase=touch_phase,
         bodies=bodies,
         sphere=bodies.sphere,
         structure=bodies.structure,

@@ -13,7 +13,7 @@ from typing import Any
 from hertzloop.analysis.figures import Figures, free_figures, no_loop
 from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.meters import Comparison, RunFigures, SpanFigures
-from hertzloop.analysis.model import chosen_model, radiation_of, tail_of, theory_of
+from hertzloop.analysis.model import PlantParts, parts_of
 from hertzloop.analysis.recorded import LawRan, PacedClock, Pacing, blocks_of
 from hertzloop.analysis.trust import (
     ImpactErrors,
@@ -28,7 +28,7 @@ from hertzloop.processes.launcher import RunOptions, Transport, record
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.setup import Setup, bodies
+from hertzloop.setup import Setup
 from hertzloop.views.effects import effects_as_json
 from hertzloop.views.sentences import verdict_sentences, why_not_words
 
@@ -158,12 +158,12 @@ def struck(setup: Setup) -> dict[str, Any]:
     return {"name": str(what), "closed_form": False, **what.quality, **of_file}
 
 
-def _theory(setup: Setup) -> dict[str, Any] | None:
-    found = theory_of(setup)
-    if found is None:
-        return None
-    error = found.kirchhoff_error
-    return asdict(found) | {"kirchhoff_error": error._asdict() | {"largest": error.largest}}
+def _parts(found: PlantParts) -> dict[str, Any]:
+    data = asdict(found)
+    if found.theory is not None:
+        error = found.theory.kirchhoff_error
+        data["theory"]["kirchhoff_error"] = error._asdict() | {"largest": error.largest}
+    return data
 
 
 def run_as_json(
@@ -193,13 +193,9 @@ def run_as_json(
         "lane": lane,
         "realtime": realtime,
         "residuals": {"momentum": books.momentum_residual, "energy": books.energy_residual},
-        "tail": _fields(tail_of(setup, books)),
-        "theory": _theory(setup),
-        "limiting_pressure": bodies.limiting_pressure(setup.bodies, setup.scene.contact),
-        "radiation": _fields(radiation_of(setup, books)),
+        **_parts(parts_of(setup, books)),
         "frequencies": books.frequencies,
         "frequency_limit_hz": books.frequency_limit_hz,
-        "model": _fields(chosen_model(setup)),
         "struck": struck(setup),
         "newton_iterations_max": books.newton_iterations_max,
         "recording": str(recording.path),

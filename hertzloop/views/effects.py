@@ -7,8 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
-from hertzloop.analysis.effects import OF_PLATE, ROWS, EffectState, Neglected
-from hertzloop.analysis.words import percent
+from hertzloop.analysis.effects import OF_PLATE, ROWS, EffectState, Neglected, percent
 from hertzloop.views.format import Table, styled
 
 

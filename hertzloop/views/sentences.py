@@ -1,12 +1,12 @@
 """Sentences on a run: what it comes to, which law ran, how it kept pace."""
 
 from hertzloop.analysis.cases import IN_WORDS, OTHER, Span
+from hertzloop.analysis.effects import percent, time_words
 from hertzloop.analysis.figures import Saturation
 from hertzloop.analysis.meters import MUCH_DB, Stability
 from hertzloop.analysis.recorded import IN_TIME, LawRan, PacedClock, Pacing
 from hertzloop.analysis.trust import LawAccuracy, Moved, NotAgain, Obstacle
 from hertzloop.analysis.verdict import Change, Control, ControlEffect, Later, Reasons, RunVerdict
-from hertzloop.analysis.words import percent, time_words
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.views.format import known_digits
 
