@@ -10,7 +10,7 @@ import numpy as np
 
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.actuator import IDEAL, Actuator, mass_loaded
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
+from hertzloop.plant.contact.hertz import Contact, Sphere
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.radiation import air_loss_factor
@@ -58,15 +58,15 @@ def balance(
     The energy residual is relative to the energy at the start plus the size of what the
     actuator exchanged, the momentum residual to the impulses exchanged.
     """
-    m, (x0, v0) = model.mass_kg, start.tolist()
-    energy = m * GRAVITY_M_S2 * x0 + 0.5 * m * v0 * v0
+    m, g, (x0, v0) = model.mass_kg, model.gravity_m_s2, start.tolist()
+    energy = m * g * x0 + 0.5 * m * v0 * v0
     kinetic = 0.5 * m * speed_m_s * speed_m_s
-    gravity = m * GRAVITY_M_S2 * float(state.body[pk.XI_S])
+    gravity = m * g * float(state.body[pk.XI_S])
     lost_modal, lost_contact, injected, impulse, yielded, air, lost_tail = state.balance.tolist()
     gap = kinetic + gravity + modal_j + contact_j + lost_modal + lost_contact + yielded
     gap = gap + lost_tail - injected - energy
     change = m * (speed_m_s - v0)
-    weight = -m * GRAVITY_M_S2 * float(state.counts[pk.STEP]) * model.step_s
+    weight = -m * g * float(state.counts[pk.STEP]) * model.step_s
     return Balance(
         energy_start_j=energy,
         kinetic_j=kinetic,
@@ -259,8 +259,8 @@ class Plant(ABC):
         state = self._empty_state()
         spec = self.spec
         state.body[pk.FLIGHT_X], state.body[pk.FLIGHT_V] = pk.released(
-            float(spec.sphere.impact_speed_m_s), GRAVITY_M_S2, float(spec.lead_in_s), spec.step_s,
-            float(self.touch_phase),
+            float(spec.sphere.impact_speed_m_s), spec.sphere.gravity_m_s2, float(spec.lead_in_s),
+            spec.step_s, float(self.touch_phase),
         )  # fmt: skip
         state.body[pk.XI] = state.body[pk.XI_S] = state.body[pk.FLIGHT_X]
         self._start = state.body[[pk.FLIGHT_X, pk.FLIGHT_V]].copy()
@@ -269,7 +269,7 @@ class Plant(ABC):
     def sphere_speed_m_s(self) -> float:
         """Speed of the sphere at the present step, up positive."""
         body, counts = self.state.body, self.state.counts
-        return float(pk.speed_now(GRAVITY_M_S2, self.model.step_s, body, counts))
+        return float(pk.speed_now(self.model.gravity_m_s2, self.model.step_s, body, counts))
 
     def close_balance(self) -> Balance:
         """Energy and momentum of the run so far; to be called once, at its end. See `balance`."""

@@ -46,7 +46,8 @@ def prepare(keys, about: About, window: int = 2) -> Constants:
     weights = slope_weights(window, about.sample_s)
     lead = about.samples(keys.lead_us)
     return Constants(
-        keys.kappa, keys.v_thr_m_s, about.stiffness, about.sample_s, lead, weights
+        keys.kappa, keys.v_thr_m_s, about.stiffness, about.sample_s, lead, weights,
+        exponent=about.exponent,
     )  # fmt: skip
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.analysis.impacts import F_A, F_C, V_P, XI, XI_A, XI_P, XI_S, Block
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.recordings.replay.data import FULL_RATE_SAMPLES, Line, Span, Thinner, within
 from hertzloop.setup import Setup
 
@@ -40,7 +39,7 @@ def ledgers(setup: Setup, blocks: Iterable[Block]) -> Iterator[tuple[int, np.nda
             pushed = pushed_j + _work(joined[F_C], joined[XI_P])
             speed = np.diff(joined[XI_S]) / setup.step_s
             speed = np.concatenate([speed[:1], speed]) if speed.size else np.zeros(1)
-            sphere = 0.5 * mass * speed**2 + mass * GRAVITY_M_S2 * joined[XI_S]
+            sphere = 0.5 * mass * speed**2 + mass * spec.sphere.gravity_m_s2 * joined[XI_S]
             fed_j, pushed_j = float(fed[-1]), float(pushed[-1])
             new = slice(-rows.shape[1], None)
             fed, plate, sphere = fed[new], (fed - pushed)[new], sphere[new]

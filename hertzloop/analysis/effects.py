@@ -92,7 +92,11 @@ class Facts:
         self.delay_s = line_s + self.spec.actuator.delay_s + sensor_s
         if self.local is not None:
             self.kirchhoff: KirchhoffError = criteria.kirchhoff_error(
-                self.local, contact.stiffness, _short(run.contact_s), _short(run.force_n)
+                self.local,
+                contact.stiffness,
+                _short(run.contact_s),
+                _short(run.force_n),
+                contact.exponent,
             )
             self.mass_that_matters_kg = criteria.mass_that_matters_kg(
                 self.spec.sphere, self.local, run.contact_s
@@ -242,6 +246,16 @@ def _damped_tail(f: Facts) -> float | None:
     return criteria.tail_share(damper, f.standing.flexibility_m_n, run.force_n, run.contact_s)
 
 
+def _of_ball(f: Facts, value: float) -> float | None:
+    """A value that only a ball has."""
+    return None if math.isnan(f.spec.sphere.ball_radius_m) else value
+
+
+def _of_radius(f: Facts, value: float) -> float | None:
+    """A value that takes the radius of what touches, which not every hammer tip tells."""
+    return None if math.isnan(f.spec.sphere.radius_m) else value
+
+
 def _of_solid(f: Facts) -> str:
     return "plate.theory" if f.spec.plate.solid else ""
 
@@ -249,14 +263,14 @@ def _of_solid(f: Facts) -> str:
 ROWS = (
     EffectRow(
         "yield", "p_0 / (1.6 Y), p_0 = 3 F/(2 pi a^2)", 1.0, _fully_plastic,
-        lambda f: 1.5 * f.pressure_pa / _first_yield_pa(f),
+        lambda f: _of_radius(f, 1.5 * f.pressure_pa / _first_yield_pa(f)),
         _yields,
         "peak contact pressure is {x:.2g} times first yield", "contact.plasticity",
         lambda f: "" if f.plasticity == "none" else f"contact.plasticity = '{f.plasticity}'",
     ),
     EffectRow(
         "contact against sphere", "a / R", 0.1, 0.3,
-        lambda f: f.radius_m / f.spec.sphere.radius_m,
+        lambda f: _of_radius(f, f.radius_m / f.spec.sphere.radius_m),
         lambda f, x: (
             f"the contact is {x:.2g} of the sphere's radius wide: Hertz's law, a parabola on a "
             f"flat, is off by about {percent(x * x)}"
@@ -265,7 +279,7 @@ ROWS = (
     ),
     EffectRow(
         "contact against plate", "a / h", 0.25, 0.5,
-        lambda f: f.radius_m / f.spec.local_plate.thickness_m,
+        lambda f: _of_radius(f, f.radius_m / f.spec.local_plate.thickness_m),
         lambda f, x: (
             "the plate is too thin for Hertz's law, which assumes a half space: the contact radius "
             f"is {x:.2g} of the thickness"
@@ -305,7 +319,7 @@ ROWS = (
     ),
     EffectRow(
         "vibration of the sphere", "T 2.65 c_T/(2 pi R)", 3.0, 1.0,
-        lambda f: criteria.sphere_periods(f.spec.sphere, f.run.contact_s),
+        lambda f: _of_ball(f, criteria.sphere_periods(f.spec.sphere, f.run.contact_s)),
         lambda f, x: (
             f"the contact lasts {x:.2g} periods of the sphere's lowest vibration, which a rigid "
             "mass behind Hertz's spring does not have"
@@ -375,13 +389,13 @@ ROWS = (
     ),
     EffectRow(
         "squeezed air film", "6 pi mu R^2 ln(R/1e-7 m) v/(m v^2/2)", 1e-3, 0.1,
-        lambda f: f.standing.squeezed_film,
+        lambda f: _of_ball(f, f.standing.squeezed_film),
         lambda f, x: f"the film of air below the sphere takes {percent(x)} of its energy",
         "air film takes {p} of the energy",
     ),
     EffectRow(
         "drag on the drop", "3/8 C_D rho0 H/(rho_s R)", 1e-3, 0.1,
-        lambda f: f.standing.drag,
+        lambda f: _of_ball(f, f.standing.drag),
         lambda f, x: f"drag takes {percent(x)} of the energy of the fall",
         "drag takes {p} of the fall energy",
     ),

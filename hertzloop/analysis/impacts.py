@@ -171,6 +171,7 @@ def impacts_in(
         impedance_n_s_m=impedance_n_s_m(spec.local_plate) if spec.infinite_plate else None,
         first_step=first_step, f_a1=rows[F_A1],
         dent_m=dents_m(spec.contact, rows[DEEPEST]), v_start=v_start,
+        gravity_m_s2=spec.sphere.gravity_m_s2,
     )  # fmt: skip
 
 
@@ -375,7 +376,7 @@ def _reading(spec: PlantSpec, modes: Oscillators) -> k.Reading:
     return k.Reading(
         step_s=spec.step_s,
         mass_kg=spec.sphere.mass_kg,
-        gravity_m_s2=GRAVITY_M_S2,
+        gravity_m_s2=spec.sphere.gravity_m_s2,
         same_point=spec.same_point,
         mobility=tail.mobility_m_ns if tail else math.nan,
         impedance=impedance_n_s_m(spec.local_plate) if spec.infinite_plate else math.nan,

@@ -23,7 +23,7 @@ from hertzloop.analysis.impacts import (
     starting_speed,
     work_j,
 )
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2, rigid_contact_time_s, rigid_peak_force_n
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2, rigid_impact
 from hertzloop.plant.figures import rows_kernels as k
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import (
@@ -95,9 +95,7 @@ class ExtremesMeter(Meter):
         hardest = max(impacts, key=lambda impact: impact.peak_force_n, default=None)
         lasts_s = 0.0 if hardest is None else hardest.duration_s
         if self._touching and hardest is not None and hardest is impacts[-1]:
-            sphere, stiffness = self._spec.sphere, self._spec.contact.stiffness
-            rigid_s = rigid_contact_time_s(sphere.mass_kg, stiffness, sphere.impact_speed_m_s)
-            lasts_s = max(lasts_s, rigid_s)
+            lasts_s = max(lasts_s, rigid_impact(self._spec.sphere, self._spec.contact).contact_s)
         return Extremes(
             self._force_n,
             lasts_s,
@@ -252,8 +250,7 @@ class StabilityMeter(Meter):
         most_j, fed_j, largest_n = (float(self._sums[i]) for i in (k.MOST, k.FED, k.LARGEST))
         unstable = self.closed and not most_j <= UNSTABLE * self.impact_j
         pumps = self.closed and not fed_j <= self.impact_j
-        sphere, contact = self.spec.sphere, self.spec.contact
-        rigid_n = rigid_peak_force_n(sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s)
+        rigid_n = rigid_impact(self.spec.sphere, self.spec.contact).peak_n
         since = int(self._counts[k.SINCE])
         return Stability(
             unstable=unstable,

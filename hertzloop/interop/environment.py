@@ -50,7 +50,9 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"sensors.quantity = {setup.quantity!r} needs a scale for its "
                 "observations; give `scale`, or sense 'xi'"
             )
-        depth = rigid_penetration_m(about.sphere_mass_kg, about.stiffness, about.impact_speed_m_s)
+        depth = rigid_penetration_m(
+            about.sphere_mass_kg, about.stiffness, about.impact_speed_m_s, about.exponent
+        )
         self.num_envs, self.scale = num_envs, scale or depth
         self.limit_n = limit_n or min(about.limit_n, about.rigid_peak_n)
         self.single_observation_space = gym.spaces.Box(-math.inf, math.inf, (2,), np.float64)

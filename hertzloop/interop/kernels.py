@@ -13,6 +13,7 @@ from hertzloop.jit.by_type import by_type
 from hertzloop.loop import kernels as loop
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant import state_kernels as sphere
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.schemes.registry import offering
 
 # Indices into a unit's energies (J); RESIDUAL: relative, see plant.balance.balance.
@@ -49,7 +50,7 @@ def is_known(model: Any) -> bool:
 def release(unit, drop_height_m, touch_phase):
     """Put the sphere where it is at the start of a run."""
     model, body = unit.plant, unit.plant_state.body
-    speed = math.sqrt(2.0 * model.gravity_m_s2 * drop_height_m)
+    speed = math.sqrt(2.0 * GRAVITY_M_S2 * drop_height_m)
     height, velocity = sphere.released(
         speed, model.gravity_m_s2, unit.lead_s, model.step_s, touch_phase
     )

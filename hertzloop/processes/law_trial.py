@@ -66,7 +66,9 @@ def impact_samples(setup: Setup, about: About) -> np.ndarray:
     before = min(_SAMPLES // 4, 200)
     phase = np.clip((np.arange(_SAMPLES) - before) / contact, 0.0, 1.0) * np.pi
     pulse = np.sin(phase)
-    deepest = rigid_penetration_m(about.sphere_mass_kg, about.stiffness, about.impact_speed_m_s)
+    deepest = rigid_penetration_m(
+        about.sphere_mass_kg, about.stiffness, about.impact_speed_m_s, about.exponent
+    )
     away = np.arange(_SAMPLES) - before
     gap = np.where(away < 0, -away, np.maximum(away - contact, 0))
     return SENSED[setup.quantity].trial(

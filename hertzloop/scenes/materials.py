@@ -137,19 +137,19 @@ def _latencies(path: Path) -> list[float]:
     return found
 
 
-def open_material(data: dict[str, Any], body: str) -> None:
+def open_material(data: dict[str, Any], body: str, key: str = "material") -> None:
     """Put a material's numbers in the place of its name, so that one of them can be changed."""
     table = data.get(body)
-    name = table.get("material") if isinstance(table, dict) else None
+    name = table.get(key) if isinstance(table, dict) else None
     if not isinstance(table, dict) or not isinstance(name, str):
         return
     materials = data.get("materials")
     for own in materials if isinstance(materials, list | tuple) else ():
         if isinstance(own, dict) and own.get("name") == name:
-            table["material"] = dict(own)
+            table[key] = dict(own)
             return
     if name in SHIPPED:
-        table["material"] = {"name": name, **SHIPPED[name]}
+        table[key] = {"name": name, **SHIPPED[name]}
 
 
 def _echoed(path: Path) -> str:
@@ -240,7 +240,8 @@ class SceneTable(BaseModel):
 
 class MaterialTable(SceneTable):
     """A material by its numbers; `plant.structures.materials` says which can be. `name`, in a
-    list of materials, is what plate.material and sphere.material may say."""
+    list of materials, is what plate.material, sphere.material and hammer.tip_material
+    may say."""
 
     name: str | None = None
     young_pa: float
@@ -292,15 +293,15 @@ def check_materials(data: Mapping[str, Any]) -> None:
                 raise ValueError("materials: an entry has no name. Add its name.")
             material_of(f"materials: {name}", _numbers(own))
             known[name] = None
-    for body in ("plate", "sphere"):
+    for body, key in (("plate", "material"), ("sphere", "material"), ("hammer", "tip_material")):
         table = data.get(body)
-        given = table.get("material") if isinstance(table, dict) else None
+        given = table.get(key) if isinstance(table, dict) else None
         if isinstance(given, dict):
-            material_of(f"{body}.material", _numbers(given))
+            material_of(f"{body}.{key}", _numbers(given))
         elif isinstance(given, str) and given not in known:
             close = difflib.get_close_matches(given[:_LONGEST], known, 1)
             hint = f"Did you mean {close[0]}? " if close else ""
             raise ValueError(
-                f"{body}.material = {shown(given)}: unknown material. {hint}Use one of "
+                f"{body}.{key} = {shown(given)}: unknown material. {hint}Use one of "
                 f"{', '.join(known)}, or give young_pa, density_kg_m3 and poisson."
             )

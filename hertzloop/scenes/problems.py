@@ -6,8 +6,9 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from hertzloop.controller.loading.registry import controls
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2, HERTZ
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
+from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.registry import STRUCTURES
 from hertzloop.scenes.errors import shortened, shown
 from hertzloop.scenes.materials import MaterialTable, material_called
@@ -19,10 +20,12 @@ if TYPE_CHECKING:
     from hertzloop.scenes.tables import (
         ActuatorTable,
         ContactTable,
+        HammerTable,
         PlateTable,
         RunTable,
         SensorsTable,
         SphereTable,
+        Striker,
     )
 
 _MAX_STEPS = 20_000_000
@@ -35,7 +38,8 @@ _NARROWEST_SHARE = 1e-6  # of its larger number; 24 bits of it are still told ap
 class _Uncontrolled(NamedTuple):
     """The tables of a scene that are neither sensor nor controller."""
 
-    sphere: "SphereTable"
+    sphere: "SphereTable | None"
+    hammer: "HammerTable | None"
     plate: "PlateTable"
     contact: "ContactTable"
     actuator: "ActuatorTable"
@@ -47,7 +51,8 @@ class SceneTables(Protocol):
     """A scene, as far as its problems go."""
 
     materials: tuple[MaterialTable, ...] | None
-    sphere: "SphereTable"
+    sphere: "SphereTable | None"
+    hammer: "HammerTable | None"
     plate: "PlateTable"
     contact: "ContactTable"
     sensors: "SensorsTable"
@@ -67,11 +72,10 @@ def problems(scene: SceneTables) -> list[str]:
     """Sentences on values that are fine alone, but not together."""
     found = []
     run, control = scene.run, scene.controller
-    of_plate, of_run = _beside_control(
-        _Uncontrolled(
-            scene.sphere, scene.plate, scene.contact, scene.actuator, scene.materials, run
-        )
+    tables = _Uncontrolled(
+        scene.sphere, scene.hammer, scene.plate, scene.contact, scene.actuator, scene.materials, run
     )
+    of_plate, of_run = _beside_control(tables)
     found += of_plate
     found += _line_problems(control, scene.actuator, run, tuple(scene.whole_step_keys()))
     sensors = scene.sensors
@@ -162,7 +166,63 @@ def _line_problems(
 def _beside_control(scene: _Uncontrolled) -> tuple[list[str], list[str]]:
     """Of the plate alone, and of the run with all that is neither sensor nor controller."""
     of_plate = _structure_problems(scene) + _point_problems(scene.plate)
+    of_striker = _striker_problems(scene)
+    if of_striker:  # what else there is may follow from it
+        return of_striker, []
     return of_plate, _phase_problems(scene) + _scheme_problems(scene) + unread(scene)
+
+
+def _striker_problems(scene: _Uncontrolled) -> list[str]:
+    """What a scene says of the sphere or the hammer that does not make one striker."""
+    sphere, hammer = scene.sphere, scene.hammer
+    if (sphere is None) == (hammer is None):
+        said = "no table" if sphere is None else "two tables"
+        return [f"[sphere] and [hammer]: {said} of what strikes the plate. Give one of the two."]
+    if sphere is not None:
+        both = sphere.drop_height_m is not None and sphere.speed_m_s is not None
+        if both:
+            return [
+                f"sphere.drop_height_m = {sphere.drop_height_m:g} and sphere.speed_m_s = "
+                f"{sphere.speed_m_s:g}: both give the impact speed. Leave one out."
+            ]
+        if sphere.drop_height_m is sphere.speed_m_s is None:
+            return ["sphere.drop_height_m: is missing from the scene. Add it, or sphere.speed_m_s."]
+        given = sphere.material
+        if sphere.mass_kg is not None and not isinstance(given, str):
+            return [
+                f"sphere.mass_kg = {sphere.mass_kg:g} and sphere.material.density_kg_m3 = "
+                f"{given.density_kg_m3:g}: both give the mass. Leave out sphere.mass_kg, or name "
+                "the material."
+            ]
+        return []
+    assert hammer is not None
+    radius, stiffness, exponent = hammer.tip_radius_m, hammer.tip_stiffness, hammer.tip_exponent
+    if radius is not None and stiffness is not None:
+        return [
+            f"hammer.tip_radius_m = {radius:g} and hammer.tip_stiffness = {stiffness:g}: both "
+            "give the contact force. Leave one out."
+        ]
+    if (stiffness is None) != (exponent is None):
+        return [
+            "hammer.tip_stiffness and hammer.tip_exponent: one says nothing without the other, "
+            "because the unit of the stiffness is N/m^exponent. Give both, or hammer.tip_radius_m."
+        ]
+    if radius is stiffness is None:
+        return [
+            "hammer.tip_radius_m: is missing from the scene. Add it, or hammer.tip_stiffness and "
+            "hammer.tip_exponent."
+        ]
+    found = _needs("supports_hammer", scene.run.scheme, "modal", "[hammer]")
+    if exponent not in (None, HERTZ):
+        found += _needs(
+            "supports_exponent", scene.run.scheme, "modal", f"hammer.tip_exponent = {exponent:g}"
+        )
+    if stiffness is not None and scene.contact.plasticity != "none":
+        found.append(
+            f"contact.plasticity = '{scene.contact.plasticity}': needs the radius of the tip, "
+            f"which hammer.tip_stiffness = {stiffness:g} does not give. Give hammer.tip_radius_m."
+        )
+    return found
 
 
 def _phase_problems(scene: _Uncontrolled) -> list[str]:
@@ -171,7 +231,10 @@ def _phase_problems(scene: _Uncontrolled) -> list[str]:
     if run.touch_phase == _MIDDLE:
         return []
     phase = f"run.touch_phase = {run.touch_phase!r}"
-    fall_s = math.sqrt(2.0 * scene.sphere.drop_height_m / GRAVITY_M_S2)
+    fall_s = math.inf
+    if scene.sphere is not None:
+        body = scene.sphere.striker(MATERIALS["steel"])
+        fall_s = math.sqrt(2.0 * body.drop_height_m / GRAVITY_M_S2)
     if not SCHEMES[run.scheme].supports_touch_phase:
         return [
             f"{phase}: not supported by run.scheme = '{run.scheme}'. Remove the key, or use the "
@@ -289,6 +352,7 @@ def _needs(capability: str, scheme: str, plate_model: str, key: str) -> list[str
 
 
 def not_in_three_dimensions(
+    striker: "Striker",
     plate: "PlateTable",
     contact: "ContactTable",
     actuator: "ActuatorTable",
@@ -313,6 +377,12 @@ def not_in_three_dimensions(
         found.append(
             f"actuator.mass_kg = {actuator.mass_kg:g}: not supported by {asked}, because a point "
             "mass on a solid diverges with the number of modes. Remove the key, or use 'kirchhoff'."
+        )
+    stiffness = getattr(striker, "tip_stiffness", None)
+    if stiffness is not None:
+        found.append(
+            f"hammer.tip_stiffness = {stiffness:g}: not supported by {asked}, which needs the "
+            "radius of the contact. Give hammer.tip_radius_m, or use 'kirchhoff'."
         )
     if plate.tail == "damped":
         found.append(
@@ -361,8 +431,10 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
     found += _tail_problems(scene)
     theory = STRUCTURES.get(scene.plate.theory)  # None for "auto"
     if theory is not None and theory.solid:
+        striker = scene.sphere or scene.hammer
+        assert striker is not None
         found += not_in_three_dimensions(
-            scene.plate, contact, scene.actuator, run.scheme, run.plate_model
+            striker, scene.plate, contact, scene.actuator, run.scheme, run.plate_model
         )
     if scene.plate.radiating_faces:
         found += needs("supports_radiation", f"plate.radiation = '{scene.plate.radiation}'")
@@ -401,6 +473,14 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
     return found
 
 
+# Keys of a table of which one stands in for the other.
+_INSTEAD = {
+    ("sphere", "speed_m_s"): "drop_height_m",
+    ("sphere", "drop_height_m"): "speed_m_s",
+    ("hammer", "tip_radius_m"): "tip_stiffness",
+    ("hammer", "tip_stiffness"): "tip_radius_m",
+}
+_STRIKERS = ("sphere", "hammer")
 _ANY = object()  # any value but None
 # By table and key: the key of the same table that decides, and its value. The keys of laws are
 # treated the same way, by the law that has them.
@@ -437,8 +517,17 @@ def unread(scene: Any) -> list[str]:
 
 
 def drop_unread(data: dict[str, Any], changed: Mapping[str, Any]) -> None:
-    """Drop keys of a scene's tables that lose their effect because of the keys `changed`, unless
-    they are among these."""
+    """Drop keys of a scene's tables that lose their effect because of the keys `changed`, or for
+    which these stand in, unless they are among them."""
+    for name, other in (_STRIKERS, _STRIKERS[::-1]):
+        tables = {key.partition(".")[0] for key in changed}
+        if name in tables and other not in tables:
+            data.pop(other, None)
+    for (name, key), other in _INSTEAD.items():
+        if f"{name}.{key}" in changed and isinstance(data.get(name), dict):
+            for lost in (other, "tip_exponent") if other == "tip_stiffness" else (other,):
+                if f"{name}.{lost}" not in changed:
+                    data[name].pop(lost, None)
     for (name, key), (by, needed) in _READ_BY.items():
         table, decides = data.get(name), f"{name}.{by}"
         if not isinstance(table, dict) or f"{name}.{key}" in changed:

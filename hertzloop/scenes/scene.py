@@ -47,10 +47,12 @@ from hertzloop.scenes.tables import (
     ActuatorTable,
     ContactTable,
     FitTable,
+    HammerTable,
     PlateTable,
     RunTable,
     SensorsTable,
     SphereTable,
+    Striker,
 )
 from hertzloop.scenes.text import DEFAULT, from_toml, shipped, shipped_text, toml_text, toml_value
 
@@ -73,7 +75,8 @@ class Scene(SceneTable):
     """what it is for, in a sentence"""
     materials: tuple[MaterialTable, ...] | None = None  # by name, beside those that come with it
     """a file of materials, or a list, beside those that come with it"""
-    sphere: SphereTable
+    sphere: SphereTable | None = None
+    hammer: HammerTable | None = None
     plate: PlateTable
     contact: ContactTable = ContactTable()
     sensors: SensorsTable = SensorsTable()
@@ -82,6 +85,13 @@ class Scene(SceneTable):
     run: RunTable
     fit: FitTable | None = None
     """where fitted values come from"""
+
+    @property
+    def striker(self) -> Striker:
+        """The table of what strikes the plate; a scene has one."""
+        found = self.sphere or self.hammer
+        assert found is not None
+        return found
 
     @property
     def step_s(self) -> float:
@@ -94,8 +104,8 @@ class Scene(SceneTable):
         return self.run.steps
 
     def material(self, body: Literal["plate", "sphere"]) -> Material:
-        """The material of the plate or the sphere."""
-        given = self.plate.material if body == "plate" else self.sphere.material
+        """The material of the plate, or of the sphere or the hammer's tip."""
+        given = self.plate.material if body == "plate" else self.striker.material
         return material_called(given, self.materials or ())
 
     def without_control(self) -> "Scene":
@@ -378,8 +388,8 @@ def _put(data: dict[str, Any], key: str, value: Any) -> None:
     """Set table.key in nested tables."""
     path = key.split(".")
     table = data
-    if path[1:2] == ["material"] and len(path) == 3:
-        open_material(data, path[0])
+    if path[1:2] in (["material"], ["tip_material"]) and len(path) == 3:
+        open_material(data, path[0], path[1])
     for part in path[:-1]:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
@@ -512,6 +522,8 @@ def _material(scene: dict[str, Any], body: str) -> str:
 
 
 def _radius(scene: dict[str, Any]) -> str:
+    if isinstance(scene.get("hammer"), dict):
+        return "hammer"
     found = _value(scene, "sphere", "radius_m")
     if not isinstance(found, int | float) or isinstance(found, bool):
         return ""

@@ -1,11 +1,14 @@
 """The tables of a scene and their keys: kinds, bounds and defaults."""
 
+import math
 import re
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, field_validator
 
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Hammer, Sphere
 from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.registry import THEORIES
 from hertzloop.scenes.errors import shown
 from hertzloop.scenes.materials import MaterialKey, ModesTable, SceneTable
@@ -20,15 +23,68 @@ else:
     SchemeName = Literal[*SCHEMES]
 
 
+Mass = Annotated[float, Field(ge=1e-9, le=1e4)]
+Speed = Annotated[float, Field(ge=1e-3, le=45.0)]
+Radius = Annotated[float, Field(ge=1e-5, le=1.0)]
+
+
 class SphereTable(SceneTable):
-    """The falling sphere."""
+    """The falling sphere. `mass_kg` stands in for the density of its material, `speed_m_s` for
+    `drop_height_m`."""
 
     material: MaterialKey = "steel"
     """sphere material: a name, or numbers"""
-    radius_m: Annotated[float, Field(ge=1e-5, le=1.0)]
+    radius_m: Radius
     """sphere radius"""
-    drop_height_m: Annotated[float, Field(ge=1e-7, le=100.0)]
+    drop_height_m: Annotated[float, Field(ge=1e-7, le=100.0)] | None = None
     """drop height of the lowest point of the sphere above the plate"""
+    mass_kg: Mass | None = None
+    """sphere mass; default: by the density of its material"""
+    speed_m_s: Speed | None = None
+    """impact speed, in place of the drop height"""
+
+    def striker(self, material: Material) -> Sphere:
+        """The body, of a material."""
+        height, speed = self.drop_height_m, self.speed_m_s
+        if height is None:
+            assert speed is not None  # a scene without either is refused
+            height = speed**2 / (2.0 * GRAVITY_M_S2)
+        return Sphere(material, self.radius_m, height, self.mass_kg, speed)
+
+
+class HammerTable(SceneTable):
+    """An impact hammer in place of the sphere. It moves without weight, and a hand withdraws it
+    after the first contact unless it `bounces`. The contact force is Hertz's, by radius and
+    material of the tip, or `tip_stiffness` times the penetration to the power of `tip_exponent`."""
+
+    mass_kg: Mass
+    """mass of head, tip and the part of the handle that moves with them"""
+    speed_m_s: Speed
+    """speed at the hit"""
+    tip_radius_m: Radius | None = None
+    """radius of the tip, of a Hertz contact"""
+    tip_material: MaterialKey = "steel"
+    """tip material: a name, or numbers"""
+    tip_stiffness: Annotated[float, Field(ge=1.0, le=1e15)] | None = None
+    """contact stiffness of the tip, N/m^tip_exponent, in place of its radius"""
+    tip_exponent: Annotated[float, Field(ge=1.0, le=2.0)] | None = None
+    """exponent of the contact force: 1 of a soft tip, 1.5 of Hertz's contact"""
+    bounces: bool = False
+    """whether later contacts count; false: it is withdrawn after the first"""
+
+    @property
+    def material(self) -> MaterialKey:
+        """That of the tip."""
+        return self.tip_material
+
+    def striker(self, material: Material) -> Sphere:
+        """The body, with a tip of a material."""
+        height = self.speed_m_s**2 / (2.0 * GRAVITY_M_S2)
+        radius = math.nan if self.tip_radius_m is None else self.tip_radius_m
+        return Hammer(material, radius, height, self.mass_kg, self.speed_m_s, self.bounces)
+
+
+Striker = SphereTable | HammerTable
 
 
 class PlateTable(SceneTable):

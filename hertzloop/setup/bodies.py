@@ -6,6 +6,7 @@ from typing import Any
 
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.hertz import (
+    HERTZ,
     Contact,
     Damping,
     Limit,
@@ -23,7 +24,7 @@ from hertzloop.plant.structures.structure import Structure
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.materials import MaterialTable, material_called, unpacked
 from hertzloop.scenes.problems import not_in_three_dimensions
-from hertzloop.scenes.tables import ActuatorTable, ContactTable, PlateTable, SphereTable
+from hertzloop.scenes.tables import ActuatorTable, ContactTable, PlateTable, Striker
 
 KEPT = 16  # results of a stage; a structure's modes can be large
 
@@ -79,7 +80,7 @@ class Bodies:
 
 @lru_cache(maxsize=KEPT)
 def bodies_of(
-    sphere_table: SphereTable,
+    striker: Striker,
     plate: PlateTable,
     contact_table: ContactTable,
     actuator_table: ActuatorTable,
@@ -99,11 +100,12 @@ def bodies_of(
     Raises:
         SceneError: a file of modes does not make a structure.
     """
-    of_sphere = material_called(sphere_table.material, materials or ())
+    of_sphere = material_called(striker.material, materials or ())
     of_plate = material_called(plate.material, materials or ())
-    sphere = Sphere(of_sphere, sphere_table.radius_m, sphere_table.drop_height_m)
+    sphere = striker.striker(of_sphere)
     weaker = softer(of_plate, of_sphere)
-    contact = _contact(contact_table, sphere, of_plate, weaker)
+    tip = getattr(striker, "tip_stiffness", None), getattr(striker, "tip_exponent", None)
+    contact = _contact(contact_table, sphere, of_plate, weaker, *tip)
     try:
         description = _described(plate, of_plate, accuracy)
     except ValueError as error:
@@ -111,7 +113,7 @@ def bodies_of(
     theory = plate.theory
     if theory == "auto":
         thin_only = not_in_three_dimensions(
-            plate, contact_table, actuator_table, scheme, plate_model
+            striker, plate, contact_table, actuator_table, scheme, plate_model
         )
         theory = "kirchhoff"
         if not thin_only:
@@ -156,10 +158,13 @@ def _described(table: PlateTable, material: Material, accuracy: float) -> Descri
 
 
 def _contact(
-    table: ContactTable, sphere: Sphere, plate: Material, weaker: tuple[str, Strength] | None
-) -> Contact:
-    """The contact of sphere and plate: stiffness, damping, and where it yields."""
-    stiffness = hertz_stiffness(sphere.radius_m, sphere.material, plate)
+    table: ContactTable, sphere: Sphere, plate: Material, weaker: tuple[str, Strength] | None,
+    tip_stiffness: float | None, tip_exponent: float | None,
+) -> Contact:  # fmt: skip
+    """The contact of sphere and plate: stiffness, damping, exponent, and where it yields."""
+    stiffness, exponent = tip_stiffness, tip_exponent or HERTZ
+    if stiffness is None:
+        stiffness = hertz_stiffness(sphere.radius_m, sphere.material, plate)
     if table.stiffness_factor is not None:
         stiffness *= table.stiffness_factor
     limit = None
@@ -170,10 +175,15 @@ def _contact(
             pressure = weaker[1].pressure_pa
         limit = Limit(pressure, sphere.radius_m)
     if table.damping == "viscous":
-        return Contact(stiffness, Damping.VISCOUS, viscous_n_s_m=table.viscous_n_s_m, limit=limit)
+        return Contact(
+            stiffness, Damping.VISCOUS, viscous_n_s_m=table.viscous_n_s_m, limit=limit,
+            exponent=exponent,
+        )  # fmt: skip
     if table.damping == "hunt_crossley":
         d = hunt_crossley_parameter(table.restitution, sphere.impact_speed_m_s)
-        return Contact(stiffness, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=d, limit=limit)
+        return Contact(
+            stiffness, Damping.HUNT_CROSSLEY, hunt_crossley_s_m=d, limit=limit, exponent=exponent
+        )
     if table.damping == "relaxation":
         return Contact(
             stiffness,
@@ -182,7 +192,7 @@ def _contact(
             relaxation_s=table.relaxation_s,
             extra_state=table.relaxation_solve == "bracketed",
         )
-    return Contact(stiffness, limit=limit)
+    return Contact(stiffness, limit=limit, exponent=exponent)
 
 
 def limiting_pressure(bodies: Bodies, table: ContactTable) -> dict[str, Any] | None:

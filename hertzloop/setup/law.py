@@ -14,11 +14,7 @@ from hertzloop.controller.loading.bound import BoundLaw
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.controller.loading.registry import NO_CONTROL, find
 from hertzloop.plant import time_series as ts
-from hertzloop.plant.contact.hertz import (
-    rigid_contact_time_s,
-    rigid_peak_force_n,
-    rigid_penetration_m,
-)
+from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.contact.yielding import deepest_rigid_m, yield_depth_m
 from hertzloop.plant.figures.impacts import contacts
 from hertzloop.scenes.controller_table import ControllerTable
@@ -85,19 +81,19 @@ def _full_scale(
         return None
     contact = bodies.contact
     m, v = bodies.sphere.mass_kg, bodies.sphere.impact_speed_m_s
-    rigid, flight_s = rigid_penetration_m(m, contact.stiffness, v), 0.0
+    rigid, flight_s = rigid_impact(bodies.sphere, contact), 0.0
     if table.full_scale == "auto":
         horizon_s = step_s + 1e-6 * latency_us
         flight_s = max(_HORIZONS * horizon_s, _LEAST_FLIGHT_S)
-    force_n = contact.stiffness * rigid**1.5
+    force_n = rigid.peak_n
     return SENSED[table.quantity].range(
         Expected(
-            rigid_m=rigid,
-            deepest_m=max(rigid, deepest_rigid_m(contact, 0.5 * m * v * v)),
+            rigid_m=rigid.deepest_m,
+            deepest_m=max(rigid.deepest_m, deepest_rigid_m(contact, 0.5 * m * v * v)),
             flight_m=v * flight_s,
             force_n=force_n,
             velocity_m_s=lambda: force_n / bodies.local_plate.infinite_plate_impedance_n_s_m,
-            contact_s=rigid_contact_time_s(m, contact.stiffness, v),
+            contact_s=rigid.contact_s,
         )
     )
 
@@ -141,16 +137,18 @@ def _reach_of(table: ControllerTable, law: Law) -> Reach:
 
 @lru_cache(maxsize=KEPT)
 def about_impact(bodies: Bodies, s: float) -> About:
-    """What a law may know of the bodies alone, with the contact stiffness `s`, N/m^1.5."""
+    """What a law may know of the bodies alone, with the contact stiffness `s`, N/m^exponent."""
     m, v = bodies.sphere.mass_kg, bodies.sphere.impact_speed_m_s
     local = bodies.structure.local_plate
+    rigid = rigid_impact(bodies.sphere, replace(bodies.contact, stiffness=s))
     return About(
         stiffness=s,
+        exponent=bodies.contact.exponent,
         sphere_mass_kg=m,
         impact_speed_m_s=v,
         impedance_n_s_m=local.infinite_plate_impedance_n_s_m if local else math.nan,
-        rigid_contact_s=rigid_contact_time_s(m, s, v),
-        rigid_peak_n=rigid_peak_force_n(m, s, v),
+        rigid_contact_s=rigid.contact_s,
+        rigid_peak_n=rigid.peak_n,
         yield_depth_m=yield_depth_m(bodies.contact),
     )
 

@@ -10,13 +10,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from hertzloop.controller.law import Reach
-from hertzloop.plant.contact.hertz import (
-    Contact,
-    Sphere,
-    rigid_contact_time_s,
-    rigid_peak_force_n,
-    rigid_penetration_m,
-)
+from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_impact
 from hertzloop.plant.estimates.model_order import frequency_limit_hz, least_limit_hz, solid_limit_hz
 from hertzloop.plant.estimates.reflections import (
     Actuation,
@@ -94,14 +88,13 @@ def without_edges(spec: PlantSpec, step_ns: int) -> PlantSpec:
 def widest_limit_hz(plate: Structure, sphere: Sphere, contact: Contact) -> float:
     """Up to where modes can be taken along in three dimensions, Hz: where the branches end, or the
     contact is as wide as the waves. Raises SceneError where that leaves out the impact."""
-    m, v = sphere.mass_kg, sphere.impact_speed_m_s
-    deep = rigid_penetration_m(m, contact.stiffness, v)
-    radius = math.sqrt(sphere.radius_m * deep)
+    m, v, rigid = sphere.mass_kg, sphere.impact_speed_m_s, rigid_impact(sphere, contact)
+    radius = math.sqrt(sphere.radius_m * rigid.deepest_m)
     if contact.limit is not None:  # as wide as if yielding took all energy
         taken = 2.0 * m * v * v * sphere.radius_m / (math.pi * contact.limit.pressure_pa)
         radius = max(radius, taken**0.25)
     limit = min(plate.highest_hz, plate.contact_limit_hz(radius))
-    lasts_s = rigid_contact_time_s(m, contact.stiffness, v)
+    lasts_s = rigid.contact_s
     if limit * lasts_s < _FEWEST_PERIODS:
         local = plate.local_plate
         thick = f"plate.thickness_m = {local.thickness_m:g}" if local else str(plate)
@@ -125,15 +118,14 @@ def _check_below_zero(structure: Structure, sphere: Sphere, contact: Contact) ->
     left_out = structure.residual_flexibility_m_n(2.0 * math.pi * structure.highest_hz)
     if left_out >= 0.0:
         return
-    s = contact.stiffness
-    deep = rigid_penetration_m(sphere.mass_kg, s, sphere.impact_speed_m_s)
     named = f"{structure} with residual_flexibility_m_n = {left_out:.3g}, below zero,"
     if contact.has_damper:
         raise SceneError(
             f"{named} do not fit contact.damping: a negative residual flexibility is unstable with "
             "a damper. Use contact.plasticity for losses, or other modes."
         )
-    if -left_out * 1.5 * s * math.sqrt(deep) > _MOST_BELOW:
+    tangent = contact.exponent * contact.stiffness * rigid_impact(sphere, contact).rise
+    if -left_out * tangent > _MOST_BELOW:
         raise SceneError(
             f"{named}: the contact is too stiff for these modes. Use fewer modes, a smaller "
             "sphere, or a lower drop."
@@ -190,10 +182,7 @@ def wavelengths_to_edge(bodies: Bodies, limit_hz: float) -> float:
 
 def _check_step(bodies: Bodies, step_ns: int) -> None:
     """Refuse a step that a contact may fit into: it would be seen as none, or as anything."""
-    sphere = bodies.sphere
-    lasts_s = rigid_contact_time_s(
-        sphere.mass_kg, bodies.contact.stiffness, sphere.impact_speed_m_s
-    )
+    lasts_s = rigid_impact(bodies.sphere, bodies.contact).contact_s
     if lasts_s < step_ns * 1e-9:
         raise SceneError(
             f"run.step_ns = {step_ns}: is longer than a contact of {1e9 * lasts_s:.3g} ns. Use at "
@@ -242,7 +231,7 @@ def check_reach(spec: PlantSpec) -> None:
             f"contact.damping: is too large for {plate}, which leave out too much flexibility. "
             "Give modes up to a higher frequency, or less damping."
         )
-    lasts_s = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s)
+    lasts_s = rigid_impact(sphere, contact).contact_s
     grain = 10.0 ** (math.floor(math.log10(needed_hz)) - 2)  # rounded up, to three digits
     raise SceneError(
         f"{plate} reach up to {spec.frequency_limit_hz:,.6g} Hz, too low for an impact of "
@@ -403,6 +392,5 @@ def _actuation(bodies: Bodies, reach: Reach, line: Smoothness, found: Reflection
         return Actuation(jumps_n=2.0 * reach.force_n)
     if reach.copies and line.smooth:
         return Actuation(reach.share, _LONGER * found.contact_s + line.latency_s)
-    sphere = bodies.sphere
-    peak_n = rigid_peak_force_n(sphere.mass_kg, bodies.contact.stiffness, sphere.impact_speed_m_s)
+    peak_n = rigid_impact(bodies.sphere, bodies.contact).peak_n
     return Actuation(jumps_n=2.0 * reach.share * peak_n)

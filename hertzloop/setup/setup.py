@@ -22,7 +22,7 @@ from hertzloop.controller.loading.registry import NO_CONTROL, controls
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.actuator import Actuator, rest_force_n
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Contact, Sphere
+from hertzloop.plant.contact.hertz import Contact, Sphere
 from hertzloop.plant.estimates.model_order import expected_error, expected_solid_error, law_error
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes.factory import plant_at_start
@@ -39,6 +39,7 @@ from hertzloop.scenes.scene import vary as vary_scene
 from hertzloop.scenes.tables import (
     ActuatorTable,
     ContactTable,
+    HammerTable,
     PlateTable,
     RunTable,
     SensorsTable,
@@ -177,7 +178,7 @@ class Setup:
 
     def material_name(self, body: Literal["plate", "sphere"]) -> str:
         """Return the name of a body's material; "" for numbers without a name."""
-        given = self.scene.plate.material if body == "plate" else self.scene.sphere.material
+        given = self.scene.plate.material if body == "plate" else self.scene.striker.material
         return given if isinstance(given, str) else given.name or ""
 
     # Stages that only some commands need.
@@ -186,8 +187,9 @@ class Setup:
         """Return why the plate cannot be in three dimensions; None if it can."""
         scene = self.scene
         found = not_in_three_dimensions(
-            scene.plate, scene.contact, scene.actuator, self.scheme, self.plate_model_asked
-        )
+            scene.striker, scene.plate, scene.contact, scene.actuator, self.scheme,
+            self.plate_model_asked,
+        )  # fmt: skip
         return found[0] if found else None
 
     def infinite_plate_error_at(self, end_s: float) -> float:
@@ -383,8 +385,8 @@ class Setup:
         plant alone behaves in the same way."""
         scene = self.scene
         return _plain(
-            scene.sphere, scene.plate, scene.contact, scene.actuator, scene.materials, scene.run,
-            self.touch_phase,
+            scene.sphere, scene.hammer, scene.plate, scene.contact, scene.actuator,
+            scene.materials, scene.run, self.touch_phase,
         )  # fmt: skip
 
 
@@ -406,10 +408,12 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     run, control, sensors = scene.run, scene.controller, scene.sensors
     step_ns, step_s, touch_phase = run.step_ns, run.step_s, _touch_phase(run)
     bodies = of_bodies.bodies_of(
-        scene.sphere, scene.plate, scene.contact, scene.actuator, scene.materials,
+        scene.striker, scene.plate, scene.contact, scene.actuator, scene.materials,
         run.scheme, run.plate_model, run.accuracy,
     )  # fmt: skip
-    first_touch_s = min(run.lead_in_s, bodies.sphere.impact_speed_m_s / GRAVITY_M_S2)
+    first_touch_s = run.lead_in_s
+    if gravity := bodies.sphere.gravity_m_s2:
+        first_touch_s = min(first_touch_s, bodies.sphere.impact_speed_m_s / gravity)
 
     line = of_law.line_of(control, scene.actuator, step_ns)
     latency_us = control.latency_us
@@ -502,7 +506,8 @@ def parse(text: str, settings: Iterable[str] = (), **more: Any) -> Setup:
 
 @lru_cache(maxsize=_KEPT_TABLES)
 def _plain(
-    sphere: SphereTable,
+    sphere: SphereTable | None,
+    hammer: HammerTable | None,
     plate: PlateTable,
     contact: ContactTable,
     actuator: ActuatorTable,
@@ -515,6 +520,7 @@ def _plain(
         shows="",
         materials=materials,
         sphere=sphere,
+        hammer=hammer,
         plate=plate,
         contact=contact,
         sensors=_PLAIN_SENSORS,

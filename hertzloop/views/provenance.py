@@ -49,6 +49,12 @@ def closest_shipped(setup: Setup) -> tuple[str, list[tuple[str, Any, Any]]]:
 def bodies(setup: Setup) -> str:
     """Such as "3 mm steel on 3 mm aluminium"."""
     ball = f"R = {1e3 * setup.sphere.radius_m:g} mm, {_material(setup, 'sphere')}"
+    hammer = setup.scene.hammer
+    if hammer is not None:
+        tip = f"tip {ball}"
+        if hammer.tip_stiffness is not None:
+            tip = f"tip {hammer.tip_stiffness:g} N/m^{hammer.tip_exponent:g}"
+        ball = f"hammer {1e3 * hammer.mass_kg:g} g, {tip}"
     structure = setup.structure
     if structure.mode_table is not None:
         return f"{ball}, on a structure from a file of modes"
@@ -98,7 +104,9 @@ def _bits(where: str, bits: int | str) -> str:
 def description(setup: Setup, recording: Recording) -> list[str]:
     """What ran, in lines of markdown."""
     name, changed = closest_shipped(setup)
-    lines = [bodies(setup) + f", drop {1e3 * setup.sphere.drop_height_m:g} mm", control(setup)]
+    given = setup.sphere.given_speed_m_s
+    hit = f"drop {1e3 * setup.sphere.drop_height_m:g} mm" if given is None else f"{given:g} m/s"
+    lines = [f"{bodies(setup)}, {hit}", control(setup)]
     ran = law_of(recording)
     if ran.law and ran.law != setup.law_reference:
         lines.append(f"Law that ran: {law_line(ran)}")

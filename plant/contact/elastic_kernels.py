@@ -1,8 +1,9 @@
 """Compiled kernels of the contact in a step of the default scheme `modal`: all that is scalar.
 
-Given gap, velocity and mean of the gap as they would be without contact force, and what a unit
-F_0 and F_1 change of them (`gains`), find the contact force F_0 + F_1 (2 t/h - 1) of the step.
-See `plant.schemes.collocation_kernels` for the modes and the idea. In the order of this file: the
+The force is s p^(3/2), or s p^n where the model has a `Power`: which of the two is known when a
+caller is compiled. Given gap, velocity and mean of the gap as they would be without contact force,
+and what a unit F_0 and F_1 change of them (`gains`), find the contact force F_0 + F_1 (2 t/h - 1)
+of the step. See `plant.schemes.collocation_kernels` for the modes and the idea. In this order: the
 Hertz contact in series with the spring of the modes left out; the gap within the step, a quartic
 through its ends and its mean; the solve by Newton's method, and its balance of energy.
 
@@ -11,11 +12,13 @@ operations, each waiting for the last, and a quarter of its time goes with them.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba.extending import overload
 
 from hertzloop.jit import kernel
+from hertzloop.jit.by_type import by_type, no, yes
 from hertzloop.plant.contact import tail_kernels
 
 NODES = 4
@@ -52,7 +55,88 @@ _TIGHT = 1e-7  # of the force; Newton squares what is left
 # Of the gap at all nodes; what Newton leaves of the force is 0.4 times its square.
 _NEAR = 3e-5
 _SLIGHT = 1e-9  # of the gap: a correction that moves it less needs no second one
+_NARROW = 0.05  # of the penetration: Gauss's rule loses no digit there, a difference does
 _SOFT = 0.2  # e of `root_penetration` below which its series and one Halley step give 1e-9
+
+
+class Power(NamedTuple):
+    """Exponent n of a contact force s p^n; a contact without is Hertz's, 3/2."""
+
+    exponent: float
+
+
+@kernel(inline=True, borrowed=True, fused=True)
+def _power_penetration(n, model, gap):
+    """p of p + k s p^n = -gap, a modal gap < 0: Newton's method, as in `root_penetration`."""
+    share = model.flexibility_m_n * model.stiffness
+    if share == 0.0:
+        return -gap
+    p = -gap / (1.0 + share * (-gap) ** (n - 1.0))
+    for _ in range(HALVINGS):
+        bent = share * p ** (n - 1.0)
+        change = (p * (1.0 + bent) + gap) / (1.0 + n * bent)
+        p -= change
+        if abs(change) <= 3e-8 * p:
+            break
+    return p
+
+
+@kernel(inline=True, borrowed=True, fused=True)
+def _power_elastic(power, model, gap):
+    if gap >= 0.0:
+        return 0.0, 0.0, 0.0
+    n = power.exponent
+    p = _power_penetration(n, model, gap)
+    force = model.stiffness * p**n
+    return force, force * (p / (n + 1.0) + 0.5 * model.flexibility_m_n * force), p
+
+
+@kernel(inline=True, borrowed=True, fused=True)
+def _power_near(power, model, gap, root):
+    return _power_elastic(power, model, gap)
+
+
+@kernel(inline=True, borrowed=True)
+def _power_slope(power, model, p):
+    n = power.exponent
+    rise = n * model.stiffness * p ** (n - 1.0)
+    return -rise / (1.0 + model.flexibility_m_n * rise)
+
+
+@kernel(inline=True, borrowed=True, fused=True)
+def _power_damped(power, model, gap, rate):
+    n = power.exponent
+    p = _power_penetration(n, model, gap)
+    spring = model.stiffness * p**n
+    slope = _power_slope(power, model, p)
+    share = -1.0 / (1.0 + model.flexibility_m_n * n * model.stiffness * p ** (n - 1.0))
+    factor = (model.viscous_n_s_m + model.hunt_crossley_s_m * spring) * share
+    by_gap = slope + model.hunt_crossley_s_m * slope * share * rate
+    return spring + factor * rate, factor * rate, by_gap, factor
+
+
+@kernel(borrowed=True, fused=True)
+def _power_chord(power, model, x0, x1):
+    if x0 >= 0.0 and x1 >= 0.0:
+        return 0.0, 0.0
+    n, s, spring = power.exponent, model.stiffness, model.flexibility_m_n
+    a = _power_penetration(n, model, x0) if x0 < 0.0 else 0.0
+    b = _power_penetration(n, model, x1) if x1 < 0.0 else 0.0
+    if abs(b - a) > _NARROW * max(a, b):
+        force = (_power_elastic(power, model, x1)[1] - _power_elastic(power, model, x0)[1]) / (
+            x0 - x1
+        )
+    else:
+        work = way = 0.0  # over the change of the penetration
+        for i in range(NODES):
+            p = a + (b - a) * GAUSS_T[i]
+            rise = 1.0 + spring * n * s * p ** (n - 1.0)
+            work += GAUSS_W[i] * s * p**n * rise
+            way += GAUSS_W[i] * rise
+        force = work / way
+    rate = (b - a) / model.step_s
+    damping = (model.viscous_n_s_m + model.hunt_crossley_s_m * force) * rate
+    return force + damping, damping
 
 
 @kernel(inline=True, borrowed=True, fused=True)
@@ -81,9 +165,7 @@ def root_penetration(model, gap):
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def elastic(model, gap):
-    """Contact force without damping (N) at a modal gap, the energy in the contact and in the
-    spring of the modes left out (J), and the root of the penetration (m^0.5)."""
+def _hertz_elastic(power, model, gap):
     if gap >= 0.0:
         return 0.0, 0.0, 0.0
     y = root_penetration(model, gap)
@@ -92,25 +174,28 @@ def elastic(model, gap):
 
 
 @kernel(inline=True, borrowed=True, fused=True)
-def elastic_near(model, gap, root):
-    """The same from a root nearby, by one step of Halley's rule, which cubes what is wrong; from
-    nothing if `root` is zero or not near enough."""
+def _hertz_near(power, model, gap, root):
     if root == 0.0 or gap >= 0.0:
-        return elastic(model, gap)
+        return _hertz_elastic(power, model, gap)
     share = model.flexibility_m_n * model.stiffness
     wrong = root * root * (1.0 + share * root) + gap
     slope = root * (2.0 + 3.0 * share * root)
     change = wrong * slope / (slope * slope - wrong * (1.0 + 3.0 * share * root))
     if abs(change) > 3e-6 * root:
-        return elastic(model, gap)
+        return _hertz_elastic(power, model, gap)
     y = root - change
     force = model.stiffness * y * y * y
     return force, force * (0.4 * y * y + 0.5 * model.flexibility_m_n * force), y
 
 
+@kernel(inline=True, borrowed=True)
+def _hertz_slope(power, model, root):
+    s, spring = model.stiffness, model.flexibility_m_n
+    return -3.0 * s * root / (2.0 + 3.0 * spring * s * root)
+
+
 @kernel(inline=True, borrowed=True, fused=True)
-def damped_law(model, gap, rate):
-    """Force, its damping part, dF/dgap, dF/drate at a modal gap < 0 and its rate (m/s)."""
+def _hertz_damped(power, model, gap, rate):
     s = model.stiffness
     y = root_penetration(model, gap)
     soft = 2.0 + 3.0 * model.flexibility_m_n * s * y
@@ -127,6 +212,72 @@ def damped_law(model, gap, rate):
         slope + model.hunt_crossley_s_m * slope * share * rate,
         factor,
     )
+
+
+@kernel(borrowed=True, fused=True)
+def _hertz_chord(power, model, x0, x1):
+    if x0 >= 0.0 and x1 >= 0.0:
+        return 0.0, 0.0
+    a = root_penetration(model, x0) if x0 < 0.0 else 0.0
+    b = root_penetration(model, x1) if x1 < 0.0 else 0.0
+    s, share = model.stiffness, model.flexibility_m_n * model.stiffness
+    if (x0 < 0.0) != (x1 < 0.0):
+        force = (_hertz_elastic(power, model, x1)[1] - _hertz_elastic(power, model, x0)[1]) / (
+            x0 - x1
+        )
+    else:
+        five = b**4 + b**3 * a + b * b * a * a + b * a**3 + a**4
+        six = five * b + a**5
+        way = b + a + share * (b * b + b * a + a * a)
+        force = s * (0.4 * five + 0.5 * share * six) / way
+    rate = (b * b - a * a) / model.step_s
+    damping = (model.viscous_n_s_m + model.hunt_crossley_s_m * force) * rate
+    return force + damping, damping
+
+
+def _by_power(hertz, power):
+    return by_type({type(None): hertz, Power: power})
+
+
+_elastic = _by_power(_hertz_elastic, _power_elastic)
+_near = _by_power(_hertz_near, _power_near)
+_slope = _by_power(_hertz_slope, _power_slope)
+_damped = _by_power(_hertz_damped, _power_damped)
+_chord_by = _by_power(_hertz_chord, _power_chord)
+_is_hertz = by_type({type(None): yes, Power: no})
+
+
+@kernel(inline=True, borrowed=True)
+def elastic(model, gap):
+    """Contact force without damping (N) at a modal gap, the energy in the contact and in the
+    spring of the modes left out (J), and the root of the penetration (m^0.5; of a `Power` the
+    penetration itself, m)."""
+    return _elastic(model.power, model, gap)
+
+
+@kernel(inline=True, borrowed=True)
+def elastic_near(model, gap, root):
+    """The same from a root nearby, by one step of Halley's rule, which cubes what is wrong; from
+    nothing if `root` is zero or not near enough."""
+    return _near(model.power, model, gap, root)
+
+
+@kernel(inline=True, borrowed=True)
+def slope_by_gap(model, root):
+    """dF/dgap of the contact without damping, N/m, by the root of `elastic`."""
+    return _slope(model.power, model, root)
+
+
+@kernel(inline=True, borrowed=True)
+def damped_law(model, gap, rate):
+    """Force, its damping part, dF/dgap, dF/drate at a modal gap < 0 and its rate (m/s)."""
+    return _damped(model.power, model, gap, rate)
+
+
+@kernel(inline=True, borrowed=True)
+def _chord(model, x0, x1):
+    """Discrete gradient between two modal gaps, damping included, and damping's part (N)."""
+    return _chord_by(model.power, model, x0, x1)
 
 
 def by_ends(t: float) -> tuple[float, float, float, float, float]:
@@ -270,26 +421,6 @@ def _project(model, x0, x1, d0, d1, mean):
 
 
 @kernel(borrowed=True, fused=True)
-def _chord(model, x0, x1):
-    """Discrete gradient between two modal gaps, damping included, and damping's part (N)."""
-    if x0 >= 0.0 and x1 >= 0.0:
-        return 0.0, 0.0
-    a = root_penetration(model, x0) if x0 < 0.0 else 0.0
-    b = root_penetration(model, x1) if x1 < 0.0 else 0.0
-    s, share = model.stiffness, model.flexibility_m_n * model.stiffness
-    if (x0 < 0.0) != (x1 < 0.0):
-        force = (elastic(model, x1)[1] - elastic(model, x0)[1]) / (x0 - x1)
-    else:
-        five = b**4 + b**3 * a + b * b * a * a + b * a**3 + a**4
-        six = five * b + a**5
-        way = b + a + share * (b * b + b * a + a * a)
-        force = s * (0.4 * five + 0.5 * share * six) / way
-    rate = (b * b - a * a) / model.step_s
-    damping = (model.viscous_n_s_m + model.hunt_crossley_s_m * force) * rate
-    return force + damping, damping
-
-
-@kernel(borrowed=True, fused=True)
 def _solve_chord(model, x0, free_x):
     """Constant force over the step by the discrete gradient, by bisection: always ends."""
     gain = model.gains[X0]
@@ -421,7 +552,8 @@ def solve_contact(model, x0, d0, free_x, free_d, free_mean, before, guess0, gues
     """
     f0, f1, lost, root = guess0, guess1, 0.0, 0.0
     evaluations = 0
-    if x0 < 0.0 and model.viscous_n_s_m == 0.0 and model.hunt_crossley_s_m == 0.0:
+    undamped = model.viscous_n_s_m == 0.0 and model.hunt_crossley_s_m == 0.0
+    if _is_hertz(model.power) and x0 < 0.0 and undamped:
         f0, f1, evaluations, root = _solve_inside(
             model, x0, d0, free_x, free_d, free_mean, guess0, guess1
         )

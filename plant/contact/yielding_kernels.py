@@ -48,6 +48,7 @@ class Curve(NamedTuple):
     hunt_crossley_s_m: float
     gains: Any
     tail: Any
+    power: Any  # None: Hertz's
 
 
 @kernel(inline=True, borrowed=True)
@@ -87,6 +88,7 @@ def hertz_curve(model, stiffness):
         model.hunt_crossley_s_m,
         model.gains,
         model.tail,
+        None,
     )
 
 
@@ -429,9 +431,8 @@ def _no_dent(law, body):
 
 
 @kernel(inline=True, borrowed=True)
-def _hertz_slope(law, model, body, gap, root, approaching):
-    s, spring = model.stiffness, model.flexibility_m_n
-    return -3.0 * s * root / (2.0 + 3.0 * spring * s * root)
+def _elastic_slope(law, model, body, gap, root, approaching):
+    return elastic.slope_by_gap(model, root)
 
 
 @kernel(inline=True, borrowed=True)
@@ -449,6 +450,6 @@ def _settle_elastic(law, model, state, gap, root):
 # end.
 yields = by_type({type(None): no, Yielding: yes})
 dent = by_type({type(None): _no_dent, Yielding: _dent})
-slope = by_type({type(None): _hertz_slope, Yielding: _slope})
+slope = by_type({type(None): _elastic_slope, Yielding: _slope})
 solve_contact = by_type({type(None): _elastic, Yielding: _solve})
 settle = by_type({type(None): _settle_elastic, Yielding: _settle})

@@ -11,13 +11,7 @@ import math
 import numpy as np
 import scipy
 
-from hertzloop.plant.contact.hertz import (
-    Contact,
-    Sphere,
-    rigid_contact_time_s,
-    rigid_peak_force_n,
-    rigid_penetration_m,
-)
+from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_impact
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.structures.structure import Structure
 
@@ -94,10 +88,10 @@ def damper_error(
     """Estimated error of the plate energy, relative to itself, from a damper in the contact in
     series with the massless spring of the modes above a limit: 2.5 (c + d F) R/T, with peak force
     F and length T on a rigid plate. A damped mode in place of the spring is without it."""
-    s, m, v = contact.stiffness, sphere.mass_kg, sphere.impact_speed_m_s
-    damper = contact.viscous_n_s_m + contact.hunt_crossley_s_m * rigid_peak_force_n(m, s, v)
+    rigid = rigid_impact(sphere, contact)
+    damper = contact.viscous_n_s_m + contact.hunt_crossley_s_m * rigid.peak_n
     flexibility = abs(plate.residual_flexibility_m_n(2.0 * math.pi * frequency_limit_hz))
-    return _DAMPER_FACTOR * damper * flexibility / rigid_contact_time_s(m, s, v)
+    return _DAMPER_FACTOR * damper * flexibility / rigid.contact_s
 
 
 def held_error(
@@ -105,7 +99,7 @@ def held_error(
 ) -> float:
     """Estimated error of the plate energy, relative to itself, from an actuator that answers the
     contact with a `share` of its force, held for `hold_s`, above what the modes can carry."""
-    lasts_s = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s)
+    lasts_s = rigid_impact(sphere, contact).contact_s
     factor = _HELD_DAMPED if damped else _HELD_SPRING
     return factor * share * (hold_s / lasts_s) ** 2
 
@@ -116,12 +110,12 @@ def jump_error(
 ) -> float:  # fmt: skip
     """Estimated error of gap or plate energy, relative, from an actuator's force that is switched
     on and off at `force_n`, from leaving out all modes above a limit."""
-    s, m, v = contact.stiffness, sphere.mass_kg, sphere.impact_speed_m_s
-    jump = force_n / rigid_peak_force_n(m, s, v)
+    rigid = rigid_impact(sphere, contact)
+    jump = force_n / rigid.peak_n
     gap = _JUMP * jump * expected_error(sphere, plate, contact, frequency_limit_hz)
     if damped:
         return gap
-    return max(gap, _JUMP_SPRING * jump**2 / (frequency_limit_hz * rigid_contact_time_s(m, s, v)))
+    return max(gap, _JUMP_SPRING * jump**2 / (frequency_limit_hz * rigid.contact_s))
 
 
 def law_error(
@@ -154,13 +148,13 @@ def _solid_law_error(
     """As `law_error`. What stands for the modes left out of a solid moves with every step of the
     force at once, and the waves that a step drives have an energy that grows with the frequencies
     that are counted."""
-    s, m, v = spec.contact.stiffness, spec.sphere.mass_kg, spec.sphere.impact_speed_m_s
-    lasts_s, limit_hz = rigid_contact_time_s(m, s, v), spec.frequency_limit_hz
+    rigid = rigid_impact(spec.sphere, spec.contact)
+    lasts_s, limit_hz = rigid.contact_s, spec.frequency_limit_hz
     bandwidth_hz = spec.actuator.bandwidth_hz or math.inf
     thickness_m = spec.plate.local_plate.thickness_m if spec.plate.local_plate else 0.0
     face = _FACE_MOBILITY * (2.0 * math.pi * thickness_m / spec.plate.material.shear_speed_m_s) ** 2
     if force_n < math.inf:
-        step = min(1.0, (bandwidth_hz / limit_hz) ** 2) * force_n / rigid_peak_force_n(m, s, v)
+        step = min(1.0, (bandwidth_hz / limit_hz) ** 2) * force_n / rigid.peak_n
         last_hz = max(limit_hz, min(until_hz, _ROUNDED * max(bandwidth_hz, limit_hz)))
         driven = 1.0 / limit_hz - 1.0 / last_hz + face * (last_hz - limit_hz)
         waves = _SWITCHED_SOLID * step**2 / lasts_s * driven
@@ -175,7 +169,7 @@ def _solid_law_error(
         spec.plate.residual_flexibility_m_n(2.0 * math.pi * hz, spec.contact_point_m)
         for hz in (limit_hz, max(limit_hz, until_hz))
     )
-    gap = step * abs(high - low) * s * math.sqrt(rigid_penetration_m(m, s, v))
+    gap = step * abs(high - low) * spec.contact.stiffness * rigid.rise
     return max(gap, min(1.0, waves))
 
 
@@ -201,14 +195,13 @@ def expected_error(
     missing, which counts by how many periods of the limit the contact on a rigid plate lasts:
     measured errors scatter around share (limit T)^-1.3. Step-size error is not included.
     """
-    s, m, v = contact.stiffness, sphere.mass_kg, sphere.impact_speed_m_s
-    p_max = rigid_penetration_m(m, s, v)
+    rigid = rigid_impact(sphere, contact)
     # Below zero of a solid's modes in a file.
     flexibility = abs(plate.residual_flexibility_m_n(2.0 * math.pi * frequency_limit_hz))
-    share = flexibility * s * math.sqrt(p_max)
+    share = flexibility * contact.stiffness * rigid.rise
     if not spring:
         return share
-    periods = frequency_limit_hz * rigid_contact_time_s(m, s, v)
+    periods = frequency_limit_hz * rigid.contact_s
     found = max(
         _SPRING_FACTOR * share * periods**-_SPRING_EXPONENT,
         min(1.0, _ENERGY_FACTOR * energy_beyond(periods)),
@@ -228,11 +221,10 @@ def frequency_limit_hz(
 ) -> float:
     """Lowest limit whose estimated error meets `accuracy`; at most pi/dt, i.e. 1/(2 step_s) Hz."""
     nyquist = 0.5 / step_s
-    s, m, v = contact.stiffness, sphere.mass_kg, sphere.impact_speed_m_s
     share = expected_error(sphere, plate, contact, nyquist)
     if not spring:
         return min(nyquist, nyquist * share / accuracy)
-    lasts_s = rigid_contact_time_s(m, s, v)
+    lasts_s = rigid_impact(sphere, contact).contact_s
     error = _SPRING_FACTOR * share * (nyquist * lasts_s) ** -_SPRING_EXPONENT
     # These parts of the estimate are powers of the limit.
     for_gap = nyquist * (error / accuracy) ** (1.0 / (1.0 + _SPRING_EXPONENT))
@@ -248,13 +240,13 @@ def least_limit_hz(
     """Lowest limit at which `expected_error` with a spring is below 1, so that modes hold a part
     of the impact, if those beyond `frequency_limit_hz` stay as flexible as they are; inf where a
     damper in the contact costs as much at any limit."""
-    s, m, v = contact.stiffness, sphere.mass_kg, sphere.impact_speed_m_s
+    lasts_s = rigid_impact(sphere, contact).contact_s
     rest = 1.0 - damper_error(sphere, plate, contact, frequency_limit_hz)
     if rest <= 0.0:
         return math.inf
     share = expected_error(sphere, plate, contact, frequency_limit_hz)
     for_gap = (_SPRING_FACTOR * share / rest) ** (1.0 / _SPRING_EXPONENT)
-    return max(for_gap, _periods_for(rest / _ENERGY_FACTOR)) / rigid_contact_time_s(m, s, v)
+    return max(for_gap, _periods_for(rest / _ENERGY_FACTOR)) / lasts_s
 
 
 def expected_solid_error(
@@ -262,12 +254,9 @@ def expected_solid_error(
 ) -> float:
     """Estimated error of plate energy, relative to itself, and rebound speed, to the impact speed,
     from leaving out all modes above a limit."""
-    s, m, v = contact.stiffness, sphere.mass_kg, sphere.impact_speed_m_s
-    limit, impact = (
-        2.0 * math.pi * frequency_limit_hz,
-        2.0 * math.pi / rigid_contact_time_s(m, s, v),
-    )
-    share = plate.residual_inertia_m_n(limit, impact) * s * math.sqrt(rigid_penetration_m(m, s, v))
+    rigid = rigid_impact(sphere, contact)
+    limit, impact = 2.0 * math.pi * frequency_limit_hz, 2.0 * math.pi / rigid.contact_s
+    share = plate.residual_inertia_m_n(limit, impact) * contact.stiffness * rigid.rise
     return max(share, expected_error(sphere, plate, contact, frequency_limit_hz, spring=True))
 
 

@@ -13,7 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.plant.contact.hertz import Contact, Sphere, tangent_stiffness_n_m
+from hertzloop.plant.contact.hertz import (
+    HERTZ,
+    Contact,
+    Sphere,
+    rigid_contact_time_s,
+    rigid_impact,
+    tangent_stiffness_n_m,
+)
 from hertzloop.plant.structures import radiation
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.radiation import AIR_DENSITY_KG_M3, critical_frequency_hz
@@ -87,12 +94,12 @@ def static_difference_m_n(plate: Plate, number: float) -> float:
 
 
 def kirchhoff_error(
-    plate: Plate, stiffness: float, contact_s: float, peak_force_n: float
+    plate: Plate, stiffness: float, contact_s: float, peak_force_n: float, exponent: float = HERTZ
 ) -> KirchhoffError:
     """What Kirchhoff's theory may cost an impact of known length (s) and peak force (N), as bounds;
-    `stiffness`: Hertz's (N/m^1.5)."""
+    `stiffness`: of the contact (N/m^exponent)."""
     number = thickness_number(plate, contact_s)
-    share = tangent_stiffness_n_m(stiffness, peak_force_n)
+    share = tangent_stiffness_n_m(stiffness, peak_force_n, exponent)
     return KirchhoffError(
         plate_energy=_ENERGY_FACTOR * number * number,
         rebound_speed=_REBOUND_FACTOR * number * number,
@@ -103,11 +110,17 @@ def kirchhoff_error(
 def expected_kirchhoff_error(sphere: Sphere, plate: Plate, contact: Contact) -> KirchhoffError:
     """The same before any run, with length and peak force of Zener's impact."""
     impact = zener_impact(sphere, plate, contact)
-    return kirchhoff_error(plate, contact.stiffness, impact.contact_s, impact.peak_force_n)
+    return kirchhoff_error(
+        plate, contact.stiffness, impact.contact_s, impact.peak_force_n, contact.exponent
+    )
 
 
 def _unit_s(sphere: Sphere, contact: Contact) -> float:
+    """Zener's unit of time; of another exponent that of a Hertz contact that lasts as long."""
     speed = sphere.impact_speed_m_s
+    if contact.power is not None:
+        one_s = rigid_contact_time_s(1.0, 1.0, 1.0)
+        return rigid_impact(sphere, contact).contact_s / one_s
     return float((sphere.mass_kg / (contact.stiffness * math.sqrt(speed))) ** 0.4)
 
 
@@ -214,7 +227,7 @@ def sphere_periods(sphere: Sphere, contact_s: float) -> float:
     """Periods of the sphere's lowest vibration that a contact lasts: with few the sphere is no
     rigid mass behind a spring (Love 1927, quasi-statics of Hertz)."""
     speed = _SPHEROIDAL * sphere.material.shear_speed_m_s
-    return contact_s * speed / (2.0 * math.pi * sphere.radius_m)
+    return contact_s * speed / (2.0 * math.pi * sphere.ball_radius_m)
 
 
 def thickness_periods(plate: Plate, contact_s: float) -> float:
@@ -251,7 +264,7 @@ def air_loss_factor(plate: Plate, faces: int = 1) -> float:
 def squeezed_film(sphere: Sphere) -> float:
     """Share of the sphere's energy that the film of air takes on the way in: 6 pi mu R^2
     ln(R/1e-7 m) v against m v^2/2 (Reynolds' lubrication, without compressibility)."""
-    r, v = sphere.radius_m, sphere.impact_speed_m_s
+    r, v = sphere.ball_radius_m, sphere.impact_speed_m_s
     work = 6.0 * math.pi * _VISCOSITY_PA_S * r * r * math.log(r / _ROUGHNESS_M) * v
     return work / (0.5 * sphere.mass_kg * v * v)
 
@@ -259,7 +272,8 @@ def squeezed_film(sphere: Sphere) -> float:
 def drag_on_the_drop(sphere: Sphere) -> float:
     """Share of the energy of the fall that drag takes: 3/8 C_D rho0 H/(rho_s R), C_D = 0.47."""
     density = sphere.material.density_kg_m3
-    return 0.375 * _DRAG * AIR_DENSITY_KG_M3 * sphere.drop_height_m / (density * sphere.radius_m)
+    radius = sphere.ball_radius_m
+    return 0.375 * _DRAG * AIR_DENSITY_KG_M3 * sphere.drop_height_m / (density * radius)
 
 
 def tail_share(

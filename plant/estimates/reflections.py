@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_contact_time_s
+from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_impact
 from hertzloop.plant.estimates.reflections_kernels import add_twice_integrated
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes import infinite_kernels as k
@@ -124,8 +124,7 @@ def _far(
     sphere: Sphere, plate: Plate, contact: Contact, point_m: tuple[float, float]
 ) -> tuple[np.ndarray, float, int]:
     """r^2/(4 a) of the images, s; the step of the estimate, s; how many it has at most."""
-    speed = sphere.impact_speed_m_s
-    rigid_s = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, speed)
+    rigid_s = rigid_impact(sphere, contact).contact_s
     a = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2)
     r4a = images(plate.size_m, point_m)[0] / (4.0 * a)
     h = rigid_s / _STEPS_PER_CONTACT

@@ -107,6 +107,7 @@ def impacts(
     f_a1: np.ndarray | None = None,
     dent_m: np.ndarray | None = None,
     v_start: np.ndarray | None = None,
+    gravity_m_s2: float = GRAVITY_M_S2,
 ) -> list[Impact]:
     """All impacts of a run from its rows of truth (arrays of shape (steps,)).
 
@@ -136,7 +137,7 @@ def impacts(
     for i, start in enumerate(starts):
         end = ends[i] if i < len(ends) else -1
         if k.contact_figures(
-            xi, xi_s, f_c, slope, speeds, dents, first_step, start, end, mass_kg, GRAVITY_M_S2,
+            xi, xi_s, f_c, slope, speeds, dents, first_step, start, end, mass_kg, gravity_m_s2,
             step_s, TO_CUBIC, figures,
         ):  # fmt: skip
             until = starts[i + 1] if i + 1 < len(starts) else len(xi)

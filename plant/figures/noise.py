@@ -106,9 +106,10 @@ def rebound_height_m(rebound_speed_m_s: float) -> float:
 
 
 def closed_forms(
-    radius_m: float, contact_time_s: float, impact_speed_m_s: float, rebound_speed_m_s: float
+    sphere: Sphere, contact_time_s: float, impact_speed_m_s: float, rebound_speed_m_s: float
 ) -> dict[str, float]:
-    """The fields of `ImpactNoise` that follow from contact time and speeds alone.
+    """The fields of `ImpactNoise` that follow from contact time and speeds alone; nan where they
+    are known of a falling ball only.
 
     Of speeds whose squares no number holds, as of a scheme that diverges, energies are inf.
     """
@@ -120,8 +121,11 @@ def closed_forms(
     if not max(abs(impact_speed_m_s), abs(rebound_speed_m_s)) < _FASTEST_M_S:
         unknown = ("rebound_height_m", "longhorn_j", "holmes_j", "peak_pressure_pa")
         return plain | dict.fromkeys(unknown, math.inf)
+    radius_m = sphere.ball_radius_m
     return plain | {
-        "rebound_height_m": rebound_height_m(rebound_speed_m_s),
+        "rebound_height_m": (
+            rebound_height_m(rebound_speed_m_s) if sphere.gravity_m_s2 else math.nan
+        ),
         "longhorn_j": longhorn_j(radius_m, impact_speed_m_s, rebound_speed_m_s),
         "holmes_j": holmes_j(radius_m, impact_speed_m_s, contact_time_s),
         "peak_pressure_pa": peak_pressure_pa(radius_m, impact_speed_m_s, contact_time_s),
@@ -321,7 +325,7 @@ def impact_noise(
     known. Without modes (`plant.NO_MODES`) all sums over modes are nan. `faces`: that radiate.
     """
     return ImpactNoise(
-        **closed_forms(sphere.radius_m, contact_time_s, impact_speed_m_s, rebound_speed_m_s),
+        **closed_forms(sphere, contact_time_s, impact_speed_m_s, rebound_speed_m_s),
         transmitted_j=work_j,
         transmitted_spectrum_j=float(shares_j.sum()) if modes.modes else math.nan,
         plate_speed_max_m_s=plate_speed_max_m_s,
@@ -396,7 +400,7 @@ def published_noise(
     sounds = _radiated_j(plate, modes, shares, 1)
     radiated, maidanik = binned_energies_j(force, step_s, real, efficiencies)
     return ImpactNoise(
-        **closed_forms(sphere.radius_m, time_s, impact_speed_m_s, rebound),
+        **closed_forms(sphere, time_s, impact_speed_m_s, rebound),
         transmitted_j=float(np.sum(force * speed)) * step_s,
         transmitted_spectrum_j=float(np.sum(shares)),
         plate_speed_max_m_s=float(np.max(np.abs(speed))),

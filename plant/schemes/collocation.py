@@ -9,7 +9,6 @@ import numpy as np
 from hertzloop.plant import actuator
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.contact.tail_kernels import DampedTail
 from hertzloop.plant.contact.yielding import yielding
 from hertzloop.plant.numerics import aligned, phi
@@ -230,7 +229,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
     return k.CollocationModel(
         step_s=h,
         mass_kg=m,
-        gravity_m_s2=GRAVITY_M_S2,
+        gravity_m_s2=spec.sphere.gravity_m_s2,
         stiffness=stiffness,
         flexibility_m_n=flexibility_m_n(spec),
         viscous_n_s_m=spec.contact.viscous_n_s_m,
@@ -243,6 +242,8 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
         actuator=actuator.build_model(spec.actuator, h),
         tail=tail,
         air=_air(spec, modes, gains, table, *lost),
+        power=spec.contact.power,
+        hand=spec.sphere.hand,
         gains=gains,
         table=table,
     )
@@ -296,6 +297,9 @@ def with_contact(model: k.CollocationModel, spec: PlantSpec) -> k.CollocationMod
         viscous_n_s_m=contact.viscous_n_s_m,
         hunt_crossley_s_m=contact.hunt_crossley_s_m,
         law=None if limit is None else yielding(limit, contact.stiffness),
+        gravity_m_s2=spec.sphere.gravity_m_s2,
+        power=contact.power,
+        hand=spec.sphere.hand,
         gains=gains,
     )
 

@@ -80,6 +80,8 @@ class CollocationModel(NamedTuple):
     actuator: Any  # of hertzloop.plant.actuator_kernels; its type decides what is compiled
     tail: Any  # of hertzloop.plant.contact.tail_kernels, the same
     air: Any  # Air, or None where no face radiates
+    power: Any  # of the contact, hertzloop.plant.contact.elastic_kernels, the same
+    hand: Any  # of hertzloop.plant.state_kernels, the same
     gains: np.ndarray
     table: np.ndarray
 
@@ -515,6 +517,8 @@ def step(model, state, command):
         own_0, own_1 = own - bent, own + bent
     gap_0 = sphere_0 - body[MODAL_X] - own_0
     free = sphere - x - own_1
+    if pk.withdrawn(model.hand, counts):
+        gap_0 = free = pk.AWAY_M
     slope_0 = h * (before_v - body[MODAL_V])
     slope = h * (sphere_v - v)
     if sloped:
@@ -529,6 +533,8 @@ def step(model, state, command):
     body[OWN] = own_1
     rest = -yielding.dent(model.law, body)
     touches = gap_0 < rest or free < rest or (slope_0 < 0.0 < slope)
+    if pk.withdrawn(model.hand, counts):
+        touches = False
     if drifts and (touches or pushed):
         mean, swing = mean_of_drift(model.slow, awake, state.z, model.table, model.rho)
     root = 0.0
@@ -565,6 +571,8 @@ def step(model, state, command):
     if sloped and not model.same_point:
         y += g[elastic.AA1] * f_a1
     modal_gap = sphere - x - own_1
+    if pk.withdrawn(model.hand, counts):
+        modal_gap = pk.AWAY_M
     force_1, body[STORED], root = yielding.settle(model.law, model, state, modal_gap, root)
     state.balance[pk.INJECTED] += f_a * (y - body[MODAL_Y])
     if sloped and pushed:
@@ -593,6 +601,7 @@ def step(model, state, command):
     if sloped:
         body[SWING] += g[elastic.SWING1] * f_a1
     _observe(model, body, sphere, sphere_v, modal_gap, force_1, root, f_a, f_a1, push)
+    pk.withdraw(model.hand, model, state)
     body[pk.F_C] = f_c
     body[F_C1_BEFORE] = body[pk.F_C1]
     body[pk.F_C1] = f_c1

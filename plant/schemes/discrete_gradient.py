@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 
 from hertzloop.plant import state_kernels as pk
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.numerics import phi
 from hertzloop.plant.plant import Plant, PlantSpec, damped_frequency
 from hertzloop.plant.schemes import discrete_gradient_kernels as k
@@ -75,10 +74,11 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.PlantModel:
     return k.PlantModel(
         step_s=h,
         mass_kg=spec.sphere.mass_kg,
-        gravity_m_s2=GRAVITY_M_S2,
+        gravity_m_s2=spec.sphere.gravity_m_s2,
         stiffness=spec.contact.stiffness,
         viscous_n_s_m=spec.contact.viscous_n_s_m,
         hunt_crossley_s_m=spec.contact.hunt_crossley_s_m,
+        hand=spec.sphere.hand,
         same_point=same,
         damped=eta > 0.0,
         rho=rho,

@@ -13,7 +13,7 @@ fast-math is used, so the bits do not depend on who calls or on the vector width
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,6 +44,8 @@ from hertzloop.plant.state_kernels import (
     XI_P,
     XI_S,
     dissipation,
+    withdraw,
+    withdrawn,
 )
 
 LANES = 48  # oscillators summed side by side; 1104 frequencies are exactly 23 rows
@@ -77,6 +79,7 @@ class PlantModel(NamedTuple):
     stiffness: float
     viscous_n_s_m: float
     hunt_crossley_s_m: float
+    hand: Any  # of hertzloop.plant.state_kernels; its type decides what is compiled
     same_point: bool
     damped: bool
     rho: float
@@ -397,7 +400,10 @@ def step(model, state, f_a):
     plate = x + model.gain_ca * f_a
     xi_free = sphere - plate
     f_c = 0.0
-    if body[XI] <= 0.0 or xi_free < 0.0:
+    touches = body[XI] <= 0.0 or xi_free < 0.0
+    if withdrawn(model.hand, counts):
+        touches = False
+    if touches:
         ballistic = 0.5 * h * h / model.mass_kg
         f_c, f_damping, iterations = solve_contact(
             model, body[XI], xi_free, ballistic + model.gain_cc
@@ -423,6 +429,7 @@ def step(model, state, f_a):
     body[XI_P] = plate
     body[V_P] = speed
     body[XI_A] = actuator
+    withdraw(model.hand, model, state)
     body[F_C] = f_c
     body[F_A] = f_a
     counts[STEP] += 1

@@ -7,7 +7,6 @@ import numpy as np
 
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.plant import NO_MODES, Plant, PlantSpec
 from hertzloop.plant.schemes import infinite_kernels as k
 from hertzloop.plant.structures.plate import Plate
@@ -45,7 +44,7 @@ def build_model(spec: PlantSpec) -> k.InfiniteModel:
     return k.InfiniteModel(
         step_s=h,
         mass_kg=m,
-        gravity_m_s2=GRAVITY_M_S2,
+        gravity_m_s2=spec.sphere.gravity_m_s2,
         stiffness=spec.contact.stiffness,
         flexibility_m_n=0.0,
         viscous_n_s_m=spec.contact.viscous_n_s_m,
@@ -53,6 +52,8 @@ def build_model(spec: PlantSpec) -> k.InfiniteModel:
         same_point=True,
         impedance_n_s_m=z,
         tail=None,
+        power=spec.contact.power,
+        hand=spec.sphere.hand,
         gains=gains,
     )
 

@@ -31,6 +31,8 @@ class InfiniteModel(NamedTuple):
     same_point: bool
     impedance_n_s_m: float
     tail: Any  # None; the contact solve asks for it
+    power: Any  # of the contact, hertzloop.plant.contact.elastic_kernels
+    hand: Any  # of hertzloop.plant.state_kernels
     gains: np.ndarray
 
 
@@ -63,13 +65,18 @@ def step(model, state, f_a):
     plate = plate_0 + g[elastic.CA] * f_a
     gap_0 = sphere_0 - plate_0
     free = sphere - plate
+    if pk.withdrawn(model.hand, counts):
+        gap_0 = free = pk.AWAY_M
     # The plate's velocity follows the force at once: at the start it is that under the new F_a.
     slope_0 = h * (before_v - plate_speed(model, gap_0, before_v, f_a))
     slope = h * (sphere_v - g[elastic.VA] * f_a)
     f_c = 0.0
     f_c1 = 0.0
     lost = 0.0
-    if gap_0 < 0.0 or free < 0.0 or (slope_0 < 0.0 < slope):
+    touches = gap_0 < 0.0 or free < 0.0 or (slope_0 < 0.0 < slope)
+    if pk.withdrawn(model.hand, counts):
+        touches = False
+    if touches:
         sphere_mean = sphere_0 + 0.5 * h * before_v - h * h * gravity / 6.0
         free_mean = sphere_mean - plate_0 - g[elastic.MA] * f_a
         guess1 = body[pk.F_C1]
@@ -95,15 +102,18 @@ def step(model, state, f_a):
     )
     balance[pk.INJECTED] += f_a * (plate - plate_0)
     gap = sphere - plate
+    if pk.withdrawn(model.hand, counts):
+        gap = pk.AWAY_M
     body[STORED] = elastic.elastic(model, gap)[1]
     speed = plate_speed(model, gap, sphere_v, f_a)
     body[pk.V_P_OF_STEP] = body[pk.V_P]
     body[pk.A_P] = (speed - body[pk.V_P]) / h
-    body[pk.XI] = gap
+    body[pk.XI] = sphere - plate
     body[pk.XI_S] = sphere
     body[pk.XI_P] = plate
     body[pk.XI_A] = plate
     body[pk.V_P] = speed
+    pk.withdraw(model.hand, model, state)
     body[pk.F_C] = f_c
     body[pk.F_C1] = f_c1
     body[pk.F_A] = f_a

@@ -48,6 +48,8 @@ class Scheme:
     supports_radiation: bool = False  # modes that are damped by air
     supports_actuator_dynamics: bool = False  # bandwidth, mass and limit of the actuator
     supports_mode_losses: bool = False  # loss factors that differ from mode to mode
+    supports_hammer: bool = False  # a striker without weight, which a hand withdraws
+    supports_exponent: bool = False  # contact forces other than Hertz's
 
     @property
     def supports_infinite_plate(self) -> bool:
@@ -88,11 +90,12 @@ SCHEMES = {
         infinite_plate=f"{_AT}.infinite:InfinitePlant", records_slope=True,
         has_linear_model=True,
         supports_tail=True, supports_solid=True, supports_yield=True, supports_radiation=True,
-        supports_actuator_dynamics=True, supports_mode_losses=True,
+        supports_actuator_dynamics=True, supports_mode_losses=True, supports_hammer=True,
+        supports_exponent=True,
     ),
     "discrete_gradient": Scheme(
         f"{_AT}.discrete_gradient:DiscreteGradientPlant",
-        f"{_AT}.discrete_gradient_kernels:PlantModel",
+        f"{_AT}.discrete_gradient_kernels:PlantModel", supports_hammer=True,
     ),
     "thesis2008": Scheme(
         f"{_AT}.thesis2008:ThesisPlant", f"{_AT}.thesis2008_kernels:ThesisModel",

@@ -66,7 +66,7 @@ class Told:
 @dataclass(frozen=True)
 class Shown:
     """What a replay shows, worked out once; see `prepare`. `at_frames`: lowest point of the sphere,
-    gap and actuator force, (frames,) each."""
+    gap and actuator force, (frames,) each; `striker`: "sphere", or the "hammer tip"."""
 
     recording: Recording
     deflection: Deflection
@@ -77,6 +77,7 @@ class Shown:
     at_frames: Arrays
     sphere_radius_m: float
     told: Told
+    striker: str = "sphere"
 
 
 def prepare(
@@ -100,12 +101,17 @@ def prepare(
         touching = begun, begun + (contacts[0].end - contacts[0].first) * truth.step_ns
     run_ns = at_ns(0), at_ns(truth.samples - 1)
     when = replay_data.moments(run_ns, touching, truth.step_ns, told.until_ns)
-    radius = float(replay_data.scene_value(recording, "sphere", "radius_m", 0.0))
+    hammer = replay_data.scene_value(recording, "hammer", "mass_kg") is not None
+    where = ("hammer", "tip_radius_m") if hammer else ("sphere", "radius_m")
+    radius = float(replay_data.scene_value(recording, *where, 0.0))
     drawn = scene3d.scale(deflection, when.selection_ns, radius)
     plots = [*replay_data.plots(recording, contacts, told.twin), *told.more_plots]
     frames = deflection.times_ns // truth.step_ns - truth.first_step
     at_frames = rows_at(truth, frames, ("xi_s_m", "xi_m", "f_a_n"))
-    return Shown(recording, deflection, contacts, when, plots, drawn, at_frames, radius, told)
+    striker = "hammer tip" if hammer else "sphere"
+    return Shown(
+        recording, deflection, contacts, when, plots, drawn, at_frames, radius, told, striker
+    )
 
 
 def check_replayable(recording: Recording) -> None:
@@ -138,7 +144,8 @@ def fill(stream: rr.RecordingStream, shown: Shown, still: bool = False) -> None:
     /states, /about."""
     deflection, drawn, rows = shown.deflection, shown.drawn, shown.at_frames
     scene3d.send_plate(stream, deflection, drawn)
-    scene3d.send_sphere(stream, rows["xi_s_m"], rows["xi_m"], deflection, drawn)
+    hammer = shown.striker != "sphere"
+    scene3d.send_sphere(stream, rows["xi_s_m"], rows["xi_m"], deflection, drawn, hammer)
     if shown.told.actuator_m is not None:
         at, full_n = shown.told.actuator_m, _full_arrow_n(shown)
         scene3d.send_actuator(stream, rows["f_a_n"], deflection, at, drawn, full_n)
@@ -300,7 +307,9 @@ def _about(shown: Shown, still: bool) -> str:
         lines[-1] = "The plate is at rest" if shown.deflection.known else "It is drawn flat"
     if shown.sphere_radius_m:
         larger = shown.drawn.sphere_radius_m / shown.sphere_radius_m
-        lines[-1] += f", the sphere {larger:.2g} times its size, at a compressed height in flight"
+        lines[-1] += (
+            f", the {shown.striker} {larger:.2g} times its size, at a compressed height in flight"
+        )
     lines[-1] += ". Its penetration is plotted, not drawn."
     if shown.contacts and not still:
         lines += [

@@ -31,7 +31,7 @@ from enum import StrEnum
 from typing import Any
 
 from hertzloop.analysis.cases import uncontrolled
-from hertzloop.plant.contact.hertz import rigid_contact_time_s
+from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.setup import Setup
@@ -125,10 +125,7 @@ class BudgetLimit:
 
 def contact_us(setup: Setup) -> float:
     """Return the contact time on a rigid plate, us: the time scale of a scene."""
-    seconds = rigid_contact_time_s(
-        setup.sphere.mass_kg, setup.contact.stiffness, setup.sphere.impact_speed_m_s
-    )
-    return 1e6 * seconds
+    return 1e6 * rigid_impact(setup.sphere, setup.contact).contact_s
 
 
 NAMES = ("latency_us", "jitter_us", "bits", "noise", "sampling_us", "bandwidth_hz", "mass_kg")

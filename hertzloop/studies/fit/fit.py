@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.plant.contact.hertz import rigid_contact_time_s
+from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.studies.fit.channel import (
@@ -572,9 +572,7 @@ def _frozen(
             models[given, point_m, under] = LoopModel(of_record.vary(known), duration_s, accuracy)
             continue
         base = of_record.vary({k: v for k, v in known.items() if not of_loop(k)})
-        contact_s = rigid_contact_time_s(
-            base.sphere.mass_kg, base.contact.stiffness, base.sphere.impact_speed_m_s
-        )
+        contact_s = rigid_impact(base.sphere, base.contact).contact_s
         sharp = [
             (c, _sharpness(c, contact_s))
             for c, of_channel in zip(channels, kinds, strict=True)

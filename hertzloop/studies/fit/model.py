@@ -18,7 +18,7 @@ import scipy
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.actuator import build_model
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Contact, rigid_contact_time_s
+from hertzloop.plant.contact.hertz import Contact, rigid_impact
 from hertzloop.plant.contact.yielding import above_dent_m, elastic_n
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.factory import plant_at_start
@@ -54,17 +54,17 @@ class Simulated:
     """One simulated drop.
 
     `time_s`: times of the rows after the first touch, s, shape (steps,). `rows`: the columns of
-    `hertzloop.plant.time_series.TRUTH`, shape (10, steps). `contact`, `speed_m_s`, `drop_m`: the
-    contact, the impact speed and the drop height of the case. `mobility_m_ns`: of a damped tail,
-    and `pushed_m_ns`: the same where the actuator acts at the contact point. `held`: whether the
-    actuator's force is constant over a step.
+    `hertzloop.plant.time_series.TRUTH`, shape (10, steps). `contact`, `speed_m_s`,
+    `gravity_m_s2`: the contact, the impact speed, and what acts on the striker. `mobility_m_ns`: of
+    a damped tail, and `pushed_m_ns`: the same where the actuator acts at the contact point. `held`:
+    whether the actuator's force is constant over a step.
     """
 
     time_s: np.ndarray
     rows: np.ndarray
     contact: Contact
     speed_m_s: float
-    drop_m: float
+    gravity_m_s2: float
     mobility_m_ns: float = 0.0
     pushed_m_ns: float = 0.0
     held: bool = True
@@ -128,7 +128,7 @@ class Simulated:
         found = elastic_n(self.contact, -gap, deepest)
         if self.contact.has_damper:
             rate = -self._gap(time_s, 1)
-            elastic = self.contact.stiffness * np.maximum(-gap, 0.0) ** 1.5
+            elastic = self.contact.stiffness * np.maximum(-gap, 0.0) ** self.contact.exponent
             damper = self.contact.viscous_n_s_m + self.contact.hunt_crossley_s_m * elastic
             found = found + damper * rate
         return np.asarray(np.where(above < 0.0, found, 0.0))
@@ -203,8 +203,9 @@ class Simulated:
 
     def _flight(self, time_s: np.ndarray) -> np.ndarray:
         """Height before the touch, at most that of the release, m."""
-        before = np.minimum(-time_s, self.speed_m_s / GRAVITY_M_S2)
-        return np.asarray(before * (self.speed_m_s - 0.5 * GRAVITY_M_S2 * before))
+        g = self.gravity_m_s2
+        before = np.minimum(-time_s, self.speed_m_s / g if g else math.inf)
+        return np.asarray(before * (self.speed_m_s - 0.5 * g * before))
 
 
 class FrozenModel:
@@ -237,9 +238,7 @@ class FrozenModel:
         velocity_error: float | None = None,
     ) -> None:
         free = setup.without_control()
-        lasts_s = rigid_contact_time_s(
-            free.sphere.mass_kg, free.contact.stiffness, free.sphere.impact_speed_m_s
-        )
+        lasts_s = rigid_impact(free.sphere, free.contact).contact_s
         self.step_ns = step_ns or _step_ns(lasts_s, duration_s)
         self.contact_s = lasts_s
         changed: dict[str, Any] = {
@@ -349,7 +348,7 @@ class FrozenModel:
         pushed = mobility if spec.same_point and np.any(rows[ts.F_A]) else 0.0
         held = spec.actuator.bandwidth_hz is None
         return Simulated(
-            time_s, rows, spec.contact, sphere.impact_speed_m_s, sphere.drop_height_m, mobility,
+            time_s, rows, spec.contact, sphere.impact_speed_m_s, sphere.gravity_m_s2, mobility,
             pushed, held,
         )  # fmt: skip
 
@@ -379,10 +378,11 @@ class FrozenModel:
 
 def _lead(spec: PlantSpec, speed_m_s: float) -> tuple[float, float]:
     """Flight before the touch, s, as the plant rounds it, and the fall, s."""
-    fall_s = speed_m_s / GRAVITY_M_S2
-    height, _ = pk.released(speed_m_s, GRAVITY_M_S2, spec.lead_in_s, spec.step_s, PHASE)
+    g = spec.sphere.gravity_m_s2
+    fall_s = speed_m_s / g if g else math.inf
+    height, _ = pk.released(speed_m_s, g, spec.lead_in_s, spec.step_s, PHASE)
     # Height = lead (v - g lead/2); the smaller root is the lead.
-    root = math.sqrt(max(speed_m_s**2 - 2.0 * GRAVITY_M_S2 * float(height), 0.0))
+    root = math.sqrt(max(speed_m_s**2 - 2.0 * g * float(height), 0.0))
     return min(2.0 * float(height) / (speed_m_s + root), fall_s), fall_s
 
 

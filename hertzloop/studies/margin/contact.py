@@ -14,6 +14,7 @@ import numpy as np
 
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import time_series as ts
+from hertzloop.plant.contact.hertz import tangent_stiffness_n_m
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup.setup import Setup
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
@@ -187,7 +188,7 @@ def plant_in_contact(setup: Setup, force_n: float) -> tuple[PoleForm, float]:
     """
     model = linear_model(setup)
     command = by_command(model, gap=True)
-    stiffness = 1.5 * setup.contact.stiffness ** (2.0 / 3.0) * force_n ** (1.0 / 3.0)
+    stiffness = tangent_stiffness_n_m(setup.contact.stiffness, force_n, setup.contact.exponent)
     spring = stiffness / (1.0 + stiffness * model.flexibility_m_n)
     contact = setup.contact
     damper = contact.viscous_n_s_m + contact.hunt_crossley_s_m * force_n

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.plant.contact.hertz import rigid_contact_time_s
+from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.recordings.replay.data import extremes
 from hertzloop.studies import pictures
 from hertzloop.studies.fit.fit import FitResult, Nuisance
@@ -80,9 +80,7 @@ def _charts(result: FitResult) -> list[dict[str, Any]]:
     for record, n, curve in zip(result.records, result.nuisances, result.curves, strict=False):
         assert result.setup is not None
         base = result.setup.vary(dict(record.measured.set))
-        contact_s = rigid_contact_time_s(
-            base.sphere.mass_kg, base.contact.stiffness, base.sphere.impact_speed_m_s
-        )
+        contact_s = rigid_impact(base.sphere, base.contact).contact_s
         words = (
             f"Left: around the contact. Right: the whole record. The shaded time is the first "
             f"contact of a rigid structure, {1e6 * contact_s:.3g} us. The lower band is "

@@ -1,0 +1,71 @@
+"""Every pair of features on the page of combinations: built, or refused with a remedy."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from hertzloop.controller.law import LawError
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import load
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "reference" / "combinations.md").read_text()
+
+
+def cells(row: str) -> list[str]:
+    """The cells of a row of a table."""
+    return [cell.strip() for cell in row.strip().strip("|").split("|")]
+
+
+def table(heading: str) -> list[list[str]]:
+    """The rows of the first table under a heading, without its head's line."""
+    rows = [line for line in PAGE.partition(heading)[2].split("\n## ")[0].splitlines()
+            if line.startswith("|")]  # fmt: skip
+    return [cells(row) for row in [rows[0], *rows[2:]]]
+
+
+FEATURES = {name: settings.strip("`").split() for name, settings in table("## Features")[1:]}
+(_, *COLUMNS), *ROWS = table("## Pairs")
+SLOW = {"other edges", "solid plate"}  # seconds of modes
+PAIRS = [
+    pytest.param(row[0], column, verdict, marks=pytest.mark.full if row[0] in SLOW else [])
+    for row in ROWS
+    for column, verdict in zip(COLUMNS, row[1:], strict=True)
+    if verdict
+]
+
+
+@pytest.fixture(scope="session")
+def modes_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Modes of the default plate, as a file."""
+    table = load("aluminium-3mm").start_plant().modes
+    path = tmp_path_factory.mktemp("combined") / "modes.csv"
+    lines = ["frequency_hz,loss_factor,shape_contact,modal_mass_kg"]
+    for omega, shape in zip(table.omega, table.contact, strict=True):
+        mass = 1.0 / table.scale_per_kg
+        lines.append(f"{omega / 6.283185307179586},1e-4,{shape},{mass}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_the_page_knows_every_feature() -> None:
+    assert {*COLUMNS, *(row[0] for row in ROWS)} <= {*FEATURES}
+    assert {pair.values[2] for pair in PAIRS} == {"works", "refused"}
+
+
+@pytest.mark.parametrize(("one", "other", "verdict"), PAIRS, ids=lambda x: re.sub(r"\W+", "-", x))
+def test_a_pair_of_features(one: str, other: str, verdict: str, modes_file: Path) -> None:
+    settings = [
+        setting.replace("MODES", str(modes_file)) for name in (one, other)
+        for setting in FEATURES[name]
+    ]  # fmt: skip
+    if verdict == "works":
+        load("aluminium-3mm", ["run.duration_s=0.002", *settings]).check()
+        return
+    with pytest.raises((SceneError, LawError)) as found:
+        load("aluminium-3mm", ["run.duration_s=0.002", *settings]).check()
+    sentence = str(found.value)
+    print(sentence)
+    # The sentence names a key of each, and begins its remedy with a verb.
+    assert re.search(r"\. (Use|Give|Remove|Leave|Choose|Set|Support|Add|Reduce)", sentence)
