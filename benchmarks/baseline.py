@@ -33,7 +33,7 @@ from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.processes.launcher import RunOptions, Transport, record
 from hertzloop.setup import Setup, load
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 
 SLOW_S = 0.5  # that the slow one takes for a message
 

@@ -41,7 +41,7 @@ from hertzloop.setup import Setup
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
 from hertzloop.studies.words import write_records
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 
 _SETTINGS = ["run.duration_s=0.0012", "controller.law=force_feedback"]
 _FIGURES = ("plate_energy_db", "rebound_percent", "peak_force_n")

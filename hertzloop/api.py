@@ -377,7 +377,7 @@ def _run(
     from hertzloop.analysis.recorded import law_of, pacing_of, stacked
     from hertzloop.analysis.trust import why_not_again
     from hertzloop.analysis.verdict import saturation_of
-    from hertzloop.views.data import pacing_as_json
+    from hertzloop.views.run import pacing_as_json
 
     step_s = setup.step_s
     found = impacts_of_rows(setup, rows)

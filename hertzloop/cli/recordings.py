@@ -195,7 +195,7 @@ def _compare_figures(left: "Recording", right: "Recording", json_file: Path | No
     """Print the figures of two recordings side by side."""
     from hertzloop.analysis.meters import compared
     from hertzloop.views import inspection
-    from hertzloop.views.data import comparison_as_json, figures_in
+    from hertzloop.views.run import comparison_as_json, figures_in
 
     both = []
     for recording in (left, right):

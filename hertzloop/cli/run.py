@@ -124,7 +124,7 @@ def run(
     from hertzloop.processes.observer import observer_beside
     from hertzloop.processes.program import BUS_NAME, meeting_endpoints
     from hertzloop.views import run as report
-    from hertzloop.views.data import run_scene
+    from hertzloop.views.run import run_scene
 
     endpoints = on_loopback([port, port + 1, port + 2]) if port else None
     held = ExitStack()

@@ -23,15 +23,13 @@ def anything_compiled() -> bool:
 
 def of_scheme(scheme: str) -> "Setup":
     """A scene that runs the kernels of a scheme."""
-    from hertzloop.scenes.text import DEFAULT
-    from hertzloop.setup import load
+    from hertzloop.setup import DEFAULT, load
 
     return load(_OF_SCHEME.get(scheme, DEFAULT), [f"run.scheme={scheme}"])
 
 
 def _default() -> list["Setup"]:
-    from hertzloop.scenes.text import DEFAULT
-    from hertzloop.setup import load
+    from hertzloop.setup import DEFAULT, load
 
     return [load(DEFAULT, [f"run.plate_model={model}"]) for model in ("modal", "infinite")]
 

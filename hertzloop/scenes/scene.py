@@ -3,10 +3,12 @@
 import copy
 import difflib
 import re
+import tomllib
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import lru_cache
+from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -54,7 +56,42 @@ from hertzloop.scenes.tables import (
     SphereTable,
     Striker,
 )
-from hertzloop.scenes.text import DEFAULT, from_toml, shipped, shipped_text, toml_text, toml_value
+
+DEFAULT = "aluminium-20mm"
+
+
+def shipped() -> list[str]:
+    """Names of the scenes that come with hertzloop, the default first."""
+    folder = resources.files("hertzloop") / "scenes"
+    names = [f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")]
+    return sorted(names, key=lambda name: (name != DEFAULT, name))
+
+
+def shipped_text(name: str) -> str:
+    """The text of a shipped scene."""
+    return (resources.files("hertzloop") / "scenes" / f"{name}.toml").read_text("utf-8")
+
+
+def from_toml(text: str) -> dict[str, Any]:
+    """TOML as plain data. Raises ValueError for whatever it cannot be, whatever the reason."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("its tables or lists are nested too deeply") from error
+
+
+def toml_value(text: str) -> Any:
+    """A value as written in TOML; a bare word counts as text."""
+    try:
+        return from_toml(f"value = {text}")["value"]
+    except ValueError:
+        return text.strip()
+
+
+def toml_text(value: Any) -> str:
+    """A value as written in TOML: what `toml_value` reads."""
+    return tomli_w.dumps({"value": value}).removeprefix("value = ").strip()
+
 
 __all__ = [
     "DEFAULT", "NO_CASE_OF_THESIS", "ControllerTable", "RunTable", "Scene", "SceneError",

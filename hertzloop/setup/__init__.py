@@ -1,5 +1,6 @@
 """From a scene to everything that a run is made of."""
 
+from hertzloop.scenes.scene import DEFAULT, shipped, toml_value
 from hertzloop.setup.setup import Resolvable, Setup, load, parse, resolve
 
-__all__ = ["Resolvable", "Setup", "load", "parse", "resolve"]
+__all__ = ["DEFAULT", "Resolvable", "Setup", "load", "parse", "resolve", "shipped", "toml_value"]

@@ -16,20 +16,18 @@ from hertzloop.analysis.verdict import saturation_of, verdict
 from hertzloop.recordings.reader import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import parse
-from hertzloop.views.data import (
-    figures_as_json,
-    known_in,
-    law_in,
-    pacing_as_json,
-    predictability_as_json,
-)
 from hertzloop.views.effects import show_neglected
 from hertzloop.views.format import Table, styled
 from hertzloop.views.run import (
     demand_words,
+    figures_as_json,
     figures_table,
     impacts_table,
+    known_in,
+    law_in,
     noise_table,
+    pacing_as_json,
+    predictability_as_json,
     show_pacing,
     show_verdict,
     show_warnings,

@@ -14,7 +14,7 @@ from hertzloop import api as interface
 from hertzloop.loop.compiled import simulate
 from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.setup import resolve
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "python.md"
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"

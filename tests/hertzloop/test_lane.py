@@ -21,7 +21,7 @@ from hertzloop.processes.launcher import RunOptions
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.setup import Setup, load
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.processes import wait_for
 from tests.hertzloop.test_transports import VARIANTS, scene_of

@@ -18,7 +18,7 @@ from hertzloop.bus import lane, lane_kernels
 from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.recordings.reader import read
 from hertzloop.setup import load
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 from tests.hertzloop.processes import finish, grown_to, start, wait_for
 from tests.ports import free_ports
 

@@ -13,7 +13,7 @@ from hertzloop.processes.launcher import RunOptions, Transport, what_is_kept
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.setup import Setup, load
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 from tests.hertzloop.processes import LONG, finish, grown_to, hertzloop, start, wait_for
 
 SHORT = ["run.duration_s=0.0025", "run.accuracy=0.1"]

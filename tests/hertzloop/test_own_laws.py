@@ -20,7 +20,7 @@ from hertzloop.scenes import controller_table
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load, parse, resolve
 from hertzloop.studies.sweeps.evaluate import run_case
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
 from tests.hertzloop.processes import hertzloop

@@ -14,9 +14,8 @@ from hertzloop.plant.figures.impacts import Impact
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.setup import load
-from hertzloop.views.data import figures_as_json
 from hertzloop.views.format import known_digits
-from hertzloop.views.run import headings, impact_rows, noise_rows
+from hertzloop.views.run import figures_as_json, headings, impact_rows, noise_rows
 from tests.commands import invoke
 
 FOUR = load("aluminium-3mm", ["run.duration_s=0.35"])

@@ -13,10 +13,9 @@ from rich.console import Console
 from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.setup import load
 from hertzloop.views import run as tables
-from hertzloop.views.data import run_scene
 from hertzloop.views.effects import table_of
 from hertzloop.views.format import Table
-from hertzloop.views.run import impacts_table
+from hertzloop.views.run import impacts_table, run_scene
 from tests.commands import invoke
 
 ROOT = Path(__file__).parents[2]

@@ -11,7 +11,7 @@ import pytest
 from hertzloop.processes import realtime
 from hertzloop.processes.launcher import RunOptions
 from hertzloop.setup import load
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 from tests.hertzloop.processes import hertzloop
 
 ROOT = Path(__file__).parents[2]

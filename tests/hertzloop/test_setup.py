@@ -12,7 +12,7 @@ import pytest
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.scenes import keys
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.text import shipped, toml_text
+from hertzloop.scenes.scene import shipped, toml_text
 from hertzloop.setup import Setup, load, parse, resolve
 from hertzloop.setup.bodies import Bodies
 from tests.tiers import default

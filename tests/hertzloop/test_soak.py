@@ -19,7 +19,7 @@ import pytest
 
 from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.setup import Setup
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 from tests.hertzloop.processes import EVENTUALLY_S, finish, start, wait_for
 from tests.hertzloop.short_runs import scene
 

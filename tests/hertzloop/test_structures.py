@@ -22,7 +22,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import shipped
 from hertzloop.setup import Setup, load, parse
 from hertzloop.studies.margin.margin import margin_of
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 
 SHORT = ["run.duration_s=0.002"]
 CONSISTENT = [name for name in shipped() if not name.startswith("thesis")]

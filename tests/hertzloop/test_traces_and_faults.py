@@ -20,7 +20,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.sensors import kernels as k
 from hertzloop.sensors.acquisition import Fault, Sensor, SensorSpec
 from hertzloop.setup import load, parse
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 
 SHORT = ["run.duration_s=0.0013", "controller.law=force_feedback"]
 

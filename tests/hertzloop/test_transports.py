@@ -9,7 +9,7 @@ from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.setup import Setup, load
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 from tests.tiers import default
 
 CONVERTERS = [

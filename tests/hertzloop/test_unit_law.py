@@ -16,7 +16,7 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 from tests.commands import invoke
 
 pytest.importorskip("fmpy")

@@ -67,7 +67,7 @@ import sys
 from pathlib import Path
 from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.processes.launcher import RunOptions, Transport
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 from hertzloop.setup import load
 from hertzloop.jit.cache import noticed
 

@@ -23,9 +23,16 @@ import pytest
 from mcap.opcode import Opcode
 
 import hertzloop.recordings.writer
-from hertzloop.recordings.chunks import inner_records, message_of, unpacked
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.reader import SAMPLED, Recording, read, recover
+from hertzloop.recordings.reader import (
+    SAMPLED,
+    Recording,
+    inner_records,
+    message_of,
+    read,
+    recover,
+    unpacked,
+)
 from hertzloop.recordings.writer import RecordingError
 from tests.faults import page
 from tests.recordings.damaging import DAMAGES

@@ -11,8 +11,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
 import hertzloop.recordings.writer
-from hertzloop.recordings.chunks import unpacked
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import Recording, read, unpacked
 from hertzloop.recordings.writer import RecordingError
 from tests.recordings.rewriting import record
 

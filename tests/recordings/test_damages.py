@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mcap.opcode import Opcode
 
-import hertzloop.recordings.chunks
+import hertzloop.recordings.reader
 from hertzloop.recordings.reader import Source, in_order, read, recover
 from hertzloop.recordings.writer import RecordingError
 from tests.recordings.damages import (
@@ -121,10 +121,10 @@ def test_what_seems_a_chunk_everywhere_is_not_checked_for_ever(
         tried.append(len(content))
         return unpacked_before(content)
 
-    unpacked_before = hertzloop.recordings.chunks.unpacked
-    monkeypatch.setattr(hertzloop.recordings.chunks, "unpacked", unpacked)
-    monkeypatch.setattr(hertzloop.recordings.chunks, "TOTAL_BYTES", 20 << 20)
-    monkeypatch.setattr(hertzloop.recordings.chunks, "TOTAL_RATIO", 1)
+    unpacked_before = hertzloop.recordings.reader.unpacked
+    monkeypatch.setattr(hertzloop.recordings.reader, "unpacked", unpacked)
+    monkeypatch.setattr(hertzloop.recordings.reader, "TOTAL_BYTES", 20 << 20)
+    monkeypatch.setattr(hertzloop.recordings.reader, "TOTAL_RATIO", 1)
     path.write_bytes(content[: at[-1]] + heads + data + content[at[-1] :])
     opened = Source(path)
     found = [record for record in opened.walk().records() if record.opcode == Opcode.CHUNK]

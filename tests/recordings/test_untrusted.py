@@ -16,8 +16,7 @@ from hertzloop.bus import wire
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import Envelope, StreamFault
 from hertzloop.recordings import reader
-from hertzloop.recordings.chunks import MAGIC, RECORD_BYTES
-from hertzloop.recordings.reader import read, recover
+from hertzloop.recordings.reader import MAGIC, RECORD_BYTES, read, recover
 from hertzloop.recordings.writer import Recorder, RecordingError, RecordingWriter
 from tests.bus.tapes import plant_says
 from tests.commands import invoke

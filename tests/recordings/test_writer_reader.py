@@ -16,8 +16,7 @@ from mcap_protobuf.decoder import DecoderFactory
 import hertzloop.recordings.writer
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.streams import STREAMS
-from hertzloop.recordings.chunks import Damaged, Walk, intact
-from hertzloop.recordings.reader import Recording, read
+from hertzloop.recordings.reader import Damaged, Recording, Walk, intact, read
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.setup import parse
 from tests.recordings.rewriting import messages, record, rewrite, scene

@@ -32,11 +32,10 @@ from hertzloop.studies.margin.picture import draw
 from hertzloop.studies.margin.shown import margin_lines
 from hertzloop.views import provenance
 from hertzloop.views import run as report
-from hertzloop.views.data import judged_as_json, known_in
 from hertzloop.views.effects import sentences_of
 from hertzloop.views.provenance import text_of_law
 from hertzloop.views.replaying import prepare, scene_of
-from hertzloop.views.run import headings, impact_rows
+from hertzloop.views.run import headings, impact_rows, judged_as_json, known_in
 from hertzloop.views.sentences import law_line
 
 _POINTS = 1500  # a curve

@@ -11,8 +11,7 @@ import numpy as np
 
 from hertzloop.analysis.cases import Span
 from hertzloop.scenes.errors import SceneError, shortened, shown
-from hertzloop.scenes.text import toml_value
-from hertzloop.setup import Setup
+from hertzloop.setup import Setup, toml_value
 from hertzloop.studies.sweeps.evaluate import Pool, Rows, evaluate
 
 Kind = Literal["grid", "lhs", "sobol"]

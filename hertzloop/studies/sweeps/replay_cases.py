@@ -18,7 +18,7 @@ from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
 from hertzloop.studies.sweeps.design import keys_of
-from hertzloop.views.data import run_scene
+from hertzloop.views.run import run_scene
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve
 from hertzloop.jit.cache import code_digest
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.text import toml_value
-from hertzloop.setup import Setup
+from hertzloop.setup import Setup, toml_value
 from hertzloop.studies.sweeps.design import Design, keys_of
 from hertzloop.studies.sweeps.evaluate import Rows, chunked, not_run, older_state, run_chunk
 from hertzloop.studies.sweeps.journal import Journal
