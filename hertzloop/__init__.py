@@ -13,10 +13,10 @@ TYPE_CHECKING = False  # of `typing`, which a program would import before it hea
 # The Python interface, loaded when it is used: a process of a run needs only its part.
 __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
-    "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed", "RunFigures",
-    "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "__version__", "compare",
-    "fit", "linear", "load", "modes", "read", "read_record", "run", "scene_names", "simulate",
-    "sweep", "tune", "vary",
+    "ImpactEnv", "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed",
+    "RunFigures", "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed",
+    "__version__", "compare", "fit", "linear", "load", "modes", "read", "read_record", "run",
+    "scene_names", "simulate", "sweep", "tune", "vary",
 ]  # fmt: skip
 if TYPE_CHECKING:
     from hertzloop.api import (
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         FitError,
         FitResult,
         Impact,
+        ImpactEnv,
         ImpactNoise,
         Record,
         RecordError,

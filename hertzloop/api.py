@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from hertzloop.bus.messages_pb2 import Books as BooksMessage
     from hertzloop.bus.port import BusError
     from hertzloop.bus.streams import StreamFault
+    from hertzloop.interop.environment import ImpactEnv
     from hertzloop.plant.plant import Balance
     from hertzloop.processes.launcher import RunFailed, RunOptions
     from hertzloop.recordings.reader import Event, Recording
@@ -46,10 +47,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
-    "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed", "RunFigures",
-    "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "compare", "fit", "linear",
-    "load", "modes", "read", "read_record", "run", "scene_names", "simulate", "sweep", "tune",
-    "vary",
+    "ImpactEnv", "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed",
+    "RunFigures", "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "compare",
+    "fit", "linear", "load", "modes", "read", "read_record", "run", "scene_names", "simulate",
+    "sweep", "tune", "vary",
 ]  # fmt: skip
 
 # Names that are loaded when they are used: a script that only simulates needs none of them.
@@ -60,6 +61,7 @@ _LATER = {
     "Difference": "hertzloop.analysis.meters",
     "FitError": "hertzloop.studies.fit.fit",
     "FitResult": "hertzloop.studies.fit.fit",
+    "ImpactEnv": "hertzloop.interop.environment",
     "Record": "hertzloop.studies.fit.records",
     "RecordError": "hertzloop.studies.fit.records",
     "RecordingError": "hertzloop.recordings.writer",

@@ -1,4 +1,4 @@
-"""Impacts as a Gymnasium environment, for controllers that are learnt: a batch of them a call."""
+"""Impacts as Gymnasium environments, for controllers that are learnt: one, or a batch a call."""
 
 import ctypes
 import math
@@ -19,10 +19,11 @@ from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
 from hertzloop.plant.contact.hertz import rigid_penetration_m
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Resolvable, Setup, resolve
+from hertzloop.setup import Resolvable, Setup, load, resolve
 
 _AHEAD = 20  # samples before the first touch
 _AFTER = 20  # samples after the sphere has left
+_INVALID = -1.0  # reward of an action that is no number, as if the plate had taken all energy
 
 
 class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -33,17 +34,18 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     An observation is the latest sample by `scale` (for the gap, the depth on a rigid plate), and
     the latest action. The reward comes at the end: minus the share of the sphere's energy that the
     plate has taken. An impact that is over begins anew in the next call, whose action is ignored;
-    seeds are drawn, so that noise and a random `run.touch_phase` differ. Raises SceneError,
-    NoCompiler and CompileFault.
+    seeds are drawn, so that noise and a random `run.touch_phase` differ. An action of nan ends its
+    own impact with a reward of -1; `info["invalid_action"]` tells which. `scene` may be a name or
+    a TOML file. Raises SceneError, NoCompiler and CompileFault.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP, "render_modes": []}  # noqa: RUF012
 
     def __init__(
-        self, scene: Resolvable, num_envs: int = 64, *, limit_n: float | None = None,
+        self, scene: Resolvable | str | Path, num_envs: int = 64, *, limit_n: float | None = None,
         scale: float | None = None,
     ) -> None:  # fmt: skip
-        setup = resolve(scene)
+        setup = load(str(scene)) if isinstance(scene, str | Path) else resolve(scene)
         about = setup.about_bodies
         if scale is None and setup.quantity != "xi":
             raise SceneError(
@@ -71,6 +73,7 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._touched = np.zeros(num_envs, bool)
         self._apart = np.zeros(num_envs, int)
         self._over = np.zeros(num_envs, bool)
+        self._begun = False
         self._drawn_from = [self.np_random] * num_envs
 
     def reset(
@@ -105,17 +108,23 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                     self._drawn_from[i] = np_random(operator.index(one))[0]
         for i in range(self.num_envs):
             self._begin(i)
+        self._begun = True
         return self._seen(), {}
 
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step every impact by one sample. Raises ClosedEnvironmentError."""
+        """Step every impact by one sample. Raises ClosedEnvironmentError and ResetNeeded."""
         self._refuse_if_closed()
+        if not self._begun:
+            raise gym.error.ResetNeeded("no impact has begun. Call reset first.")
         going = np.flatnonzero(~self._over)
         for i in np.flatnonzero(self._over):
             self._begin(int(i))
         given = np.clip(np.asarray(actions, float).reshape(self.num_envs), -1.0, 1.0)
+        invalid = np.zeros(self.num_envs, bool)
+        invalid[going] = np.isnan(given[going])
+        given[invalid] = 0.0
         self._line[going, -1] = given[going] * self.limit_n
         self.batch.step(going, self._line[going, 0], self._every)
         self._line[going] = np.roll(self._line[going], -1, axis=1)
@@ -123,14 +132,14 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         in_contact = self.batch.values["gap_m"] <= 0.0
         self._touched |= in_contact
         self._apart = np.where(self._touched & ~in_contact, self._apart + 1, 0)
-        terminated = self._apart > _AFTER
+        terminated = (self._apart > _AFTER) | invalid
         truncated = self.batch.values["step"] + self._every > self._steps
         truncated &= ~terminated
         self._over = terminated | truncated
         rewards = np.zeros(self.num_envs)
         for i in np.flatnonzero(self._over):
-            rewards[i] = -self._taken(int(i))
-        return self._seen(), rewards, terminated, truncated, {}
+            rewards[i] = _INVALID if invalid[i] else -self._taken(int(i))
+        return self._seen(), rewards, terminated, truncated, {"invalid_action": invalid}
 
     def close_extras(self, **kwargs: Any) -> None:
         """Let go of the plants."""
@@ -155,6 +164,60 @@ class Impacts(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         found = self.batch.energies(index)
         names = "modal_j", "modal_dissipated_j", "air_dissipated_j", "tail_dissipated_j"
         return sum(found[name] for name in names) / self._energy_j
+
+
+class ImpactEnv(gym.Env[np.ndarray, np.ndarray]):
+    """First impacts of a scene, one at a time, for programs that train one environment.
+
+    Actions, observations and rewards are those of `hertzloop.interop.environment.Impacts`, in
+    single precision; that class steps many impacts a call and is faster.
+
+    Args:
+        scene: the scene, or its name or TOML file; its law is not asked.
+        limit_n: force of an action of 1, N; by default the smaller of the actuator's limit and the
+            peak force on a rigid plate.
+        scale: sample that is observed as 1; by default, for the gap, the depth on a rigid plate, m.
+
+    Raises:
+        SceneError: the scene cannot be simulated, or needs `scale`.
+        NoCompiler: there is no C compiler.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012
+
+    def __init__(
+        self, scene: Resolvable | str | Path, *, limit_n: float | None = None,
+        scale: float | None = None,
+    ) -> None:  # fmt: skip
+        self._one = Impacts(scene, 1, limit_n=limit_n, scale=scale)
+        self.limit_n, self.scale = self._one.limit_n, self._one.scale
+        self.observation_space = gym.spaces.Box(-math.inf, math.inf, (2,), np.float32)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (1,), np.float32)
+        self._going = False
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin another impact. Raises ClosedEnvironmentError."""
+        super().reset(seed=seed)
+        seen, _ = self._one.reset(seed=int(self.np_random.integers(2**62)))
+        self._going = True
+        return seen[0].astype(np.float32), {}
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Step the impact by one sample. Raises ClosedEnvironmentError, and ResetNeeded where none
+        has begun or it is over."""
+        if not self._going and not self._one.closed:
+            raise gym.error.ResetNeeded("the impact is over, or none has begun. Call reset first.")
+        seen, reward, terminated, truncated, info = self._one.step(np.asarray(action))
+        over, cut = bool(terminated[0]), bool(truncated[0])
+        self._going = not (over or cut)
+        told = {"invalid_action": bool(info["invalid_action"][0])}
+        return seen[0].astype(np.float32), float(reward[0]), over, cut, told
+
+    def close(self) -> None:
+        """Let go of the plant."""
+        self._one.close()
 
 
 class Batch:

@@ -1,17 +1,19 @@
 """Impacts as a vector environment: the bytes of runs with the same law, many at a time."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import hertzloop
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.errors import SceneError
 from tests.hertzloop.interop import SHORT, needs_cc, scene_of
 
-pytest.importorskip("gymnasium")
+gymnasium = pytest.importorskip("gymnasium")
 
-from hertzloop.interop.environment import Impacts
+from hertzloop.interop.environment import Impacts  # noqa: E402
 
 pytestmark = [needs_cc, pytest.mark.full]
 # A gain by a power of two, so that scaling a sample and a force costs no bit.
@@ -67,6 +69,60 @@ def test_what_is_over_begins_anew_and_seeds_differ() -> None:
     impacts.close()
 
 
+def test_nan_ends_its_own_impact_and_reset_comes_first() -> None:
+    impacts = Impacts(scene_of(SHORT), 3)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="Call reset first"):
+        impacts.step(np.zeros((3, 1)))
+    others = Impacts(scene_of(SHORT), 3)
+    for one in (impacts, others):
+        one.reset(seed=3)
+    for k in range(80):
+        actions = np.array([[0.1], [np.nan if k == 5 else 0.1], [np.inf]])
+        found = impacts.step(actions)
+        expected = others.step(np.nan_to_num(actions, nan=0.1, posinf=1.0))
+        assert found[0][::2].tobytes() == expected[0][::2].tobytes()
+        if k == 5:
+            assert (found[1][1], found[2][1]) == (-1.0, True)
+        assert found[4]["invalid_action"].tolist() == [False, k == 5, False]
+    for one in (impacts, others):
+        one.close()
+
+
+def test_one_impact_passes_the_check_of_gymnasium() -> None:
+    from gymnasium.utils.env_checker import check_env
+
+    one, batch = hertzloop.ImpactEnv("aluminium-3mm"), Impacts("aluminium-3mm", 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of bounds without end, and of no way to draw it
+        check_env(one)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        hertzloop.ImpactEnv("aluminium-3mm").step(np.zeros(1))
+    one.reset(seed=1)
+    batch.reset(seed=1)
+    action = np.array([0.25], np.float32)
+    for _ in range(200):
+        found, expected = one.step(action), batch.step(action)
+        assert found[0].tobytes() == expected[0][0].astype(np.float32).tobytes()
+        assert found[1:4] == (expected[1][0], expected[2][0], expected[3][0])
+        if found[2]:
+            break
+    assert found[2]
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        one.step(action)
+    one.reset()
+    assert one.step(np.array([np.nan]))[1:] == (-1.0, True, False, {"invalid_action": True})
+    one.close()
+    with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+        one.reset()
+
+
+def test_one_impact_passes_the_check_of_stable_baselines() -> None:
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        checker.check_env(hertzloop.ImpactEnv("aluminium-3mm"))
+
+
 def test_another_quantity_needs_a_scale() -> None:
     scene = scene_of((*SHORT, "sensors.quantity=v_p", "controller.law=velocity_feedback"))
     with pytest.raises(SceneError, match=r"sensors\.quantity = 'v_p' needs a scale"):
@@ -74,8 +130,6 @@ def test_another_quantity_needs_a_scale() -> None:
 
 
 def test_seeds_of_numpy_and_lists_are_heeded_and_a_closed_one_is_refused() -> None:
-    import gymnasium
-
     impacts = Impacts(scene_of((*SHORT, "run.touch_phase=random")), 2)
 
     def began(seed: object) -> bytes:
