@@ -169,7 +169,7 @@ class Run:
         """
         from hertzloop.analysis.figures import free_figures
         from hertzloop.analysis.verdict import conclusions
-        from hertzloop.views.sentences import verdict_sentences
+        from hertzloop.views.run import verdict_sentences
 
         setup = resolve(self.scene)
         found = conclusions(setup, self._judged, free_figures(setup), self._not_again)

@@ -321,7 +321,7 @@ def _plants(found: "Budget") -> "list[tuple[str, InPlant]]":
 
 def effect_lines(found: "Budget") -> list[str]:
     """Return the goal, and what the law does in each plant, in sentences."""
-    from hertzloop.views.sentences import spans_differ
+    from hertzloop.views.run import spans_differ
 
     goal = " and ".join(map(str, found.goals))
     lines = [f"{found.scene}, law {found.law}. Goal: {goal}, at every touch phase."]

@@ -108,7 +108,7 @@ def _draw_responses(recording: "Recording", folder: Path) -> None:
     """Draw how long the answers of a paced run took; ends the command for another run."""
     from hertzloop.analysis.recorded import pacing_of, responses_of
     from hertzloop.studies import law_on as picture
-    from hertzloop.views.sentences import pacing_sentences
+    from hertzloop.views.run import pacing_sentences
 
     responses, found = responses_of(recording), pacing_of(recording)
     if responses is None or found is None or found.clock is None:

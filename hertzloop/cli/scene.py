@@ -110,7 +110,7 @@ def check(
     compile_first(resolved)
 
     from hertzloop.analysis.effects import EffectState, neglected_of_scene
-    from hertzloop.views.effects import effects_as_json, not_evaluated, show_neglected, table_of
+    from hertzloop.views.run import effects_as_json, not_evaluated, show_neglected, table_of
 
     neglected = neglected_of_scene(resolved)
     found = {"stable": neglected.stable, **effects_as_json(neglected)}

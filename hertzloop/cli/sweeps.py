@@ -180,7 +180,7 @@ def sweep(
     if having and uncertain is None:
         from hertzloop.analysis.cases import OTHER
         from hertzloop.studies.sweeps.evaluate import run_case
-        from hertzloop.views.sentences import spans_differ
+        from hertzloop.views.run import spans_differ
 
         best = min(having, key=lambda row: row["plate_energy_db"])
         other = run_case(resolved, OTHER[span], 0, {key: best[key] for key in keys})

@@ -16,7 +16,6 @@ from hertzloop.analysis.verdict import saturation_of, verdict
 from hertzloop.recordings.reader import Recording
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import parse
-from hertzloop.views.effects import show_neglected
 from hertzloop.views.format import Table, styled
 from hertzloop.views.run import (
     demand_words,
@@ -25,15 +24,17 @@ from hertzloop.views.run import (
     impacts_table,
     known_in,
     law_in,
+    law_line,
     noise_table,
     pacing_as_json,
     predictability_as_json,
+    show_neglected,
     show_pacing,
     show_verdict,
     show_warnings,
+    verdict_sentences,
     yield_words,
 )
-from hertzloop.views.sentences import law_line, verdict_sentences
 
 
 def summary(recording: Recording) -> dict[str, Any]:

@@ -32,7 +32,7 @@ from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, parse
 from hertzloop.views import provenance
-from hertzloop.views.sentences import pacing_sentences
+from hertzloop.views.run import pacing_sentences
 
 has_display = viewer.has_display
 _OF_TWIN = ("xi", "F_c", "F_a", "v_p", "plate")

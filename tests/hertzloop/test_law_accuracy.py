@@ -8,7 +8,7 @@ import pytest
 from hertzloop.analysis.trust import against, finer_spec, judged
 from hertzloop.loop.compiled import simulate
 from hertzloop.setup import Setup, load
-from hertzloop.views.sentences import law_accuracy_sentences
+from hertzloop.views.run import law_accuracy_sentences
 from tests.commands import invoke
 
 # A threshold that the slope passes within the error of the modes at 1e-3, between two samples.

@@ -15,8 +15,7 @@ from hertzloop.recordings.reader import Recording, read
 from hertzloop.setup import load
 from hertzloop.views import inspection
 from hertzloop.views import run as report
-from hertzloop.views.run import run_as_json
-from hertzloop.views.sentences import law_line
+from hertzloop.views.run import law_line, run_as_json
 
 SCENE = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
 

@@ -13,9 +13,8 @@ from rich.console import Console
 from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.setup import load
 from hertzloop.views import run as tables
-from hertzloop.views.effects import table_of
 from hertzloop.views.format import Table
-from hertzloop.views.run import impacts_table, run_scene
+from hertzloop.views.run import impacts_table, run_scene, table_of
 from tests.commands import invoke
 
 ROOT = Path(__file__).parents[2]

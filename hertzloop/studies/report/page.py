@@ -32,11 +32,16 @@ from hertzloop.studies.margin.picture import draw
 from hertzloop.studies.margin.shown import margin_lines
 from hertzloop.views import provenance
 from hertzloop.views import run as report
-from hertzloop.views.effects import sentences_of
 from hertzloop.views.provenance import text_of_law
 from hertzloop.views.replaying import prepare, scene_of
-from hertzloop.views.run import headings, impact_rows, judged_as_json, known_in
-from hertzloop.views.sentences import law_line
+from hertzloop.views.run import (
+    headings,
+    impact_rows,
+    judged_as_json,
+    known_in,
+    law_line,
+    sentences_of,
+)
 
 _POINTS = 1500  # a curve
 _STYLES = {"F_a": 2, "F_c": 1, "measured": 4, "fed": 2, "contact": 1, "plate": 3}
