@@ -178,6 +178,11 @@ def _striker_problems(scene: _Uncontrolled) -> list[str]:
     if (sphere is None) == (hammer is None):
         said = "no table" if sphere is None else "two tables"
         return [f"[sphere] and [hammer]: {said} of what strikes the plate. Give one of the two."]
+    striker = sphere or hammer
+    assert striker is not None
+    if material_called(striker.material, scene.materials or ()).orthotropic:
+        key = "sphere.material" if sphere is not None else "hammer.tip_material"
+        return [f"{key}: is orthotropic, which a plate alone can be. Use an isotropic material."]
     if sphere is not None:
         both = sphere.drop_height_m is not None and sphere.speed_m_s is not None
         if both:
@@ -212,6 +217,12 @@ def _striker_problems(scene: _Uncontrolled) -> list[str]:
             "hammer.tip_radius_m: is missing from the scene. Add it, or hammer.tip_stiffness and "
             "hammer.tip_exponent."
         ]
+    return _hammer_problems(scene, hammer)
+
+
+def _hammer_problems(scene: _Uncontrolled, hammer: "HammerTable") -> list[str]:
+    """What does not go with a hammer."""
+    stiffness, exponent = hammer.tip_stiffness, hammer.tip_exponent
     found = _needs("supports_hammer", scene.run.scheme, "modal", "[hammer]")
     if exponent not in (None, HERTZ):
         found += _needs(
@@ -282,6 +293,8 @@ def _beyond_simply_supported(scene: _Uncontrolled) -> list[str]:
         key, words = "plate.modes", f"plate.modes of {plate.modes.file}"
     elif plate.edges not in (None, "ssss"):
         key, words = "plate.edges", f"plate.edges = '{plate.edges}'"
+    elif material_called(plate.material, scene.materials or ()).orthotropic:
+        key, words = "plate.material", f"{_plate_in_words(scene)}, which is orthotropic"
     else:
         return []
     if plate.radiating_faces:
@@ -293,6 +306,10 @@ def _beyond_simply_supported(scene: _Uncontrolled) -> list[str]:
         found.append(
             f"{words}: run.scheme = '{scene.run.scheme}' supports a simply supported plate only. "
             f"Remove {key}, or use the scheme {supporting('supports_edges')}."
+        )
+    if scene.run.plate_model == "infinite" and key == "plate.material":
+        found.append(
+            f"{words}: run.plate_model = 'infinite' is isotropic. Use run.plate_model = 'auto'."
         )
     if scene.run.plate_model == "infinite" and plate.modes is not None:
         found.append(
@@ -358,6 +375,7 @@ def not_in_three_dimensions(
     actuator: "ActuatorTable",
     scheme: str,
     plate_model: str,
+    orthotropic: bool,
 ) -> list[str]:
     """What does not fit a plate in three dimensions."""
     asked = "plate.theory = '3d'"
@@ -367,6 +385,11 @@ def not_in_three_dimensions(
         found.append(f"plate.modes of {plate.modes.file}: {only}. Use 'kirchhoff'.")
     elif plate.edges not in (None, "ssss"):
         found.append(f"plate.edges = '{plate.edges}': {only}. Remove the key, or use 'kirchhoff'.")
+    elif orthotropic:
+        found.append(
+            f"plate.material: {asked} supports an isotropic plate only. Use another material, or "
+            "'kirchhoff'."
+        )
     if contact.damping != "none":
         found.append(
             f"contact.damping = '{contact.damping}': not supported by {asked}, because the "
@@ -434,8 +457,9 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
         striker = scene.sphere or scene.hammer
         assert striker is not None
         found += not_in_three_dimensions(
-            striker, scene.plate, contact, scene.actuator, run.scheme, run.plate_model
-        )
+            striker, scene.plate, contact, scene.actuator, run.scheme, run.plate_model,
+            material_called(scene.plate.material, scene.materials or ()).orthotropic,
+        )  # fmt: skip
     if scene.plate.radiating_faces:
         found += needs("supports_radiation", f"plate.radiation = '{scene.plate.radiation}'")
     point = scene.plate.actuator_point_m

@@ -113,8 +113,9 @@ def bodies_of(
     theory = plate.theory
     if theory == "auto":
         thin_only = not_in_three_dimensions(
-            striker, plate, contact_table, actuator_table, scheme, plate_model
-        )
+            striker, plate, contact_table, actuator_table, scheme, plate_model,
+            of_plate.orthotropic,
+        )  # fmt: skip
         theory = "kirchhoff"
         if not thin_only:
             expected = expected_kirchhoff_error(sphere, description.thin_plate, contact)

@@ -188,7 +188,7 @@ class Setup:
         scene = self.scene
         found = not_in_three_dimensions(
             scene.striker, scene.plate, scene.contact, scene.actuator, self.scheme,
-            self.plate_model_asked,
+            self.plate_model_asked, scene.material("plate").orthotropic,
         )  # fmt: skip
         return found[0] if found else None
 

@@ -97,7 +97,10 @@ def kirchhoff_error(
     plate: Plate, stiffness: float, contact_s: float, peak_force_n: float, exponent: float = HERTZ
 ) -> KirchhoffError:
     """What Kirchhoff's theory may cost an impact of known length (s) and peak force (N), as bounds;
-    `stiffness`: of the contact (N/m^exponent)."""
+    `stiffness`: of the contact (N/m^exponent). Nan of an orthotropic plate: its stiffness in shear
+    across the thickness is not known."""
+    if plate.orthotropic:
+        return KirchhoffError(math.nan, math.nan, math.nan)
     number = thickness_number(plate, contact_s)
     share = tangent_stiffness_n_m(stiffness, peak_force_n, exponent)
     return KirchhoffError(

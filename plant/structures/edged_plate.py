@@ -124,10 +124,24 @@ def _integrals(edges: str, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return bend.T @ by_weight, by_weight.T @ value, slope.T @ (weights[:, None] * slope)
 
 
+class Bending(NamedTuple):
+    """Numbers of `Rigidity` that decide on shapes; see there."""
+
+    nu: float
+    twist: float
+    eta: float
+
+
+def isotropic(nu: float) -> Bending:
+    """Of a Poisson's ratio."""
+    return Bending(nu, 2.0 * (1.0 - nu), 1.0)
+
+
 # Low modes of a rectangular plate with any edges by Ritz's method, and how far they converged.
 #
-# Energy of bending 1/2 B' integral of w_xx^2 + w_yy^2 + 2 nu w_xx w_yy + 2 (1 - nu) w_xy^2, on
-# products of the functions of a `BeamBasis`; its eigenvalues are k^4 = w^2 m''/B'.
+# Energy of bending 1/2 D integral of w_xx^2 + w_yy^2 + 2 nu w_xx w_yy + twist w_xy^2, on products
+# of the functions of a `BeamBasis`; its eigenvalues are k^4 = w^2 m''/D. An isotropic plate has the
+# twist 2 (1 - nu); an orthotropic one comes in the coordinates of `Rigidity`.
 # The mass matrix is the identity; scaled to a unit diagonal, the stiffness is as well conditioned
 # as the plate. Between equal edges even and odd functions do not meet: four problems of a quarter
 # the size.
@@ -184,7 +198,7 @@ def _counts(size_m: tuple[float, float]) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=8)
-def low_modes(edges: str, size_m: tuple[float, float], nu: float) -> LowModes:
+def low_modes(edges: str, size_m: tuple[float, float], of: Bending) -> LowModes:
     """Modes of a plate, edges as in "csff": at x = 0, x = l_x, y = 0, y = l_y."""
     import scipy.linalg  # noqa: F401  before the call on one thread that uses it
 
@@ -192,10 +206,10 @@ def low_modes(edges: str, size_m: tuple[float, float], nu: float) -> LowModes:
     nx, ny = (basis.count for basis in bases)
     blocks, coarse = [], []
     for x, y in parts:
-        values, vectors = _solved(bases, x, y, nu, shift)
+        values, vectors = _solved(bases, x, y, of, shift)
         blocks.append(_Block(x, y, np.sqrt(values), vectors))
         fewer = (x[x < nx - _FEWER], y[y < ny - _FEWER])
-        coarse.append(np.sqrt(_solved(bases, *fewer, nu, shift)[0]))
+        coarse.append(np.sqrt(_solved(bases, *fewer, of, shift)[0]))
     before = np.concatenate([
         np.pad(fewer, (0, len(block.squared) - len(fewer)), constant_values=math.inf)
         for fewer, block in zip(coarse, blocks, strict=True)
@@ -232,29 +246,29 @@ def _families(edges: str, count: int) -> list[np.ndarray]:
 
 
 def _stiffness(
-    bases: tuple[BeamBasis, BeamBasis], x: np.ndarray, y: np.ndarray, nu: float, shift: float
+    bases: tuple[BeamBasis, BeamBasis], x: np.ndarray, y: np.ndarray, of: Bending, shift: float
 ) -> np.ndarray:
-    """Stiffness of products of functions, with the shift; linear in Poisson's ratio."""
+    """Stiffness of products of functions, with the shift; linear in Poisson's ratio and twist."""
     (kx, ex, gx), (ky, ey, gy) = (
         [matrix[np.ix_(part, part)] for matrix in basis.integrals()]
         for basis, part in zip(bases, (x, y), strict=True)
     )
     stiffness = np.kron(kx, np.eye(len(y))) + np.kron(np.eye(len(x)), ky)
-    stiffness += nu * (np.kron(ex, ey.T) + np.kron(ex.T, ey)) + 2.0 * (1.0 - nu) * np.kron(gx, gy)
+    stiffness += of.nu * (np.kron(ex, ey.T) + np.kron(ex.T, ey)) + of.twist * np.kron(gx, gy)
     stiffness[np.diag_indices(len(stiffness))] += shift
     return stiffness
 
 
 @on_one_thread
 def _solved(
-    bases: tuple[BeamBasis, BeamBasis], x: np.ndarray, y: np.ndarray, nu: float, shift: float
+    bases: tuple[BeamBasis, BeamBasis], x: np.ndarray, y: np.ndarray, of: Bending, shift: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues k^4 (not below 0), rising, and orthonormal coefficients.
 
     Solved for 1/(k^4 + shift), of which the low modes have the largest: their rounding is
     relative to themselves, not to the highest, 1e8 times as large.
     """
-    stiffness = _stiffness(bases, x, y, nu, shift)
+    stiffness = _stiffness(bases, x, y, of, shift)
     scale = np.sqrt(np.diag(stiffness))
     lower = scipy.linalg.cholesky(stiffness / np.outer(scale, scale), lower=True)
     halved = scipy.linalg.solve_triangular(lower, np.diag(1.0 / scale), lower=True)
@@ -298,7 +312,7 @@ def _shared(edges: str, size_m: tuple[float, float], nu: float, count: int) -> l
     good for the first `count` modes, and exact at `nu`."""
     import scipy.linalg  # noqa: F401  before the calls on one thread that use it
 
-    low = low_modes(edges, size_m, nu)
+    low = low_modes(edges, size_m, isotropic(nu))
     most = low.squared[min(int(_SPARE * count) + 10, len(low.squared) - 1)]
     share = 1.0 - (low.squared[count - 1] / most) ** 2
     shift = _problem(edges, size_m)[2]
@@ -328,7 +342,7 @@ def _snapshot(
 ) -> np.ndarray:
     """Coefficients of the first modes of one block of a plate, (functions, count)."""
     bases, parts, shift = _problem(edges, size_m)
-    return _solved(bases, *parts[part], nu, shift)[1][:, :count].copy()
+    return _solved(bases, *parts[part], isotropic(nu), shift)[1][:, :count].copy()
 
 
 @on_one_thread
@@ -336,7 +350,7 @@ def _reduced(
     bases: tuple[BeamBasis, BeamBasis], block: _Block, shift: float, modes: list[np.ndarray]
 ) -> _Shared:
     """What the modes of several plates span, without what is almost the same."""
-    middle = _stiffness(bases, block.x, block.y, 0.5 * sum(_ENDS), shift)
+    middle = _stiffness(bases, block.x, block.y, isotropic(0.5 * sum(_ENDS)), shift)
     scale = np.sqrt(np.diag(middle))
     lower = scipy.linalg.cholesky(middle / np.outer(scale, scale), lower=True)
     # By energy: a difference of high frequency counts for more.
@@ -347,7 +361,8 @@ def _reduced(
     span = scipy.linalg.solve_triangular(lower, span, lower=True, trans="T") / scale[:, None]
     functions = np.linalg.qr(span)[0]
     first, last = (
-        functions.T @ (_stiffness(bases, block.x, block.y, nu, shift) @ functions) for nu in _ENDS
+        functions.T @ (_stiffness(bases, block.x, block.y, isotropic(nu), shift) @ functions)
+        for nu in _ENDS
     )
     return _Shared(block.x, block.y, functions, (first, last), modes[0].shape[1])
 
@@ -357,7 +372,7 @@ def _error(bases: tuple[BeamBasis, BeamBasis], shared: _Shared, nu: float, shift
     """Largest relative error of k^4, by the residuals in the norm of the inverse stiffness; the
     modes that the functions do not hold are taken to be far above."""
     values, vectors = shared.solved(nu)
-    stiffness = _stiffness(bases, shared.x, shared.y, nu, shift)
+    stiffness = _stiffness(bases, shared.x, shared.y, isotropic(nu), shift)
     modes = shared.functions @ vectors
     residual = stiffness @ modes - modes * values
     scale = np.sqrt(np.diag(stiffness))
@@ -384,12 +399,14 @@ def _low_modes_near(
 
 # Modes of a rectangular plate far above its first ones, by the dynamic edge effect (Bolotin 1961).
 #
-# Away from the edges a mode is sin(k_x x + a_x) sin(k_y y + a_y), w = sqrt(B'/m'') (k_x^2 + k_y^2).
-# At an edge a term exp(-kappa x), kappa^2 = k_x^2 + 2 k_y^2, joins it, and both fulfil the edge's
-# two conditions for one phase a, between -pi/2 and 0; a mode has k_x l_x + a_0 + a_1 = m pi, m = 1,
-# 2, ..., and the same along y. A free edge has one mode more for every n, which is nearly straight
-# across the plate or, at higher frequencies, runs along the edge and dies away from it: those
-# follow from the strip between the two edges. What happens in the corners is left out.
+# Away from the edges a mode is sin(k_x x + a_x) sin(k_y y + a_y), w = sqrt(D/m'') (k_x^4 +
+# 2 eta k_x^2 k_y^2 + k_y^4)^(1/2), of an isotropic plate sqrt(B'/m'') (k_x^2 + k_y^2).
+# At an edge a term exp(-kappa x), kappa^2 = k_x^2 + 2 eta k_y^2, joins it, and both fulfil the
+# edge's two conditions for one phase a, between -pi/2 and 0; a mode has k_x l_x + a_0 + a_1 = m
+# pi, m = 1, 2, ..., and the same along y. A free edge has one mode more for every n, which is
+# nearly straight across the plate or, at higher frequencies, runs along the edge and dies away
+# from it: those follow from the strip between the two edges. What happens in the corners is left
+# out.
 
 
 class _Side(NamedTuple):
@@ -407,7 +424,7 @@ class _Side(NamedTuple):
 
 
 class Waves(NamedTuple):
-    """Some modes of the same kind; `squared`: k_x^2 + k_y^2 (1/m^2), (modes,)."""
+    """Some modes of the same kind; `squared`: w sqrt(m''/D) (1/m^2), (modes,)."""
 
     squared: np.ndarray
     along_x: _Side
@@ -419,34 +436,41 @@ class Waves(NamedTuple):
         return Waves(self.squared[kept], self.along_x.of(kept), self.along_y.of(kept))
 
 
-def _phase(edge: str, k: np.ndarray, t2: np.ndarray, nu: float) -> tuple[np.ndarray, np.ndarray]:
+def _squared(kx: np.ndarray, ky: np.ndarray, of: Bending) -> np.ndarray:
+    """w sqrt(m''/D) of wave numbers, 1/m^2."""
+    if of.eta == 1.0:
+        return np.asarray(kx * kx + ky * ky)
+    return np.asarray(np.sqrt(kx**4 + 2.0 * of.eta * (kx * ky) ** 2 + ky**4))
+
+
+def _phase(edge: str, k: np.ndarray, t2: np.ndarray, of: Bending) -> tuple[np.ndarray, np.ndarray]:
     """Phase and weight of the exponential at an edge, k across it, t2 = t^2 along it."""
     if edge == "s":
         return np.zeros_like(k), np.zeros_like(k)
-    kappa = np.sqrt(k * k + 2.0 * t2)
+    kappa = np.sqrt(k * k + 2.0 * of.eta * t2)
     if edge == "c":
         phase = -np.arctan2(k, kappa)
         return phase, -np.sin(phase)
-    a, b = k * k + nu * t2, k * k + (2.0 - nu) * t2
+    a, b = k * k + of.nu * t2, k * k + (2.0 * of.eta - of.nu) * t2
     phase = -np.arctan2(k * b * b, kappa * a * a)
     return phase, a * np.sin(phase) / b
 
 
 def _numbers(count: np.ndarray, edges: str, length: float, k: np.ndarray, t2: np.ndarray,
-             nu: float) -> np.ndarray:  # fmt: skip
+             of: Bending) -> np.ndarray:  # fmt: skip
     """The next estimate of the wave number of mode `count` between two edges."""
-    turned = _phase(edges[0], k, t2, nu)[0] + _phase(edges[1], k, t2, nu)[0]
+    turned = _phase(edges[0], k, t2, of)[0] + _phase(edges[1], k, t2, of)[0]
     return np.asarray((count * np.pi - turned) / length)
 
 
-def waves(edges: str, size_m: tuple[float, float], nu: float, k_max: float) -> list[Waves]:
-    """All modes with k_x^2 + k_y^2 <= k_max^2; the corners' share left out."""
-    every = _labelled(edges, size_m, nu, k_max)
+def waves(edges: str, size_m: tuple[float, float], of: Bending, k_max: float) -> list[Waves]:
+    """All modes with w sqrt(m''/D) <= k_max^2; the corners' share left out."""
+    every = _labelled(edges, size_m, of, k_max)
     return [group.within(0.0, k_max * k_max) for group in every]
 
 
 def _labelled(
-    edges: str, size_m: tuple[float, float], nu: float, k_max: float, rounds: int = _ROUNDS
+    edges: str, size_m: tuple[float, float], of: Bending, k_max: float, rounds: int = _ROUNDS
 ) -> list[Waves]:
     """The modes up to k_max and some beyond, in an order that no Poisson's ratio changes."""
     (lx, ly), (ex, ey) = size_m, (edges[:2], edges[2:])
@@ -454,18 +478,27 @@ def _labelled(
     m, n = (grid.ravel() for grid in np.meshgrid(*highest, indexing="ij"))
     kx, ky = m * np.pi / lx, n * np.pi / ly
     for _ in range(rounds):
-        kx, ky = _numbers(m, ex, lx, kx, ky * ky, nu), _numbers(n, ey, ly, ky, kx * kx, nu)
-    found = [Waves(kx * kx + ky * ky, _Side(kx, ky * ky), _Side(ky, kx * kx))]
-    for squared, across, along in _edge_waves(ex, ey, lx, ly, nu, k_max, rounds):
+        kx, ky = _numbers(m, ex, lx, kx, ky * ky, of), _numbers(n, ey, ly, ky, kx * kx, of)
+    found = [Waves(_squared(kx, ky, of), _Side(kx, ky * ky), _Side(ky, kx * kx))]
+    for squared, across, along in _edge_waves(ex, ey, lx, ly, of, k_max, rounds):
         found.append(Waves(squared, across, along))
-    for squared, across, along in _edge_waves(ey, ex, ly, lx, nu, k_max, rounds):
+    for squared, across, along in _edge_waves(ey, ex, ly, lx, of, k_max, rounds):
         found.append(Waves(squared, along, across))
     return found
 
 
+def _across(squared: np.ndarray, k2: np.ndarray, of: Bending) -> np.ndarray:
+    """Square of the wave number across that belongs to k2 = k^2 along, below zero of a wave that
+    dies away; 1/m^2."""
+    if of.eta == 1.0:
+        return np.asarray(squared - k2)
+    root = np.maximum((of.eta**2 - 1.0) * k2**2 + squared**2, 0.0)
+    return np.asarray(np.sqrt(root) - of.eta * k2)
+
+
 @on_one_thread
 def _edge_waves(
-    across: str, along: str, width: float, length: float, nu: float, k_max: float, rounds: int
+    across: str, along: str, width: float, length: float, of: Bending, k_max: float, rounds: int
 ) -> list[tuple[np.ndarray, _Side, _Side]]:
     """For every free edge of `across` the modes that run along it: k^2, shape across, along."""
     basis = BeamBasis(across, width, _STRIP_FUNCTIONS)
@@ -480,12 +513,12 @@ def _edge_waves(
         k, t2 = n * np.pi / length, np.zeros(len(n))
         for _ in range(_STRIP_ROUNDS):
             for _ in range(rounds):
-                k = _numbers(n, along, length, k, t2, nu)
+                k = _numbers(n, along, length, k, t2, of)
             k2 = (k * k)[:, None, None]
-            strip = (bend + k2 * (2.0 * (1.0 - nu) * slope - nu * mixed))[(..., *inside)]
+            strip = (bend + k2 * (of.twist * slope - of.nu * mixed))[(..., *inside)]
             values, vectors = np.linalg.eigh(strip + k2 * k2 * np.eye(len(part)))
             squared = np.sqrt(np.maximum(values[:, 0], 0.0))
-            t2 = np.maximum(squared - k * k, -0.45 * k * k)
+            t2 = np.maximum(_across(squared, k * k, of), -0.45 / of.eta * k * k)
         shape = np.zeros((_STRIP_FUNCTIONS, len(n)))
         shape[part] = vectors[:, :, 0].T
         shape *= np.sign(at_free @ shape)  # one sign at every Poisson's ratio
@@ -503,11 +536,12 @@ def _nodes(
     while True:
         ratios = middle - half * np.cos(np.arange(count) * np.pi / (count - 1))
         for nu in ratios:
-            known.setdefault(float(nu), _labelled(edges, size_m, float(nu), k_max, _FEWER_ROUNDS))
+            at = isotropic(float(nu))
+            known.setdefault(float(nu), _labelled(edges, size_m, at, k_max, _FEWER_ROUNDS))
         found = ratios, [known[float(nu)] for nu in ratios]
         # Between two nodes in the middle the error is as large as anywhere, or almost so.
         test = 0.5 * float(ratios[count // 2] + ratios[count // 2 + 1])
-        exact = _labelled(edges, size_m, test, k_max, _FEWER_ROUNDS)
+        exact = _labelled(edges, size_m, isotropic(test), k_max, _FEWER_ROUNDS)
         errors = [
             float(np.max(np.abs(one.squared / other.squared - 1.0)))
             for one, other in zip(_by_nodes(*found, test), exact, strict=True)
@@ -522,8 +556,8 @@ def _left(edges: str, size_m: tuple[float, float], nu: float, k_max: float) -> l
     """What the polynomials miss at one of Poisson's ratios: with that added, they are exact there
     and nearly so around."""
     pairs = zip(
-        _labelled(edges, size_m, nu, k_max), _by_nodes(*_nodes(edges, size_m, k_max), nu),
-        strict=True,
+        _labelled(edges, size_m, isotropic(nu), k_max),
+        _by_nodes(*_nodes(edges, size_m, k_max), nu), strict=True,
     )  # fmt: skip
     return [_summed(list(pair), np.array([1.0, -1.0])) for pair in pairs]
 
@@ -546,14 +580,16 @@ def _summed(parts: list[Any], weights: np.ndarray) -> Any:
 
 
 @on_one_thread
-def shape_along(edges: str, length_m: float, side: _Side, nu: float, x_m: np.ndarray) -> np.ndarray:
+def shape_along(
+    edges: str, length_m: float, side: _Side, of: Bending, x_m: np.ndarray
+) -> np.ndarray:
     """Shapes along a coordinate, unit integral of the square; (points, modes)."""
     x = np.asarray(x_m, dtype=float)
     if side.strip is not None:
         return BeamBasis(edges, length_m, len(side.strip)).at(x) @ side.strip
     k, t2, x = side.k, side.t_squared, x[:, None]
-    (a0, c0), (a1, c1) = (_phase(edge, k, t2, nu) for edge in edges)
-    kappa = np.sqrt(k * k + 2.0 * t2)
+    (a0, c0), (a1, c1) = (_phase(edge, k, t2, of) for edge in edges)
+    kappa = np.sqrt(k * k + 2.0 * of.eta * t2)
     # sin^2, then what the exponentials add: twice their product with the sine, and their square.
     norm = 0.5 * length_m + (np.sin(2.0 * a0) + np.sin(2.0 * a1)) / (4.0 * k)
     for a, c in ((a0, c0), (a1, c1)):
@@ -624,6 +660,8 @@ class EdgedPlate(BaseStructure):
         """See `Structure`."""
         if not isinstance(other, EdgedPlate) or not _ENDS[0] <= self._nu <= _ENDS[1]:
             return self
+        if self.plate.orthotropic or other.plate.orthotropic:
+            return self
         one, two = ((p.edges, p.size_m, p.accuracy) for p in (self, other))
         return replace(self, near=other._nu) if one == two and self._nu != other._nu else self
 
@@ -659,10 +697,11 @@ class EdgedPlate(BaseStructure):
 
     def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         """Shapes of all modes up to `omega_max` on a grid, (modes, x, y)."""
-        plate = self.edges, self.size_m, self._nu
+        plate = self.edges, self._scaled_m, self._of
         low, count, beyond, squared = _parts(
             *plate, self.accuracy, self.near, self._most(omega_max)
         )
+        x_m, y_m = self._stretched(x_m, y_m)
         groups = [low.shapes(x_m, y_m, count)]
         for group in beyond:
             along_x, along_y = _along(*plate, group, x_m, y_m)
@@ -673,13 +712,27 @@ class EdgedPlate(BaseStructure):
     @property
     def reached(self) -> Reached:
         """How far the modes are converged."""
-        nu = self._nu if self.near is None else self.near
-        low, count, error = _joint(self.edges, self.size_m, nu, self.accuracy, None)
+        of = self._of if self.near is None else isotropic(self.near)
+        low, count, error = _joint(self.edges, self._scaled_m, of, self.accuracy, None)
         return Reached(count, 0.5 * float(low.change[:count].max()), 0.5 * error)
 
     @property
     def _nu(self) -> float:
         return self.material.poisson_ratio
+
+    @property
+    def _of(self) -> Bending:
+        bend = self.plate.rigidity
+        return Bending(bend.nu, bend.twist, bend.eta)
+
+    def _stretched(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """x and y in the coordinates of `Rigidity`."""
+        stretch = self.plate.rigidity.stretch
+        return x * stretch, y / stretch
+
+    @property
+    def _scaled_m(self) -> tuple[float, float]:
+        return self._stretched(*self.size_m)
 
     @property
     def _unit(self) -> float:
@@ -689,7 +742,7 @@ class EdgedPlate(BaseStructure):
     @property
     def _speed(self) -> float:
         """w/k^2, m^2/s."""
-        return math.sqrt(self.plate.bending_stiffness_n_m / self.plate.mass_per_area_kg_m2)
+        return math.sqrt(self.plate.rigidity.mean_n_m / self.plate.mass_per_area_kg_m2)
 
     def _most(self, omega_max: float) -> float:
         """k^2 at a frequency, 1/m^2, without the rounding: plates that differ in stiffness and mass
@@ -699,49 +752,49 @@ class EdgedPlate(BaseStructure):
     def _shapes(self, omega_max: float, points: list[Point]) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies (modes,) and shapes at points (modes, points)."""
         squared, shapes = _unit_shapes(
-            self.edges, self.size_m, self._nu, self.accuracy, self.near, self._most(omega_max),
-            tuple(points),
+            self.edges, self._scaled_m, self._of, self.accuracy, self.near,
+            self._most(omega_max), tuple(self._stretched(*point) for point in points),
         )  # fmt: skip
         return self._speed * squared, self._unit * shapes
 
 
 def _parts(
-    edges: str, size_m: tuple[float, float], nu: float, accuracy: float, near: float | None,
+    edges: str, size_m: tuple[float, float], of: Bending, accuracy: float, near: float | None,
     most: float,
 ) -> tuple[LowModes, int, list[Waves], np.ndarray]:  # fmt: skip
     """Low modes, how many of them are below the limit, those beyond, and k^2 of all: low ones
     first, then group by group."""
-    low, count, _ = _joint(edges, size_m, nu, accuracy, near)
-    beyond = _beyond(edges, size_m, nu, accuracy, near, most)
+    low, count, _ = _joint(edges, size_m, of, accuracy, near)
+    beyond = _beyond(edges, size_m, of, accuracy, near, most)
     count = int(np.searchsorted(low.squared[:count], most, side="right"))
     squared = np.concatenate([low.squared[:count], *(group.squared for group in beyond)])
     return low, count, beyond, squared
 
 
 def _along(
-    edges: str, size_m: tuple[float, float], nu: float, group: Waves, x_m: np.ndarray,
+    edges: str, size_m: tuple[float, float], of: Bending, group: Waves, x_m: np.ndarray,
     y_m: np.ndarray,
 ) -> list[np.ndarray]:  # fmt: skip
     sides = ((edges[:2], group.along_x, x_m), (edges[2:], group.along_y, y_m))
     return [
-        shape_along(of_side, length, side, nu, places)
+        shape_along(of_side, length, side, of, places)
         for (of_side, side, places), length in zip(sides, size_m, strict=True)
     ]
 
 
 @lru_cache(maxsize=16)
 def _unit_shapes(
-    edges: str, size_m: tuple[float, float], nu: float, accuracy: float, near: float | None,
+    edges: str, size_m: tuple[float, float], of: Bending, accuracy: float, near: float | None,
     most: float, points: tuple[Point, ...],
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """k^2 up to a limit (modes,), rising, and shapes of unit integral at points (modes, points)."""
-    low, count, beyond, squared = _parts(edges, size_m, nu, accuracy, near, most)
+    low, count, beyond, squared = _parts(edges, size_m, of, accuracy, near, most)
     shapes = np.empty((len(squared), len(points)))
     for i, (x, y) in enumerate(points):
         at = np.array([x]), np.array([y])
         groups = [low.shapes(*at, count)[:, 0, 0]]
         for group in beyond:
-            along_x, along_y = _along(edges, size_m, nu, group, *at)
+            along_x, along_y = _along(edges, size_m, of, group, *at)
             groups.append(along_x[0] * along_y[0])
         shapes[:, i] = np.concatenate(groups)
     order = np.argsort(squared, kind="stable")
@@ -750,7 +803,7 @@ def _unit_shapes(
 
 @lru_cache(maxsize=16)
 def _joint(
-    edges: str, size_m: tuple[float, float], nu: float, accuracy: float, near: float | None
+    edges: str, size_m: tuple[float, float], of: Bending, accuracy: float, near: float | None
 ) -> tuple[LowModes, int, float]:
     """Low modes, how many of them to take, and the relative error in k^2 of the waves there.
 
@@ -758,13 +811,13 @@ def _joint(
     twice or is lost. `near`: Poisson's ratio of a plate that decides on the number.
     """
     if near is not None:
-        _, count, error = _joint(edges, size_m, near, accuracy, None)
-        return _low_modes_near(edges, size_m, nu, near, count), count, error
-    low = low_modes(edges, size_m, nu)
+        _, count, error = _joint(edges, size_m, isotropic(near), accuracy, None)
+        return _low_modes_near(edges, size_m, of.nu, near, count), count, error
+    low = low_modes(edges, size_m, of)
     unconverged = np.flatnonzero(low.change > _SHARE * accuracy)
     most = max(int(unconverged[0]) if len(unconverged) else len(low.squared) - 1, _LEAST)
     k_max = math.sqrt(1.2 * low.squared[most])
-    beyond = np.sort(np.concatenate([g.squared for g in waves(edges, size_m, nu, k_max)]))
+    beyond = np.sort(np.concatenate([g.squared for g in waves(edges, size_m, of, k_max)]))
     missing = _missing(edges)
     first = most - max(1, int(_LOOKED_AT * most))
     gaps = (
@@ -783,17 +836,17 @@ def _missing(edges: str) -> int:
 
 @lru_cache(maxsize=16)
 def _beyond(
-    edges: str, size_m: tuple[float, float], nu: float, accuracy: float, near: float | None,
+    edges: str, size_m: tuple[float, float], of: Bending, accuracy: float, near: float | None,
     most: float,
 ) -> list[Waves]:  # fmt: skip
     """The waves above the low modes, up to k^2 = `most`."""
-    count = _joint(edges, size_m, nu, accuracy, near)[1]
+    count = _joint(edges, size_m, of, accuracy, near)[1]
     k_max = math.sqrt(most)
     if near is None:
-        found = waves(edges, size_m, nu, k_max)
+        found = waves(edges, size_m, of, k_max)
     else:
         k_top = 2.0 ** (math.ceil(8.0 * math.log2(k_max)) / 8.0)  # one for limits almost the same
-        every = _by_nodes(*_nodes(edges, size_m, k_top), nu)
+        every = _by_nodes(*_nodes(edges, size_m, k_top), of.nu)
         left = _left(edges, size_m, near, k_top)
         found = [
             _summed([group, more], np.ones(2)).within(0.0, k_max * k_max)

@@ -14,6 +14,11 @@ _NAMES = {
     "young_pa": "youngs_modulus_pa",
     "density_kg_m3": "density_kg_m3",
     "poisson": "poisson_ratio",
+    "young_x_pa": "young_x_pa",
+    "young_y_pa": "young_y_pa",
+    "young_z_pa": "young_z_pa",
+    "shear_pa": "shear_pa",
+    "poisson_xy": "poisson_xy",
     "loss_factor": "loss_factor",
     "restitution": "restitution",
     "yield_pa": "yield_pa",
@@ -21,16 +26,20 @@ _NAMES = {
     "strength_spread": "strength_spread",
 }
 _NEEDED = ("young_pa", "density_kg_m3", "poisson")
+_ORTHOTROPIC = ("young_x_pa", "young_y_pa", "shear_pa", "poisson_xy")
 
 
 @dataclass(frozen=True)
 class Material:
-    """Isotropic elastic material.
+    """Elastic material, isotropic unless `young_x_pa` is given.
 
     youngs_modulus_pa, density_kg_m3; poisson_ratio, loss_factor and restitution
     (assumed local coefficient of restitution against steel) are dimensionless. `yield_pa`: yield
     strength, `hardness_pa`: indentation hardness, None where not known; `strength_spread`: by
-    what share both differ from piece to piece.
+    what share both differ from piece to piece. An orthotropic plate bends by Young's moduli along
+    its x and y, the shear modulus in its plane, and poisson_xy, minus the strain along y over that
+    along x which causes it. Its contact takes `youngs_modulus_pa`, that across the thickness,
+    `young_z_pa`, if it is given, or the smaller of both.
     """
 
     youngs_modulus_pa: float
@@ -41,6 +50,16 @@ class Material:
     yield_pa: float | None = None
     hardness_pa: float | None = None
     strength_spread: float = 0.2
+    young_x_pa: float | None = None
+    young_y_pa: float | None = None
+    young_z_pa: float | None = None
+    shear_pa: float | None = None
+    poisson_xy: float | None = None
+
+    @property
+    def orthotropic(self) -> bool:
+        """Whether the plate's stiffness depends on the direction."""
+        return self.young_x_pa is not None
 
     @cached_property
     def plane_strain_modulus_pa(self) -> float:
@@ -49,7 +68,9 @@ class Material:
 
     @cached_property
     def shear_modulus_pa(self) -> float:
-        """G = E / (2 (1 + nu)), Pa."""
+        """G = E / (2 (1 + nu)), Pa, unless it is given."""
+        if self.shear_pa is not None:
+            return self.shear_pa
         return self.youngs_modulus_pa / (2.0 * (1.0 + self.poisson_ratio))
 
     @cached_property
@@ -65,9 +86,17 @@ def material_of(where: str, table: Mapping[str, object]) -> Material:
             raise ValueError(
                 f"{where}.{key} is not a property of a material. Use {', '.join(_NAMES)}"
             )
-    for key in _NEEDED:
+    needed: tuple[str, ...] = _NEEDED
+    if directed := [key for key in (*_ORTHOTROPIC, "young_z_pa") if key in table]:
+        needed = (*_ORTHOTROPIC, "density_kg_m3")
+        if both := [key for key in ("young_pa", "poisson") if key in table]:
+            raise ValueError(
+                f"{where}: {both[0]} is of an isotropic material, {directed[0]} of an orthotropic "
+                "one. Leave one of them out"
+            )
+    for key in needed:
         if key not in table:
-            raise ValueError(f"{where}.{key} is missing; a material needs {', '.join(_NEEDED)}")
+            raise ValueError(f"{where}.{key} is missing; a material needs {', '.join(needed)}")
     for key, value in table.items():
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError(f"{where}.{key} = {value!r} is not a number")
@@ -76,11 +105,25 @@ def material_of(where: str, table: Mapping[str, object]) -> Material:
             known = isinstance(value, float) or abs(value) < 10**20  # others have no :g
             given = f"{value:g}" if known else "a number of that size"
             raise ValueError(f"{where}.{key} = {given}: must be {words}")
-    found = Material(**{_NAMES[key]: float(table[key]) for key in table})  # type: ignore[arg-type]
+    values = {_NAMES[key]: float(table[key]) for key in table}  # type: ignore[arg-type]
+    if directed:
+        x, y, nu = (values[key] for key in ("young_x_pa", "young_y_pa", "poisson_xy"))
+        if not nu * nu * y < x:
+            raise ValueError(
+                f"{where}: poisson_xy = {nu:g} must be below sqrt(young_x_pa/young_y_pa) = "
+                f"{math.sqrt(x / y):.3g}. It is that of a stress along x"
+            )
+        # Of the contact: in wood and laminates the soft direction is also that of the thickness.
+        values |= {
+            "youngs_modulus_pa": values.get("young_z_pa", min(x, y)),
+            "poisson_ratio": nu * math.sqrt(y / x),
+        }
+    found = Material(**values)
+    least = "young_z_pa, or the smallest modulus," if directed else "young_pa"
     speed = math.sqrt(found.youngs_modulus_pa / found.density_kg_m3)
     if not _SLOWEST <= speed <= _FASTEST:
         raise ValueError(
-            f"{where}: young_pa = {found.youngs_modulus_pa:g} and density_kg_m3 = "
+            f"{where}: {least} = {found.youngs_modulus_pa:g} and density_kg_m3 = "
             f"{found.density_kg_m3:g} make a speed of sound of {speed:.3g} m/s, which no solid "
             "has; they are in Pa and kg/m3"
         )
@@ -91,6 +134,11 @@ def material_of(where: str, table: Mapping[str, object]) -> Material:
 _LIMITS = {
     "young_pa": (1e3, 1e13, "1e3 to 1e13 Pa"),
     "density_kg_m3": (1.0, 1e5, "1 to 1e5 kg/m3"),
+    "young_x_pa": (1e3, 1e13, "1e3 to 1e13 Pa"),
+    "young_y_pa": (1e3, 1e13, "1e3 to 1e13 Pa"),
+    "young_z_pa": (1e3, 1e13, "1e3 to 1e13 Pa"),
+    "shear_pa": (1e3, 1e13, "1e3 to 1e13 Pa"),
+    "poisson_xy": (0.0, 10.0, "0 to 10"),
     "poisson": (0.0, math.nextafter(0.5, 0.0), "at least 0 and below 0.5"),
     "loss_factor": (0.0, 1.0, "0 to 1"),
     "restitution": (0.0, 1.0, "0 to 1"),

@@ -1,4 +1,4 @@
-"""Simply supported rectangular plate of Kirchhoff's theory.
+"""Simply supported rectangular plate of Kirchhoff's theory, isotropic or orthotropic.
 
 Loss factor eta on every mode: q'' + eta w q' + w^2 q = lambda phi F, with phi = sin(m pi x/l_x)
 sin(n pi y/l_y) and lambda = 4/(m'' l_x l_y).
@@ -7,8 +7,10 @@ sin(n pi y/l_y) and lambda = 4/(m'' l_x l_y).
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from hertzloop.plant.structures import rising_kernels as rising
 from hertzloop.plant.structures.materials import Material
@@ -17,6 +19,23 @@ from hertzloop.plant.structures.modes import Modes
 SECONDS_PER_MODE = 1e-5  # of processor time
 _SLICE = 8192  # modes that are sorted together, at most; as many bands
 _TAIL = 16.0  # modes left out are summed one by one up to this multiple of the limit
+
+
+class Rigidity(NamedTuple):
+    """How a plate bends. With D_x, D_y, D_1, D_xy of an orthotropic one (Lekhnitskii 1968) the
+    coordinates x (D_y/D_x)^(1/8) and y (D_x/D_y)^(1/8) make it one of the same area and mass with
+    the energy 1/2 D integral of w_xx^2 + w_yy^2 + 2 nu w_xx w_yy + twist w_xy^2.
+
+    `mean_n_m`: D = sqrt(D_x D_y); `stretch`: of x, one over that of y; `nu`: D_1/D; `twist`:
+    4 D_xy/D; `eta`: nu + twist/2, by which waves of both directions meet. An isotropic plate has
+    stretch and eta 1, and twist 2 (1 - nu).
+    """
+
+    mean_n_m: float
+    stretch: float
+    nu: float
+    twist: float
+    eta: float
 
 
 @dataclass(frozen=True)
@@ -33,9 +52,37 @@ class Plate:
         """Loss factor."""
         return self.material.loss_factor if self.loss_factor is None else self.loss_factor
 
+    @property
+    def orthotropic(self) -> bool:
+        """Whether its stiffness depends on the direction."""
+        return self.material.orthotropic
+
+    def __str__(self) -> str:
+        return "a simply supported orthotropic plate" if self.orthotropic else repr(self)
+
+    @cached_property
+    def rigidity(self) -> Rigidity:
+        """How it bends."""
+        material = self.material
+        if not material.orthotropic:
+            nu = material.poisson_ratio
+            return Rigidity(self.bending_stiffness_n_m, 1.0, nu, 2.0 * (1.0 - nu), 1.0)
+        x, y, shear = material.young_x_pa, material.young_y_pa, material.shear_pa
+        assert x is not None and y is not None  # noqa: PT018
+        assert shear is not None
+        nu = material.poisson_ratio  # sqrt(nu_xy nu_yx)
+        cubed = self.thickness_m**3 / 12.0
+        mean = math.sqrt(x * y) * cubed / (1.0 - nu * nu)
+        twist = 4.0 * shear * cubed / mean
+        return Rigidity(mean, (y / x) ** 0.125, nu, twist, nu + 0.5 * twist)
+
     @cached_property
     def bending_stiffness_n_m(self) -> float:
-        """B' = E h^3 / (12 (1 - nu^2)), N m."""
+        """B' = E h^3 / (12 (1 - nu^2)), N m; of an orthotropic plate that of an isotropic one with
+        the same modal density and point impedance: D over the square of 2/pi K((1 - eta)/2)."""
+        if self.orthotropic:
+            mean = float(scipy.special.ellipk(0.5 * (1.0 - self.rigidity.eta))) * 2.0 / math.pi
+            return self.rigidity.mean_n_m / mean**2
         return self.material.plane_strain_modulus_pa * self.thickness_m**3 / 12.0
 
     @cached_property
@@ -61,6 +108,8 @@ class Plate:
     @cached_property
     def fundamental_hz(self) -> float:
         """Frequency of mode (1, 1), the lowest, Hz."""
+        if self.orthotropic:
+            return float(self._orthotropic_omega(np.ones(1), np.ones(1))[0]) / (2.0 * math.pi)
         speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
         return speed * sum((math.pi / side) ** 2 for side in self.size_m) / (2.0 * math.pi)
 
@@ -72,6 +121,8 @@ class Plate:
 
     def mode_numbers(self, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """All modes up to `omega_max` rad/s by rising frequency: m, n, omega."""
+        if self.orthotropic:
+            return self._orthotropic_numbers(omega_max)
         along_x, along_y, speed = self._squared_wave_numbers(omega_max)
         most = len(along_x) * len(along_y)
         omega, m, n = np.empty(most), np.empty(most, np.int64), np.empty(most, np.int64)
@@ -79,6 +130,26 @@ class Plate:
             along_x, along_y, speed, omega_max, *_room(along_x, along_y), omega, m, n
         )
         return m[:count], n[:count], omega[:count]
+
+    def _orthotropic_omega(self, m: np.ndarray, n: np.ndarray) -> np.ndarray:
+        """w = sqrt(D/m'' (a^2 + 2 eta a b + b^2)), a and b the squared wave numbers in the
+        coordinates of `Rigidity`; rad/s, (modes,)."""
+        bend, (lx, ly) = self.rigidity, self.size_m
+        a, b = (m * np.pi / (lx * bend.stretch)) ** 2, (n * np.pi / ly * bend.stretch) ** 2
+        speed = math.sqrt(bend.mean_n_m / self.mass_per_area_kg_m2)
+        return np.asarray(speed * np.sqrt(a * a + 2.0 * bend.eta * a * b + b * b))
+
+    def _orthotropic_numbers(self, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`mode_numbers` of an orthotropic plate."""
+        bend = self.rigidity
+        k_max = math.sqrt(omega_max / math.sqrt(bend.mean_n_m / self.mass_per_area_kg_m2)) / math.pi
+        lengths = self.size_m[0] * bend.stretch, self.size_m[1] / bend.stretch
+        every = [np.arange(1, max(1, math.floor(k_max * length)) + 1) for length in lengths]
+        m, n = (grid.ravel() for grid in np.meshgrid(*every, indexing="ij"))
+        omega = self._orthotropic_omega(m, n)
+        order = np.argsort(omega, kind="stable")
+        order = order[: int(np.searchsorted(omega[order], omega_max, side="right"))]
+        return m[order], n[order], omega[order]
 
     def _squared_wave_numbers(self, omega_max: float) -> tuple[np.ndarray, np.ndarray, float]:
         """Squared wave numbers (1/m^2) along both sides of the modes up to a frequency (rad/s), and
@@ -110,14 +181,15 @@ class Plate:
         return self
 
     @property
-    def simply_supported(self) -> "Plate":
-        """The plate itself."""
-        return self
+    def simply_supported(self) -> "Plate | None":
+        """The plate itself; None of an orthotropic one, whose radiation is not known."""
+        return None if self.orthotropic else self
 
     @property
-    def separable(self) -> "Plate":
-        """The plate itself: every mode is a product of sines."""
-        return self
+    def separable(self) -> "Plate | None":
+        """The plate itself: every mode is a product of sines. None of an orthotropic one, whose
+        frequencies are no sums."""
+        return None if self.orthotropic else self
 
     @property
     def mode_table(self) -> None:
@@ -183,6 +255,11 @@ class Plate:
         tail = 2.0 / (math.pi * self.infinite_plate_impedance_n_s_m * beyond)
         if point_m is None:
             return tail
+        if self.orthotropic:
+            m, n, omega = self._orthotropic_numbers(beyond)
+            out = omega > omega_max
+            shape = self.mode_shape(m, n, point_m)[out]
+            return tail + self.modal_scale_per_kg * float(np.sum((shape / omega[out]) ** 2))
         along_x, along_y, speed = self._squared_wave_numbers(beyond)
         most = len(along_x) * len(along_y)  # of which only what is written costs anything
         omega, terms = np.empty(most), np.empty(most)

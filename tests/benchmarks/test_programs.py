@@ -42,6 +42,7 @@ CONCLUSIONS = {
     "benchmarks.start": r"A run of aluminium-3mm takes [\d.]+ s of processor time compiled",
     "benchmarks.stability": r"At steps of 0\.01 to 100 contact times the energy residual",
     "benchmarks.validity_map": r"The effect above 0\.1 % in most of the map is: [a-z ]+",
+    "benchmarks.wood": r"An orthotropic plate with three fitted moduli is off by 1\.1 % at most",
     "paper.calibrate": r"A viscous damper of [\d.]+ N s/m gives thesis-aluminium",
     "paper.equations": r"For the contact time of aluminium-3mm, .* is 10\.3 times",
     "paper.figures": r"2 figures are drawn; the first contact on aluminium lasts 35 us",
