@@ -1,49 +1,59 @@
 """Scenes: what is simulated, as one TOML file, checked before anything runs."""
 
+import base64
 import copy
 import difflib
+import hashlib
+import math
 import re
 import tomllib
+import zlib
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from types import SimpleNamespace
+from typing import Annotated, Any, Literal, NamedTuple, cast, get_args
 
+import numpy as np
 import tomli_w
-from pydantic import BaseModel, Field, ValidationError, ValidationInfo, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, ValidationInfo, model_validator
+from pydantic.fields import FieldInfo
 
 from hertzloop.controller.law import WHOLE_STEPS
 from hertzloop.controller.loading.law import Law, LawError
-from hertzloop.controller.loading.registry import find, resolve
+from hertzloop.controller.loading.registry import NO_CONTROL, controls, find, resolve, shipped_keys
 from hertzloop.controller.loading.registry import shipped as shipped_laws
-from hertzloop.plant.structures.materials import MATERIALS, Material
-from hertzloop.scenes.controller_table import (
-    ControllerTable,
-    is_recorded,
-    law_key,
-    switch_law,
+from hertzloop.plant.contact.hertz import GRAVITY_M_S2, HERTZ
+from hertzloop.plant.schemes.registry import SCHEMES, supporting
+from hertzloop.plant.structures.materials import (
+    MATERIALS,
+    SHIPPED,
+    Material,
+    material_of,
+    materials_of,
 )
+from hertzloop.plant.structures.mode_file import SUFFIXES, read_modes
+from hertzloop.plant.structures.registry import STRUCTURES
 from hertzloop.scenes.errors import (
     LONGEST,
     NO_CASE_OF_THESIS,
     SceneError,
+    refused,
     sentence,
     shortened,
     shown,
     table_of,
+    unknown_key,
 )
 from hertzloop.scenes.materials import (
     MaterialTable,
     SceneTable,
-    check_materials,
     material_called,
-    open_material,
-    take_in,
+    numbers_of_material,
 )
-from hertzloop.scenes.problems import drop_unread, problems
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.scenes.tables import (
     ActuatorTable,
@@ -56,6 +66,684 @@ from hertzloop.scenes.tables import (
     SphereTable,
     Striker,
 )
+
+__all__ = [
+    "DEFAULT", "NO_CASE_OF_THESIS", "ControllerTable", "RunTable", "Scene", "SceneError",
+    "SensorsTable", "grain_of", "load", "parse", "shipped", "shipped_text", "to_toml", "toml_text",
+    "toml_value", "vary",
+]  # fmt: skip
+
+# Laws of checked tables by reference and digest: a case asks for its law a dozen times.
+_CHECKED: dict[tuple[str, str], Law] = {}
+_MOST_CHECKED = 64
+
+
+def _remember(reference: str, law: Law) -> None:
+    if len(_CHECKED) >= _MOST_CHECKED:
+        _CHECKED.clear()
+    _CHECKED[reference, law.digest] = law
+
+
+class ControllerTable(SceneTable):
+    """The law, the line to the actuator, and the law's own keys.
+
+    `law`: a shipped name, "mine.py", "mine.py:Name", "package.module:Name", an entry point's name,
+    "mine.so" or "mine.fmu". A key that the law does not have is refused, unless it has the default
+    of the shipped laws that have it.
+    `law_digest`: of a law that is not shipped; one with another digest is refused.
+    """
+
+    model_config = ConfigDict(extra="allow")
+
+    law: str = "slope_threshold"
+    """control law: a shipped name, a file (mine.py, mine.py:Name), package.module:Name, an entry
+    point, a library (mine.so), or a co-simulation unit (mine.fmu)"""
+    law_digest: str | None = None
+    """required digest of a law that is not shipped"""
+    latency_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    """latency in addition to one step"""
+    latency_trace: tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...] | None = None
+    """latencies by sample, us, in place of latency_us: a CSV file, a recording of a paced run, a
+    list, or a table with median_us, sigma, autocorrelation; repeated, and rounded to whole steps"""
+    latency_trace_use: Literal["replay", "resample"] | None = None
+    """replay the trace as it is (default), or resample blocks of it by the seed"""
+    jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    """largest random addition to the latency"""
+    drop_out_probability: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    """probability that a command drops out; the last command is then held"""
+    bits: Annotated[int, Field(ge=2, le=24)] | Literal["ideal"] = "ideal"
+    """DAC resolution, bits"""
+    full_scale_n: Annotated[float, Field(ge=1e-9, le=1e9)] | None = None
+    """largest force of the DAC in either direction"""
+    slew_n_s: Annotated[float, Field(ge=1e-9, le=1e15)] | None = None
+    """slew rate limit of the force"""
+
+    @property
+    def least_latency_us(self) -> float:
+        """The latency that every sample has at least, us."""
+        return min(self.latency_trace) if self.latency_trace else self.latency_us
+
+    @property
+    def found(self) -> Law:
+        """The law; on the disk it is looked for, and its digest compared, when a table is checked.
+        Raises LawError."""
+        known = _CHECKED.get((self.law, self.law_digest or ""))
+        return known or find(self.law, self.law_digest)
+
+    @property
+    def keys(self) -> Any:
+        """The law's own keys."""
+        given = self.__pydantic_extra__ or {}
+        own = self.found.key_names
+        return SimpleNamespace(**{name: given[name] for name in own if name in given})
+
+    def switched_off(self) -> "ControllerTable":
+        """The same line without control."""
+        line = {name: getattr(self, name) for name in ControllerTable.model_fields}
+        return ControllerTable.model_construct(**{**line, "law": NO_CONTROL, "law_digest": None})
+
+    @model_validator(mode="after")
+    def _keys_of_laws(self, info: ValidationInfo) -> "ControllerTable":
+        """Check the law's keys, fill in its defaults, drop keys of other laws at their default."""
+        given = self.__pydantic_extra__
+        assert given is not None
+        try:
+            law = find(self.law, self.law_digest)
+        except LawError as error:
+            if is_recorded(info):
+                return self
+            raise ValueError(str(error)) from error
+        own = law.keys.model_fields
+        if taken := [name for name in own if name in ControllerTable.model_fields]:
+            raise ValueError(
+                f"controller.law = '{self.law}': its key {taken[0]} is a key of the control loop. "
+                "Rename it in the law."
+            )
+        for name, value in given.items():
+            if name in own:
+                continue
+            others = shipped_keys()
+            if name not in others:
+                known = [*ControllerTable.model_fields, *own]
+                raise ValueError(unknown_key(("controller", name), known))
+            if value != others[name].default and not is_recorded(info):
+                raise ValueError(_of_another_law(name, value, law))
+        try:
+            mine = law.keys.model_validate({k: v for k, v in given.items() if k in own})
+        except ValidationError as error:
+            raise ValueError(_sentence_of(error, own)) from error
+        given.clear()
+        given.update(vars(mine))
+        if law.name not in shipped_laws():
+            self.__dict__["law_digest"] = law.digest
+            _remember(self.law, law)
+        return self
+
+
+def is_recorded(info: ValidationInfo) -> bool:
+    """Whether a scene is read from a recording, which may outlive its law."""
+    return bool(info.context and info.context.get("recorded"))
+
+
+def law_key(table: ControllerTable, name: str) -> FieldInfo | None:
+    """What is known of a key: the line's, the law's, or a shipped law's."""
+    for fields in (ControllerTable.model_fields, table.found.keys.model_fields, shipped_keys()):
+        if name in fields:
+            return fields[name]
+    return None
+
+
+def _of_another_law(name: str, value: Any, law: Law) -> str:
+    """Sentence on a key of a shipped law that the chosen law does not have."""
+    keys = ", ".join(law.keys.model_fields) or "none"
+    having = ", ".join(n for n in shipped_laws() if name in find(n).keys.model_fields)
+    return (
+        f"controller.{name} = {shown(value)}: has no effect on controller.law = '{law.name}', "
+        f"whose keys are: {keys}. Leave the key out, or choose a law that has it: {having}"
+    )
+
+
+def _sentence_of(error: ValidationError, fields: Mapping[str, FieldInfo]) -> str:
+    """On the first problem with one of several keys."""
+    problem = error.errors()[0]
+    if problem["type"] == "value_error":
+        return str(problem["ctx"]["error"])
+    key = str(problem["loc"][0])
+    same = [p for p in error.errors() if p["loc"][:1] == problem["loc"][:1]]
+    return refused(("controller", key), problem["input"], same, fields[key])
+
+
+def switch_law(data: dict[str, Any], name: str, written: bool = False) -> None:
+    """Put another law into a table, and drop what belongs to the old one alone: its digest, and
+    keys that the new law does not have. Keys that the old law has by default are dropped as well,
+    unless they are `written` in a file. Raises LawError."""
+    fields = find(name).keys.model_fields
+    digest = data.pop("law_digest", None)
+    old = {}
+    try:
+        old = find(
+            str(data.get("law", ControllerTable.model_fields["law"].default)), digest
+        ).keys.model_fields
+        of_old = set(old)
+    except LawError:  # a recording may outlive its law
+        of_old = set(data)
+    for key in of_old & data.keys() - ControllerTable.model_fields.keys():
+        is_default = key in old and data[key] == old[key].default
+        if key not in fields or (is_default and not written):
+            del data[key]
+    data["law"] = name
+
+
+_MAX_STEPS = 20_000_000
+_EDGE = 1e-4  # of a side; nearer to it a point force moves no mode by more than rounding
+_MIDDLE = 0.5  # touch phase of a run that says nothing else
+_NARROWEST = 1e-12  # range of a converter, in the unit of its quantity
+_NARROWEST_SHARE = 1e-6  # of its larger number; 24 bits of it are still told apart
+
+
+class _Uncontrolled(NamedTuple):
+    """The tables of a scene that are neither sensor nor controller."""
+
+    sphere: SphereTable | None
+    hammer: HammerTable | None
+    plate: PlateTable
+    contact: ContactTable
+    actuator: ActuatorTable
+    materials: tuple[MaterialTable, ...] | None
+    run: RunTable
+
+
+def problems(scene: "Scene") -> list[str]:
+    """Sentences on values that are fine alone, but not together."""
+    found = []
+    run, control = scene.run, scene.controller
+    tables = _Uncontrolled(
+        scene.sphere, scene.hammer, scene.plate, scene.contact, scene.actuator, scene.materials, run
+    )
+    of_plate, of_run = _beside_control(tables)
+    found += of_plate
+    found += _line_problems(control, scene.actuator, run, tuple(scene.whole_step_keys()))
+    sensors = scene.sensors
+    if sensors.fault is None and sensors.has_fault_keys:
+        found.append("sensors.fault: is missing beside other keys of a fault. Say which fault")
+    if sensors.fault in ("offset", "spikes", "saturation") and sensors.fault_size is None:
+        found.append(
+            f"sensors.fault = '{sensors.fault}': needs sensors.fault_size, in the unit of "
+            "sensors.quantity. Give a number"
+        )
+    wanted = scene.law.senses
+    several = [one.strip() for one in wanted.split(",")]
+    if not {*several} <= {*SENSED, "any"}:
+        found.append(
+            f"{scene.law.name}: senses = '{wanted}' is unknown. Use any, {', '.join(SENSED)}."
+        )
+    elif "any" not in several and scene.sensors.quantity not in several:
+        found.append(
+            f"sensors.quantity = '{scene.sensors.quantity}': controller.law = '{control.law}' "
+            f"needs '{wanted}'. Use '{wanted}' or 'auto'."
+        )
+    found += of_run
+    if control.bits != "ideal" and control.full_scale_n is None:
+        found.append(
+            f"controller.bits = {control.bits}: needs the largest force. Give "
+            "controller.full_scale_n in N."
+        )
+    limits = scene.sensors.full_scale
+    if isinstance(limits, tuple):
+        if not limits[0] < limits[1]:
+            found.append(
+                f"sensors.full_scale = {list(limits)}: the first number must be the lower one. "
+                "Swap or change them."
+            )
+        elif limits[1] - limits[0] < max(_NARROWEST, _NARROWEST_SHARE * max(map(abs, limits))):
+            found.append(
+                f"sensors.full_scale = {list(limits)}: the range is too narrow. Use at least "
+                f"{_NARROWEST:g}, and {_NARROWEST_SHARE:g} of the larger number."
+            )
+    if scene.sensors.bits != "ideal" and limits == "none":
+        found.append(
+            f"sensors.bits = {scene.sensors.bits}: needs a range. Set sensors.full_scale, not "
+            "'none'."
+        )
+    return found
+
+
+@lru_cache(maxsize=64)
+def _line_problems(
+    control: ControllerTable, actuator: ActuatorTable, run: RunTable,
+    whole_step_keys: tuple[str, ...],
+) -> list[str]:  # fmt: skip
+    """Of the length of the run, and of the line from law to actuator in it."""
+    found, steps, in_steps = [], run.steps, run.in_steps
+    if not 1 <= steps <= _MAX_STEPS:
+        found.append(
+            f"run.duration_s = {run.duration_s:g} gives {steps} steps of run.step_ns = "
+            f"{run.step_ns}. A run has 1 to {_MAX_STEPS} steps; change one of the two."
+        )
+    for key in whole_step_keys:
+        value = getattr(control, key)
+        if abs(value * 1000 / run.step_ns - in_steps(value)) > 1e-9 * max(1.0, value):
+            found.append(
+                f"controller.{key} = {value:g}: must be a whole number of steps. Give a multiple "
+                f"of {run.step_ns / 1000:g} us (run.step_ns = {run.step_ns})."
+            )
+    late = control.latency_us > 0.0 and in_steps(control.latency_us) + 1 >= steps
+    if controls(control.law) and late:
+        found.append(
+            f"controller.latency_us = {control.latency_us:g}: is as long as the run, so no force "
+            f"acts. Reduce it or increase run.duration_s (now {run.duration_s:g})."
+        )
+    if control.latency_trace is not None and control.latency_us != 0.0:
+        found.append(
+            f"controller.latency_us = {control.latency_us:g}: has no effect beside "
+            "controller.latency_trace. Leave one of them out"
+        )
+    dead_us = actuator.dead_time_us or 0.0
+    if abs(dead_us * 1000 / run.step_ns - in_steps(dead_us)) > 1e-9 * max(1.0, dead_us):
+        found.append(
+            f"actuator.dead_time_us = {dead_us:g}: must be a whole number of steps. Give a "
+            f"multiple of {run.step_ns / 1000:g} us"
+        )
+    return found
+
+
+@lru_cache(maxsize=64)
+def _beside_control(scene: _Uncontrolled) -> tuple[list[str], list[str]]:
+    """Of the plate alone, and of the run with all that is neither sensor nor controller."""
+    of_plate = _structure_problems(scene) + _point_problems(scene.plate)
+    of_striker = _striker_problems(scene)
+    if of_striker:  # what else there is may follow from it
+        return of_striker, []
+    return of_plate, _phase_problems(scene) + _scheme_problems(scene) + unread(scene)
+
+
+def _striker_problems(scene: _Uncontrolled) -> list[str]:
+    """What a scene says of the sphere or the hammer that does not make one striker."""
+    sphere, hammer = scene.sphere, scene.hammer
+    if (sphere is None) == (hammer is None):
+        said = "no table" if sphere is None else "two tables"
+        return [f"[sphere] and [hammer]: {said} of what strikes the plate. Give one of the two."]
+    striker = sphere or hammer
+    assert striker is not None
+    if material_called(striker.material, scene.materials or ()).orthotropic:
+        key = "sphere.material" if sphere is not None else "hammer.tip_material"
+        return [f"{key}: is orthotropic, which a plate alone can be. Use an isotropic material."]
+    if sphere is not None:
+        both = sphere.drop_height_m is not None and sphere.speed_m_s is not None
+        if both:
+            return [
+                f"sphere.drop_height_m = {sphere.drop_height_m:g} and sphere.speed_m_s = "
+                f"{sphere.speed_m_s:g}: both give the impact speed. Leave one out."
+            ]
+        if sphere.drop_height_m is sphere.speed_m_s is None:
+            return ["sphere.drop_height_m: is missing from the scene. Add it, or sphere.speed_m_s."]
+        given = sphere.material
+        if sphere.mass_kg is not None and not isinstance(given, str):
+            return [
+                f"sphere.mass_kg = {sphere.mass_kg:g} and sphere.material.density_kg_m3 = "
+                f"{given.density_kg_m3:g}: both give the mass. Leave out sphere.mass_kg, or name "
+                "the material."
+            ]
+        return []
+    assert hammer is not None
+    radius, stiffness, exponent = hammer.tip_radius_m, hammer.tip_stiffness, hammer.tip_exponent
+    if radius is not None and stiffness is not None:
+        return [
+            f"hammer.tip_radius_m = {radius:g} and hammer.tip_stiffness = {stiffness:g}: both "
+            "give the contact force. Leave one out."
+        ]
+    if (stiffness is None) != (exponent is None):
+        return [
+            "hammer.tip_stiffness and hammer.tip_exponent: one says nothing without the other, "
+            "because the unit of the stiffness is N/m^exponent. Give both, or hammer.tip_radius_m."
+        ]
+    if radius is stiffness is None:
+        return [
+            "hammer.tip_radius_m: is missing from the scene. Add it, or hammer.tip_stiffness and "
+            "hammer.tip_exponent."
+        ]
+    return _hammer_problems(scene, hammer)
+
+
+def _hammer_problems(scene: _Uncontrolled, hammer: HammerTable) -> list[str]:
+    """What does not go with a hammer."""
+    stiffness, exponent = hammer.tip_stiffness, hammer.tip_exponent
+    found = _needs("supports_hammer", scene.run.scheme, "modal", "[hammer]")
+    if exponent not in (None, HERTZ):
+        found += _needs(
+            "supports_exponent", scene.run.scheme, "modal", f"hammer.tip_exponent = {exponent:g}"
+        )
+    if stiffness is not None and scene.contact.plasticity != "none":
+        found.append(
+            f"contact.plasticity = '{scene.contact.plasticity}': needs the radius of the tip, "
+            f"which hammer.tip_stiffness = {stiffness:g} does not give. Give hammer.tip_radius_m."
+        )
+    return found
+
+
+def _phase_problems(scene: _Uncontrolled) -> list[str]:
+    """A touch phase of a run that does not begin in flight, or counts whole steps only."""
+    run = scene.run
+    if run.touch_phase == _MIDDLE:
+        return []
+    phase = f"run.touch_phase = {run.touch_phase!r}"
+    fall_s = math.inf
+    if scene.sphere is not None:
+        body = scene.sphere.striker(MATERIALS["steel"])
+        fall_s = math.sqrt(2.0 * body.drop_height_m / GRAVITY_M_S2)
+    if not SCHEMES[run.scheme].supports_touch_phase:
+        return [
+            f"{phase}: not supported by run.scheme = '{run.scheme}'. Remove the key, or use the "
+            f"scheme {supporting('supports_touch_phase')}."
+        ]
+    if not run.step_s <= run.lead_in_s < fall_s - run.step_s:
+        return [
+            f"{phase}: the run must begin in flight. Set run.lead_in_s (now {run.lead_in_s:g}) to "
+            f"at least a step and less than the fall time, {fall_s:.3g} s."
+        ]
+    return []
+
+
+def _point_problems(plate: PlateTable) -> list[str]:
+    """Points beyond the plate, or where it is held."""
+    found: list[str] = []
+    if plate.modes is not None or plate.size_m is None:
+        return found
+    edges = plate.edges or "ssss"
+    for key in ("contact_point_m", "actuator_point_m"):
+        point = getattr(plate, key)
+        if point is None:
+            continue
+        shares = [p / size for p, size in zip(point, plate.size_m, strict=True)]
+        if not all(0 < p < size for p, size in zip(point, plate.size_m, strict=True)):
+            found.append(
+                f"plate.{key} = {list(point)} lies outside the plate. Give numbers above 0 and "
+                f"below plate.size_m = {list(plate.size_m)}."
+            )
+        elif any(
+            (share < _EDGE and low != "f") or (share > 1.0 - _EDGE and high != "f")
+            for share, low, high in zip(shares, edges[::2], edges[1::2], strict=True)
+        ):
+            found.append(
+                f"plate.{key} = {list(point)} lies on a supported edge. Keep a distance of "
+                f"{_EDGE:g} of plate.size_m = {list(plate.size_m)}."
+            )
+    return found
+
+
+def _beyond_simply_supported(scene: _Uncontrolled) -> list[str]:
+    """What is known of a simply supported plate only."""
+    plate, found = scene.plate, []
+    if plate.modes is not None:
+        key, words = "plate.modes", f"plate.modes of {plate.modes.file}"
+    elif plate.edges not in (None, "ssss"):
+        key, words = "plate.edges", f"plate.edges = '{plate.edges}'"
+    elif material_called(plate.material, scene.materials or ()).orthotropic:
+        key, words = "plate.material", f"{_plate_in_words(scene)}, which is orthotropic"
+    else:
+        return []
+    if plate.radiating_faces:
+        found.append(
+            f"{words}: plate.radiation = '{plate.radiation}' supports a simply supported plate "
+            "only. Remove one of the two."
+        )
+    if not SCHEMES[scene.run.scheme].supports_edges:
+        found.append(
+            f"{words}: run.scheme = '{scene.run.scheme}' supports a simply supported plate only. "
+            f"Remove {key}, or use the scheme {supporting('supports_edges')}."
+        )
+    if scene.run.plate_model == "infinite" and key == "plate.material":
+        found.append(
+            f"{words}: run.plate_model = 'infinite' is isotropic. Use run.plate_model = 'auto'."
+        )
+    if scene.run.plate_model == "infinite" and plate.modes is not None:
+        found.append(
+            f"{words}: run.plate_model = 'infinite' has no modes. Use run.plate_model = 'auto'."
+        )
+    return found
+
+
+def _structure_problems(scene: _Uncontrolled) -> list[str]:
+    """What the tables say of the plate that does not make one structure."""
+    plate = scene.plate
+    if plate.modes is None:
+        if plate.residual_flexibility_m_n is not None:
+            return [
+                f"plate.residual_flexibility_m_n = {plate.residual_flexibility_m_n:g}: needs "
+                "plate.modes; for a plate it is computed. Remove the key."
+            ]
+        return [
+            f"plate.{key}: is missing from the scene. Add it."
+            for key in ("size_m", "thickness_m", "contact_point_m")
+            if getattr(plate, key) is None
+        ]
+    found = []
+    if plate.edges is not None:
+        found.append(
+            f"plate.edges = '{plate.edges}': cannot be combined with plate.modes, which already "
+            "describe the structure. Remove one of the two."
+        )
+    if plate.loss_factor is not None:
+        found.append(
+            f"plate.loss_factor = {plate.loss_factor:g}: plate.modes give a loss factor for each "
+            "mode. Remove the key."
+        )
+    return found
+
+
+def _plate_in_words(scene: _Uncontrolled) -> str:
+    """The plate's material as a sentence has it."""
+    given = scene.plate.material
+    name = given if isinstance(given, str) else given.name
+    return f"plate.material = '{shortened(name)}'" if name else "the plate's material"
+
+
+def _needs(capability: str, scheme: str, plate_model: str, key: str) -> list[str]:
+    """The sentence on a key that needs a capability of the scheme, and modes."""
+    if not getattr(SCHEMES[scheme], capability):
+        return [
+            f"{key}: not supported by run.scheme = '{scheme}'. Remove the key, or use the scheme "
+            f"{supporting(capability)}."
+        ]
+    if plate_model == "infinite":
+        return [
+            f"{key}: not supported by run.plate_model = 'infinite'. Remove the key, or use "
+            "run.plate_model = 'auto'."
+        ]
+    return []
+
+
+def not_in_three_dimensions(
+    striker: Striker,
+    plate: PlateTable,
+    contact: ContactTable,
+    actuator: ActuatorTable,
+    scheme: str,
+    plate_model: str,
+    orthotropic: bool,
+) -> list[str]:
+    """What does not fit a plate in three dimensions."""
+    asked = "plate.theory = '3d'"
+    found = _needs("supports_solid", scheme, plate_model, asked)
+    only = f"{asked} supports a simply supported plate only"
+    if plate.modes is not None:
+        found.append(f"plate.modes of {plate.modes.file}: {only}. Use 'kirchhoff'.")
+    elif plate.edges not in (None, "ssss"):
+        found.append(f"plate.edges = '{plate.edges}': {only}. Remove the key, or use 'kirchhoff'.")
+    elif orthotropic:
+        found.append(
+            f"plate.material: {asked} supports an isotropic plate only. Use another material, or "
+            "'kirchhoff'."
+        )
+    if contact.damping != "none":
+        found.append(
+            f"contact.damping = '{contact.damping}': not supported by {asked}, because the "
+            "velocity of a point on a solid diverges with the number of modes. Use "
+            "contact.plasticity, or 'kirchhoff'."
+        )
+    if actuator.mass_kg is not None:
+        found.append(
+            f"actuator.mass_kg = {actuator.mass_kg:g}: not supported by {asked}, because a point "
+            "mass on a solid diverges with the number of modes. Remove the key, or use 'kirchhoff'."
+        )
+    stiffness = getattr(striker, "tip_stiffness", None)
+    if stiffness is not None:
+        found.append(
+            f"hammer.tip_stiffness = {stiffness:g}: not supported by {asked}, which needs the "
+            "radius of the contact. Give hammer.tip_radius_m, or use 'kirchhoff'."
+        )
+    if plate.tail == "damped":
+        found.append(
+            f"plate.tail = 'damped': not supported by {asked}, where the truncated modes form a "
+            "half space. Use 'auto'."
+        )
+    return found
+
+
+def _tail_problems(scene: _Uncontrolled) -> list[str]:
+    """Where the modes left out are no damped mode."""
+    if scene.plate.tail != "damped":
+        return []
+    contact, actuator = scene.plate.points_m
+    if scene.actuator.mass_kg is not None and contact == actuator:
+        return [
+            f"plate.tail = 'damped': not supported with actuator.mass_kg = "
+            f"{scene.actuator.mass_kg:g} at the contact point. Use 'spring' or 'auto'."
+        ]
+    asked = "plate.tail = 'damped'"
+    return _needs("supports_tail", scene.run.scheme, scene.run.plate_model, asked)
+
+
+def _scheme_problems(scene: _Uncontrolled) -> list[str]:
+    """What the chosen scheme and model of the plate do not know."""
+    found = []
+    contact, run = scene.contact, scene.run
+    scheme = SCHEMES[run.scheme]
+
+    def needs(capability: str, key: str) -> list[str]:
+        return _needs(capability, run.scheme, run.plate_model, key)
+
+    if contact.plasticity != "none":
+        found += needs("supports_yield", f"contact.plasticity = '{contact.plasticity}'")
+        plate = material_called(scene.plate.material, scene.materials or ())
+        if contact.limiting_pressure_pa is None and plate.hardness_pa is plate.yield_pa is None:
+            found.append(
+                f"contact.plasticity = '{contact.plasticity}': the yield pressure of "
+                f"{_plate_in_words(scene)} is unknown. Give plate.material.yield_pa, "
+                "plate.material.hardness_pa or contact.limiting_pressure_pa, in Pa."
+            )
+    for key in ("bandwidth_hz", "mass_kg", "force_limit_n"):
+        value = getattr(scene.actuator, key)
+        if value is not None:
+            found += needs("supports_actuator_dynamics", f"actuator.{key} = {value:g}")
+    found += _tail_problems(scene)
+    theory = STRUCTURES.get(scene.plate.theory)  # None for "auto"
+    if theory is not None and theory.solid:
+        striker = scene.sphere or scene.hammer
+        assert striker is not None
+        found += not_in_three_dimensions(
+            striker, scene.plate, contact, scene.actuator, run.scheme, run.plate_model,
+            material_called(scene.plate.material, scene.materials or ()).orthotropic,
+        )  # fmt: skip
+    if scene.plate.radiating_faces:
+        found += needs("supports_radiation", f"plate.radiation = '{scene.plate.radiation}'")
+    point = scene.plate.actuator_point_m
+    found += _beyond_simply_supported(scene)
+    apart = point is not None and point != scene.plate.contact_point_m
+    if run.plate_model == "infinite":
+        if not scheme.supports_infinite_plate:
+            found.append(
+                f"run.plate_model = 'infinite': not supported by run.scheme = '{run.scheme}'. Use "
+                f"the scheme {supporting('supports_infinite_plate')}, or plate_model 'auto'."
+            )
+        if apart:
+            found.append(
+                f"plate.actuator_point_m = {list(point or ())} needs modes, which run.plate_model "
+                "= 'infinite' does not have. Remove the key, or use plate_model 'auto'."
+            )
+    if contact.damping not in scheme.dampings:
+        known = ", ".join(f"'{name}'" for name in sorted(scheme.dampings))
+        others = [f"'{name}'" for name, row in SCHEMES.items() if contact.damping in row.dampings]
+        found.append(
+            f"contact.damping = '{contact.damping}': not supported by run.scheme = '{run.scheme}'. "
+            f"Use one of {known}, or the scheme {' or '.join(others)}."
+        )
+    if apart and not scheme.supports_separate_actuator:
+        found.append(
+            f"plate.actuator_point_m = {list(point or ())} is not supported by run.scheme = "
+            f"'{run.scheme}'. Remove the key, or use the scheme "
+            f"{supporting('supports_separate_actuator')}."
+        )
+    if scheme.most_steps is not None and run.steps > scheme.most_steps:
+        found.append(
+            f"run.duration_s = {run.duration_s:g} gives {run.steps} steps; run.scheme = "
+            f"'{run.scheme}' supports at most {scheme.most_steps}. Reduce the duration."
+        )
+    return found
+
+
+# Keys of a table of which one stands in for the other.
+_INSTEAD = {
+    ("sphere", "speed_m_s"): "drop_height_m",
+    ("sphere", "drop_height_m"): "speed_m_s",
+    ("hammer", "tip_radius_m"): "tip_stiffness",
+    ("hammer", "tip_stiffness"): "tip_radius_m",
+}
+_STRIKERS = ("sphere", "hammer")
+_ANY = object()  # any value but None
+# By table and key: the key of the same table that decides, and its value. The keys of laws are
+# treated the same way, by the law that has them.
+_READ_BY: dict[tuple[str, str], tuple[str, Any]] = {
+    ("contact", "viscous_n_s_m"): ("damping", "viscous"),
+    ("contact", "restitution"): ("damping", "hunt_crossley"),
+    ("contact", "relaxation_stiffness"): ("damping", "relaxation"),
+    ("contact", "relaxation_s"): ("damping", "relaxation"),
+    ("contact", "relaxation_solve"): ("damping", "relaxation"),
+    ("contact", "limiting_pressure_pa"): ("plasticity", "thornton"),
+    ("actuator", "damping"): ("bandwidth_hz", _ANY),
+}
+
+
+def _reads(decided: Any, needed: Any) -> bool:
+    return decided is not None if needed is _ANY else bool(decided == needed)
+
+
+def unread(scene: Any) -> list[str]:
+    """Sentences on keys of a scene's tables that are not at their default, but have no effect."""
+    found = []
+    for (name, key), (by, needed) in _READ_BY.items():
+        table = getattr(scene, name)
+        value, decided = getattr(table, key), getattr(table, by)
+        if value == type(table).model_fields[key].default or _reads(decided, needed):
+            continue
+        has, give = f"with {name}.{by} = {shown(decided)}", f"{name}.{by} = {shown(needed)}"
+        if needed is _ANY:
+            has, give = f"without {name}.{by}", f"{name}.{by}"
+        found.append(
+            f"{name}.{key} = {shown(value)}: has no effect {has}. Leave the key out, or set {give}"
+        )
+    return found
+
+
+def drop_unread(data: dict[str, Any], changed: Mapping[str, Any]) -> None:
+    """Drop keys of a scene's tables that lose their effect because of the keys `changed`, or for
+    which these stand in, unless they are among them."""
+    for name, other in (_STRIKERS, _STRIKERS[::-1]):
+        tables = {key.partition(".")[0] for key in changed}
+        if name in tables and other not in tables:
+            data.pop(other, None)
+    for (name, key), other in _INSTEAD.items():
+        if f"{name}.{key}" in changed and isinstance(data.get(name), dict):
+            for lost in (other, "tip_exponent") if other == "tip_stiffness" else (other,):
+                if f"{name}.{lost}" not in changed:
+                    data[name].pop(lost, None)
+    for (name, key), (by, needed) in _READ_BY.items():
+        table, decides = data.get(name), f"{name}.{by}"
+        if not isinstance(table, dict) or f"{name}.{key}" in changed:
+            continue
+        if decides in changed and not _reads(changed[decides], needed):
+            table.pop(key, None)
+
 
 DEFAULT = "aluminium-20mm"
 
@@ -91,13 +779,6 @@ def toml_value(text: str) -> Any:
 def toml_text(value: Any) -> str:
     """A value as written in TOML: what `toml_value` reads."""
     return tomli_w.dumps({"value": value}).removeprefix("value = ").strip()
-
-
-__all__ = [
-    "DEFAULT", "NO_CASE_OF_THESIS", "ControllerTable", "RunTable", "Scene", "SceneError",
-    "SensorsTable", "grain_of", "load", "parse", "shipped", "shipped_text", "to_toml", "toml_text",
-    "toml_value", "vary",
-]  # fmt: skip
 
 
 class Scene(SceneTable):
@@ -378,6 +1059,199 @@ def _opened(scene: Scene, changed: set[str]) -> dict[str, Any]:
         changed = set(Scene.model_fields)
     data = {name: value for name, value in scene if name not in changed and value is not None}
     return data | scene.model_dump(include=changed | {"materials"}, exclude_none=True)
+
+
+# What a scene says by the name of a file: materials and modes, taken into the scene itself.
+#
+# After that the scene needs no file any more: every process, the recording and whoever runs it
+# again have the very numbers.
+
+_MOST_PACKED = 8 << 20  # in a scene, and so in one message on the bus
+
+
+def take_in(data: dict[str, Any], folder: Path) -> None:
+    """Put files named in a scene's tables in their place; names are relative to `folder`.
+
+    The table `uncertain` is for `--uncertain` alone: a run has one value for each key.
+
+    Raises ValueError with one sentence.
+    """
+    data.pop("uncertain", None)
+    if isinstance(data.get("materials"), str):
+        data["materials"] = _materials(folder / data["materials"])
+    plate = data.get("plate")
+    if isinstance(plate, dict) and isinstance(plate.get("modes"), str):
+        plate["modes"] = _modes(folder / plate["modes"])
+    control = data.get("controller")
+    trace = control.get("latency_trace") if isinstance(control, dict) else None
+    if isinstance(control, dict) and isinstance(trace, str):
+        control["latency_trace"] = _latencies(folder / trace)
+    elif isinstance(control, dict) and isinstance(trace, dict):
+        control["latency_trace"] = _drawn_latencies(trace)
+    if isinstance(control, dict) and control.get("law") in shipped_laws():
+        read_files = getattr(find(control["law"]).home, "read_files", None)
+        if read_files is not None:
+            read_files(control, folder)
+
+
+# Numbers that a distribution of latencies must have, with their least value.
+_DRAWN = {"median_us": 0.0, "sigma": 0.0, "autocorrelation": 0.0}
+_SAMPLES = 4096
+_TRACE = 13  # random stream of these latencies
+
+
+def _drawn_latencies(table: dict[str, Any]) -> list[float]:
+    """Latencies that are log-normal, with an autocorrelation from one sample to the next.
+
+    The logarithms form a first-order autoregressive process. `least_us` is added, `seed` and
+    `samples` are 1 and 4096 if left out.
+    """
+    said = "controller.latency_trace"
+    known = {*_DRAWN, "least_us", "seed", "samples"}
+    if unknown := sorted(set(table) - known):
+        raise ValueError(f"{said}.{unknown[0]}: unknown key. Use {', '.join(sorted(known))}")
+    numbers: dict[str, Any] = {"least_us": 0.0, "seed": 1, "samples": _SAMPLES} | table
+    for name, least in {**_DRAWN, "least_us": 0.0, "seed": 0, "samples": 1}.items():
+        value = numbers.get(name)
+        whole = name in ("seed", "samples")
+        good = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
+        most = {"autocorrelation": 1.0 - 1e-9, "samples": _MOST_LATENCIES}.get(name, 1e6)
+        if not good or not least <= cast(float, value) <= most:
+            raise ValueError(
+                f"{said}.{name} = {shown(value)}: must be a {'whole ' if whole else ''}number from "
+                f"{least:g} to {most:g}"
+            )
+    normal = np.random.Generator(np.random.Philox(key=[numbers["seed"], _TRACE])).standard_normal(
+        numbers["samples"]
+    )
+    keep, walk = numbers["autocorrelation"], float(normal[0])
+    found = [walk]
+    for one in normal[1:]:
+        walk = keep * walk + math.sqrt(1.0 - keep * keep) * float(one)
+        found.append(walk)
+    logs = numbers["sigma"] * np.array(found)
+    return [round(float(x), 3) for x in numbers["least_us"] + numbers["median_us"] * np.exp(logs)]
+
+
+_LATENCY = "latency_us"  # column of a trace that has several
+_MOST_LATENCIES = 1_000_000
+
+
+def _latencies(path: Path) -> list[float]:
+    """Latencies of a CSV file, us: its only column, or the one called latency_us; lines that begin
+    with # are comments. Of a recording (.mcap) of a paced run, those that it had."""
+    said = f"controller.latency_trace = {_echoed(path)}"
+    if path.suffix == ".mcap":
+        from hertzloop.recordings.latencies import read_latencies
+
+        try:
+            return read_latencies(path)
+        except (ValueError, OSError, RuntimeError) as error:
+            raise ValueError(f"{said}: {shortened(str(error))}") from error
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{said}: cannot be read: {shortened(str(error))}") from error
+    lines = [line.split(",") for line in text.splitlines() if line.strip() and line[0] != "#"]
+    names = [name.strip() for name in lines[0]] if lines else []
+    column = names.index(_LATENCY) if _LATENCY in names else 0
+    if len(names) > 1 and _LATENCY not in names:
+        raise ValueError(f"{said}: has several columns. Call one of them {_LATENCY}")
+    found = []
+    for number, line in enumerate(lines):
+        try:
+            found.append(float(line[column]))
+        except (ValueError, IndexError):
+            if number:
+                raise ValueError(
+                    f"{said}: line {number + 1} has no number. Give a latency in us in every line"
+                ) from None
+    if not 1 <= len(found) <= _MOST_LATENCIES:
+        raise ValueError(f"{said}: has {len(found)} latencies. Give 1 to {_MOST_LATENCIES}")
+    return found
+
+
+def open_material(data: dict[str, Any], body: str, key: str = "material") -> None:
+    """Put a material's numbers in the place of its name, so that one of them can be changed."""
+    table = data.get(body)
+    name = table.get(key) if isinstance(table, dict) else None
+    if not isinstance(table, dict) or not isinstance(name, str):
+        return
+    materials = data.get("materials")
+    for own in materials if isinstance(materials, list | tuple) else ():
+        if isinstance(own, dict) and own.get("name") == name:
+            table[key] = dict(own)
+            return
+    if name in SHIPPED:
+        table[key] = {"name": name, **SHIPPED[name]}
+
+
+def _echoed(path: Path) -> str:
+    """A file's path as a sentence has it."""
+    return shortened(repr(str(path)))
+
+
+def _materials(path: Path) -> list[dict[str, object]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise ValueError(
+            f"materials = {_echoed(path)}: cannot be read: {shortened(str(error))}"
+        ) from error
+    return [{"name": name, **table} for name, table in materials_of(text, str(path)).items()]
+
+
+def _modes(path: Path) -> dict[str, str]:
+    if path.suffix.lower() not in SUFFIXES:
+        raise ValueError(
+            f"plate.modes = {_echoed(path)}: unknown format. Use a file that ends in "
+            f"{', '.join(SUFFIXES)}."
+        )
+    try:
+        content = path.read_bytes()
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        raise ValueError(f"plate.modes = {_echoed(path)}: cannot be read: {why}") from error
+    read_modes(path.name, content)
+    packed = base64.b64encode(zlib.compress(content, 9)).decode("ascii")
+    if len(packed) > _MOST_PACKED:
+        raise ValueError(
+            f"plate.modes = {_echoed(path)}: needs {len(packed) / 1e6:.3g} MB in a recording; the "
+            f"limit is {_MOST_PACKED / 1e6:.3g}. Use fewer modes or a coarser grid."
+        )
+    return {
+        "file": path.name,
+        "sha256": hashlib.sha256(content).hexdigest(),
+        "content": packed,
+    }
+
+
+_MOST_LETTERS = 80  # letters of a name that are compared
+
+
+def check_materials(data: Mapping[str, Any]) -> None:
+    """Raise ValueError with one sentence for what is no material in a scene's tables."""
+    known = dict.fromkeys(MATERIALS)
+    given = data.get("materials")
+    for own in given if isinstance(given, list | tuple) else ():
+        if isinstance(own, dict):
+            name = str(own.get("name", ""))
+            if not name:
+                raise ValueError("materials: an entry has no name. Add its name.")
+            material_of(f"materials: {name}", numbers_of_material(own))
+            known[name] = None
+    for body, key in (("plate", "material"), ("sphere", "material"), ("hammer", "tip_material")):
+        table = data.get(body)
+        given = table.get(key) if isinstance(table, dict) else None
+        if isinstance(given, dict):
+            material_of(f"{body}.{key}", numbers_of_material(given))
+        elif isinstance(given, str) and given not in known:
+            close = difflib.get_close_matches(given[:_MOST_LETTERS], known, 1)
+            hint = f"Did you mean {close[0]}? " if close else ""
+            raise ValueError(
+                f"{body}.{key} = {shown(given)}: unknown material. {hint}Use one of "
+                f"{', '.join(known)}, or give young_pa, density_kg_m3 and poisson."
+            )
 
 
 def _take_in(data: dict[str, Any], folder: Path) -> None:

@@ -23,7 +23,7 @@ from hertzloop.plant.structures.registry import Description, structure
 from hertzloop.plant.structures.structure import Structure
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.materials import MaterialTable, material_called, unpacked
-from hertzloop.scenes.problems import not_in_three_dimensions
+from hertzloop.scenes.scene import not_in_three_dimensions
 from hertzloop.scenes.tables import ActuatorTable, ContactTable, PlateTable, Striker
 
 KEPT = 16  # results of a stage; a structure's modes can be large

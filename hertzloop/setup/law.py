@@ -17,9 +17,9 @@ from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.contact.yielding import deepest_rigid_m, yield_depth_m
 from hertzloop.plant.figures.impacts import contacts
-from hertzloop.scenes.controller_table import ControllerTable
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED, Expected
+from hertzloop.scenes.scene import ControllerTable
 from hertzloop.scenes.tables import ActuatorTable, SensorsTable
 from hertzloop.sensors.acquisition import Fault, SensorSpec
 from hertzloop.setup.bodies import KEPT, Bodies

@@ -28,11 +28,15 @@ from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.structure import Structure
-from hertzloop.scenes.controller_table import ControllerTable
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.materials import MaterialTable
-from hertzloop.scenes.problems import not_in_three_dimensions
-from hertzloop.scenes.scene import Scene, grain_of, to_toml
+from hertzloop.scenes.scene import (
+    ControllerTable,
+    Scene,
+    grain_of,
+    not_in_three_dimensions,
+    to_toml,
+)
 from hertzloop.scenes.scene import load as load_scene
 from hertzloop.scenes.scene import parse as parse_scene
 from hertzloop.scenes.scene import vary as vary_scene
