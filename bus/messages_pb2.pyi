@@ -74,6 +74,14 @@ class Hello(_message.Message):
     repeats: int
     def __init__(self, run_id: _Optional[int] = ..., scene: _Optional[str] = ..., scene_toml: _Optional[str] = ..., steps: _Optional[int] = ..., step_ns: _Optional[int] = ..., seed: _Optional[int] = ..., stiffness: _Optional[float] = ..., versions: _Optional[str] = ..., law: _Optional[str] = ..., law_digest: _Optional[str] = ..., law_source: _Optional[str] = ..., lane: _Optional[_Union[LaneOffer, _Mapping]] = ..., pace: _Optional[float] = ..., repeats: _Optional[int] = ...) -> None: ...
 
+class LawText(_message.Message):
+    __slots__ = ("run_id", "source")
+    RUN_ID_FIELD_NUMBER: _ClassVar[int]
+    SOURCE_FIELD_NUMBER: _ClassVar[int]
+    run_id: int
+    source: str
+    def __init__(self, run_id: _Optional[int] = ..., source: _Optional[str] = ...) -> None: ...
+
 class LaneOffer(_message.Message):
     __slots__ = ("host", "pid", "fd")
     HOST_FIELD_NUMBER: _ClassVar[int]

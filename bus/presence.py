@@ -101,6 +101,12 @@ class Presence:
         """Tell the others that this role has done its part of the run, without a fault."""
         self._declare(f"complete/{self.role}")
 
+    def leave(self) -> None:
+        """Take the tokens back: not every client is told of those that go with a session."""
+        for token in self._tokens:
+            token.undeclare()
+        self._tokens.clear()
+
     def abort(self, error: BaseException) -> None:
         """Make every wait from now on raise `error`."""
         self._aborted = error

@@ -41,6 +41,7 @@ STREAMS = {
     s.name: s
     for s in (
         Stream("hello", PLANT, messages.Hello, "/hello", CONTROLLER, once=True),
+        Stream("law", PLANT, messages.LawText, "/law", once=True),
         Stream("daq", PLANT, messages.DaqBlock, "/daq", CONTROLLER, compared=True),
         Stream("truth", PLANT, messages.TruthBlock, "/truth", compared=True),
         Stream("force", CONTROLLER, messages.ForceBlock, "/force", PLANT, compared=True),

@@ -224,6 +224,8 @@ class ZenohPort:
             self._outbox.put(None)
             self._sender.join()
             with suppress(zenoh.ZError):
+                self.presence.leave()
+            with suppress(zenoh.ZError):
                 self._session.close()
 
         leaving = threading.Thread(target=leave, name=LEAVING, daemon=True)

@@ -90,6 +90,12 @@ class RecordingWriter:
 
         self._guarded(write)
 
+    def law(self, text: str) -> None:
+        """The text of the law, where that comes after the scene."""
+        self._guarded(
+            lambda: self._begun().add_attachment(0, 0, LAW_ATTACHMENT, "text/plain", text.encode())
+        )
+
     def write(self, stream: str, payload: bytes, sequence: int, time_ns: int) -> None:
         """One message of a stream at a simulated time, 0 to LAST_NS."""
         if not 0 <= time_ns <= LAST_NS:
@@ -259,14 +265,16 @@ class Recorder:
         if stream == "hello":
             self._writer.scene(header.scene_toml, described_by(header), header.law_source)
             self._end_ns = header.steps * header.step_ns
+        elif stream == "law":
+            self._writer.law(header.source)
         if hasattr(header, "first_step"):
             self._time_ns = header.first_step * header.step_ns
         elif STREAMS[stream].topic == "/events":
             # Not ToNanoseconds(): it refuses what is out of the calendar.
             at = header.timestamp
             self._time_ns = at.seconds * 1_000_000_000 + at.nanos
-        elif STREAMS[stream].once and stream != "hello":
-            self._time_ns = self._end_ns
+        elif STREAMS[stream].once:
+            self._time_ns = 0 if stream in ("hello", "law") else self._end_ns
         sequence = self.counters[stream].messages - 1
         self._writer.write(stream, envelope.payload, sequence, self._time_ns)
         if stream.startswith("end/"):

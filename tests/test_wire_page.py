@@ -4,6 +4,7 @@ import hashlib
 import re
 import subprocess
 import sys
+import uuid
 import zipfile
 from importlib.resources import files
 from pathlib import Path
@@ -45,6 +46,29 @@ def test_the_table_of_streams() -> None:
         )
         for stream in STREAMS.values()
     ]
+
+
+def test_the_worked_session_id() -> None:
+    digest = hashlib.blake2b(b"hertzloop/controller/0", digest_size=15).digest()
+    assert f"`{digest.hex(' ')}`" in PAGE
+    assert f"`{digest.hex().lstrip('0')}`" in PAGE
+    assert f"`{uuid.UUID(bytes=digest[::-1] + bytes(1))}`" in PAGE
+
+
+def test_a_role_takes_its_tokens_back_before_it_leaves() -> None:
+    [number] = free_ports(1)
+    url = f"tcp/127.0.0.1:{number}"
+    recorder = ZenohPort(RECORDER, "page", [url])
+    plant = ZenohPort(PLANT, "page", [], [url])
+    try:
+        recorder.presence.announce()
+        wait_for(lambda: plant.presence.alive[RECORDER])
+        recorder.presence.leave()  # the link is still there
+        wait_for(lambda: not plant.presence.alive[RECORDER])
+        assert plant._session.info.peers_zid()
+    finally:
+        recorder.close()
+        plant.close()
 
 
 @pytest.mark.parametrize("name", ["DaqBlock", "ForceBlock", "StreamCount", "SetUp", "RunEnd"])

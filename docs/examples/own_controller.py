@@ -166,6 +166,7 @@ def main():
                 sys.exit("plant or recorder left the run")
         while "recorder" in there:  # until it has heard the end
             time.sleep(0.002)
+        token.undeclare()  # not every client is told of a token that goes with its session
         if "complete/recorder" not in there:
             sys.exit("the recording is not complete")
 

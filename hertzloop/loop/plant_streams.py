@@ -8,7 +8,7 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from hertzloop.bus.events import event
-from hertzloop.bus.messages_pb2 import Books, DaqBlock, EventKind, Hello, TruthBlock
+from hertzloop.bus.messages_pb2 import Books, DaqBlock, EventKind, Hello, LawText, TruthBlock
 from hertzloop.bus.port import BusError, Publisher
 from hertzloop.bus.streams import StreamFault, versions_here
 from hertzloop.loop import kernels as k
@@ -36,7 +36,6 @@ def hello(setup: Setup, stiffness: float) -> Hello:
         versions=versions_here(),
         law=setup.law.name,
         law_digest=setup.law.digest,
-        law_source=setup.law.source,
     )
 
 
@@ -117,8 +116,11 @@ class PlantStreams:
         return last or room < BLOCK_STEPS or time.monotonic() >= self._next_s
 
     def greet(self) -> None:
-        """Announce the run."""
+        """Announce the run. The law's text goes to the recorder alone: it would be most of a hello,
+        which has to fit into the memory of a microcontroller."""
         self.publisher.send("hello", self.hello)
+        if source := self.setup.law.source:
+            self.publisher.send("law", LawText(source=source))
 
     def samples_waiting(self) -> int:
         """Samples taken, but not sent."""

@@ -48,6 +48,7 @@ class TestByTheMcapLibrary:
         types = {topic: {item[0].name for item in items} for topic, items in decoded.items()}
         assert types == {
             "/hello": {"hertzloop.Hello"},
+            "/law": {"hertzloop.LawText"},
             "/daq": {"hertzloop.DaqBlock"},
             "/force": {"hertzloop.ForceBlock"},
             "/truth": {"hertzloop.TruthBlock"},
@@ -64,7 +65,7 @@ class TestByTheMcapLibrary:
         assert len(decoded["/events"]) == events
         assert announced.pop("pacing") == 0  # of a paced run only
         assert announced == {name: len(decoded[f"/{name}"]) for name in announced}
-        assert set(announced) == {"hello", "daq", "force", "truth", "books"}
+        assert set(announced) == {"hello", "law", "daq", "force", "truth", "books"}
 
     def test_times_are_simulated_nanoseconds(self, decoded: dict[str, list[Any]]) -> None:
         for topic, items in decoded.items():
@@ -75,7 +76,7 @@ class TestByTheMcapLibrary:
                 elif topic == "/events":
                     expected = content.timestamp.ToNanoseconds()
                 else:
-                    expected = 0 if topic == "/hello" else STEPS * STEP_NS
+                    expected = 0 if topic in ("/hello", "/law") else STEPS * STEP_NS
                 assert message.log_time == expected
 
     @pytest.mark.parametrize(
