@@ -21,7 +21,6 @@ from hertzloop.scenes import scene as scenes
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import Scene, shipped
 from hertzloop.setup import Setup, resolve
-from hertzloop.setup.law import models_yield
 from hertzloop.views.labels import FORCE_LABEL, HELD, sensed_label
 
 if TYPE_CHECKING:
@@ -392,7 +391,7 @@ def _run(
         return Ran(
             figures_of(setup, stacked(dict(columns))), law, setup.expected_error(),
             books.injected_j, books.dent_m, pacing is not None, saturation,
-            models_yield(setup.scene.controller),
+            setup.law_models_yield,
         )  # fmt: skip
 
     commanded = None

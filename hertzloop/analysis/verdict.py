@@ -20,7 +20,6 @@ from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.controller.loading.registry import controls
 from hertzloop.recordings.reader import Event, Recording
 from hertzloop.setup import Setup
-from hertzloop.setup.law import models_yield
 
 HARDLY_DB = 0.1
 _MUCH = 0.1  # share of the push, or of the contact, that is worth a word
@@ -144,7 +143,7 @@ def judge(
         dent_m=books.dent_m if books else 0.0,
         late=pacing is not None,
         saturation=saturation_of(recording.events),
-        law_models_yield=models_yield(setup.scene.controller),
+        law_models_yield=setup.law_models_yield,
     )
     found = conclusions(setup, ran, free, not_again)
     return Judged(law, ran, yield_of(books), setup.accuracy, pacing, free, found)

@@ -112,7 +112,7 @@ def law_of(table: ControllerTable) -> Law:
 def models_yield(table: ControllerTable) -> bool:
     """Whether the law declares that it allows for a permanent dent; false if it is missing."""
     try:
-        return bool(getattr(table.found, "models_yield", False))
+        return table.found.models_yield
     except LawError:
         return False
 

@@ -122,6 +122,8 @@ class Setup:
     """of the line beyond the one step that cannot be avoided, us; of a trace, the least"""
     reach: Reach
     """how far the law's force can go"""
+    law_models_yield: bool
+    """whether the law declares that it allows for a permanent dent; false if it is missing"""
     line_smoothness: of_plate.Smoothness
     with_edges: PlantSpec
     """the plant with modes, whether or not these are used"""
@@ -424,7 +426,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     if control.latency_trace is not None:
         latency_us = line.latency_steps * step_ns / 1000
     smoothness = of_law.smoothness_of(control, sensors, line, latency_us)
-    reach = of_law.reach_of(control)
+    reach, law_models_yield = of_law.reach_of(control), of_law.models_yield(control)
 
     with_edges = of_plate.described(
         bodies, scene.plate.tail, run.scheme, step_ns, run.lead_in_s, run.accuracy
@@ -473,6 +475,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         line=line,
         latency_us=latency_us,
         reach=reach,
+        law_models_yield=law_models_yield,
         line_smoothness=smoothness,
         with_edges=with_edges,
         plate_model=plate_model,
