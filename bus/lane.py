@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.bus import lane_kernels as lk
+from hertzloop.bus import lane_kernels as lane_k
 from hertzloop.bus.messages_pb2 import (
     JOINED,
     NOT_ALLOWED,
@@ -52,16 +52,16 @@ class NoLane(Exception):
 
 def segment_bytes(slots: int) -> int:
     """Size of a segment with `slots` places in each ring."""
-    return 8 * (lk.SAMPLE_RING + slots * (lk.SAMPLE_WORDS + lk.ANSWER_WORDS))
+    return 8 * (lane_k.SAMPLE_RING + slots * (lane_k.SAMPLE_WORDS + lane_k.ANSWER_WORDS))
 
 
-def _end(words: np.ndarray, slots: int) -> lk.Lane:
+def _end(words: np.ndarray, slots: int) -> lane_k.Lane:
     """One end of a lane in an array of words."""
     alone = bool(_SEALS) and len(os.sched_getaffinity(0)) == 1
-    return lk.Lane(
+    return lane_k.Lane(
         words=words,
         numbers=words.view(np.float64),
-        own=np.zeros(lk.OWN_COUNTS, np.int64),
+        own=np.zeros(lane_k.OWN_COUNTS, np.int64),
         slots=slots,
         spins=0 if alone else _SPINS,
         yield_ns=_YIELD_NS,
@@ -76,7 +76,7 @@ def sleep_precisely() -> None:
         ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, _SLACK_NS)
 
 
-def at_pace(end: lk.Lane, sample_ns: float) -> lk.Lane:
+def at_pace(end: lane_k.Lane, sample_ns: float) -> lane_k.Lane:
     """This end where a sample comes every so many ns, and is to be answered at once, whatever was
     promised: between rare ones it sleeps soon. One that yields all the time in a real-time class is
     held back by the kernel, for 50 ms of a second."""
@@ -86,14 +86,14 @@ def at_pace(end: lk.Lane, sample_ns: float) -> lk.Lane:
     return end._replace(yield_ns=min(end.yield_ns, int(sample_ns) // 10))
 
 
-def closed() -> lk.Lane:
+def closed() -> lane_k.Lane:
     """The end of a lane that is not there."""
-    return _end(np.zeros(lk.SAMPLE_RING, np.int64), 1)
+    return _end(np.zeros(lane_k.SAMPLE_RING, np.int64), 1)
 
 
-def leave(lane: lk.Lane) -> None:
+def leave(lane: lane_k.Lane) -> None:
     """Tell the other end not to wait any longer."""
-    lane.words[lk.CLOSED] = 1
+    lane.words[lane_k.CLOSED] = 1
 
 
 def host() -> str:
@@ -124,8 +124,12 @@ class Segment:
         except OSError:
             os.close(self.fd)
             raise
-        words[lk.MAGIC], words[lk.VERSION], words[lk.RUN_ID] = MAGIC, _VERSION, run_id
-        words[lk.SLOTS], words[lk.STEPS], words[lk.EVERY_STEPS] = _SLOTS, steps, every_steps
+        words[lane_k.MAGIC], words[lane_k.VERSION], words[lane_k.RUN_ID] = MAGIC, _VERSION, run_id
+        words[lane_k.SLOTS], words[lane_k.STEPS], words[lane_k.EVERY_STEPS] = (
+            _SLOTS,
+            steps,
+            every_steps,
+        )
         self.end = _end(words, _SLOTS)
 
     @property
@@ -140,7 +144,7 @@ class Segment:
             self.fd = -1
 
 
-def join(hello: Hello, wanted: bool = True) -> tuple[lk.Lane | None, "LaneAnswer"]:
+def join(hello: Hello, wanted: bool = True) -> tuple[lane_k.Lane | None, "LaneAnswer"]:
     """The controller's end of the lane that a hello offers, if any, and the LaneAnswer to it."""
     if not hello.HasField("lane"):
         return None, UNSAID
@@ -154,7 +158,7 @@ def join(hello: Hello, wanted: bool = True) -> tuple[lk.Lane | None, "LaneAnswer
         return None, NOT_ALLOWED
 
 
-def _join(hello: Hello) -> lk.Lane:
+def _join(hello: Hello) -> lane_k.Lane:
     if not _SEALS or not Path("/proc/self/ns/pid").exists() or hello.lane.host != host():
         raise NoLane(OTHER_HOST)
     import fcntl
@@ -173,11 +177,11 @@ def _join(hello: Hello) -> lk.Lane:
         words = np.frombuffer(mmap.mmap(fd, size), np.int64)
     finally:
         os.close(fd)
-    slots = int(words[lk.SLOTS])
-    known = (words[lk.MAGIC], words[lk.VERSION], words[lk.RUN_ID]) == (
+    slots = int(words[lane_k.SLOTS])
+    known = (words[lane_k.MAGIC], words[lane_k.VERSION], words[lane_k.RUN_ID]) == (
         MAGIC, _VERSION, hello.run_id
     )  # fmt: skip
     if not known or slots < 1 or slots & (slots - 1) or segment_bytes(slots) != size:
         raise NoLane(NOT_ALLOWED)
-    words[lk.JOINED] = hello.run_id
+    words[lane_k.JOINED] = hello.run_id
     return _end(words, slots)

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from hertzloop.jit import kernel as compiled
+from hertzloop.jit import kernel as compiled_function
 
 IDLE, WATCHING, ACTING, SPENT = range(4)  # `s.mode` of a law; `bus/events.py` names them
 NO_PROMISE = math.inf  # a quiet level that no sample stays above
@@ -37,7 +37,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     """
     code = getattr(function, "__code__", None)
     calls_itself = code is not None and code.co_name in code.co_names
-    return compiled(function, inline=True, kept=False, spliced=not calls_itself)
+    return compiled_function(function, inline=True, kept=False, spliced=not calls_itself)
 
 
 class LawError(ValueError):

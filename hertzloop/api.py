@@ -347,10 +347,10 @@ def read(recording: str | Path) -> Run:
             cannot be simulated by this version.
     """
     from hertzloop.analysis.recorded import rows_of
-    from hertzloop.recordings.reader import read as read_file
+    from hertzloop.recordings.reader import read as read_recording
     from hertzloop.recordings.writer import RecordingError
 
-    found = read_file(Path(recording))
+    found = read_recording(Path(recording))
     if found.problems or found.books is None:
         raise RecordingError(
             f"{recording}: {[*found.problems, 'the run has no energy balance'][0]}"
@@ -528,14 +528,14 @@ def tune(
         SweepFailed: a worker process was lost.
     """
     need("pymoo")
-    from hertzloop.studies import tuning as study
+    from hertzloop.studies import tuning
     from hertzloop.studies.sweeps.design import as_axis
     from hertzloop.studies.sweeps.pool import local_pool
 
     bases = [_resolved(one) for one in ([scene] if isinstance(scene, AnyScene) else scene)]
     given = tuple(as_axis(key, values) for key, values in (over or {}).items())
     with local_pool(workers) as pool:
-        return study.best_of(
+        return tuning.best_of(
             pool, bases, span, laws or [bases[0].law_reference], given, tuple(minimise),
             at_most=dict(at_most or {}), generations=generations, population=population, seed=seed,
         )  # fmt: skip
@@ -554,9 +554,9 @@ def read_record(path: str | Path, **table: Any) -> "Record":
     Raises:
         RecordError: the file cannot be read, or the record cannot be used.
     """
-    from hertzloop.studies.fit.records import read_record as read_file
+    from hertzloop.studies.fit.records import read_record
 
-    return read_file(Path(path), table)
+    return read_record(Path(path), table)
 
 
 def fit(
@@ -579,13 +579,13 @@ def fit(
         FitError: a key cannot be fitted.
         SceneError: the scene cannot be simulated.
     """
-    from hertzloop.studies.fit.fit import fit as study
+    from hertzloop.studies.fit.fit import fit as fitted_to
     from hertzloop.studies.fit.fit import free_of
     from hertzloop.studies.fit.records import Record
 
     setup = _resolved(scene)
     several = [records] if isinstance(records, Record) else list(records)
-    return study(setup, several, [free_of(setup, text) for text in free], hold_out)
+    return fitted_to(setup, several, [free_of(setup, text) for text in free], hold_out)
 
 
 def linear(scene: AnyScene | Setup, quantity: str | None = None) -> "LinearSystem":

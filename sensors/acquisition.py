@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.sensors import kernels as k
+from hertzloop.sensors import kernels as sensor_k
 
 NOISE_STREAM, _FAULT_STREAM = 1, 7  # random streams; the controller has others
 
@@ -140,7 +140,7 @@ class Sensor:
         own: tuple[float, ...] = (0.0,) * 4
         if resonance is not None:
             own = _own_response(resonance, spec.resonance_damping, step_s)
-        self.model = k.SensorModel(
+        self.model = sensor_k.SensorModel(
             of_state=spec.of_state,
             every_steps=spec.every_steps,
             filter_gain=1.0 if corner is None else _gain(corner, step_s),
@@ -163,11 +163,13 @@ class Sensor:
             fault=fault,
             fault_size=0.0 if spec.fault is None else spec.fault.size,
         )
-        self.state = np.zeros(k.STATE_SIZE)
+        self.state = np.zeros(sensor_k.STATE_SIZE)
 
 
-_KINDS = {"stuck": k.HELD, "drop_outs": k.HELD, "offset": k.ADDED, "spikes": k.ADDED,
-          "saturation": k.LIMITED}  # fmt: skip
+_KINDS = {
+    "stuck": sensor_k.HELD, "drop_outs": sensor_k.HELD, "offset": sensor_k.ADDED,
+    "spikes": sensor_k.ADDED, "saturation": sensor_k.LIMITED,
+}  # fmt: skip
 
 
 def _faulty(fault: Fault, samples: int, seed: int) -> np.ndarray:

@@ -23,6 +23,7 @@ def product() -> dict[str, ast.Module]:
 
 
 PRODUCT = product()
+MODULES = {path.removesuffix(".py").replace("/", ".") for path in PRODUCT}
 
 
 def test_a_class_name_is_defined_once() -> None:
@@ -35,6 +36,26 @@ def test_a_class_name_is_defined_once() -> None:
                 found[node.name].append(f"{path}:{node.lineno}")
     assert len(found) > 300
     assert {name: places for name, places in found.items() if len(places) > 1} == {}
+
+
+def test_an_alias_means_one_thing() -> None:
+    """A module, or what is imported under another name, has one name in the whole product."""
+    found = defaultdict(set)
+    for tree in PRODUCT.values():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                for name in node.names:
+                    if name.asname:
+                        found[name.name].add(name.asname)
+            elif isinstance(node, ast.ImportFrom):
+                for name in node.names:
+                    full = f"{node.module}.{name.name}"
+                    if name.asname or MODULES & {full, full.removeprefix("hertzloop.")}:
+                        found[full].add(name.asname or name.name)
+    aliases = [alias for names in found.values() for alias in names]
+    assert len(aliases) > 50
+    assert {full: names for full, names in found.items() if len(names) > 1} == {}
+    assert sorted({alias for alias in aliases if aliases.count(alias) > 1}) == []
 
 
 def compared(node: ast.Compare) -> set[str]:

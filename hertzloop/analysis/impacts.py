@@ -16,7 +16,7 @@ import numpy as np
 from hertzloop.loop.compiled import answer_of
 from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.contact.yielding import dents_m, elastic_n
-from hertzloop.plant.figures import rows_kernels as k
+from hertzloop.plant.figures import rows_kernels as rows_k
 from hertzloop.plant.figures.impacts import (
     TO_CUBIC,
     Impact,
@@ -151,7 +151,7 @@ def starting_speed(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
         return rows[V_P]
     found = np.empty(rows.shape[1])
     if len(found):
-        k.starting_speeds(
+        rows_k.starting_speeds(
             rows[V_P], rows[F_C], rows[F_C1], rows[F_A], rows[F_A1], spec.same_point,
             tail.mobility_m_ns, found,
         )  # fmt: skip
@@ -193,7 +193,7 @@ class ConsistentWindow:
         self,
         spec: PlantSpec,
         modes: Oscillators,
-        lasts: k.Answer,
+        lasts: rows_k.Answer,
         start: int,
         before: np.ndarray | None,
     ) -> None:
@@ -236,17 +236,17 @@ class ConsistentWindow:
                 plate_speed_max_m_s=peak_speed_m_s(self._fastest.around[0]),
             )
         noise = _noise(self.spec, self.modes, np.asarray(self._drive), impact, self._speed_max)
-        end, over = self.start + len(contact_n), self.start + int(self._lasts.counts[k.END])
+        end, over = self.start + len(contact_n), self.start + int(self._lasts.counts[rows_k.END])
         return RowsOfImpact(self.start, end, over, contact_n, self._ended, impact, noise)
 
     def _take(self, piece: np.ndarray, following: np.ndarray) -> None:
         """Add a piece, shape (10, steps), and the row behind it, if there is one."""
-        k.follow_rows(self._lasts, piece[F_C], piece[F_A], piece[XI])
-        count = max(int(self._lasts.counts[k.END]) - self._done, 0)
+        rows_k.follow_rows(self._lasts, piece[F_C], piece[F_A], piece[XI])
+        count = max(int(self._lasts.counts[rows_k.END]) - self._done, 0)
         if count:
             self._add(piece, following, count)
-        if not self._lasts.counts[k.OVER]:
-            self._silent_max = max(self._silent_max, k.largest(piece[V_P, count:]))
+        if not self._lasts.counts[rows_k.OVER]:
+            self._silent_max = max(self._silent_max, rows_k.largest(piece[V_P, count:]))
         self._before = piece[:, -1:].copy()
         self._done += piece.shape[1]
 
@@ -319,10 +319,10 @@ def _read(
 ) -> _Part:  # fmt: skip
     """Read rows of an impact; see `read_impact`."""
     xi, xi_s, _, v_p, f_c, f_a, xi_a, f_c1, f_a1, deepest = rows
-    figures, drive = np.empty(k.FIGURES), np.empty(len(modes.omega), complex)
+    figures, drive = np.empty(rows_k.FIGURES), np.empty(len(modes.omega), complex)
     work, speeds = np.empty((2, len(xi)))
     dents = dents_m(spec.contact, deepest)
-    known, start, until, touching, speed_max = k.read_impact(
+    known, start, until, touching, speed_max = rows_k.read_impact(
         xi, xi_s, v_p, f_c, f_a, xi_a, f_c1, f_a1, lead, count, continued,
         modal_displacement(spec, rows), work[:0] if dents is None else dents, first_step,
         _reading(spec, modes), figures, work, speeds, drive,
@@ -370,10 +370,10 @@ class _Highest:
 
 
 @lru_cache(maxsize=16)
-def _reading(spec: PlantSpec, modes: Oscillators) -> k.Reading:
+def _reading(spec: PlantSpec, modes: Oscillators) -> rows_k.Reading:
     """What the rows of a plant's impacts are read with."""
     tail = damped_tail(spec)[0]
-    return k.Reading(
+    return rows_k.Reading(
         step_s=spec.step_s,
         mass_kg=spec.sphere.mass_kg,
         gravity_m_s2=spec.sphere.gravity_m_s2,
@@ -400,8 +400,8 @@ def first_impact(
     if not SCHEMES[setup.scheme].conserves:
         return next(_published(setup, [(0, rows)]), None)
     lasts = answer_of(setup)
-    start = k.follow_rows(lasts, rows[F_C], rows[F_A], rows[XI])
-    count = int(lasts.counts[k.END])
+    start = rows_k.follow_rows(lasts, rows[F_C], rows[F_A], rows[XI])
+    count = int(lasts.counts[rows_k.END])
     if start < 0:
         return None
     if count > PIECE:

@@ -24,7 +24,7 @@ from hertzloop.analysis.impacts import (
     work_j,
 )
 from hertzloop.plant.contact.hertz import GRAVITY_M_S2, rigid_impact
-from hertzloop.plant.figures import rows_kernels as k
+from hertzloop.plant.figures import rows_kernels as rows_k
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import (
     RADIATED_UP_TO_HZ,
@@ -82,7 +82,7 @@ class ExtremesMeter(Meter):
         if not rows.shape[1]:
             self._touching = False
             return
-        force_n, actuator_n, deflection_m = k.extremes(
+        force_n, actuator_n, deflection_m = rows_k.extremes(
             rows[F_C], rows[F_C1], rows[F_A], rows[F_A1], rows[XI_P]
         )
         self._touching = bool(rows[F_C, -1] != 0.0)
@@ -237,21 +237,23 @@ class StabilityMeter(Meter):
         sphere = self.spec.sphere
         self.impact_j = sphere.mass_kg * GRAVITY_M_S2 * sphere.drop_height_m
         self._place = XI_P if self.spec.same_point else XI_A
-        self._sums, self._counts = np.zeros(k.SUMS), np.zeros(k.COUNTS, np.int64)
-        self._counts[k.SINCE] = -1
+        self._sums, self._counts = np.zeros(rows_k.SUMS), np.zeros(rows_k.COUNTS, np.int64)
+        self._counts[rows_k.SINCE] = -1
 
     def feed(self, first: int, rows: np.ndarray) -> None:
         """Take the next rows, shape (10, steps), from step `first` on."""
         force = self.setup.control_force_n(rows)
-        k.exchanged(first, force, rows[self._place], self.impact_j, self._sums, self._counts)
+        rows_k.exchanged(first, force, rows[self._place], self.impact_j, self._sums, self._counts)
 
     def result(self) -> Stability:
         """What the rows show."""
-        most_j, fed_j, largest_n = (float(self._sums[i]) for i in (k.MOST, k.FED, k.LARGEST))
+        most_j, fed_j, largest_n = (
+            float(self._sums[i]) for i in (rows_k.MOST, rows_k.FED, rows_k.LARGEST)
+        )
         unstable = self.closed and not most_j <= UNSTABLE * self.impact_j
         pumps = self.closed and not fed_j <= self.impact_j
         rigid_n = rigid_impact(self.spec.sphere, self.spec.contact).peak_n
-        since = int(self._counts[k.SINCE])
+        since = int(self._counts[rows_k.SINCE])
         return Stability(
             unstable=unstable,
             pumps=pumps,
@@ -420,7 +422,7 @@ class WholeRunMeter(Meter):
         rows = np.concatenate([self._before, piece, following], axis=1)
         displaced, v_start = modal_displacement(spec, rows), starting_speed(spec, rows)
         self._work_j += work_j(spec, rows[:, lead:], displaced[lead:], v_start[lead:])
-        self._speed_max = max(self._speed_max, k.largest(piece[V_P]))
+        self._speed_max = max(self._speed_max, rows_k.largest(piece[V_P]))
         pushed = np.flatnonzero((piece[F_C] != 0.0) | (piece[F_A] != 0.0))
         for some in np.split(pushed, np.flatnonzero(np.diff(pushed) > _APART) + 1):
             if not len(some):

@@ -40,11 +40,13 @@ def bench(
     compile_first(resolved)
 
     from hertzloop.processes import fork_server
-    from hertzloop.studies import bench as study
+    from hertzloop.studies import bench as bench_study
 
     fork_server.prepare()  # before anything starts a thread
     with progress("bench", 100) as advance:
-        found = study.measure(resolved, quick, lambda done, of: advance(round(100 * done / of)))
+        found = bench_study.measure(
+            resolved, quick, lambda done, of: advance(round(100 * done / of))
+        )
     table = Table(title=f"{found.scene}: {found.steps:,} steps, {found.rounds} rounds")
     table.add_column("loop")
     for heading in ("us a step, median", "least", "times real time"):

@@ -118,7 +118,7 @@ def budget(
     The same command continues an interrupted search.
     """
     from hertzloop.plant.schemes.registry import SCHEMES
-    from hertzloop.studies.budget import budget as study
+    from hertzloop.studies.budget import budget as budget_study
     from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
     from hertzloop.studies.budget.limits import NAMES
     from hertzloop.studies.budget.probability import probability, sensitivities
@@ -175,7 +175,7 @@ def budget(
         progress("budget", 1000) as advance,
         local_pool(workers) as pool,
     ):
-        found = study.budget(
+        found = budget_study.budget(
             finished.of(pool), resolved, wanted, of, quick=quick, with_real=with_real,
             both=span == "both", only=only or (),
             on_progress=lambda share: advance(round(1000 * share)),
@@ -197,7 +197,7 @@ def budget(
     if latencies:
         out.print(_trace_words(latencies))
     print_budget(found)
-    data = study.as_data(found)
+    data = budget_study.as_data(found)
     if likely:
         worst = run_command(scene, given, resolved.seed, likely.worst)
         print_probability(likely, indices, worst)

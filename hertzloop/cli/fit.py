@@ -73,8 +73,8 @@ def fit(
     Exit codes: 0 the model fits, or the records cannot tell; 1 it does not fit; 2 a mistake, or a
     key that the records cannot identify.
     """
-    from hertzloop.studies.fit import fit as study
-    from hertzloop.studies.fit import report
+    from hertzloop.studies.fit import fit as fit_study
+    from hertzloop.studies.fit import report as fit_report
     from hertzloop.studies.fit.loop_model import acts_by_law
     from hertzloop.studies.fit.records import read_record
     from hertzloop.studies.fit.verdicts import Model
@@ -92,23 +92,23 @@ def fit(
         if path is not None:
             check_output(path, overwrite, option, read=[*files, *held])
     check_json(json_file, target, report_file, replay_file)
-    keys = [study.free_of(setup, text) for text in free or []]
+    keys = [fit_study.free_of(setup, text) for text in free or []]
     if not keys:
-        raise study.FitError("--free: no key is free. Name at least one, --free KEY.")
+        raise fit_study.FitError("--free: no key is free. Name at least one, --free KEY.")
     measured = [read_record(path) for path in files]
     compared = [read_record(path) for path in held]
     compile_first(setup)
     if check:
         under = True if any(acts_by_law(key.key) for key in keys) else None
         measured += [
-            study.expected_record(setup, text, f"expected record {i}", under)
+            fit_study.expected_record(setup, text, f"expected record {i}", under)
             for i, text in enumerate(expect or [], 1)
         ]
     if not measured:
         remedy = "RECORD, or --expect" if check else "RECORD"
-        raise study.FitError(f"RECORD: none is given. Name at least one {remedy}.")
+        raise fit_study.FitError(f"RECORD: none is given. Name at least one {remedy}.")
     if check:
-        result = study.check(setup, measured, keys)
+        result = fit_study.check(setup, measured, keys)
     else:
         with progress("fit", 1000, lines=True) as advance:
 
@@ -116,13 +116,13 @@ def fit(
                 about = f"fit: {done} of about {expected} simulations"
                 advance(round(1000 * done / expected), about)
 
-            result = study.fit(setup, measured, keys, compared, tell)
-    out.print(report.parameter_table(result))
-    for sentence in report.sentences(result):
+            result = fit_study.fit(setup, measured, keys, compared, tell)
+    out.print(fit_report.parameter_table(result))
+    for sentence in fit_report.sentences(result):
         out.print(sentence, soft_wrap=True)
-    data = report.as_json(result)
+    data = fit_report.as_json(result)
     if result.setup is not None and result.identifiable:
-        write_whole(target, report.fitted_scene(result, target.stem))
+        write_whole(target, fit_report.fitted_scene(result, target.stem))
         data["scene"] = str(target)
         out.print(f"written: {target}", soft_wrap=True)
     if report_file is not None:

@@ -109,7 +109,7 @@ def replay(
     """Feed a recording's samples to another law and show where the forces differ."""
     from hertzloop.recordings.reader import read
     from hertzloop.recordings.writer import RecordingError
-    from hertzloop.studies import law_on as study
+    from hertzloop.studies import law_on as law_replay
 
     target = picture or file.with_name(f"{file.stem}-law.png")
     check_picture(target)
@@ -118,14 +118,14 @@ def replay(
     try:
         recording = read(file)
         keys = dict(_setting(text) for text in settings or [])
-        setup = study.scene_with(recording, law, keys)
-        found = study.law_on(recording, setup)
+        setup = law_replay.scene_with(recording, law, keys)
+        found = law_replay.law_on(recording, setup)
     except (RecordingError, SceneError) as error:
         fail(str(error), 2)
     for problem in recording.problems:
         err.print(f"{file}: {problem}", soft_wrap=True, markup=False)
     ran = recording.law_ran[0] or recording.metadata.get("law") or "as recorded"
-    study.draw(found, (f"recorded: {ran}", setup.law.name), target)
+    law_replay.draw(found, (f"recorded: {ran}", setup.law.name), target)
     out.print(_difference(found, setup.law.name), soft_wrap=True, markup=False)
     out.print(f"written: {target}", soft_wrap=True)
     write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})

@@ -107,15 +107,15 @@ def inspect(
 def _draw_responses(recording: "Recording", folder: Path) -> None:
     """Draw how long the answers of a paced run took; ends the command for another run."""
     from hertzloop.analysis.recorded import pacing_of, responses_of
-    from hertzloop.studies import law_on as picture
+    from hertzloop.studies import law_on as law_replay
     from hertzloop.views.run import pacing_sentences
 
     responses, found = responses_of(recording), pacing_of(recording)
     if responses is None or found is None or found.clock is None:
         fail(f"{recording.path}: has no response times. Record it with hertzloop run --pace.", 2)
     make_folder(folder)
-    picture.draw_response(folder / "response.png", responses, found)
-    picture.write_table(folder / "response.csv", responses)
+    law_replay.draw_response(folder / "response.png", responses, found)
+    law_replay.write_table(folder / "response.csv", responses)
     for sentence in pacing_sentences(found):
         out.print(sentence, soft_wrap=True)
     out.print(f"written: {folder}/response.png and .csv", soft_wrap=True)

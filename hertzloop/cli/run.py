@@ -123,7 +123,7 @@ def run(
     from hertzloop.processes.launcher import RunOptions, Transport, what_is_kept
     from hertzloop.processes.observer import observer_beside
     from hertzloop.processes.program import BUS_NAME, meeting_endpoints
-    from hertzloop.views import run as report
+    from hertzloop.views import run as run_view
     from hertzloop.views.run import run_scene
 
     endpoints = on_loopback([port, port + 1, port + 2]) if port else None
@@ -175,7 +175,7 @@ def run(
         undecided = growth.unstable_poles is None
         head = "Linear loop:" if undecided else "Linear loop unstable:"
         warning = styled((head, "bold red"), f" {unstable_line(growth)}")
-    report.print_run(out, data, details, warning)
+    run_view.print_run(out, data, details, warning)
     write_json(json_file, data)
     if data.get("differs"):
         raise typer.Exit(1)

@@ -103,7 +103,7 @@ def sweep(
         return
     cases = 256 if cases is None else cases
     from hertzloop.plant.schemes.registry import SCHEMES
-    from hertzloop.studies.sweeps import sweep as study
+    from hertzloop.studies.sweeps import sweep as sweep_study
     from hertzloop.studies.sweeps.design import KEY as PHASE
     from hertzloop.studies.sweeps.design import Design, DesignError, grouped, make_design
     from hertzloop.studies.sweeps.design import phases as spread_evenly
@@ -139,7 +139,7 @@ def sweep(
     for axis in planned.axes:
         for law in axis.values if axis.key == "controller.law" else ():
             check_law(resolved.vary({"controller.law": law}))
-    complete = None if overwrite else study.finished(resolved, planned, span, target)
+    complete = None if overwrite else sweep_study.finished(resolved, planned, span, target)
     check_output(
         target, overwrite or complete is not None,
         read=files_of(resolved, scene, *(settings or [])),
@@ -157,12 +157,12 @@ def sweep(
         compile_first(resolved)
         try:
             with if_interrupted(lambda: on), progress(f"{total} cases", total) as advance:
-                found = study.sweep(
+                found = sweep_study.sweep(
                     resolved, planned, span, target, workers=workers, dask=dask,
                     on_progress=advance,
                     on_wait=lambda sentence: err.print(f"{sentence}.", soft_wrap=True),
                 )  # fmt: skip
-        except study.SweepFailed as error:
+        except sweep_study.SweepFailed as error:
             fail(f"{error}; {on}.", 1)
         except OSError as error:
             why = error.strerror or error  # an error of Arrow has no number
@@ -170,13 +170,13 @@ def sweep(
     keys = planned.keys
     for line in found.damaged:
         err.print(
-            f"line {line} of {study.journal_of(target)} was damaged. Its case was run again.",
+            f"line {line} of {sweep_study.journal_of(target)} was damaged. Its case was run again.",
             soft_wrap=True,
         )
     figureless = len(found.not_run) + found.unstable
     if figureless < total:
         out.print(_extremes(found.rows, keys))
-    having = study.known(found.rows, "plate_energy_db")
+    having = sweep_study.known(found.rows, "plate_energy_db")
     if having and uncertain is None:
         from hertzloop.analysis.cases import OTHER
         from hertzloop.studies.sweeps.evaluate import run_case

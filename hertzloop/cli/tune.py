@@ -113,7 +113,7 @@ def tune(
     """
     need("matplotlib", "pymoo")
     from hertzloop.plant.schemes.registry import SCHEMES
-    from hertzloop.studies import tuning as study
+    from hertzloop.studies import tuning
     from hertzloop.studies.sweeps.design import check_keys, parse_axis
     from hertzloop.studies.sweeps.evaluate import CaseTally
     from hertzloop.studies.sweeps.pool import local_pool
@@ -127,10 +127,10 @@ def tune(
     objectives = tuple(minimise or ("plate_energy_db", "rebound_percent"))
     limits = _limits(at_most or [])
     for figure in (*objectives, *limits):
-        if figure not in study.OBJECTIVES:
+        if figure not in tuning.OBJECTIVES:
             fail(
                 f"--minimise = '{figure}': unknown figure. Use one of "
-                f"{', '.join(study.OBJECTIVES)}.",
+                f"{', '.join(tuning.OBJECTIVES)}.",
                 2,
             )
     chosen = list(LAWS) if laws == ["all"] else laws or [bases[0].law_reference]
@@ -141,7 +141,7 @@ def tune(
         if axis.key in around[0]:
             fail(f"{axis.key}: is given to both --vary and --over. Remove one of them.", 2)
     tried = [base.vary(case) for base in bases for case in around]
-    speed = study.fastest_m_s(tried)
+    speed = tuning.fastest_m_s(tried)
     for law in chosen:
         for base, case in product(bases, around):  # the law may not have a key of the case
             of_law = {**case, "controller.law": law}
@@ -149,7 +149,7 @@ def tune(
             for axis in given:
                 for value in axis.values or (axis.low, axis.high):
                     base.vary({**of_law, axis.key: value})
-        study.axes_of(law, given, speed)
+        tuning.axes_of(law, given, speed)
     if folder is not None:
         make_folder(folder)
     else:
@@ -161,7 +161,7 @@ def tune(
         "generations": generations, "population": population, "phases": phases,
         "seed": 1 if seed is None else seed, "require_stable": require_stable,
     }  # fmt: skip
-    header = study.header_of(
+    header = tuning.header_of(
         tried, tuple(chosen), given, objectives=objectives, at_most=limits, span=span, **search
     )
     with resumable(folder or Path(), _file_name(names), header) as finished:
@@ -169,12 +169,12 @@ def tune(
             with local_pool() as some, progress("tuning", generations * len(chosen)) as advance:
                 cores = finished.of(some)
                 pool = tally.of(cores)
-                reference = study.published(pool, tried, span, objectives, phases)
-                best = study.best_of(
+                reference = tuning.published(pool, tried, span, objectives, phases)
+                best = tuning.best_of(
                     pool, tried, span, chosen, given, objectives, at_most=limits,
                     on_progress=advance, **search,
                 )  # fmt: skip
-                reference, *best = study.with_spreads(
+                reference, *best = tuning.with_spreads(
                     cores, tried, span, [reference, *best], objectives
                 )
         except SceneError as error:
@@ -190,7 +190,7 @@ def tune(
                 _repeating(chosen_one, setup, name, settings, seed)
                 for setup, name in zip(best_scenes, scenes or [DEFAULT], strict=True)
             ]
-            growths = [study.unstable_loop(tried, found.values) for found in best]
+            growths = [tuning.unstable_loop(tried, found.values) for found in best]
             _say_unstable(growths, growths[best.index(chosen_one)])
             out.print(f"Repetition of the best setting ({_words(chosen_one.values)}):")
             for line in repeats:

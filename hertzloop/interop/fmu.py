@@ -9,7 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
-from xml.etree import ElementTree as xml
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -99,7 +99,7 @@ def identifier(image: Image) -> str:
 def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
     """modelDescription.xml."""
     setup, name = image.setup, identifier(image)
-    root = xml.Element("fmiModelDescription", {
+    root = ET.Element("fmiModelDescription", {
         "fmiVersion": f"{version}.0", "modelName": setup.name,
         "guid" if version == "2" else "instantiationToken": token,
         "description": setup.description or "a sphere strikes a plate",
@@ -109,29 +109,29 @@ def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
     state = "FMUstate" if version == "2" else "FMUState"
     if version == "2":
         root.set("numberOfEventIndicators", "0")
-    xml.SubElement(root, "CoSimulation", {
+    ET.SubElement(root, "CoSimulation", {
         "modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true",
         f"canGetAndSet{state}": "true", f"canSerialize{state}": "true",
         **({"fixedInternalStepSize": f"{setup.step_s:.12g}"} if version == "3" else {}),
     })  # fmt: skip
-    units = xml.SubElement(root, "UnitDefinitions")
+    units = ET.SubElement(root, "UnitDefinitions")
     for unit in dict.fromkeys(variable.unit for variable in variables(image) if variable.unit):
         powers = {base: str(power) for base, power in _BASE_UNITS[unit].items()}
-        xml.SubElement(xml.SubElement(units, "Unit", name=unit), "BaseUnit", powers)
-    categories = xml.SubElement(root, "LogCategories")
+        ET.SubElement(ET.SubElement(units, "Unit", name=unit), "BaseUnit", powers)
+    categories = ET.SubElement(root, "LogCategories")
     for category in ("logStatusDiscard", "logStatusError"):
-        xml.SubElement(categories, "Category", name=category)
-    xml.SubElement(root, "DefaultExperiment", {
+        ET.SubElement(categories, "Category", name=category)
+    ET.SubElement(root, "DefaultExperiment", {
         "startTime": "0", "stopTime": f"{setup.steps * setup.step_s:.12g}",
         "stepSize": f"{setup.step_s * setup.every_steps:.12g}",
     })  # fmt: skip
     _add_variables(root, variables(image), version)
-    xml.indent(root)
-    return bytes(xml.tostring(root, "utf-8", xml_declaration=True)) + b"\n"
+    ET.indent(root)
+    return bytes(ET.tostring(root, "utf-8", xml_declaration=True)) + b"\n"
 
 
-def _add_variables(root: xml.Element, every: list[Variable], version: Version) -> None:
-    listed = xml.SubElement(root, "ModelVariables")
+def _add_variables(root: ET.Element, every: list[Variable], version: Version) -> None:
+    listed = ET.SubElement(root, "ModelVariables")
     for reference, variable in enumerate(every):
         said = {"name": variable.name, "valueReference": str(reference),
                 "causality": variable.causality, "description": variable.meaning}  # fmt: skip
@@ -143,21 +143,21 @@ def _add_variables(root: xml.Element, every: list[Variable], version: Version) -
         if variable.start is not None:
             typed["start"] = repr(variable.start)
         if version == "2":
-            scalar = xml.SubElement(listed, "ScalarVariable", said)
-            xml.SubElement(scalar, "Integer" if variable.whole else "Real", typed)
+            scalar = ET.SubElement(listed, "ScalarVariable", said)
+            ET.SubElement(scalar, "Integer" if variable.whole else "Real", typed)
         else:
-            xml.SubElement(listed, "Int64" if variable.whole else "Float64", said | typed)
-    structure = xml.SubElement(root, "ModelStructure")
+            ET.SubElement(listed, "Int64" if variable.whole else "Float64", said | typed)
+    structure = ET.SubElement(root, "ModelStructure")
     outputs = [(r, v) for r, v in enumerate(every) if v.causality == "output"]
     if version == "3":
         for tag in ("Output", "InitialUnknown"):
             for reference, _ in outputs:
-                xml.SubElement(structure, tag, valueReference=str(reference), dependencies="")
+                ET.SubElement(structure, tag, valueReference=str(reference), dependencies="")
         return
     for tag in ("Outputs", "InitialUnknowns"):
-        group = xml.SubElement(structure, tag)
+        group = ET.SubElement(structure, tag)
         for reference, _ in outputs:  # counted from 1
-            xml.SubElement(group, "Unknown", index=str(reference + 1), dependencies="")
+            ET.SubElement(group, "Unknown", index=str(reference + 1), dependencies="")
 
 
 _PLATFORMS: dict[Version, str] = {"2": "linux64", "3": "x86_64-linux"}

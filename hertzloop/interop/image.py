@@ -16,7 +16,7 @@ from hertzloop.analysis.impacts import F_A, F_C
 from hertzloop.interop.kernels import ENERGIES, Unit, is_known
 from hertzloop.interop.objects import needed
 from hertzloop.jit.object_code import leaves
-from hertzloop.loop import kernels as loop
+from hertzloop.loop import kernels as loop_k
 from hertzloop.loop.plant_streams import empty_window
 from hertzloop.plant import state_kernels as pk
 from hertzloop.scenes.errors import SceneError
@@ -82,7 +82,7 @@ def image(setup: Setup) -> Image:
         "TOUCH_PHASE": -1.0 if phase == "random" else float(phase),
         "DIGEST": int.from_bytes(hashlib.sha256(data).digest()[:7], "little"), **places,
         "STEP": at(unit.plant_state.counts) + _WORD * pk.STEP,
-        "SAMPLES": at(window.counts) + _WORD * loop.SAMPLES_END,
+        "SAMPLES": at(window.counts) + _WORD * loop_k.SAMPLES_END,
         "SAMPLE": at(window.values), "CODE": at(window.codes), "CLIPPED": at(window.clipped),
         "GAP": body + _WORD * pk.XI, "HEIGHT": body + _WORD * pk.XI_S,
         "DEFLECTION": body + _WORD * pk.XI_P, "VELOCITY": body + _WORD * pk.V_P,

@@ -10,9 +10,8 @@ import numpy as np
 
 from hertzloop.jit import kernel
 from hertzloop.jit.by_type import by_type
-from hertzloop.loop import kernels as loop
+from hertzloop.loop import kernels as loop_k
 from hertzloop.plant import state_kernels as pk
-from hertzloop.plant import state_kernels as sphere
 from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.schemes.registry import offering
 
@@ -30,7 +29,7 @@ class Unit(NamedTuple):
     plant_state: Any
     sensor: Any
     sensor_state: np.ndarray
-    window: loop.Window
+    window: loop_k.Window
     start: np.ndarray
     energies: np.ndarray
     lead_s: float
@@ -51,7 +50,7 @@ def release(unit, drop_height_m, touch_phase):
     """Put the sphere where it is at the start of a run."""
     model, body = unit.plant, unit.plant_state.body
     speed = math.sqrt(2.0 * GRAVITY_M_S2 * drop_height_m)
-    height, velocity = sphere.released(
+    height, velocity = pk.released(
         speed, model.gravity_m_s2, unit.lead_s, model.step_s, touch_phase
     )
     body[pk.FLIGHT_X] = body[pk.XI] = body[pk.XI_S] = unit.start[0] = height
@@ -62,7 +61,7 @@ def release(unit, drop_height_m, touch_phase):
 def advance(unit, command, steps):
     """`steps` steps under one commanded actuator force (N). The sensor sees the first state too,
     once, also with no steps at all."""
-    loop.held(
+    loop_k.held(
         unit.plant, unit.plant_state, unit.sensor, unit.sensor_state, unit.window, command, steps
     )
 
@@ -74,7 +73,7 @@ def balance(unit):
     model, state, energies = unit.plant, unit.plant_state, unit.energies
     books, mass, gravity = state.balance, model.mass_kg, model.gravity_m_s2
     energies[MODAL] = _close_balance(model, state)
-    speed = sphere.speed_now(gravity, model.step_s, state.body, state.counts)
+    speed = pk.speed_now(gravity, model.step_s, state.body, state.counts)
     energies[KINETIC] = 0.5 * mass * speed * speed
     energies[GRAVITY] = mass * gravity * state.body[pk.XI_S]
     energies[CONTACT] = _stored(model, state)

@@ -82,11 +82,11 @@ def plant_object(outline: "Unit", cpu: str) -> bytes:
 def _compile(outline: "Unit") -> bytes:
     from numba import float64, intp, typeof
 
-    from hertzloop.interop import kernels as k
+    from hertzloop.interop import kernels as interop_k
     from hertzloop.jit.object_code import assembler, object_code
 
     assembled = assembler(typeof(outline))
-    released, advanced, balanced = k.release, k.advance, k.balance
+    released, advanced, balanced = interop_k.release, interop_k.advance, interop_k.balance
 
     def release(words: Any, drop_height_m: float, touch_phase: float) -> None:
         released(assembled(words), drop_height_m, touch_phase)

@@ -10,10 +10,10 @@ import numpy as np
 from hertzloop.bus.messages_pb2 import ForceBlock
 from hertzloop.bus.port import BusError, InProcessBus, InProcessPort, Port, Publisher, new_run_id
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
-from hertzloop.controller import kernels as ck
+from hertzloop.controller import kernels as line_k
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.loading.bound import LawFault
-from hertzloop.loop import kernels as k
+from hertzloop.loop import kernels as loop_k
 from hertzloop.loop.controller_node import ControllerNode, set_up_by
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.plant_node import LoopStats, PlantNode
@@ -118,7 +118,7 @@ def simulate(
     modes, delays = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
     with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
         started = time.thread_time() if IN_LOOP.running else 0.0
-        over = k.closed_loop(
+        over = loop_k.closed_loop(
             plant.model, plant.state, sensor.model, sensor.state, controller.law,
             controller.law_state, controller.line, controller.line_state, controller.forces,
             window, modes, delays, most, ending_of(setup) if impact_only else NEVER,
@@ -130,7 +130,7 @@ def simulate(
     except LawFault as error:
         before = controller.failed_at * setup.every_steps + 1
         raise LawStopped(str(error), window.truth[:, :before]) from error
-    ran, taken = int(window.counts[k.TRUTH_END]), int(window.counts[k.SAMPLES_END])
+    ran, taken = int(window.counts[loop_k.TRUTH_END]), int(window.counts[loop_k.SAMPLES_END])
     sent = window.values if sensor.model.ideal else window.codes
     return SimulatedRun(
         window.truth[:, :ran],
@@ -151,14 +151,14 @@ def closed_loop_rows(setup: Setup, disturbance: float = 0.0) -> Iterator[tuple[i
     controller = setup.start_controller(ahead=False)
     plant.state.body[pk.FLIGHT_V] *= 1.0 + disturbance
     modes, delays = np.zeros(_PIECE_STEPS, np.int64), np.zeros(_PIECE_STEPS, np.int64)
-    counts = np.zeros(k.WINDOW_COUNTS, np.int64)
+    counts = np.zeros(loop_k.WINDOW_COUNTS, np.int64)
     for first in range(0, setup.steps, _PIECE_STEPS):
         length = min(_PIECE_STEPS, setup.steps - first)
         window = empty_window(length, length)
         window.counts[:] = counts
-        window.counts[[k.TRUTH_FIRST, k.TRUTH_END]] = 0
-        window.counts[k.SAMPLES_FIRST] = counts[k.SAMPLES_END]
-        k.closed_loop(
+        window.counts[[loop_k.TRUTH_FIRST, loop_k.TRUTH_END]] = 0
+        window.counts[loop_k.SAMPLES_FIRST] = counts[loop_k.SAMPLES_END]
+        loop_k.closed_loop(
             plant.model, plant.state, sensor.model, sensor.state, controller.law,
             controller.law_state, controller.line, controller.line_state, controller.forces,
             window, modes, delays, first + length, NEVER,
@@ -186,7 +186,7 @@ def run_compiled(
     modes, delays = np.zeros(ROOM_STEPS, np.int64), np.zeros(ROOM_STEPS, np.int64)
 
     def advance(end: int) -> None:
-        k.closed_loop(
+        loop_k.closed_loop(
             streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
             controller.law, controller.law_state, controller.line, controller.line_state,
             controller.forces, streams.window, modes, delays, end, NEVER,
@@ -204,11 +204,11 @@ def run_compiled(
                 raise StreamFault(str(error)) from error
             if not streams.due:
                 continue
-            first = int(streams.window.counts[k.SAMPLES_FIRST])
+            first = int(streams.window.counts[loop_k.SAMPLES_FIRST])
             count = streams.samples_waiting()
             streams.send_samples()
             streams.send_truth()
-            end = int(controller.line_state.counts[ck.EMITTED])
+            end = int(controller.line_state.counts[line_k.EMITTED])
             answer = ForceBlock(
                 first_step=sent,
                 step_ns=setup.step_ns,
@@ -246,7 +246,7 @@ def finer_loop(setup: Setup, plant: Plant, steps: int, parts_of_step: int) -> np
     controller = setup.start_controller(ahead=False, steps=steps)
     truth = np.zeros((COLUMNS, steps * parts_of_step))
     with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
-        k.loop_in_parts(
+        loop_k.loop_in_parts(
             plant.model, plant.state, sensor.model, sensor.state, controller.law,
             controller.law_state, controller.line, controller.line_state, controller.forces,
             truth, parts_of_step, SENSED[setup.quantity].over_step,

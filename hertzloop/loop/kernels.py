@@ -13,13 +13,13 @@ import numpy as np
 
 from hertzloop.bus import lane_kernels as lane_k
 from hertzloop.bus.lane_kernels import now_ns
-from hertzloop.controller import kernels as ck
+from hertzloop.controller import kernels as line_k
 from hertzloop.controller import law_kernels as laws
 from hertzloop.jit import kernel
 from hertzloop.plant import state_kernels as pk
-from hertzloop.plant.figures import rows_kernels as an
+from hertzloop.plant.figures import rows_kernels as rows_k
 from hertzloop.plant.time_series import record_step
-from hertzloop.sensors import kernels as sk
+from hertzloop.sensors import kernels as sensor_k
 
 # Indices into Window.counts.
 TRUTH_FIRST, TRUTH_END, SAMPLES_FIRST, SAMPLES_END, OBSERVED = range(5)
@@ -63,12 +63,12 @@ def observe(plant_state, sensor, sensor_state, window):
     if counts[OBSERVED] > step:
         return False
     counts[OBSERVED] = step + 1
-    sk.follow(sensor, sensor_state, plant_state.body[sensor.of_state])
+    sensor_k.follow(sensor, sensor_state, plant_state.body[sensor.of_state])
     if step % sensor.every_steps != 0:
         return False
     index = counts[SAMPLES_END]
     at = index - counts[SAMPLES_FIRST]
-    code, value, clipped = sk.sample(sensor, sensor_state, index)
+    code, value, clipped = sensor_k.sample(sensor, sensor_state, index)
     window.codes[at] = code
     window.values[at] = value
     window.clipped[at] = clipped
@@ -221,7 +221,7 @@ def _answer(law, law_state, line, line_state, forces, lane, value):
     own, seen = lane.own, law_state.counts[laws.SAMPLES]
     if own[lane_k.SAMPLES_PUT] == seen:
         return True
-    end = line_state.counts[ck.EMITTED]
+    end = line_state.counts[line_k.EMITTED]
     while own[lane_k.FORCES_PUT] < end - 1:
         if not lane_k.wait_for_room(lane):
             return False
@@ -231,7 +231,7 @@ def _answer(law, law_state, line, line_state, forces, lane, value):
     if not lane_k.wait_for_room(lane):
         return False
     level = math.nan
-    if ck.is_quiet(line_state):
+    if line_k.is_quiet(line_state):
         level = laws.quiet_level(law, law_state)
         if level == math.inf:
             level = math.nan
@@ -269,7 +269,7 @@ def serve(
             value = lane_k.sample_value(lane, i)
             if not math.isfinite(value):
                 return NO_NUMBER
-            ck.control_sample(law, law_state, line, line_state, value, forces)
+            line_k.control_sample(law, law_state, line, line_state, value, forces)
             modes[i - first] = law_state.record[laws.MODE]
             delays[i - first] = law_state.record[laws.DELAY]
             if i + 1 >= limit or not lane_k.sample_is_there(lane, i + 1):
@@ -277,7 +277,7 @@ def serve(
         if counts[laws.FAULT] != 0:
             return REACHED
         if look_ahead:
-            ck.grant_ahead(law, law_state, line, line_state, forces)
+            line_k.grant_ahead(law, law_state, line, line_state, forces)
 
 
 @kernel(inline=True, borrowed=True)
@@ -304,7 +304,7 @@ def closed_loop(
         if observe(plant_state, sensor, sensor_state, window):
             at = window.counts[SAMPLES_END] - 1 - window.counts[SAMPLES_FIRST]
             value = window.values[at]
-            ck.control_sample(law, law_state, line, line_state, value, forces)
+            line_k.control_sample(law, law_state, line, line_state, value, forces)
             modes[at] = law_state.record[laws.MODE]
             delays[at] = law_state.record[laws.DELAY]
         step = plant_state.counts[pk.STEP]
@@ -312,15 +312,15 @@ def closed_loop(
         step_and_record(plant, plant_state, forces[step], window)
         if impact.quiet_steps < 0:
             continue
-        an.follow(impact, plant_state.body[pk.F_C], plant_state.body[pk.F_A], gap)
-        if impact.counts[an.OVER] == 1:
+        rows_k.follow(impact, plant_state.body[pk.F_C], plant_state.body[pk.F_A], gap)
+        if impact.counts[rows_k.OVER] == 1:
             return True
-        if an.is_silent(impact) and ck.is_quiet(line_state):
-            back = impact.counts[an.BACK] == 1
-            if not back and not an.keeps(impact, laws.quiet_level(law, law_state), value):
+        if rows_k.is_silent(impact) and line_k.is_quiet(line_state):
+            back = impact.counts[rows_k.BACK] == 1
+            if not back and not rows_k.keeps(impact, laws.quiet_level(law, law_state), value):
                 continue
             # The line says what comes from the emitted forces on, which latency puts ahead.
-            if not _pushes(forces, step, line_state.counts[ck.EMITTED]):
+            if not _pushes(forces, step, line_state.counts[line_k.EMITTED]):
                 return True
     return False
 
@@ -335,11 +335,11 @@ def loop_in_parts(
     seen = plant_state.body[sensor.of_state]
     index = 0
     for step in range(forces.size):
-        sk.follow(sensor, sensor_state, seen)
+        sensor_k.follow(sensor, sensor_state, seen)
         if step % sensor.every_steps == 0:
-            value = sk.sample(sensor, sensor_state, index)[1]
+            value = sensor_k.sample(sensor, sensor_state, index)[1]
             index += 1
-            ck.control_sample(law, law_state, line, line_state, value, forces)
+            line_k.control_sample(law, law_state, line, line_state, value, forces)
         total = 0.0
         for part in range(parts):
             record_step(plant, plant_state, forces[step], truth, step * parts + part)

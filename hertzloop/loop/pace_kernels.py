@@ -10,7 +10,7 @@ import numpy as np
 from hertzloop.bus import lane_kernels as lane_k
 from hertzloop.bus.lane_kernels import now_ns, sleep_us, yield_core
 from hertzloop.jit import kernel
-from hertzloop.loop import kernels as k
+from hertzloop.loop import kernels as loop_k
 from hertzloop.plant import state_kernels as pk
 
 # Indices into Pace.counts. START_NS: when step 0 was due; PUT: samples put into the lane; the
@@ -85,21 +85,21 @@ def _hear(now, step, forces, window, grant, lane, pace):
     """Take the answers that are in the lane."""
     counts = grant.counts
     while lane_k.answer_is_there(lane):
-        seen, at = counts[k.SEEN], counts[k.FORCES_END]
+        seen, at = counts[loop_k.SEEN], counts[loop_k.FORCES_END]
         # A step that went without its force was promised nothing.
         late = at < pace.held.size and pace.held[at] > 0
-        said = k.take_answer(lane, at if late else step, forces, window, grant)
-        if said != k.REACHED:
+        said = loop_k.take_answer(lane, at if late else step, forces, window, grant)
+        if said != loop_k.REACHED:
             return said
-        note_answers(pace, now, seen, counts[k.SEEN])
-        note_forces(pace, now, at, counts[k.FORCES_END])
-    return k.REACHED
+        note_answers(pace, now, seen, counts[loop_k.SEEN])
+        note_forces(pace, now, at, counts[loop_k.FORCES_END])
+    return loop_k.REACHED
 
 
 @kernel(inline=True, borrowed=True)
 def _put(window, grant, lane, pace):
     """Put samples into the lane, as far as there is room."""
-    end = min(window.counts[k.SAMPLES_END], grant.counts[k.SEEN] + lane.slots)
+    end = min(window.counts[loop_k.SAMPLES_END], grant.counts[loop_k.SEEN] + lane.slots)
     for i in range(pace.counts[PUT], end):
         lane_k.put_sample(lane, i, pace.values[i & (pace.values.size - 1)])
         pace.counts[PUT] = i + 1
@@ -127,34 +127,36 @@ def follow(plant, plant_state, sensor, sensor_state, forces, window, grant, lane
         now, step = now_ns(), plant_state.counts[pk.STEP]
         if in_lane:
             said = _hear(now, step, forces, window, grant, lane, pace)
-            if said != k.REACHED:
+            if said != loop_k.REACHED:
                 return said
             _put(window, grant, lane, pace)
         if step >= end:
-            return k.REACHED
+            return loop_k.REACHED
         behind = now - due_ns(pace, step)
         if behind < 0:
             if not in_lane or now - began > lane.wait_ns:
-                return k.SILENT
-            quiet = counts[k.SEEN] == window.counts[k.SAMPLES_END] or now - latest > _SOON_NS
+                return loop_k.SILENT
+            quiet = (
+                counts[loop_k.SEEN] == window.counts[loop_k.SAMPLES_END] or now - latest > _SOON_NS
+            )
             _wait(-behind, quiet, lane)
             clock[WAITED_NS] += now_ns() - now
             continue
         if behind > clock[BEHIND_MAX_NS]:
             clock[BEHIND_MAX_NS] = behind
-        if k.observe(plant_state, sensor, sensor_state, window):
-            index = window.counts[k.SAMPLES_END] - 1
-            if index - counts[k.SEEN] >= pace.values.size:
+        if loop_k.observe(plant_state, sensor, sensor_state, window):
+            index = window.counts[loop_k.SAMPLES_END] - 1
+            if index - counts[loop_k.SEEN] >= pace.values.size:
                 return FULL
-            value = window.values[index - window.counts[k.SAMPLES_FIRST]]
+            value = window.values[index - window.counts[loop_k.SAMPLES_FIRST]]
             pace.values[index & (pace.values.size - 1)] = value
             pace.taken_ns[index & (pace.values.size - 1)] = now
             latest = now
-            k.weigh_promise(step, value, window, grant)
+            loop_k.weigh_promise(step, value, window, grant)
             if in_lane:
                 _put(window, grant, lane, pace)
         held = 0
-        if counts[k.PROMISED] == 0 and step >= counts[k.GRANTED_END]:
-            held = step + 1 - counts[k.GRANTED_END]
+        if counts[loop_k.PROMISED] == 0 and step >= counts[loop_k.GRANTED_END]:
+            held = step + 1 - counts[loop_k.GRANTED_END]
         pace.held[step] = held
-        k.step_and_record(plant, plant_state, forces[step - held], window)
+        loop_k.step_and_record(plant, plant_state, forces[step - held], window)

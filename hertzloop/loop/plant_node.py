@@ -10,7 +10,7 @@ import numpy as np
 from hertzloop.bus.messages_pb2 import RunEnd
 from hertzloop.bus.port import BusError, EndedByOther, Port, Publisher, new_run_id, say_every_s
 from hertzloop.bus.streams import CONTROLLER, PLANT, Checker, StreamFault
-from hertzloop.loop import kernels as k
+from hertzloop.loop import kernels as loop_k
 from hertzloop.loop.answers import Answers, LaneOffer, Repeat, controllers_fault
 from hertzloop.loop.plant_streams import PlantStreams
 from hertzloop.setup import Setup
@@ -71,7 +71,7 @@ class PlantNode:
 
     def _advance(self, end: int) -> int:
         streams, answers = self.streams, self.answers
-        said = k.advance(
+        said = loop_k.advance(
             streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
             answers.forces, self._commands, streams.window, answers.grant, answers.lane, end,
         )  # fmt: skip
@@ -79,7 +79,7 @@ class PlantNode:
 
     def _settle(self) -> int:
         streams, answers = self.streams, self.answers
-        said = k.settle(
+        said = loop_k.settle(
             streams.plant.state, answers.forces, streams.window, answers.grant, answers.lane
         )
         return self._checked(int(said))
@@ -104,7 +104,7 @@ class PlantNode:
             if self._lane:
                 self._lane.leave()
         lane = self._lane.became if self._lane else ""
-        exchanges = self.exchanges + int(self.answers.grant.counts[k.EXCHANGES])
+        exchanges = self.exchanges + int(self.answers.grant.counts[loop_k.EXCHANGES])
         return LoopStats(wall_s, exchanges, f"{self.streams.publisher.run_id:x}", lane)
 
     def _loop(self) -> None:
@@ -113,10 +113,10 @@ class PlantNode:
         every_s = say_every_s(self.timeout_s)
         while streams.step < steps:
             said = self._advance(int(min(streams.boundary, last_exchange + self.horizon)))
-            must_wait = said == k.MUST_WAIT
+            must_wait = said == loop_k.MUST_WAIT
             # A slow run is not to be taken for a dead one.
             overdue = time.monotonic() - told_s > every_s
-            if said != k.SILENT or overdue:
+            if said != loop_k.SILENT or overdue:
                 if streams.step >= last_exchange + self.horizon:
                     must_wait, last_exchange = True, streams.step
                 due = overdue or streams.due
@@ -142,7 +142,7 @@ class PlantNode:
         """What is to be said of a run that went well, beside its books."""
 
     def _sent(self) -> int:
-        return int(self.streams.window.counts[k.SAMPLES_FIRST])
+        return int(self.streams.window.counts[loop_k.SAMPLES_FIRST])
 
     def _too_far_ahead(self) -> bool:
         return self._sent() - self.answers.samples > _AHEAD_SAMPLES
@@ -152,7 +152,7 @@ class PlantNode:
         while self.answers.samples < self._sent():
             if not self.answers.in_lane:
                 self._take()
-            elif self._settle() == k.SILENT:
+            elif self._settle() == loop_k.SILENT:
                 while self.port.pending():
                     self._take()
 

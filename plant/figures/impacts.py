@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from hertzloop.plant.contact.hertz import GRAVITY_M_S2
-from hertzloop.plant.figures import rows_kernels as k
+from hertzloop.plant.figures import rows_kernels as rows_k
 
 FloatOrArray = TypeVar("FloatOrArray", float, np.ndarray)
 _FEW_EDGES = 64  # starts and ends of contacts; of a run with more they are counted first
@@ -58,10 +58,10 @@ def sphere_speed_m_s(
 def contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:
     """First steps of the contacts, and of what follows them; none after one that is cut off."""
     edges = np.empty(_FEW_EDGES, np.int64)
-    count = k.edges_of(f_c, edges)
+    count = rows_k.edges_of(f_c, edges)
     if count > len(edges):
         edges = np.empty(count, np.int64)
-        k.edges_of(f_c, edges)
+        rows_k.edges_of(f_c, edges)
     return edges[:count:2].tolist(), edges[1:count:2].tolist()
 
 
@@ -83,7 +83,7 @@ def step_work_j(
     unknown = np.zeros(0)
     v_p = unknown if v_p is None else v_p
     work = np.empty(len(xi_p))
-    k.step_work(
+    rows_k.step_work(
         xi_p, f_c, f_a, xi_a, f_c1, unknown if f_a1 is None else f_a1, v_p,
         v_p if v_start is None else v_start, step_s,
         math.nan if impedance_n_s_m is None else impedance_n_s_m, same_point, work,
@@ -133,10 +133,10 @@ def impacts(
         xi_p, f_c, f_a, at_actuator, slope, v_p, step_s, impedance_n_s_m, f_a1, xi_a is None,
         v_start,
     )  # fmt: skip
-    dents, figures, found = np.zeros(0) if dent_m is None else dent_m, np.empty(k.FIGURES), []
+    dents, figures, found = np.zeros(0) if dent_m is None else dent_m, np.empty(rows_k.FIGURES), []
     for i, start in enumerate(starts):
         end = ends[i] if i < len(ends) else -1
-        if k.contact_figures(
+        if rows_k.contact_figures(
             xi, xi_s, f_c, slope, speeds, dents, first_step, start, end, mass_kg, gravity_m_s2,
             step_s, TO_CUBIC, figures,
         ):  # fmt: skip
@@ -178,10 +178,10 @@ def peak_force_n(mean_n: np.ndarray, slope_n: np.ndarray) -> float:
     curvature, and the ends of the steps' own lines miss by as much to either side. Without slopes,
     or of so short a contact that no two steps are whole, the largest value of these.
     """
-    return float(k.peak_force(mean_n, slope_n, TO_CUBIC))
+    return float(rows_k.peak_force(mean_n, slope_n, TO_CUBIC))
 
 
 def peak_speed_m_s(speed_m_s: np.ndarray) -> float:
     """Largest size of a speed that is known at the ends of steps, also between them: the vertex of
     the parabola through the three values around it."""
-    return float(k.peak_size(speed_m_s))
+    return float(rows_k.peak_size(speed_m_s))

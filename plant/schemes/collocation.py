@@ -14,7 +14,7 @@ from hertzloop.plant.contact.yielding import yielding
 from hertzloop.plant.numerics import aligned, phi
 from hertzloop.plant.one_thread import gauss, on_one_thread
 from hertzloop.plant.plant import Plant, PlantSpec, air_eta, damped_frequency
-from hertzloop.plant.schemes import collocation_kernels as k
+from hertzloop.plant.schemes import collocation_kernels as modal_k
 from hertzloop.plant.structures.modes import Oscillators
 
 _TAIL_NODES = 24  # of the time integral of the loss, for a turn of up to pi in a step
@@ -127,7 +127,7 @@ def _lost(
     return np.asarray(upper[np.triu_indices(4)])
 
 
-def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
+def build_model(spec: PlantSpec, modes: Oscillators) -> modal_k.CollocationModel:
     """Coefficients of one step for every oscillator."""
     h, m = spec.step_s, spec.sphere.mass_kg
     scale = modes.scale_per_kg
@@ -196,37 +196,39 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
     # Means from z at the end of a step without force: phi_1(x)/e^x = phi_1(-x).
     back = phi(1, -x)
     columns = {
-        k.ROT_RE: turn.real,
-        k.ROT_IM: turn.imag,
-        k.C0_RE: drive_c * constant.real,
-        k.C0_IM: drive_c * constant.imag,
-        k.C1_RE: drive_c * linear.real,
-        k.C1_IM: drive_c * linear.imag,
-        k.OUT: weight_c / theta,
-        k.MEAN_RE: back.real * weight_c / theta,
-        k.MEAN_IM: back.imag * weight_c / theta,
-        k.THETA: theta,
-        k.A_RE: drive_a * constant.real,
-        k.A_IM: drive_a * constant.imag,
-        k.B_C: weight_c,
-        k.B_A: weight_a / theta,
-        k.A1_RE: drive_a * linear.real,
-        k.A1_IM: drive_a * linear.imag,
-        k.MEAN_A_RE: back.real * weight_a / theta,
-        k.MEAN_A_IM: back.imag * weight_a / theta,
-        k.ENERGY: 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c))),
+        modal_k.ROT_RE: turn.real,
+        modal_k.ROT_IM: turn.imag,
+        modal_k.C0_RE: drive_c * constant.real,
+        modal_k.C0_IM: drive_c * constant.imag,
+        modal_k.C1_RE: drive_c * linear.real,
+        modal_k.C1_IM: drive_c * linear.imag,
+        modal_k.OUT: weight_c / theta,
+        modal_k.MEAN_RE: back.real * weight_c / theta,
+        modal_k.MEAN_IM: back.imag * weight_c / theta,
+        modal_k.THETA: theta,
+        modal_k.A_RE: drive_a * constant.real,
+        modal_k.A_IM: drive_a * constant.imag,
+        modal_k.B_C: weight_c,
+        modal_k.B_A: weight_a / theta,
+        modal_k.A1_RE: drive_a * linear.real,
+        modal_k.A1_IM: drive_a * linear.imag,
+        modal_k.MEAN_A_RE: back.real * weight_a / theta,
+        modal_k.MEAN_A_IM: back.imag * weight_a / theta,
+        modal_k.ENERGY: 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c))),
     }
     damped = bool(np.any(np.asarray(modes.eta) > 0.0))
     lost: tuple[dict[int, np.ndarray], dict[int, np.ndarray]] = ({}, {})
     if damped:
-        lost = _losses(s, rho, h, scale, columns[k.ENERGY], drive_c, drive_a)
+        lost = _losses(s, rho, h, scale, columns[modal_k.ENERGY], drive_c, drive_a)
         columns |= lost[0]
         for index, value in lost[1].items():
             gains[index] = np.sum(value)
-    table = aligned(np.stack([columns.get(i, np.zeros_like(theta)) for i in range(k.COLUMNS)]))
+    table = aligned(
+        np.stack([columns.get(i, np.zeros_like(theta)) for i in range(modal_k.COLUMNS)])
+    )
     limit, stiffness = spec.contact.limit, spec.contact.stiffness
     law = None if limit is None else yielding(limit, stiffness)
-    return k.CollocationModel(
+    return modal_k.CollocationModel(
         step_s=h,
         mass_kg=m,
         gravity_m_s2=spec.sphere.gravity_m_s2,
@@ -252,7 +254,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.CollocationModel:
 def _air(
     spec: PlantSpec, modes: Oscillators, gains: np.ndarray, table: np.ndarray,
     columns: dict[int, np.ndarray], sums: dict[int, np.ndarray],
-) -> k.Air | None:  # fmt: skip
+) -> modal_k.Air | None:  # fmt: skip
     """The share of the losses that goes into air, None where no face radiates."""
     if not spec.radiating_faces:
         return None
@@ -260,10 +262,10 @@ def _air(
     gains, table = gains.copy(), table.copy()
     for index, column in columns.items():
         table[index] = share * column
-    table[k.ENERGY] *= share
+    table[modal_k.ENERGY] *= share
     for index, value in sums.items():
         gains[index] = np.sum(share * value)
-    return k.Air(gains, table)
+    return modal_k.Air(gains, table)
 
 
 def _add_sphere(gains: np.ndarray, h: float, m: float) -> None:
@@ -275,7 +277,7 @@ def _add_sphere(gains: np.ndarray, h: float, m: float) -> None:
     gains[elastic.M1] = gains[elastic.PM1] - h * h / (12.0 * m)
 
 
-def with_contact(model: k.CollocationModel, spec: PlantSpec) -> k.CollocationModel:
+def with_contact(model: modal_k.CollocationModel, spec: PlantSpec) -> modal_k.CollocationModel:
     """Return the model of the same structure with the sphere and the contact of `spec`.
 
     The result has the same bits as `build_model`, in a fraction of the time: the columns of the
@@ -381,11 +383,12 @@ def _losses(
         return np.asarray(twice * factor * integrals[one, other])
 
     columns = {
-        k.LOSS_RR: product("R", "R"), k.LOSS_RI: product("R", "I"), k.LOSS_II: product("I", "I"),
-        k.LOSS_R0: product("R", "0"), k.LOSS_I0: product("I", "0"),
-        k.LOSS_R1: product("R", "1"), k.LOSS_I1: product("I", "1"),
-        k.LOSS_RA: product("R", "A"), k.LOSS_IA: product("I", "A"),
-        k.LOSS_RB: product("R", "B"), k.LOSS_IB: product("I", "B"),
+        modal_k.LOSS_RR: product("R", "R"), modal_k.LOSS_RI: product("R", "I"),
+        modal_k.LOSS_II: product("I", "I"),
+        modal_k.LOSS_R0: product("R", "0"), modal_k.LOSS_I0: product("I", "0"),
+        modal_k.LOSS_R1: product("R", "1"), modal_k.LOSS_I1: product("I", "1"),
+        modal_k.LOSS_RA: product("R", "A"), modal_k.LOSS_IA: product("I", "A"),
+        modal_k.LOSS_RB: product("R", "B"), modal_k.LOSS_IB: product("I", "B"),
     }  # fmt: skip
     sums = {
         elastic.LOSS_00: product("0", "0"),
@@ -405,17 +408,17 @@ def _losses(
 class CollocationPlant(Plant):
     """The default scheme `modal`: order 4, energy to rounding, driven by its kernels' `step`."""
 
-    kernels: Any = k
+    kernels: Any = modal_k
 
-    def _build_model(self) -> k.CollocationModel:
+    def _build_model(self) -> modal_k.CollocationModel:
         return build_model(self.spec, self.modes)
 
-    def _empty_state(self) -> k.CollocationState:
+    def _empty_state(self) -> modal_k.CollocationState:
         modes = self.model.table.shape[1]
-        state = k.CollocationState(
+        state = modal_k.CollocationState(
             z=aligned(np.zeros((2, modes))),
             free=aligned(np.zeros((2, modes))),
-            body=np.zeros(k.BODY_SIZE),
+            body=np.zeros(modal_k.BODY_SIZE),
             balance=np.zeros(pk.BALANCE_SIZE),
             counts=np.zeros(pk.COUNTS_SIZE, np.int64),
         )
@@ -427,4 +430,4 @@ class CollocationPlant(Plant):
 
     def contact_energy_j(self) -> float:
         """Energy stored in the contact and the spring of the modes left out, J."""
-        return float(self.state.body[k.STORED])
+        return float(self.state.body[modal_k.STORED])

@@ -7,19 +7,19 @@ import numpy as np
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.numerics import phi
 from hertzloop.plant.plant import Plant, PlantSpec, damped_frequency
-from hertzloop.plant.schemes import discrete_gradient_kernels as k
+from hertzloop.plant.schemes import discrete_gradient_kernels as gradient_k
 from hertzloop.plant.structures.modes import Oscillators
 
 
 def _rows(values: np.ndarray, fill: float = 0.0) -> np.ndarray:
     """Fill up to whole rows of LANES."""
-    count = -(-len(values) // k.LANES)
-    padded = np.full(count * k.LANES, fill)
+    count = -(-len(values) // gradient_k.LANES)
+    padded = np.full(count * gradient_k.LANES, fill)
     padded[: len(values)] = values
-    return padded.reshape(count, k.LANES)
+    return padded.reshape(count, gradient_k.LANES)
 
 
-def build_model(spec: PlantSpec, modes: Oscillators) -> k.PlantModel:
+def build_model(spec: PlantSpec, modes: Oscillators) -> gradient_k.PlantModel:
     """Coefficients of one exact step for every oscillator (arrays: rows x LANES).
 
     Raises ValueError for loss factors that differ from mode to mode.
@@ -53,25 +53,25 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.PlantModel:
     energy = 1.0 / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c)))
     loss_rr, loss_ri, loss_ii = _loss_form(theta, rho, h, turn, energy)
     columns = {
-        k.ROT_RE: turn.real,
-        k.ROT_IM: turn.imag,
-        k.C_RE: drive_c * grown.real,
-        k.C_IM: drive_c * grown.imag,
-        k.THETA: theta,
-        k.A_RE: drive_a * grown.real,
-        k.A_IM: drive_a * grown.imag,
-        k.B_C: weight_c,
-        k.B_A: weight_a,
-        k.ENERGY: energy,
-        k.SWING_C_RE: drive_c * swing.real,
-        k.SWING_C_IM: drive_c * swing.imag,
-        k.SWING_A_RE: drive_a * swing.real,
-        k.SWING_A_IM: drive_a * swing.imag,
-        k.LOSS_RR: loss_rr,
-        k.LOSS_RI: loss_ri,
-        k.LOSS_II: loss_ii,
+        gradient_k.ROT_RE: turn.real,
+        gradient_k.ROT_IM: turn.imag,
+        gradient_k.C_RE: drive_c * grown.real,
+        gradient_k.C_IM: drive_c * grown.imag,
+        gradient_k.THETA: theta,
+        gradient_k.A_RE: drive_a * grown.real,
+        gradient_k.A_IM: drive_a * grown.imag,
+        gradient_k.B_C: weight_c,
+        gradient_k.B_A: weight_a,
+        gradient_k.ENERGY: energy,
+        gradient_k.SWING_C_RE: drive_c * swing.real,
+        gradient_k.SWING_C_IM: drive_c * swing.imag,
+        gradient_k.SWING_A_RE: drive_a * swing.real,
+        gradient_k.SWING_A_IM: drive_a * swing.imag,
+        gradient_k.LOSS_RR: loss_rr,
+        gradient_k.LOSS_RI: loss_ri,
+        gradient_k.LOSS_II: loss_ii,
     }
-    return k.PlantModel(
+    return gradient_k.PlantModel(
         step_s=h,
         mass_kg=spec.sphere.mass_kg,
         gravity_m_s2=spec.sphere.gravity_m_s2,
@@ -89,7 +89,9 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> k.PlantModel:
         speed_gain_cc=speed_gain(drive_c),
         speed_gain_ca=speed_gain(drive_a),
         # Padding divides by theta; with no drive it never moves.
-        table=np.stack([_rows(columns[c], float(c == k.THETA)) for c in range(k.COLUMNS)]),
+        table=np.stack(
+            [_rows(columns[c], float(c == gradient_k.THETA)) for c in range(gradient_k.COLUMNS)]
+        ),
     )
 
 
@@ -110,17 +112,17 @@ def _loss_form(
 class DiscreteGradientPlant(Plant):
     """Model and state of the second-order scheme, driven by its kernels' `step`."""
 
-    kernels: Any = k
+    kernels: Any = gradient_k
 
     def _build_model(self) -> Any:
         return build_model(self.spec, self.modes)
 
-    def _empty_state(self) -> k.PlantState:
+    def _empty_state(self) -> gradient_k.PlantState:
         rows = self.model.table.shape[1]
-        state = k.PlantState(
-            z=np.zeros((2, rows, k.LANES)),
-            free=np.zeros((2, rows, k.LANES)),
-            lanes=np.zeros((3, k.LANES)),
+        state = gradient_k.PlantState(
+            z=np.zeros((2, rows, gradient_k.LANES)),
+            free=np.zeros((2, rows, gradient_k.LANES)),
+            lanes=np.zeros((3, gradient_k.LANES)),
             body=np.zeros(pk.BODY_SIZE),
             balance=np.zeros(pk.BALANCE_SIZE),
             counts=np.zeros(pk.COUNTS_SIZE, np.int64),

@@ -8,7 +8,7 @@ import numpy as np
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
 from hertzloop.plant.plant import NO_MODES, Plant, PlantSpec
-from hertzloop.plant.schemes import infinite_kernels as k
+from hertzloop.plant.schemes import infinite_kernels as infinite_k
 from hertzloop.plant.structures.plate import Plate
 
 
@@ -24,7 +24,7 @@ def impedance_n_s_m(plate: Plate) -> float:
     return plate.infinite_plate_impedance_n_s_m * 0.5 * math.pi * c / math.atan2(2.0 * c, plate.eta)
 
 
-def build_model(spec: PlantSpec) -> k.InfiniteModel:
+def build_model(spec: PlantSpec) -> infinite_k.InfiniteModel:
     """Coefficients of one step. Raises ValueError when the actuator is not at the contact."""
     if not spec.same_point:
         raise ValueError("the infinite plate knows a force at the contact point only")
@@ -41,7 +41,7 @@ def build_model(spec: PlantSpec) -> k.InfiniteModel:
     gains[elastic.M1] = gains[elastic.PM1] - h * h / (12.0 * m)
     gains[elastic.CA], gains[elastic.VA], gains[elastic.MA] = h / z, 1.0 / z, h / (2.0 * z)
     gains[elastic.NODE0 :] = elastic.at_nodes(gains, h)
-    return k.InfiniteModel(
+    return infinite_k.InfiniteModel(
         step_s=h,
         mass_kg=m,
         gravity_m_s2=spec.sphere.gravity_m_s2,
@@ -64,7 +64,7 @@ class InfinitePlant(Plant):
     Raises ValueError when the actuator is not at the contact.
     """
 
-    kernels: Any = k
+    kernels: Any = infinite_k
 
     def __init__(self, spec: PlantSpec) -> None:
         self.spec = spec
@@ -72,16 +72,16 @@ class InfinitePlant(Plant):
         self.model = self._build_model()
         self.state = self._initial_state()
 
-    def _build_model(self) -> k.InfiniteModel:
+    def _build_model(self) -> infinite_k.InfiniteModel:
         return build_model(self.spec)
 
-    def _empty_state(self) -> k.InfiniteState:
-        return k.InfiniteState(
-            body=np.zeros(k.BODY_SIZE),
+    def _empty_state(self) -> infinite_k.InfiniteState:
+        return infinite_k.InfiniteState(
+            body=np.zeros(infinite_k.BODY_SIZE),
             balance=np.zeros(pk.BALANCE_SIZE),
             counts=np.zeros(pk.COUNTS_SIZE, np.int64),
         )
 
     def contact_energy_j(self) -> float:
         """Energy stored in the contact at the present step, J."""
-        return float(self.state.body[k.STORED])
+        return float(self.state.body[infinite_k.STORED])

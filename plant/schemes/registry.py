@@ -10,7 +10,7 @@ from importlib import import_module
 from typing import Any
 
 from hertzloop.jit.by_type import by_type, no
-from hertzloop.plant.schemes import infinite_kernels as infinite
+from hertzloop.plant.schemes import infinite_kernels as infinite_k
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def supporting(capability: str) -> str:
 
 
 _MODELS = {row.model_class: row.kernels for row in SCHEMES.values()}
-_MODELS[infinite.InfiniteModel] = infinite
+_MODELS[infinite_k.InfiniteModel] = infinite_k
 # Advance one step: model, state, commanded actuator force (N) -> contact force (N).
 step = by_type({model: kernels.step for model, kernels in _MODELS.items()})
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.plant.actuator import LinearActuator, linear_form
-from hertzloop.plant.schemes import collocation_kernels as k
+from hertzloop.plant.schemes import collocation_kernels as modal_k
 from hertzloop.scenes.errors import SceneError
 from hertzloop.sensors.kernels import SensorModel
 from hertzloop.setup.setup import Setup
@@ -160,23 +160,23 @@ def plant_in_flight(setup: Setup, quantity: str | None = None) -> PoleForm:
     return form.difference(model.step_s) if quantity == "acceleration" else form
 
 
-def linear_model(setup: Setup) -> k.CollocationModel:
+def linear_model(setup: Setup) -> modal_k.CollocationModel:
     """Return the compiled plant with its modes. Raises SceneError for another scheme."""
     model = setup.on_plate("modal").start_plant(flight=True).model
-    if not isinstance(model, k.CollocationModel):
+    if not isinstance(model, modal_k.CollocationModel):
         raise SceneError(
             "run.scheme: the margin needs the scheme 'modal'. Set run.scheme = 'modal'."
         )
     return model
 
 
-def by_command(model: k.CollocationModel, gap: bool) -> PoleForm:
+def by_command(model: modal_k.CollocationModel, gap: bool) -> PoleForm:
     """Return the response of gap, or plate velocity, at the contact to a command."""
     t = model.table
-    poles = t[k.ROT_RE] + 1j * t[k.ROT_IM]
+    poles = t[modal_k.ROT_RE] + 1j * t[modal_k.ROT_IM]
     rho = np.broadcast_to(np.asarray(model.rho), poles.shape)
-    weight = 1j * t[k.OUT] if gap else t[k.B_C] * (1.0 + 1j * rho)
-    by = [t[k.A_RE] + 1j * t[k.A_IM], t[k.A1_RE] + 1j * t[k.A1_IM]]
+    weight = 1j * t[modal_k.OUT] if gap else t[modal_k.B_C] * (1.0 + 1j * rho)
+    by = [t[modal_k.A_RE] + 1j * t[modal_k.A_IM], t[modal_k.A1_RE] + 1j * t[modal_k.A1_IM]]
     residues = [0.5 * weight * b for b in by]
     fir = [0.0, 0.0]
     tail = model.tail
@@ -200,13 +200,13 @@ def by_command(model: k.CollocationModel, gap: bool) -> PoleForm:
     return _through_actuator(forms[0], forms[1], actuator)
 
 
-def by_contact(model: k.CollocationModel) -> tuple[PoleForm, PoleForm]:
+def by_contact(model: modal_k.CollocationModel) -> tuple[PoleForm, PoleForm]:
     """Return the responses of the gap to a contact force, without the sphere: to its mean over a
     step, and to half its rise over the step. A spring of omitted modes is not part of them."""
     t = model.table
-    poles = t[k.ROT_RE] + 1j * t[k.ROT_IM]
-    by = [t[k.C0_RE] + 1j * t[k.C0_IM], t[k.C1_RE] + 1j * t[k.C1_IM]]
-    residues = [-0.5j * t[k.OUT] * b for b in by]
+    poles = t[modal_k.ROT_RE] + 1j * t[modal_k.ROT_IM]
+    by = [t[modal_k.C0_RE] + 1j * t[modal_k.C0_IM], t[modal_k.C1_RE] + 1j * t[modal_k.C1_IM]]
+    residues = [-0.5j * t[modal_k.OUT] * b for b in by]
     if model.tail is not None:
         poles, residues = _with_tail(poles, residues, model.tail, -1j)
     none = np.zeros(2)

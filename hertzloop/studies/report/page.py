@@ -31,7 +31,7 @@ from hertzloop.studies.margin.margin import margin_of
 from hertzloop.studies.margin.picture import draw
 from hertzloop.studies.margin.shown import margin_lines
 from hertzloop.views import provenance
-from hertzloop.views import run as report
+from hertzloop.views import run as run_view
 from hertzloop.views.provenance import text_of_law
 from hertzloop.views.replaying import prepare, scene_of
 from hertzloop.views.run import (
@@ -194,7 +194,7 @@ def _tables(found: dict[str, Any], free: dict[str, Any] | None, compare: bool) -
     digits = [known["controlled"], known["uncontrolled"]][: len(runs)]
     names = ["this run"] if free is None else ["with control", "without"]
     compare = compare and free is not None
-    rows = report.noise_rows(
+    rows = run_view.noise_rows(
         [run["noise"][0] for run in runs], compare,
         [errors_of(known_in(each), 0, "noise_errors") for each in digits],
     )  # fmt: skip
