@@ -545,7 +545,7 @@ def read_record(path: str | Path, **table: Any) -> "Record":
     """Read a measured record.
 
     Args:
-        path: CSV, Parquet, NPZ, HDF5, WAV, MCAP, TDMS, UFF or MDF file.
+        path: a text table, or a file of another format of `hertzloop fit`.
         table: keys of the `[record]` table, which replace those of the file.
 
     Returns:

@@ -41,7 +41,12 @@ def fit(
         typer.Option("--hold-out", help="Compare this record with the result; do not fit it."),
     ] = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Report what the records can tell; do not fit.")
+        bool,
+        typer.Option(
+            "--check",
+            help="Report what the records can tell; do not fit. Without a scene, show what is read "
+            "of them.",
+        ),
     ] = False,
     expect: Annotated[
         list[str] | None,
@@ -75,10 +80,15 @@ def fit(
     """
     from hertzloop.studies.fit import fit as fit_study
     from hertzloop.studies.fit import report as fit_report
+    from hertzloop.studies.fit.formats import ENDINGS
     from hertzloop.studies.fit.loop_model import acts_by_law
-    from hertzloop.studies.fit.records import read_record
+    from hertzloop.studies.fit.records import read_record, shown
     from hertzloop.studies.fit.verdicts import Model
 
+    if check and not free and Path(scene).suffix.lower() in ENDINGS:
+        for file in (Path(scene), *(records or [])):
+            out.print("\n".join(shown(file)), soft_wrap=True, markup=False)
+        return
     setup = scene_from(scene, settings, None)
     files, held = list(records or []), list(hold_out or [])
     target = out_file or Path(f"{setup.name}-fitted.toml")
@@ -97,6 +107,8 @@ def fit(
         raise fit_study.FitError("--free: no key is free. Name at least one, --free KEY.")
     measured = [read_record(path) for path in files]
     compared = [read_record(path) for path in held]
+    for one in (*measured, *compared):
+        out.print(f"{one.name}: {one.source}.", soft_wrap=True, markup=False)
     compile_first(setup)
     if check:
         under = True if any(acts_by_law(key.key) for key in keys) else None

@@ -66,6 +66,8 @@ from hertzloop.scenes.tables import (
     SphereTable,
     Striker,
 )
+from hertzloop.text_tables import TableError, read_table
+from hertzloop.units import name_and_unit, plain_name, unit_of
 
 __all__ = [
     "DEFAULT", "NO_CASE_OF_THESIS", "ControllerTable", "RunTable", "Scene", "SceneError",
@@ -1133,13 +1135,13 @@ def _drawn_latencies(table: dict[str, Any]) -> list[float]:
     return [round(float(x), 3) for x in numbers["least_us"] + numbers["median_us"] * np.exp(logs)]
 
 
-_LATENCY = "latency_us"  # column of a trace that has several
+_LATENCY = "latency"  # name of the column of a trace that has several
 _MOST_LATENCIES = 1_000_000
 
 
 def _latencies(path: Path) -> list[float]:
-    """Latencies of a CSV file, us: its only column, or the one called latency_us; lines that begin
-    with # are comments. Of a recording (.mcap) of a paced run, those that it had."""
+    """Latencies of a text table, us: its only column, or the one called latency, in the unit of its
+    heading, or else in us. Of a recording (.mcap) of a paced run, those that it had."""
     said = f"controller.latency_trace = {_echoed(path)}"
     if path.suffix == ".mcap":
         from hertzloop.recordings.latencies import read_latencies
@@ -1149,23 +1151,26 @@ def _latencies(path: Path) -> list[float]:
         except (ValueError, OSError, RuntimeError) as error:
             raise ValueError(f"{said}: {shortened(str(error))}") from error
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
+        table = read_table(path, (_LATENCY,))
+    except (OSError, TableError) as error:
         raise ValueError(f"{said}: cannot be read: {shortened(str(error))}") from error
-    lines = [line.split(",") for line in text.splitlines() if line.strip() and line[0] != "#"]
-    names = [name.strip() for name in lines[0]] if lines else []
-    column = names.index(_LATENCY) if _LATENCY in names else 0
-    if len(names) > 1 and _LATENCY not in names:
-        raise ValueError(f"{said}: has several columns. Call one of them {_LATENCY}")
-    found = []
-    for number, line in enumerate(lines):
-        try:
-            found.append(float(line[column]))
-        except (ValueError, IndexError):
-            if number:
-                raise ValueError(
-                    f"{said}: line {number + 1} has no number. Give a latency in us in every line"
-                ) from None
+    split = [(name_and_unit(column.heading, (_LATENCY,)), column) for column in table.columns]
+    if len(split) > 1:
+        split = [one for one in split if plain_name(one[0][0]) == _LATENCY]
+    if table.columns and len(split) != 1:
+        raise ValueError(f"{said}: has several columns. Call one of them latency_us")
+    found: list[float] = []
+    for (_, stated), column in split:
+        unit = unit_of(stated or column.unit or "us")
+        if unit is None or unit.si != "s":
+            raise ValueError(
+                f"{said}: '{stated or column.unit}' is no unit of time. Use latency_us"
+            )
+        found = [round(1e6 * unit.size * float(value), 9) for value in column.values]
+        gaps = [i for i, value in enumerate(found) if not math.isfinite(value)]
+        if gaps or table.notes:
+            where = f"row {gaps[0] + 1} of the numbers has no number" if gaps else table.notes[0]
+            raise ValueError(f"{said}: {where.rstrip('.')}. Give a latency in every line")
     if not 1 <= len(found) <= _MOST_LATENCIES:
         raise ValueError(f"{said}: has {len(found)} latencies. Give 1 to {_MOST_LATENCIES}")
     return found

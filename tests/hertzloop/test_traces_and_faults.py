@@ -79,13 +79,23 @@ def test_a_scene_with_a_trace_survives_its_file(trace, tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "more", "word"),
-    [("", (), "has 0 latencies"), ("1\nx\n", (), "line 2 has no number"),
+    [("", (), "has 0 latencies"), ("1\nx\n", (), "'x' on. Give a latency in every line"),
+     ("latency_ms\n1\nx\n3\n", (), "'x' stands between"), ("latency_kg\n1\n2\n", (), "'kg'"),
      ("a,b\n1,2\n", (), "Call one of them latency_us"), ("-1\n", (), "latency_trace"),
      ("1\n", ("controller.latency_us=2",), "has no effect beside")],
 )  # fmt: skip
 def test_a_trace_that_makes_no_sense_is_refused(trace, text, more, word):
     with pytest.raises(SceneError, match=word):
         load("aluminium-3mm", [*SHORT, trace(text), *more])
+
+
+@pytest.mark.parametrize(
+    "text", ["latency_us\n4\n5.8\n2.6\n", "latency_ms\n0.004\n0.0058\n0.0026\n",
+             "latency_us\n4\n5,8\n2,6\n", "n;latency (ns)\n1;4000\n2;5800\n3;2600\n"],
+)  # fmt: skip
+def test_units_and_decimal_commas_of_a_trace_count(trace, text):
+    setup = load("aluminium-3mm", [*SHORT, trace(text)])
+    assert setup.scene.controller.latency_trace == (4.0, 5.8, 2.6)
 
 
 def test_a_recording_of_a_paced_run_tells_its_latencies():

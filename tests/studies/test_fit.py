@@ -394,7 +394,7 @@ def test_units_and_table_of_a_csv_file(tmp_path: Path) -> None:
     ("time_s,contact_force_n\n" + "1,1\n" * 20, "rise.*sample 2 at 1 s follows sample 1"),
     ("zeit,contact_force_n\n" + "1,1\n" * 20, "no column time_s; the columns are zeit"),
     ("time_s,contact_force_n\n" + "0,1,1,5\n" * 20, "decimal commas"),
-    ("0,1\n" * 20, "first line holds numbers"),
+    ("0,1\n" * 20, "two whole numbers or one with a decimal comma"),
 ])  # fmt: skip
 def test_files_that_are_no_records(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "r.csv"

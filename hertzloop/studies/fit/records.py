@@ -4,64 +4,41 @@ A record comes from a file. Its `[record]` table is in a TOML file of the same n
 lines of a CSV file that begin with `#`.
 """
 
-import codecs
-import csv
 import hashlib
 import math
-import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
+from hertzloop.studies.fit.formats import (
+    ENDINGS,
+    NAMES,
+    QUANTITIES,
+    Contents,
+    Quantity,
+    RecordError,
+    Series,
+    quantity_of,
+)
+from hertzloop.text_tables import TIMES, TableError
+from hertzloop.units import StatedUnit, name_and_unit, plain_name, unit_of
 
-class RecordError(ValueError):
-    """A record cannot be used. The message names the field, its value and the remedy."""
-
-    exit_status = 2
-
-
-class Quantity(NamedTuple):
-    """A quantity that can be measured: SI unit, meaning, and the `sensors.quantity` of a scene that
-    samples it, "" if none does."""
-
-    unit: str
-    meaning: str
-    sensed: str
-
-
-QUANTITIES = {
-    "contact_force": Quantity("N", "contact force, up on the sphere", "contact_force"),
-    "v_p": Quantity("m/s", "plate velocity, up positive", "v_p"),
-    "acceleration": Quantity("m/s^2", "plate acceleration, up positive", "acceleration"),
-    "actuator_force": Quantity("N", "force of the actuator, up on the plate", ""),
-    "xi_p": Quantity("m", "plate displacement, up positive", ""),
-    "xi": Quantity("m", "gap between sphere and plate", "xi"),
-    "xi_s": Quantity("m", "sphere's lowest point", ""),
-}
-_ALIASES = {
-    "force": "contact_force", "velocity": "v_p", "plate_velocity": "v_p", "accel": "acceleration",
-    "plate_acceleration": "acceleration", "displacement": "xi_p", "plate_displacement": "xi_p",
-    "gap": "xi", "sphere_position": "xi_s", "f_a": "actuator_force",
-}  # fmt: skip
-# Factor to the SI unit, by the quantity's SI unit.
-UNITS: dict[str, dict[str, float]] = {
-    "N": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": 4.4482216152605},
-    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "um/s": 1e-6, "cm/s": 1e-2, "in/s": 0.0254},
-    "m/s^2": {"m/s^2": 1.0, "m/s2": 1.0, "g": 9.80665, "mm/s^2": 1e-3},
-    "m": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
-}
+__all__ = [
+    "FILTERS", "QUANTITIES", "WITHOUT_CONTROL", "Measured", "Quantity", "Record", "RecordError",
+    "clipped", "converter_step", "measured_of", "read_record", "shown",
+]  # fmt: skip
+_EXAMPLES = {"N": "N, kN, mN, lbf", "m/s": "m/s, mm/s, um/s, in/s", "m/s^2": "m/s^2, g, mm/s^2",
+             "m": "m, mm, um, nm"}  # fmt: skip
 WITHOUT_CONTROL = "The records are simulated without control: no law, no latency, no force."
 FILTERS = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
 _FEWEST = 8  # samples of a record
 _AT_REST = 0.1  # of the largest value, up to which a sensor is at rest
 _PLATEAU = 3  # equal extreme values in a row that count as clipped
 _LEVELS = 4096  # distinct values; more than these are no visible converter
-_OWN_TIME = " (its times)"  # ends the name of the times of a column that has its own
 DEFAULT_GAIN_UNCERTAINTY = 0.03
 DEFAULT_CLOCK_PPM = 50.0
 
@@ -70,7 +47,9 @@ DEFAULT_CLOCK_PPM = 50.0
 class Measured:
     """The `[record]` table: what is known of a measurement.
 
-    `quantity`, `unit`: what the values are; `column`, `channel`: where they are in the file.
+    `quantity`, `unit`: what the values are. `column`, `channel`: which column or channel of the
+    file holds them, by its name or its number from 1 on; `group`: of which group or table.
+    `time_column`, `time_unit`: the same of the times.
     `sensitivity`: units of the file for one unit of `unit`, e.g. V for N (1 if left out), and
     `sensitivity_uncertainty`, relative standard deviation. `rate_hz`: where the file has no times.
     `clock_tolerance_ppm`: standard deviation of the clock's relative error. `low_pass_hz`,
@@ -83,7 +62,11 @@ class Measured:
 
     quantity: str | None = None
     unit: str | None = None
-    column: str | None = None
+    column: str | int | None = None
+    channel: str | int | None = None
+    group: str | int | None = None
+    time_column: str | int | None = None
+    time_unit: str | None = None
     sensitivity: float = 1.0
     sensitivity_uncertainty: float = DEFAULT_GAIN_UNCERTAINTY
     rate_hz: float | None = None
@@ -118,6 +101,8 @@ class Record:
             "xi_p", "xi" or "xi_s" (m).
         measured: the `[record]` table: filters, range, uncertainties.
         sha256: digest of the file, "" of a record from memory.
+        notes: sentences on what is not used of the file.
+        source: where times and values stand in the file, and in which units.
 
     Raises:
         RecordError: the arrays cannot be a record.
@@ -130,6 +115,7 @@ class Record:
     measured: Measured = field(default_factory=Measured)
     sha256: str = ""
     notes: tuple[str, ...] = ()
+    source: str = ""
 
     def __post_init__(self) -> None:
         if self.quantity not in QUANTITIES:
@@ -230,41 +216,48 @@ def read_record(path: Path, given: Mapping[str, Any] | None = None) -> Record:
     """Read a record.
 
     Args:
-        path: CSV, Parquet, NPZ, HDF5, WAV, MCAP, TDMS, UFF or MDF.
+        path: a file of one of the formats in `formats.FORMATS`.
         given: keys of the `[record]` table that replace those of the file.
 
     Raises:
-        RecordError: the file is not a record, or its table is wrong.
+        RecordError: the file is not a record, its table is wrong, or it holds several records.
         ModuleNotFoundError: the format needs a package of an extra.
     """
-    if not path.is_file():
-        raise RecordError(f"{path}: there is no such file. Give the path of a record.")
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
-        raise RecordError(
-            f"{path}: '{path.suffix}' is not a known format. Give one of "
-            f"{', '.join(sorted(_READERS))}."
-        )
-    try:
-        content = path.read_bytes() if path.stat().st_size < 1 << 30 else b""
-        columns, inside = reader(path)
-    except RecordError:
-        raise
-    except ModuleNotFoundError:
-        raise
-    except Exception as error:  # every library has its own ways to say that a file is damaged
-        words = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise RecordError(f"{path}: cannot be read as {path.suffix[1:]}: {words}.") from error
+    contents = _contents(path)
     beside = path.with_suffix(".toml")
-    table = dict(inside)
+    table = dict(contents.table)
     if beside.is_file():
         try:
             table |= tomllib.loads(beside.read_text("utf-8")).get("record", {})
         except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
             raise RecordError(f"{beside}: is not valid TOML: {error}.") from error
     table |= dict(given or {})
-    digest = hashlib.sha256(content).hexdigest() if content else ""
-    return _made(path.name, columns, measured_of(table, path.name), digest)
+    digest = ""
+    if path.stat().st_size < 1 << 30:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return _made(path.name, contents, measured_of(table, path.name), table, digest)
+
+
+def _contents(path: Path) -> Contents:
+    """What a file holds. Raises RecordError and ModuleNotFoundError."""
+    if not path.is_file():
+        raise RecordError(f"{path}: there is no such file. Give the path of a record.")
+    form = ENDINGS.get(path.suffix.lower())
+    if form is None:
+        raise RecordError(
+            f"{path}: '{path.suffix}' is not a known format. Give one of "
+            f"{', '.join(sorted(ENDINGS))}."
+        )
+    try:
+        return form.read(path)
+    except (RecordError, ModuleNotFoundError):
+        raise
+    except TableError as error:
+        raise RecordError(f"{path}: {error}.") from error
+    except Exception as error:  # every library has its own ways to say that a file is damaged
+        words = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise RecordError(f"{path}: cannot be read as {path.suffix[1:]}: {words}.") from error
 
 
 def measured_of(table: Mapping[str, Any], name: str) -> Measured:
@@ -295,141 +288,295 @@ def measured_of(table: Mapping[str, Any], name: str) -> Measured:
         good = number and math.isfinite(value) and (value >= 0 if least_ok else value != 0)
         if not good or (key != "sensitivity" and value < 0):
             raise RecordError(f"record.{key} = {value}: must be a positive number in {name}.")
-    for key, kind, what in (("control", bool, "true or false"), ("clock", str, "a name")):
-        if key in values and not isinstance(values[key], kind):
+    places = [(key, (str, int), "a name or a number from 1 on")
+              for key in ("column", "channel", "group", "time_column")]  # fmt: skip
+    names = [(key, (str,), "a name") for key in ("clock", "unit", "time_unit")]
+    for key, kind, what in (("control", (bool,), "true or false"), *names, *places):
+        wrong = isinstance(values.get(key), bool) and kind != (bool,)
+        if key in values and (wrong or not isinstance(values[key], kind)):
             raise RecordError(f"record.{key} = {values[key]}: must be {what} in {name}.")
     return Measured(**values)
 
 
 def _factor(quantity: str, measured: Measured) -> float:
     """SI value of one of the file's units."""
-    units = UNITS[QUANTITIES[quantity].unit]
-    unit = measured.unit or QUANTITIES[quantity].unit
-    if unit not in units:
+    si = QUANTITIES[quantity].unit
+    unit = unit_of(measured.unit or si)
+    if unit is None or unit.si != si:
         raise RecordError(
-            f"record.unit = '{unit}': not a unit of {quantity}. Give one of {', '.join(units)}."
+            f"record.unit = '{measured.unit}': not a unit of {quantity}. Give one of "
+            f"{_EXAMPLES[si]}."
         )
-    return units[unit] / measured.sensitivity
+    return unit.size / measured.sensitivity
 
 
-def quantity_of(column: str) -> tuple[str, str | None] | None:
-    """Return quantity and unit of a column by its name, such as `v_p_mm_s`; None if unknown."""
-    name = _plain(column)
-    names = {**{q: q for q in QUANTITIES}, **_ALIASES}
-    for start in sorted(names, key=len, reverse=True):
-        if name == start:
-            return names[start], None
-        if name.startswith(start + "_"):
-            quantity = names[start]
-            rest = name[len(start) + 1 :]
-            for unit in UNITS[QUANTITIES[quantity].unit]:
-                if rest == unit.lower().replace("/", "_").replace("^", ""):
-                    return quantity, unit
-    return None
+def shown(path: Path, given: Mapping[str, Any] | None = None, samples: int = 5) -> list[str]:
+    """Return sentences on a file: what was understood, its first samples, and what is not used.
+
+    Raises:
+        RecordError: the file cannot be read, or holds several records; the series are named.
+    """
+    one = read_record(path, given)
+    unit = QUANTITIES[one.quantity].unit
+    rows = [f"  {t:.9g} s  {v:.6g} {unit}"
+            for t, v in zip(one.time_s[:samples], one.value[:samples], strict=True)]  # fmt: skip
+    peak = int(np.nanargmax(np.abs(one.value)))
+    return [
+        f"{one.name}: {one.source}.",
+        f"{len(one.value)} samples, {1e6 * one.interval_s:.6g} us from sample to sample; largest "
+        f"value {one.value[peak]:.6g} {unit} at {one.time_s[peak]:.9g} s. The first samples:",
+        *rows,
+        *one.notes,
+    ]
 
 
-_SECONDS = {
-    "": 1.0, "s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3,
-    "milliseconds": 1e-3, "us": 1e-6, "usec": 1e-6, "microseconds": 1e-6, "ns": 1e-9, "nsec": 1e-9,
-    "nanoseconds": 1e-9, "min": 60.0, "minutes": 60.0,
-}  # fmt: skip
+def _matches(series: Series, said: str | int) -> bool:
+    """Whether a name or number from the table means a series."""
+    if isinstance(said, int):
+        return series.number == said
+    stem, unit = name_and_unit(series.name, NAMES)
+    stated = unit or series.unit.strip(" ()[]")
+    return said in (series.name, stem, f"{stem} ({stated})", stated)
 
 
-def _plain(column: str) -> str:
-    """A column name as in `contact_force_n`: "Force [N]" is force_n, "Time (ms)" is time_ms."""
-    name = column.strip().lower().replace("^", "").replace("\u00b2", "2")
-    return re.sub(r"[^a-z0-9]+", "_", re.sub("[\u00b5\u03bc]", "u", name)).strip("_")
+def _named(series: Series, contents: Contents) -> str:
+    """A series in words, such as "column 2 'Force [N]'"."""
+    name = f" '{series.name}'" if series.name else ""
+    several = len({s.group for s in contents.series}) > 1 and series.group
+    return f"{contents.kind} {series.number}{name}" + (
+        f" of group '{series.group}'" if several else ""
+    )
 
 
-def _unit_of_time(column: str) -> float | None:
-    """Seconds in the unit of a column of times, such as `time_ms`; None of another column."""
-    found = re.fullmatch(r"(?:time|t|timestamp|datetime)(?:_(\w+))?", _plain(column))
-    return None if found is None else _SECONDS.get(found[1] or "")
-
-
-def _with_unit(column: str, unit: Any) -> str:
-    """The name of a column with a unit that stands beside it, if the name says none: "Time" in "us"
-    is "Time (us)". A unit that the record could not have is left out."""
-    named = f"{column} ({str(unit).strip(' ()[]')})"
-    if _unit_of_time(column) == 1.0 and _unit_of_time(named) is not None:
-        return named
-    said, more = quantity_of(column), quantity_of(named)
-    return named if said and more and said[1] is None else column
-
-
-def _numbers(values: Any) -> np.ndarray:
-    """Values of a file as numbers: durations in seconds, and timestamps from the first one on."""
-    found = np.asarray(values)
-    if found.dtype.kind == "O":  # dates or durations of another library
-        with suppress(ValueError, TypeError):
-            kind = "M8[ns]" if hasattr(found.flat[0], "year") else "m8[ns]"
-            found = found.astype(kind)
-    if found.dtype.kind == "M":
-        found = found - found[~np.isnat(found)][0] if not np.all(np.isnat(found)) else found
-    if found.dtype.kind in "mM":
-        known = ~np.isnat(found)
-        fine = found.astype("m8[ns]").astype(np.int64)
-        return np.where(known, 1e-9 * fine, np.nan)
-    return np.asarray(found, float)
-
-
-def _made(name: str, columns: Mapping[str, np.ndarray], measured: Measured, digest: str) -> Record:
-    if not columns or all(len(column) == 0 for column in columns.values()):
-        raise RecordError(f"{name}: has no samples. Give a record of one impact.")
-    time_name = next((c for c in columns if _unit_of_time(c)), None)
-    others = [c for c in columns if c != time_name and not c.endswith(_OWN_TIME)]
-    column = measured.column
-    notes = []
-    if column is None:
-        known_columns = [c for c in others if quantity_of(c)]
-        column = next(iter(known_columns), None)
-        if len(known_columns) > 1:
-            notes.append(
-                f"{name}: column {column} is used, and {', '.join(known_columns[1:])} is not. "
-                "Choose with record.column."
+def _series_of(name: str, contents: Contents, measured: Measured) -> tuple[Series, list[str]]:
+    """The series that is the record, and notes. Raises RecordError if several could be it."""
+    every = [s for s in contents.series if not s.is_time]
+    left = every
+    explicit = False
+    for key in ("group", "channel", "column"):
+        said = getattr(measured, key)
+        if said is None:
+            continue
+        explicit = explicit or key != "group"
+        if key == "group":
+            groups = list(dict.fromkeys(s.group for s in every))
+            wanted = groups[said - 1] if isinstance(said, int) and 0 < said <= len(groups) else said
+            kept = [s for s in left if s.group == str(wanted)]
+        elif key == "channel" and isinstance(said, int) and contents.kind == "column":
+            kept = left[said - 1 : said] if said > 0 else []
+        else:
+            of = contents.series if key == "column" else left
+            exact = [s for s in of if s.name == said]
+            kept = exact or [s for s in of if _matches(s, said)]
+        if not kept:
+            raise RecordError(
+                f"record.{key} = {said!r}: not a {key} of {name}. It has "
+                f"{', '.join(_named(s, contents) for s in left)}."
             )
-        if column is None and measured.quantity and others:
-            column = others[0]
-    if column is not None and column not in columns:  # a unit may stand behind it by now
-        column = next((c for c in others if c.rpartition(" (")[0] == column), column)
-    if column is None or column not in columns:
+        left = kept
+    notes: list[str] = []
+    wanted_quantity = NAMES.get(measured.quantity or "", measured.quantity)
+    if wanted_quantity is None and not explicit:
+        left = [s for s in left if quantity_of(s.name)]
+    elif len(left) > 1:
+        left = [s for s in left if quantity_of(s.name) == wanted_quantity] or left
+    if not left:
         raise RecordError(
-            (f"record.column = '{column}': not a column of {name}. " if column else "")
-            + f"{name}: no column is a known quantity; the columns are {', '.join(columns)}. Name "
-            "a column such as contact_force_n or v_p_m_s, or give record.quantity and "
-            "record.column."
+            f"{name}: no column is a known quantity; the columns are "
+            f"{', '.join(_named(s, contents) for s in contents.series)}. Name a column such as "
+            "contact_force_n or v_p_m_s, or give record.quantity and record.column."
         )
-    said = quantity_of(column)
-    quantity = measured.quantity or (said[0] if said else None)
-    quantity = _ALIASES.get(quantity or "", quantity)
+    alike = [s for s in left if quantity_of(s.name) == quantity_of(left[0].name)]
+    if len(alike) > 1:
+        key = "group" if len({s.group for s in alike}) == len(alike) else contents.kind
+        key = "channel" if key == "data set" else key
+        value = f'"{alike[0].group}"' if key == "group" else alike[0].number
+        raise RecordError(
+            f"{name}: {len(alike)} series could be the record: "
+            f"{', '.join(_named(s, contents) for s in alike)}. Choose one, for example with "
+            f"record.{key} = {value}."
+        )
+    others = [s.name or str(s.number) for s in every if s is not left[0]]
+    if others and not explicit:
+        notes.append(
+            f"{name}: {contents.kind} {left[0].name} is used, and {', '.join(others)} "
+            f"{'is' if len(others) == 1 else 'are'} not. "
+            "Choose with record.column."
+        )
+    return left[0], notes
+
+
+def _times_of(
+    name: str, series: Series, contents: Contents, measured: Measured
+) -> tuple[np.ndarray, str]:
+    """Times of a series, s, and where they come from. Raises RecordError."""
+    rate = measured.rate_hz
+    count = len(series.values)
+    if measured.time_column is not None:
+        found = [s for s in contents.series if _matches(s, measured.time_column)]
+        if len(found) != 1:
+            raise RecordError(
+                f"record.time_column = {measured.time_column!r}: means {len(found)} columns of "
+                f"{name}. Give the number of one of "
+                f"{', '.join(_named(s, contents) for s in contents.series)}."
+            )
+    elif series.time_s is not None:
+        return _checked(name, series.time_s, f"of the {contents.kind}", contents, measured)
+    else:
+        found = [s for s in contents.series if s.is_time and len(s.values) == count
+                 and s.group in (series.group, "")]  # fmt: skip
+        found = [s for s in found if np.nanmax(s.values, initial=0) > np.nanmin(s.values, initial=0)
+                 ] or found[:1]  # fmt: skip
+    if found:
+        several = [_in_seconds(name, s, contents, measured) for s in found]
+        for other, words in several[1:]:
+            shift = (other - other[0]) - (several[0][0] - several[0][0][0])
+            if not np.nanmax(np.abs(shift)) < 0.5 * np.nanmedian(np.abs(np.diff(other))):
+                raise RecordError(
+                    f"{name}: two columns of times disagree: {several[0][1]} and {words}. Choose "
+                    f"one, for example record.time_column = {found[0].number}."
+                )
+        return _checked(name, *several[-1], contents, measured)
+    if contents.spacing is not None:
+        step, start, words = contents.spacing
+        if rate and abs(rate * step - 1.0) > 1e-2:
+            raise RecordError(
+                f"record.rate_hz = {rate:g}: '{words}' in {name} says {1.0 / step:.9g} Hz. Leave "
+                "record.rate_hz out, or correct it."
+            )
+        return start + step * np.arange(count), f"{step:.9g} s apart by '{words}'"
+    if rate:
+        return np.arange(count) / rate, f"by record.rate_hz = {rate:g}"
+    raise RecordError(
+        f"{name}: has no column time_s; the columns are "
+        f"{', '.join(s.name or str(s.number) for s in contents.series)}. Add one, give "
+        "record.time_column, or give record.rate_hz in samples per second. "
+        f"{' '.join(contents.notes)}".strip()
+    )
+
+
+def _in_seconds(
+    name: str, series: Series, contents: Contents, measured: Measured
+) -> tuple[np.ndarray, str]:
+    """Times in s and words on them. Raises RecordError for an unknown unit."""
+    own = name_and_unit(series.name, TIMES)[1]
+    stated = measured.time_unit or _one_unit(name, series, own, contents)
+    unit = unit_of(stated) if stated else StatedUnit("s", 1.0, "s")
+    if unit is None or unit.si != "s":
+        raise RecordError(
+            f"record.time_unit: '{stated}' of {_named(series, contents)} in {name} is not a known "
+            "unit of time. Give one of s, ms, us, ns."
+        )
+    words = unit.symbol if stated else "s, which the file does not state"
+    return series.values * unit.size, f"{_named(series, contents)} in {words}"
+
+
+def _one_unit(name: str, series: Series, own: str, contents: Contents) -> str:
+    """The unit in the name of a series or beside it. Raises RecordError if they disagree."""
+    if unit_of(own) and unit_of(series.unit) and unit_of(own) != unit_of(series.unit):
+        raise RecordError(
+            f"{name}: {_named(series, contents)} has two units, '{own}' and '{series.unit}'. "
+            "Correct one of them in the file."
+        )
+    return own if unit_of(own) or not series.unit else series.unit
+
+
+def _checked(
+    name: str, time_s: np.ndarray, words: str, contents: Contents, measured: Measured
+) -> tuple[np.ndarray, str]:
+    """Times that agree with the rate in the table and, but for their unit, with the file."""
+    known = time_s[np.isfinite(time_s)]
+    steps = np.diff(known)
+    mean = (known[-1] - known[0]) / len(steps) if len(steps) else 0.0
+    rate = measured.rate_hz
+    if rate and mean > 0.0 and abs(rate * mean - 1.0) > 1e-2:
+        raise RecordError(
+            f"record.rate_hz = {rate:g}: the times of {name} ({words}) say {1.0 / mean:.6g} Hz. "
+            "Leave record.rate_hz out, or correct it."
+        )
+    if rate and len(steps) and np.min(steps) <= 0.0:  # rounded times
+        return np.arange(len(time_s)) / rate, f"by record.rate_hz = {rate:g}"
+    if contents.spacing is not None and "not state" in words and mean > 0.0:
+        turns = math.log10(mean / contents.spacing[0])
+        if abs(turns) > 2.5 and abs(turns - round(turns)) < 1e-3:
+            raise RecordError(
+                f"{name}: times without a unit rise by {mean:.6g}, and '{contents.spacing[2]}' "
+                f"says {contents.spacing[0]:.6g} s. Give record.time_unit."
+            )
+    if mean > 0.0 and np.spacing(np.max(np.abs(known))) > 0.01 * mean:
+        raise RecordError(
+            f"{name}: its times are so large that a double holds them to "
+            f"{np.spacing(np.max(np.abs(known))):.2g} s only. Leave time_s out and give "
+            "record.rate_hz."
+        )
+    return time_s, words
+
+
+def _scaled(
+    name: str, series: Series, quantity: str, measured: Measured, table: Mapping[str, Any],
+    contents: Contents, notes: list[str],
+) -> tuple[Measured, str]:  # fmt: skip
+    """The table with the unit that the file states, and words. Raises RecordError."""
+    stated = _one_unit(name, series, name_and_unit(series.name, NAMES)[1], contents).strip(" ()[]")
+    if not stated:  # what follows a known name, such as force_lb, may be a unit
+        plain = plain_name(series.name)
+        ends = [plain[len(n) + 1 :] for n in NAMES if plain.startswith(f"{n}_")]
+        stated = min((end for end in ends if not end.isdigit()), key=len, default="")
+        stated = "" if plain in NAMES else stated
+    unit, si = unit_of(stated), QUANTITIES[quantity].unit
+    sensitive = "sensitivity" in table
+    if unit is not None and unit.si == si:
+        if measured.unit is None:
+            measured = replace(measured, unit=stated)
+        elif unit_of(measured.unit) != unit and not sensitive:
+            notes.append(f"{name}: states '{stated}'; record.unit = '{measured.unit}' replaces it.")
+    elif stated and (measured.unit is None and not (
+        sensitive and (unit is None or unit.si not in {q.unit for q in QUANTITIES.values()})
+    )):  # fmt: skip
+        what = "no unit that is known" if unit is None else f"not a unit of {quantity}"
+        raise RecordError(
+            f"{name}: {_named(series, contents)} is in '{stated}', which is {what}. Give "
+            f"record.sensitivity, {stated} for one {si}, or record.unit, one of {_EXAMPLES[si]}."
+        )
+    words = (
+        unit.symbol if unit else stated or f"{measured.unit or si}, which the file does not state"
+    )
+    if sensitive:
+        words += f", {measured.sensitivity:g} for one {measured.unit or si}"
+    return measured, words
+
+
+def _made(
+    name: str, contents: Contents, measured: Measured, table: Mapping[str, Any], digest: str
+) -> Record:
+    notes = [f"{name}: {note}" for note in contents.notes]
+    if not contents.series or all(len(one.values) == 0 for one in contents.series):
+        reasons = " ".join(contents.notes)
+        raise RecordError(f"{name}: has no samples. {reasons or 'Give a record of one impact.'}")
+    series, more = _series_of(name, contents, measured)
+    notes += more
+    quantity = NAMES.get(measured.quantity or "", measured.quantity) or quantity_of(series.name)
     if quantity not in QUANTITIES:
         raise RecordError(
             f"record.quantity = '{quantity}': not known in {name}. Give one of "
             f"{', '.join(QUANTITIES)}."
         )
-    if measured.unit is None and said and said[0] == quantity and said[1]:
-        measured = replace(measured, unit=said[1])
-    value = np.asarray(columns[column], float)
-    own_time = columns.get(column + _OWN_TIME)
-    if own_time is not None:
-        time_s = np.asarray(own_time, float)
-    elif time_name is not None:
-        time_s = np.asarray(columns[time_name], float) * (_unit_of_time(time_name) or 1.0)
-    elif measured.rate_hz:
-        time_s = np.arange(len(value)) / measured.rate_hz
-    else:
-        raise RecordError(
-            f"{name}: has no column time_s; the columns are {', '.join(columns)}. Add one, or give "
-            "record.rate_hz in samples per second."
-        )
-    known = np.isfinite(time_s)
-    if not np.any(known):
-        raise RecordError(
-            f"{name}: no time is a number. Write numbers with a decimal point, in seconds."
-        )
-    if not np.all(known):
-        notes.append(f"{name}: {np.count_nonzero(~known)} samples have no time and are not used.")
-        time_s, value = time_s[known], value[known]
+    measured, words = _scaled(name, series, quantity, measured, table, contents, notes)
+    value = series.values * _factor(quantity, measured)
+    time_s, times = _times_of(name, series, contents, measured)
+    if len(time_s) == len(value):
+        ends = np.isfinite(time_s) | np.isfinite(value)
+        last = len(ends) - int(np.argmax(ends[::-1])) if np.any(ends) else 0
+        time_s, value = time_s[:last], value[:last]  # a shorter table beside a longer one
+        known = np.isfinite(time_s)
+        if not np.any(known):
+            raise RecordError(
+                f"{name}: no time is a number. Write numbers with a decimal point, in seconds."
+            )
+        if not np.all(known):
+            number = np.count_nonzero(~known)
+            notes.append(f"{name}: {number} samples have no time and are not used.")
+            time_s, value = time_s[known], value[known]
     gone = ~np.isfinite(value)
     if np.any(gone):
         if np.count_nonzero(~gone) < _FEWEST or np.mean(gone) > 0.5:
@@ -438,226 +585,8 @@ def _made(name: str, columns: Mapping[str, np.ndarray], measured: Measured, dige
                 "record without gaps."
             )
         notes.append(f"{name}: {np.count_nonzero(gone)} samples are not numbers and are not used.")
+    lines = f"{contents.above} line{'s' * (contents.above != 1)}"
+    above = f"; {lines} above the table" if contents.above else ""
+    source = f"time: {times}; {quantity}: {_named(series, contents)} in {words}{above}"
     measured = replace(measured, quantity=quantity)
-    value = value * _factor(quantity, measured)
-    return Record(name, time_s, value, quantity, measured, digest, tuple(notes))
-
-
-# Readers: columns by name, and the `[record]` table in the file.
-
-_Read = tuple[dict[str, np.ndarray], dict[str, Any]]
-
-
-def _csv(path: Path) -> _Read:
-    table_lines: list[str] = []
-    with path.open(encoding=_encoding(path), newline="") as file:
-        line = file.readline()
-        while line.startswith("#"):
-            table_lines.append(line[1:].strip())
-            line = file.readline()
-        position = file.tell()
-        first, between = file.readline(), []
-        while first and not re.match(r"\s*\"?[+-]?[.,]?(\d|nan|inf)", first.strip().lower()):
-            between.append(first)  # a row of units, or an empty one
-            position, first = file.tell(), file.readline()
-        if not line.strip() or not first:
-            return {}, {}
-        # Programs of some languages write semicolons, tabs or spaces, and decimal commas.
-        delimiter = next((d for d in ";\t," if d in line), None)
-        header = next(csv.reader([line], delimiter=delimiter)) if delimiter else [line.strip()]
-        if delimiter is None and len(first.split()) == len(line.split()):
-            header = line.split()
-        if _is_number(header[0]):
-            raise RecordError(
-                f"{path}: the first line holds numbers. Give a first line with a name for each "
-                "column, such as time_s,contact_force_n."
-            )
-        for line in between:
-            units = next(csv.reader([line], delimiter=delimiter)) if delimiter else line.split()
-            if len(units) == len(header):
-                header = [_with_unit(*pair) for pair in zip(header, units, strict=True)]
-        comma = delimiter != "," and "," in first and "." not in first
-        other = {ord('"'): ""} if '"' in first else {}
-        if comma:
-            other[ord(",")] = "."
-
-        def rows() -> Iterator[str]:
-            file.seek(position)
-            return (text.translate(other) for text in file) if other else iter(file)
-
-        try:
-            table = np.loadtxt(rows(), delimiter=delimiter, ndmin=2)
-        except ValueError:  # a text or nothing in place of a number
-            try:
-                lines = (text for text in rows() if text.strip())
-                table = np.genfromtxt(lines, delimiter=delimiter, dtype=float, ndmin=2)
-            except ValueError as error:
-                raise RecordError(
-                    f"{path}: not all rows have {len(header)} columns as the first line has. Write "
-                    "the file again; it may be cut off."
-                ) from error
-    if table.shape[1] != len(header):
-        raise RecordError(
-            f"{path}: the first line names {len(header)} columns and the rows have "
-            f"{table.shape[1]}. Give a name for each column, and separate the columns by "
-            "semicolons if numbers have decimal commas."
-        )
-    return (
-        {name.strip(): table[:, i] for i, name in enumerate(header)},
-        _inner_table("\n".join(table_lines)),
-    )
-
-
-def _encoding(path: Path) -> str:
-    """The encoding of a text file: UTF-16 with its mark, UTF-8, or else that of Windows."""
-    with path.open("rb") as file:
-        start = file.read(1 << 16)
-    if start[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        return "utf-16"
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(start)
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8-sig"
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text.replace(",", "."))
-    except ValueError:
-        return False
-    return True
-
-
-def _inner_table(text: str) -> dict[str, Any]:
-    """The `[record]` table of comment lines; other comments mean nothing."""
-    if "[record]" not in text:
-        return {}
-    try:
-        found: dict[str, Any] = tomllib.loads(text[text.index("[record]") :]).get("record", {})
-    except tomllib.TOMLDecodeError as error:
-        raise RecordError(
-            f"the record table in the comments is not valid TOML: {error}."
-        ) from error
-    return found
-
-
-def _json_table(value: Any) -> dict[str, Any]:
-    """A `[record]` table that a format keeps as TOML text."""
-    if isinstance(value, bytes):
-        value = value.decode("utf-8")
-    return _inner_table(str(value))
-
-
-def _parquet(path: Path) -> _Read:
-    import pyarrow
-    import pyarrow.parquet
-
-    table = pyarrow.parquet.read_table(path)
-    inside = (table.schema.metadata or {}).get(b"record", b"")
-    found = {}
-    for name in table.column_names:
-        values, kind = table[name], table.schema.field(name).type
-        if pyarrow.types.is_time(kind):  # of day
-            values = np.asarray(values.cast(f"int{kind.bit_width}")).astype(f"m8[{kind.unit}]")
-        found[name] = _numbers(values)
-    return found, _json_table(inside)
-
-
-def _npz(path: Path) -> _Read:
-    with np.load(path, allow_pickle=False) as data:
-        found = {name: data[name] for name in data.files}
-    inside = found.pop("record", "")
-    return {n: _numbers(v) for n, v in found.items() if np.ndim(v) == 1}, _json_table(inside)
-
-
-def _hdf5(path: Path) -> _Read:
-    import h5py
-
-    found: dict[str, np.ndarray] = {}
-    with h5py.File(path) as file:
-
-        def keep(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and item.ndim == 1:
-                units = item.attrs.get("units", item.attrs.get("unit", ""))
-                found[_with_unit(name.rpartition("/")[2], units)] = _numbers(item)
-
-        file.visititems(keep)
-        inside = file.attrs.get("record", "")
-    return found, _json_table(inside)
-
-
-def _wav(path: Path) -> _Read:
-    import scipy.io.wavfile
-
-    rate, data = scipy.io.wavfile.read(path)
-    values = np.asarray(data, float)
-    if values.ndim > 1:
-        values = values[:, 0]
-    if np.issubdtype(data.dtype, np.integer):
-        values = values / float(np.iinfo(data.dtype).max)
-    return {"time_s": np.arange(len(values)) / rate, "value": values}, {}
-
-
-def _mcap(path: Path) -> _Read:
-    from hertzloop.recordings.reader import read
-    from hertzloop.setup import parse
-
-    found = read(path)
-    setup = parse(found.scene_toml, recorded=True)
-    values = np.asarray(found.daq_values, float)
-    sampled_s = np.arange(len(values)) * setup.every_steps * setup.step_s
-    pushed = bool(np.any(found.force.arrays.get("force_n", 0.0)))
-    inside: dict[str, Any] = {"quantity": setup.quantity, "column": "value"}
-    inside["control"] = setup.has_law and pushed
-    of_sensor = {key: getattr(setup.sensor, key) for key in FILTERS}
-    if any(of_sensor[key] for key in FILTERS if key.endswith("_hz")):
-        inside |= {key: value for key, value in of_sensor.items() if value is not None}
-    return {"time_s": sampled_s, "value": values}, inside
-
-
-def _tdms(path: Path) -> _Read:
-    from nptdms import TdmsFile
-
-    found: dict[str, np.ndarray] = {}
-    for group in TdmsFile.read(path).groups():
-        for channel in group.channels():
-            name = _with_unit(channel.name, channel.properties.get("unit_string", ""))
-            found[name] = _numbers(channel[:])
-            if "wf_increment" in channel.properties:
-                # Channels may start at different times.
-                found[name + _OWN_TIME] = np.asarray(channel.time_track(), float)
-    return found, {}
-
-
-def _uff(path: Path) -> _Read:
-    import pyuff
-
-    found: dict[str, np.ndarray] = {}
-    sets = pyuff.UFF(str(path)).read_sets()
-    for i, data in enumerate(sets if isinstance(sets, list) else [sets]):
-        if data.get("type") == 58:
-            name = str(data.get("id1") or f"channel_{i}").strip()
-            found[name] = np.real(np.asarray(data["data"]))
-            found[name + _OWN_TIME] = np.asarray(data["x"], float)
-    return found, {}
-
-
-def _mdf(path: Path) -> _Read:
-    from asammdf import MDF
-
-    found: dict[str, np.ndarray] = {}
-    with MDF(path) as file:
-        for signal in file.iter_channels():
-            if np.ndim(signal.samples) == 1 and len(signal.samples):
-                name = _with_unit(signal.name, signal.unit)
-                found[name] = np.asarray(signal.samples, float)
-                found[name + _OWN_TIME] = np.asarray(signal.timestamps, float)
-    return found, {}
-
-
-_READERS: dict[str, Callable[[Path], _Read]] = {
-    ".csv": _csv, ".txt": _csv, ".parquet": _parquet, ".npz": _npz, ".h5": _hdf5, ".hdf5": _hdf5,
-    ".wav": _wav, ".mcap": _mcap, ".tdms": _tdms, ".uff": _uff, ".unv": _uff, ".mf4": _mdf,
-    ".mdf": _mdf,
-}  # fmt: skip
+    return Record(name, time_s, value, quantity, measured, digest, tuple(notes), source)

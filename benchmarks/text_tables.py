@@ -1,0 +1,487 @@
+"""Text tables drawn at random, read by `hertzloop fit`'s reader, and compared with their numbers.
+
+Each table has other lines above, beside and below it, other separators, units, signs, gaps and
+encodings. A reading is right, refused in a sentence, or wrong. A part of the tables can be read in
+two ways, or has a unit that nobody knows; these must be refused.
+"""
+
+import tempfile
+import time
+import tracemalloc
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    bars,
+    check_json,
+    conclude,
+    number_table,
+    out,
+    results_in,
+    start,
+    tracked,
+    write_json,
+    written,
+)
+from hertzloop.studies.fit.records import RecordError, read_record
+from hertzloop.studies.words import write_records
+
+TablesOption = Annotated[int, typer.Option(min=1, help="Draw this many tables (200 with --quick).")]
+FirstOption = Annotated[int, typer.Option(help="Number of the first table.")]
+_TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "\u00b5s": 1e-6, "ns": 1e-9, "seconds": 1.0}
+_FORCE_UNITS = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": 4.4482216152605, "Newton": 1.0}
+_UNKNOWN = ("lb", "tons", "counts", "Nm", "bananas", "kg")
+_GAPS = ("", "nan", "NaN", "---", "OVL", "1.#INF", "-1.#IND", "#N/A", "inf")
+_PREAMBLE = (
+    ("Record Length", "{i}"), ("Model", "TX {i}"), ("Sample Mode", "Real time"),
+    ("Vertical Scale", "{f}"), ("Probe", "{i}"), ("Date", "2024-05-06"), ("Trigger", "{f}"),
+    ("Firmware Version", "1.{i}"), ("Channels", "{i}"), ("Operator", "A. B."), ("Gating", "0 to 9"),
+    ("Vertical Offset", "{f}"), ("Bandwidth", "20 MHz"), ("Serial", "SN{i}"), ("Temp", "21.5 C"),
+)  # fmt: skip
+
+
+@dataclass
+class TextCase:
+    """A table: its bytes, the keys given with it, the numbers in it, and the features that it has.
+
+    `must_refuse`: a careful person could not read it in one way.
+    """
+
+    raw: bytes
+    given: dict[str, Any]
+    time_s: np.ndarray
+    value: np.ndarray
+    features: list[str] = field(default_factory=list)
+    must_refuse: bool = False
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a table was read: "right", "refused" or "wrong", and in which words."""
+
+    seed: int
+    result: str
+    must_refuse: bool
+    features: str
+    words: str
+
+
+class _Draw:
+    """Draws one table."""
+
+    def __init__(self, seed: int) -> None:
+        self.g = np.random.default_rng([seed, 4242])
+        self.features: list[str] = []
+        self.must_refuse = False
+        self.given: dict[str, Any] = {}
+
+    def some(self, name: str, chance: float) -> bool:
+        """Whether a feature is in, which is noted."""
+        found = bool(self.g.random() < chance)
+        if found:
+            self.features.append(name)
+        return found
+
+    def one(self, *choices: Any) -> Any:
+        """One of the choices."""
+        return choices[int(self.g.integers(len(choices)))]
+
+    def number(self, value: float, style: str) -> str:
+        """A number in one of the ways in which programs write it."""
+        return {
+            "g": f"{value:.10g}", "e": f"{value:.9e}", "+e": f"{value:+.8E}",
+            "r": repr(float(value)),
+            "D": f"{value:.10E}".replace("E", "D"), "minus": f"{value:.10g}".replace("-", "\u2212"),
+        }[style]  # fmt: skip
+
+    def case(self) -> TextCase:
+        """Draw the table."""
+        g = self.g
+        rows = int(g.integers(12, 90))
+        separator = self.one(",", ",", ";", "\t", " ", "|")
+        comma = separator != "," and self.some("decimal commas", 0.35)
+        quoted = separator in ",;" and self.some("quotes", 0.12)
+        quoted_comma = quoted and separator == "," and self.some("decimal commas in quotes", 0.4)
+        style = self.one("g", "e", "+e", "r", *(("D",) if self.some("D exponents", 0.05) else ()))
+        if self.some("long minus", 0.03):
+            style = "minus"
+        step = float(self.one(1e-7, 5e-7, 1e-6, 1.25e-6, 1e-5))
+        zero = float(self.one(0.0, -0.5, -0.25)) * rows * step
+        self.features.append({",": "comma", ";": "semicolon", "\t": "tab", " ": "spaces",
+                              "|": "bar"}[separator])  # fmt: skip
+
+        def put(value: float) -> str:
+            text = self.number(value, style)
+            if comma or quoted_comma:
+                text = text.replace(".", ",")
+            return f'"{text}"' if quoted else text
+
+        def seen(text: str) -> float:
+            text = text.strip('"').replace(",", ".") if comma or quoted_comma else text.strip('"')
+            return float(text.replace("\u2212", "-").replace("D", "E"))
+
+        # Times: a column, dates, or a fact above.
+        how = self.one(*["column"] * 6, "dates", "of day", "interval", "rate", "start column")
+        unit = self.one(*_TIME_UNITS) if how == "column" else "s"
+        self.features.append(f"times: {how}")
+        instants = zero + step * np.arange(rows)
+        columns: list[tuple[str, str, list[str]]] = []
+        true_s = instants
+        if how == "column":
+            texts = [put(round(t / _TIME_UNITS[unit], 9)) for t in instants]
+            if unit in ("s", "seconds"):
+                texts = [put(float(f"{t:.9e}")) for t in instants]
+            true_s = _TIME_UNITS[unit] * np.array([seen(t) for t in texts])
+            columns.append(
+                (self.one("Time", "time", "TIME", "t", "X", "Elapsed Time"), unit, texts)
+            )
+        elif how in ("dates", "of day"):
+            of_day = 45_000.25 + step * np.arange(rows)
+            texts = []
+            order = self.one("{y}-{m}-{d}", "{d}.{m}.{y}", "{m}/{d}/{y}")
+            for t in of_day:
+                h, m = int(t // 3600), int(t // 60) % 60
+                clock = f"{h:02d}:{m:02d}:{t % 60:012.9f}"
+                date = order.format(y=2024, m="05", d="06") + self.one(" ")
+                texts.append(clock if how == "of day" else date + clock)
+            if separator == " " and how == "dates":
+                texts = [t.replace(" ", "T") for t in texts]
+            true_s = np.array([round(t, 9) for t in of_day])
+            columns.append((self.one("Time", "Timestamp", "Date Time".replace(" ", "")), "", texts))
+        elif how == "start column":
+            columns.append(("X", "Sequence", [str(i) for i in range(rows)]))
+
+        # Values, with gaps.
+        peak = float(self.one(0.4, 12.0, 88.0, 250.0))
+        shape = peak * np.exp(-(((np.arange(rows) - rows / 2) / (rows / 8)) ** 2))
+        force = shape + 0.01 * peak * g.normal(size=rows)
+        sensitive = self.some("volts", 0.25)
+        f_unit = "V" if sensitive else self.one(*_FORCE_UNITS)
+        factor = 0.01 if sensitive else 1.0 / _FORCE_UNITS[f_unit]
+        texts = [put(float(f"{v * factor:.7g}")) for v in force]
+        value = np.array([seen(t) for t in texts]) / (0.01 if sensitive else 1.0)
+        value = value * (1.0 if sensitive else _FORCE_UNITS[f_unit])
+        if self.some("gaps", 0.3):
+            for i in g.choice(rows, size=int(g.integers(1, 4)), replace=False):
+                gap = self.one(*(w for w in _GAPS if w or separator != " "))
+                texts[i] = gap.replace(".", ",") if comma else gap
+                value[i] = np.nan
+        name = self.one(
+            "Force", "contact_force", "CH1", "Channel A", "Kraft", "Excitation (Trigger)"
+        )
+        names_units = self.one("bracket", "bracket", "row", "row", "slash", "none")
+        if separator == " ":
+            name, names_units = self.one("force", "CH1"), self.one("underscore", "row", "none")
+        wrong = self.some("unknown unit", 0.06)
+        size = 1.0 if sensitive else _FORCE_UNITS[f_unit]
+        if wrong:
+            f_unit, self.must_refuse = self.one(*_UNKNOWN), True
+        if wrong and names_units == "underscore":  # any other word may be part of the name
+            f_unit = self.one("lb", "counts", "kg")
+        if name == "Excitation (Trigger)" and names_units != "row":
+            name = "Excitation"
+        if names_units == "none":
+            value = value / size  # without a unit, SI units count
+            self.must_refuse = False
+            if how == "column" and unit not in ("s", "seconds"):
+                self.given["time_unit"] = {"\u00b5s": "us"}.get(unit, unit)
+        if sensitive:
+            self.given["sensitivity"] = 0.01
+            if wrong and names_units != "none":
+                self.must_refuse = False
+        columns.append((name, f_unit, texts))
+        self.given["quantity"] = "contact_force"
+
+        # Other columns.
+        if self.some("second channel", 0.25):
+            other = [put(float(f"{v:.6g}")) for v in g.normal(size=rows)]
+            columns.append(("CH2" if name != "CH2" else "CH3", "V", other))
+            self.given["column"] = name
+        if separator != " " and self.some("column of text", 0.08):
+            columns.append(("Status", "", [self.one("OK", "OK", "valid") for _ in range(rows)]))
+            self.given.setdefault("column", name)
+        if self.some("sample numbers", 0.1) and how != "start column":
+            columns.insert(0, ("Index" if separator == " " else self.one("Index", "Sample", ""), "",
+                               [str(i) for i in range(rows)]))  # fmt: skip
+        headless = names_units == "none" and separator != " " and self.some("no heading", 0.4)
+        if headless:
+            place = next(i for i, c in enumerate(columns) if c[0] == name)
+            if len(columns) > 2 or "column" in self.given:
+                self.given["column"] = place + 1
+            if how == "start column" or columns[0][2][0] == "0" == columns[0][2][0]:
+                headless = columns[0][2][:2] != ["0", "1"]
+        if not headless and separator != " " and self.some("tables side by side", 0.08):
+            place = next(i for i, c in enumerate(columns) if c[0] == name)
+            self.given["column"] = place + 1
+            short = rows - int(g.integers(0, 6))
+            for head, beside in (("Time", 3e-7 * np.arange(rows)), (name, g.normal(size=rows))):
+                cells = [put(float(f"{v:.8g}")) for v in beside[:short]] + [""] * (rows - short)
+                columns.append((head, "s" if head == "Time" else "N", cells))
+        lines = [separator.join(c[2][i] for c in columns) for i in range(rows)]
+        if headless and separator in ",;\t" and rows > 40 and self.some("facts beside", 0.5):
+            facts = [f"Model{separator}TX 1", f"Vertical Scale{separator}0.2"]
+            facts += [separator] * (rows - 2)
+            lines = [fact + separator + line for fact, line in zip(facts, lines, strict=True)]
+            if "column" in self.given:
+                self.given["column"] += 2
+        if separator in ",;" and self.some("separators at the ends", 0.1):
+            lines = [line + separator for line in lines]
+        pad = " " if separator in ",;" and self.some("spaces beside separators", 0.15) else ""
+        if pad and not quoted:
+            lines = [line.replace(separator, separator + "  ") for line in lines]
+        above = self._above(columns, separator, names_units, headless, how, step, zero)
+        lines = self._spoilt(lines, separator, comma, columns, name)
+        if self.some("comments in the table", 0.05):
+            lines.insert(len(lines) // 2, "# a remark, 1 of 2")
+        if self.some("lines below", 0.12):
+            lines += self.one(["END"], ["", "End of data"], ["# done"], ["*** end ***", ""])
+        text = self._ended(above + lines)
+        raw = self._encoded(text)
+        return TextCase(raw, self.given, true_s, value, self.features, self.must_refuse)
+
+    def _above(
+        self, columns: list[tuple[str, str, list[str]]], separator: str, names_units: str,
+        headless: bool, how: str, step: float, zero: float,
+    ) -> list[str]:  # fmt: skip
+        """Lines above the table: facts, names, units."""
+        g, found = self.g, []
+        sep = separator if separator != " " else "\t"
+        if separator in ";,|" and self.some("sep line", 0.05):
+            found.append(f"sep={separator}")
+        kind = self.one("none", "none", "facts", "facts", "comments", "text", "long")
+        self.features.append(f"above: {kind}")
+        count = {"none": 0, "long": int(g.integers(40, 400))}.get(kind, int(g.integers(1, 25)))
+        body = []
+        for _ in range(count):
+            key, form = self.one(*_PREAMBLE)
+            words = form.format(i=int(g.integers(1, 5000)), f=f"{g.random():.4f}")
+            line = f"{key}: {words}" if kind in ("comments", "text") else f"{key}{sep}{words}"
+            body.append(("# " if kind == "comments" else "") + line)
+        fact = {
+            "interval": self.one(f"Sample Interval{sep}{step!r}", f"Delta_X{sep}{step!r}",
+                                 f"Sampling Interval{sep}{1e6 * step:.9g} us"),
+            "rate": self.one(f"Sample Rate{sep}{1 / step:.9g}",
+                             f"Sample Rate{sep}{1e-6 / step:.9g} MHz"),
+        }.get(how)  # fmt: skip
+        if fact:
+            body.insert(int(g.integers(len(body) + 1)), fact)
+        found += body
+        if count and self.some("empty line above", 0.3):
+            found.append("")
+        if headless:
+            return found
+        names, units = [], []
+        for name, unit, _ in columns:
+            stated = unit if names_units != "none" else ""
+            if unit == "Sequence":
+                stated = ""
+            names.append({
+                "bracket": f"{name} {self.one('[{}]', '({})').format(stated)}" if stated else name,
+                "slash": f"{name} / {stated}" if stated else name,
+                "underscore": f"{name}_{stated}" if stated else name,
+            }.get(names_units, name))  # fmt: skip
+            units.append(unit and self.one(unit, f"({unit})"))
+            if names_units == "none" and unit != "Sequence":
+                units[-1] = ""
+        if how == "start column":
+            names += ["Start", "Increment"]
+            units += [repr(zero), repr(step)]
+        row = [u or ("-" if separator == " " else "") for u in units]
+        if separator == " ":
+            names = [n.replace(" ", "_") or "Index" for n in names]
+        commented = kind != "comments" and names_units != "row" and self.some("# heading", 0.05)
+        found.append(("# " if commented else "") + separator.join(names))
+        if names_units == "row" or how == "start column":
+            found.append(separator.join(row))
+        if self.some("empty line below the heading", 0.08):
+            found.append("")
+        return found
+
+    def _spoilt(
+        self, lines: list[str], separator: str, comma: bool,
+        columns: list[tuple[str, str, list[str]]], name: str,
+    ) -> list[str]:  # fmt: skip
+        """The table with something that cannot be read in one way, in a part of the cases."""
+        if self.g.random() > 0.12 or "facts beside" in self.features:
+            return lines
+        kind = self.one("thousands", "unit in cell", "two signs", "two tables", "cut row", "words")
+        at = len(lines) // 2
+        place = next(i for i, c in enumerate(columns) if c[0] == name)
+        if separator == " " or '"' in lines[at]:
+            return lines
+        cells = lines[at].split(separator)
+        if kind == "thousands":
+            if separator == ",":
+                return lines
+            cells[place] = "1.234,5" if comma else "1,234.5"
+        elif kind == "unit in cell":
+            cells[place] = "3 N"
+        elif kind == "two signs":
+            cells[place] = "0.5" if comma else "0,5"
+            if separator == "," or not any(("," if comma else ".") in c for c in columns[place][2]):
+                return lines
+        elif kind == "two tables":
+            self.features.append("spoilt: two tables")
+            self.must_refuse = True
+            return [*lines, "Time" + separator + "Force", *lines]
+        elif kind == "cut row":
+            cells += ["0.25", "7"]
+        else:
+            cells[place] = "12abc"
+        self.features.append(f"spoilt: {kind}")
+        self.must_refuse = True
+        return [*lines[:at], separator.join(cells), *lines[at + 1 :]]
+
+    def _ended(self, lines: list[str]) -> str:
+        end = self.one("\n", "\n", "\r\n", "\r\n", "\r", "\r\r\n")
+        self.features.append(f"line ends: {end!r}")
+        return end.join(lines) + (end if self.some("last line ended", 0.7) else "")
+
+    def _encoded(self, text: str) -> bytes:
+        kind = self.one("utf-8", "utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252")
+        if kind == "cp1252" and "\u2212" in text:
+            kind = "utf-8"
+        self.features.append(kind)
+        return text.encode(kind)
+
+
+def draw(seed: int) -> TextCase:
+    """Draw a table by its number."""
+    return _Draw(seed).case()
+
+
+def judged(case: TextCase, seed: int, folder: Path) -> Reading:
+    """Read a table and compare it with its numbers."""
+    path = folder / "drawn.csv"
+    path.write_bytes(case.raw)
+    features = ", ".join(case.features)
+    try:
+        record = read_record(path, case.given)
+    except RecordError as error:
+        words = str(error)
+        good = len(words) > 20 and words.endswith(".")
+        return Reading(seed, "refused" if good else "wrong", case.must_refuse, features, words)
+    except Exception as error:  # anything else is a defect
+        return Reading(
+            seed, "wrong", case.must_refuse, features, f"{type(error).__name__}: {error}"
+        )
+    if case.must_refuse:
+        return Reading(seed, "wrong", True, features, f"accepted: {record.source}")
+    known, true = np.isfinite(record.value), np.isfinite(case.value)
+    same = np.count_nonzero(known) == np.count_nonzero(true) and (
+        np.allclose(record.value[known], case.value[true], rtol=1e-12, atol=0.0)
+        and np.allclose(np.diff(record.time_s[known]), np.diff(case.time_s[true]), rtol=1e-4,
+                        atol=3e-12)
+    )  # fmt: skip
+    return Reading(seed, "right" if same else "wrong", False, features, record.source)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Processor time and memory of reading a large table."""
+
+    table: str
+    megabytes: float
+    seconds_per_million: float
+    memory_over_file: float
+
+
+def _written(number: int, row: Callable[[float, float], str], heading: str) -> str:
+    values = np.round(88.0 * np.random.default_rng(1).random(number), 5)
+    return heading + "".join(
+        row(t, float(v)) for t, v in zip(5e-7 * np.arange(number), values, strict=True)
+    )
+
+
+# Large tables: heading, and the row of a time and a value.
+_LARGE: dict[str, tuple[str, Callable[[float, float], str]]] = {
+    "commas": ("time_s,contact_force_n\n", lambda t, v: f"{t:.9g},{v:.6g}\n"),
+    "decimal commas": (
+        "Time [s];Force [N]\n", lambda t, v: f"{t:.9g};{v:.6g}\n".replace(".", ",")
+    ),
+    "quotes": ("time_s,contact_force_n\n", lambda t, v: f'"{t:.9g}","{v:.6g}"\n'),
+    "spaces": ("time_s contact_force_n\n", lambda t, v: f"  {t:.9e}   {v:.6e}\n"),
+    "gaps": ("time_s,contact_force_n\n", lambda t, v: f"{t:.9g},{v if v > 9 else ''}\n"),
+    "dates": (
+        "Time,Force (N)\n", lambda t, v: f"2024-05-06 12:00:{t % 60:010.7f},{v:.6g}\n"
+    ),
+    "whole numbers": ("contact_force_n\n", lambda t, v: f"{v:.0f}\n"),
+}  # fmt: skip
+
+
+def cost_of(name: str, number: int, folder: Path) -> Cost:
+    """Read a large table twice: for its processor time, and for its memory."""
+    heading, row = _LARGE[name]
+    path = folder / "large.csv"
+    path.write_text(_written(number, row, heading), encoding="utf-8")
+    size = path.stat().st_size
+    given = {"rate_hz": 2e6} if name == "whole numbers" else {}
+    begun = time.process_time()
+    read_record(path, given)
+    taken = time.process_time() - begun
+    tracemalloc.start()
+    read_record(path, given)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return Cost(name, 1e-6 * size, 1e6 * taken / number, most / size)
+
+
+def main(
+    folder: OutDirOption = None, quick: QuickOption = False, json_file: JsonOption = None,
+    tables: TablesOption = 10_000, first: FirstOption = 0,
+) -> None:  # fmt: skip
+    """Read tables that are drawn at random, and compare them with their numbers.
+
+    Each is right, refused in a sentence, or wrong. Then large tables are read for their processor
+    time and memory.
+
+    Example: python -m benchmarks.text_tables --quick
+    """
+    check_json(json_file)
+    with results_in(folder, "text_tables") as made, tempfile.TemporaryDirectory() as place:
+        number = 200 if quick else tables
+        found = [judged(draw(seed), seed, Path(place))
+                 for seed in tracked("tables", range(first, first + number))]  # fmt: skip
+        costs = [cost_of(name, 20_000 if quick else 1_000_000, Path(place))
+                 for name in tracked("large tables", _LARGE)]  # fmt: skip
+        write_records(made / "text_tables.csv", found)
+        write_records(made / "costs.csv", costs)
+        counts = Counter((one.must_refuse, one.result) for one in found)
+        kinds = [
+            (f"{said}: {result}", float(counts[refuse, result]))
+            for refuse, said in ((False, "readable"), (True, "not readable in one way"))
+            for result in ("right", "refused", "wrong")
+            if (refuse, result) != (True, "right")
+        ]
+        bars(made / "text_tables.png", "Text tables drawn at random", "tables", kinds)
+    out.print(number_table("tables", ("table", "number"),
+                           [(name, f"{n:.0f}") for name, n in kinds], text=1))  # fmt: skip
+    out.print(number_table(
+        "large tables", ("rows", "MB", "s per million", "memory over file"),
+        [(c.table, f"{c.megabytes:.1f}", f"{c.seconds_per_million:.2f}",
+          f"{c.memory_over_file:.1f}") for c in costs], text=1,
+    ))  # fmt: skip
+    for one in [one for one in found if one.result == "wrong"][:10]:
+        out.print(f"wrong: table {one.seed} ({one.features}): {one.words}", soft_wrap=True)
+    written(made, "text_tables.csv", "costs.csv", "text_tables.png")
+    wrong = sum(one.result == "wrong" for one in found)
+    readable = [one for one in found if not one.must_refuse]
+    right = sum(one.result == "right" for one in readable)
+    conclude(
+        f"Of {len(found):,} text tables {wrong} are read wrongly; "
+        f"{100 * right / len(readable):.1f} % of those that can be read in one way are right."
+    )
+    write_json(json_file, {"wrong": wrong, "right": right, "readable": len(readable)})
+
+
+if __name__ == "__main__":
+    start("benchmarks.text_tables")

@@ -1,0 +1,466 @@
+"""Formats of measured records: what each file holds, as series with names, units and times.
+
+A reader chooses nothing and converts no unit of a value: `records.py` does. Numbers in text are
+read by `hertzloop.text_tables`, all other formats by their libraries.
+"""
+
+import re
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hertzloop.text_tables import (
+    SAMPLE_NUMBERS,
+    TableError,
+    TextColumn,
+    decoded,
+    is_time,
+    read_table,
+    spacing_s,
+    stated_unit,
+)
+from hertzloop.units import StatedUnit, name_and_unit, plain_name, unit_of
+
+
+class RecordError(ValueError):
+    """A record cannot be used. The message names the field, its value and the remedy."""
+
+    exit_status = 2
+
+
+class Quantity(NamedTuple):
+    """A quantity that can be measured: SI unit, meaning, and the `sensors.quantity` of a scene that
+    samples it, "" if none does."""
+
+    unit: str
+    meaning: str
+    sensed: str
+
+
+QUANTITIES = {
+    "contact_force": Quantity("N", "contact force, up on the sphere", "contact_force"),
+    "v_p": Quantity("m/s", "plate velocity, up positive", "v_p"),
+    "acceleration": Quantity("m/s^2", "plate acceleration, up positive", "acceleration"),
+    "actuator_force": Quantity("N", "force of the actuator, up on the plate", ""),
+    "xi_p": Quantity("m", "plate displacement, up positive", ""),
+    "xi": Quantity("m", "gap between sphere and plate", "xi"),
+    "xi_s": Quantity("m", "sphere's lowest point", ""),
+}
+NAMES = {q: q for q in QUANTITIES} | {
+    "force": "contact_force", "f_c": "contact_force", "velocity": "v_p", "plate_velocity": "v_p",
+    "accel": "acceleration", "plate_acceleration": "acceleration", "displacement": "xi_p",
+    "plate_displacement": "xi_p", "gap": "xi", "sphere_position": "xi_s", "f_a": "actuator_force",
+}  # fmt: skip
+
+
+class Series(NamedTuple):
+    """One series of a file: its name, the unit stated in the name or beside it, its values, its
+    number among the columns or channels of the file from 1 on, its group, its own times (s), and
+    whether it holds the times of others."""
+
+    name: str
+    unit: str
+    values: np.ndarray
+    number: int
+    group: str = ""
+    time_s: np.ndarray | None = None
+    is_time: bool = False
+
+
+@dataclass
+class Contents:
+    """What a file holds: its series, its `[record]` table, the time between samples where it states
+    one (s, of the first sample, and by which name), and what is not used of it."""
+
+    series: list[Series]
+    table: dict[str, Any] = field(default_factory=dict)
+    spacing: tuple[float, float, str] | None = None
+    notes: list[str] = field(default_factory=list)
+    above: int = 0
+    kind: str = "column"
+
+
+class Format(NamedTuple):
+    """A format: its name, the endings of its files, the extra that reads it, its reader."""
+
+    name: str
+    endings: tuple[str, ...]
+    extra: str
+    read: Callable[[Path], Contents]
+
+
+def _text(path: Path) -> Contents:
+    table = read_table(path, NAMES)
+    found = Contents([], inner_table(table.comments), None, list(table.notes), table.above)
+    try:
+        found.spacing = spacing_s(table)
+    except TableError as error:  # which only matters without times
+        found.notes.append(f"{error}.")
+    rising = _rising(table.columns)
+    block, value, after = 0, 0, True
+    for column in table.columns:
+        name = plain_name(name_and_unit(column.heading, ())[0])
+        counter = name[:1] == "x" or (name in SAMPLE_NUMBERS and (name or rising is None))
+        if not unit_of(column.unit) and (
+            plain_name(column.unit) in SAMPLE_NUMBERS - {""} or (counter and _counts(column))
+        ):
+            found.notes.append(f"column {column.number} numbers the samples and is not used.")
+            continue
+        time = column.dates or is_time(column.heading, column.unit) or column is rising
+        if time and not after:
+            block += 1
+        after = time
+        unit = column.unit or stated_unit(table, time, 0 if time else value)
+        value += not time
+        found.series.append(Series(
+            column.heading, "s" if column.dates else unit, column.values, column.number,
+            str(block + 1), is_time=time,
+        ))  # fmt: skip
+    return found
+
+
+def _counts(column: TextColumn) -> bool:
+    """Whether a column counts its rows."""
+    return len(column.values) > 1 and bool(np.all(np.diff(column.values) == 1.0))
+
+
+def _rising(columns: list[TextColumn]) -> TextColumn | None:
+    """The first column of a table without names, if it rises as times do. Raises TableError."""
+    if len(columns) < 2 or any(column.heading for column in columns):
+        return None
+    rising = [c for c in columns if np.all(np.diff(c.values[np.isfinite(c.values)]) > 0.0)]
+    if rising[:1] == columns[:1] and _counts(columns[0]) and not columns[0].unit:
+        return None
+    return columns[0] if rising and rising[0] is columns[0] else None
+
+
+def _lvm(path: Path) -> Contents:
+    import lvm_read
+
+    # The function that reads a path would load a pickle beside the file.
+    data = lvm_read.read_str(decoded(path.read_bytes()))
+    found = Contents([], kind="channel")
+    for part in range(data["Segments"]):
+        segment = data[part]
+        table, names = segment["data"], segment["Channel names"]
+        with_times = data.get("X_Columns", "One") != "No"
+        place = 0
+        for j, name in enumerate(names[: table.shape[1]]):
+            values = table[:, j]
+            if name in ("X_Value", "Comment") or (with_times and name.startswith("X_Value")):
+                continue
+            unit = (segment.get("Y_Unit_Label") or [""])[place:][:1]
+            step = (segment.get("Delta_X") or [np.nan])[place:][:1] or [np.nan]
+            start = (segment.get("X0") or [0.0])[place:][:1] or [0.0]
+            time_s = table[:, j - 1 if data.get("X_Columns") == "Multi" else 0] * 1.0
+            if not with_times:
+                time_s = start[0] + step[0] * np.arange(len(values))
+            number = len(found.series) + 1
+            found.series.append(Series(
+                name, (unit or [""])[0], values, number, str(part + 1),
+                time_s if np.any(np.isfinite(time_s)) else None,
+            ))  # fmt: skip
+            place += 1
+    return found
+
+
+def _parquet(path: Path) -> Contents:
+    import pyarrow
+    import pyarrow.parquet
+
+    table = pyarrow.parquet.read_table(path)
+    found = Contents([], inner_table((table.schema.metadata or {}).get(b"record", b"")))
+    for number, name in enumerate(table.column_names, 1):
+        values, part = table[name], table.schema.field(name)
+        if pyarrow.types.is_time(part.type):  # of day
+            whole = values.cast(f"int{part.type.bit_width}")
+            values = np.asarray(whole).astype(f"m8[{part.type.unit}]")
+        about = part.metadata or {}
+        unit = (about.get(b"unit") or about.get(b"units") or b"").decode()
+        found.series += _series(name, values, unit, number, found.notes)
+    return found
+
+
+def _arrays(named: Mapping[str, tuple[Any, Mapping[str, Any]]], notes: list[str]) -> Contents:
+    """Contents of named arrays with attributes; the part of a name before "/" is its group."""
+    found = Contents([], notes=notes)
+    for name, (values, about) in named.items():
+        group, _, own = name.rpartition("/")
+        if np.size(values) == 1:
+            found.spacing = found.spacing or _spacing({own: values})
+            continue
+        unit = about.get("units", about.get("unit", ""))
+        unit = unit.decode() if isinstance(unit, bytes) else str(unit)
+        made = _series(own, values, unit, len(found.series) + 1, notes)
+        spacing = _spacing(about)
+        found.series += [
+            one._replace(group=group, time_s=None if spacing is None else
+                         spacing[0] * np.arange(len(one.values)))
+            for one in made
+        ]  # fmt: skip
+    pushed = [s for s in found.series if plain_name(s.name) in ("f_a_n", "command_n")]
+    if any(s.group == "truth" for s in pushed):  # an export of hertzloop
+        found.table["control"] = any(bool(np.any(s.values)) for s in pushed)
+    return found
+
+
+def _spacing(about: Mapping[str, Any]) -> tuple[float, float, str] | None:
+    """Time between samples, s, by attributes such as dt, fs or wf_increment."""
+    for name, value in about.items():
+        plain = plain_name(name.removeprefix("wf_"))
+        with suppress(TypeError, ValueError):
+            number = float(np.ravel(value)[0])
+            if number > 0.0 and plain in ("dt", "increment", "delta_t", "sample_interval"):
+                return number, 0.0, name
+            if number > 0.0 and plain in ("fs", "rate", "sample_rate", "sampling_rate", "rate_hz"):
+                return 1.0 / number, 0.0, name
+    return None
+
+
+def _series(name: str, values: Any, unit: str, number: int, notes: list[str]) -> list[Series]:
+    """The series of an array: a vector in any direction, or the columns of a table."""
+    found = np.asarray(values)
+    if found.dtype.kind == "O":  # dates or durations of another library
+        with suppress(ValueError, TypeError, OverflowError):
+            kind = "M8[ns]" if hasattr(found.flat[0], "year") else "m8[ns]"
+            found = found.astype(kind)
+    dates = found.dtype.kind in "mM"
+    if dates:
+        known = ~np.isnat(found)
+        if found.dtype.kind == "M" and np.any(known):
+            found = found - found[known][0]
+        found = np.where(known, 1e-9 * found.astype("m8[ns]").astype(np.int64), np.nan)
+    if found.dtype.kind not in "biuf" or found.ndim > 2 or 0 in found.shape:
+        notes.append(f"{name}: holds no series of real numbers and is not used.")
+        return []
+    table = np.atleast_2d(np.asarray(found, float).squeeze())
+    if table.shape[0] > table.shape[1]:
+        table = table.T
+    if len(table) > 64:
+        notes.append(f"{name}: has the shape {found.shape} and is not used.")
+        return []
+    several = len(table) > 1
+    return [
+        Series(
+            f"{name} {i + 1}" if several else name,
+            "s" if dates else unit,
+            row,
+            number + i,
+            is_time=dates or (not several and is_time(name, unit)),
+        )
+        for i, row in enumerate(table)
+    ]
+
+
+def _npz(path: Path) -> Contents:
+    with np.load(path, allow_pickle=False) as data:
+        named: dict[str, tuple[Any, dict]] = {name: (data[name], {}) for name in data.files}
+    inside = named.pop("record", ("", {}))[0]
+    named.pop("metadata", None)
+    found = _arrays(named, [])
+    found.table |= inner_table(str(inside))
+    return found
+
+
+def _npy(path: Path) -> Contents:
+    return _arrays({path.stem: (np.load(path, allow_pickle=False), {})}, [])
+
+
+def _mat(path: Path) -> Contents:
+    import scipy.io
+
+    try:
+        data = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
+    except NotImplementedError:  # version 7.3 is HDF5
+        return _hdf5(path)
+
+    def flat(named: Mapping[str, Any], group: str) -> Iterator[tuple[str, tuple[Any, dict]]]:
+        for name, value in named.items():
+            if hasattr(value, "_fieldnames"):
+                yield from flat(
+                    {f: getattr(value, f) for f in value._fieldnames}, f"{group}{name}/"
+                )
+            elif not name.startswith("__"):
+                yield group + name, (value, {})
+
+    return _arrays(dict(flat(data, "")), [])
+
+
+def _hdf5(path: Path) -> Contents:
+    import h5py
+
+    named: dict[str, tuple[Any, dict]] = {}
+    with h5py.File(path) as file:
+
+        def keep(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset):
+                about = {
+                    k: v.decode() if isinstance(v, bytes) else v for k, v in item.attrs.items()
+                }
+                named[name] = item[()], about
+
+        file.visititems(keep)
+        inside = file.attrs.get("record", "")
+        spacing = _spacing(dict(file.attrs))
+    found = _arrays(named, [])
+    found.table |= inner_table(inside)
+    found.spacing = found.spacing or spacing
+    return found
+
+
+def _wav(path: Path) -> Contents:
+    import scipy.io.wavfile
+
+    rate, data = scipy.io.wavfile.read(path)
+    table = np.atleast_2d(data.T)
+    whole = np.issubdtype(data.dtype, np.integer)
+    # Eight bits have no sign, and rest at 128.
+    zero = 128.0 if data.dtype == np.uint8 else 0.0
+    scale = 2.0 ** (8 * data.dtype.itemsize - 1) if whole else 1.0
+    return Contents([
+        Series("value", "full scale" if whole else "", (row - zero) / scale, i + 1)
+        for i, row in enumerate(table)
+    ], spacing=(1.0 / rate, 0.0, "rate"), kind="channel")  # fmt: skip
+
+
+def _mcap(path: Path) -> Contents:
+    from hertzloop.recordings.reader import read
+    from hertzloop.setup import parse
+
+    found = read(path)
+    setup = parse(found.scene_toml, recorded=True)
+    values = np.asarray(found.daq_values, float)
+    pushed = bool(np.any(found.force.arrays.get("force_n", 0.0)))
+    inside: dict[str, Any] = {"quantity": setup.quantity, "control": setup.has_law and pushed}
+    names = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
+    of_sensor = {key: getattr(setup.sensor, key) for key in names}
+    if any(of_sensor[key] for key in names if key.endswith("_hz")):
+        inside |= {key: value for key, value in of_sensor.items() if value is not None}
+    spacing = setup.every_steps * setup.step_s, 0.0, "run.step_ns"
+    return Contents([Series("value", "", values, 1)], inside, spacing)
+
+
+def _tdms(path: Path) -> Contents:
+    from nptdms import TdmsFile
+
+    found = Contents([], kind="channel")
+    for group in TdmsFile.read(path).groups():
+        for channel in group.channels():
+            unit = channel.properties.get("unit_string", channel.properties.get("Unit", ""))
+            made = _series(channel.name, channel[:], str(unit), len(found.series) + 1, found.notes)
+            if "wf_increment" in channel.properties:  # channels may start at different times
+                time_s = np.asarray(channel.time_track(), float)
+                made = [one._replace(time_s=time_s) for one in made]
+            found.series += [one._replace(group=group.name) for one in made]
+    return found
+
+
+# Function types of data set 58 that are no record over time.
+_OTHER_FUNCTIONS = {
+    2: "an auto spectrum", 3: "a cross spectrum", 4: "a frequency response function",
+    5: "a transmissibility", 6: "a coherence", 7: "an auto correlation", 8: "a cross correlation",
+    9: "a power spectral density", 10: "an energy spectral density",
+    11: "a probability density", 12: "a spectrum",
+}  # fmt: skip
+
+
+def _uff(path: Path) -> Contents:
+    import pyuff
+
+    found = Contents([], kind="data set")
+    sets = pyuff.UFF(str(path)).read_sets()
+    for number, data in enumerate(sets if isinstance(sets, list) else [sets], 1):
+        if data.get("type") != 58:
+            continue
+        name = str(data.get("id1") or "").strip().replace("NONE", "") or f"data set {number}"
+        kind = _OTHER_FUNCTIONS.get(int(data.get("func_type", 0)), "")
+        if not kind and data.get("abscissa_spec_data_type") == 18:
+            kind = "a function of frequency"
+        if not kind and np.iscomplexobj(data["data"]) and np.any(np.imag(data["data"])):
+            kind = "a series of complex numbers"
+        if kind:
+            found.notes.append(f"data set {number} '{name}' is {kind}, not a time record.")
+            continue
+        units = [str(data.get(f"{axis}_axis_units_lab", "")).strip().replace("NONE", "")
+                 for axis in ("ordinate", "abscissa")]  # fmt: skip
+        size = unit_of(units[1]) if units[1] else StatedUnit("s", 1.0, "s")
+        if size is None or size.si != "s":
+            found.notes.append(f"data set {number} '{name}' is over '{units[1]}', not over time.")
+            continue
+        found.series.append(Series(
+            name, units[0], np.real(np.asarray(data["data"])).astype(float), number,
+            time_s=size.size * np.asarray(data["x"], float),
+        ))  # fmt: skip
+    return found
+
+
+def _mdf(path: Path) -> Contents:
+    from asammdf import MDF
+
+    found = Contents([], kind="channel")
+    with MDF(path) as file:
+        for signal in file.iter_channels():
+            made = _series(signal.name, signal.samples, str(signal.unit or ""),
+                           len(found.series) + 1, found.notes)  # fmt: skip
+            time_s = np.asarray(signal.timestamps, float)
+            group = str(signal.group_index + 1)
+            found.series += [one._replace(time_s=time_s, group=group) for one in made]
+    return found
+
+
+def _scope(path: Path) -> Contents:
+    from RigolWFM.wfm import Wfm
+
+    found = Contents([], kind="channel")
+    for channel in Wfm.from_file(str(path)).channels:
+        if channel.volts is None or not len(channel.volts):
+            continue
+        unit = {"w": "W", "a": "A", "v": "V"}.get(getattr(channel.unit, "name", ""), "?")
+        values, time_s = (np.asarray(x, float) for x in (channel.volts, channel.times))
+        found.series.append(
+            Series(channel.name, unit, values, channel.channel_number, time_s=time_s)
+        )
+    return found
+
+
+def inner_table(text: str | bytes) -> dict[str, Any]:
+    """The `[record]` table of comment lines; other comments mean nothing. Raises RecordError."""
+    said = text.decode("utf-8") if isinstance(text, bytes) else str(text)
+    if "[record]" not in said:
+        return {}
+    try:
+        found: dict[str, Any] = tomllib.loads(said[said.index("[record]") :]).get("record", {})
+    except tomllib.TOMLDecodeError as error:
+        raise RecordError(
+            f"the record table in the comments is not valid TOML: {error}."
+        ) from error
+    return found
+
+
+FORMATS = (
+    Format("text table", (".csv", ".txt", ".tsv", ".dat", ".asc", ".prn"), "", _text),
+    Format("Parquet", (".parquet",), "", _parquet),
+    Format("NumPy", (".npz",), "", _npz),
+    Format("NumPy array", (".npy",), "", _npy),
+    Format("MATLAB", (".mat",), "", _mat),
+    Format("WAV", (".wav",), "", _wav),
+    Format("recording of hertzloop", (".mcap",), "", _mcap),
+    Format("HDF5", (".h5", ".hdf5"), "h5", _hdf5),
+    Format("TDMS", (".tdms",), "records", _tdms),
+    Format("UFF 58", (".uff", ".unv"), "records", _uff),
+    Format("LabVIEW LVM", (".lvm",), "records", _lvm),
+    Format("MDF", (".mf4", ".mdf"), "mdf", _mdf),
+    Format("oscilloscope", (".wfm", ".bin", ".isf", ".trc"), "scopes", _scope),
+)
+ENDINGS = {ending: one for one in FORMATS for ending in one.endings}
+
+
+def quantity_of(name: str) -> str | None:
+    """The quantity that a name means, such as `v_p_mm_s` or "Force [N]"; None if it means none."""
+    stem = plain_name(name_and_unit(name, NAMES)[0])
+    return NAMES.get(stem) or NAMES.get(re.sub(r"_?\d+$", "", stem))

@@ -1,0 +1,777 @@
+"""Tables of numbers in text files: finds the table below any preamble, and says what it read.
+
+Instruments and programs write lines of facts before the table, beside it and below it. The rows of
+numbers decide where the table is: the last lines that look alike, and what fits them above.
+"""
+
+import codecs
+import csv
+import datetime
+import functools
+import math
+import re
+from collections.abc import Collection
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from hertzloop.units import UNITS_AT_ENDS, StatedUnit, name_and_unit, plain_name, unit_of
+
+
+class TableError(ValueError):
+    """A text file is no table, or could be read in two ways. The message says what to do."""
+
+    exit_status = 2
+
+
+class TextColumn(NamedTuple):
+    """A column: its heading, the unit in it or below it, its number in the file from 1 on, and its
+    values, shape (rows,), nan where there is none; dates are in s."""
+
+    heading: str
+    unit: str
+    number: int
+    values: np.ndarray
+    dates: bool
+
+
+@dataclass
+class TextTable:
+    """A table: columns, facts beside it by plain name, texts of comment lines, what was not used,
+    and how many lines are above it."""
+
+    columns: list[TextColumn]
+    facts: dict[str, list[str]] = field(default_factory=dict)
+    comments: str = ""
+    notes: list[str] = field(default_factory=list)
+    above: int = 0
+
+
+_CHUNK = 1 << 17  # characters that are read at once
+_ROWS_ABOVE = 4  # lines of names, units and remarks
+_COMMENT = ("#", "%", "//")
+_NUMBER = re.compile(r"[+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][+-]?\d+)?")
+_OVERFLOW = re.compile(r"[+-]?1[.,]#\w+")  # as Microsoft's library writes infinity and nan
+_GAPS = frozenset({
+    "", "nan", "inf", "infinity", "n/a", "#n/a", "na", "null", "none", "-", "--", "---", "*", "**",
+    "***", "****", "?", "ovl", "ovld", "ol", "over", "overflow", "overload", "overrange", "invalid",
+    "nil", "missing", "#num!", "#value!", "#div/0!", "\u221e", "no data", "clipped", "<na>", "nat",
+})  # fmt: skip
+_DATE = re.compile(
+    r"(?:(\d{1,4})([-/.])(\d{1,2})\2(\d{1,4})(?:[T ,]+|$))?"
+    r"(?:(\d{1,2}):(\d\d)(?::(\d\d(?:[.,]\d+)*))?|(\d{1,2}):(\d\d[.,]\d+))?"
+    r"\s*([AaPp][Mm])?\s*(Z|[+-]\d\d:?\d\d)?"
+)
+SAMPLE_NUMBERS = frozenset({
+    "", "sample", "samples", "sequence", "index", "n", "no", "nr", "number", "point", "points",
+    "row", "i", "idx", "step", "sample_number", "sample_no", "unnamed_0",
+})  # fmt: skip
+TIMES = frozenset({
+    "time", "t", "timestamp", "datetime", "date", "x", "x_axis", "xaxis", "x_value", "x_values",
+    "elapsed", "elapsed_time", "relative_time", "absolute_time", "time_axis", "time_stamp",
+    "date_time", "time_of_day",
+})  # fmt: skip
+_SAFE = str.maketrans({"\u2212": "-", "\u00a0": " ", "\u202f": " "})
+
+
+def is_time(heading: str, unit: str = "") -> bool:
+    """Whether a column holds times, by its heading and the unit beside it."""
+    name, own = name_and_unit(heading, TIMES)
+    stated = unit_of(own or unit)
+    if stated is not None:
+        return stated.si == "s" and plain_name(heading) != "xi_s"
+    if unit and plain_name(unit) in SAMPLE_NUMBERS:
+        return False
+    plain = plain_name(name)
+    return plain in TIMES or re.sub(r"_?\d+$", "", plain) in TIMES - {"x", "t"}
+
+
+def read_table(path: Path, names: Collection[str] = ()) -> TextTable:
+    """Read the table of a text file.
+
+    Args:
+        path: the file, in UTF-8, UTF-16 or an encoding of Windows.
+        names: plain names that headings may have; they tell a heading from other lines.
+
+    Raises:
+        TableError: there is no table, or there are several.
+        OSError: the file cannot be read.
+    """
+    text = decoded(path.read_bytes())
+    if "\r" in text:
+        text = text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
+    lines: list[str] = []
+    layout = None
+    for most in (300, 3000, 30_000):  # a long preamble needs more lines
+        lines = [line.translate(_SAFE) for line in text.split("\n", most)[:most]]
+        layout = _found(lines)
+        if len(lines) < most or (layout is not None and _goes_on(layout, lines, text[-2000:])):
+            break
+    if layout is None:
+        return TextTable([], comments=_comments(lines), above=sum(1 for x in lines if x.strip()))
+    _one_table(lines, layout)
+    table = TextTable([], above=sum(1 for line in lines[: layout.start] if line.strip()))
+    table.comments = _comments(lines[: layout.start])
+    headings, units = _headings(lines, layout, names, table)
+    _facts(lines, layout, table)
+    rows = _Rows(text, lines, layout, table.notes)
+    values = rows.read()
+    for place, found in zip(layout.places, values, strict=True):
+        heading = headings[place] if place < len(headings) else ""
+        unit = units[place] if place < len(units) else ""
+        table.columns.append(TextColumn(heading, unit, place + 1, found, place in layout.dates))
+    if not any(c.dates or is_time(c.heading, c.unit) for c in table.columns) and rows.interrupted:
+        raise TableError("empty lines stand between rows without times. Fill or remove them")
+    return table
+
+
+def decoded(raw: bytes) -> str:
+    """The text of a file. Two-byte signs without a mark show in the places of their zeros."""
+    start = raw[:4096]
+    if start[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        kind = "utf-16"
+    elif start.count(0) > len(start) // 4:
+        kind = "utf-16-le" if start[1::2].count(0) > start[::2].count(0) else "utf-16-be"
+    else:
+        kind = "utf-8-sig"
+    if kind != "utf-8-sig" and len(raw) % 2:
+        raw = raw[:-1]  # cut off within a sign
+    try:
+        text = raw.decode(kind)
+    except UnicodeDecodeError:
+        text = raw.decode("cp1252", "replace")
+    if "\0" in text:
+        raise TableError("holds binary data. Give a text file, or rename it by its format")
+    return text
+
+
+class _TableLayout(NamedTuple):
+    """Where the table is: first line, separator (None for spaces), places of its columns, those
+    with dates, cells of a row, places of columns of text, and the last
+    line that was looked at."""
+
+    start: int
+    separator: str | None
+    places: tuple[int, ...]
+    dates: frozenset[int]
+    cells: int
+    texts: tuple[int, ...]
+    last: int
+
+
+def _goes_on(layout: _TableLayout, lines: list[str], end: str) -> bool:
+    """Whether a table reaches from the first half of the lines to the end of the text."""
+    tail = [_kinds(line, layout.separator) for line in end.split("\n")[1:] if line.strip()][-8:]
+    return 2 * layout.start < len(lines) < layout.last + 20 and any(
+        all(kinds[j : j + 1] in ("n", "d") for j in layout.places) for kinds in tail
+    )
+
+
+def _is_comment(line: str) -> bool:
+    words = line.lstrip().lower()
+    return words.startswith(_COMMENT) and not words.startswith(
+        ("#n/a", "#num!", "#value!", "#div/")
+    )
+
+
+def _split(line: str, separator: str | None) -> list[str]:
+    """Cells of a line, without quotes and spaces around them."""
+    if '"' in line:
+        found = next(csv.reader([line], delimiter=separator or " ", skipinitialspace=True), [])
+        return [cell.strip() for cell in found]
+    if separator is None:
+        return line.split()
+    return [cell.strip() for cell in line.split(separator)]
+
+
+@functools.lru_cache(maxsize=1 << 14)
+def _kind(cell: str, decimal_comma: bool) -> str:
+    """What a cell is: "n" number, "d" date, "g" gap, "t" text."""
+    if _NUMBER.fullmatch(cell):
+        return "n" if decimal_comma or "," not in cell else "t"
+    if cell.lower().lstrip("+-") in _GAPS or cell.lower() in _GAPS or _OVERFLOW.fullmatch(cell):
+        return "g"
+    return "d" if any(c in cell for c in ":-/.") and _moment(cell) is not None else "t"
+
+
+def _kinds(line: str, separator: str | None) -> str:
+    """The kinds of a line's cells; "" of an empty line, and of one with empty cells only."""
+    cells = _split(line, separator)
+    if not any(cells):
+        return ""
+    return "".join(_kind(cell, separator != "," or '"' in line) for cell in cells)
+
+
+def _alike(kinds: list[str], i: int, least: int) -> bool:
+    """Whether a line and those before it are rows of one table."""
+    before = [k for k in kinds[max(0, i - 12) : i + 1] if k][-least:]
+    texts = {tuple(j for j, c in enumerate(k) if c == "t") for k in before}
+    numbers = [{j for j, c in enumerate(k) if c in "nd"} for k in before]
+    return len(texts) == 1 and bool(set.intersection(*numbers))
+
+
+def _found(lines: list[str]) -> _TableLayout | None:
+    """The layout of the table, by the separator that makes the longest and cleanest one."""
+    given = next((line for line in lines if line.strip()), "").strip().strip('"')
+    forced = re.fullmatch(r"sep=(.)", given, re.IGNORECASE)
+    tried = [forced[1]] if forced else ["\t", ";", "|", ",", None]
+    best: tuple[tuple[bool, bool, int], _TableLayout] | None = None
+    found = []
+    for separator in tried:
+        one = _run(lines, separator, forced is not None)
+        if one is not None:
+            found.append(one)
+    if not found:
+        return None
+    # A table ends the file, but for a few lines below it.
+    latest = max(layout.last for _, _, layout in found)
+    found = [one for one in found if one[2].last > latest - 4]
+    most = max(rows for rows, _, _ in found)
+    for at, (rows, clean, layout) in enumerate(found):
+        rank = (rows >= 0.9 * most, clean, -at)
+        if best is None or rank > best[0]:
+            best = rank, layout
+    assert best is not None
+    layout = best[1]
+    if layout.separator == "," and not forced:
+        single = _run(lines, None, False)
+        if single is not None and _one_column(lines, layout):
+            layout = single[2]
+    return layout
+
+
+def _one_column(lines: list[str], layout: _TableLayout) -> bool:
+    """Whether commas that seem to separate whole numbers are decimal. Raises TableError if nothing
+    tells one from the other."""
+    rows = [line.strip() for line in lines[layout.start :] if line.strip()]
+    if layout.cells > 2 or any("." in _OVERFLOW.sub("", x) or _kind(x, True) == "t" for x in rows):
+        return False
+    above = [x for x in lines[: layout.start] if x.strip() and not _is_comment(x)]
+    above = [x for x in above if _kind(x.strip(), True) == "t"]
+    if not above:
+        raise TableError(
+            f"line {layout.start + 1} '{_short(rows[0])}' may hold two whole numbers or one with a "
+            "decimal comma. Give a line with the names of the columns"
+        )
+    return "," not in above[-1]
+
+
+def _one_table(lines: list[str], layout: _TableLayout) -> None:
+    """Refuse rows of numbers above the line that begins the table."""
+    above = [_kinds(line, layout.separator) for line in lines[: layout.start]]
+    rows = [i for i, k in enumerate(above) if len(k) == layout.cells
+            and all(k[j] in "nd" for j in layout.places)
+            and all(c in "ndg" or j in layout.texts for j, c in enumerate(k))]  # fmt: skip
+    between = [i for i in range(rows[-1] + 1, layout.start) if above[i]] if rows else []
+    if len(rows) > 1 or len(between) == 1:
+        at = (between or rows)[0]
+        raise TableError(
+            f"line {at + 1} '{_short(lines[at])}' stands between rows of numbers. Give a file with "
+            "one table"
+        )
+
+
+def _run(
+    lines: list[str], separator: str | None, forced: bool
+) -> tuple[int, bool, _TableLayout] | None:  # fmt: skip
+    """Rows of the table by one separator: how many, whether without columns of text, layout."""
+    kinds = ["" if _is_comment(line) else _kinds(line, separator) for line in lines]
+    back = [i for i in range(len(kinds) - 1, -1, -1) if kinds[i]]
+    last = next((i for least in (3, 2, 1) for i in back if _alike(kinds, i, least)), None)
+    if last is None or not (forced or separator is None or separator in lines[last]):
+        return None
+    sure = {j for j, c in enumerate(kinds[last]) if c in "nd"}
+    usual = {j for j, c in enumerate(kinds[last]) if c == "t"}
+    places, rows, start = set(sure), [], last
+    for i in range(last, -1, -1):
+        if set(kinds[i]) <= {"g"} or all(kinds[i][j : j + 1] == "g" for j in sure):
+            continue
+        here = {j for j, c in enumerate(kinds[i]) if c in "nd"}
+        wrong = {j for j, c in enumerate(kinds[i]) if c == "t"}
+        if wrong & sure or not here & (sure | places):
+            # A text in place of a number stays in the table if rows follow above it.
+            above = [k for k in kinds[max(0, i - 12) : i] if k][-3:]
+            fits = [k for k in above if all(k[j : j + 1] in ("n", "d", "g") for j in sure)
+                    and {j for j, c in enumerate(k) if c == "t"} <= usual]  # fmt: skip
+            if len(fits) < 2:
+                break
+            if here & sure:
+                rows.append(i)
+            continue
+        places = (places | here) - (wrong - sure)
+        rows.append(i)
+        start = i
+    counts: dict[int, int] = {}
+    for i in rows:
+        for j, c in enumerate(kinds[i]):
+            if c in "nd":
+                counts[j] = counts.get(j, 0) + 1
+    texts = {j for i in rows for j, c in enumerate(kinds[i]) if c == "t"} - sure
+    kept = tuple(sorted(j for j in places - texts if counts.get(j, 0)))
+    dates = frozenset(
+        j for j in kept
+        if 2 * sum(1 for i in rows if j < len(kinds[i]) and kinds[i][j] == "d") > counts[j]
+    )  # fmt: skip
+    lengths = sorted(len(kinds[i]) for i in rows)
+    cells = lengths[len(lengths) // 2]
+    if not kept:
+        return None
+    many = {j for j in texts if 2 * sum(kinds[i][j : j + 1] == "t" for i in rows) > len(rows)}
+    # Names of facts stand on the left and differ from line to line. A text with another separator
+    # in it is several cells.
+    for j in many:
+        texts_there = [_split(lines[i], separator)[j] for i in rows if j < len(kinds[i])]
+        if any(sign in texts_there[0] for sign in ";|\t"):
+            return None
+        if j < kept[0] and len(set(texts_there)) > 0.5 * len(texts_there) + 1:
+            return None
+    layout = _TableLayout(start, separator, kept, dates, cells, tuple(sorted(texts)), last)
+    return len(rows), not many, layout
+
+
+def _short(line: str) -> str:
+    return line.strip()[:40]
+
+
+def _headings(
+    lines: list[str], layout: _TableLayout, names: Collection[str], table: TextTable
+) -> tuple[list[str], list[str]]:
+    """Names and units of the columns, from the lines just above the table."""
+    width = max(layout.places) + 1
+
+    def split(line: str) -> list[str]:
+        line = line.strip().lstrip("#%/ ") if _is_comment(line) else line
+        if layout.separator is None and layout.cells == 1:
+            return [line.strip().strip('"')]
+        cells = _split(line, layout.separator)
+        if layout.separator is None:  # a unit in brackets belongs to the name before it
+            words, cells = cells, []
+            for word in words:
+                if cells and word[0] in "([" and len(words) > layout.cells:
+                    cells[-1] += f" {word}"
+                else:
+                    cells.append(word)
+        while len(cells) > width and not cells[-1]:
+            cells.pop()
+        return cells
+
+    def known(cells: list[str]) -> int:
+        numbers = any(_NUMBER.fullmatch(cell) for cell in cells)
+        return sum(
+            bool(cell)
+            and (
+                (is_time(cell) and unit_of(cell) is None)
+                or _is_named(cell, names)
+                or (not numbers and cell[0] not in "([{<" and bool(name_and_unit(cell, ())[1]))
+            )
+            for cell in cells
+        )
+
+    def units(cells: list[str]) -> int:
+        found = [c for c in cells if c and not _NUMBER.fullmatch(c)]
+        bare = [c for c in found if c.lower() not in SAMPLE_NUMBERS | _GAPS and c[0] not in "([{<"]
+        good = [c for c in found if unit_of(c) or c in UNITS_AT_ENDS or c.lower() == "sequence"]
+        if any(_NUMBER.fullmatch(cells[j]) for j in layout.places if j < len(cells)):
+            return 0
+        return len(good) if not known(cells) and 2 * len(good) >= len(bare) else 0
+
+    near = [x for x in lines[: layout.start] if set(_kinds(x, layout.separator)) - {"g"}]
+    near = near[-_ROWS_ABOVE:]
+    spaces = layout.separator is None
+    lengths = {layout.cells} | {
+        len(split(x)) for x in near if any(plain_name(c) in _INTERVALS for c in split(x))
+    }
+    rows = [cells for line in near if len(cells := split(line)) >= width
+            and not (spaces and (len(cells) not in lengths or "\t" in line.strip()))
+            and (not _is_comment(line) or known(cells))]  # fmt: skip
+    unit_row = next((row for row in reversed(rows) if units(row)), [])
+    named = [row for row in rows if row is not unit_row and known(row)]
+    heading = max(reversed(named), key=known, default=[])
+    if heading and not unit_row and heading is not rows[-1]:
+        below = rows[[row is heading for row in rows].index(True) + 1]
+        if not any(_NUMBER.fullmatch(below[j]) for j in layout.places):
+            unit_row = below  # of units that nobody knows
+    if not heading and rows:
+        row = rows[-1] if rows[-1] is not unit_row else rows[-2] if len(rows) > 1 else []
+        plain = [split(line) for line in near]
+        if row and row in plain[-2:] and not any(_NUMBER.fullmatch(cell) for cell in row):
+            heading = row
+    if not heading and near and not unit_row:
+        cells = split(near[-1])
+        if len(cells) < width and known(cells):
+            raise TableError(
+                f"the heading names {len(cells)} columns and the rows have {width}. Give a name "
+                "for each column, and separate the columns by semicolons if numbers have decimal "
+                "commas"
+            )
+    if not heading:
+        heading = unit_row
+    for place in range(width, max(len(heading), len(unit_row))):
+        name = heading[place] if place < len(heading) else ""
+        if name and place < len(unit_row) and unit_row[place]:
+            table.facts.setdefault(plain_name(name), []).append(unit_row[place])
+    texts = [heading[place] if place < len(heading) and heading[place] else str(place + 1)
+             for place in layout.texts]  # fmt: skip
+    if texts:
+        table.notes.append(f"text is not used: column {', '.join(texts)}.")
+    return heading, unit_row
+
+
+def _is_named(cell: str, names: Collection[str]) -> bool:
+    """Whether a cell is one of the names, with or without a unit or a number behind it."""
+    name = plain_name(name_and_unit(cell, names)[0])
+    return name in names or re.sub(r"_?\d+$", "", name) in names
+
+
+def _comments(lines: list[str]) -> str:
+    return "\n".join(line.strip().lstrip("#%/").strip() for line in lines if _is_comment(line))
+
+
+def _facts(lines: list[str], layout: _TableLayout, table: TextTable) -> None:
+    """Keep lines of a name and its values, above the table and in columns beside it."""
+    inside = [
+        _split(line, layout.separator)[: layout.places[0]]
+        for line in lines[layout.start : layout.start + 100]
+        if layout.places[0] > 0
+    ]
+    above = []
+    for line in lines[: layout.start]:
+        words = line.strip().lstrip("#%/").strip()
+        signs = [sign for sign in (layout.separator, "\t", ";", ",", "|") if sign and sign in words]
+        if signs and not re.match(r"[\w ]+[:=]", words):
+            above.append(_split(words, signs[0]))
+        else:
+            above.append([part.strip() for part in re.split(r"\s*[:=]\s*", words, maxsplit=1)])
+    for cells in above + inside:
+        while cells and not cells[-1]:
+            cells.pop()
+        if len(cells) > 1 and cells[0] and not _NUMBER.fullmatch(cells[0]):
+            table.facts.setdefault(plain_name(cells[0].rstrip(":")), cells[1:])
+
+
+class _Rows:
+    """Reads the rows of a table, a part of the text at a time."""
+
+    def __init__(self, text: str, head: list[str], layout: _TableLayout, notes: list[str]) -> None:
+        self.text, self.layout, self.notes = text, layout, notes
+        self.at = self.begin = sum(len(line) + 1 for line in head[: layout.start])
+        self.line = layout.start
+        self.commas: dict[int, str] = {}
+        self.points: dict[int, str] = {}
+        self.odd: dict[int, tuple[int, str]] = {}
+        self.below: list[tuple[int, str]] = []
+        self.apart = 0  # comment lines within the table
+        self.moments = _Moments()
+
+    def read(self) -> list[np.ndarray]:
+        """Return the columns, shape (rows,) each. Raises TableError."""
+        text, layout = self.text, self.layout
+        points = text.find(".", self.at) >= 0
+        commas = layout.separator != "," and text.find(",", self.at) >= 0
+        found = np.empty((len(layout.places), text.count("\n", self.at) + 1))
+        rows = 0
+        while self.at < len(text):
+            end = text.find("\n", self.at + _CHUNK)
+            end = len(text) if end < 0 else end
+            chunk = text[self.at : end]
+            if commas and not points:
+                chunk = chunk.replace(",", ".")
+            block = self._block(chunk.split("\n"), bool(layout.dates) or (commas and points))
+            found[:, rows : rows + block.shape[1]] = block
+            rows += block.shape[1]
+            self.at = end + 1
+        self._say(rows)
+        return [column[:rows] for column in found]
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether empty lines stand between rows."""
+        end = self.text.find(self.below[0][1], self.begin) if self.below else len(self.text)
+        return re.search(r"\n[ \t]*\n", self.text[self.begin : end].strip()) is not None
+
+    def _block(self, lines: list[str], mixed: bool) -> np.ndarray:
+        """Columns of some lines, shape (columns, rows); only the unusual ones cell by cell."""
+        found = None
+        if not self.below and (self.layout.separator is not None or not self.layout.texts):
+            found = self._fast(lines, mixed)
+        if found is None and len(lines) > 64:
+            half = len(lines) // 2
+            parts = [self._block(lines[:half], mixed), self._block(lines[half:], mixed)]
+            return np.concatenate(parts, axis=1)
+        if found is None:
+            found = self._slow(lines)
+        self.line += len(lines)
+        return found
+
+    def _fast(self, lines: list[str], mixed: bool) -> np.ndarray | None:
+        """Columns of lines without anything unusual; None of others."""
+        separator, places = self.layout.separator, self.layout.places
+        lines = [line.replace('"', "") for line in lines if line and not line.isspace()]
+        if not lines:
+            return np.empty((len(places), 0))
+        if separator is not None and (
+            sum(line.count(separator) for line in lines) != len(lines) * (self.layout.cells - 1)
+        ):
+            return None
+        if mixed:
+            cells = [line.split(separator) for line in lines]
+            if any(len(row) != self.layout.cells for row in cells) or any(
+                "_" in line for line in lines
+            ):
+                return None
+            with suppress(ValueError):
+                return np.array([self._column([row[j] for row in cells], j) for j in places])
+            return None
+        for repaired in (False, True):
+            if repaired and separator is not None:
+                lines = [_filled(line, separator) for line in lines]
+            with suppress(ValueError):
+                found = np.loadtxt(
+                    lines, delimiter=separator, comments=None, ndmin=2,
+                    usecols=None if separator is None else places,
+                )  # fmt: skip
+                return found.T if found.shape[1] == len(places) else None
+        return None
+
+    def _column(self, cells: list[str], place: int) -> list[float]:
+        """Values of cells with dates, or with commas beside other columns with points."""
+        if place in self.layout.dates:
+            return [self.moments.seconds(cell.strip()) for cell in cells]
+        for sign, seen in ((",", self.commas), (".", self.points)):
+            example = next((cell for cell in cells if sign in cell), None)
+            if example is not None:
+                seen.setdefault(place, example.strip())
+        if place in self.commas:
+            cells = [cell.replace(",", ".") for cell in cells]
+        return [float(cell) for cell in cells]
+
+    def _slow(self, lines: list[str]) -> np.ndarray:
+        """Columns of a part, cell by cell, shape (columns, rows)."""
+        layout = self.layout
+        found: list[list[float]] = []
+        for i, raw in enumerate(lines, self.line + 1):
+            line = raw.translate(_SAFE)
+            if not line.strip():
+                continue
+            if _is_comment(line):
+                self.apart += 1
+                continue
+            cells = _split(line, layout.separator)
+            while len(cells) > layout.cells and not cells[-1]:
+                cells.pop()
+            if not any(cells):
+                continue
+            kinds = [_kind(cells[j], True) if j < len(cells) else "g" for j in layout.places]
+            if not any(kind in "nd" for kind in kinds) and (
+                "t" in kinds
+                or all(j >= len(cells) or not cells[j] for j in layout.places)
+                or (layout.separator is None and len(cells) != layout.cells)
+            ):
+                self.below.append((i, line))
+                continue
+            if self.below:
+                at, words = self.below[0]
+                raise TableError(
+                    f"line {at} '{_short(words)}' stands between rows of numbers. Give a file with "
+                    "one table"
+                )
+            short = layout.separator is None and len(cells) < layout.cells
+            if len(cells) > layout.cells or short:
+                raise TableError(
+                    f"line {i} has {len(cells)} cells and other lines have {layout.cells}. "
+                    "Write the file again; it may be cut off, or numbers may have decimal commas "
+                    "between columns separated by commas"
+                )
+            found.append([
+                self._number(cells[j], kind, j, i) if j < len(cells) else math.nan
+                for j, kind in zip(layout.places, kinds, strict=True)
+            ])  # fmt: skip
+        return np.array(found).T if found else np.empty((len(layout.places), 0))
+
+    def _number(self, cell: str, kind: str, place: int, line: int) -> float:
+        """Value of a cell; nan of a gap. Raises TableError for a number of an unknown form."""
+        if (kind == "d") != (place in self.layout.dates) and kind != "g":
+            kind = "n" if _NUMBER.fullmatch(cell) and place not in self.layout.dates else "t"
+        if kind == "n":
+            if "," in cell:
+                self.commas.setdefault(place, cell)
+                cell = cell.replace(",", ".")
+            elif "." in cell:
+                self.points.setdefault(place, cell)
+            return float(cell.replace("D", "e").replace("d", "e"))
+        if kind == "d":
+            return self.moments.seconds(cell)
+        if kind == "t":
+            if any(c.isdigit() for c in cell):
+                raise TableError(
+                    f"line {line}: '{_short(cell)}' in column {place + 1} is not a number that "
+                    "can be read in one way. Write numbers without units, and without signs "
+                    "between thousands"
+                )
+            number, example = self.odd.get(place, (0, cell))
+            self.odd[place] = number + 1, example
+        return math.nan
+
+    def _say(self, rows: int) -> None:
+        """Add notes on what is not used. Raises TableError for two decimal signs in a column."""
+        for place in self.commas.keys() & self.points.keys():
+            raise TableError(
+                f"column {place + 1} has numbers with commas and with points, such as "
+                f"'{self.commas[place]}' and '{self.points[place]}'. Write one decimal sign"
+            )
+        for place, (number, example) in self.odd.items():
+            self.notes.append(
+                f"column {place + 1} has {number} texts in place of numbers, such as '{example}'."
+            )
+        if len(self.below) > max(20, rows):
+            raise TableError(
+                f"line {self.below[0][0]} '{_short(self.below[0][1])}' begins {len(self.below)} "
+                "lines that do not belong to the table above. Give a file with one table"
+            )
+        if self.below:
+            self.notes.append(
+                f"not used below the table: {len(self.below)} lines from "
+                f"'{_short(self.below[0][1])}' on."
+            )
+        if self.apart:
+            self.notes.append(f"comment lines in the table are not used: {self.apart}.")
+
+
+def _filled(line: str, separator: str) -> str:
+    """A line with "nan" in empty cells and in place of infinity as Microsoft writes it."""
+    if "#" in line:
+        line = _OVERFLOW.sub("nan", line)
+    if 2 * separator in line or line[0] == separator or line[-1] == separator:
+        return separator.join(cell if cell.strip() else "nan" for cell in line.split(separator))
+    return line
+
+
+class _Moments:
+    """Seconds of dates and times of day, from midnight of the first date on."""
+
+    def __init__(self) -> None:
+        self.first: int | None = None
+        self.known: dict[str, float] = {}
+        self.dates: set[str] = set()
+
+    def seconds(self, cell: str) -> float:
+        """Seconds of a cell. Raises TableError for dates that can mean two days."""
+        head, colon, tail = cell.rpartition(":")
+        base = self.known.get(head) if colon else None
+        if base is not None:
+            try:
+                return base + float(tail)
+            except ValueError:
+                pass
+        found = _moment(cell)
+        if found is None:
+            raise ValueError(cell)
+        date, of_day, sure = found
+        if date is not None:
+            self.dates.add(cell[:8] if not sure else "")
+            if len(self.dates) > 1:
+                raise TableError(
+                    f"the date changes in the table, and '{_short(cell)}' may name the day or the "
+                    "month first. Write dates as 2024-12-31"
+                )
+            self.first = date if self.first is None else self.first
+        total = 86400.0 * ((date or 0) - (self.first or 0)) + of_day
+        if colon and re.fullmatch(r"\d\d(\.\d+)?", tail) and head.count(":") == 1:
+            self.known[head] = total - float(tail)
+        return total
+
+
+@functools.lru_cache(maxsize=1 << 10)
+def _moment(cell: str) -> tuple[int | None, float, bool] | None:
+    """Day number, seconds of the day, and whether the order of day and month is sure; None if a
+    cell is neither date nor time of day."""
+    found = _DATE.fullmatch(cell)
+    if found is None or not cell or not (found[1] or found[5] or found[8]):
+        return None
+    day: int | None = None
+    sure = True
+    if found[1]:
+        a, b, c = int(found[1]), int(found[3]), int(found[4])
+        sure = len(found[1]) == 4
+        try:
+            if sure:
+                day = datetime.date(a, b, c).toordinal()
+            elif b > 12:
+                day = datetime.date(c, a, b).toordinal()
+            else:
+                day = datetime.date(c, b, a).toordinal() if a > 12 else a + 31 * b + 372 * c
+        except ValueError:
+            return None
+    if found[8]:
+        return day, 60.0 * int(found[8]) + float(found[9].replace(",", ".")), sure
+    if not found[5]:
+        return day, 0.0, sure
+    whole, *parts = re.split("[.,]", found[7] or "0")
+    hour = int(found[5])
+    if found[10]:
+        hour = hour % 12 + 12 * (found[10].lower() == "pm")
+    of_day = 3600.0 * hour + 60.0 * int(found[6]) + float(f"{whole}.{''.join(parts) or 0}")
+    return day, of_day, sure
+
+
+# Facts beside a table that give its times. The names are plain: "Sample Interval" and "Delta_X".
+_INTERVALS = ("sample_interval", "sampling_interval", "sample_period", "sampling_period", "delta_x",
+              "x_increment", "xincrement", "xinc", "increment", "delta_t", "dt", "time_increment",
+              "time_step", "sample_time", "horizontal_interval", "tinc")  # fmt: skip
+_RATES = ("sample_rate", "sampling_rate", "samplerate", "sampling_frequency", "sample_frequency",
+          "samples_per_second", "rate", "fs", "sampling_rate_hz", "sample_rate_hz")  # fmt: skip
+_STARTS = ("start", "x0", "x_zero", "xzero", "x_origin", "xorigin", "t0")
+_UNITS_OF_TIME = ("horizontal_units", "x_units", "x_unit", "x_unit_label", "time_unit",
+                  "time_units", "horizontal_unit")  # fmt: skip
+_UNITS_OF_VALUES = ("vertical_units", "y_unit_label", "y_units", "y_unit", "units", "unit",
+                    "vertical_unit")  # fmt: skip
+
+
+def spacing_s(table: TextTable) -> tuple[float, float, str] | None:
+    """Time between rows and time of the first, s, and the fact that says so; None if none does.
+
+    Raises:
+        TableError: two facts disagree, or one has an unknown unit.
+    """
+    found: list[tuple[float, str]] = []
+    unit = unit_of(stated(table, _UNITS_OF_TIME)) or StatedUnit("s", 1.0, "s")
+    for name, cells in table.facts.items():
+        stem, own = name_and_unit(name, (*_INTERVALS, *_RATES))
+        is_rate = stem in _RATES
+        if not cells or (stem not in _INTERVALS and not is_rate):
+            continue
+        parts = re.fullmatch(rf"({_NUMBER.pattern})\s*(\D*)", cells[0].strip())
+        if parts is None:
+            continue
+        value = float(parts[1].replace(",", "."))
+        given = parts[2] or own or (cells[1] if len(cells) > 1 and unit_of(cells[1]) else "")
+        size = unit_of(given) if given else StatedUnit("Hz", 1.0, "Hz") if is_rate else unit
+        if size is None or value <= 0.0 or size.si != ("Hz" if is_rate else "s"):
+            raise TableError(f"'{name}' = '{cells[0]}' has no known unit of time")
+        step = value * size.size
+        found.append((1.0 / step if is_rate else step, name))
+    if not found:
+        return None
+    if any(abs(step - found[0][0]) > 1e-3 * step for step, _ in found):
+        said = " and ".join(f"'{name}' ({step:.9g} s)" for step, name in found)
+        raise TableError(f"{said} disagree about the time between samples")
+    start = stated(table, _STARTS).replace(",", ".")
+    at = float(start) * unit.size if _NUMBER.fullmatch(start) else 0.0
+    return found[0][0], at, found[0][1]
+
+
+def stated(table: TextTable, names: Collection[str], place: int = 0) -> str:
+    """Value of the first fact that has one of the names, "" if there is none."""
+    for name in names:
+        cells = table.facts.get(name)
+        if cells:
+            return cells[min(place, len(cells) - 1)]
+    return ""
+
+
+def stated_unit(table: TextTable, time: bool, place: int = 0) -> str:
+    """Unit that lines beside the table state for times, or for the n-th column of values."""
+    return stated(table, _UNITS_OF_TIME if time else _UNITS_OF_VALUES, place)
