@@ -561,7 +561,7 @@ def read_record(path: str | Path, **table: Any) -> "Record":
 
 def fit(
     scene: AnyScene, records: "Record | Sequence[Record]", free: Sequence[str], *,
-    hold_out: "Sequence[Record]" = (),
+    hold_out: "Sequence[Record]" = (), exact: bool = False,
 ) -> "FitResult":  # fmt: skip
     """Fit keys of a scene to measured records of drops, with the law off or on.
 
@@ -570,6 +570,7 @@ def fit(
         records: one record or several; `Record.measured.control` says whether the law was on.
         free: the keys to fit, `"KEY"`, `"KEY=LOW:HIGH"` or `"KEY±PRIOR"` as on the command line.
         hold_out: records to compare with the fitted scene only.
+        exact: whether the model is taken as exact, so that only noise may spoil a record.
 
     Returns:
         Estimates with 95 % intervals and verdicts; `setup.scene` is the fitted scene.
@@ -585,7 +586,7 @@ def fit(
 
     setup = _resolved(scene)
     several = [records] if isinstance(records, Record) else list(records)
-    return fitted_to(setup, several, [free_of(setup, text) for text in free], hold_out)
+    return fitted_to(setup, several, [free_of(setup, text) for text in free], hold_out, exact=exact)
 
 
 def linear(scene: AnyScene | Setup, quantity: str | None = None) -> "LinearSystem":

@@ -1,7 +1,6 @@
 """Commands that export a recording or the plant for other tools."""
 
 import os
-import platform
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
@@ -23,7 +22,6 @@ from hertzloop.cli.options import (
 from hertzloop.cli.recordings import FileArgument, read_or_fail
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
-from hertzloop.jit.object_code import outline
 
 
 def export(
@@ -125,6 +123,7 @@ def export_plant(
     from hertzloop.interop.fmu import write_fmu
     from hertzloop.interop.image import image
     from hertzloop.interop.objects import is_compiled
+    from hertzloop.jit.object_code import outline
 
     made = image(resolved)
     if not is_compiled(outline(made.unit), cpu):
@@ -150,4 +149,6 @@ def export_plant(
 
 
 def _machine() -> str:
+    import platform
+
     return platform.machine()

@@ -56,6 +56,9 @@ def fit(
             help="With --check, suppose a record of this kind, before the experiment.",
         ),
     ] = None,
+    exact: Annotated[
+        bool, typer.Option("--exact", help="Take the model as exact: only noise spoils a record.")
+    ] = False,
     out_file: Annotated[
         Path | None,
         typer.Option("--out", "-o", help="Fitted scene to write; SCENE-fitted.toml if left out."),
@@ -128,7 +131,7 @@ def fit(
                 about = f"fit: {done} of about {expected} simulations"
                 advance(round(1000 * done / expected), about)
 
-            result = fit_study.fit(setup, measured, keys, compared, tell)
+            result = fit_study.fit(setup, measured, keys, compared, tell, exact)
     out.print(fit_report.parameter_table(result))
     for sentence in fit_report.sentences(result):
         out.print(sentence, soft_wrap=True)
@@ -142,7 +145,8 @@ def fit(
 
         named = {"--free": free, "--hold-out": held, "--expect": expect, "--set": settings}
         given = [word for name, many in named.items() for one in many or [] for word in (name, one)]
-        words = ["fit", scene, *files, *given, *(["--check"] if check else [])]
+        words = ["fit", scene, *files, *given, *(["--check"] if check else []),
+                 *(["--exact"] if exact else [])]  # fmt: skip
         command = shlex.join(map(str, ["hertzloop", *words, "--report", report_file]))
         write_whole(report_file, page(result, command))
         out.print(f"written: {report_file}", soft_wrap=True)

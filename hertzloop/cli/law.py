@@ -5,7 +5,6 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from hertzloop.cli.options import (
@@ -249,6 +248,8 @@ def _played(script: "Script", meeting: "Meeting", command: str, checks: "Checks"
 
     Raises Broken and OSError as `conformance.play`.
     """
+    import numpy as np
+
     from hertzloop.processes.conformance import play
 
     laws, before = set(), None

@@ -18,8 +18,6 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
-from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import parse
 from hertzloop.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -41,6 +39,9 @@ def read_or_fail(path: Path, keep: bool = False) -> "Recording":
 
 def scene_to_run(recording: "Recording") -> "Setup":
     """The scene of a recording; ends the command if it cannot be simulated here."""
+    from hertzloop.scenes.errors import SceneError
+    from hertzloop.setup import parse
+
     try:
         return parse(recording.scene_toml)
     except SceneError as error:
@@ -218,6 +219,8 @@ def _horizon(recording: "Recording", tolerance: float) -> int | None:
     """Step up to which the recorded run can be the same on another processor, None for the end, or
     where its scene cannot be simulated here."""
     from hertzloop.analysis.trust import horizon_step
+    from hertzloop.scenes.errors import SceneError
+    from hertzloop.setup import parse
 
     try:
         return horizon_step(parse(recording.scene_toml), tolerance)
@@ -341,6 +344,7 @@ def report(
 
 def _of_run(file: Path, folder: Path, overwrite: bool) -> None:
     from hertzloop.recordings.writer import RecordingError
+    from hertzloop.scenes.errors import SceneError
 
     recording = read_or_fail(file, keep=True)
     page = _page(file, folder, overwrite)
@@ -355,6 +359,7 @@ def _of_run(file: Path, folder: Path, overwrite: bool) -> None:
 
 
 def _of_results(source: Path, folder: Path, overwrite: bool) -> None:
+    from hertzloop.scenes.errors import SceneError
     from hertzloop.studies.report.results import page_of_results, results_in
 
     try:

@@ -23,6 +23,7 @@ CONCLUSIONS = {
     "benchmarks.exchange": r"An exchange in the fast lane takes [\d.]+ us, [\d,]+ times",
     "benchmarks.exported": r"For this processor the exported plant takes [\d.]+ us a step",
     "benchmarks.fit_coverage": r"The 95 % intervals hold the true value in [\d.]+ % \(\d+ of 4\)",
+    "benchmarks.fit_discrepancy": r"The 95 % intervals hold \d+ % \(\d of 3\) of the true values",
     "benchmarks.fit_identify": r"The check of identifiability answers 4 of 4 questions right",
     "benchmarks.fit_validation": r"The coefficient of restitution is within [\d.e-]+ of Zener's",
     "benchmarks.held_force": r"The error of the first impact is as expected, or announced",

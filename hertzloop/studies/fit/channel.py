@@ -2,17 +2,19 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import scipy
 
+from hertzloop.studies.fit.discrepancy import Discrepancy
 from hertzloop.studies.fit.observation import Observed
 from hertzloop.studies.fit.records import QUANTITIES, Record, RecordError, clipped, converter_step
 
 _SURE = 8.0  # noise levels that a sample has to leave the baseline by
 _STEADY = 7  # samples, most of which have to have left it
 _ONSET_SHARE = 0.02  # of the peak, the same
-_FEWEST_QUIET = 20  # samples before the impact, for an estimate of the noise
+_FEWEST_QUIET = 12  # samples before the impact, for an estimate of the noise
 ENOUGH_QUIET = 100  # for one that a test of the model can rest on; the last of them are not counted
 # Of the peak: the error of the simulation and its splines. The acceleration of the contact point
 # converges slowly with the number of modes, and without a filter hardly at all.
@@ -76,6 +78,18 @@ class Channel:
     coarse: float = 0.0
     alike: int | None = None
     weight: np.ndarray | None = None
+    least_noise: float = 0.0
+    discrepancy: Discrepancy | None = None
+
+    @property
+    def is_gap(self) -> bool:
+        """Whether the values are distances from the plate, which are not zero at rest."""
+        return self.record.quantity in ("xi", "xi_s")
+
+    @property
+    def noise_unknown(self) -> bool:
+        """Whether the samples before the impact are too few for the noise."""
+        return self.quiet < ENOUGH_QUIET
 
     @property
     def contact_unknown(self) -> bool:
@@ -117,6 +131,24 @@ class Channel:
             return scaled
         found = scipy.signal.lfilter(np.concatenate([[1.0], -self.ar]), [1.0], scaled, axis=0)
         return np.asarray(found / self.innovation)
+
+    def prior_sds(self, exact: bool = False) -> tuple[float, float]:
+        """Standard deviations of the priors of gain and clock (ppm); unless the model is `exact`,
+        with the errors of the model that a whole record shares."""
+        m = self.record.measured
+        common = 0.0 if exact or self.discrepancy is None else self.discrepancy.overall
+        return (
+            max(math.hypot(m.sensitivity_uncertainty, common), 1e-9),
+            max(math.hypot(m.clock_tolerance_ppm, 1e6 * common), 1e-6),
+        )
+
+    def whitening(self) -> Any:
+        """The matrix of `whitened`, (samples, samples)."""
+        n = len(self.time_s)
+        scale = (self.weight if self.weight is not None else np.ones(n)) / self.noise
+        taps = [np.ones(n), *(np.full(n - k, -a) for k, a in enumerate(self.ar, 1))]
+        memory: Any = scipy.sparse.diags_array(taps, offsets=[-k for k in range(len(taps))])
+        return (memory @ scipy.sparse.diags_array(scale / self.innovation)).tocsr()
 
     def independent(self, counted: np.ndarray) -> np.ndarray:
         """How many independent samples each of the counted rows is; shape (rows,)."""
@@ -192,15 +224,16 @@ def make_ready(record: Record) -> Channel:
         noise, source = float(np.std(third)) / math.sqrt(20.0), "differences"
         quiet = len(third) // 4
     noise, floored = max(noise, step / math.sqrt(12.0)), False
+    floor = _floor(record, notes) * peak
     if source != "residual":
-        floor = _floor(record, notes) * peak
         floored = noise < floor
         noise = math.hypot(noise, floor)
     else:
         noise = max(0.01 * peak, step)
+    if quiet < ENOUGH_QUIET and source != "differences":
         notes.append(
-            f"{record.name}: has fewer than {_FEWEST_QUIET} samples before the impact, so its "
-            "noise is that of the residual. Record at least 150 samples before the trigger."
+            f"{record.name}: only {quiet} samples before the impact tell its noise, so the fit "
+            "estimates it from the whole record. Record at least 150 samples before the trigger."
         )
     if len(ar):
         notes.append(
@@ -211,7 +244,7 @@ def make_ready(record: Record) -> Channel:
         record=record, time_s=time_s, value=filled, kept=good, peak=peak, noise=noise,
         noise_from=source, quiet=quiet, baseline=baseline, step=step, ar=ar, innovation=innovation,
         onset_s=float(time_s[onset]), has_quiet_start=quiet_start or is_gap, notes=notes,
-        floored=floored, alike=alike,
+        floored=floored, alike=alike, least_noise=math.hypot(step / math.sqrt(12.0), floor),
     )  # fmt: skip
 
 
@@ -377,7 +410,9 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
         reach_s = 1.5 * contact_s
     step_s = max(0.25e-6, contact_s / 120.0)
     best = _best_shift(channel, observed, guess, reach_s, step_s, contact_s, late_s)
-    if best is not None and not best[4] and not _LEAST_GAIN <= best[2] <= _MOST_GAIN:
+    known_gain = math.isfinite(record.measured.sensitivity_uncertainty)
+    wrong = best is not None and not _LEAST_GAIN <= best[2] <= _MOST_GAIN
+    if best is not None and not best[4] and wrong and known_gain:
         # A few spikes in a row can look like the onset: look everywhere, then closer.
         middle = 0.5 * float(channel.time_s[0] + channel.time_s[-1])
         half = 0.5 * float(channel.time_s[-1] - channel.time_s[0])
@@ -395,12 +430,14 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
             f"{record.name}: the record has the opposite sign of the simulation. Give "
             f"record.sensitivity = {-record.measured.sensitivity:g}, or change the sign."
         )
-    if not _LEAST_GAIN <= gain <= _MOST_GAIN:
+    if not known_gain or _LEAST_GAIN <= gain <= _MOST_GAIN:
+        channel.touch_s, channel.gain, channel.offset = touch_s, gain, offset
+    else:
         raise RecordError(
             f"{record.name}: the record is {gain:.3g} times the simulation. Check record.unit, "
-            "record.sensitivity, the starting values of the scene, and that time_s is in seconds."
+            "record.sensitivity, the starting values of the scene, and that time_s is in seconds. "
+            "Of an unknown sensitivity, write record.sensitivity_uncertainty = inf."
         )
-    channel.touch_s, channel.gain, channel.offset = touch_s, gain, offset
 
 
 def _too_coarse(channel: Channel, contact_s: float) -> RecordError:

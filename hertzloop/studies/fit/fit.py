@@ -22,6 +22,7 @@ from hertzloop.studies.fit.channel import (
     weighted,
     without_contact,
 )
+from hertzloop.studies.fit.discrepancy import PULSE, Rows, estimated, unknown
 from hertzloop.studies.fit.loop_model import (
     LoopModel,
     acts_by_law,
@@ -81,6 +82,7 @@ _LONGEST_S = 0.06
 _MOST_EXPECTED = 10_000_000  # samples of an expected record
 _REFREEZE = 0.01  # change of a key's logarithm for which the model is frozen anew
 _ROUNDS = 4  # of outliers
+_ESTIMATES, _SETTLED = 3, 0.2  # of the model's error: most rounds, change that needs another one
 _LAST_STAGES = 2  # minimisations after the windows, for the estimate of the time left
 _CERTAIN = 3.841458820694124  # chi-square of one parameter at 95 %
 _YIELDED = 10.827566170662733  # at 99.9 %: yielding that is only probable sets no upper limit
@@ -145,7 +147,12 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Nuisance:
-    """Nuisance parameters of a record: see the JSON."""
+    """Nuisance parameters and residual of a record: see the JSON.
+
+    `off_percent`: root mean square of the residual over the peak, in the pulse and after it, %;
+    None without samples there. `error_percent`: of the model, over the local signal, in the pulse
+    and after it, %; zeros if the noise explains the residual.
+    """
 
     record: str
     time_shift_s: float
@@ -156,6 +163,8 @@ class Nuisance:
     residual_over_noise: float
     samples: int
     rejected: int
+    off_percent: tuple[float | None, float | None]
+    error_percent: tuple[float, float]
 
 
 @dataclass
@@ -651,7 +660,7 @@ def check(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> FitR
     ]
     estimates = _with_steps(problem, estimates, known, profile)
     return FitResult(
-        estimates, _nuisances(problem, point, until_s, 0.0), _noise(problem), math.nan,
+        estimates, _nuisances(problem, point, until_s), _noise(problem), math.nan,
         Model.CANNOT_TELL, Fitness(Model.CANNOT_TELL, math.nan).as_json(),
         ["This is a check before a fit: nothing was fitted."],
         known.combinations, _next(problem, point, known), None, problem.evaluations,
@@ -690,7 +699,7 @@ def _check_rows(point: Point) -> None:
 
 def fit(
     setup: Setup, records: Sequence[Record], free: Sequence[Free], hold_out: Sequence[Record] = (),
-    on_progress: Callable[[int, int], None] = lambda done, expected: None,
+    on_progress: Callable[[int, int], None] = lambda done, expected: None, exact: bool = False,
 ) -> FitResult:  # fmt: skip
     """Fit scene keys to records.
 
@@ -700,6 +709,7 @@ def fit(
         free: the keys to find.
         hold_out: records that are only compared with the result.
         on_progress: is told the number of simulations done and of those expected.
+        exact: whether the model is taken as exact, so that only noise may spoil a record.
 
     Returns:
         Estimates with 95 % intervals, verdicts, and the fitted setup.
@@ -727,9 +737,11 @@ def fit(
         problem = searched(problem)
     x = _best_start(problem, setup)
     windows = problem.windows_s()
+    shorter: list[tuple[float, np.ndarray]] = []
     for i, end in enumerate(windows[:-1]):
         tally.expect(len(windows) - i + _LAST_STAGES, keys)
         x = minimised(problem, x, end, early=True, steps=15, tolerance=1e-3).x
+        shorter.append((end, x))
     until_s = windows[-1]
     tally.expect(1 + _LAST_STAGES, keys)
     point = minimised(problem, x, until_s, early=False, steps=15, tolerance=1e-3)
@@ -744,19 +756,20 @@ def fit(
         until_s = problem.windows_s()[-1]
     for c, model in zip(problem.channels, problem.models, strict=True):
         without_contact(c, model.contact_s)  # only now: the early windows hold little else
-    profile: Profile | None = None
     tally.expect(1, keys)
-    for rounds in range(_ROUNDS + 1):
-        if problem.stepped is not None:
-            problem, point, profile = profiled(problem, point, until_s)
-        elif looped:
-            point = turned(problem, point.x, until_s)
-        point = minimised(problem, point.x, until_s, early=False)
-        if rounds == _ROUNDS or not reject_outliers(problem, point, until_s):
-            break
+    found = _estimated(_settled(problem, point, until_s), until_s, exact)
+    erring = any(c.discrepancy is not None for c in found.problem.channels)
+    if erring and shorter and not looped:
+        # Without an error in the problem the whole record may have bent the keys too far.
+        again = problem.point(shorter[0][1], until_s, early=False)
+        other = _estimated(_settled(problem, again, until_s), until_s, exact)
+        evaluations += max(found, other, key=lambda one: one.cost).problem.evaluations
+        found = min(found, other, key=lambda one: one.cost)
+    moved = _moved(problem, shorter, found.point) if erring else []
+    evaluations += problem.evaluations
+    problem, point, profile = found.problem, found.point, found.profile
     _check_rows(point)
-    scale = _residual_scale(problem, point)
-    known = uncertainty(problem, point, scale)
+    known = uncertainty(problem, point, moved)
     drawn = bootstrapped(problem, point, until_s)
     if drawn is not None:
         # Never below half of what white noise of the same size would give.
@@ -765,15 +778,16 @@ def fit(
             known.covariance = drawn * max(1.0, _LEAST_DRAWN * least)
     estimates, one_sided = _estimates(problem, point, known, until_s)
     estimates = _with_steps(problem, estimates, known, profile)
-    unknown = {e.key for e in estimates if e.verdict is Verdict.NOT_IDENTIFIABLE}
-    fits = fitness(problem, point, until_s, len(point.x), one_sided | unknown)
+    unsure = {e.key for e in estimates if e.verdict is Verdict.NOT_IDENTIFIABLE}
+    plain = problem.point(point.x, until_s, early=False, jacobian=False, exact=True)
+    fits = fitness(problem, plain, until_s, len(point.x), one_sided | unsure)
     values = problem.values(point.x)
     fitted = setup.vary({k: v for k, v in values.items() if not k.startswith("sensors.")})
     sensor_keys = {k: v for k, v in values.items() if k.startswith("sensors.")}
     fitted = fitted.vary(sensor_keys) if sensor_keys else fitted
-    held = _held_out(fitted, hold_out) if hold_out else None
+    held = _held_out(fitted, hold_out, exact) if hold_out else None
     verdict, reasons = fits.verdict, list(fits.reasons)
-    curves = _curves(problem, point, until_s)
+    curves = _curves(problem, plain, until_s)
     if verdict is Model.DOES_NOT_FIT:
         reasons += [
             sentence
@@ -788,13 +802,103 @@ def fit(
     if verdict is Model.FITS and any(e.verdict is Verdict.NOT_IDENTIFIABLE for e in estimates):
         reasons.append("The model fits, but not every key is identifiable.")
     return FitResult(
-        estimates, _nuisances(problem, point, until_s, scale), _noise(problem),
+        estimates, _nuisances(problem, plain, until_s), _noise(problem),
         fits.residual_over_noise, verdict, fits.as_json(), reasons, known.combinations,
         _next(problem, point, known), held, evaluations + problem.evaluations,
         time.perf_counter() - began, known.covariance, fitted,
         [n for c in problem.channels for n in c.notes], _speeds(problem, values), list(records),
         curves,
     )  # fmt: skip
+
+
+def _moved(
+    problem: Problem, shorter: Sequence[tuple[float, np.ndarray]], point: Point
+) -> list[np.ndarray]:
+    """How much farther the keys are from where shorter windows left them than noise explains."""
+    n, found = len(problem.moving), []
+    for end, x in shorter:
+        apart = (x - point.x)[:n]
+        variance = np.diag(_covariance(problem.point(x, end, early=True)))[:n]
+        found.append(np.sign(apart) * np.sqrt(np.maximum(apart**2 - variance, 0.0)))
+    return found
+
+
+@dataclass
+class _Solution:
+    """A solution, the profile of a key in whole steps, and minus twice the logarithm of its
+    likelihood, of one with estimated errors."""
+
+    problem: Problem
+    point: Point
+    profile: Profile | None
+    cost: float = math.inf
+
+
+def _settled(problem: Problem, point: Point, until_s: float) -> _Solution:
+    """The solution near a point without outliers, with channels of its own."""
+    channels = [replace(c) for c in problem.channels]
+    problem, profile = replace(problem, channels=channels, evaluations=0), None
+    looped = any(isinstance(model, LoopModel) for model in problem.models)
+    erring = any(c.discrepancy is not None for c in problem.channels)
+    for rounds in range(_ROUNDS + 1):
+        if problem.stepped is not None:
+            problem, point, profile = profiled(problem, point, until_s)
+        elif looped:
+            point = turned(problem, point.x, until_s)
+        enough: dict[str, Any] = {"steps": 12, "tolerance": 1e-4} if erring else {}
+        point = minimised(problem, point.x, until_s, early=False, **enough)
+        if rounds == _ROUNDS or not reject_outliers(problem, point, until_s):
+            break
+    return _Solution(problem, point, profile)
+
+
+def _estimated(found: _Solution, until_s: float, exact: bool) -> _Solution:
+    """The solution with errors of the model and noises that are estimated with the rest."""
+    for _ in range(_ESTIMATES):
+        cost, changed = _with_errors(found.problem, found.point, until_s, exact)
+        if changed:
+            before = found.problem.evaluations
+            found = _settled(found.problem, found.point, until_s)
+            found.problem.evaluations += before
+        found.cost = cost
+        if not changed:
+            break
+    return found
+
+
+def _with_errors(problem: Problem, point: Point, until_s: float, exact: bool) -> tuple[float, bool]:
+    """Estimate errors of the model and unknown noises at a solution, and give them to the channels.
+
+    Returns:
+        Minus twice the logarithm of the likelihood, and whether anything has changed.
+    """
+    plain = problem.point(point.x, until_s, early=False, exact=True)
+    whole = np.column_stack([plain.jacobian, plain.residual])
+    errors, rows = [], []
+    for index, (c, model) in enumerate(zip(problem.channels, problem.models, strict=True)):
+        value, _, tau = problem.predicted(point.x, index, until_s)
+        gain, counted = problem.nuisances(point.x, index)[2], c.counted(tau <= until_s)
+        signal = np.full(len(tau), c.peak) if c.is_gap else gain * value
+        error = None if exact else unknown(tau, signal, c.whitening(), model.contact_s)
+        errors.append(error)
+        rows.append(Rows(
+            whole[plain.rows[index]], float(np.sum(c.independent(counted))),
+            error and error.on(counted), c.discrepancy is not None,
+            c.least_noise / c.noise if c.noise_unknown else None,
+        ))  # fmt: skip
+    cost, found, kappa = estimated(rows, whole[plain.priors])
+    changed = False
+    for c, error, r, (shares, factor) in zip(problem.channels, errors, rows, found, strict=True):
+        before = np.array(c.discrepancy.shares if c.discrepancy else (0.0, 0.0))
+        apart = np.abs(before - shares) > _SETTLED * np.maximum(before, shares)
+        changed |= bool(np.any(apart)) or abs(factor - 1.0) > 0.1 * _SETTLED
+        cost += 2.0 * r.count * math.log(c.noise)
+        c.noise *= factor
+        c.discrepancy = None
+        if error is not None and any(shares):
+            basis = error.basis / factor
+            c.discrepancy = replace(error, shares=shares, kappa=kappa, basis=basis, _on={})
+    return cost, changed
 
 
 def _lowest(problem: Problem, point: Point, windows: Sequence[float]) -> Point:
@@ -889,19 +993,6 @@ def _elastic_pressure(problem: Problem, f: Free) -> float:
     return 1.5 * force / (math.pi * a * a)
 
 
-def _residual_scale(problem: Problem, point: Point) -> float:
-    """Factor on the noise where no record has its own: the residual has to say."""
-    if any(c.noise_from != "residual" for c in problem.channels):
-        return 1.0
-    rows = sum(s.stop - s.start for s in point.rows)
-    squares = sum(float(np.sum(point.residual[s] ** 2)) for s in point.rows)
-    scale = math.sqrt(squares / max(rows - len(point.x), 1))
-    for c in problem.channels:
-        c.noise *= scale
-    point.residual[:rows] /= max(scale, 1e-12)
-    return scale
-
-
 def _estimate(f: Free, value: float, sd: float, alone: float, pull: float | None) -> Estimate:
     """An estimate whose interval is that of the covariance."""
     known = math.isfinite(sd) and _NORMAL * sd < _NO_BOUND
@@ -928,7 +1019,7 @@ def _estimates(
         if f.prior is None and (
             f.key == _PRESSURE or (doubtful and _flat_alone(alone, bool(at_bound)))
         ):
-            profiled = _profiled(problem, point, until_s, j, f, estimate)
+            profiled = _profiled(problem, point, until_s, j, f, estimate, known.wider)
             if profiled is not None:
                 estimate = profiled
                 if estimate.low is None or estimate.high is None:
@@ -984,9 +1075,11 @@ def _flat_alone(alone: float, at_bound: bool) -> bool:
 
 
 def _profiled(
-    problem: Problem, point: Point, until_s: float, j: int, f: Free, estimate: Estimate
-) -> Estimate | None:
-    """An estimate with one open end where chi-square stays flat to a bound, else None."""
+    problem: Problem, point: Point, until_s: float, j: int, f: Free, estimate: Estimate,
+    wider: float,
+) -> Estimate | None:  # fmt: skip
+    """An estimate with one open end where chi-square, as intervals `wider` ask for, stays flat to a
+    bound, else None."""
     best = point.chi_square
 
     def rise(value: float) -> float:
@@ -997,7 +1090,7 @@ def _profiled(
         except SceneError:  # with the other values, the scene cannot have this one
             return math.inf
         problem.evaluations += held.evaluations
-        return found.chi_square - best
+        return (found.chi_square - best) / wider**2
 
     up, down = rise(f.high), None
     if up < (_YIELDED if f.key == _PRESSURE else _CERTAIN):
@@ -1039,17 +1132,39 @@ def _crossing(rise: Any, value: float, bound: float, level: float = _ONE_SIDED) 
     return math.exp(outer)
 
 
-def _nuisances(problem: Problem, point: Point, until_s: float, scale: float) -> list[Nuisance]:
+def _nuisances(problem: Problem, point: Point, until_s: float) -> list[Nuisance]:
     found = []
     for index, c in enumerate(problem.channels):
         touch_s, ppm, gain, offset = problem.nuisances(point.x, index)
         rows = point.residual[point.rows[index]]
         samples = _samples(problem, point, index, until_s)
         rms = math.sqrt(float(np.sum(rows**2)) / samples) if samples else math.nan
-        found.append(
-            Nuisance(c.record.name, touch_s, gain, offset, ppm, c.noise, rms, len(rows), c.rejected)
-        )
+        shares = c.discrepancy.shares if c.discrepancy else (0.0, 0.0)
+        found.append(Nuisance(
+            c.record.name, touch_s, gain, offset, ppm, c.noise, rms, len(rows), c.rejected,
+            _off(problem, point, index, until_s), (100.0 * shares[0], 100.0 * shares[1]),
+        ))  # fmt: skip
     return found
+
+
+def _off(
+    problem: Problem, point: Point, index: int, until_s: float
+) -> tuple[float | None, float | None]:
+    """Root mean square of a residual over the peak, in the pulse and after it, %; None without
+    samples there."""
+    c, contact_s = problem.channels[index], problem.models[index].contact_s
+    value, _, tau = problem.predicted(point.x, index, until_s)
+    _, _, gain, offset = problem.nuisances(point.x, index)
+    residual = gain * value + offset - c.value
+    used = c.kept & (tau <= until_s) & (tau > -0.1 * contact_s)
+    pulse = tau < PULSE * contact_s
+
+    def rms(some: np.ndarray) -> float | None:
+        if not np.any(some):
+            return None
+        return 100.0 * math.sqrt(float(np.mean(residual[some] ** 2))) / c.peak
+
+    return rms(used & pulse), rms(used & ~pulse)
 
 
 def _samples(problem: Problem, point: Point, index: int, until_s: float) -> float:
@@ -1102,22 +1217,26 @@ def _other_impact(c: Channel, curve: dict[str, np.ndarray]) -> list[str]:
     ]
 
 
-def _held_out(fitted: Setup, records: Sequence[Record]) -> dict[str, Any]:
+def _held_out(fitted: Setup, records: Sequence[Record], exact: bool) -> dict[str, Any]:
     """Compare records with the fitted scene; only their nuisances are found anew."""
     problem = prepared(fitted, records, [])
     if any(isinstance(model, LoopModel) for model in problem.models):
         problem = searched(problem)
     until_s = problem.windows_s()[-1]
     point = minimised(problem, problem.start(), until_s, early=False)
-    reject_outliers(problem, point, until_s)
-    point = minimised(problem, point.x, until_s, early=False)
-    rows = np.concatenate([point.residual[s] for s in point.rows])
-    samples = sum(_samples(problem, point, i, until_s) for i in range(len(records)))
-    ratio = math.sqrt(float(rows @ rows) / max(samples - len(point.x), 1.0))
+    found = _estimated(_settled(problem, point, until_s), until_s, exact)
+    problem = found.problem
+    plain = problem.point(found.point.x, until_s, early=False, jacobian=False, exact=True)
+    rows = np.concatenate([plain.residual[s] for s in plain.rows])
+    samples = sum(_samples(problem, plain, i, until_s) for i in range(len(records)))
+    ratio = math.sqrt(float(rows @ rows) / max(samples - len(plain.x), 1.0))
+    nuisances = _nuisances(problem, plain, until_s)
     return {
         "records": [r.name for r in records],
         "residual_over_noise": ratio,
-        "gain": [problem.nuisances(point.x, i)[2] for i in range(len(records))],
+        "gain": [n.gain for n in nuisances],
+        "in_pulse_percent": [n.off_percent[0] for n in nuisances],
+        "after_pulse_percent": [n.off_percent[1] for n in nuisances],
     }
 
 
@@ -1142,7 +1261,7 @@ def _next(problem: Problem, point: Point, known: Uncertainty) -> list[str]:
         line = np.zeros((1, len(point.x)))
         line[0, j] = 1.0 / _KNOWN_TO
         more = replace_point(point, line)
-        others = float(np.max(uncertainty(problem, more, known.scale).half_widths()))
+        others = float(np.max(uncertainty(problem, more).half_widths()))
         if best is None or others < best[0]:
             best = (others, j)
     assert best is not None
@@ -1163,8 +1282,9 @@ def _percent(share: float) -> str:
 def replace_point(point: Point, line: np.ndarray) -> Point:
     """Return a point with one more row of its Jacobian, of a residual of zero."""
     return Point(
-        point.x, np.append(point.residual, 0.0), np.concatenate([point.jacobian, line]), point.rows
-    )
+        point.x, np.append(point.residual, 0.0), np.concatenate([point.jacobian, line]), point.rows,
+        point.priors,
+    )  # fmt: skip
 
 
 __all__ = [

@@ -321,6 +321,10 @@ class FrozenModel:
         key = (tuple(sorted(values.items())), steps)
         return self.kept(key, lambda: self._simulated(self.spec_of(values), steps))
 
+    def run_spec(self, spec: PlantSpec, until_s: float) -> Simulated:
+        """Simulate the drop of another plant until `until_s` after the touch."""
+        return self._simulated(spec, 16 + math.ceil((until_s + LEAD_IN_S) * 1e9 / self.step_ns))
+
     def kept(self, key: Any, simulate: Callable[[], Simulated]) -> Simulated:
         """Return a simulation, which is made once for a key."""
         found = self._runs.get(key)

@@ -51,7 +51,8 @@ class Measured:
     file holds them, by its name or its number from 1 on; `group`: of which group or table.
     `time_column`, `time_unit`: the same of the times.
     `sensitivity`: units of the file for one unit of `unit`, e.g. V for N (1 if left out), and
-    `sensitivity_uncertainty`, relative standard deviation. `rate_hz`: where the file has no times.
+    `sensitivity_uncertainty`, relative standard deviation (inf if it is unknown). `rate_hz`: where
+    the file has no times.
     `clock_tolerance_ppm`: standard deviation of the clock's relative error. `low_pass_hz`,
     `ac_coupling_hz`, `resonance_hz`, `resonance_damping`: filters of the measuring chain.
     `range`, `bits`: of the converter, in `unit`. `point_m`: measuring point, m. `set`: scene keys
@@ -285,7 +286,10 @@ def measured_of(table: Mapping[str, Any], name: str) -> Measured:
         value = values[key]
         number = isinstance(value, int | float) and not isinstance(value, bool)
         least_ok = key in ("sensitivity_uncertainty", "clock_tolerance_ppm")
-        good = number and math.isfinite(value) and (value >= 0 if least_ok else value != 0)
+        finite = number and (
+            math.isfinite(value) or (key == "sensitivity_uncertainty" and value > 0)
+        )
+        good = finite and (value >= 0 if least_ok else value != 0)
         if not good or (key != "sensitivity" and value < 0):
             raise RecordError(f"record.{key} = {value}: must be a positive number in {name}.")
     places = [(key, (str, int), "a name or a number from 1 on")
@@ -302,6 +306,8 @@ def _factor(quantity: str, measured: Measured) -> float:
     """SI value of one of the file's units."""
     si = QUANTITIES[quantity].unit
     unit = unit_of(measured.unit or si)
+    if measured.sensitivity_uncertainty == math.inf and (unit is None or unit.si != si):
+        return 1.0 / measured.sensitivity  # the gain has this unit
     if unit is None or unit.si != si:
         raise RecordError(
             f"record.unit = '{measured.unit}': not a unit of {quantity}. Give one of "
@@ -524,7 +530,8 @@ def _scaled(
         stated = min((end for end in ends if not end.isdigit()), key=len, default="")
         stated = "" if plain in NAMES else stated
     unit, si = unit_of(stated), QUANTITIES[quantity].unit
-    sensitive = "sensitivity" in table
+    unknown = measured.sensitivity_uncertainty == math.inf
+    sensitive = "sensitivity" in table or unknown
     if unit is not None and unit.si == si:
         if measured.unit is None:
             measured = replace(measured, unit=stated)
@@ -536,12 +543,15 @@ def _scaled(
         what = "no unit that is known" if unit is None else f"not a unit of {quantity}"
         raise RecordError(
             f"{name}: {_named(series, contents)} is in '{stated}', which is {what}. Give "
-            f"record.sensitivity, {stated} for one {si}, or record.unit, one of {_EXAMPLES[si]}."
+            f"record.sensitivity, {stated} for one {si}, or record.unit, one of {_EXAMPLES[si]}. "
+            "Of an unknown sensitivity, write record.sensitivity_uncertainty = inf."
         )
     words = (
         unit.symbol if unit else stated or f"{measured.unit or si}, which the file does not state"
     )
-    if sensitive:
+    if unknown:
+        words += ", of an unknown sensitivity"
+    elif sensitive:
         words += f", {measured.sensitivity:g} for one {measured.unit or si}"
     return measured, words
 

@@ -26,7 +26,9 @@ def as_json(result: FitResult) -> dict[str, Any]:
             "time_shift_s": n.time_shift_s, "gain": n.gain, "offset": n.offset,
             "clock_ppm": n.clock_ppm, "noise_rms": n.noise_rms,
             "residual_over_noise": n.residual_over_noise, "samples": n.samples,
-            "rejected_samples": n.rejected,
+            "rejected_samples": n.rejected, "in_pulse_percent": n.off_percent[0],
+            "after_pulse_percent": n.off_percent[1], "model_error_in_pulse_percent":
+            n.error_percent[0], "model_error_after_pulse_percent": n.error_percent[1],
         }
         for n in result.nuisances
     }  # fmt: skip
@@ -144,10 +146,22 @@ def sentences(result: FitResult) -> list[str]:
         f"Residual over noise: {result.residual_over_noise:.3g}. {_MODEL_WORDS[result.model]}"
     )
     found += result.reasons
-    if result.hold_out is not None:
-        found.append(
-            f"Held-out records: residual over noise {result.hold_out['residual_over_noise']:.3g}."
+    found += [_good_to(n.record, *n.off_percent) for n in result.nuisances]
+    if any(any(n.error_percent) for n in result.nuisances):
+        errors = "; ".join(
+            f"{n.record}: {_percent(n.error_percent[0])} in the pulse and "
+            f"{_percent(n.error_percent[1])} after it"
+            for n in result.nuisances
         )
+        found.append(
+            f"The model is not exact. Its error, of the local signal, is estimated with the keys, "
+            f"and the intervals include it. {errors}."
+        )
+    held = result.hold_out
+    if held is not None:
+        found.append(f"Held-out records: residual over noise {held['residual_over_noise']:.3g}.")
+        parts = held["records"], held["in_pulse_percent"], held["after_pulse_percent"]
+        found += [_good_to(f"{name} (held out)", *off) for name, *off in zip(*parts, strict=True)]
     for n in result.nuisances:
         found.append(
             f"{n.record}: touch at {n.time_shift_s:.9g} s, gain {n.gain:.4g}, offset "
@@ -156,6 +170,16 @@ def sentences(result: FitResult) -> list[str]:
     if not math.isnan(result.wall_s):
         found.append(f"{result.evaluations} simulations in {result.wall_s:z.2f} s.")
     return found
+
+
+def _good_to(record: str, pulse: float | None, after: float | None) -> str:
+    """The second part of the verdict: how far the simulation is from a record."""
+    parts = [
+        f"{_percent(off)} of the peak {where}"
+        for off, where in ((pulse, "in the pulse"), (after, "after it"))
+        if off is not None
+    ]
+    return f"{record}: good to {' and '.join(parts)} (root mean square)."
 
 
 def _unidentified(result: FitResult) -> list[str]:

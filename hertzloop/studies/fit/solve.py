@@ -57,14 +57,16 @@ class Free:
 class Point:
     """A point of the parameter space with its residuals.
 
-    `residual`: rows of all channels, whitened, then the priors, (rows,). `jacobian`: (rows,
-    parameters). `rows`: the channel's rows, one slice for each.
+    `residual`: rows of all channels, whitened, then those of the model's errors, then the priors,
+    (rows,). `jacobian`: (rows, parameters). `rows`: the channel's rows, one slice for each.
+    `priors`: rows of the priors.
     """
 
     x: np.ndarray
     residual: np.ndarray
     jacobian: np.ndarray
     rows: list[slice]
+    priors: slice
 
     @property
     def chi_square(self) -> float:
@@ -219,7 +221,10 @@ class Problem:
         value[inside], slope[inside] = seen.value(tau[inside]), seen.slope(tau[inside])
         return value, slope, tau
 
-    def point(self, x: np.ndarray, until_s: float, early: bool, jacobian: bool = True) -> Point:
+    def point(
+        self, x: np.ndarray, until_s: float, early: bool, jacobian: bool = True,
+        exact: bool = False,
+    ) -> Point:  # fmt: skip
         """Residuals and their derivatives with the samples up to `until_s` after the touch.
 
         Args:
@@ -227,18 +232,24 @@ class Problem:
             until_s: end of the window, s.
             early: whether weak priors hold the keys near their start.
             jacobian: whether derivatives are wanted.
+            exact: whether the model is taken as exact.
 
         Raises:
             SceneError: a value that the scene refuses.
         """
         n = len(x)
         parts, columns, rows, at = [], [], [], 0
+        of_errors, by_errors = [], []
         for index, c in enumerate(self.channels):
             _, _, gain, offset = self.nuisances(x, index)
             value, slope, tau = self.predicted(x, index, until_s)
             good = c.counted(tau <= until_s)
             raw = np.where(c.kept & (tau <= until_s), gain * value + offset - c.value, 0.0)
             white = c.whitened(raw)[good]
+            error = None if exact or c.discrepancy is None else c.discrepancy.on(good)
+            if error is not None:
+                white, own = error.applied(white)
+                of_errors.append(own)
             parts.append(white)
             rows.append(slice(at, at + len(white)))
             at += len(white)
@@ -246,11 +257,17 @@ class Problem:
                 continue
             block = self.derivatives(x, index, until_s, (value, slope, tau))
             block[~(c.kept & (tau <= until_s))] = 0.0
-            columns.append(c.whitened(block)[good])
+            white = c.whitened(block)[good]
+            if error is not None:
+                white, own = error.applied(white)
+                by_errors.append(own)
+            columns.append(white)
         prior, by = self._priors(x, early)
+        residual = np.concatenate([*parts, *of_errors, prior])
         return Point(
-            x, np.concatenate([*parts, prior]),
-            np.concatenate([*columns, by]) if jacobian else np.empty((0, n)), rows,
+            x, residual,
+            np.concatenate([*columns, *by_errors, by]) if jacobian else np.empty((0, n)), rows,
+            slice(len(residual) - len(prior), len(residual)),
         )  # fmt: skip
 
     def derivatives(
@@ -329,11 +346,11 @@ class Problem:
                 row(j, math.log(f.start), f.spread)
         clocks: set[int] = set()
         for c, place in zip(self.channels, self.places, strict=True):
-            measured = c.record.measured
+            gain_sd, clock_sd = c.prior_sds(exact=True)
             if place[1] not in clocks:
-                row(place[1], 0.0, max(measured.clock_tolerance_ppm, 1e-6))
+                row(place[1], 0.0, clock_sd)
             clocks.add(place[1])
-            row(place[2], 1.0, max(measured.sensitivity_uncertainty, 1e-9))
+            row(place[2], 1.0, gain_sd)
         for at, period in self.phases.items():
             # All phases are as likely, so nothing is pulled; but none is more than a period off.
             row(at, float(x[at]), _PHASE_SD * period)
@@ -347,9 +364,9 @@ class Problem:
                 found[f.key] = (float(x[j]) - math.log(f.start)) / f.prior
         for index, c in enumerate(self.channels):
             _, ppm, gain, _ = self.nuisances(x, index)
-            m = c.record.measured
-            found[f"{c.record.name}: clock_ppm"] = ppm / max(m.clock_tolerance_ppm, 1e-6)
-            found[f"{c.record.name}: gain"] = (gain - 1.0) / max(m.sensitivity_uncertainty, 1e-9)
+            gain_sd, clock_sd = c.prior_sds()
+            found[f"{c.record.name}: clock_ppm"] = ppm / clock_sd
+            found[f"{c.record.name}: gain"] = (gain - 1.0) / gain_sd
         return found
 
     @property

@@ -1,6 +1,7 @@
 """What a fit may claim: intervals, identifiability, and whether the model class fits."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -19,6 +20,10 @@ _F_P, _WHITE_P, _PULL = 0.01, 0.001, 3.0
 _F_QUIET = 200  # samples before the impact for the F test to decide alone
 _DRAWS = 300
 _UNSURE = 2.0  # factor on the estimated error of a simulation
+# Of intervals of a model with an error, which is not as random as a process: the factor on their
+# width, and the error of the model's time over that of its size. Both were chosen with
+# `python -m benchmarks.fit_discrepancy`.
+_WIDER, _STRETCH = 2.0, 0.3
 _SHOWN = 0.05  # exponents of a combination below this are left away
 
 
@@ -59,12 +64,13 @@ class Uncertainty:
 
     `covariance`: (keys, keys), inf where nothing is known. `alone`: standard deviation of each key
     if all other keys were known, (keys,). `combinations`: from the worst known to the best.
+    `wider`: the factor that an error of the model brings.
     """
 
     covariance: np.ndarray
     alone: np.ndarray
     combinations: list[Combination]
-    scale: float = 1.0
+    wider: float = 1.0
 
     @property
     def sd(self) -> np.ndarray:
@@ -77,7 +83,7 @@ class Uncertainty:
             return np.asarray(np.expm1(np.minimum(_NORMAL * self.sd, 700.0)))
 
 
-def uncertainty(problem: Problem, point: Point, scale: float = 1.0) -> Uncertainty:
+def uncertainty(problem: Problem, point: Point, moved: Sequence[np.ndarray] = ()) -> Uncertainty:
     """Return the covariance of the keys with all nuisances free.
 
     The columns of the Jacobian are scaled to length one first, and no direction is cut off: an
@@ -86,7 +92,7 @@ def uncertainty(problem: Problem, point: Point, scale: float = 1.0) -> Uncertain
     Args:
         problem: the fit.
         point: where, with its Jacobian.
-        scale: factor on the noise, of a noise that is only known from the residual.
+        moved: errors of the keys' logarithms that parts of the records show, (keys,) each.
     """
     keys = [f.key for f in problem.moving]
     n = len(keys)
@@ -115,8 +121,32 @@ def uncertainty(problem: Problem, point: Point, scale: float = 1.0) -> Uncertain
                 covariance[j, :] = covariance[:, j] = 0.0
                 covariance[j, j] = np.inf
         alone = np.where(alone_r > 0.0, 1.0 / np.maximum(alone_r, 1e-300), np.inf)
-    covariance = covariance * scale**2
-    return Uncertainty(covariance, alone * scale, _combinations(keys, covariance), scale)
+    wider = _WIDER if any(c.discrepancy is not None for c in problem.channels) else 1.0
+    if wider > 1.0:
+        covariance = wider**2 * (covariance + _common(problem, point))
+        covariance += sum((np.outer(m, m) for m in moved), np.zeros((n, n)))
+    return Uncertainty(covariance, wider * alone, _combinations(keys, covariance), wider)
+
+
+def _common(problem: Problem, point: Point) -> np.ndarray:
+    """Covariance of the keys' logarithms by errors of the model that a whole record shares: of its
+    size and of its time, each as large as the prior of a gain or of a clock lets it act."""
+    n = len(problem.moving)
+    found = np.zeros((n, n))
+    sds: dict[int, float] = {}
+    for c, place in zip(problem.channels, problem.places, strict=True):
+        share = 0.0 if c.discrepancy is None else c.discrepancy.overall
+        for at, sd in ((place[2], share), (place[1], 1e6 * _STRETCH * share)):
+            sds[at] = max(sds.get(at, 0.0), sd)
+    if not any(sds.values()):
+        return found
+    length = np.sqrt(np.sum(point.jacobian**2, axis=0))
+    length[length == 0.0] = 1.0
+    inverse = np.linalg.pinv(point.jacobian / length, rcond=_NULL) / length[:, np.newaxis]
+    for at, sd in sds.items():
+        moved = sd * (inverse[:n, point.priors] @ point.jacobian[point.priors, at])
+        found += np.outer(moved, moved)
+    return found
 
 
 def _combinations(keys: list[str], covariance: np.ndarray) -> list[Combination]:
@@ -154,11 +184,13 @@ def bootstrapped(
     linear step each.
 
     Returns:
-        Shape (keys, keys); None where no record needs it.
+        Shape (keys, keys); None where no record needs it, or the model has an error that hides
+        those of the converter.
     """
     needs = [c.step > 0.0 and c.noise < 1.5 * c.step for c in problem.channels]
     n = len(problem.moving)
-    if not any(needs) or n == 0:
+    erring = any(c.discrepancy is not None for c in problem.channels)
+    if not any(needs) or n == 0 or erring:
         return None
     length = np.sqrt(np.sum(point.jacobian**2, axis=0))
     length[length == 0.0] = 1.0
@@ -267,7 +299,7 @@ def fitness(
         if c.floored or c.coarse or (c.step > 0.0 and c.noise < 0.7 * c.step):
             white = 1.0  # the errors of a converter, or of the simulation, are not white
         whiteness = min(whiteness, white)
-        if c.noise_from == "residual" or c.quiet < ENOUGH_QUIET:
+        if c.noise_unknown:
             quiet_known = quiet_known and c.noise_from != "residual" and c.quiet >= _F_QUIET
             continue
         known = c.quiet // 2 if len(c.ar) else c.quiet  # colour and size from the same samples
