@@ -122,6 +122,8 @@ def read_table(path: Path, names: Collection[str] = ()) -> TextTable:
     for place, found in zip(layout.places, values, strict=True):
         heading = headings[place] if place < len(headings) else ""
         unit = units[place] if place < len(units) else ""
+        if not unit and len(heading) > 3 and unit_of(heading):  # such as "Second"
+            unit = heading
         table.columns.append(TextColumn(heading, unit, place + 1, found, place in layout.dates))
     if not any(c.dates or is_time(c.heading, c.unit) for c in table.columns) and rows.interrupted:
         raise TableError("empty lines stand between rows without times. Fill or remove them")
@@ -281,7 +283,9 @@ def _run(
     kinds = ["" if _is_comment(line) else _kinds(line, separator) for line in lines]
     back = [i for i in range(len(kinds) - 1, -1, -1) if kinds[i]]
     last = next((i for least in (3, 2, 1) for i in back if _alike(kinds, i, least)), None)
-    if last is None or not (forced or separator is None or separator in lines[last]):
+    if last is None or not (
+        forced or separator is None or any(separator in lines[i] for i in back[:3])
+    ):
         return None
     sure = {j for j, c in enumerate(kinds[last]) if c in "nd"}
     usual = {j for j, c in enumerate(kinds[last]) if c == "t"}
@@ -376,7 +380,7 @@ def _headings(
         good = [c for c in found if unit_of(c) or c in UNITS_AT_ENDS or c.lower() == "sequence"]
         if any(_NUMBER.fullmatch(cells[j]) for j in layout.places if j < len(cells)):
             return 0
-        return len(good) if not known(cells) and 2 * len(good) >= len(bare) else 0
+        return len(good) if not known(cells) and len(good) >= len(bare) else 0
 
     near = [x for x in lines[: layout.start] if set(_kinds(x, layout.separator)) - {"g"}]
     near = near[-_ROWS_ABOVE:]
@@ -397,11 +401,13 @@ def _headings(
     if not heading and rows:
         row = rows[-1] if rows[-1] is not unit_row else rows[-2] if len(rows) > 1 else []
         plain = [split(line) for line in near]
-        if row and row in plain[-2:] and not any(_NUMBER.fullmatch(cell) for cell in row):
+        fact = bool(row) and plain_name(row[0]) in (*_UNITS_OF_TIME, *_UNITS_OF_VALUES)
+        numbers = any(_NUMBER.fullmatch(cell) for cell in row)
+        if row in plain[-2:] and not fact and not numbers:
             heading = row
     if not heading and near and not unit_row:
         cells = split(near[-1])
-        if len(cells) < width and known(cells):
+        if len(cells) < width and known(cells) and not re.search("[:=]", near[-1]):
             raise TableError(
                 f"the heading names {len(cells)} columns and the rows have {width}. Give a name "
                 "for each column, and separate the columns by semicolons if numbers have decimal "
@@ -464,7 +470,7 @@ class _Rows:
         self.odd: dict[int, tuple[int, str]] = {}
         self.below: list[tuple[int, str]] = []
         self.apart = 0  # comment lines within the table
-        self.moments = _Moments()
+        self.moments = {place: _Moments() for place in layout.places}
 
     def read(self) -> list[np.ndarray]:
         """Return the columns, shape (rows,) each. Raises TableError."""
@@ -539,7 +545,7 @@ class _Rows:
     def _column(self, cells: list[str], place: int) -> list[float]:
         """Values of cells with dates, or with commas beside other columns with points."""
         if place in self.layout.dates:
-            return [self.moments.seconds(cell.strip()) for cell in cells]
+            return [self.moments[place].seconds(cell.strip()) for cell in cells]
         for sign, seen in ((",", self.commas), (".", self.points)):
             example = next((cell for cell in cells if sign in cell), None)
             if example is not None:
@@ -603,7 +609,7 @@ class _Rows:
                 self.points.setdefault(place, cell)
             return float(cell.replace("D", "e").replace("d", "e"))
         if kind == "d":
-            return self.moments.seconds(cell)
+            return self.moments[place].seconds(cell)
         if kind == "t":
             if any(c.isdigit() for c in cell):
                 raise TableError(
@@ -650,10 +656,10 @@ def _filled(line: str, separator: str) -> str:
 
 
 class _Moments:
-    """Seconds of dates and times of day, from midnight of the first date on."""
+    """Seconds of dates and times of day, from the minute of the first one on."""
 
     def __init__(self) -> None:
-        self.first: int | None = None
+        self.first: tuple[int, int] | None = None  # day, and seconds of its whole minutes
         self.known: dict[str, float] = {}
         self.dates: set[str] = set()
 
@@ -669,7 +675,7 @@ class _Moments:
         found = _moment(cell)
         if found is None:
             raise ValueError(cell)
-        date, of_day, sure = found
+        date, minutes_s, seconds, sure = found
         if date is not None:
             self.dates.add(cell[:8] if not sure else "")
             if len(self.dates) > 1:
@@ -677,17 +683,17 @@ class _Moments:
                     f"the date changes in the table, and '{_short(cell)}' may name the day or the "
                     "month first. Write dates as 2024-12-31"
                 )
-            self.first = date if self.first is None else self.first
-        total = 86400.0 * ((date or 0) - (self.first or 0)) + of_day
+        self.first = self.first or (date or 0, minutes_s)
+        total = 86400 * ((date or 0) - self.first[0]) + minutes_s - self.first[1] + seconds
         if colon and re.fullmatch(r"\d\d(\.\d+)?", tail) and head.count(":") == 1:
             self.known[head] = total - float(tail)
         return total
 
 
 @functools.lru_cache(maxsize=1 << 10)
-def _moment(cell: str) -> tuple[int | None, float, bool] | None:
-    """Day number, seconds of the day, and whether the order of day and month is sure; None if a
-    cell is neither date nor time of day."""
+def _moment(cell: str) -> tuple[int | None, int, float, bool] | None:
+    """Day number, seconds of the day up to the minute, seconds of the minute, and whether the order
+    of day and month is sure; None if a cell is neither date nor time of day."""
     found = _DATE.fullmatch(cell)
     if found is None or not cell or not (found[1] or found[5] or found[8]):
         return None
@@ -706,28 +712,28 @@ def _moment(cell: str) -> tuple[int | None, float, bool] | None:
         except ValueError:
             return None
     if found[8]:
-        return day, 60.0 * int(found[8]) + float(found[9].replace(",", ".")), sure
+        return day, 60 * int(found[8]), float(found[9].replace(",", ".")), sure
     if not found[5]:
-        return day, 0.0, sure
+        return day, 0, 0.0, sure
     whole, *parts = re.split("[.,]", found[7] or "0")
     hour = int(found[5])
     if found[10]:
         hour = hour % 12 + 12 * (found[10].lower() == "pm")
-    of_day = 3600.0 * hour + 60.0 * int(found[6]) + float(f"{whole}.{''.join(parts) or 0}")
-    return day, of_day, sure
+    return day, 3600 * hour + 60 * int(found[6]), float(f"{whole}.{''.join(parts) or 0}"), sure
 
 
 # Facts beside a table that give its times. The names are plain: "Sample Interval" and "Delta_X".
 _INTERVALS = ("sample_interval", "sampling_interval", "sample_period", "sampling_period", "delta_x",
               "x_increment", "xincrement", "xinc", "increment", "delta_t", "dt", "time_increment",
-              "time_step", "sample_time", "horizontal_interval", "tinc")  # fmt: skip
+              "time_step", "sample_time", "horizontal_interval", "tinc", "hresolution",
+              "x_axis_delta")  # fmt: skip
 _RATES = ("sample_rate", "sampling_rate", "samplerate", "sampling_frequency", "sample_frequency",
           "samples_per_second", "rate", "fs", "sampling_rate_hz", "sample_rate_hz")  # fmt: skip
 _STARTS = ("start", "x0", "x_zero", "xzero", "x_origin", "xorigin", "t0")
 _UNITS_OF_TIME = ("horizontal_units", "x_units", "x_unit", "x_unit_label", "time_unit",
-                  "time_units", "horizontal_unit")  # fmt: skip
+                  "time_units", "horizontal_unit", "hunit", "x_axis_unit")  # fmt: skip
 _UNITS_OF_VALUES = ("vertical_units", "y_unit_label", "y_units", "y_unit", "units", "unit",
-                    "vertical_unit")  # fmt: skip
+                    "vertical_unit", "vunit", "y_axis_unit")  # fmt: skip
 
 
 def spacing_s(table: TextTable) -> tuple[float, float, str] | None:
@@ -768,7 +774,7 @@ def stated(table: TextTable, names: Collection[str], place: int = 0) -> str:
     for name in names:
         cells = table.facts.get(name)
         if cells:
-            return cells[min(place, len(cells) - 1)]
+            return cells[min(place, len(cells) - 1)].rpartition(":")[2]  # as in "CH1:V"
     return ""
 
 

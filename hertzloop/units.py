@@ -92,14 +92,16 @@ def name_and_unit(heading: str, names: Collection[str]) -> tuple[str, str]:
         names: plain names that a unit may follow after an underscore.
     """
     text = heading.strip()
-    if found := re.fullmatch(r"(.*?)[\s_]*[(\[{<]([^()\[\]{}<>]*)[)\]}>]", text):
-        return (found[1], found[2].strip()) if found[2].strip() else (found[1], "")
-    found = re.fullmatch(r"(.*\S)\s*(\s/|\sin|,)\s+(\S+)", text)
+    if found := re.fullmatch(r"(.*?)[\s_]*[(\[{<]([^()\[\]{}<>]*\D)?[)\]}>]", text):
+        return found[1], (found[2] or "").strip()
+    found = re.fullmatch(r"(.*?)\s*(\s/|\bin|,)\s+(\S+)", text)
     if found and (found[2] == " /" or unit_of(found[3])):
         return found[1], found[3]
     plain = plain_name(text)
     if plain in names:
         return text, ""
+    if (found := re.fullmatch(r"(.+?)/(\S+)", text)) and unit_of(found[2]) and not unit_of(text):
+        return found[1], found[2]
     for name in sorted(names, key=len, reverse=True):
         if plain.startswith(name + "_"):
             # The unit as it is written: FORCE_MN may be of mega- or of millinewtons.

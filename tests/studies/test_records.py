@@ -111,6 +111,34 @@ def test_a_table_below_a_long_preamble_says_what_it_is(tmp_path: Path) -> None:
     np.testing.assert_array_equal(one.value, FORCE)
 
 
+@pytest.mark.parametrize(("above", "row", "given"), [
+    ("t/us,F/kN", "{us},{kn}", {"column": 2}),
+    ("in s,C1 in kN", "{s},{kn}", {}),
+    ("Vertical Units,CH1:kN\nSource,CH1\nSecond,Value", "{s},{kn}", {}),
+    ("Force [N],Time [ms]", "{n},{ms}", {}),
+    ("Date,Time,Elapsed (ms),Force", "2024-01-02,10:11:12.{i:07d},{ms},{n}", {}),
+    ('"TraceName","CH1"\n"HResolution",5e-7\n"VUnit","kN"\n', ",{kn}", {}),
+    ("#Sample rate: 2e6Hz\nx,CH1\nSequence,kN", "{k},{kn}", {}),
+    ("Time;Force\ns;kN\n# remark", "{s};{kn}", {}),
+    (",time_s,Force", "{k},{s},{n}", {}),
+])  # fmt: skip
+def test_layouts_of_other_programs(
+    tmp_path: Path, above: str, row: str, given: dict[str, Any]
+) -> None:
+    rows = [row.format(k=k, i=5 * k, s=f"{t:.9g}", ms=f"{1e3 * t:.9g}", us=f"{1e6 * t:.9g}",
+                       n=f"{v:.9g}", kn=f"{1e-3 * v:.9g}")
+            for k, (t, v) in enumerate(zip(TIME, FORCE, strict=True))]  # fmt: skip
+    one = read(tmp_path, "\n".join([above, *rows]), quantity="contact_force", **given)
+    np.testing.assert_allclose(one.value, FORCE, rtol=1e-12)
+    np.testing.assert_allclose(np.diff(one.time_s), 5e-7, atol=2e-15)
+
+
+def test_values_before_their_times_side_by_side_are_refused(tmp_path: Path) -> None:
+    rows = "\n".join(f"{v},{t:.9g},{v},{3 * t:.9g}" for t, v in zip(TIME, FORCE, strict=True))
+    with pytest.raises(RecordError, match="two columns of times disagree"):
+        read(tmp_path, f"Force,Time,Velocity,Time\n{rows}", column=3, quantity="v_p")
+
+
 def test_dates_count_from_the_first_one(tmp_path: Path) -> None:
     for form in ("2024-05-06 23:59:59.{:06d}", "06.05.2024 23:59:59.{:06d}", "23:59:59.{:06d}",
                  "2024-05-06T23:59:59.{:06d}Z", "11:59:59.{:06d} PM"):  # fmt: skip

@@ -121,6 +121,9 @@ def _text(path: Path) -> Contents:
             column.heading, "s" if column.dates else unit, column.values, column.number,
             str(block + 1), is_time=time,
         ))  # fmt: skip
+    times = [one.is_time for one in found.series]
+    if found.spacing is None and times and times[-1] and not times[0]:  # times behind values
+        found.series = [one._replace(group="") for one in found.series]
     return found
 
 

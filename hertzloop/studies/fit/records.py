@@ -390,7 +390,8 @@ def _series_of(name: str, contents: Contents, measured: Measured) -> tuple[Serie
         raise RecordError(
             f"{name}: no column is a known quantity; the columns are "
             f"{', '.join(_named(s, contents) for s in contents.series)}. Name a column such as "
-            "contact_force_n or v_p_m_s, or give record.quantity and record.column."
+            "contact_force_n or v_p_m_s, or give record.quantity and record.column. "
+            f"{' '.join(contents.notes)}".strip()
         )
     alike = [s for s in left if quantity_of(s.name) == quantity_of(left[0].name)]
     if len(alike) > 1:
