@@ -7,6 +7,7 @@ imports the rest of hertzloop only for a file of requirements or a fixture.
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -149,8 +150,6 @@ def hertzloop_sweep() -> Callable[..., list[dict[str, Any]]]:
         law: str | None = None,
         span: Literal["impact", "run"] = "impact",
     ) -> list[dict[str, Any]]:
-        from itertools import product
-
         cases = [dict(zip(over, values, strict=True)) for values in product(*over.values())]
         return _rows(scene, cases, law, span)
 

@@ -522,6 +522,9 @@ class Columns(Mapping[str, np.ndarray]):
             self._used[name] = found
         return found
 
+    def __contains__(self, name: object) -> bool:
+        return name in self.dtypes  # reads no column
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.dtypes)
 

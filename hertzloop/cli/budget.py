@@ -26,6 +26,7 @@ from hertzloop.cli.options import (
 from hertzloop.cli.study_frame import resumable
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.extras import need
+from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
 from hertzloop.views.format import Table, styled
@@ -117,7 +118,6 @@ def budget(
 
     The same command continues an interrupted search.
     """
-    from hertzloop.plant.schemes.registry import SCHEMES
     from hertzloop.studies.budget import budget as budget_study
     from hertzloop.studies.budget.goal import DEFAULT_GOAL, parse_goal
     from hertzloop.studies.budget.limits import NAMES

@@ -1,6 +1,7 @@
 """Commands that export a recording or the plant for other tools."""
 
 import os
+import platform
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
@@ -22,6 +23,7 @@ from hertzloop.cli.options import (
 from hertzloop.cli.recordings import FileArgument, read_or_fail
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
+from hertzloop.jit.object_code import outline
 
 
 def export(
@@ -123,7 +125,6 @@ def export_plant(
     from hertzloop.interop.fmu import write_fmu
     from hertzloop.interop.image import image
     from hertzloop.interop.objects import is_compiled
-    from hertzloop.jit.object_code import outline
 
     made = image(resolved)
     if not is_compiled(outline(made.unit), cpu):
@@ -149,6 +150,4 @@ def export_plant(
 
 
 def _machine() -> str:
-    import platform
-
     return platform.machine()

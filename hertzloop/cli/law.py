@@ -5,6 +5,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
 from hertzloop.cli.options import (
@@ -248,8 +249,6 @@ def _played(script: "Script", meeting: "Meeting", command: str, checks: "Checks"
 
     Raises Broken and OSError as `conformance.play`.
     """
-    import numpy as np
-
     from hertzloop.processes.conformance import play
 
     laws, before = set(), None

@@ -14,6 +14,7 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.recordings import FileArgument, read_or_fail
 from hertzloop.cli.terminal import err, fail, out
+from hertzloop.scenes.errors import SceneError
 from hertzloop.views.format import Table
 
 _ENERGIES = {
@@ -55,7 +56,6 @@ def listen(
     """
     from hertzloop.analysis.listening import heard_of
     from hertzloop.recordings.writer import RecordingError
-    from hertzloop.scenes.errors import SceneError
     from hertzloop.views.replaying import scene_of
 
     if not at[2] > 0.0:

@@ -82,7 +82,7 @@ def modes(
     json_file: JsonOption = None,
     overwrite: OverwriteOption = False,
 ) -> None:
-    """Write modes as a table that a scene can read: of a scene's plate, or measured ones.
+    """Write modes as a table that a scene can read: of a plate, or measured ones.
 
     The key plate.modes of a scene takes this file. With --from, a scene with these modes in the
     place of the plate of SCENE is written beside it.

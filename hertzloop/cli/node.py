@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
+from hertzloop.bus.wire import MessageError, reserved_ports
 from hertzloop.cli.options import (
     LARGEST_PORT,
     ConfigOption,
@@ -41,6 +42,7 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.recordings import read_or_fail, repeat_or_fail
 from hertzloop.cli.terminal import err, fail, out
+from hertzloop.extras import need
 from hertzloop.processes.realtime import Wanted
 from hertzloop.processes.signals import (
     INTERRUPTED,
@@ -74,7 +76,6 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
     """
     from hertzloop.bus.port import BusError, EndedByOther, PeerLost
     from hertzloop.bus.process_clock import clock
-    from hertzloop.bus.streams import StreamFault
     from hertzloop.recordings.writer import RecordingError
 
     def tell(**what: object) -> None:
@@ -200,7 +201,6 @@ def watch(
     import zenoh
 
     from hertzloop.bus.port import PeerLost
-    from hertzloop.bus.wire import MessageError
     from hertzloop.processes.observer import truth_blocks
     from hertzloop.processes.program import BASE_PORT
     from hertzloop.recordings.replay import viewer
@@ -241,7 +241,6 @@ def watch(
 @contextlib.contextmanager
 def _shown_in(stream: "rr.RecordingStream", save: Path | None) -> Iterator[None]:
     """A file, or a viewer that stays open when the run has ended."""
-    from hertzloop.bus.wire import reserved_ports
     from hertzloop.recordings.replay import viewer
 
     if save is not None:
@@ -412,8 +411,6 @@ _NAME = re.compile(r"(?!-)[A-Za-z0-9-]{1,63}(\.(?!-)[A-Za-z0-9-]{1,63})*")
 def write_keys(folder: Path, hosts: str, days: int) -> None:
     """Write an authority and a configuration for each role into `folder`, which has to be empty;
     ends the command for hosts that are none."""
-    from hertzloop.extras import need
-
     places = _places(hosts)
     need("cryptography")
     from hertzloop.certificates import Authority, configurations

@@ -18,6 +18,7 @@ from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
 from hertzloop.setup import Setup, load
+from hertzloop.setup.plate import build_words
 from hertzloop.whole_files import NotWritten, in_place, write_together, write_whole
 
 SceneArgument = Annotated[str, typer.Argument(help="Name of a shipped scene, or a .toml file.")]
@@ -125,7 +126,6 @@ def scene_from(
     caller has already tried the law."""
     setup = load(source, settings or (), seed)
     from hertzloop.processes.warmup import anything_compiled
-    from hertzloop.setup.plate import build_words
 
     if not anything_compiled():
         announce_compilation()

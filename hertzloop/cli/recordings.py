@@ -18,6 +18,8 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import parse
 from hertzloop.whole_files import write_whole
 
 if TYPE_CHECKING:
@@ -39,9 +41,6 @@ def read_or_fail(path: Path, keep: bool = False) -> "Recording":
 
 def scene_to_run(recording: "Recording") -> "Setup":
     """The scene of a recording; ends the command if it cannot be simulated here."""
-    from hertzloop.scenes.errors import SceneError
-    from hertzloop.setup import parse
-
     try:
         return parse(recording.scene_toml)
     except SceneError as error:
@@ -219,8 +218,6 @@ def _horizon(recording: "Recording", tolerance: float) -> int | None:
     """Step up to which the recorded run can be the same on another processor, None for the end, or
     where its scene cannot be simulated here."""
     from hertzloop.analysis.trust import horizon_step
-    from hertzloop.scenes.errors import SceneError
-    from hertzloop.setup import parse
 
     try:
         return horizon_step(parse(recording.scene_toml), tolerance)
@@ -344,7 +341,6 @@ def report(
 
 def _of_run(file: Path, folder: Path, overwrite: bool) -> None:
     from hertzloop.recordings.writer import RecordingError
-    from hertzloop.scenes.errors import SceneError
 
     recording = read_or_fail(file, keep=True)
     page = _page(file, folder, overwrite)
@@ -359,7 +355,6 @@ def _of_run(file: Path, folder: Path, overwrite: bool) -> None:
 
 
 def _of_results(source: Path, folder: Path, overwrite: bool) -> None:
-    from hertzloop.scenes.errors import SceneError
     from hertzloop.studies.report.results import page_of_results, results_in
 
     try:

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import typer
 
 from hertzloop.cli.options import (
@@ -28,6 +29,7 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.extras import need
+from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS
 from hertzloop.views.format import Table, styled
 
@@ -102,7 +104,6 @@ def sweep(
                 json_file)  # fmt: skip
         return
     cases = 256 if cases is None else cases
-    from hertzloop.plant.schemes.registry import SCHEMES
     from hertzloop.studies.sweeps import sweep as sweep_study
     from hertzloop.studies.sweeps.design import KEY as PHASE
     from hertzloop.studies.sweeps.design import Design, DesignError, grouped, make_design
@@ -273,8 +274,6 @@ def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
 
 def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     """Median and 95 % range of figures over the draws, a setting of the other keys a row."""
-    import numpy as np
-
     from hertzloop.studies.sweeps.sweep import SHOWN, known, short
 
     # So many that their names fit side by side in 80 columns.

@@ -27,6 +27,7 @@ from hertzloop.cli.options import (
 from hertzloop.cli.study_frame import resumable
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.extras import need
+from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text
 from hertzloop.setup import Setup
@@ -112,7 +113,6 @@ def tune(
     same command.
     """
     need("matplotlib", "pymoo")
-    from hertzloop.plant.schemes.registry import SCHEMES
     from hertzloop.studies import tuning
     from hertzloop.studies.sweeps.design import check_keys, parse_axis
     from hertzloop.studies.sweeps.evaluate import CaseTally

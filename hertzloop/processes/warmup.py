@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hertzloop.bus.sockets import own_folder
-from hertzloop.jit.cache import all_kept, cache_folder
+from hertzloop.bus.streams import PLANT
+from hertzloop.jit.cache import all_kept, cache_folder, types_digest
 
 if TYPE_CHECKING:
     from hertzloop.setup import Setup
@@ -37,8 +38,6 @@ def _default() -> list["Setup"]:
 def _marker(setup: "Setup", paced: bool) -> Path:
     """A file that is there once all is compiled for a scene: it is named after the types that
     kernels are compiled for. Those of a controller are the same for every law and line."""
-    from hertzloop.jit.cache import types_digest
-
     plant, sensor = setup.start_plant(), setup.start_sensor()
     types = types_digest(plant.model, plant.state, sensor.model, sensor.state)
     return cache_folder() / f".compiled-{types}{'-paced' * paced}"
@@ -102,7 +101,6 @@ def _run(setup: "Setup", folder: Path) -> None:
 
 def _run_paced(setup: "Setup", folder: Path) -> None:
     from hertzloop.bus.port import InProcessBus, InProcessPort
-    from hertzloop.bus.streams import PLANT
     from hertzloop.loop.paced import PacedPlantNode
 
     PacedPlantNode(setup, InProcessPort(InProcessBus(), PLANT), pace=1.0)

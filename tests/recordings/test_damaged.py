@@ -82,7 +82,8 @@ def test_a_cut_loses_only_what_was_behind_it(whole: Path, tmp_path: Path) -> Non
         kept = read(path)
         found = [*kept.ends, *kept.events, *([kept.books] if kept.books else [])]
         messages = len(found) + sum(getattr(kept, name).messages for name in STREAMS)
-        assert messages == count - 1  # the hello is not kept as such
+        not_kept = ("hello", "text of the law")  # as messages
+        assert messages == max(count - len(not_kept), 0)
         assert "the recorder did not finish the file" in kept.problems
 
 
