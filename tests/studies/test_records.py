@@ -229,6 +229,12 @@ def test_lvm_and_scope_files_are_read_by_their_libraries(tmp_path: Path) -> None
     one = read_record(tmp_path / "h.lvm", {"channel": "Force"})
     np.testing.assert_allclose(one.value, 1e3 * FORCE, rtol=1e-8)
     np.testing.assert_allclose(one.time_s, TIME, atol=1e-12)
+    segment = head[head.index("Channels") :] + rows
+    (tmp_path / "two.lvm").write_text(f"{head}{rows}\n\t\n{segment}")
+    with pytest.raises(RecordError, match=r"Choose one.*record\.group = \"1\""):
+        read_record(tmp_path / "two.lvm", {"quantity": "contact_force", "column": "Force"})
+    one = read_record(tmp_path / "two.lvm", {"group": 2, "column": "Force"})
+    np.testing.assert_allclose(one.value, 1e3 * FORCE, rtol=1e-8)
     pytest.importorskip("RigolWFM")
     codes = np.round(100 * FORCE).astype(">i2").tobytes()
     (tmp_path / "j.isf").write_bytes(

@@ -371,9 +371,8 @@ def _series_of(name: str, contents: Contents, measured: Measured) -> tuple[Serie
         elif key == "channel" and isinstance(said, int) and contents.kind == "column":
             kept = left[said - 1 : said] if said > 0 else []
         else:
-            of = contents.series if key == "column" else left
-            exact = [s for s in of if s.name == said]
-            kept = exact or [s for s in of if _matches(s, said)]
+            exact = [s for s in left if s.name == said]
+            kept = exact or [s for s in left if _matches(s, said)]
         if not kept:
             raise RecordError(
                 f"record.{key} = {said!r}: not a {key} of {name}. It has "
@@ -451,7 +450,10 @@ def _times_of(
                 f"record.rate_hz = {rate:g}: '{words}' in {name} says {1.0 / step:.9g} Hz. Leave "
                 "record.rate_hz out, or correct it."
             )
-        return start + step * np.arange(count), f"{step:.9g} s apart by '{words}'"
+        time_s = np.arange(count, dtype=float)
+        time_s *= step
+        time_s += start
+        return time_s, f"{step:.9g} s apart by '{words}'"
     if rate:
         return np.arange(count) / rate, f"by record.rate_hz = {rate:g}"
     raise RecordError(
@@ -475,7 +477,8 @@ def _in_seconds(
             "unit of time. Give one of s, ms, us, ns."
         )
     words = unit.symbol if stated else "s, which the file does not state"
-    return series.values * unit.size, f"{_named(series, contents)} in {words}"
+    values = series.values if unit.size == 1.0 else series.values * unit.size
+    return values, f"{_named(series, contents)} in {words}"
 
 
 def _one_unit(name: str, series: Series, own: str, contents: Contents) -> str:
@@ -573,7 +576,8 @@ def _made(
             f"{', '.join(QUANTITIES)}."
         )
     measured, words = _scaled(name, series, quantity, measured, table, contents, notes)
-    value = series.values * _factor(quantity, measured)
+    factor = _factor(quantity, measured)
+    value = series.values if factor == 1.0 else series.values * factor
     time_s, times = _times_of(name, series, contents, measured)
     if len(time_s) == len(value):
         ends = np.isfinite(time_s) | np.isfinite(value)
