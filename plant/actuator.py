@@ -149,12 +149,13 @@ def mass_loaded(
     """Oscillators of the plate with a mass on it at the actuator.
 
     `scale_per_kg`: inverse modal mass, `flexibility_m_n`: of the modes left out, a spring
-    between mass and plate; `same`: the actuator is at the contact point. The frequencies are
+    between mass and plate; `same`: the actuator is at the contact point. A sensor keeps its place
+    on the plate. The frequencies are
     the roots W = w^2 of the secular equation sum_k g_k/(w_k^2 - W) + R = 1/(m W),
     g_k = lambda Phi_a^2: one below each w_k and, with a spring, one above the last. The
     modes' masses include that on the plate, so nothing else changes.
     """
-    pole, at_contact, at_actuator = _apart(modes)
+    pole, at_contact, at_actuator, at_sensor = _apart(modes)
     felt = np.abs(at_actuator) > _NO_SHAPE * np.abs(at_actuator).max(initial=0.0)
     if not np.any(felt):
         return modes
@@ -164,6 +165,7 @@ def mass_loaded(
     squared = poles[origin] + offset
     reach = 1.0 / (mass_kg * squared)  # displacement of the mass by a unit force on the plate
     contact, size = np.empty_like(squared), np.empty_like(squared)
+    sensor = None if at_sensor is None else np.empty_like(squared)
     drive = scale_per_kg * at_contact[felt] * at_actuator[felt]
     rows = max(1, _CHUNK // len(poles))
     for i in range(0, len(squared), rows):
@@ -171,21 +173,29 @@ def mass_loaded(
         away = (poles - poles[origin[part], None]) - offset[part, None]
         size[part] = np.sum(weight / away**2, axis=1)
         contact[part] = np.sum(drive / away[:, 1:], axis=1)
+        if sensor is not None and at_sensor is not None:
+            seen = scale_per_kg * at_sensor[felt] * at_actuator[felt]
+            sensor[part] = np.sum(seen / away[:, 1:], axis=1)
     unit = np.sqrt(size * scale_per_kg)
     actuator = reach / unit
     contact = actuator if same else contact / unit
     omega = np.concatenate([np.sqrt(squared), np.sqrt(pole[~felt])])
     order = np.argsort(omega, kind="stable")
+    if sensor is not None and at_sensor is not None:
+        sensor = np.concatenate([sensor / unit, at_sensor[~felt]])[order]
     return replace(
         modes,
+        sensor=sensor,
         omega=omega[order],
         contact=np.concatenate([contact, at_contact[~felt]])[order],
         actuator=np.concatenate([actuator, at_actuator[~felt]])[order],
     )
 
 
-def _apart(modes: Oscillators) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """w^2 and both shapes, two oscillators of one frequency turned so that one of them only
+def _apart(
+    modes: Oscillators,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]:
+    """w^2 and all shapes, two oscillators of one frequency turned so that one of them only
     moves the actuator."""
     contact, actuator = modes.contact.copy(), modes.actuator.copy()
     first = np.flatnonzero(np.diff(modes.omega) == 0.0)
@@ -195,9 +205,26 @@ def _apart(modes: Oscillators) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     first, second, size = first[turns], second[turns], size[turns]
     along = (contact[first] * actuator[first] + contact[second] * actuator[second]) / size
     across = (contact[second] * actuator[first] - contact[first] * actuator[second]) / size
+    sensor = None if modes.sensor is None else modes.sensor.copy()
+    if sensor is not None:
+        seen = (sensor[first] * actuator[first] + sensor[second] * actuator[second]) / size
+        beside = (sensor[second] * actuator[first] - sensor[first] * actuator[second]) / size
+        sensor[first], sensor[second] = seen, beside
     contact[first], contact[second] = along, across
     actuator[first], actuator[second] = size, 0.0
-    return modes.omega**2, contact, actuator
+    return modes.omega**2, contact, actuator, sensor
+
+
+def sensor_loaded(
+    modes: Oscillators, mass_kg: float, flexibility_m_n: float, at_contact: bool
+) -> Oscillators:
+    """Oscillators with a mass where the sensor is, as `mass_loaded`; `at_contact`: that is the
+    contact point."""
+    assert modes.sensor is not None
+    turned = replace(modes, actuator=modes.sensor, sensor=modes.actuator)
+    found = mass_loaded(turned, modes.scale_per_kg, mass_kg, flexibility_m_n, at_contact)
+    assert found.sensor is not None
+    return replace(found, actuator=found.sensor, sensor=found.actuator)
 
 
 def _roots(

@@ -9,9 +9,9 @@ from typing import Any, Self
 import numpy as np
 
 from hertzloop.plant import state_kernels as pk
-from hertzloop.plant.actuator import IDEAL, Actuator, mass_loaded
+from hertzloop.plant.actuator import IDEAL, Actuator, mass_loaded, sensor_loaded
 from hertzloop.plant.contact.hertz import Contact, Sphere
-from hertzloop.plant.structures.modes import Oscillators
+from hertzloop.plant.structures.modes import NO_PARTICIPATION, Oscillators
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.radiation import air_loss_factor
 from hertzloop.plant.structures.structure import Structure, oscillators
@@ -114,6 +114,8 @@ class PlantSpec:
     infinite_plate: bool = False  # no modes: a dashpot, until reflections return
     actuator: Actuator = IDEAL
     radiating_faces: int = 0  # of a plate whose modes are damped by air
+    sensor_point_m: tuple[float, float] | None = None  # None: at the contact
+    sensor_mass_kg: float = 0.0  # that moves with the plate there
 
     def __hash__(self) -> int:
         """Kept: what follows from a description is looked up by it again and again."""
@@ -127,6 +129,24 @@ class PlantSpec:
     def same_point(self) -> bool:
         """Whether the actuator pushes at the contact point."""
         return self.plate.same_point(self.contact_point_m, self.actuator_point_m)
+
+    @property
+    def masses(self) -> tuple[float, float]:
+        """Mass at the actuator's point and mass at the sensor's, where that is another one, kg."""
+        at_actuator = self.sensor_point_m == self.actuator_point_m or (
+            self.sensor_point_m is None and self.same_point
+        )
+        if at_actuator:
+            return self.actuator.mass_kg + self.sensor_mass_kg, 0.0
+        return self.actuator.mass_kg, self.sensor_mass_kg
+
+    @property
+    def mass_at_contact(self) -> bool:
+        """Whether a mass of actuator or sensor is on the contact point."""
+        of_actuator, of_sensor = self.masses
+        return (of_actuator > 0.0 and self.same_point) or (
+            of_sensor > 0.0 and self.sensor_point_m is None
+        )
 
     @property
     def simply_supported(self) -> Plate:
@@ -184,24 +204,55 @@ def air_eta(spec: PlantSpec, omega: np.ndarray) -> np.ndarray:
 
 def _in_vacuum(spec: PlantSpec) -> Oscillators:
     omega_max = 2.0 * math.pi * spec.frequency_limit_hz
-    at_actuator = spec.actuator_point_m
-    modes = oscillators(spec.plate, spec.contact_point_m, at_actuator, omega_max)
-    if spec.actuator.mass_kg == 0.0:
+    at_actuator, at_sensor = spec.actuator_point_m, spec.sensor_point_m
+    mass_kg, sensor_kg = spec.masses
+    if sensor_kg > 0.0 and at_sensor is None:
+        at_sensor = spec.contact_point_m
+    modes = oscillators(
+        spec.plate, spec.contact_point_m, at_actuator, omega_max, at_sensor, sensor_kg > 0.0
+    )
+    if mass_kg == sensor_kg == 0.0:
         return modes
+    key = "actuator.mass_kg" if spec.actuator.mass_kg else "sensors.mass_kg"
+    given = spec.actuator.mass_kg or spec.sensor_mass_kg
     if isinstance(modes.eta, np.ndarray):
         raise ValueError(
-            f"actuator.mass_kg = {spec.actuator.mass_kg:g} needs one loss factor for all modes. "
+            f"{key} = {given:g} needs one loss factor for all modes. "
             "Remove the key, or give plate.modes with one loss factor."
         )
     if modes.omega[0] <= RIGID_RAD_S:
         raise ValueError(
-            f"actuator.mass_kg = {spec.actuator.mass_kg:g} is not supported for a free plate. "
+            f"{key} = {given:g} is not supported for a free plate. "
             "Remove the key, or support one of plate.edges."
         )
-    spring = 0.0
-    if spec.residual_flexibility:
-        spring = spec.plate.residual_flexibility_m_n(omega_max, at_actuator)
-    return mass_loaded(modes, modes.scale_per_kg, spec.actuator.mass_kg, spring, spec.same_point)
+    if sensor_kg > 0.0:
+        assert at_sensor is not None
+        spring = _spring_m_n(spec, omega_max, at_sensor)
+        modes = sensor_loaded(modes, sensor_kg, spring, spec.sensor_point_m is None)
+        modes = _stirred(modes, spec.sensor_point_m is not None)
+    if mass_kg == 0.0:
+        return modes
+    spring = _spring_m_n(spec, omega_max, at_actuator)
+    return mass_loaded(modes, modes.scale_per_kg, mass_kg, spring, spec.same_point)
+
+
+def _spring_m_n(spec: PlantSpec, omega_max: float, point_m: tuple[float, float]) -> float:
+    """Flexibility between the modes and a mass on the plate, m/N."""
+    if not spec.residual_flexibility:
+        return 0.0
+    return spec.plate.residual_flexibility_m_n(omega_max, point_m)
+
+
+def _stirred(modes: Oscillators, seen: bool) -> Oscillators:
+    """The oscillators that a force at the contact or the actuator moves; their `sensor` if it is
+    `seen` elsewhere."""
+    size = np.maximum(np.abs(modes.contact), np.abs(modes.actuator))
+    kept = size > NO_PARTICIPATION * size.max(initial=0.0)
+    sensor = modes.sensor[kept] if seen and modes.sensor is not None else None
+    return replace(
+        modes, omega=modes.omega[kept], contact=modes.contact[kept],
+        actuator=modes.actuator[kept], sensor=sensor,
+    )  # fmt: skip
 
 
 def damped_frequency(modes: Oscillators) -> tuple[np.ndarray, float | np.ndarray]:

@@ -174,10 +174,11 @@ def forces_on_plate(spec: PlantSpec, rows: np.ndarray) -> np.ndarray:
     """Forces up on the plate by rows of truth, shape (4, steps): at the contact, at the actuator,
     each its mean over a step and its slope. A mass on the plate pushes back by its inertia."""
     forces = np.stack([-rows[F_C], -rows[F_C1], rows[F_A], rows[F_A1]])
-    if spec.actuator.mass_kg > 0.0 and rows.shape[1] > 1:
+    mass_kg = spec.masses[0]  # one at a third point is left out, which the page says
+    if mass_kg > 0.0 and rows.shape[1] > 1:
         same = spec.same_point
         speed = rows[V_P] if same else np.gradient(rows[XI_A], spec.step_s)
-        forces[2, :-1] -= spec.actuator.mass_kg * np.diff(speed) / spec.step_s
+        forces[2, :-1] -= mass_kg * np.diff(speed) / spec.step_s
     return forces
 
 
@@ -185,7 +186,7 @@ def force_blocks(spec: PlantSpec, blocks: Iterable[Block]) -> Iterator[Block]:
     """`forces_on_plate` of a run that comes in blocks, each with its first step. A mass on the
     plate is accelerated by the difference to the rows around: two rows wait for those that
     follow, one before them is kept."""
-    if not spec.actuator.mass_kg > 0.0:
+    if not spec.masses[0] > 0.0:
         for first, rows in blocks:
             yield first, forces_on_plate(spec, rows)
         return
@@ -363,10 +364,11 @@ def modes_of_scene(setup: Setup, grid: bool = False) -> ModeTable:
         raise SceneError(
             "the scene takes an infinite plate, which has no modes; set run.plate_model = 'modal'"
         )
+    refuse_third_mass(spec, "its modes cannot be written")
     limit = 2.0 * np.pi * spec.frequency_limit_hz
     points = spec.contact_point_m, spec.actuator_point_m
     try:
-        modes = oscillators(spec.plate, *points, limit)
+        modes = oscillators(spec.plate, *points, limit, spec.sensor_point_m)
     except ValueError as error:
         raise SceneError(str(error)) from error
     count = len(modes.omega)
@@ -378,7 +380,17 @@ def modes_of_scene(setup: Setup, grid: bool = False) -> ModeTable:
         modes.actuator,
         residual_m_n(spec),
         _on_grid(spec, limit, count) if grid else None,
+        modes.sensor,
     )
+
+
+def refuse_third_mass(spec: PlantSpec, what: str) -> None:
+    """Raise SceneError for a sensor's mass beside contact and actuator."""
+    if spec.masses[1] > 0.0:
+        raise SceneError(
+            f"sensors.mass_kg = {spec.sensor_mass_kg:g}: at a point that is not the actuator's, "
+            f"{what}. Remove the key."
+        )
 
 
 def _on_grid(

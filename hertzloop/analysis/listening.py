@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.analysis.deflection import force_blocks
+from hertzloop.analysis.deflection import force_blocks, refuse_third_mass
 from hertzloop.analysis.impacts import Block
 from hertzloop.analysis.recorded import pieces_of
 from hertzloop.plant.figures.noise import RADIATED_UP_TO_HZ, SOUND_SPEED_M_S
@@ -155,7 +155,8 @@ def _widths(x: np.ndarray) -> np.ndarray:
 
 def drive_of(setup: Setup, blocks: Iterable[Block]) -> Drive:
     """Forces on the plate from rows of truth in blocks. Raises SceneError for a run that
-    explodes."""
+    explodes, and for a mass at a point that is neither the contact's nor the actuator's."""
+    refuse_third_mass(setup.plant, "what the plate radiates is not known")
     contact, actuator = np.zeros(setup.steps), np.zeros(setup.steps)
     at = 0
     for _, forces in force_blocks(setup.plant, blocks):

@@ -45,6 +45,7 @@ class Sensed(NamedTuple):
     range: Callable[[Expected], tuple[float, float]]  # of a converter: lowest, highest value
     trial: Callable[[Trial], np.ndarray]  # samples of the made-up impact
     over_step: bool = False  # a mean over the last step, not the value at its end
+    elsewhere: int | None = None  # index of the same where a sensor elsewhere is; None: no such
 
 
 def _gap_range(e: Expected) -> tuple[float, float]:
@@ -60,12 +61,12 @@ SENSED = {
     "xi": Sensed("m", "sampled gap at the end of the step", pk.XI, _gap_range, lambda t: t.gap_m),
     "v_p": Sensed(
         "m/s", "sampled plate velocity at the end of the step", pk.V_P,
-        lambda e: _either_way(e.velocity_m_s()), lambda t: t.velocity_m_s,
+        lambda e: _either_way(e.velocity_m_s()), lambda t: t.velocity_m_s, elsewhere=pk.V_S,
     ),
     "acceleration": Sensed(
         "m/s^2", "sampled plate acceleration, mean of the step", pk.A_P,
         lambda e: _either_way(e.velocity_m_s() * (np.pi / e.contact_s)),
-        lambda t: np.gradient(t.velocity_m_s, t.sample_s), over_step=True,
+        lambda t: np.gradient(t.velocity_m_s, t.sample_s), over_step=True, elsewhere=pk.A_S,
     ),
     "contact_force": Sensed(
         "N", "sampled contact force, mean of the step", pk.F_C,

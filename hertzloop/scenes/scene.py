@@ -253,6 +253,8 @@ class _Uncontrolled(NamedTuple):
     actuator: ActuatorTable
     materials: tuple[MaterialTable, ...] | None
     run: RunTable
+    sensor_point_m: tuple[float, float] | None
+    sensor_mass_kg: float | None
 
 
 def problems(scene: "Scene") -> list[str]:
@@ -260,12 +262,20 @@ def problems(scene: "Scene") -> list[str]:
     found = []
     run, control = scene.run, scene.controller
     tables = _Uncontrolled(
-        scene.sphere, scene.hammer, scene.plate, scene.contact, scene.actuator, scene.materials, run
-    )
+        scene.sphere, scene.hammer, scene.plate, scene.contact, scene.actuator, scene.materials,
+        run, scene.sensors.point_m, scene.sensors.mass_kg,
+    )  # fmt: skip
     of_plate, of_run = _beside_control(tables)
     found += of_plate
     found += _line_problems(control, scene.actuator, run, tuple(scene.whole_step_keys()))
     sensors = scene.sensors
+    quantity = SENSED[sensors.quantity]
+    if sensors.point_m is not None and sensors.mass_kg is quantity.elsewhere is None:
+        found.append(
+            f"sensors.point_m = {list(sensors.point_m)}: sensors.quantity = "
+            f"'{sensors.quantity}' is one of the contact. Remove the key, or use 'v_p' or "
+            "'acceleration'."
+        )
     if sensors.fault is None and sensors.has_fault_keys:
         found.append("sensors.fault: is missing beside other keys of a fault. Say which fault")
     if sensors.fault in ("offset", "spikes", "saturation") and sensors.fault_size is None:
@@ -352,7 +362,7 @@ def _line_problems(
 @lru_cache(maxsize=64)
 def _beside_control(scene: _Uncontrolled) -> tuple[list[str], list[str]]:
     """Of the plate alone, and of the run with all that is neither sensor nor controller."""
-    of_plate = _structure_problems(scene) + _point_problems(scene.plate)
+    of_plate = _structure_problems(scene) + _point_problems(scene.plate, scene.sensor_point_m)
     of_striker = _striker_problems(scene)
     if of_striker:  # what else there is may follow from it
         return of_striker, []
@@ -446,20 +456,41 @@ def _phase_problems(scene: _Uncontrolled) -> list[str]:
     return []
 
 
-def _point_problems(plate: PlateTable) -> list[str]:
+def _sensor_problems(scene: _Uncontrolled) -> list[str]:
+    """What does not go with a sensor elsewhere, or with a mass."""
+    point, mass = scene.sensor_point_m, scene.sensor_mass_kg
+    found: list[str] = []
+    for key, value in (("point_m", point), ("mass_kg", mass)):
+        if value is not None:
+            asked = f"sensors.{key} = {list(value) if isinstance(value, tuple) else f'{value:g}'}"
+            found += _needs(
+                "supports_sensor_elsewhere", scene.run.scheme, scene.run.plate_model, asked
+            )
+    if point is not None and scene.plate.modes is not None:
+        found.append(
+            f"sensors.point_m = {list(point)}: plate.modes of {scene.plate.modes.file} know points "
+            "by their columns only. Remove the key, and give the file a column shape_sensor."
+        )
+    return found
+
+
+def _point_problems(plate: PlateTable, sensor_point_m: tuple[float, float] | None) -> list[str]:
     """Points beyond the plate, or where it is held."""
     found: list[str] = []
     if plate.modes is not None or plate.size_m is None:
         return found
     edges = plate.edges or "ssss"
-    for key in ("contact_point_m", "actuator_point_m"):
-        point = getattr(plate, key)
+    for key, point in (
+        ("plate.contact_point_m", plate.contact_point_m),
+        ("plate.actuator_point_m", plate.actuator_point_m),
+        ("sensors.point_m", sensor_point_m),
+    ):
         if point is None:
             continue
         shares = [p / size for p, size in zip(point, plate.size_m, strict=True)]
         if not all(0 < p < size for p, size in zip(point, plate.size_m, strict=True)):
             found.append(
-                f"plate.{key} = {list(point)} lies outside the plate. Give numbers above 0 and "
+                f"{key} = {list(point)} lies outside the plate. Give numbers above 0 and "
                 f"below plate.size_m = {list(plate.size_m)}."
             )
         elif any(
@@ -467,7 +498,7 @@ def _point_problems(plate: PlateTable) -> list[str]:
             for share, low, high in zip(shares, edges[::2], edges[1::2], strict=True)
         ):
             found.append(
-                f"plate.{key} = {list(point)} lies on a supported edge. Keep a distance of "
+                f"{key} = {list(point)} lies on a supported edge. Keep a distance of "
                 f"{_EDGE:g} of plate.size_m = {list(plate.size_m)}."
             )
     return found
@@ -563,6 +594,7 @@ def not_in_three_dimensions(
     scheme: str,
     plate_model: str,
     orthotropic: bool,
+    sensor_mass_kg: float | None,
 ) -> list[str]:
     """What does not fit a plate in three dimensions."""
     asked = "plate.theory = '3d'"
@@ -588,6 +620,11 @@ def not_in_three_dimensions(
             f"actuator.mass_kg = {actuator.mass_kg:g}: not supported by {asked}, because a point "
             "mass on a solid diverges with the number of modes. Remove the key, or use 'kirchhoff'."
         )
+    if sensor_mass_kg is not None:
+        found.append(
+            f"sensors.mass_kg = {sensor_mass_kg:g}: not supported by {asked}, because a point "
+            "mass on a solid diverges with the number of modes. Remove the key, or use 'kirchhoff'."
+        )
     stiffness = getattr(striker, "tip_stiffness", None)
     if stiffness is not None:
         found.append(
@@ -611,6 +648,12 @@ def _tail_problems(scene: _Uncontrolled) -> list[str]:
         return [
             f"plate.tail = 'damped': not supported with actuator.mass_kg = "
             f"{scene.actuator.mass_kg:g} at the contact point. Use 'spring' or 'auto'."
+        ]
+    mass, point = scene.sensor_mass_kg, scene.sensor_point_m
+    if mass is not None and point in (None, contact):
+        return [
+            f"plate.tail = 'damped': not supported with sensors.mass_kg = {mass:g} at the contact "
+            "point. Use 'spring' or 'auto'."
         ]
     asked = "plate.tail = 'damped'"
     return _needs("supports_tail", scene.run.scheme, scene.run.plate_model, asked)
@@ -638,7 +681,7 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
         value = getattr(scene.actuator, key)
         if value is not None:
             found += needs("supports_actuator_dynamics", f"actuator.{key} = {value:g}")
-    found += _tail_problems(scene)
+    found += _tail_problems(scene) + _sensor_problems(scene)
     theory = STRUCTURES.get(scene.plate.theory)  # None for "auto"
     if theory is not None and theory.solid:
         striker = scene.sphere or scene.hammer
@@ -646,6 +689,7 @@ def _scheme_problems(scene: _Uncontrolled) -> list[str]:
         found += not_in_three_dimensions(
             striker, scene.plate, contact, scene.actuator, run.scheme, run.plate_model,
             material_called(scene.plate.material, scene.materials or ()).orthotropic,
+            scene.sensor_mass_kg,
         )  # fmt: skip
     if scene.plate.radiating_faces:
         found += needs("supports_radiation", f"plate.radiation = '{scene.plate.radiation}'")

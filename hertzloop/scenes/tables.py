@@ -218,6 +218,17 @@ class SensorsTable(SceneTable):
     fault_probability: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     """probability that a sample has a spike, or begins a burst of drop_outs; 0.01 if left out"""
 
+    point_m: Point | None = None
+    """point of the sensor on the plate, for plate quantities; default: the contact point"""
+    mass_kg: Annotated[float, Field(ge=1e-7, le=1e3)] | None = None
+    """mass of the sensor, which moves with the plate at its point; 0: none"""
+
+    @field_validator("mass_kg", mode="before")
+    @classmethod
+    def _none(cls, value: object) -> object:
+        """No mass is none: a sweep over it may begin there."""
+        return None if value == 0 and not isinstance(value, bool) else value
+
     @property
     def has_fault_keys(self) -> bool:
         """Whether a key of a fault is given beside its kind."""

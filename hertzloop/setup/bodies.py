@@ -34,6 +34,7 @@ class Bodies:
     """What collides, in SI units: everything that does not depend on step, law or sensor.
 
     `weaker`: the body that yields first, and its strength; None where the plate's is not known.
+    `sensor_point_m`: of a sensor elsewhere; None at the contact point.
     `theory`: "kirchhoff" or "3d", the theory that `plate.theory` comes to.
     """
 
@@ -43,6 +44,8 @@ class Bodies:
     actuator: Actuator
     contact_point_m: Point
     actuator_point_m: Point
+    sensor_point_m: Point | None
+    sensor_mass_kg: float
     radiating_faces: int
     weaker: tuple[str, Strength] | None
     theory: str
@@ -63,8 +66,9 @@ class Bodies:
 
     @property
     def mass_at_contact(self) -> bool:
-        """Whether the actuator's mass is on the contact point."""
-        return self.actuator.mass_kg > 0.0 and self.same_point
+        """Whether the actuator's or the sensor's mass is on the contact point."""
+        of_sensor = self.sensor_mass_kg > 0.0 and self.sensor_point_m is None
+        return of_sensor or (self.actuator.mass_kg > 0.0 and self.same_point)
 
     @property
     def local_plate(self) -> Plate:
@@ -88,6 +92,7 @@ def bodies_of(
     scheme: str,
     plate_model: str,
     accuracy: float,
+    sensor: tuple[Point | None, float],
 ) -> Bodies:
     """Build the bodies.
 
@@ -96,6 +101,7 @@ def bodies_of(
         scheme: `run.scheme`; a solid plate is known to one of them only.
         plate_model: `run.plate_model` as the scene has it; an infinite plate is thin.
         accuracy: `run.accuracy`, by which the theory and the number of Ritz functions are chosen.
+        sensor: point and mass (kg) of the sensor.
 
     Raises:
         SceneError: a file of modes does not make a structure.
@@ -114,7 +120,7 @@ def bodies_of(
     if theory == "auto":
         thin_only = not_in_three_dimensions(
             striker, plate, contact_table, actuator_table, scheme, plate_model,
-            of_plate.orthotropic,
+            of_plate.orthotropic, sensor[1] or None,
         )  # fmt: skip
         theory = "kirchhoff"
         if not thin_only:
@@ -137,6 +143,8 @@ def bodies_of(
         ),
         contact_point_m=contact_point,
         actuator_point_m=actuator_point,
+        sensor_point_m=struck.sensor_at(contact_point, actuator_point, sensor[0]),
+        sensor_mass_kg=sensor[1],
         radiating_faces=plate.radiating_faces,
         weaker=weaker,
         theory=theory,

@@ -35,7 +35,7 @@ _HORIZONS, _LEAST_FLIGHT_S = 2.5, 20e-6
 def sensor_of(table: SensorsTable, bodies: Bodies, step_s: float, latency_us: float) -> SensorSpec:
     """The channel; `latency_us` of the line counts for the flight that the range has to hold."""
     return SensorSpec(
-        of_state=SENSED[table.quantity].of_state,
+        of_state=_index_of(table.quantity, bodies),
         every_steps=table.every_steps,
         low_pass_hz=table.low_pass_hz,
         full_scale=_full_scale(table, bodies, step_s, latency_us),
@@ -48,6 +48,14 @@ def sensor_of(table: SensorsTable, bodies: Bodies, step_s: float, latency_us: fl
         ),
         fault=_fault_of(table, step_s),
     )
+
+
+def _index_of(quantity: str, bodies: Bodies) -> int:
+    """Index of a quantity in the state of the plant, where the sensor is."""
+    elsewhere = SENSED[quantity].elsewhere
+    if elsewhere is None or bodies.sensor_point_m is None:
+        return SENSED[quantity].of_state
+    return elsewhere
 
 
 def _fault_of(table: SensorsTable, step_s: float) -> Fault | None:

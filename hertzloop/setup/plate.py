@@ -66,6 +66,8 @@ def described(
         damped_tail=damped,
         actuator=bodies.actuator,
         radiating_faces=bodies.radiating_faces,
+        sensor_point_m=bodies.sensor_point_m,
+        sensor_mass_kg=bodies.sensor_mass_kg,
     )
 
 
@@ -277,10 +279,11 @@ def build_s(spec: PlantSpec) -> float:
         return 0.0
     modes = spec.plate.modes_below(spec.frequency_limit_hz)
     found = modes * spec.plate.seconds_per_mode
-    if spec.actuator.mass_kg > 0.0 and _MASS_S * modes**2 > _TOLD_S:
+    masses = sum(mass > 0.0 for mass in spec.masses)
+    if masses and _MASS_S * modes**2 > _TOLD_S:
         limit = 2.0 * math.pi * spec.frequency_limit_hz
         felt = frequencies(spec.plate, spec.contact_point_m, spec.actuator_point_m, limit)
-        found += _MASS_S * felt**2
+        found += masses * _MASS_S * felt**2
     return found
 
 
@@ -289,8 +292,10 @@ def _check_build(spec: PlantSpec) -> None:
     takes_s = build_s(spec)
     if takes_s > _MOST_S:
         modes = spec.plate.modes_below(spec.frequency_limit_hz)
+        key = "actuator" if spec.actuator.mass_kg else "sensors"
+        mass_kg = spec.actuator.mass_kg or spec.sensor_mass_kg
         raise SceneError(
-            f"actuator.mass_kg = {spec.actuator.mass_kg:g}: on about {modes:.2g} modes it takes "
+            f"{key}.mass_kg = {mass_kg:g}: on about {modes:.2g} modes it takes "
             f"about {takes_s:,.0f} s to compute, the most is {_MOST_S:g} s. Leave out the mass, or "
             "choose a smaller or thicker plate, or a larger run.accuracy."
         )
@@ -325,7 +330,8 @@ def infinite_plate_possible(bodies: Bodies, scheme: str, reach: Reach) -> bool:
     supported = bodies.structure.separable is not None
     ideal = bodies.actuator.ideal and bodies.contact.limit is None
     known = SCHEMES[scheme].supports_infinite_plate and ideal and not bodies.radiating_faces
-    return known and bodies.same_point and bounded and supported
+    sensed = bodies.sensor_point_m is None and not bodies.sensor_mass_kg
+    return known and sensed and bodies.same_point and bounded and supported
 
 
 @lru_cache(maxsize=KEPT)

@@ -194,7 +194,7 @@ class Setup:
         scene = self.scene
         found = not_in_three_dimensions(
             scene.striker, scene.plate, scene.contact, scene.actuator, self.scheme,
-            self.plate_model_asked, scene.material("plate").orthotropic,
+            self.plate_model_asked, scene.material("plate").orthotropic, scene.sensors.mass_kg,
         )  # fmt: skip
         return found[0] if found else None
 
@@ -392,7 +392,7 @@ class Setup:
         scene = self.scene
         return _plain(
             scene.sphere, scene.hammer, scene.plate, scene.contact, scene.actuator,
-            scene.materials, scene.run, self.touch_phase,
+            scene.materials, scene.run, self.touch_phase, _felt(scene.sensors),
         )  # fmt: skip
 
 
@@ -415,7 +415,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     step_ns, step_s, touch_phase = run.step_ns, run.step_s, _touch_phase(run)
     bodies = of_bodies.bodies_of(
         scene.striker, scene.plate, scene.contact, scene.actuator, scene.materials,
-        run.scheme, run.plate_model, run.accuracy,
+        run.scheme, run.plate_model, run.accuracy, (sensors.point_m, sensors.mass_kg or 0.0),
     )  # fmt: skip
     first_touch_s = run.lead_in_s
     if gravity := bodies.sphere.gravity_m_s2:
@@ -511,6 +511,13 @@ def parse(text: str, settings: Iterable[str] = (), **more: Any) -> Setup:
     return resolve(parse_scene(text, settings, **more))
 
 
+def _felt(sensors: SensorsTable) -> SensorsTable:
+    """A sensor of which the plant feels as much as of another: its mass and where that is."""
+    if sensors.mass_kg is None:
+        return _PLAIN_SENSORS
+    return _PLAIN_SENSORS.replaced(point_m=sensors.point_m, mass_kg=sensors.mass_kg)
+
+
 @lru_cache(maxsize=_KEPT_TABLES)
 def _plain(
     sphere: SphereTable | None,
@@ -521,6 +528,7 @@ def _plain(
     materials: tuple[MaterialTable, ...] | None,
     run: RunTable,
     touch_phase: float,
+    sensors: SensorsTable,
 ) -> Setup:
     scene = Scene.model_construct(
         name="plain",
@@ -530,7 +538,7 @@ def _plain(
         hammer=hammer,
         plate=plate,
         contact=contact,
-        sensors=_PLAIN_SENSORS,
+        sensors=sensors,
         controller=_NO_CONTROL,
         actuator=actuator,
         run=run.replaced(seed=0, touch_phase=touch_phase),

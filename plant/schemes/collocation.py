@@ -246,9 +246,29 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> modal_k.CollocationModel
         air=_air(spec, modes, gains, table, *lost),
         power=spec.contact.power,
         hand=spec.sphere.hand,
+        probe=_probe(modes, same, rho, drive_c, drive_a, constant, linear),
         gains=gains,
         table=table,
     )
+
+
+def _probe(
+    modes: Oscillators, same: bool, rho: float | np.ndarray, drive_c: np.ndarray,
+    drive_a: np.ndarray, constant: np.ndarray, linear: np.ndarray,
+) -> modal_k.Probe | None:  # fmt: skip
+    """How a sensor elsewhere sees the oscillators, None of one at the contact; `constant` and
+    `linear`: change of z by unit forces."""
+    if modes.sensor is None:
+        return None
+    weight = modes.sensor / modes.contact if same else modes.sensor
+
+    def by(drive: np.ndarray, z: np.ndarray) -> float:
+        return float(np.sum(weight * drive * (z.real - rho * z.imag)))
+
+    return modal_k.Probe(
+        aligned(weight), by(drive_c, constant), by(drive_c, linear), by(drive_a, constant),
+        by(drive_a, linear),
+    )  # fmt: skip
 
 
 def _air(
@@ -327,7 +347,7 @@ def residual_m_n(spec: PlantSpec) -> float:
     """Static flexibility of the modes left out at the contact, m/N."""
     if not spec.residual_flexibility:
         return 0.0
-    if spec.actuator.mass_kg > 0.0 and spec.same_point:
+    if spec.mass_at_contact:
         return 0.0  # the spring is under the mass: one of its modes
     return spec.plate.residual_flexibility_m_n(
         2.0 * math.pi * spec.frequency_limit_hz, spec.contact_point_m

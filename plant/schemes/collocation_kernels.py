@@ -82,6 +82,7 @@ class CollocationModel(NamedTuple):
     air: Any  # Air, or None where no face radiates
     power: Any  # of the contact, hertzloop.plant.contact.elastic_kernels, the same
     hand: Any  # of hertzloop.plant.state_kernels, the same
+    probe: Any  # Probe, or None of a sensor at the contact
     gains: np.ndarray
     table: np.ndarray
 
@@ -97,6 +98,49 @@ def _compiled_of_mode(rho, i):
     if isinstance(rho, types.Array):
         return lambda rho, i: rho[i]
     return lambda rho, i: rho
+
+
+class Probe(NamedTuple):
+    """Velocity where a sensor elsewhere is: by Re z - rho Im z of the modes (modes,), and by F_0,
+    F_1 at the contact and F_a, F_a1 within a step, m/(N s). What stands for the modes left out
+    is not felt there."""
+
+    weight: np.ndarray
+    by_c0: float
+    by_c1: float
+    by_a0: float
+    by_a1: float
+
+
+@kernel(inline=True, borrowed=True)
+def _no_probe(probe, model, z, awake):
+    return 0.0
+
+
+@kernel(borrowed=True, fused=True, reordered=True)
+def _probed(probe, model, z, awake):
+    total = 0.0
+    for i in range(awake):
+        total += probe.weight[i] * (z[0, i] - of_mode(model.rho, i) * z[1, i])
+    return total
+
+
+@kernel(inline=True, borrowed=True)
+def _not_noted(probe, model, body, drift, f_c, f_c1, f_a, f_a1):
+    pass
+
+
+@kernel(inline=True, borrowed=True)
+def _noted(probe, model, body, drift, f_c, f_c1, f_a, f_a1):
+    speed = drift + probe.by_a0 * f_a + probe.by_a1 * f_a1
+    speed -= probe.by_c0 * f_c + probe.by_c1 * f_c1
+    body[pk.A_S] = (speed - body[pk.V_S]) / model.step_s
+    body[pk.V_S] = speed
+
+
+# Velocity there after a step without forces, and its value and mean acceleration with them.
+_probe = by_type({type(None): _no_probe, Probe: _probed})
+_note = by_type({type(None): _not_noted, Probe: _noted})
 
 
 @apart
@@ -497,6 +541,7 @@ def step(model, state, command):
         if sloped and not quiet:
             fold_slope(awake, state.z, model.table, body[pk.F_A1])
         x, v, mean, y = propagate_two_points(awake, state.z, model.table, model.rho, f0, f1, f_act)
+    drifted = _probe(model.probe, model, state.z, awake)
     x_tail, v_tail, mean_tail = tail_kernels.turned(model.tail, body)
     if tail_kernels.there(model.tail):
         x += x_tail
@@ -602,6 +647,7 @@ def step(model, state, command):
         body[SWING] += g[elastic.SWING1] * f_a1
     _observe(model, body, sphere, sphere_v, modal_gap, force_1, root, f_a, f_a1, push)
     pk.withdraw(model.hand, model, state)
+    _note(model.probe, model, body, drifted, f_c, f_c1, f_a, f_a1)
     body[pk.F_C] = f_c
     body[F_C1_BEFORE] = body[pk.F_C1]
     body[pk.F_C1] = f_c1

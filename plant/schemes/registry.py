@@ -50,6 +50,7 @@ class Scheme:
     supports_mode_losses: bool = False  # loss factors that differ from mode to mode
     supports_hammer: bool = False  # a striker without weight, which a hand withdraws
     supports_exponent: bool = False  # contact forces other than Hertz's
+    supports_sensor_elsewhere: bool = False  # a sensor beside the contact, or with a mass
 
     @property
     def supports_infinite_plate(self) -> bool:
@@ -91,7 +92,7 @@ SCHEMES = {
         has_linear_model=True,
         supports_tail=True, supports_solid=True, supports_yield=True, supports_radiation=True,
         supports_actuator_dynamics=True, supports_mode_losses=True, supports_hammer=True,
-        supports_exponent=True,
+        supports_exponent=True, supports_sensor_elsewhere=True,
     ),
     "discrete_gradient": Scheme(
         f"{_AT}.discrete_gradient:DiscreteGradientPlant",

@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,12 +36,6 @@ class ModalStructure(BaseStructure):
     residual: float | None = None
 
     def __post_init__(self) -> None:
-        sensed = self.table.shape_sensor
-        if sensed is not None and not np.array_equal(sensed, self.table.shape_contact):
-            raise ValueError(
-                f"shape_sensor of {self.name}: sensors measure at the contact point only. Remove "
-                "the column, or give the modes with the contact point at the sensor."
-            )
         said = self.residual is not None or self.table.residual_flexibility_m_n is not None
         if not said and self.local_plate is None:
             raise ValueError(
@@ -112,6 +107,34 @@ class ModalStructure(BaseStructure):
             omega, float(eta[0]) if one_eta else eta, scale, contact, actuator,
             NO_PARTICIPATION * float(largest),
         )  # fmt: skip
+
+    def sensor_at(
+        self, contact_m: Point, actuator_m: Point, sensor_m: Point | None
+    ) -> Point | None:
+        """Where the sensor is: the file says so. A point of no plate stands for one of its own."""
+        table, sensed = self.table, self.table.shape_sensor
+        if sensed is None or np.array_equal(sensed, table.shape_contact):
+            return None
+        return actuator_m if np.array_equal(sensed, table.shape_actuator) else (math.inf, math.inf)
+
+    @cached_property
+    def pushed_at_sensor(self) -> "ModalStructure":
+        """The structure with the actuator where the sensor is."""
+        seen = self.table.shape_sensor
+        if seen is None:
+            return self
+        return replace(self, table=replace(self.table, shape_actuator=seen))
+
+    def sensed(self, omega_max: float, contact_m: Point, sensor_m: Point) -> np.ndarray:
+        """Shapes at the sensor; the file says where it is, not the points."""
+        seen = self.table.shape_contact if self.table.shape_sensor is None else (
+            self.table.shape_sensor
+        )  # fmt: skip
+        below = self.table.omega_rad_s <= omega_max
+        per_mass = self.table.per_modal_mass_1_kg[below]
+        if len(per_mass) and np.all(per_mass == per_mass[0]):
+            return seen[below]
+        return np.asarray(seen[below] * np.sqrt(per_mass))
 
     def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:
         """Static flexibility of all modes above `omega_max`, m/N: those of the file and what is

@@ -32,7 +32,8 @@ class Oscillators:
 
     Oscillator i obeys q'' + eta w q' + w^2 q = lambda (contact F_contact + actuator F_actuator)
     and moves the contact point by contact * q, the actuator point by actuator * q. `eta` is one
-    number, or where loss factors differ one for every oscillator; `scale_per_kg`: lambda.
+    number, or where loss factors differ one for every oscillator; `scale_per_kg`: lambda. A sensor
+    elsewhere moves by sensor * q; None of one at the contact.
     """
 
     omega: np.ndarray
@@ -41,6 +42,7 @@ class Oscillators:
     modes: int  # modes of the structure they stand for, silent ones included
     eta: float | np.ndarray
     scale_per_kg: float
+    sensor: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,3 +123,38 @@ def grouped(modes: Modes, same_point: bool) -> Groups:
     )
     table = np.concatenate([one, other], axis=1)[:, order]
     return Groups(starts, first, second, table, *both, order)
+
+
+def spanned(modes: Modes, sensor: np.ndarray) -> Oscillators:
+    """Oscillators of modes that forces at contact, actuator and sensor can move. `sensor`: shapes
+    at the sensor, (modes,).
+
+    A group of equal frequency and loss has one oscillator along its shapes at the sensor, which
+    alone a mass there moves, and at most two beside it.
+    """
+    new = np.diff(modes.omega, prepend=-1.0) > _SAME_FREQUENCY * modes.omega
+    if isinstance(modes.eta, np.ndarray):
+        new |= np.diff(modes.eta, prepend=-1.0) != 0.0
+    starts = np.flatnonzero(new)
+    counts = np.diff(starts, append=len(modes.omega))
+    left = [sensor, modes.at_contact, modes.at_actuator]
+    parts: list[np.ndarray] = []
+    for _ in left:
+        along = left[len(parts)]
+        length = np.sqrt(np.add.reduceat(along * along, starts))
+        there = length > modes.silent_below
+        unit = along / np.repeat(np.where(there, length, np.inf), counts)
+        shares = [np.add.reduceat(unit * other, starts) for other in left]
+        left = [one - np.repeat(s, counts) * unit for one, s in zip(left, shares, strict=True)]
+        left[len(parts)] = np.zeros_like(along)  # to the last digit
+        places = np.where(there, np.arange(len(starts)), -1)
+        parts.append(np.stack([places, *(shares[i] for i in (1, 2, 0))]))
+    table = np.concatenate(parts, axis=1)
+    table = table[:, table[0] >= 0.0]
+    table = table[:, np.argsort(table[0], kind="stable")]
+    at = starts[table[0].astype(np.int64)]
+    eta = modes.eta[at] if isinstance(modes.eta, np.ndarray) else modes.eta
+    _, contact, actuator, seen = table
+    return Oscillators(
+        modes.omega[at], contact, actuator, len(modes.omega), eta, modes.scale_per_kg, seen
+    )

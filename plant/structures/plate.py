@@ -192,6 +192,11 @@ class Plate:
         return None if self.orthotropic else self
 
     @property
+    def pushed_at_sensor(self) -> "Plate":
+        """Itself: points say where actuator and sensor are."""
+        return self
+
+    @property
     def mode_table(self) -> None:
         """None: modes are computed."""
         return None
@@ -241,6 +246,19 @@ class Plate:
         if actuator_m != contact_m:
             at_actuator = self.mode_shape(m, n, actuator_m)
         return Modes(omega, self.eta, self.modal_scale_per_kg, at_contact, at_actuator)
+
+    def sensor_at(
+        self, contact_m: tuple[float, float], actuator_m: tuple[float, float],
+        sensor_m: tuple[float, float] | None,
+    ) -> tuple[float, float] | None:  # fmt: skip
+        """Where a sensor is; None: at the contact point."""
+        return None if sensor_m == contact_m else sensor_m
+
+    def sensed(
+        self, omega_max: float, contact_m: tuple[float, float], sensor_m: tuple[float, float]
+    ) -> np.ndarray:
+        """Shapes of all modes up to `omega_max` rad/s where a sensor is, (modes,)."""
+        return self.modes(omega_max, contact_m, sensor_m).at_actuator
 
     def residual_flexibility_m_n(
         self, omega_max: float, point_m: tuple[float, float] | None = None

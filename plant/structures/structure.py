@@ -8,7 +8,7 @@ import numpy as np
 
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.mode_file import ModeTable
-from hertzloop.plant.structures.modes import Modes, Oscillators, Point, grouped
+from hertzloop.plant.structures.modes import Modes, Oscillators, Point, grouped, spanned
 from hertzloop.plant.structures.plate import SECONDS_PER_MODE, Plate
 
 
@@ -39,6 +39,9 @@ class Structure(Protocol):
     def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:
         """Static flexibility of all modes above `omega_max`, m/N, at a point, or (None) about."""
 
+    def sensed(self, omega_max: float, contact_m: Point, sensor_m: Point) -> np.ndarray:
+        """Shapes of all modes up to `omega_max` where a sensor is, (modes,)."""
+
     @property
     def size_m(self) -> tuple[float, float] | None:
         """Length and width of the grid that `on_grid` can be asked for, m; None without shapes."""
@@ -56,6 +59,15 @@ class Structure(Protocol):
     def separable(self) -> Plate | None:
         """The plate, if every mode is a product of sines that `mode_numbers` lists: then image
         sources say when reflections return. None for any other structure."""
+
+    def sensor_at(
+        self, contact_m: Point, actuator_m: Point, sensor_m: Point | None
+    ) -> Point | None:
+        """Where a sensor is that a scene puts at `sensor_m`; None: at the contact point."""
+
+    @property
+    def pushed_at_sensor(self) -> "Structure":
+        """The structure with the actuator where the sensor is, if the points do not say that."""
 
     @property
     def mode_table(self) -> ModeTable | None:
@@ -106,6 +118,17 @@ class BaseStructure:
     def same_point(self, contact_m: Point, actuator_m: Point) -> bool:
         return contact_m == actuator_m
 
+    def modes(self, omega_max: float, contact_m: Point, actuator_m: Point) -> Modes:
+        raise NotImplementedError
+
+    def sensed(self, omega_max: float, contact_m: Point, sensor_m: Point) -> np.ndarray:
+        return self.modes(omega_max, contact_m, sensor_m).at_actuator
+
+    def sensor_at(
+        self, contact_m: Point, actuator_m: Point, sensor_m: Point | None
+    ) -> Point | None:
+        return None if sensor_m == contact_m else sensor_m
+
     @property
     def size_m(self) -> tuple[float, float] | None:
         return None
@@ -120,6 +143,10 @@ class BaseStructure:
     @property
     def separable(self) -> Plate | None:
         return None
+
+    @property
+    def pushed_at_sensor(self) -> Any:
+        return self
 
     @property
     def mode_table(self) -> ModeTable | None:
@@ -160,12 +187,18 @@ def oscillators(
     contact_m: tuple[float, float],
     actuator_m: tuple[float, float],
     omega_max: float,
+    sensor_m: tuple[float, float] | None = None,
+    moved: bool = False,
 ) -> Oscillators:
     """Reduce the modes below `omega_max` to what forces at two points move; see `grouped`.
 
+    `sensor_m`: of a sensor elsewhere; `moved`: whether a force acts there as well, see `spanned`.
     Raises ValueError when no mode is left.
     """
     modes = structure.modes(omega_max, contact_m, actuator_m)
+    seen = None if sensor_m is None else structure.sensed(omega_max, contact_m, sensor_m)
+    if moved and seen is not None:
+        return spanned(modes, seen)
     groups = grouped(modes, structure.same_point(contact_m, actuator_m))
     if not groups.table.shape[1]:
         raise ValueError(
@@ -174,7 +207,10 @@ def oscillators(
         )
     eta = modes.eta[groups.place] if isinstance(modes.eta, np.ndarray) else modes.eta
     omega, at_contact, at_actuator = groups.table
-    return Oscillators(omega, at_contact, at_actuator, len(modes.omega), eta, modes.scale_per_kg)
+    sensor = None if seen is None else groups.shapes(seen)
+    return Oscillators(
+        omega, at_contact, at_actuator, len(modes.omega), eta, modes.scale_per_kg, sensor
+    )
 
 
 def oscillator_shapes(

@@ -28,8 +28,17 @@ def table(heading: str) -> list[list[str]]:
 FEATURES = {name: settings.strip("`").split() for name, settings in table("## Features")[1:]}
 (_, *COLUMNS), *ROWS = table("## Pairs")
 SLOW = {"other edges", "solid plate"}  # seconds of modes
+QUICK = {"`discrete_gradient`", "infinite plate", "modes from a file"}
+
+
+def tier(row: str, column: str) -> list[pytest.MarkDecorator]:
+    """Pairs with many modes belong to `--all`."""
+    slow = row in SLOW or (column.startswith("sensor") and row not in QUICK)
+    return [pytest.mark.full] if slow else []
+
+
 PAIRS = [
-    pytest.param(row[0], column, verdict, marks=pytest.mark.full if row[0] in SLOW else [])
+    pytest.param(row[0], column, verdict, marks=tier(row[0], column))
     for row in ROWS
     for column, verdict in zip(COLUMNS, row[1:], strict=True)
     if verdict
@@ -57,7 +66,7 @@ def test_the_page_knows_every_feature() -> None:
 @pytest.mark.parametrize(("one", "other", "verdict"), PAIRS, ids=lambda x: re.sub(r"\W+", "-", x))
 def test_a_pair_of_features(one: str, other: str, verdict: str, modes_file: Path) -> None:
     settings = [
-        setting.replace("MODES", str(modes_file)) for name in (one, other)
+        setting.replace("MODES", str(modes_file)) for name in (other, one)
         for setting in FEATURES[name]
     ]  # fmt: skip
     if verdict == "works":

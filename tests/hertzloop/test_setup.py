@@ -35,6 +35,8 @@ TRIED: dict[str, list[Any]] = {
     "plate.loss_factor": [0.07],
     "sensors.full_scale": ["contact", "none", [-2e-5, 3e-5]],
     "sensors.quantity": ["v_p"],
+    "sensors.point_m": [[0.12, 0.14]],
+    "sensors.mass_kg": [2e-3],
     "sensors.every_steps": [2],
     "sensors.bits": [11],
     "sensors.low_pass_hz": [9e4],
@@ -76,6 +78,7 @@ WITH: dict[str, dict[str, Any]] = {
     "contact.plasticity": {"contact.limiting_pressure_pa": 1e9},
     "actuator.damping": {"actuator.bandwidth_hz": 5e4},
     "controller.bits": {"controller.full_scale_n": 50.0},
+    "sensors.point_m": {"sensors.mass_kg": 1e-3},
     **dict.fromkeys(
         [f"hammer.{name}" for name in ("mass_kg", "speed_m_s", "bounces", "tip_material")],
         _BY_RADIUS,

@@ -36,11 +36,13 @@ from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, chain_of, observe
 from hertzloop.studies.fit.records import (
     FILTERS,
+    OF_PLATE,
     QUANTITIES,
     WITHOUT_CONTROL,
     Measured,
     Record,
     RecordError,
+    of_chain,
 )
 from hertzloop.studies.fit.solve import (
     Free,
@@ -329,10 +331,10 @@ def _refuse_without_influence(setup: Setup, key: str) -> None:
             f"--free {key}: is a choice of the simulation, not a property of the rig. Choose "
             "another key."
         )
-    if table == "sensors" and last not in FILTERS:
+    if table == "sensors" and last not in (*FILTERS, "mass_kg"):
         raise FitError(
-            f"--free {key}: cannot be fitted. Of the sensor only {', '.join(FILTERS)} can be free; "
-            "a fit finds noise, gain and offset by itself."
+            f"--free {key}: cannot be fitted. Of the sensor only mass_kg, {', '.join(FILTERS)} can "
+            "be free; a fit finds noise, gain and offset by itself."
         )
 
 
@@ -455,6 +457,7 @@ def prepared(
     Raises:
         RecordError, SceneError
     """
+    records = [_placed(record, setup) for record in records]
     looped = _controlled(setup, records, free)
     channels = [make_ready(record) for record in records]
     start = {f.key: f.start for f in free} if at is None else at
@@ -490,6 +493,31 @@ def prepared(
         names = [c.record.name for c, under in zip(channels, looped, strict=True) if under]
         channels[looped.index(True)].notes += notes_on(_first_loop(problem), setup, names)
     return problem
+
+
+def _placed(record: Record, setup: Setup) -> Record:
+    """Return a record with its measuring point: its own, or where the scene's sensor is.
+
+    Raises RecordError for a point that the simulation does not know.
+    """
+    given, at_sensor = record.measured.point_m, setup.bodies.sensor_point_m
+    if record.quantity not in OF_PLATE:
+        return record
+    if given is not None and setup.structure.mode_table is not None:
+        raise RecordError(
+            f"record.point_m = {list(given)}: {setup.structure} know no points. Remove the key, "
+            "and give the file a column shape_sensor if the record is not of the contact point."
+        )
+    at = given or at_sensor
+    mass_kg = setup.actuator.mass_kg
+    if at is not None and mass_kg and at != setup.bodies.actuator_point_m:
+        raise RecordError(
+            f"actuator.mass_kg = {mass_kg:g}: not supported with {record.name} at "
+            "another point than contact and actuator. Leave out the mass, or the record."
+        )
+    if at == given:
+        return record
+    return replace(record, measured=replace(record.measured, point_m=at))
 
 
 def _controlled(setup: Setup, records: Sequence[Record], free: Sequence[Free]) -> list[bool]:
@@ -782,8 +810,8 @@ def fit(
     plain = problem.point(point.x, until_s, early=False, jacobian=False, exact=True)
     fits = fitness(problem, plain, until_s, len(point.x), one_sided | unsure)
     values = problem.values(point.x)
-    fitted = setup.vary({k: v for k, v in values.items() if not k.startswith("sensors.")})
-    sensor_keys = {k: v for k, v in values.items() if k.startswith("sensors.")}
+    fitted = setup.vary({k: v for k, v in values.items() if not of_chain(k)})
+    sensor_keys = {k: v for k, v in values.items() if of_chain(k)}
     fitted = fitted.vary(sensor_keys) if sensor_keys else fitted
     held = _held_out(fitted, hold_out, exact) if hold_out else None
     verdict, reasons = fits.verdict, list(fits.reasons)

@@ -246,11 +246,11 @@ class FrozenModel:
             "run.touch_phase": PHASE, "run.step_ns": self.step_ns, "run.accuracy": accuracy,
             "run.duration_s": 2.0 * LEAD_IN_S + duration_s, "plate.theory": free.theory,
         }  # fmt: skip
-        if point_m is not None:
+        if point_m is not None and free.structure.mode_table is None:
             changed["plate.actuator_point_m"] = point_m
         self.setup = free.vary(changed)
         self.elsewhere = point_m is not None
-        self.spec = self.setup.plant
+        self.spec = self._turned(self.setup.plant)
         check_reach(self.spec)
         if velocity_error is not None and not self.spec.plate.solid:
             self._refine(velocity_error, changed["run.duration_s"])
@@ -287,9 +287,13 @@ class FrozenModel:
                 if step_ns != coarsest_ns:
                     self.setup = self.setup.vary({"run.step_ns": step_ns})
                     self.step_ns = step_ns
-                self.spec = replace(self.setup.plant, frequency_limit_hz=limit_hz)
+                self.spec = replace(self._turned(self.setup.plant), frequency_limit_hz=limit_hz)
                 return
             error *= _COARSER
+
+    def _turned(self, spec: PlantSpec) -> PlantSpec:
+        """The plant with its actuator at the measuring point, which is where rows are known."""
+        return replace(spec, plate=spec.plate.pushed_at_sensor) if self.elsewhere else spec
 
     def spec_of(self, values: Mapping[str, float]) -> PlantSpec:
         """Return the plant with other values of some scene keys. Raises SceneError."""
@@ -305,7 +309,10 @@ class FrozenModel:
             contact_point_m=bodies.contact_point_m,
             actuator_point_m=bodies.actuator_point_m,
             actuator=bodies.actuator,
+            sensor_point_m=bodies.sensor_point_m,
+            sensor_mass_kg=bodies.sensor_mass_kg,
         )
+        spec = self._turned(spec)
         limit_hz = self._limit_hz * _frequency_scale(spec) / self._scale
         spec = replace(spec, frequency_limit_hz=min(limit_hz, spec.plate.highest_hz))
         check_reach(spec)
@@ -361,7 +368,7 @@ class FrozenModel:
         from hertzloop.plant.schemes.collocation import with_contact
 
         key = (spec.plate, spec.frequency_limit_hz, spec.contact_point_m, spec.actuator_point_m,
-               spec.actuator.mass_kg)  # fmt: skip
+               spec.actuator.mass_kg, spec.sensor_point_m, spec.sensor_mass_kg)  # fmt: skip
         base = self._plants.get(key)
         if base is None or base.model.air is not None:
             try:

@@ -35,6 +35,14 @@ _EXAMPLES = {"N": "N, kN, mN, lbf", "m/s": "m/s, mm/s, um/s, in/s", "m/s^2": "m/
              "m": "m, mm, um, nm"}  # fmt: skip
 WITHOUT_CONTROL = "The records are simulated without control: no law, no latency, no force."
 FILTERS = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
+OF_PLATE = ("v_p", "acceleration", "xi_p")  # quantities with a measuring point
+
+
+def of_chain(key: str) -> bool:
+    """Whether a scene key is of the measuring chain alone: no simulation depends on it."""
+    return key.startswith("sensors.") and key != "sensors.mass_kg"
+
+
 _FEWEST = 8  # samples of a record
 _AT_REST = 0.1  # of the largest value, up to which a sensor is at rest
 _PLATEAU = 3  # equal extreme values in a row that count as clipped

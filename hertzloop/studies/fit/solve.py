@@ -11,6 +11,7 @@ from hertzloop.studies.fit.channel import Channel
 from hertzloop.studies.fit.loop_model import LoopModel, acts_by_law
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, Observed, observe
+from hertzloop.studies.fit.records import of_chain
 
 NUISANCES = ("time_shift_s", "clock_ppm", "gain", "offset")
 _DIFFERENCE = 1e-4  # of a key, for central differences
@@ -76,7 +77,7 @@ class Point:
 
 def of_loop(key: str) -> bool:
     """Whether a drop without control does not depend on a key."""
-    return key.startswith("sensors.") or acts_by_law(key)
+    return of_chain(key) or acts_by_law(key)
 
 
 @dataclass
@@ -174,9 +175,9 @@ class Problem:
         given = channel.record.measured.set  # what holds for this record is not fitted in it
         of_plant = {k: v for k, v in values.items() if k not in given}
         chain = self.chains[index]
-        of_chain = {k.partition(".")[2]: v for k, v in values.items() if k.startswith("sensors.")}
-        if of_chain and channel.record.quantity:
-            chain = Chain(**(vars(chain) | of_chain))
+        own = {k.partition(".")[2]: v for k, v in values.items() if of_chain(k)}
+        if own and channel.record.quantity:
+            chain = Chain(**(vars(chain) | own))
         before = model.simulations
         if isinstance(model, LoopModel):
             simulated = model.run(of_plant, until_s, phase)

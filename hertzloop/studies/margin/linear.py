@@ -171,21 +171,23 @@ def linear_model(setup: Setup) -> modal_k.CollocationModel:
 
 
 def by_command(model: modal_k.CollocationModel, gap: bool) -> PoleForm:
-    """Return the response of gap, or plate velocity, at the contact to a command."""
+    """Return the response to a command of the gap, or of the plate velocity where the sensor is."""
     t = model.table
     poles = t[modal_k.ROT_RE] + 1j * t[modal_k.ROT_IM]
     rho = np.broadcast_to(np.asarray(model.rho), poles.shape)
-    weight = 1j * t[modal_k.OUT] if gap else t[modal_k.B_C] * (1.0 + 1j * rho)
+    probe = None if gap else model.probe
+    at_sensor = t[modal_k.B_C] if probe is None else probe.weight
+    weight = 1j * t[modal_k.OUT] if gap else at_sensor * (1.0 + 1j * rho)
     by = [t[modal_k.A_RE] + 1j * t[modal_k.A_IM], t[modal_k.A1_RE] + 1j * t[modal_k.A1_IM]]
     residues = [0.5 * weight * b for b in by]
     fir = [0.0, 0.0]
     tail = model.tail
-    if tail is not None and model.same_point:
+    if tail is not None and model.same_point and probe is None:
         look = 1j if gap else complex(tail.speed_re, -tail.speed_im)
         poles, residues = _with_tail(poles, residues, tail, look)
         if not gap:
             fir = [tail.mobility_m_ns] * 2
-    if model.same_point and model.flexibility_m_n:
+    if model.same_point and model.flexibility_m_n and probe is None:
         if gap:
             fir = [f - model.flexibility_m_n for f in fir]
         else:

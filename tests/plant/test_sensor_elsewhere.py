@@ -1,0 +1,323 @@
+"""A sensor beside the contact, and its mass: against modes, exact eigenvalues and simulations."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy
+
+from benchmarks.margin import simulated_growth_per_s
+from hertzloop.loop.compiled import simulate
+from hertzloop.plant import state_kernels as pk
+from hertzloop.plant import time_series as ts
+from hertzloop.plant.plant import PlantSpec, modes_of
+from hertzloop.plant.schemes import collocation_kernels as k
+from hertzloop.plant.structures.mode_file import ModeTable, write_modes
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
+from hertzloop.studies.fit.fit import _placed
+from hertzloop.studies.fit.model import FrozenModel
+from hertzloop.studies.fit.records import Measured, Record, RecordError
+from hertzloop.studies.margin.margin import growth_of, margin_of
+from tests.tiers import default
+
+AT, BESIDE, THIRD = "[0.21,0.13]", "[0.31,0.22]", "[0.12,0.31]"
+FLIGHT = ["run.lead_in_s=0.01", "controller.law=off", "sensors.quantity=v_p"]
+SENSOR = f"sensors.point_m={BESIDE}"
+
+
+def plate(*settings: str) -> Setup:
+    return load("aluminium-3mm", [*FLIGHT, f"plate.contact_point_m={AT}", *settings])
+
+
+def seen(setup: Setup, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Velocity and acceleration that the state has where the sensor is, after every step."""
+    plant = setup.start_plant(flight=True)
+    found = np.empty((2, len(forces)))
+    for i, force in enumerate(forces):
+        k.step(plant.model, plant.state, force)
+        found[:, i] = plant.state.body[[pk.V_S, pk.A_S]]
+    return found[0], found[1]
+
+
+def by_reciprocity(setup: Setup, forces: np.ndarray) -> np.ndarray:
+    """The velocity at the contact of a plate that is struck where the sensor was."""
+    turned = setup.vary({
+        "plate.contact_point_m": setup.scene.sensors.point_m,
+        "plate.actuator_point_m": setup.scene.plate.points_m[1],
+        "sensors.point_m": None,
+    })  # fmt: skip
+    plant = turned.start_plant(flight=True)
+    found = np.empty(len(forces))
+    for i, force in enumerate(forces):
+        k.step(plant.model, plant.state, force)
+        found[i] = plant.state.body[pk.V_P]
+    return found
+
+
+FORCES = np.random.default_rng(4).standard_normal(300)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    default([(), (f"plate.actuator_point_m={THIRD}",), ("plate.edges=cfcs",),
+             ("actuator.bandwidth_hz=30000",)], [()]),
+)  # fmt: skip
+def test_a_sensor_elsewhere_sees_what_the_contact_there_would_feel(
+    settings: tuple[str, ...],
+) -> None:
+    """Contact and sensor change places, and the actuator stays."""
+    setup = plate(SENSOR, *settings)
+    velocity, acceleration = seen(setup, FORCES)
+    expected = by_reciprocity(setup, FORCES)
+    assert np.abs(velocity - expected).max() < 1e-12 * np.abs(expected).max()
+    rate = np.diff(velocity, prepend=0.0) / setup.step_s
+    assert np.abs(acceleration - rate).max() < 1e-12 * np.abs(rate).max()
+
+
+@pytest.mark.full
+def test_the_contact_force_moves_the_sensor_as_the_modes_say() -> None:
+    setup = load("aluminium-3mm", [f"plate.contact_point_m={AT}", SENSOR, "controller.law=off",
+                                   "sensors.quantity=v_p", "run.duration_s=0.0016"])  # fmt: skip
+    done = simulate(setup)
+    modes = modes_of(setup.plant)
+    assert modes.sensor is not None
+    theta = modes.omega * np.sqrt(1.0 - modes.eta**2 / 4.0)
+    # The force of every step, F_0 + F_1 P, from Gauss's nodes; velocity of every mode by its law.
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    step_s, steps = setup.step_s, done.rows.shape[1]
+    at = (np.arange(steps)[:, None] + 0.5 * (nodes + 1.0)) * step_s
+    force = -(done.rows[ts.F_C][:, None] + done.rows[ts.F_C1][:, None] * nodes)
+    impulse = 0.5 * step_s * weights * force
+    last = steps * step_s
+    late = last - at[impulse.any(axis=1)]
+    push = impulse[impulse.any(axis=1)]
+    velocity = 0.0
+    for w, o, c, s in zip(theta, modes.omega, modes.contact, modes.sensor, strict=True):
+        delta = 0.5 * modes.eta * o
+        answer = np.exp(-delta * late) * (np.cos(w * late) - delta / w * np.sin(w * late))
+        velocity += modes.scale_per_kg * c * s * float(np.sum(push * answer))
+    plant = setup.start_plant()
+    ts.series_under(plant, np.zeros(steps))
+    assert plant.state.body[pk.V_S] == pytest.approx(velocity, rel=1e-9)
+
+
+def without_springs(setup: Setup, limit_hz: float) -> PlantSpec:
+    """The plant with modes up to a limit and nothing in the place of the others."""
+    return replace(
+        setup.plant, residual_flexibility=False, damped_tail=False, frequency_limit_hz=limit_hz
+    )
+
+
+@pytest.mark.parametrize("point", [None, (0.13, 0.09)])
+def test_a_mass_loads_the_plate_as_its_exact_eigenvalues_say(
+    point: tuple[float, float] | None,
+) -> None:
+    settings = ["plate.size_m=[0.2,0.16]", "plate.contact_point_m=[0.07,0.05]", "plate.tail=spring",
+                "sensors.mass_kg=0.004"]  # fmt: skip
+    setup = load("aluminium-3mm", [*FLIGHT, *settings])
+    if point:
+        setup = setup.vary({"sensors.point_m": point})
+    spec = without_springs(setup, 4e4)
+    at = point or setup.scene.plate.points_m[0]
+    found = modes_of(spec)
+    modes = spec.plate.modes(2.0 * np.pi * 4e4, at, at)
+    # The bare modes with the mass on them, as a dense eigenproblem.
+    mass = np.eye(len(modes.omega)) / modes.scale_per_kg
+    mass += 0.004 * np.outer(modes.at_contact, modes.at_contact)
+    stiffness = np.diag(modes.omega**2 / modes.scale_per_kg)
+    exact = np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True))
+    assert len(exact) > 100
+    # Those that neither contact nor sensor moves are left out.
+    away = np.abs(found.omega[:, None] / exact - 1.0).min(axis=1)
+    assert away.max() < 1e-11
+    assert found.omega[0] == pytest.approx(exact[0], rel=1e-12)
+    assert found.omega[0] < 0.999 * modes.omega[0]
+
+
+@pytest.mark.full
+def test_loaded_shapes_keep_energy_and_momentum() -> None:
+    setup = load("aluminium-3mm", [f"plate.contact_point_m={AT}", SENSOR, "sensors.mass_kg=0.004",
+                                   "controller.law=velocity_feedback", "run.duration_s=0.003",
+                                   "actuator.mass_kg=0.006",
+                                   f"plate.actuator_point_m={THIRD}"])  # fmt: skip
+    done = simulate(setup)
+    assert abs(done.books.energy_residual) < 1e-10
+    assert abs(done.books.momentum_residual) < 1e-10
+
+
+@pytest.mark.full
+def test_masses_of_sensor_and_actuator_at_one_point_are_one_mass() -> None:
+    both = plate("sensors.mass_kg=0.002", "actuator.mass_kg=0.003")
+    one = plate("actuator.mass_kg=0.005")
+    np.testing.assert_allclose(modes_of(both.plant).omega, modes_of(one.plant).omega, rtol=1e-14)
+    apart = f"plate.actuator_point_m={BESIDE}"
+    both = plate("sensors.mass_kg=0.002", "actuator.mass_kg=0.003", apart, SENSOR)
+    one = plate("actuator.mass_kg=0.005", apart, SENSOR)
+    np.testing.assert_allclose(modes_of(both.plant).omega, modes_of(one.plant).omega, rtol=1e-14)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("size", ["[0.5,0.5]", "[0.5,0.41]"])  # equal frequencies, and none
+def test_two_masses_load_the_plate_as_a_dense_eigenproblem_says(size: str) -> None:
+    setup = plate(SENSOR, "sensors.mass_kg=0.004", f"plate.actuator_point_m={THIRD}",
+                  "actuator.mass_kg=0.006", f"plate.size_m={size}")  # fmt: skip
+    spec, limit = without_springs(setup, 2e4), 2.0 * np.pi * 2e4
+    contact, actuator = setup.scene.plate.points_m
+    sensor = setup.scene.sensors.point_m
+    modes = spec.plate.modes(limit, contact, actuator)
+    c, a, s = modes.at_contact, modes.at_actuator, spec.plate.sensed(limit, contact, sensor)
+    mass = np.eye(len(c)) / modes.scale_per_kg + 0.004 * np.outer(s, s) + 0.006 * np.outer(a, a)
+    stiffness = np.diag(modes.omega**2 / modes.scale_per_kg)
+    exact = np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True))
+    found = modes_of(spec)
+    assert np.abs(found.omega[:, None] / exact - 1.0).min(axis=1).max() < 1e-11
+    # Receptances between all points, away from resonances.
+    shapes = (found.contact, found.actuator, found.sensor)
+    for hz in (137.3, 1003.7, 9001.1):
+        squared = (2.0 * np.pi * hz) ** 2
+        inverse = np.linalg.inv(stiffness - squared * mass)
+        by_modes = found.scale_per_kg / (found.omega**2 - squared)
+        for one, ours in zip((c, a, s), shapes, strict=True):
+            for other, theirs in zip((c, a, s), shapes, strict=True):
+                assert ours is not None
+                assert theirs is not None
+                expected = one @ inverse @ other
+                assert np.sum(ours * theirs * by_modes) == pytest.approx(expected, rel=1e-7)
+
+
+def table(with_sensor: bool) -> ModeTable:
+    """Modes of the plate, as a file has them."""
+    setup = plate(f"plate.actuator_point_m={BESIDE}")
+    limit = 2.0 * np.pi * setup.plant.frequency_limit_hz
+    contact, sensor = setup.scene.plate.points_m
+    modes = setup.structure.modes(limit, contact, sensor)
+    return ModeTable(
+        modes.omega, np.full(len(modes.omega), setup.structure.local_plate.eta),  # type: ignore[union-attr]
+        np.full(len(modes.omega), modes.scale_per_kg), modes.at_contact, modes.at_contact,
+        setup.structure.residual_flexibility_m_n(limit, contact),
+        shape_sensor=modes.at_actuator if with_sensor else None,
+    )  # fmt: skip
+
+
+def test_a_file_of_modes_says_where_the_sensor_is(tmp_path: Path) -> None:
+    (tmp_path / "modes.npz").write_bytes(write_modes(".npz", table(True)))
+    (tmp_path / "bare.npz").write_bytes(write_modes(".npz", table(False)))
+    tail = ["plate.tail=spring"]
+    of_file = load("aluminium-3mm", [*FLIGHT, f"plate.modes={tmp_path / 'modes.npz'}", *tail])
+    of_plate = plate(SENSOR, *tail)
+    (velocity, _), (expected, _) = (seen(setup, FORCES) for setup in (of_file, of_plate))
+    assert np.abs(velocity - expected).max() < 1e-12 * np.abs(expected).max()
+    # A file tells the flexibility beyond its modes at the contact only, and a mass sits on it.
+    mass = {"sensors.mass_kg": 0.003}
+    (velocity, _), (expected, _) = (seen(s.vary(mass), FORCES) for s in (of_file, of_plate))
+    assert np.abs(velocity - expected).max() < 5e-3 * np.abs(expected).max()
+    assert of_file.vary({"sensors.quantity": "contact_force"}).sensor.of_state == pk.F_C
+    bare = load("aluminium-3mm", [*FLIGHT, f"plate.modes={tmp_path / 'bare.npz'}", *tail])
+    assert bare.sensor.of_state == pk.V_P
+    with pytest.raises(SceneError, match="Remove the key, and give the file a column shape_sensor"):
+        of_file.vary({"sensors.point_m": [0.1, 0.1]})
+
+
+def velocity_record(**measured: object) -> Record:
+    time_s = np.arange(600) * 1e-6
+    return Record("v.csv", time_s, np.sin(1e4 * time_s), "v_p", Measured(**measured))  # type: ignore[arg-type]
+
+
+def test_a_record_is_taken_where_the_sensor_of_the_scene_is(tmp_path: Path) -> None:
+    setup = plate(SENSOR)
+    assert _placed(velocity_record(), setup).measured.point_m == (0.31, 0.22)
+    assert _placed(velocity_record(point_m=(0.1, 0.2)), setup).measured.point_m == (0.1, 0.2)
+    assert _placed(velocity_record(), plate()).measured.point_m is None
+    force = Record("f.csv", np.arange(600) * 1e-6, np.ones(600), "contact_force")
+    assert _placed(force, setup) is force
+    heavy = plate(SENSOR, "actuator.mass_kg=0.01")
+    with pytest.raises(RecordError, match=r"actuator.mass_kg = 0.01: not supported with v.csv"):
+        _placed(velocity_record(), heavy)
+    (tmp_path / "modes.npz").write_bytes(write_modes(".npz", table(True)))
+    of_file = load("aluminium-3mm", [*FLIGHT, f"plate.modes={tmp_path / 'modes.npz'}"])
+    with pytest.raises(RecordError, match=r"record.point_m = .*: the modes of modes.npz know no"):
+        _placed(velocity_record(point_m=(0.1, 0.2)), of_file)
+    assert _placed(velocity_record(), of_file).measured.point_m is not None
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("by_file", [False, True])
+def test_a_frozen_model_has_the_motion_of_the_sensor(by_file: bool, tmp_path: Path) -> None:
+    """What a fit compares records with, against the state where the sensor is."""
+    settings = ["controller.law=off", "sensors.quantity=v_p", f"plate.contact_point_m={AT}",
+                "run.duration_s=0.0015", "plate.tail=spring"]  # fmt: skip
+    if by_file:
+        (tmp_path / "modes.npz").write_bytes(write_modes(".npz", table(True)))
+        setup = load("aluminium-3mm", [*settings, f"plate.modes={tmp_path / 'modes.npz'}"])
+    else:
+        setup = load("aluminium-3mm", [*settings, SENSOR])
+    point = _placed(velocity_record(), setup).measured.point_m
+    frozen = FrozenModel(setup, 5e-4, 1e-3, point)
+    plant, seen_m_s = setup.start_plant(), np.empty(setup.steps)
+    for i in range(setup.steps):
+        k.step(plant.model, plant.state, 0.0)
+        seen_m_s[i] = plant.state.body[pk.V_S]
+    after_s = np.linspace(2e-5, 4e-4, 30)
+    height, speed = plant.at_start().state.body[[pk.FLIGHT_X, pk.FLIGHT_V]]
+    lead_s = 2.0 * height / (setup.sphere.impact_speed_m_s - speed)  # the mean of both speeds
+    at = (after_s + lead_s) / setup.step_s - 1.0  # a value is that at the end of a step
+    expected = np.interp(at, np.arange(setup.steps), seen_m_s)
+    found = frozen.run({}, 4.5e-4).value("v_p", after_s, elsewhere=True)
+    assert np.abs(found - expected).max() < 0.01 * np.abs(expected).max()
+
+
+@pytest.mark.full
+def test_limits_of_loops_that_are_not_collocated_are_those_of_simulations() -> None:
+    """Twenty random loops: at the latency limit they do not grow, beyond it they do, as near to it
+    as a second of simulation tells."""
+
+    def late(setup: Setup, steps: int) -> Setup:
+        return setup.vary({"controller.latency_us": steps * 1e6 * setup.step_s})
+
+    rng, found = np.random.default_rng(8), 0
+    wrong, distances = [], []
+    while found < 20:
+        points = [[float(x) for x in rng.uniform(0.06, 0.44, 2)] for _ in range(3)]
+        setup = load("oak-20mm", [
+            "controller.law=velocity_feedback", "sensors.quantity=v_p", "run.lead_in_s=1.0",
+            "run.duration_s=1.01", "sphere.drop_height_m=20", f"plate.contact_point_m={points[0]}",
+            f"sensors.point_m={points[1]}", "run.accuracy=0.05", "run.step_ns=5000",
+            f"controller.kappa={float(rng.choice([-1, 1]) * rng.uniform(0.1, 0.8))}",
+            *([f"plate.actuator_point_m={points[2]}"] if rng.random() < 0.5 else []),
+            *(["sensors.mass_kg=0.02"] if rng.random() < 0.3 else []),
+        ])  # fmt: skip
+        limit = margin_of(setup).latency_limit_steps
+        if limit is None or not 10 <= limit <= 2000:
+            continue
+        decay = simulated_growth_per_s(late(setup, limit), 0.0)
+        if not decay < 0.1:  # right at the limit modes beat
+            wrong.append((points, limit, decay))
+        for away in (0, 1, 2, 4, 8, 16, 32, 64, 128, 256):
+            beyond = late(setup, limit + 1 + away)
+            growth = growth_of(beyond)
+            if growth is None or growth.per_s is None or growth.per_s < 4.0:
+                continue
+            found += 1
+            distances.append((1 + away) / limit)
+            if not simulated_growth_per_s(beyond, growth.per_s) > 0.5 * growth.per_s:
+                wrong.append((points, limit + 1 + away, growth.per_s))
+            break
+    print(f"median distance of the growing loop, of the limit: {np.median(distances):.2g}")
+    assert wrong == []
+
+
+@pytest.mark.parametrize(("settings", "words"), [
+    (["sensors.quantity=xi"], "sensors.quantity = 'xi' is one of the contact"),
+    (["run.scheme=discrete_gradient"], "sensors.point_m = .*: not supported by run.scheme"),
+    (["run.plate_model=infinite"], "sensors.point_m = .*: not supported by run.plate_model"),
+    (["plate.theory=3d", "sensors.mass_kg=0.001"], "sensors.mass_kg = 0.001: not supported by"),
+    (["sensors.point_m=[0.6,0.1]"], "sensors.point_m = .* lies outside the plate"),
+    (["plate.edges=ffff", "sensors.mass_kg=0.001"], "sensors.mass_kg = 0.001 is not supported for"),
+    (["plate.tail=damped", "sensors.mass_kg=0.001", f"sensors.point_m={AT}"],
+     "plate.tail = 'damped': not supported with sensors.mass_kg"),
+])  # fmt: skip
+def test_what_does_not_know_a_sensor_elsewhere_refuses_it(settings: list[str], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        plate(SENSOR, *settings).check()
