@@ -387,7 +387,8 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
         >= (_WINDOW[1] - _WINDOW[0]) * contact_s
     ):
         raise _too_coarse(channel, contact_s)
-    grid_s = observed.simulated.time_s
+    ringing_s = observed.chain.before_s  # a brick wall shows the impact before the touch
+    grid_s = observed.spline.x if ringing_s else observed.simulated.time_s
     fine = observed.value(grid_s)
     first = grid_s <= 2.0 * contact_s
     shown = float(np.max(np.abs(fine[first])))
@@ -395,6 +396,7 @@ def align(channel: Channel, observed: Observed, contact_s: float) -> None:
         shown = float(np.max(np.abs(fine)))
     # An interval that is longer than the contact is that of another part of the record.
     reach_s = max(8e-6, 3.0 * min(channel.interval_s, contact_s), 0.35 * contact_s)
+    reach_s = max(reach_s, 0.5 * ringing_s)
     is_gap = record.quantity in ("xi", "xi_s")
     late_s = 0.0
     if record.quantity == "actuator_force":  # may come after the contact

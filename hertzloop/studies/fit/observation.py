@@ -11,6 +11,7 @@ from hertzloop.setup import Setup
 from hertzloop.studies.fit.model import Simulated
 from hertzloop.studies.fit.records import QUANTITIES, Record
 
+_REACH = 12.0  # periods of the corner that a brick wall reaches on both sides
 _FINER, _MOST_REFINED = 4, 30_000  # points of the filters' grid for a step; of at most so many
 
 
@@ -19,13 +20,16 @@ class Chain:
     """Filters of a measuring chain, in their order; None is no filter.
 
     `resonance_hz`, `resonance_damping`: second-order response of the sensor, of a force cell for
-    example. `ac_coupling_hz`: first-order high-pass. `low_pass_hz`: first-order low-pass.
+    example. `ac_coupling_hz`: first-order high-pass. `low_pass_hz`: where the low-pass is 3 dB
+    down; `low_pass`: its kind, of `records.LOW_PASSES`; `low_pass_order`: of the two causal kinds.
     """
 
     resonance_hz: float | None = None
     resonance_damping: float = 0.02
     ac_coupling_hz: float | None = None
     low_pass_hz: float | None = None
+    low_pass: str = "butterworth"
+    low_pass_order: int = 1
 
     @property
     def ideal(self) -> bool:
@@ -48,19 +52,57 @@ class Chain:
         """
         if self.resonance_hz is not None:
             omega = 2.0 * math.pi * self.resonance_hz
-            value = _through(
-                np.array([[0.0, 1.0], [-omega * omega, -2.0 * self.resonance_damping * omega]]),
-                np.array([0.0, omega * omega]), np.array([1.0, 0.0]), 0.0, value, step_s,
-            )  # fmt: skip
+            value = _resonant(omega, self.resonance_damping, value, step_s)
         if self.ac_coupling_hz is not None:
             omega = 2.0 * math.pi * self.ac_coupling_hz
             one = np.array([[-omega]]), np.array([omega]), np.array([-1.0])
             value = _through(*one, 1.0, value, step_s)
-        if self.low_pass_hz is not None:
-            omega = 2.0 * math.pi * self.low_pass_hz
-            one = np.array([[-omega]]), np.array([omega]), np.array([1.0])
-            value = _through(*one, 0.0, value, step_s)
+        if self.low_pass_hz is None:
+            return value
+        if self.before_s:
+            # The brick wall of a sigma-delta converter: a symmetric sinc in a Blackman window.
+            reach = round(self.before_s / step_s)
+            taps = np.sinc(2.0 * self.low_pass_hz * step_s * np.arange(-reach, reach + 1))
+            taps *= np.blackman(len(taps))
+            padded = np.pad(value, reach, mode="edge")
+            filtered = scipy.signal.fftconvolve(padded, taps / np.sum(taps), mode="valid")
+            return np.asarray(filtered)
+        for pole in self._poles():
+            if pole.imag > 1e-9 * abs(pole):
+                value = _resonant(abs(pole), -pole.real / abs(pole), value, step_s)
+            elif pole.imag >= -1e-9 * abs(pole):
+                one = np.array([[-abs(pole)]]), np.array([abs(pole)]), np.array([1.0])
+                value = _through(*one, 0.0, value, step_s)
         return value
+
+    @property
+    def before_s(self) -> float:
+        """How long before its input the output begins, s: zero of causal filters."""
+        if self.low_pass_hz is None or self.low_pass != "sigma-delta":
+            return 0.0
+        return _REACH / self.low_pass_hz
+
+    def _poles(self) -> list[complex]:
+        """Poles of the causal low-pass, 1/s."""
+        assert self.low_pass_hz is not None
+        omega = 2.0 * math.pi * self.low_pass_hz
+        if self.low_pass_order == 1:
+            return [complex(-omega)]
+        if self.low_pass == "bessel":
+            poles = scipy.signal.bessel(
+                self.low_pass_order, omega, analog=True, output="zpk", norm="mag"
+            )[1]
+        else:
+            poles = scipy.signal.butter(self.low_pass_order, omega, analog=True, output="zpk")[1]
+        return [complex(pole) for pole in poles]
+
+
+def _resonant(omega: float, damping: float, value: np.ndarray, step_s: float) -> np.ndarray:
+    """Output of a second-order low-pass of unit static gain."""
+    return _through(
+        np.array([[0.0, 1.0], [-omega * omega, -2.0 * damping * omega]]),
+        np.array([0.0, omega * omega]), np.array([1.0, 0.0]), 0.0, value, step_s,
+    )  # fmt: skip
 
 
 def _through(
@@ -88,7 +130,10 @@ def chain_of(record: Record, setup: Setup) -> Chain:
     samples the same quantity."""
     m = record.measured
     if m.filtered:
-        return Chain(m.resonance_hz, m.resonance_damping, m.ac_coupling_hz, m.low_pass_hz)
+        return Chain(
+            m.resonance_hz, m.resonance_damping, m.ac_coupling_hz, m.low_pass_hz, m.low_pass,
+            m.low_pass_order,
+        )  # fmt: skip
     if QUANTITIES[record.quantity].sensed != setup.quantity:
         return Chain()
     spec = setup.sensor
@@ -127,6 +172,9 @@ class Observed:
 def observe(simulated: Simulated, quantity: str, chain: Chain, elsewhere: bool) -> Observed:
     """Return what a chain shows of a simulated drop."""
     grid_s = simulated.time_s
+    if chain.before_s:
+        more = math.ceil(chain.before_s / simulated.step_s)
+        grid_s = grid_s[0] + np.arange(-more, len(grid_s)) * simulated.step_s
     if not chain.ideal and len(grid_s) <= _MOST_REFINED:
         # A filter is exact for straight lines between samples; a finer grid bends these less.
         n = _FINER * (len(grid_s) - 1) + 1

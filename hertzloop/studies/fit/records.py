@@ -35,6 +35,8 @@ _EXAMPLES = {"N": "N, kN, mN, lbf", "m/s": "m/s, mm/s, um/s, in/s", "m/s^2": "m/
              "m": "m, mm, um, nm"}  # fmt: skip
 WITHOUT_CONTROL = "The records are simulated without control: no law, no latency, no force."
 FILTERS = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
+LOW_PASSES = ("butterworth", "bessel", "sigma-delta")
+_HIGHEST_ORDER = 8  # of a low-pass
 OF_PLATE = ("v_p", "acceleration", "xi_p")  # quantities with a measuring point
 
 
@@ -62,7 +64,8 @@ class Measured:
     `sensitivity_uncertainty`, relative standard deviation (inf if it is unknown). `rate_hz`: where
     the file has no times.
     `clock_tolerance_ppm`: standard deviation of the clock's relative error. `low_pass_hz`,
-    `ac_coupling_hz`, `resonance_hz`, `resonance_damping`: filters of the measuring chain.
+    `low_pass`, `low_pass_order`, `ac_coupling_hz`, `resonance_hz`, `resonance_damping`: filters of
+    the measuring chain.
     `range`, `bits`: of the converter, in `unit`. `point_m`: measuring point, m. `set`: scene keys
     that hold for this record only, such as its drop height. `control`: whether the law was on; if
     left out, it was where the force of the actuator is the quantity or has a free key. `clock`: a
@@ -90,6 +93,8 @@ class Measured:
     set: Mapping[str, Any] = field(default_factory=dict)
     control: bool | None = None
     clock: str | None = None
+    low_pass: str = "butterworth"
+    low_pass_order: int = 1
 
     @property
     def filtered(self) -> bool:
@@ -307,7 +312,29 @@ def measured_of(table: Mapping[str, Any], name: str) -> Measured:
         wrong = isinstance(values.get(key), bool) and kind != (bool,)
         if key in values and (wrong or not isinstance(values[key], kind)):
             raise RecordError(f"record.{key} = {values[key]}: must be {what} in {name}.")
-    return Measured(**values)
+    found = Measured(**values)
+    if found.low_pass not in LOW_PASSES:
+        raise RecordError(
+            f"record.low_pass = '{found.low_pass}': not known in {name}. Give one of "
+            f"{', '.join(LOW_PASSES)}."
+        )
+    order = found.low_pass_order
+    if isinstance(order, bool) or not isinstance(order, int) or not 1 <= order <= _HIGHEST_ORDER:
+        raise RecordError(
+            f"record.low_pass_order = {order}: must be a whole number from 1 to {_HIGHEST_ORDER} "
+            f"in {name}."
+        )
+    if found.low_pass == "sigma-delta" and "low_pass_order" in values:
+        raise RecordError(
+            f"record.low_pass_order = {order}: a sigma-delta converter in {name} has no order. "
+            "Leave it out."
+        )
+    named = next((key for key in ("low_pass", "low_pass_order") if key in values), None)
+    if named and found.low_pass_hz is None:
+        raise RecordError(
+            f"record.{named} = {values[named]}: has no corner in {name}. Give record.low_pass_hz."
+        )
+    return found
 
 
 def _factor(quantity: str, measured: Measured) -> float:
