@@ -27,7 +27,6 @@ PAGES = sorted(
 )
 # Pages of which the plain blocks are run, in order, in one empty folder; exit codes other than 0.
 RUN = {
-    "README.md": {},
     "docs/tutorials/first-run.md": {"hertzloop compare": 1},
     "docs/tutorials/own-law.md": {},
     "docs/tutorials/design-a-filter.md": {},

@@ -186,6 +186,8 @@ def test_one_that_runs_already(tmp_path: Path) -> None:
 def run_with(command: str, folder: Path, *words: str) -> subprocess.CompletedProcess:
     """`hertzloop run` with a program of the user's as its controller."""
     short = ("--set", "run.duration_s=0.0016", "--set", "run.accuracy=0.1", "--overwrite")
+    if "--port" not in words:
+        words += ("--port", str(free_ports(3, in_a_row=True)[0]))
     return hertzloop("run", "aluminium-3mm", *short, "--controller", command, *words, cwd=folder)
 
 

@@ -1,0 +1,175 @@
+"""Commands of the pages run from an empty folder with the installed wheel."""
+
+import os
+import re
+import shlex
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.test_wheel import installed, wheels  # noqa: F401  (fixtures)
+
+ROOT = Path(__file__).resolve().parent.parent
+EXAMPLES = ROOT / "docs" / "examples"
+PROGRAMS = ("hertzloop ", "python ", "python3 ", "protoc ", "cc ", "cd ", "mkdir ", "pip ",
+            "pytest", "git ", "cmake ", "nanopb_generator ", "./")  # fmt: skip
+# Blocks of files that a page asks the reader to save; their first line is a comment with the name.
+FILE = re.compile(r"```py\n# (\w+\.py)\n(.*?)```", re.DOTALL)
+# What is not run, by how the command begins, and why.
+LEFT_OUT = {
+    "python3 -m venv": "installs",
+    "pip install": "installs",
+    "git clone": "fetches",
+    "python -m benchmarks.": "a program of the clone",
+    "protoc ": "a program that need not be here; grpc_tools has the same",
+    "cmake ": "needs the sources of zenoh-pico: tests/hertzloop/test_pico.py",
+    "nanopb_generator ": "needs nanopb: tests/hertzloop/test_pico.py",
+    "cc -O2 -std=gnu11 -ffp-contract=off -DZENOH_LINUX": "as before",
+    "hertzloop law test --controller './pico": "as before",
+    "hertzloop run aluminium-3mm --horizon 200 --controller './pico": "as before",
+    "./pico_controller ": "as before",
+    "hertzloop node plant aluminium-3mm --horizon 200 --zenoh-config lab": "as before",
+    "hertzloop node recorder --out pico.mcap": "as before",
+    "hertzloop scene modes aluminium-20mm --from": "the reader's file: tested elsewhere",
+    "hertzloop run --set controller.law=their.fmu": "the reader's file: test_fmu.py",
+    "hertzloop fit rig.toml controlled.csv": "the reader's file: tests/studies/fit",
+    "hertzloop fit bench.toml drop.csv": "the reader's file; the tutorial of fits has a fit",
+}
+# What is made shorter: other tests run the whole.
+SHORTER = {
+    "--cases 512": "--cases 16",
+    "--cases 50": "--cases 4",
+    "hertzloop tune": "hertzloop tune --generations 2 --population 8",
+    "--law force_feedback\n": "--law force_feedback --quick\n",
+    "--goal 'rebound_percent < 300'\n": "--goal 'rebound_percent < 300' --quick\n",
+    "--trace paced.mcap\n": "--trace paced.mcap --quick\n",
+    "10.0.0.1": "127.0.0.1", "10.0.0.2": "127.0.0.1", "10.0.0.3": "127.0.0.1",
+}  # fmt: skip
+# What a page says that the reader has.
+HAS = {
+    "docs/how-to/budget.md": "hertzloop law new mine.py --with-check && "
+    "printf 'latency_us\\n3\\n4\\n3\\n5\\n' > scope.csv",
+    "docs/how-to/recordings.md": "hertzloop run aluminium-3mm --out A.mcap && "
+    "hertzloop run aluminium-3mm --set controller.latency_us=1 --out B.mcap",
+    "docs/tutorials/fit.md": f"cp {EXAMPLES}/bench* .",
+}
+BEFORE = {
+    "hertzloop node recorder --out mine.mcap --zenoh-config": "cp lab/*.json5 . && rm mine.mcap",
+    "hertzloop node recorder --out mine.mcap --listen": "rm mine.mcap",
+}
+CODES = {"hertzloop compare A.mcap B.mcap --figures": 0, "hertzloop compare A.mcap B.mcap": 1}
+# Run in a clone only: by test_docs.py, or by the tests of what they describe.
+IN_A_CLONE = {
+    "docs/evidence/fit.md", "docs/how-to/export-plant.md", "docs/how-to/sweep-and-tune.md",
+    "docs/tutorials/design-a-filter.md", "docs/tutorials/first-run.md", "docs/tutorials/fit.md",
+    "docs/tutorials/green-check.md", "docs/tutorials/latency-and-bits.md",
+    "docs/tutorials/own-law.md",
+}  # fmt: skip
+
+
+def blocks(page: Path) -> list[list[str]]:
+    """Command lines of a page's plain blocks, assignments of the shell included."""
+    found = []
+    for kind, text in re.findall(r"^```(\w*)\n(.*?)^```", page.read_text(), re.DOTALL | re.M):
+        if kind:
+            continue
+        lines, open_line = [], ""
+        for line in text.splitlines():
+            if not open_line and not line.startswith(PROGRAMS) and not re.match(r"[A-Z]=", line):
+                continue
+            open_line += line
+            try:
+                shlex.split(open_line, comments=True)
+            except ValueError:  # a quotation goes on in the next line
+                open_line += "\n"
+                continue
+            lines.append(open_line)
+            open_line = ""
+        if lines:
+            found.append(lines)
+    return found
+
+
+PAGES = [
+    page.relative_to(ROOT)
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    if blocks(page)
+]
+
+
+def told(line: str) -> str:
+    """The command as it is run here."""
+    line += "\n"
+    for long, short in SHORTER.items():
+        line = line.replace(long, short)
+    line = line.rstrip("\n")
+    if line.startswith("hertzloop replay") and "--save" not in line:
+        line += " --save page.rrd --overwrite"  # the window is tested elsewhere
+    return line
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("page", [p for p in PAGES if str(p) not in IN_A_CLONE], ids=str)
+def test_the_commands_of_a_page_run_with_the_wheel(
+    page: Path,
+    installed: str,  # noqa: F811
+    tmp_path: Path,
+) -> None:
+    place = {
+        **os.environ,
+        "PATH": f"{Path(installed).parent}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": "",
+        "HOME": str(tmp_path),
+        "NUMBA_CACHE_DIR": str(Path(installed).parents[2] / "cache"),  # of all pages
+    }
+
+    def started(line: str) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            ["bash", "-c", line], cwd=tmp_path, env=place, text=True,
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        )  # fmt: skip
+
+    def ended(line: str, process: subprocess.Popen[str]) -> None:
+        began = time.monotonic()
+        said, erred = process.communicate(timeout=850)
+        code = next((code for words, code in CODES.items() if line.startswith(words)), 0)
+        assert process.returncode == code, (line, said[-500:], erred[-1500:])
+        if line.startswith("python ") and line.endswith(".py"):  # the page shows what it prints
+            assert said in (ROOT / page).read_text(), line
+        print(f"{time.monotonic() - began:6.1f} s  {line.splitlines()[0][:100]}")
+
+    for name, text in FILE.findall((ROOT / page).read_text()):
+        (tmp_path / name).write_text(text)
+    if page.name == "train.md":  # its program writes the law that the page runs
+        [text] = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
+        (tmp_path / "program.py").write_text(text)
+        ended("program", started("python program.py"))
+    if str(page) in HAS:
+        ended(HAS[str(page)], started(HAS[str(page)]))
+    for lines in blocks(ROOT / page):
+        given = "".join(f"{line}; " for line in lines if re.match(r"[A-Z]=", line))
+        running = []
+        for line in lines:
+            if line + "; " in given or line.startswith(tuple(LEFT_OUT)):
+                continue
+            for words, first in BEFORE.items():
+                if line.startswith(words):
+                    ended(first, started(first))
+            process = started(given + told(line))
+            if re.match(r"hertzloop node (plant|controller|recorder)", line):
+                running.append((line, process))  # each in a terminal of its own
+            else:
+                ended(line, process)
+        for line, process in running:
+            ended(line, process)
+
+
+def test_what_is_left_out_or_made_shorter_is_there() -> None:
+    assert {str(page) for page in PAGES} >= IN_A_CLONE
+    lines = [line for page in PAGES for block in blocks(ROOT / page) for line in block]
+    for words in (*LEFT_OUT, *BEFORE, *CODES):
+        assert any(line.startswith(words) for line in lines), words
+    for words in SHORTER:
+        assert any(words in line + "\n" for line in lines), words
