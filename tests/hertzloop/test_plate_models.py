@@ -203,9 +203,10 @@ def test_modes_of_a_solid_as_a_file_give_the_same_bytes(tmp_path: Path) -> None:
     by_file = [*SHORT, f"plate.modes='{tmp_path}/m.npz'"]
     assert np.array_equal(simulate(load("aluminium-3mm", by_file)).rows, simulate(scene).rows)
     with pytest.raises(SceneError, match="do not fit contact"):
-        load("aluminium-3mm", [*by_file, *DAMPER])
+        load("aluminium-3mm", [*by_file, *DAMPER]).start_plant()
+    heavy = ["sphere.drop_height_m=100", "sphere.radius_m=0.025"]
     with pytest.raises(SceneError, match="too stiff"):
-        load("aluminium-3mm", [*by_file, "sphere.drop_height_m=100", "sphere.radius_m=0.025"])
+        load("aluminium-3mm", [*by_file, *heavy]).start_plant()
 
 
 def test_the_example_of_a_thick_plate() -> None:
