@@ -20,7 +20,6 @@ from hertzloop.studies.fit.fit import _placed
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.records import Measured, Record, RecordError
 from hertzloop.studies.margin.margin import growth_of, margin_of
-from tests.tiers import default
 
 AT, BESIDE, THIRD = "[0.21,0.13]", "[0.31,0.22]", "[0.12,0.31]"
 FLIGHT = ["run.lead_in_s=0.01", "controller.law=off", "sensors.quantity=v_p"]
@@ -59,10 +58,11 @@ def by_reciprocity(setup: Setup, forces: np.ndarray) -> np.ndarray:
 FORCES = np.random.default_rng(4).standard_normal(300)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "settings",
-    default([(), (f"plate.actuator_point_m={THIRD}",), ("plate.edges=cfcs",),
-             ("actuator.bandwidth_hz=30000",)], [()]),
+    [(), (f"plate.actuator_point_m={THIRD}",), ("plate.edges=cfcs",),
+     ("actuator.bandwidth_hz=30000",)],
 )  # fmt: skip
 def test_a_sensor_elsewhere_sees_what_the_contact_there_would_feel(
     settings: tuple[str, ...],
@@ -201,6 +201,7 @@ def table(with_sensor: bool) -> ModeTable:
     )  # fmt: skip
 
 
+@pytest.mark.full
 def test_a_file_of_modes_says_where_the_sensor_is(tmp_path: Path) -> None:
     (tmp_path / "modes.npz").write_bytes(write_modes(".npz", table(True)))
     (tmp_path / "bare.npz").write_bytes(write_modes(".npz", table(False)))

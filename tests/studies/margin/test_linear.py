@@ -24,6 +24,14 @@ ACTUATOR = ["actuator.bandwidth_hz=20000"]
 BY_GAP = ["sensors.quantity=xi", "controller.law=slope_threshold"]
 BY_ACCELERATION = ["sensors.quantity=acceleration", "controller.law=acceleration_feedback"]
 ELSEWHERE = "sensors.point_m=[0.31,0.22]"
+# Sensors beside the contact, or with a mass: kernels and modes of their own.
+BESIDE = [
+    ("offcentre-6mm", [ELSEWHERE]),
+    ("offcentre-6mm", [ELSEWHERE, "plate.actuator_point_m=[0.1,0.2]", *ACTUATOR, *FILTERS]),
+    ("offcentre-6mm", [ELSEWHERE, "sensors.mass_kg=0.004", *BY_ACCELERATION]),
+    ("offcentre-6mm", [ELSEWHERE, "sensors.mass_kg=0.004", "plate.tail=spring", *ACTUATOR]),
+    ("offcentre-6mm", ["sensors.mass_kg=0.004"]),
+]  # fmt: skip
 # Scene, and settings beside velocity feedback.
 VARIANTS = [
     ("aluminium-20mm", []),
@@ -45,11 +53,7 @@ VARIANTS = [
     ("aluminium-20mm", ["plate.tail=spring", *BY_GAP]),
     ("aluminium-20mm", ["actuator.mass_kg=0.001"]),
     ("docs/examples/thick-plate.toml", []),
-    ("offcentre-6mm", [ELSEWHERE]),
-    ("offcentre-6mm", [ELSEWHERE, "plate.actuator_point_m=[0.1,0.2]", *ACTUATOR, *FILTERS]),
-    ("offcentre-6mm", [ELSEWHERE, "sensors.mass_kg=0.004", *BY_ACCELERATION]),
-    ("offcentre-6mm", [ELSEWHERE, "sensors.mass_kg=0.004", "plate.tail=spring", *ACTUATOR]),
-    ("offcentre-6mm", ["sensors.mass_kg=0.004"]),
+    *(pytest.param(*one, marks=pytest.mark.full) for one in BESIDE),
 ]  # fmt: skip
 
 
