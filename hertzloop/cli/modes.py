@@ -1,8 +1,10 @@
 """The command `scene modes`: modes of a scene's plate, or measured ones, as a file of modes."""
 
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 import tomli_w
@@ -14,17 +16,23 @@ from hertzloop.cli.options import (
     SetOption,
     check_json,
     check_output,
+    check_picture,
     files_of,
     scene_from,
     write_json,
 )
 from hertzloop.cli.scene import scene_name
-from hertzloop.cli.terminal import fail, out
+from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.extras import need
 from hertzloop.plant.structures.mode_file import SUFFIXES, ModeTable, write_modes
 from hertzloop.scenes.scene import DEFAULT, on_modes, shipped
 from hertzloop.setup import Setup, load
+from hertzloop.views.format import Table
 from hertzloop.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from hertzloop.studies.modal.modes import MeasuredModes, Tell
+    from hertzloop.studies.modal.universal import FileUnits, Points, UniversalModes
 
 
 def modes(
@@ -38,11 +46,14 @@ def modes(
     source: Annotated[
         str | None,
         typer.Option(
-            "--from", metavar="FILE", help="Read measured modes from this file (UFF, UNV)."
+            "--from",
+            metavar="FILE",
+            help="Read measured modes or frequency responses (UFF, UNV), or records of hits.",
         ),
     ] = None,
     contact: Annotated[
-        str | None, typer.Option(metavar="NODE", help="Node of the contact point, with --from.")
+        str | None,
+        typer.Option(metavar="NODE", help="Node of the contact point; of records, a name."),
     ] = None,
     actuator: Annotated[
         str | None,
@@ -50,11 +61,22 @@ def modes(
     ] = None,
     sensor: Annotated[
         str | None,
-        typer.Option(metavar="NODE", help="Node of the sensor; default: the contact point."),
+        typer.Option(
+            metavar="NODE",
+            help="Node of the sensor; of records, a name of its place; default: the contact point.",
+        ),
     ] = None,
     direction: Annotated[
         Literal["x", "y", "z"] | None,
         typer.Option(help="Direction of force and motion; default: the only one of the file."),
+    ] = None,
+    reference: Annotated[
+        int | None,
+        typer.Option(metavar="NODE", help="Node of the force of frequency responses."),
+    ] = None,
+    kind: Annotated[
+        Literal["modes", "receptance", "mobility", "accelerance"] | None,
+        typer.Option(help="What to take of a file that holds several, or does not say."),
     ] = None,
     units: Annotated[
         str | None,
@@ -70,6 +92,17 @@ def modes(
     loss_factor: Annotated[
         float | None,
         typer.Option(min=0.0, max=1.0, help="Loss factor of every mode of a file without damping."),
+    ] = None,
+    hold_out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--hold-out",
+            help="Predict this measurement; default: each hit in turn, every fifth line.",
+        ),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Draw measured and modelled response to this file."),
     ] = None,
     out_file: Annotated[
         Path | None,
@@ -90,46 +123,94 @@ def modes(
     scene, files = _scene_and_files(names or [], source)
     if source is None:
         given = {"contact": contact, "actuator": actuator, "sensor": sensor, "units": units,
-                 "direction": direction, "loss-factor": loss_factor,
-                 "unit-modal-mass": unit_mass or None}  # fmt: skip
+                 "direction": direction, "loss-factor": loss_factor, "reference": reference,
+                 "unit-modal-mass": unit_mass or None, "kind": kind, "picture": picture,
+                 "hold-out": hold_out}  # fmt: skip
         for option, value in given.items():
             if value is not None:
-                fail(f"--{option}: describes a file of measured modes. Add --from FILE.", 2)
+                fail(f"--{option}: describes a measured structure. Add --from FILE.", 2)
         _of_scene(scene, out_file, settings or [], grid, overwrite, json_file)
         return
     if grid:
         fail("--grid: measured modes have no shapes on a grid. Leave it out.", 2)
     target = _target(out_file or Path(f"{Path(source).stem}-modes.csv"))
     beside = target.with_suffix(".toml")
+    held = hold_out or []
     for path in (target, beside):
-        check_output(path, overwrite, read=[*map(Path, files), Path(scene)])
-    check_json(json_file, target, beside)
+        check_output(path, overwrite, read=[*map(Path, files), *held, Path(scene)])
+    if picture is not None:
+        check_picture(picture)
+        check_output(picture, overwrite, "--picture", [*map(Path, files), *held, Path(scene)])
+    check_json(json_file, target, beside, picture)
+    if contact is None:
+        fail("--contact: is missing. Give the node of the contact point; of records, a name.", 2)
     from hertzloop.studies.modal import universal as uff
 
-    need("pyuff")
-    if contact is None:
-        fail("--contact: is missing. Give the node of the contact point.", 2)
-    points = uff.Points(
-        uff.node_of("contact", contact),
-        None if actuator is None else uff.node_of("actuator", actuator),
-        None if sensor is None else uff.node_of("sensor", sensor),
-        direction,
-    )
-    if len(files) != 1:
-        fail(f"--from: {len(files)} files are given. Give one file of modes.", 2)
-    path = Path(files[0])
-    sets = uff.read_sets(path)
-    found = uff.modes_of_sets(
-        sets, path, points, uff.units_of(sets, path, units), unit_mass=unit_mass,
-        loss_factor=loss_factor,
-    )  # fmt: skip
-    setup = _write(found.table, target, scene, settings or [])
-    table = found.table
+    paths = list(map(Path, files))
+    told: dict[str, Any] = {}
+    if paths[0].suffix.lower() in uff.SUFFIXES:
+        need("pyuff")
+        if len(paths) != 1:
+            fail(f"--from: {len(files)} files are given. Give one universal file.", 2)
+        points = uff.Points(
+            uff.node_of("contact", contact),
+            None if actuator is None else uff.node_of("actuator", actuator),
+            None if sensor is None else uff.node_of("sensor", sensor),
+            direction,
+        )
+        sets = uff.read_sets(paths[0])
+        in_units = uff.units_of(sets, paths[0], units)
+        from_modes = uff.holds_modes(sets, kind, paths[0])
+        if from_modes:
+            table = _of_modes(
+                uff.modes_of_sets(
+                    sets, paths[0], points, in_units, unit_mass=unit_mass, loss_factor=loss_factor
+                ),
+                told,
+            )
+        else:
+            found = _of_responses(paths[0], sets, points, in_units, kind, reference, held, units)
+    else:
+        from_modes = False
+        for option, value in {"actuator": actuator, "direction": direction, "kind": kind,
+                              "reference": reference, "units": units}.items():  # fmt: skip
+            if value is not None:
+                fail(f"--{option}: records do not have it. Remove the option.", 2)
+        found = _of_hits(paths, held, sensor in (None, contact))
+    if not from_modes:
+        table = found.table
+        _tell_check(found, told)
+    elif held or picture is not None:
+        fail("--hold-out, --picture: modes have no measured response. Remove the option.", 2)
+    setup = _write(table, target, scene, settings or [])
     out.print(
-        f"{len(table.omega_rad_s)} modes from {_hz(table, 0):.5g} to {_hz(table, -1):.5g} Hz in "
-        f"direction {found.direction}, units of the file: {found.units.name}.",
+        f"{len(table.omega_rad_s)} modes from {_hz(table, 0):.5g} to {_hz(table, -1):.5g} Hz.",
         soft_wrap=True,
     )
+    out.print(
+        f"written: {target} and {beside}, which has sphere, material of the plate "
+        f"({setup.material_name('plate') or 'own numbers'}) and law of {scene}. Next: hertzloop "
+        f"run {beside}",
+        soft_wrap=True,
+    )
+    if picture is not None:
+        from hertzloop.studies.modal.picture import draw
+
+        draw(found, picture)
+        out.print(f"written: {picture}")
+    told |= {
+        "modes": len(table.omega_rad_s),
+        "lowest_hz": _hz(table, 0),
+        "highest_hz": _hz(table, -1),
+        "residual_flexibility_m_n": table.residual_flexibility_m_n,
+        "files": [str(target), str(beside)],
+    }
+    write_json(json_file, told)
+
+
+def _of_modes(found: "UniversalModes", told: dict[str, Any]) -> ModeTable:
+    """The modes of a file, and what is to be said of them."""
+    out.print(f"Direction {found.direction}, units of the file: {found.units.name}.")
     if found.most_complex:
         out.print(
             "The shapes are complex. The imaginary part of the nearest real shapes is at most "
@@ -138,20 +219,74 @@ def modes(
         )
     if found.undamped:
         out.print("The file has no damping. Give --loss-factor to set it.")
-    _tell_written(setup, target, beside, scene)
-    write_json(
-        json_file,
-        {
-            "modes": len(table.omega_rad_s),
-            "lowest_hz": _hz(table, 0),
-            "highest_hz": _hz(table, -1),
-            "direction": found.direction,
-            "units": found.units.name,
-            "largest_imaginary_part": found.most_complex,
-            "undamped": found.undamped,
-            "files": [str(target), str(beside)],
-        },
+    told |= {
+        "direction": found.direction,
+        "units": found.units.name,
+        "largest_imaginary_part": found.most_complex,
+        "undamped": found.undamped,
+    }
+    return found.table
+
+
+def _of_responses(
+    path: Path, sets: list[dict[str, Any]], points: "Points", in_units: "FileUnits | None",
+    kind: str | None, reference: int | None, held: list[Path], units: str | None,
+) -> "MeasuredModes":  # fmt: skip
+    from hertzloop.studies.modal import universal as uff
+    from hertzloop.studies.modal.modes import modes_of_responses
+    from hertzloop.studies.modal.responses import responses_of_sets
+
+    if len(held) > 1:
+        fail(f"--hold-out: {len(held)} files are given. Give one universal file.", 2)
+    responses = responses_of_sets(sets, path, points, in_units, kind, reference)
+    other = None
+    for one in held:
+        others = uff.read_sets(one)
+        other = responses_of_sets(
+            others, one, points, uff.units_of(others, one, units), kind, reference
+        )
+    out.print(
+        f"{responses.kind.capitalize()} of the nodes {', '.join(map(str, responses.nodes))} to a "
+        f"force at {responses.reference}, direction {responses.direction}, "
+        f"{responses.hz[0]:.5g} to {responses.hz[-1]:.5g} Hz.",
+        soft_wrap=True,
     )
+    with _progress() as tell:
+        return modes_of_responses(responses, other, points, tell)
+
+
+def _of_hits(paths: list[Path], held: list[Path], at_contact: bool) -> "MeasuredModes":
+    from hertzloop.studies.fit.records import read_record
+    from hertzloop.studies.modal.hits import hits_of_records
+    from hertzloop.studies.modal.modes import modes_of_hits
+
+    hits = hits_of_records([read_record(path) for path in paths])
+    predicted = hits_of_records([read_record(path) for path in held]) if held else []
+    with _progress() as tell:
+        return modes_of_hits(hits, predicted, at_contact, tell)
+
+
+@contextmanager
+def _progress() -> Iterator["Tell"]:
+    """Shows what is held out, the number of modes, and the error."""
+    with progress("modes", 1, lines=True) as advance:
+        yield lambda name, count, error: advance(
+            0, f"{name} held out: {count} modes, error {error:.3g}"
+        )
+
+
+def _tell_check(found: "MeasuredModes", told: dict[str, Any]) -> None:
+    """Say how well what was held out is predicted."""
+    table = Table("held out", "modes", "error / rms, %", "largest error / peak, %")
+    for one in found.held_out:
+        table.add_row(one.name, str(one.modes), f"{100 * one.rms:.2f}", f"{100 * one.peak:.2f}")
+    out.print(table)
+    for note in found.notes:
+        out.print(note, soft_wrap=True)
+    told["held_out"] = [
+        {"name": one.name, "modes": one.modes, "error": one.rms, "largest_error": one.peak}
+        for one in found.held_out
+    ]
 
 
 def _target(path: Path) -> Path:
@@ -191,15 +326,6 @@ def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> S
     write_whole(target, content)
     write_whole(target.with_suffix(".toml"), text)
     return setup
-
-
-def _tell_written(setup: Setup, target: Path, beside: Path, scene: str) -> None:
-    out.print(
-        f"written: {target} and {beside}, which has sphere, material of the plate "
-        f"({setup.material_name('plate') or 'own numbers'}) and law of {scene}. Next: hertzloop "
-        f"run {beside}",
-        soft_wrap=True,
-    )
 
 
 def _of_scene(

@@ -15,10 +15,12 @@ from hertzloop.plant.structures.mode_file import ModeTable
 
 SUFFIXES = (".uff", ".unv", ".uf", ".bunv", ".ufb")
 DIRECTIONS = ("x", "y", "z")
+RESPONSES = {"receptance": 0, "mobility": 1, "accelerance": 2}  # power of s from the first
 _SHOWN = 12  # of many nodes in a sentence
 
-# Units of length and force: how many of them are one metre, one newton. Names as for `--units`.
-LENGTHS = {"m": 1.0, "cm": 1e2, "mm": 1e3, "in": 1 / 0.0254, "ft": 1 / 0.3048}
+# Units of length and force: how many of them are one metre, one newton. Names as for `--units`; g
+# is that of acceleration, in accelerances.
+LENGTHS = {"m": 1.0, "cm": 1e2, "mm": 1e3, "in": 1 / 0.0254, "ft": 1 / 0.3048, "g": 1 / 9.80665}
 FORCES = {
     "N": 1.0, "cN": 1e2, "mN": 1e3, "kN": 1e-3, "lbf": 1 / 4.4482216152605,
     "kgf": 1 / 9.80665, "pdl": 1 / 0.138254954376,
@@ -42,11 +44,13 @@ class ModalDataError(ValueError):
 
 @dataclass(frozen=True)
 class FileUnits:
-    """Units of a file: how many of its units one metre and one newton are, and their name."""
+    """Units of a file: how many of its units one metre and one newton are, their name, and whether
+    they were given."""
 
     length: float
     force: float
     name: str
+    given: bool = False
 
     @property
     def mass_kg(self) -> float:
@@ -101,23 +105,20 @@ def units_given(text: str) -> FileUnits:
             f"--units = {text}: must be a length and a force, such as m,N. Use one of "
             f"{', '.join(LENGTHS)}, and one of {', '.join(FORCES)}."
         )
-    return FileUnits(LENGTHS[length], FORCES[force], f"{length} and {force}")
+    return FileUnits(LENGTHS[length], FORCES[force], f"{length} and {force}", given=True)
 
 
-def units_of(sets: Iterable[dict[str, Any]], path: Path, given: str | None) -> FileUnits:
-    """Return the units of a file: those `given`, or those of its data set 164.
+def units_of(sets: Iterable[dict[str, Any]], path: Path, given: str | None) -> FileUnits | None:
+    """Return the units of a file: those `given`, or those of its data set 164; None without one.
 
     Raises:
-        ModalDataError: the file does not say its units, or says two different things.
+        ModalDataError: the file says two different things.
     """
     if given is not None:
         return units_given(given)
     stated = [one for one in sets if one["type"] == 164]
     if not stated:
-        raise ModalDataError(
-            f"{path}: has no data set 164, so its units are unknown. Give --units m,N, or another "
-            "length and force."
-        )
+        return None
     found = {(one["units_code"], one["length"], one["force"]) for one in stated}
     code, length, force = found.pop()
     if found or not (length > 0.0 and force > 0.0):
@@ -133,6 +134,18 @@ def units_of(sets: Iterable[dict[str, Any]], path: Path, given: str | None) -> F
             "another length and force."
         )
     return FileUnits(*factors, " and ".join(names))
+
+
+def holds_modes(sets: Iterable[dict[str, Any]], kind: str | None, path: Path) -> bool:
+    """Return whether to take the modes of a file, not its frequency responses. Raises
+    ModalDataError for a file with both, unless a kind is asked for."""
+    types = {one["type"] if one.get("func_type", 4) == 4 else 0 for one in sets}
+    if kind is None and 58 in types and types & {55, 2414}:
+        raise ModalDataError(
+            f"--kind: is missing, and {path} has modes and frequency responses. Give modes, "
+            "accelerance, mobility or receptance."
+        )
+    return kind not in RESPONSES if kind else 58 not in types
 
 
 def along(directions: Sequence[str], asked: str | None, what: str) -> str:
@@ -167,7 +180,7 @@ def modes_of_sets(
     sets: Sequence[dict[str, Any]],
     path: Path,
     points: Points,
-    units: FileUnits,
+    units: FileUnits | None,
     *,
     unit_mass: bool = False,
     loss_factor: float | None = None,
@@ -189,6 +202,11 @@ def modes_of_sets(
         raise ModalDataError(
             f"{path}: holds no modes at nodes (data set 55 or 2414). Give a file with modes, or "
             "with frequency responses (data set 58)."
+        )
+    if units is None or units.length == LENGTHS["g"]:
+        raise ModalDataError(
+            f"{path}: has no data set 164, so its units are unknown. Give --units m,N, or another "
+            "length and force."
         )
     nodes = {int(node) for mode in modes for node in mode.nodes}
     for option, node in points.named.items():

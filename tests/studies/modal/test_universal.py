@@ -54,19 +54,23 @@ def test_the_units_of_the_file_are_converted(
 ) -> None:
     stated = {"type": 164, "units_code": code, "length": length, "force": force}
     units = uff.units_of([stated], FILE, None)
+    assert units is not None
     assert units.mass_kg == pytest.approx(mass_kg, rel=1e-6)
     heavier = modes([normal(0)], units=units).table.per_modal_mass_1_kg
     assert heavier[0] == pytest.approx(1 / (MASS[0] * mass_kg), rel=1e-6)
 
 
 def test_units_that_cannot_be_known_are_refused() -> None:
+    assert uff.units_of([normal(0)], FILE, None) is None
     with pytest.raises(uff.ModalDataError, match=r"no data set 164, .* Give --units m,N"):
-        uff.units_of([normal(0)], FILE, None)
+        modes([normal(0)], units=None)
     # The example in pyuff's documentation: the code of SI with the factors of foot and pound.
     foot = {"type": 164, "units_code": 1, "length": 3.28083989501312, "force": 0.224808943}
     with pytest.raises(uff.ModalDataError, match=r"the code 1 of m and N, but the factors 3\.28"):
         uff.units_of([foot], FILE, None)
-    assert uff.units_of([foot], FILE, "ft,lbf").mass_kg == pytest.approx(14.5939, rel=1e-5)
+    slug = uff.units_of([foot], FILE, "ft,lbf")
+    assert slug is not None
+    assert slug.mass_kg == pytest.approx(14.5939, rel=1e-5)
     with pytest.raises(uff.ModalDataError, match="--units = metric: must be a length and a force"):
         uff.units_of([], FILE, "metric")
 
@@ -190,7 +194,8 @@ def test_modes_of_a_shipped_scene_by_pyuff_give_the_same_recording(tmp_path: Pat
          *(word for text in settings for word in ("--set", text))]
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    assert "312 modes from 277.01 to 52600 Hz in direction z" in done.output
+    assert "312 modes from 277.01 to 52600 Hz" in done.output
+    assert "Direction z, units of the file: 1/1000 m and 1/1 N" in done.output
     of_file = load(str(tmp_path / "of-file.toml"))
     direct = load(str(tmp_path / "of-file.toml"), [f"plate.modes={tmp_path / 'direct.npz'}"])
     rows, others = simulate(of_file).rows, simulate(direct).rows
@@ -209,7 +214,7 @@ def test_the_column_of_the_sensor_survives_a_file(tmp_path: Path) -> None:
 
 def test_the_command_refuses_what_it_cannot_mean() -> None:
     for words, sentence in [
-        (["--contact", "3"], "--contact: describes a file of measured modes. Add --from FILE"),
+        (["--contact", "3"], "--contact: describes a measured structure. Add --from FILE"),
         (["--from", "none.uff"], "--contact: is missing"),
         (["--from", "none.uff", "--contact", "a"], "--contact = a: is not the number of a node"),
         (["--from", "none.uff", "--grid", "--contact", "1"], "--grid: measured modes have no"),

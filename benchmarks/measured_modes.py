@@ -1,0 +1,170 @@
+"""Measured structures: modes from noisy frequency responses of known scenes, and held-out hits."""
+
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.program import (
+    JsonOption,
+    OutDirOption,
+    QuickOption,
+    check_json,
+    conclude,
+    number_table,
+    out,
+    results_in,
+    start,
+    tracked,
+    write_json,
+    written,
+)
+from hertzloop.analysis.deflection import modes_of_scene
+from hertzloop.plant.structures.mode_file import ModeTable
+from hertzloop.setup import load
+from hertzloop.studies.fit.records import read_record
+from hertzloop.studies.modal.hits import hits_of_records
+from hertzloop.studies.modal.modes import modes_of_hits, modes_of_responses
+from hertzloop.studies.modal.responses import FrequencyResponses, noise_weights
+from hertzloop.studies.modal.universal import RESPONSES, Points
+from hertzloop.studies.words import write_records
+
+_NOISE = 1e-3
+_JUDGED_HZ = 5e3  # up to here
+_HAMMER = Path(__file__).resolve().parent.parent / "docs" / "examples" / "hammer"
+# Scene, kind of response, noise in proportion to each value or to the rms, distance of lines, Hz.
+_CASES = (
+    ("offcentre-6mm", "accelerance", "value", 0.5),
+    ("offcentre-6mm", "receptance", "value", 0.5),
+    ("offcentre-6mm", "accelerance", "rms", 0.5),
+    ("aluminium-3mm", "accelerance", "value", 0.2),
+    ("aluminium-20mm", "mobility", "value", 0.2),
+    ("oak-20mm", "accelerance", "value", 0.5),
+)
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Largest deviation of modes up to 5 kHz, relative: of frequency, loss factor, shape at the
+    contact point and at the actuator; `modes` in the band, and how many were `found`."""
+
+    scene: str
+    kind: str
+    noise: str
+    modes: int
+    found: int
+    frequency: float
+    damping: float
+    contact: float
+    actuator: float
+    seconds: float
+
+
+def response(table: ModeTable, hz: np.ndarray, shape: np.ndarray, order: int) -> np.ndarray:
+    """Response at a point to a force at the contact point, (lines,), SI units."""
+    w = 2.0 * np.pi * hz
+    found = np.full(len(hz), (table.residual_flexibility_m_n or 0.0) + 0j)
+    if shape is not table.shape_contact:
+        found *= 0.0
+    share = table.shape_contact * shape * table.per_modal_mass_1_kg
+    loss = np.broadcast_to(table.loss_factor, share.shape)
+    for omega, eta, one in zip(table.omega_rad_s, loss, share, strict=True):
+        found += one / (omega**2 - w**2 + 1j * eta * omega * w)
+    return found * (1j * w) ** order
+
+
+def deviation(scene: str, kind: str, noise: str, line_hz: float, high_hz: float) -> Deviation:
+    """Identify the modes of a scene from noisy responses."""
+    known, began = modes_of_scene(load(scene)), time.process_time()
+    hz, rng, order = np.arange(5.0, high_hz, line_hz), np.random.default_rng(1), RESPONSES[kind]
+    same = np.array_equal(known.shape_contact, known.shape_actuator)
+    values = []
+    for shape in (known.shape_contact,) if same else (known.shape_contact, known.shape_actuator):
+        exact = response(known, hz, shape, order)
+        size = np.abs(exact) if noise == "value" else np.sqrt(np.mean(np.abs(exact) ** 2))
+        parts = rng.standard_normal((2, len(hz))) / np.sqrt(2.0)
+        values.append(exact + _NOISE * size * (parts[0] + 1j * parts[1]))
+    points = Points(1) if same else Points(1, 2)
+    measured = FrequencyResponses(
+        hz, np.array(values), np.array([noise_weights(one) for one in values]), order,
+        tuple(range(1, 1 + len(values))), 1, "z",
+    )  # fmt: skip
+    table = modes_of_responses(measured, None, points, lambda *_: None).table
+    below = known.omega_rad_s < 2.0 * np.pi * _JUDGED_HZ
+    loss = np.broadcast_to(known.loss_factor, known.omega_rad_s.shape)
+    mass, sign = np.sqrt(known.per_modal_mass_1_kg[below]), np.sign(known.shape_contact[below])
+    nearest = [
+        int(np.argmin(np.abs(table.omega_rad_s / omega - 1.0)))
+        for omega in known.omega_rad_s[below]
+    ]
+    pairs = (
+        (table.omega_rad_s, known.omega_rad_s[below]),
+        (table.loss_factor, loss[below]),
+        (table.shape_contact, mass * np.abs(known.shape_contact[below])),
+        (table.shape_actuator, mass * sign * known.shape_actuator[below]),
+    )
+    worst = [float(np.max(np.abs(found[nearest] / true - 1.0))) for found, true in pairs]
+    return Deviation(
+        scene, kind, noise, int(np.count_nonzero(known.omega_rad_s < 2.0 * np.pi * high_hz)),
+        len(table.omega_rad_s), worst[0], worst[1], worst[2], worst[3],
+        time.process_time() - began,
+    )  # fmt: skip
+
+
+def held_out_hits() -> list[tuple[str, int, float, float]]:
+    """Name, number of modes, and errors of each shipped hit, predicted by the two others."""
+    records = [read_record(_HAMMER / f"{kind}{i}.csv") for i in (1, 2, 3) for kind in "fa"]
+    found = modes_of_hits(hits_of_records(records), [], False, lambda *_: None)
+    return [(one.name, one.modes, one.rms, one.peak) for one in found.held_out]
+
+
+def main(
+    out_dir: OutDirOption = None, quick: QuickOption = False, json_file: JsonOption = None
+) -> None:
+    """Identify modes from noisy frequency responses of shipped scenes, and predict each shipped
+    hit of a hammer by the others."""
+    check_json(json_file)
+    with results_in(out_dir, "measured-modes") as folder:
+        cases = _CASES[:1] if quick else _CASES
+        high_hz = 2e3 if quick else 6e3
+        found = [deviation(*case, high_hz) for case in tracked("responses", cases)]
+        names = ("frequency", "damping", "contact", "actuator")
+        out.print(
+            number_table(
+                f"largest deviation of modes up to {_JUDGED_HZ / 1e3:g} kHz, noise {_NOISE:g}",
+                ("scene", "responses", "noise by", "modes", "found", *names, "s"),
+                [
+                    (one.scene, one.kind, one.noise, str(one.modes), str(one.found),
+                     *(f"{getattr(one, name):.1e}" for name in names), f"{one.seconds:.0f}")
+                    for one in found
+                ],
+                text=3,
+            )
+        )  # fmt: skip
+        hits = [] if quick else held_out_hits()
+        out.print(
+            number_table(
+                "hits predicted by the other two, first 40 ms",
+                ("hit", "modes", "error/rms, %", "largest error/peak, %"),
+                [
+                    (name, str(modes), f"{100 * rms:.2f}", f"{100 * peak:.2f}")
+                    for name, modes, rms, peak in hits
+                ],
+                text=1,
+            )
+        )  # fmt: skip
+        write_records(folder / "responses.csv", found)
+        written(folder, "responses.csv")
+        write_json(json_file, {"responses": [asdict(one) for one in found], "hits": hits})
+        metal = [one for one in found if one.scene != "oak-20mm"]
+        conclude(
+            f"Frequencies of the metal plates deviate by at most "
+            f"{max(one.frequency for one in metal):.1g}, damping by "
+            f"{100 * max(one.damping for one in metal):.1g} %, shapes by "
+            f"{100 * max(max(one.contact, one.actuator) for one in metal):.1g} %."
+        )
+
+
+if __name__ == "__main__":
+    start("benchmarks.measured_modes")

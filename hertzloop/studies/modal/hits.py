@@ -1,0 +1,165 @@
+"""Hits of a hammer, measured as records of force and response, as observed responses."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hertzloop.studies.fit.records import Record
+from hertzloop.studies.modal.identify import FLEXIBILITY_M_N, MeasuredRows
+from hertzloop.studies.modal.universal import ModalDataError
+
+ORDERS = {"xi_p": 0, "v_p": 1, "acceleration": 2}
+_FORCES = ("contact_force", "actuator_force")
+JUDGED_S = 0.04  # after the hit, over which errors are told
+_LONGEST_S = 0.1  # after the hit, that is fitted
+_FEWEST = 8  # samples before the hit
+_RISE = 0.02  # of the peak, at which a hit begins
+_BAND = 0.45  # of the rate, up to which a converter passes
+_LOWEST_PERIODS = 0.5  # of the lowest mode within a record
+
+
+@dataclass(frozen=True)
+class Hit:
+    """A hit: force (N) and response, from rest; both (samples,), `interval_s` apart, `first` is the
+    sample at which it begins. `order`: 0 displacement, 1 velocity, 2 acceleration, in SI units, in
+    the direction of the force."""
+
+    name: str
+    force_n: np.ndarray
+    response: np.ndarray
+    interval_s: float
+    first: int
+    order: int
+
+    @property
+    def judged(self) -> slice:
+        """The samples over which errors are told."""
+        return slice(self.first, self.first + math.ceil(JUDGED_S / self.interval_s))
+
+
+def hits_of_records(records: Sequence[Record]) -> list[Hit]:
+    """Return the hits of records: the first record of a force and the first one of a response are
+    one hit, and so on.
+
+    Raises:
+        ModalDataError: records do not belong together, or a hit does not begin at rest.
+    """
+    forces = [one for one in records if one.quantity in _FORCES]
+    responses = [one for one in records if one.quantity in ORDERS]
+    for one in records:
+        if one.quantity not in (*_FORCES, *ORDERS):
+            raise ModalDataError(
+                f"record.quantity = '{one.quantity}': {one.name} is neither a force nor a motion "
+                f"of the structure. Give records of contact_force and of {', '.join(ORDERS)}."
+            )
+    if not forces or len(forces) != len(responses):
+        raise ModalDataError(
+            f"--from: {len(forces)} records of a force and {len(responses)} of a response. Give "
+            "one of each for every hit, in the same order."
+        )
+    hits = [_hit(*pair) for pair in zip(forces, responses, strict=True)]
+    for hit in hits:
+        if hit.order != hits[0].order or abs(hit.interval_s / hits[0].interval_s - 1.0) > 1e-6:
+            raise ModalDataError(
+                f"{hit.name}: has another quantity or rate than {hits[0].name}. Give hits of one "
+                "measurement."
+            )
+    return hits
+
+
+def _hit(force: Record, response: Record) -> Hit:
+    name = f"{force.name}, {response.name}"
+    count = min(len(force.value), len(response.value))
+    apart = np.abs(force.time_s[:count] - response.time_s[:count])
+    dt = force.interval_s
+    if not (force.uniform and response.uniform) or np.max(apart) > 0.01 * dt:
+        raise ModalDataError(
+            f"{name}: were not sampled at the same, evenly spaced times. Give force and response "
+            "of one recorder."
+        )
+    if any(
+        getattr(force.measured, key) != getattr(response.measured, key)
+        for key in ("low_pass_hz", "ac_coupling_hz", "resonance_hz")
+    ):
+        raise ModalDataError(
+            f"{name}: their tables name different filters, which would count as the structure. "
+            "Give records of equal filters."
+        )
+    f, y = force.value[:count], response.value[:count]
+    first = int(np.argmax(np.abs(f) > _RISE * np.max(np.abs(f))))
+    if first < _FEWEST:
+        raise ModalDataError(
+            f"{force.name}: has {first} samples before the hit. Give at least {_FEWEST}, at rest."
+        )
+    last = min(count, first + math.ceil(_LONGEST_S / dt))
+    f, y = f[:last] - np.mean(f[: first - 1]), y[:last] - np.mean(y[: first - 1])
+    # A contact force is positive in contact and pushes the structure down; motion up is positive.
+    sign = -1.0 if force.quantity == "contact_force" else 1.0
+    return Hit(name, f, sign * y, dt, first, ORDERS[response.quantity])
+
+
+def observed_hits(hits: Sequence[Hit], at_contact: bool) -> MeasuredRows:
+    """Return hits as what modes are fitted to; a response `at_contact`, at the point that is hit,
+    has a residual flexibility."""
+    dt = hits[0].interval_s
+    longest = max(len(one.force_n) for one in hits) * dt
+
+    def basis(omega: np.ndarray, loss: np.ndarray) -> np.ndarray:
+        return np.concatenate([_responses(one, omega, loss) for one in hits], axis=1)
+
+    values = np.concatenate([one.response for one in hits])[None]
+    rest = np.concatenate([_stiff(one) for one in hits])[None][: int(at_contact)]
+    return MeasuredRows(
+        basis, rest, values,
+        np.full(values.shape, 1.0 / np.sqrt(np.mean(values**2))),
+        (_LOWEST_PERIODS / longest, _BAND / dt), 1.0 / longest,
+        0 if at_contact else None,
+    )  # fmt: skip
+
+
+def _spectrum(hit: Hit) -> tuple[np.ndarray, np.ndarray, int]:
+    """Spectrum of the force with as many zeros behind it, its angular frequencies, its length."""
+    length = 2 * len(hit.force_n)
+    return (
+        np.fft.rfft(hit.force_n, length),
+        2 * np.pi * np.fft.rfftfreq(length, hit.interval_s),
+        length,
+    )
+
+
+def _responses(hit: Hit, omega: np.ndarray, loss: np.ndarray) -> np.ndarray:
+    """FrequencyResponses of modes of unit residue from rest, (modes, samples).
+
+    Of the force with nothing above half the rate, exactly: what repeats with the record, less the
+    free vibration that makes it begin at rest.
+    """
+    force, w, length = _spectrum(hit)
+    count = len(hit.force_n)
+    o, damping = omega[:, None], (loss * omega)[:, None]
+    periodic = force / (o**2 - w**2 + 1j * damping * w)
+    q = np.fft.irfft(periodic, length)[:, :count]
+    moved = 1j * w * periodic
+    moved[:, -1] = 0.0  # half the rate has no velocity
+    v = np.fft.irfft(moved, length)[:, :count]
+    s = omega * (-loss / 2.0 + 1j * np.sqrt(1.0 - loss**2 / 4.0))
+    start = q[:, 0] - 1j * (v[:, 0] - s.real * q[:, 0]) / s.imag
+    free = start[:, None] * np.exp(s[:, None] * (np.arange(count) * hit.interval_s))
+    q -= free.real
+    v -= (s[:, None] * free).real
+    return (q, v, hit.force_n - damping * v - o**2 * q)[hit.order]
+
+
+def _stiff(hit: Hit) -> np.ndarray:
+    """Response of a spring, (samples,)."""
+    force, w, length = _spectrum(hit)
+    found = np.fft.irfft((1j * w) ** hit.order * force, length)[: len(hit.force_n)]
+    return FLEXIBILITY_M_N * found
+
+
+def errors(modelled: np.ndarray, measured: np.ndarray) -> tuple[float, float]:
+    """Return the error of modelled values: rms over rms, and largest over largest."""
+    apart = np.abs(modelled - measured)
+    rms = math.sqrt(float(np.mean(apart**2) / np.mean(np.abs(measured) ** 2)))
+    return rms, float(np.max(apart) / np.max(np.abs(measured)))

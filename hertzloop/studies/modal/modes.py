@@ -1,0 +1,214 @@
+"""From measured responses to a file of modes, with its error on what was held out."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from hertzloop.plant.one_thread import on_one_thread
+from hertzloop.plant.structures.mode_file import ModeTable
+from hertzloop.studies.modal.hits import Hit, errors, observed_hits
+from hertzloop.studies.modal.identify import (
+    FLEXIBILITY_M_N,
+    FittedModes,
+    MeasuredRows,
+    identified,
+    refined,
+    thinned,
+)
+from hertzloop.studies.modal.responses import EVERY, FrequencyResponses
+from hertzloop.studies.modal.universal import ModalDataError, Points
+
+Tell = Callable[[str, int, float], None]
+_NOT_HERE = 2.0  # times the error, without the modes of negative residue: not a drive point
+_SMALL = 0.05  # error that is good enough without them
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """What was held out, its error, relative: rms over rms, and the largest over the largest; and
+    what was measured and modelled over `x`, for a picture."""
+
+    name: str
+    modes: int
+    rms: float
+    peak: float
+    x: np.ndarray
+    measured: np.ndarray
+    modelled: np.ndarray
+
+
+@dataclass(frozen=True)
+class MeasuredModes:
+    """Modes of a measurement as a file has them, their check, and sentences on what they miss."""
+
+    table: ModeTable
+    held_out: tuple[HeldOut, ...]
+    notes: tuple[str, ...]
+
+
+@on_one_thread
+def modes_of_hits(
+    hits: Sequence[Hit], held: Sequence[Hit], at_contact: bool, tell: Tell
+) -> MeasuredModes:
+    """Return the modes of hits.
+
+    Args:
+        hits: the hits that are fitted. Without `held` ones, each is held out in turn first.
+        held: hits that are predicted.
+        at_contact: whether the response was measured at the point that is hit.
+        tell: is told the hit that is held out, the number of modes, and the error.
+
+    Raises:
+        ModalDataError: the response cannot be of the point that is hit.
+    """
+    turns = [(list(hits), list(held))] if held else [
+        ([*hits[:i], *hits[i + 1 :]], [one]) for i, one in enumerate(hits)
+    ]  # fmt: skip
+    if len(hits) == 1 and not held:
+        turns = [(list(hits), list(hits))]
+    found: list[HeldOut] = []
+    best: FittedModes | None = None
+    for fitted, predicted in turns:
+        observed = observed_hits(fitted, at_contact)
+
+        def error(modes: FittedModes, predicted: list[Hit] = predicted) -> float:
+            return math.sqrt(
+                np.mean([one.rms**2 for one in _predicted(modes, predicted, at_contact)])
+            )
+
+        name = "; ".join(one.name for one in predicted)
+        modes = identified(observed, error, tell=partial(tell, name))
+        if at_contact:
+            _check_passive(observed, modes, error)
+        checked = _predicted(modes, predicted, at_contact)
+        if best is None or sum(c.rms for c in checked) < found[-1].rms * len(checked):
+            best = modes
+        found += checked
+    assert best is not None
+    observed = observed_hits(hits, at_contact)
+    modes = thinned(observed, refined(observed, best.omega_rad_s, best.loss_factor))
+    notes = []
+    if len(hits) == 1 and not held:
+        notes.append("One hit checks nothing: the error is that of the fit. Measure two or more.")
+        found = [replace(one, name=f"{one.name} (fitted)") for one in found]
+    by_force, shapes = _shapes(modes.residues, 0 if at_contact else None)
+    if at_contact:
+        residual = max(0.0, float(modes.rest[0, 0]) * FLEXIBILITY_M_N)
+    else:
+        residual = None
+        notes.append(_SPLIT)
+    table = _table(modes, by_force, by_force, None if at_contact else shapes[0], residual)
+    return MeasuredModes(table, tuple(found), tuple(notes))
+
+
+_SPLIT = (
+    "No response was measured at the contact point itself. Each mode is taken as large there as at "
+    "the sensor: the response from contact to sensor is the measured one, but how far the contact "
+    "point gives way is not known. Measure there too to know it."
+)
+
+
+def _check_passive(
+    observed: MeasuredRows, modes: FittedModes, error: Callable[[FittedModes], float]
+) -> None:
+    """Raise ModalDataError if residues of any sign explain a response much better: then it was not
+    measured at the point of the force."""
+    of_any_sign = identified(replace(observed, drive=None), error, most=len(modes.omega_rad_s))
+    passive, free = error(modes), error(of_any_sign)
+    if passive > _NOT_HERE * max(free, _SMALL):
+        raise ModalDataError(
+            f"--sensor: is missing. Taken as measured at the contact point, the response is "
+            f"modelled to {100 * passive:.0f} % only, else to {100 * free:.0f} %: its modes differ "
+            "in sign there. Give --sensor NAME, the point of the response."
+        )
+
+
+def _predicted(modes: FittedModes, hits: Sequence[Hit], at_contact: bool) -> list[HeldOut]:
+    found = []
+    for one in hits:
+        modelled = modes.response(observed_hits([one], at_contact))[0]
+        x = one.interval_s * (np.arange(len(modelled)) - one.first)
+        kept = one.judged
+        pair = errors(modelled[kept], one.response[kept])
+        found.append(
+            HeldOut(
+                one.name, len(modes.omega_rad_s), *pair, x[kept], one.response[kept],
+                modelled[kept],
+            )
+        )  # fmt: skip
+    return found
+
+
+@on_one_thread
+def modes_of_responses(
+    responses: FrequencyResponses, held: FrequencyResponses | None, points: Points, tell: Tell
+) -> MeasuredModes:
+    """Return the modes of frequency responses. Every fifth line is held out, or another
+    measurement, `held`; the file has the modes within the band only."""
+    lines = responses.thinned()
+    out = np.zeros(len(lines.hz), bool)
+    out[EVERY - 1 :: EVERY] = held is None
+    fitted, judged = lines.at(~out), held or lines.at(out)
+    drive = responses.drive
+
+    def error(modes: FittedModes) -> float:
+        left = (modes.response(judged.observed()) - judged.values) * judged.weights
+        return float(np.sqrt(np.mean(np.abs(left) ** 2)))
+
+    name = "lines held out" if held is None else "held-out measurement"
+    observed = fitted.observed()
+    modes = identified(observed, error, fitted.start(), tell=partial(tell, name))
+    observed = lines.observed()
+    modes = thinned(observed, refined(observed, modes.omega_rad_s, modes.loss_factor))
+    modes = refined(observed, modes.omega_rad_s, modes.loss_factor, gain=1e-6)
+    inside = modes.omega_rad_s <= 2.0 * np.pi * responses.hz[-1]
+    kept = FittedModes(
+        modes.omega_rad_s[inside], modes.loss_factor[inside], modes.residues[:, inside],
+        0.0 * modes.rest, modes.square,
+    )  # fmt: skip
+    by_force, shapes = _shapes(kept.residues, drive)
+    residual, notes = None, []
+    if drive is None:
+        notes.append(_SPLIT)
+    elif points.contact == responses.reference:
+        above = modes.residues[drive, ~inside] / modes.omega_rad_s[~inside] ** 2
+        residual = max(0.0, float(modes.rest[drive, 0] * FLEXIBILITY_M_N + np.sum(above)))
+        kept.rest[drive, 0] = residual / FLEXIBILITY_M_N
+
+    def at(node: int | None) -> np.ndarray:
+        node = points.contact if node is None else node
+        return shapes[responses.nodes.index(node)] if node in responses.nodes else by_force
+
+    table = _table(
+        kept, at(points.contact), at(points.actuator),
+        None if points.sensor is None else at(points.sensor), residual,
+    )  # fmt: skip
+    modelled = kept.response(judged.observed())
+    checked = [
+        HeldOut(
+            f"node {node}, {name}", len(kept.omega_rad_s),
+            *errors(model, measured), judged.hz, measured, model,
+        )
+        for node, measured, model in zip(judged.nodes, judged.values, modelled, strict=True)
+    ]  # fmt: skip
+    return MeasuredModes(table, tuple(checked), tuple(notes))
+
+
+def _shapes(residues: np.ndarray, drive: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Mass-normalised shapes at the force, (modes,), and at the points, (points, modes)."""
+    own = residues[drive] if drive is not None else np.abs(residues[0])
+    by_force = np.sqrt(np.maximum(own, 1e-300))
+    return by_force, residues / by_force
+
+
+def _table(
+    modes: FittedModes, contact: np.ndarray, actuator: np.ndarray, sensor: np.ndarray | None,
+    residual: float | None,
+) -> ModeTable:  # fmt: skip
+    return ModeTable(
+        modes.omega_rad_s, modes.loss_factor, np.ones(len(contact)), contact, actuator, residual,
+        shape_sensor=sensor,
+    )  # fmt: skip

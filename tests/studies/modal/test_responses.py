@@ -1,0 +1,299 @@
+"""Modes from frequency responses and from hits: accuracy, held-out data, and what is refused."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy
+
+from hertzloop.analysis.deflection import modes_of_scene
+from hertzloop.plant.structures.mode_file import ModeTable, read_modes
+from hertzloop.setup import load
+from hertzloop.studies.fit.records import Measured, Record, read_record
+from hertzloop.studies.modal import universal as uff
+from hertzloop.studies.modal.hits import hits_of_records, observed_hits
+from hertzloop.studies.modal.identify import identified
+from hertzloop.studies.modal.modes import modes_of_hits, modes_of_responses
+from hertzloop.studies.modal.picture import draw
+from hertzloop.studies.modal.responses import responses_of_sets
+from tests.commands import invoke
+
+HAMMER = Path(__file__).resolve().parents[3] / "docs" / "examples" / "hammer"
+FILE = Path("test.uff")
+HZ, LOSS = np.array([180.0, 433.0, 790.0, 1210.0]), np.array([4e-3, 3e-3, 1e-2, 6e-3])
+CONTACT, OTHER = np.array([1.2, 0.8, 1.5, 0.9]), np.array([-0.4, 0.9, 0.3, -1.1])
+FLEXIBILITY = 2e-7
+SI = uff.units_given("m,N")
+
+
+def silent(name: str, modes: int, error: float) -> None:
+    pass
+
+
+def response(table: ModeTable, hz: np.ndarray, shape: np.ndarray, order: int) -> np.ndarray:
+    """Response at a point to a force at the contact point, from the definition of the modes."""
+    w = 2 * np.pi * hz
+    found = np.zeros(len(hz), complex)
+    parts = (table.omega_rad_s, table.loss_factor + 0 * table.omega_rad_s, table.shape_contact,
+             shape, table.per_modal_mass_1_kg)  # fmt: skip
+    for omega, loss, contact, there, per_mass in zip(*parts, strict=True):
+        found += contact * there * per_mass / (omega**2 - w**2 + 1j * loss * omega * w)
+    if shape is table.shape_contact:
+        found += table.residual_flexibility_m_n or 0.0
+    return found * (1j * w) ** order
+
+
+KNOWN = ModeTable(2 * np.pi * HZ, LOSS, np.ones(4), CONTACT, OTHER, FLEXIBILITY)
+
+
+def data_set(node: int, values: np.ndarray, hz: np.ndarray, **changes: Any) -> dict[str, Any]:
+    return {
+        "type": 58, "func_type": 4, "rsp_node": node, "rsp_dir": 3, "ref_node": 1, "ref_dir": 3,
+        "ordinate_spec_data_type": 12, "orddenom_spec_data_type": 13, "x": hz, "data": values,
+        "ordinate_axis_units_lab": "m/s^2", "orddenom_axis_units_lab": "N",
+    } | changes  # fmt: skip
+
+
+def two_sets(**changes: Any) -> list[dict[str, Any]]:
+    hz = np.arange(20.0, 1500.0, 4.0)
+    return [
+        data_set(1, response(KNOWN, hz, CONTACT, 2), hz, **changes),
+        data_set(2, response(KNOWN, hz, OTHER, 2), hz, **changes),
+    ]
+
+
+def taken(sets: list[dict[str, Any]], points: uff.Points, **options: Any) -> Any:
+    return responses_of_sets(
+        sets, FILE, points, options.get("units"), options.get("kind"), options.get("reference")
+    )
+
+
+def test_exact_responses_give_the_very_modes() -> None:
+    points = uff.Points(contact=1, actuator=2, sensor=2)
+    found = modes_of_responses(taken(two_sets(), points), None, points, silent)
+    table = found.table
+    assert np.allclose(table.omega_rad_s, KNOWN.omega_rad_s, rtol=1e-9)
+    assert np.allclose(table.loss_factor, LOSS, rtol=1e-6)
+    assert np.allclose(table.shape_contact, CONTACT, rtol=1e-6)
+    assert np.allclose(table.shape_actuator, OTHER, rtol=1e-6)
+    assert np.array_equal(table.shape_sensor, table.shape_actuator)
+    assert table.residual_flexibility_m_n == pytest.approx(FLEXIBILITY, rel=1e-4)
+    assert max(one.rms for one in found.held_out) < 1e-4
+    assert found.notes == ()
+
+
+def test_a_reference_elsewhere_scales_by_its_own_response() -> None:
+    """The force was at node 1; contact and actuator are at node 2."""
+    points = uff.Points(contact=2)
+    found = modes_of_responses(taken(two_sets(), points), None, points, silent)
+    assert np.allclose(found.table.shape_contact, OTHER, rtol=1e-6)
+    assert found.table.residual_flexibility_m_n is None
+
+
+def test_kinds_units_and_signs() -> None:
+    points = uff.Points(contact=1)
+    straight = taken(two_sets()[:1], points)
+    hz = straight.hz
+    in_g = data_set(1, straight.values[0] / 9.80665, hz, ordinate_axis_units_lab="g")
+    assert np.allclose(taken([in_g], points).values, straight.values, rtol=1e-12)
+    turned = data_set(1, -straight.values[0], hz, rsp_dir=-3)
+    assert np.allclose(taken([turned], points).values, straight.values, rtol=1e-12)
+    in_mm = data_set(1, 1e3 * straight.values[0], hz, ordinate_axis_units_lab="")
+    units = uff.units_given("mm,N")
+    assert np.allclose(taken([in_mm], points, units=units).values, straight.values, rtol=1e-12)
+    receptance = response(KNOWN, hz, CONTACT, 0)
+    unsaid = data_set(1, receptance, hz, ordinate_spec_data_type=0, orddenom_spec_data_type=0,
+                      ordinate_axis_units_lab="", orddenom_axis_units_lab="")  # fmt: skip
+    known = taken([unsaid], points, units=SI, kind="receptance")
+    assert known.order == 0
+    assert np.allclose(known.values[0], receptance)
+
+
+@pytest.mark.parametrize(
+    ("change", "points", "sentence"),
+    [
+        ({"ordinate_spec_data_type": 0, "ordinate_axis_units_lab": ""}, uff.Points(1),
+         "does not say whether .* Give --kind receptance, mobility, accelerance"),
+        ({"ordinate_axis_units_lab": "", "orddenom_axis_units_lab": ""}, uff.Points(1),
+         "no data set 164 and no labels .* Give --units m,N"),
+        ({"ordinate_axis_units_lab": "m/s"}, uff.Points(1), "of accelerance by its type, but"),
+        ({"rsp_dir": 4}, uff.Points(1), "no response along the direction of its force"),
+        ({}, uff.Points(5), "--contact = 5: .* has those of the nodes 1, 2"),
+        ({"ref_node": 9}, uff.Points(1), "--reference = 9: .* no response of this node itself"),
+    ],
+)  # fmt: skip
+def test_responses_that_are_refused(
+    change: dict[str, Any], points: uff.Points, sentence: str
+) -> None:
+    with pytest.raises(uff.ModalDataError, match=sentence):
+        taken(two_sets(**change), points)
+
+
+def test_what_a_file_leaves_open_is_refused_with_the_choices() -> None:
+    sets = two_sets()
+    along_x = data_set(1, sets[0]["data"], sets[0]["x"], rsp_dir=1, ref_dir=1)
+    with pytest.raises(uff.ModalDataError, match=r"--direction: is missing, .* directions x, z"):
+        taken([*sets, along_x], uff.Points(1))
+    other = data_set(2, sets[1]["data"], sets[1]["x"], ref_node=2)
+    with pytest.raises(uff.ModalDataError, match=r"--reference: is missing, .* nodes 1, 2"):
+        taken([*sets, other], uff.Points(1))
+    assert taken([*sets, other], uff.Points(1), reference=1).nodes == (1,)
+    with pytest.raises(uff.ModalDataError, match="several responses of node 1"):
+        taken([*sets, sets[0]], uff.Points(1))
+    inch = uff.units_of(
+        [{"type": 164, "units_code": 7, "length": 39.37007874, "force": 0.2248089431}], FILE, None
+    )
+    with pytest.raises(uff.ModalDataError, match="but a response has the labels m/s\\^2 and N"):
+        taken(sets, uff.Points(1), units=inch)
+    with pytest.raises(uff.ModalDataError, match=r"--kind: is missing, .* modes and frequency"):
+        uff.holds_modes([{"type": 55}, *sets], None, FILE)
+
+
+def records(
+    shape: np.ndarray, hits: int = 3, noise: float = 1e-3, flexibility: float = 0.0
+) -> list[Record]:
+    """Hits on the known modes, stepped exactly in fine steps, with noise."""
+    rate, fine, count = 12800, 16, 800
+    dt, rng = 1 / rate / fine, np.random.default_rng(4)
+    found = []
+    for i in range(hits):
+        share = np.clip((np.arange(count * fine) * dt - 2e-3) / 5e-4, 0, 1)
+        force = (50 + 20 * i) * np.sin(np.pi * share) ** 2
+        motion = flexibility * np.gradient(np.gradient(force, dt), dt)
+        for hz, loss, contact, there in zip(HZ, LOSS, CONTACT, shape, strict=True):
+            w = 2 * np.pi * hz
+            system = scipy.signal.cont2discrete(
+                ([contact * there, 0, 0], [1, loss * w, w * w]), dt, "foh"
+            )
+            motion = motion + scipy.signal.lfilter(np.ravel(system[0]), system[1], force)
+        # A contact force pushes the structure down.
+        for name, quantity, values in (("f", "contact_force", force[::fine]),
+                                       ("a", "acceleration", -motion[::fine])):  # fmt: skip
+            spoilt = values + noise * np.max(np.abs(values)) * rng.standard_normal(count)
+            found.append(Record(f"{name}{i}", np.arange(count) / rate, spoilt, quantity))
+    return found
+
+
+def near(table: ModeTable, hz: float) -> int:
+    return int(np.argmin(np.abs(table.omega_rad_s / (2 * np.pi) - hz)))
+
+
+def test_hits_give_the_modes_and_predict_a_held_out_hit() -> None:
+    every = records(CONTACT, flexibility=FLEXIBILITY / 100)
+    fitted, held = hits_of_records(every[:4]), hits_of_records(every[4:])
+    found = modes_of_hits(fitted, held, True, silent)
+    assert [one.name for one in found.held_out] == ["f2, a2"]
+    assert found.held_out[0].rms < 0.02
+    for hz, loss, shape in zip(HZ, LOSS, CONTACT, strict=True):
+        i = near(found.table, hz)
+        assert found.table.omega_rad_s[i] == pytest.approx(2 * np.pi * hz, rel=2e-4)
+        assert found.table.loss_factor[i] == pytest.approx(loss, rel=0.1)
+        assert found.table.shape_contact[i] == pytest.approx(shape, rel=0.02)
+
+
+@pytest.mark.full
+def test_hits_elsewhere_need_the_sensor() -> None:
+    """Residues of both signs are of no drive point; with a sensor, the product of shapes is the
+    measured residue."""
+    hits = hits_of_records(records(OTHER, hits=2))
+    with pytest.raises(uff.ModalDataError, match="--sensor: is missing"):
+        modes_of_hits(hits[:1], hits[1:], True, silent)
+    found = modes_of_hits(hits[:1], hits[1:], False, silent)
+    assert "Measure there too" in found.notes[0]
+    assert found.table.shape_sensor is not None
+    for hz, product in zip(HZ, CONTACT * OTHER, strict=True):
+        i = near(found.table, hz)
+        both = found.table.shape_contact[i] * found.table.shape_sensor[i]
+        assert both == pytest.approx(product, rel=0.03)
+
+
+def test_hits_that_are_refused() -> None:
+    force, motion, other, last = records(CONTACT, hits=2)
+    later = Record("late", motion.time_s + 1e-5, motion.value, "acceleration")
+    early = Record("early", force.time_s[:-25], force.value[25:], "contact_force")
+    speed = Record("v", last.time_s, last.value, "v_p")
+    passed = Record("slow", motion.time_s, motion.value, "acceleration", Measured(low_pass_hz=1e3))
+    gap = Record("gap", motion.time_s, motion.value, "xi")
+    for some, sentence in [
+        ([force, other, motion], "--from: 2 records of a force and 1 of a response"),
+        ([force, later], "were not sampled at the same, evenly spaced times"),
+        ([early, Record("m", early.time_s, motion.value[25:], "acceleration")],
+         "has . samples before the hit. Give at least 8"),
+        ([force, motion, other, speed], "has another quantity or rate"),
+        ([force, passed], "name different filters"),
+        ([force, gap], "is neither a force nor a motion"),
+    ]:  # fmt: skip
+        with pytest.raises(uff.ModalDataError, match=sentence):
+            hits_of_records(some)
+
+
+def test_a_response_from_rest_is_exact() -> None:
+    """Rows of a mode against the exact steps of the records, without noise."""
+    hit = hits_of_records(records(CONTACT, hits=1, noise=0.0))[0]
+    rows = observed_hits([hit], False).basis(2 * np.pi * HZ, LOSS)
+    expected = (CONTACT**2) @ rows
+    assert np.max(np.abs(expected - hit.response)) < 2e-3 * np.max(np.abs(hit.response))
+
+
+def test_the_smallest_error_decides_on_the_number_of_modes() -> None:
+    hit = hits_of_records(records(CONTACT, hits=1, noise=0.0))[0]
+    observed, tried = observed_hits([hit], False), []
+
+    def error(modes: Any) -> float:
+        tried.append(len(modes.omega_rad_s))
+        return abs(len(modes.omega_rad_s) - 4) + 1.0
+
+    assert len(identified(observed, error).omega_rad_s) == 4
+    assert tried[:2] == [0, 4]
+
+
+@pytest.mark.full
+def test_each_measured_hit_is_predicted_by_the_others(tmp_path: Path) -> None:
+    """The promise: at most 8 % of its rms in the first 40 ms."""
+    every = [read_record(HAMMER / f"{kind}{i}.csv") for kind in "fa" for i in (1, 2, 3)]
+    found = modes_of_hits(hits_of_records(every), [], False, silent)
+    assert [one.name for one in found.held_out] == [f"f{i}.csv, a{i}.csv" for i in (1, 2, 3)]
+    assert max(one.rms for one in found.held_out) < 0.04
+    draw(found, tmp_path / "hits.png")
+    assert (tmp_path / "hits.png").stat().st_size > 10_000
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("order", [0, 1, 2], ids=["receptance", "mobility", "accelerance"])
+def test_responses_of_a_shipped_scene_by_pyuff(order: int, tmp_path: Path) -> None:
+    """The promise: at 0.1 % noise, up to 5 kHz, frequencies to 1e-5, damping to 1 %, shapes to
+    0.5 %."""
+    pyuff = pytest.importorskip("pyuff")
+    known = modes_of_scene(load("offcentre-6mm"))
+    hz, rng = np.arange(5.0, 6000.0, 0.5), np.random.default_rng(order)
+    sets = [
+        pyuff.prepare_164(units_code=5, units_description="mm, mN", temp_mode=1, length=1e3,
+                          force=1e3, temp=1.0, temp_offset=273.15)
+    ]  # fmt: skip
+    for node, shape in ((1, known.shape_contact), (2, known.shape_actuator)):
+        values = response(known, hz, shape, order)
+        noise = rng.standard_normal((2, len(hz))) / np.sqrt(2)
+        values = values * (1 + 1e-3 * (noise[0] + 1j * noise[1]))
+        kind = {"ordinate_spec_data_type": (8, 11, 12)[order], "abscissa_spec_data_type": 18}
+        plain = {"id1": "NONE", "rsp_ent_name": "NONE", "ref_ent_name": "NONE", "binary": 0}
+        unsaid = {"ordinate_axis_units_lab": "NONE", "orddenom_axis_units_lab": "NONE"}
+        sets.append(data_set(node, values, hz, **kind, **plain, **unsaid, abscissa_spacing=1))
+    pyuff.UFF(str(tmp_path / "frf.uff")).write_sets(sets, "overwrite")
+    done = invoke(
+        ["scene", "modes", "offcentre-6mm", "--from", str(tmp_path / "frf.uff"), "--contact", "1",
+         "--actuator", "2", "-o", str(tmp_path / "frf.csv"), "--set", "plate.thickness_m=0.003"]
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    table = read_modes("frf.csv", (tmp_path / "frf.csv").read_bytes())
+    below = known.omega_rad_s < 2 * np.pi * 5000
+    found = [near(table, omega / (2 * np.pi)) for omega in known.omega_rad_s[below]]
+    mass = np.sqrt(known.per_modal_mass_1_kg[below])
+    sign = np.sign(known.shape_contact[below])
+    for name, values, expected, most in [
+        ("frequency", table.omega_rad_s, known.omega_rad_s[below], 1e-5),
+        ("damping", table.loss_factor, known.loss_factor[below], 1e-2),
+        ("contact", table.shape_contact, mass * np.abs(known.shape_contact[below]), 5e-3),
+        ("actuator", table.shape_actuator, mass * sign * known.shape_actuator[below], 5e-3),
+    ]:
+        assert np.max(np.abs(values[found] / expected - 1)) < most, name
