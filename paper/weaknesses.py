@@ -27,7 +27,6 @@ from benchmarks.program import (
 from hertzloop.analysis.impacts import F_C, consistent_impacts, first_impact
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import (
-    GRAVITY_M_S2,
     Contact,
     Damping,
     Sphere,
@@ -39,6 +38,7 @@ from hertzloop.plant.schemes import thesis2008_kernels as k
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.schemes.thesis2008 import ThesisPlant
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.setup import Setup, load
 from hertzloop.studies import pictures
 from hertzloop.studies.words import write_records

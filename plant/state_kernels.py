@@ -36,6 +36,8 @@ COUNTS_SIZE = 8
 SILENT_M = 1e-60
 LOOK_EVERY = 64  # steps
 
+GRAVITY_M_S2 = 9.81
+
 
 @kernel
 def dissipation(theta, rho, duration, yr, yi, er, ei):

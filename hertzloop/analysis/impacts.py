@@ -14,7 +14,6 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from hertzloop.loop.compiled import answer_of
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.contact.yielding import dents_m, elastic_n
 from hertzloop.plant.figures import rows_kernels as rows_k
 from hertzloop.plant.figures.impacts import (
@@ -40,6 +39,7 @@ from hertzloop.plant.schemes.collocation import damped_tail, flexibility_m_n
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.schemes.thesis2008 import relative_speed_m_s, sampled
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import (
     COLUMNS,

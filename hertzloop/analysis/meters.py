@@ -23,7 +23,7 @@ from hertzloop.analysis.impacts import (
     starting_speed,
     work_j,
 )
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2, rigid_impact
+from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.figures import rows_kernels as rows_k
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import (
@@ -36,6 +36,7 @@ from hertzloop.plant.figures.noise import (
     shares_of_drive_j,
 )
 from hertzloop.plant.plant import PlantSpec, modes_of
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import COLUMNS
 from hertzloop.scenes.errors import SceneError

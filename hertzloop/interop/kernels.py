@@ -12,8 +12,8 @@ from hertzloop.jit import kernel
 from hertzloop.jit.by_type import by_type
 from hertzloop.loop import kernels as loop_k
 from hertzloop.plant import state_kernels as pk
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.schemes.registry import offering
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 
 # Indices into a unit's energies (J); RESIDUAL: relative, see plant.balance.balance.
 KINETIC, GRAVITY, MODAL, CONTACT, INJECTED, MODAL_LOST, AIR_LOST, TAIL_LOST = range(8)

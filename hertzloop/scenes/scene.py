@@ -26,8 +26,9 @@ from hertzloop.controller.law import WHOLE_STEPS
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.controller.loading.registry import NO_CONTROL, controls, find, resolve, shipped_keys
 from hertzloop.controller.loading.registry import shipped as shipped_laws
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2, HERTZ
+from hertzloop.plant.contact.hertz import HERTZ
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.materials import (
     MATERIALS,
     SHIPPED,

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Hammer, Sphere
+from hertzloop.plant.contact.hertz import Hammer, Sphere
 from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.registry import THEORIES
 from hertzloop.scenes.errors import shown

@@ -9,10 +9,8 @@ from typing import ClassVar, NamedTuple
 import scipy
 
 from hertzloop.plant.contact.elastic_kernels import Power
-from hertzloop.plant.state_kernels import Hand
+from hertzloop.plant.state_kernels import GRAVITY_M_S2, Hand
 from hertzloop.plant.structures.materials import Material
-
-GRAVITY_M_S2 = 9.81
 
 
 class Damping(IntEnum):

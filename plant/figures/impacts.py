@@ -6,8 +6,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.figures import rows_kernels as rows_k
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 
 FloatOrArray = TypeVar("FloatOrArray", float, np.ndarray)
 _FEW_EDGES = 64  # starts and ends of contacts; of a run with more they are counted first

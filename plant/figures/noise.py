@@ -10,8 +10,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Sphere
+from hertzloop.plant.contact.hertz import Sphere
 from hertzloop.plant.figures import rows_kernels as rows_k
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.radiation import (

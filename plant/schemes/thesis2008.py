@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from hertzloop.plant import state_kernels as pk
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2, Contact, Damping
+from hertzloop.plant.contact.hertz import Contact, Damping
 from hertzloop.plant.one_thread import on_one_thread
 from hertzloop.plant.plant import Balance, Plant, PlantSpec, balance
 from hertzloop.plant.schemes import thesis2008_kernels as thesis_k
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.structure import oscillators

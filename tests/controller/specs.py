@@ -39,6 +39,7 @@ class LawSpec:
     gain: float = 0.0
     leak_hz: float = 0.0
     dead_zone: float = 0.0
+    exponent: float = 1.5
 
     def constants(self, sample_s: float) -> Any:
         """What the law sees as `p`."""

@@ -123,7 +123,16 @@ def test_a_series_goes_on_where_it_was(
 
 def ended(role: str, fault: str, *lost: str, others: bool = True, at_s: float = 0.0) -> Child:
     process: Any = SimpleNamespace(returncode=1)
-    return Child(role, process, Path("none"), True, fault, others, list(lost), at_s)
+    return Child(
+        role,
+        process,
+        Path("none"),
+        ready=True,
+        fault=fault,
+        others=others,
+        lost=list(lost),
+        at_s=at_s,
+    )
 
 
 def test_who_gave_up_is_not_to_blame_for_leaving() -> None:

@@ -7,8 +7,8 @@ import pytest
 
 from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.figures.impacts import Impact, impacts, sphere_speed_m_s, step_work_j
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 

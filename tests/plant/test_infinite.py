@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact.hertz import (
-    GRAVITY_M_S2,
     Contact,
     Damping,
     hertz_stiffness,
@@ -20,6 +19,7 @@ from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.schemes.infinite import InfinitePlant, impedance_n_s_m
 from hertzloop.plant.schemes.registry import step
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.rigs import IMMOVABLE, spec
 

@@ -7,10 +7,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hertzloop.plant import state_kernels as pk
-from hertzloop.plant.contact.hertz import GRAVITY_M_S2
 from hertzloop.plant.estimates.model_order import expected_error
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.structure import oscillators

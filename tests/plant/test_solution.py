@@ -13,16 +13,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hertzloop.plant import state_kernels as pk
-from hertzloop.plant.contact.hertz import (
-    GRAVITY_M_S2,
-    Contact,
-    Damping,
-    hertz_stiffness,
-    hunt_crossley_parameter,
-)
+from hertzloop.plant.contact.hertz import Contact, Damping, hertz_stiffness, hunt_crossley_parameter
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes import discrete_gradient_kernels as k
 from hertzloop.plant.schemes.discrete_gradient import DiscreteGradientPlant
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.brute import all_modes, modal_scale, shape
 from tests.plant.rigs import run, spec
