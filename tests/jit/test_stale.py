@@ -40,7 +40,7 @@ PUSHED = """
 from hertzloop.jit import kernel
 @kernel(borrowed=True)
 def pushed(model, state, f_a):
-    return infinite.step(model, state, f_a + 1.0)
+    return infinite_k.step(model, state, f_a + 1.0)
 step = by_type({infinite_k.InfiniteModel: pushed})
 """
 
