@@ -1,8 +1,10 @@
-"""Measured structures: modes from noisy frequency responses of known scenes, and held-out hits."""
+"""Measured structures: modes from noisy responses of known scenes, held-out hits, and few modes."""
 
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -21,8 +23,11 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.analysis.deflection import modes_of_scene
-from hertzloop.plant.structures.mode_file import ModeTable
-from hertzloop.setup import load
+from hertzloop.analysis.impacts import consistent_impacts
+from hertzloop.loop.compiled import simulate
+from hertzloop.plant.contact.hertz import rigid_impact
+from hertzloop.plant.structures.mode_file import ModeTable, write_modes
+from hertzloop.setup import Setup, load
 from hertzloop.studies.fit.records import read_record
 from hertzloop.studies.modal.hits import hits_of_records
 from hertzloop.studies.modal.modes import modes_of_hits, modes_of_responses
@@ -32,6 +37,7 @@ from hertzloop.studies.words import write_records
 
 _NOISE = 1e-3
 _JUDGED_HZ = 5e3  # up to here
+_FEW = ((4.5, 3.0, (3, 6, 25, 100)), (4.5, 6.0, (3, 6, 25)), (10.0, 3.0, (6, 50)))
 _HAMMER = Path(__file__).resolve().parent.parent / "docs" / "examples" / "hammer"
 # Scene, kind of response, noise in proportion to each value or to the rms, distance of lines, Hz.
 _CASES = (
@@ -119,6 +125,65 @@ def held_out_hits() -> list[tuple[str, int, float, float]]:
     return [(one.name, one.modes, one.rms, one.peak) for one in found.held_out]
 
 
+@dataclass(frozen=True)
+class FewModes:
+    """Error of a first impact with the lowest modes of a plate alone, and what stands for the
+    rest: the largest of peak force and plate energy, relative, and rebound speed over impact speed;
+    `length` error of the contact time; `expected` by the run."""
+
+    sphere_mm: float
+    plate_mm: float
+    modes: int
+    highest_hz: float
+    contact_us: float
+    tail: str
+    error: float
+    length: float
+    expected: float
+
+
+def _first(setup: Setup) -> np.ndarray:
+    found = consistent_impacts(setup, simulate(setup).rows)[0]
+    scale = setup.sphere.impact_speed_m_s
+    energy = 0.5 * setup.sphere.mass_kg * scale**2
+    return np.array([found.peak_force_n, found.rebound_speed_m_s / scale,
+                     found.plate_energy_j / energy, found.duration_s])  # fmt: skip
+
+
+def few_modes(sphere_mm: float, plate_mm: float, counts: Sequence[int]) -> Iterator[FewModes]:
+    """Impacts on the lowest modes of a plate of 0.3 m by 0.22 m, against all of them."""
+    common = ["controller.law=off", f"sphere.radius_m={sphere_mm / 1e3}", "run.duration_s=0.002",
+              f"plate.thickness_m={plate_mm / 1e3}", "run.plate_model=modal"]  # fmt: skip
+    sizes = ["plate.size_m=[0.3, 0.22]", "plate.contact_point_m=[0.13, 0.09]"]
+    whole = load("aluminium-3mm", [*common, *sizes, "plate.loss_factor=0.01"])
+    known, true = modes_of_scene(whole), _first(whole)
+    with TemporaryDirectory() as folder:
+        for count in counts:
+            shape = known.shape_contact[:count]
+            below = ModeTable(
+                known.omega_rad_s[:count], known.loss_factor[:count],
+                known.per_modal_mass_1_kg[:count], shape, shape,
+            )  # fmt: skip
+            file = Path(folder) / f"{count}.csv"
+            file.write_bytes(write_modes(".csv", below))
+            beyond = known.shape_contact[count:] ** 2 * known.per_modal_mass_1_kg[count:]
+            spring = float(np.sum(beyond / known.omega_rad_s[count:] ** 2))
+            spring += known.residual_flexibility_m_n or 0.0
+            tails = {"infinite plate": ["plate.tail=damped"]}
+            for name, value in (("spring", spring), ("nothing", 0.0)):
+                tails[name] = ["plate.tail=spring", f"plate.residual_flexibility_m_n={value!r}"]
+            for tail, settings in tails.items():
+                setup = load("aluminium-3mm", [*common, *settings, f"plate.modes={file}"])
+                found = _first(setup)
+                error = np.abs(found - true) / np.where([1, 0, 0, 1], true, 1.0)
+                hz = float(known.omega_rad_s[count - 1] / (2.0 * np.pi))
+                contact_us = 1e6 * rigid_impact(setup.sphere, setup.bodies.contact).contact_s
+                yield FewModes(
+                    sphere_mm, plate_mm, count, hz, contact_us, tail, float(np.max(error[:3])),
+                    float(error[3]), setup.expected_error(),
+                )  # fmt: skip
+
+
 def main(
     out_dir: OutDirOption = None, quick: QuickOption = False, json_file: JsonOption = None
 ) -> None:
@@ -154,9 +219,28 @@ def main(
                 text=1,
             )
         )  # fmt: skip
+        few = [one for case in (_FEW[:1] if quick else _FEW) for one in few_modes(*case)]
+        out.print(
+            number_table(
+                "first impact on few modes, by what stands for the rest",
+                ("R, mm", "plate, mm", "modes", "to Hz", "contact, us", "rest", "error",
+                 "of length", "expected"),
+                [
+                    (f"{one.sphere_mm:g}", f"{one.plate_mm:g}", str(one.modes),
+                     f"{one.highest_hz:.0f}", f"{one.contact_us:.0f}", one.tail,
+                     *(f"{100 * x:.2g} %" for x in (one.error, one.length, one.expected)))
+                    for one in few
+                ],
+            )
+        )  # fmt: skip
         write_records(folder / "responses.csv", found)
-        written(folder, "responses.csv")
-        write_json(json_file, {"responses": [asdict(one) for one in found], "hits": hits})
+        write_records(folder / "few-modes.csv", few)
+        written(folder, "responses.csv", "few-modes.csv")
+        data = {
+            "responses": [asdict(one) for one in found],
+            "few_modes": [asdict(one) for one in few],
+        }
+        write_json(json_file, data)
         metal = [one for one in found if one.scene != "oak-20mm"]
         conclude(
             f"Frequencies of the metal plates deviate by at most "

@@ -116,6 +116,7 @@ class PlantSpec:
     radiating_faces: int = 0  # of a plate whose modes are damped by air
     sensor_point_m: tuple[float, float] | None = None  # None: at the contact
     sensor_mass_kg: float = 0.0  # that moves with the plate there
+    tail_asked: bool = False  # for what stands for the modes left out, however few there are
 
     def __hash__(self) -> int:
         """Kept: what follows from a description is looked up by it again and again."""

@@ -18,8 +18,15 @@ import numpy as np
 from hertzloop.analysis.impacts import impacts_of_rows
 from hertzloop.analysis.meters import Extremes, ExtremesMeter, StabilityMeter
 from hertzloop.loop.compiled import simulate
+from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.contact.yielding import Strength
 from hertzloop.plant.estimates import plate_theory as criteria
+from hertzloop.plant.estimates.model_order import (
+    beyond_m_n,
+    energy_beyond,
+    expected_error,
+    least_limit_hz,
+)
 from hertzloop.plant.estimates.plate_theory import KirchhoffError, thickness_number
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import flexibility_m_n
@@ -30,6 +37,7 @@ from hertzloop.setup.bodies import Bodies
 
 _MOST_STEPS = 2_000_000  # that are simulated in memory
 _TAKES_ALL = 1.0  # lambda from which on the plate takes all energy, whatever its theory
+_NOTHING_LEFT = 0.5  # expected error from which on a first impact is not to be trusted
 _SQUARE = 1e-3  # difference of the sides up to which a plate is square
 _DIGITS = 3  # of length and force, for what takes an integral that is kept
 
@@ -101,6 +109,13 @@ class Facts:
             self.mass_that_matters_kg = criteria.mass_that_matters_kg(
                 self.spec.sphere, self.local, run.contact_s
             )
+
+    @property
+    def beyond_m_n(self) -> float:
+        """Flexibility that stands for the modes beyond the limit, m/N."""
+        return self.spec.plate.residual_flexibility_m_n(
+            2.0 * math.pi * self.spec.frequency_limit_hz
+        )
 
     @property
     def plasticity(self) -> str:
@@ -211,6 +226,44 @@ def _reflections(f: Facts) -> str:
         f.setup.infinite_plate_error_at(f.end_s) <= f.setup.accuracy
     )
     return "" if missed else "reflections, as far as they are asked for"
+
+
+def _modes_end(f: Facts) -> float | None:
+    """Expected error of modes of a file that end below the impact, or beyond which there is
+    nothing."""
+    spec = f.spec
+    parts = (spec.sphere, spec.plate, spec.contact)
+    if spec.plate.mode_table is None or spec.plate.solid:
+        return None
+    if spec.frequency_limit_hz <= least_limit_hz(*parts, spec.frequency_limit_hz):
+        return expected_error(*parts, spec.frequency_limit_hz, spring=True, damped=spec.damped_tail)
+    if f.beyond_m_n != 0.0:
+        return None
+    return min(
+        1.0, beyond_m_n(spec.plate) * spec.contact.stiffness * rigid_impact(*parts[::2]).rise
+    )
+
+
+def _modes_end_words(f: Facts, x: float) -> str:
+    spec, last_hz = f.spec, f.spec.frequency_limit_hz
+    lasts_s = rigid_impact(spec.sphere, spec.contact).contact_s
+    ends = (
+        f"the modes end at {last_hz:,.4g} Hz, and a contact of {1e6 * lasts_s:.3g} us reaches "
+        f"{1.0 / lasts_s:,.3g} Hz: "
+    )
+    if spec.damped_tail:
+        lost = energy_beyond(last_hz * lasts_s)
+        return (
+            f"{ends}an infinite plate stands for the rest. Peak force, rebound speed and plate "
+            f"energy of the first impact are expected to be right within {percent(x)}, less so its "
+            f"length; {percent(lost)} of the plate energy does not come back, so later impacts and "
+            "vibration above the last mode are not known"
+        )
+    rest = f"a spring of {f.beyond_m_n:.3g} m/N" if f.beyond_m_n else "nothing"
+    return (
+        f"{ends}{rest} stands for the rest, so impacts may be off by {percent(x)}; trust vibration "
+        "below the last mode only. Give plate.thickness_m if it is a plate (are the modes in Hz?)"
+    )
 
 
 def _clipped(f: Facts) -> float | None:
@@ -425,6 +478,12 @@ ROWS = (
         lambda f: "plate.tail, a damped mode" if f.spec.damped_tail else "",
     ),
     EffectRow(
+        "modes end below the impact", "expected error of the first impact", None, _NOTHING_LEFT,
+        _modes_end, _modes_end_words,
+        "the modes end below the impact: its figures are within {p}, later ones unknown",
+        "plate.tail",
+    ),
+    EffectRow(
         "edge refocusing", "time after the touch / revival of a square plate", 1.0, math.nan,
         lambda f: f.after_touch_s / f.standing.revival_s if f.standing.revival_s else None,
         lambda f, x: (
@@ -510,7 +569,7 @@ def _evaluated(
 
 def percent(share: float) -> str:
     """A share with the two digits that an estimate has."""
-    return f"{100.0 * share:.2g} %"
+    return f"{100.0 * share:{'.0f' if 0.995 <= share < 10.0 else '.2g'}} %"
 
 
 def pressure(pascal: float) -> str:

@@ -27,6 +27,7 @@ from hertzloop.extras import need
 from hertzloop.plant.structures.mode_file import SUFFIXES, ModeTable, write_modes
 from hertzloop.scenes.scene import DEFAULT, on_modes, shipped
 from hertzloop.setup import Setup, load
+from hertzloop.setup.plate import check_reach
 from hertzloop.views.format import Table
 from hertzloop.whole_files import write_whole
 
@@ -183,8 +184,10 @@ def modes(
     elif held or picture is not None:
         fail("--hold-out, --picture: modes have no measured response. Remove the option.", 2)
     setup = _write(table, target, scene, settings or [])
+    expected = setup.expected_error()
     out.print(
-        f"{len(table.omega_rad_s)} modes from {_hz(table, 0):.5g} to {_hz(table, -1):.5g} Hz.",
+        f"{len(table.omega_rad_s)} modes from {_hz(table, 0):.5g} to {_hz(table, -1):.5g} Hz. "
+        f"Expected error of the first impact in this scene: {100 * expected:.2g} %.",
         soft_wrap=True,
     )
     out.print(
@@ -203,6 +206,7 @@ def modes(
         "lowest_hz": _hz(table, 0),
         "highest_hz": _hz(table, -1),
         "residual_flexibility_m_n": table.residual_flexibility_m_n,
+        "expected_error": expected,
         "files": [str(target), str(beside)],
     }
     write_json(json_file, told)
@@ -323,6 +327,7 @@ def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> S
         trial = Path(folder) / target.with_suffix(".toml").name
         trial.write_text(text, encoding="utf-8")
         setup = load(str(trial))
+        check_reach(setup.plant)
     write_whole(target, content)
     write_whole(target.with_suffix(".toml"), text)
     return setup

@@ -68,6 +68,7 @@ def described(
         radiating_faces=bodies.radiating_faces,
         sensor_point_m=bodies.sensor_point_m,
         sensor_mass_kg=bodies.sensor_mass_kg,
+        tail_asked=bodies.structure.mode_table is not None and tail != "auto",
     )
 
 
@@ -219,14 +220,15 @@ def _limit_hz(
 
 
 def check_reach(spec: PlantSpec) -> None:
-    """Refuse modes of a file that leave out all of an impact, or a solid's with what does not fit
-    those. In flight they are right all the same. Raises SceneError."""
+    """Refuse modes of a file that leave out all of an impact, unless an infinite plate stands for
+    the rest or a tail was asked for; or a solid's with what does not fit those. In flight they are
+    right all the same. Raises SceneError."""
     sphere, plate, contact = spec.sphere, spec.plate, spec.contact
     if plate.mode_table is None or spec.infinite_plate:
         return
     _check_below_zero(plate, sphere, contact)
     needed_hz = least_limit_hz(sphere, plate, contact, spec.frequency_limit_hz)
-    if spec.frequency_limit_hz > needed_hz:
+    if spec.frequency_limit_hz > needed_hz or spec.damped_tail or spec.tail_asked:
         return
     if needed_hz == math.inf:
         raise SceneError(
@@ -238,7 +240,8 @@ def check_reach(spec: PlantSpec) -> None:
     raise SceneError(
         f"{plate} reach up to {spec.frequency_limit_hz:,.6g} Hz, too low for an impact of "
         f"{1e6 * lasts_s:.3g} us; give modes up to {(needed_hz // grain + 1) * grain:,.6g} Hz at "
-        "least (are they in Hz?)"
+        "least (are they in Hz?), plate.thickness_m if it is a plate at the contact point, or "
+        "plate.tail = 'spring' to run with an error that is not known"
     )
 
 

@@ -212,13 +212,25 @@ def test_what_does_not_go_with_a_file_of_modes(
     assert "\n" not in str(caught.value)
 
 
+def modes_alone(tmp_path: Path) -> str:
+    """A shipped scene on the modes of m.csv, which need not be those of a plate."""
+    text = Path(__file__).parents[2] / "hertzloop/scenes/aluminium-3mm.toml"
+    lines = [
+        line for line in text.read_text().splitlines()
+        if not line.startswith(("size_m", "thickness_m", "contact_point_m"))
+    ]  # fmt: skip
+    plain = "\n".join(lines).replace("[plate]", '[plate]\nmodes = "m.csv"')
+    (tmp_path / "scene.toml").write_text(plain)
+    return str(tmp_path / "scene.toml")
+
+
 def test_modes_too_low_for_an_impact_follow_the_advice_and_do_for_flight(tmp_path: Path) -> None:
     def up_to(highest_hz: float) -> Setup:
         rows = [f"{highest_hz * (i + 1) / 5:.6f},0.01,0.4,1.0" for i in range(5)]
         text = "\n".join(["# residual_flexibility_m_n = 1e-9", MODES.splitlines()[0], *rows])
         (tmp_path / "m.csv").write_text(text)
         law = ["controller.law=linear", "controller.numerator=[-0.01]", "sensors.quantity=v_p"]
-        return load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", *law])
+        return load(modes_alone(tmp_path), law)
 
     with pytest.raises(
         SceneError, match=r"reach up to 4,000 Hz.*give modes up to ([\d,]+) Hz"
@@ -233,21 +245,14 @@ def test_modes_too_low_for_an_impact_follow_the_advice_and_do_for_flight(tmp_pat
 
 
 def test_laws_that_need_an_impedance_say_so(tmp_path: Path) -> None:
-    text = Path(__file__).parents[2] / "hertzloop/scenes/aluminium-3mm.toml"
-    lines = [
-        line for line in text.read_text().splitlines()
-        if not line.startswith(("size_m", "thickness_m", "contact_point_m"))
-    ]  # fmt: skip
-    plain = "\n".join(lines).replace("[plate]", '[plate]\nmodes = "m.csv"')
     (tmp_path / "m.csv").write_text("# residual_flexibility_m_n = 1e-9\n" + MODES)
-    (tmp_path / "scene.toml").write_text(plain)
-    scene = load(str(tmp_path / "scene.toml"))
+    file = modes_alone(tmp_path)
+    scene = load(file)
     scene.start_controller()
     for law in ("shifted_threshold", "predicted", "velocity_feedback"):
         with pytest.raises(SceneError, match=r"Give plate\.thickness_m"):
-            load(str(tmp_path / "scene.toml"), [f"controller.law={law}"]).start_controller()
-        known = [f"controller.law={law}", "plate.thickness_m=0.003"]
-        load(str(tmp_path / "scene.toml"), known).start_controller()
+            load(file, [f"controller.law={law}"]).start_controller()
+        load(file, [f"controller.law={law}", "plate.thickness_m=0.003"]).start_controller()
 
 
 @pytest.mark.parametrize("key", ["size_m", "thickness_m", "contact_point_m"])

@@ -17,6 +17,7 @@ _LONGEST_S = 0.1  # after the hit, that is fitted
 _FEWEST = 8  # samples before the hit
 _RISE = 0.02  # of the peak, at which a hit begins
 _BAND = 0.45  # of the rate, up to which a converter passes
+_LEAST_WIDTH = 0.02  # of what a record resolves, for the bandwidth of a mode
 _LOWEST_PERIODS = 0.5  # of the lowest mode within a record
 
 
@@ -115,7 +116,7 @@ def observed_hits(hits: Sequence[Hit], at_contact: bool) -> MeasuredRows:
         basis, rest, values,
         np.full(values.shape, 1.0 / np.sqrt(np.mean(values**2))),
         (_LOWEST_PERIODS / longest, _BAND / dt), 1.0 / longest,
-        0 if at_contact else None,
+        0 if at_contact else None, _LEAST_WIDTH / longest,
     )  # fmt: skip
 
 

@@ -18,6 +18,9 @@ import scipy
 FLEXIBILITY_M_N = 1e-9  # unit of the rest of a response
 _WORTH = 3.0  # of ln(rows) times the mean square: what a mode has to explain
 _EXACT = 1e-14  # of the sum of squares: what rounding leaves
+# What a mode contributes counts by this share as an error, where no drive point keeps residues
+# positive: else pairs of modes take on huge residues that cancel.
+_CANCELLING = 0.03
 _ROUNDS, _GAIN = 12, 1e-3  # steps of a fit, and the relative gain of a step that ends it
 _STEP, _STEP_LOSS = 0.03, 1.0  # largest change of the logarithms in a step
 _LEAST_LOSS, _MOST_LOSS = 1e-7, 1.0
@@ -37,7 +40,8 @@ class MeasuredRows:
     (terms, rows). `values`, `weights`: measured rows and their weights, (points, rows), real or
     complex. `band_hz`: lowest and highest frequency of a mode. `resolution_hz`: how far
     frequencies are apart that can be told. `drive`: the point of the force, where no passive
-    structure has a negative residue; None if it is none of the points.
+    structure has a negative residue; None if it is none of the points. `least_width_hz`: least
+    bandwidth of a mode.
     """
 
     basis: Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -47,6 +51,7 @@ class MeasuredRows:
     band_hz: tuple[float, float]
     resolution_hz: float
     drive: int | None = None
+    least_width_hz: float = 0.0
 
     def columns(self, omega: np.ndarray, loss: np.ndarray) -> np.ndarray:
         """Rows of all modes and the rest, (modes + terms, rows)."""
@@ -98,6 +103,7 @@ class _Point:
     def across(self, columns: np.ndarray) -> np.ndarray:
         """Other columns (modes, rows), weighted, without what the matrix explains of them."""
         other = real_rows(columns * self.weights).T
+        other = np.pad(other, ((0, len(self.g) - len(other)), (0, 0)))
         return other - self.q @ (self.q.T @ other)
 
 
@@ -107,8 +113,11 @@ def _linear(observed: MeasuredRows, columns: np.ndarray) -> list[_Point]:
         g = real_rows(columns * weights).T
         size = np.linalg.norm(g, axis=0)
         size[size == 0.0] = 1.0
-        q, r = np.linalg.qr(g / size)
         y = real_rows(values * weights)
+        if observed.drive is None:
+            g = np.concatenate([g, _CANCELLING * np.diag(size)])
+            y = np.pad(y, (0, len(size)))
+        q, r = np.linalg.qr(g / size)
         x = np.linalg.lstsq(r, q.T @ y, rcond=1e-13)[0] / size
         if len(found) == observed.drive and np.any(x[: len(x) - len(observed.rest)] < 0.0):
             # The rest may have any sign, so it comes twice.
@@ -153,7 +162,8 @@ def refined(
             step = np.linalg.solve(normal + np.diag(damping * size), slope)
             new = omega * np.exp(np.clip(step[:n], -_STEP, _STEP))
             new_loss = loss * np.exp(np.clip(step[n:], -_STEP_LOSS, _STEP_LOSS))
-            new_loss = np.clip(new_loss, _LEAST_LOSS, _MOST_LOSS)
+            least = np.maximum(_LEAST_LOSS, 2.0 * math.pi * observed.least_width_hz / new)
+            new_loss = np.clip(new_loss, least, _MOST_LOSS)
             tried = observed.columns(new, new_loss)
             better = _linear(observed, tried)
             if _square(better) < before:

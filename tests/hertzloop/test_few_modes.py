@@ -1,0 +1,101 @@
+"""Modes of a file that end far below an impact: what stands for the rest, and how far to trust."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.measured_modes import few_modes
+from hertzloop.analysis.effects import EffectState, neglected_of_scene
+from hertzloop.plant.contact.hertz import rigid_impact
+from hertzloop.plant.estimates.model_order import beyond_m_n, energy_beyond, few_modes_error
+from hertzloop.plant.structures.plate import Plate
+from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import Setup, load
+
+SIX = (47.1, 96.0, 141.0, 233.0, 301.0, 462.0)
+ROW = "modes end below the impact"
+
+
+def six(tmp_path: Path, *settings: str) -> Setup:
+    """A contact of 41 us on six modes up to 462 Hz."""
+    rows = [f"{hz},0.01,0.3,{1.0 - 0.05 * i}" for i, hz in enumerate(SIX)]
+    (tmp_path / "six.csv").write_text(
+        "\n".join(["frequency_hz,loss_factor,modal_mass_kg,shape_contact", *rows])
+    )
+    text = (
+        'name = "six"\n[sphere]\nradius_m = 0.0046\ndrop_height_m = 0.05\n'
+        '[plate]\nmaterial = "aluminium"\nmodes = "six.csv"\n[controller]\nlaw = "off"\n'
+        "[run]\nduration_s = 0.002\n"
+    )
+    (tmp_path / "six.toml").write_text(text)
+    return load(str(tmp_path / "six.toml"), settings)
+
+
+def test_an_infinite_plate_stands_for_the_rest(tmp_path: Path) -> None:
+    setup = six(tmp_path, "plate.thickness_m=0.003")
+    assert rigid_impact(setup.sphere, setup.bodies.contact).contact_s == pytest.approx(41e-6, 0.02)
+    assert setup.plant.damped_tail
+    assert 0.05 < setup.expected_error() < 0.15
+    [found] = [one for one in neglected_of_scene(setup).findings if one.name == ROW]
+    assert found.value == setup.expected_error()
+    assert found.state is EffectState.LEFT_OUT
+    assert "the modes end at 462 Hz, and a contact of 41.2 us reaches 2.43e+04 Hz" in found.sentence
+    assert re.search(r"right within 9\.\d %.*9[5-8] % of the plate energy does not", found.sentence)
+
+
+@pytest.mark.parametrize(
+    ("flexibility", "words"),
+    [("1e-6", "a spring of 1e-06 m/N stands for the rest"), ("0", "nothing stands for the rest")],
+)
+def test_a_spring_has_to_be_asked_for(flexibility: str, words: str, tmp_path: Path) -> None:
+    known = f"plate.residual_flexibility_m_n={flexibility}"
+    with pytest.raises(SceneError, match=r"reach up to 462 Hz, too low.*plate.tail = 'spring'"):
+        six(tmp_path, known).start_plant()
+    setup = six(tmp_path, known, "plate.tail=spring")
+    assert setup.expected_error() == 1.0
+    [found] = [one for one in neglected_of_scene(setup).findings if one.name == ROW]
+    assert found.state is EffectState.OUT_OF_RANGE
+    assert words in found.sentence
+    assert "impacts may be off by 100 %" in found.sentence
+
+
+def test_nothing_beyond_modes_that_reach_far_is_told(tmp_path: Path) -> None:
+    """The modes are taken to go on as they are: as many in a band, as mobile."""
+    hz = np.arange(1, 81) * 1000.0
+    rows = [f"{one},0.01,0.3,1.0" for one in hz]
+    six(tmp_path, "plate.residual_flexibility_m_n=0")
+    (tmp_path / "six.csv").write_text(
+        "\n".join(["frequency_hz,loss_factor,modal_mass_kg,shape_contact", *rows])
+    )
+    setup = load(str(tmp_path / "six.toml"), ["plate.residual_flexibility_m_n=0"])
+    beyond = np.sum(1 / 0.3 / (2 * np.pi * np.arange(81, 200_000) * 1000.0) ** 2)
+    assert beyond_m_n(setup.structure) == pytest.approx(beyond, rel=0.02)
+    [found] = [one for one in neglected_of_scene(setup).findings if one.name == ROW]
+    assert 0.0 < found.value < 0.1
+    with_rest = load(str(tmp_path / "six.toml"), ["plate.residual_flexibility_m_n=1e-9"])
+    assert not [one for one in neglected_of_scene(with_rest).findings if one.name == ROW]
+
+
+def test_the_share_beyond_a_low_frequency() -> None:
+    """Below it, the spectrum of a pulse is flat: 1.4 of the energy for a period."""
+    t = np.linspace(0.0, 1.0, 20001)
+    pulse = np.sin(np.pi * t) ** 1.5
+    below = 2.0 * np.trapezoid(pulse, t) ** 2 / np.trapezoid(pulse**2, t)
+    for periods in (0.01, 0.03, 0.05):
+        assert 1.0 - energy_beyond(periods) == pytest.approx(below * periods, rel=0.25)
+
+
+def test_the_estimate_of_a_light_plate_has_a_limit() -> None:
+    setup = load("aluminium-3mm")
+    contact = setup.bodies.contact
+    thin = Plate(setup.structure.material, (1.0, 1.0), 1e-5)
+    assert few_modes_error(setup.sphere, thin, contact) == 0.15
+
+
+@pytest.mark.full
+def test_first_impacts_on_few_modes_are_as_right_as_expected() -> None:
+    for found in few_modes(4.5, 3.0, (6, 25)):
+        assert found.error <= max(found.expected, 0.0)
+        assert (found.error < 0.1) == (found.tail == "infinite plate")
