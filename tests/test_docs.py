@@ -6,6 +6,7 @@ import inspect
 import pkgutil
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -30,6 +31,7 @@ RUN = {
     "docs/tutorials/first-run.md": {"hertzloop compare": 1},
     "docs/tutorials/own-law.md": {},
     "docs/tutorials/design-a-filter.md": {},
+    "docs/tutorials/measured-structure.md": {},
 }
 # Blocks of files that a page asks the reader to save; their first line is a comment with the name.
 FILE = re.compile(r"```py\n# (\w+\.py)\n(.*?)```", re.DOTALL)
@@ -104,6 +106,8 @@ def test_every_command_has_its_line() -> None:
 def test_the_commands_of_a_page_run(page: str, tmp_path: Path) -> None:
     for name, text in FILE.findall((ROOT / page).read_text()):
         (tmp_path / name).write_text(text)
+    if "docs/examples/hammer" in (ROOT / page).read_text():
+        shutil.copytree(DOCS / "examples" / "hammer", tmp_path, dirs_exist_ok=True)
     for words in commands(ROOT / page, ("hertzloop ", "python ")):
         if words[1] == "replay":
             words = [*words, "--save", "page.rrd", "--overwrite"]  # the window is tested elsewhere

@@ -191,7 +191,7 @@ def modes(
         soft_wrap=True,
     )
     out.print(
-        f"written: {target} and {beside}, which has sphere, material of the plate "
+        f"written: {target} and {beside}, which has striker, material of the plate "
         f"({setup.material_name('plate') or 'own numbers'}) and law of {scene}. Next: hertzloop "
         f"run {beside}",
         soft_wrap=True,
@@ -320,7 +320,7 @@ def _write(table: ModeTable, target: Path, scene: str, settings: list[str]) -> S
     the scene."""
     content = write_modes(target.suffix, table)
     data = on_modes(scene, settings, target.name, scene_name(target))
-    data["shows"] = f"Modes measured, in {target.name}; sphere and law of {scene}"
+    data["shows"] = f"Modes measured, in {target.name}; striker and law of {scene}"
     text = f"# Modes by hertzloop scene modes; all else from {scene}.\n{tomli_w.dumps(data)}"
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / target.name).write_bytes(content)

@@ -64,7 +64,7 @@ def scale(deflection: Deflection, span_ns: Span, radius_m: float) -> Scale:
     runs_away = first >= _FLAT_M and ever > _RUNAWAY * first
     reference = first if runs_away else max(first, _LATER_SHARE * ever)
     side = min(deflection.size_m)
-    radius = max(radius_m, _SPHERE_SHARE * side)
+    radius = max(_SPHERE_SHARE * side, radius_m)  # nan of a soft tip is not larger
     limits = (_MOST_SHARE * side, _HIGHEST_SHARE * side)
     if reference < _FLAT_M:
         return Scale(1.0, _FLAT_M, radius, *limits)

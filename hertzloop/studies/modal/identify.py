@@ -18,9 +18,9 @@ import scipy
 FLEXIBILITY_M_N = 1e-9  # unit of the rest of a response
 _WORTH = 3.0  # of ln(rows) times the mean square: what a mode has to explain
 _EXACT = 1e-14  # of the sum of squares: what rounding leaves
-# What a mode contributes counts by this share as an error, where no drive point keeps residues
-# positive: else pairs of modes take on huge residues that cancel.
-_CANCELLING = 0.03
+# Share of its own square that a mode has to explain, where no drive point keeps residues positive:
+# modes that explain less take on huge residues that cancel.
+_CANCELLING = 0.01
 _ROUNDS, _GAIN = 12, 1e-3  # steps of a fit, and the relative gain of a step that ends it
 _STEP, _STEP_LOSS = 0.03, 1.0  # largest change of the logarithms in a step
 _LEAST_LOSS, _MOST_LOSS = 1e-7, 1.0
@@ -103,7 +103,6 @@ class _Point:
     def across(self, columns: np.ndarray) -> np.ndarray:
         """Other columns (modes, rows), weighted, without what the matrix explains of them."""
         other = real_rows(columns * self.weights).T
-        other = np.pad(other, ((0, len(self.g) - len(other)), (0, 0)))
         return other - self.q @ (self.q.T @ other)
 
 
@@ -113,11 +112,8 @@ def _linear(observed: MeasuredRows, columns: np.ndarray) -> list[_Point]:
         g = real_rows(columns * weights).T
         size = np.linalg.norm(g, axis=0)
         size[size == 0.0] = 1.0
-        y = real_rows(values * weights)
-        if observed.drive is None:
-            g = np.concatenate([g, _CANCELLING * np.diag(size)])
-            y = np.pad(y, (0, len(size)))
         q, r = np.linalg.qr(g / size)
+        y = real_rows(values * weights)
         x = np.linalg.lstsq(r, q.T @ y, rcond=1e-13)[0] / size
         if len(found) == observed.drive and np.any(x[: len(x) - len(observed.rest)] < 0.0):
             # The rest may have any sign, so it comes twice.
@@ -187,15 +183,18 @@ def _triangle(matrix: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.qr(matrix, mode="r"))
 
 
-def _gains(points: list[_Point], n: int) -> np.ndarray:
-    """By how much the sum of squares grows without each mode, (modes,)."""
-    found = np.zeros(n)
+def _gains(points: list[_Point], n: int) -> tuple[np.ndarray, np.ndarray]:
+    """By how much the sum of squares grows without each mode, and that of what it contributes,
+    both (modes,)."""
+    found, own = np.zeros(n), np.zeros(n)
     for point in points:
         size = np.linalg.norm(point.g, axis=0)
         size[size == 0.0] = 1.0
         variance = np.sum(np.linalg.pinv(_triangle(point.g / size)) ** 2, axis=1)
-        found += ((point.x * size) ** 2 / np.maximum(variance, 1e-300))[:n]
-    return found
+        squares = (point.x * size) ** 2
+        found += (squares / np.maximum(variance, 1e-300))[:n]
+        own += squares[:n]
+    return found, own
 
 
 def thinned(observed: MeasuredRows, modes: FittedModes) -> FittedModes:
@@ -204,10 +203,13 @@ def thinned(observed: MeasuredRows, modes: FittedModes) -> FittedModes:
     exact = _EXACT * float(np.sum(np.abs(observed.values * observed.weights) ** 2))
     while len(omega):
         points = _linear(observed, observed.columns(omega, loss))
-        worth = _gains(points, len(omega))
-        weakest = int(np.argmin(worth))
-        least = _WORTH * math.log(observed.count) / observed.count * _square(points)
-        if worth[weakest] > max(least, exact):
+        worth, own = _gains(points, len(omega))
+        least = max(_WORTH * math.log(observed.count) / observed.count * _square(points), exact)
+        needed = np.full(len(omega), least)
+        if observed.drive is None:
+            needed = np.maximum(needed, _CANCELLING * own)
+        weakest = int(np.argmin(worth / needed))
+        if worth[weakest] > needed[weakest]:
             break
         omega, loss = np.delete(omega, weakest), np.delete(loss, weakest)
     return modes if len(omega) == len(modes.omega_rad_s) else refined(observed, omega, loss)
