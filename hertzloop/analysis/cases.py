@@ -63,7 +63,7 @@ class CaseFigures:
 
     Attributes:
         plate_energy_db: change of the plate energy, dB.
-        rebound_percent: rebound height over that without control, %.
+        rebound_percent: rebound height over that without control, %; kinetic energy of a hammer.
         radiated_db: change of the study's figure of radiated energy, dB.
         plate_speed_db: change of the largest plate speed, dB.
         pressure_db: change of the pressure bound, dB.
@@ -227,12 +227,17 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures
         yield
     change = changes_db(figures, free)
     least_m_s = setup.accuracy * setup.plant.sphere.impact_speed_m_s
+    rebound = math.nan
+    # Of a rebound within the model's error nothing is a share that could be known.
+    if free.rebound_speed_m_s > least_m_s:
+        rebound = (
+            figures.rebound_height_m / free.rebound_height_m
+            if setup.plant.sphere.gravity_m_s2 > 0.0
+            else (figures.rebound_speed_m_s / free.rebound_speed_m_s) ** 2
+        )
     return CaseFigures(
         plate_energy_db=change["plate_energy_j"],
-        # Of a rebound within the model's error nothing is a share that could be known.
-        rebound_percent=100.0 * figures.rebound_height_m / free.rebound_height_m
-        if free.rebound_speed_m_s > least_m_s
-        else math.nan,
+        rebound_percent=100.0 * rebound,
         radiated_db=change["radiated_j"],
         plate_speed_db=change["plate_speed_max_m_s"],
         pressure_db=change["peak_pressure_pa"],

@@ -20,6 +20,7 @@ from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.setup import Setup, load
+from hertzloop.studies.sweeps.evaluate import run_case
 from tests.plant.rigs import IMMOVABLE, spec
 
 MASS, SPEED = 0.15, 0.8
@@ -153,3 +154,18 @@ def test_an_infinite_plate_lets_a_hammer_go_too() -> None:
     infinite, modal = (row[ts.F_C] for row in rows)
     assert np.abs(infinite - modal).max() < 0.01 * modal.max()
     assert (rows[0][ts.XI, np.flatnonzero(infinite)[-1] + 1 :] > 0.0).all()
+
+
+@pytest.mark.full
+def test_a_sweep_gives_the_energy_that_a_hammer_keeps() -> None:
+    setup = load(
+        "aluminium-20mm",
+        ["hammer.mass_kg=0.005", "hammer.speed_m_s=0.3", "hammer.tip_radius_m=0.005"],
+    )
+    controlled, free = (
+        run_case(setup.vary({"controller.law": law}), "impact", 0, {})
+        for law in ("slope_threshold", "off")
+    )
+    assert free["rebound_percent"] == pytest.approx(100.0)
+    speeds = controlled["rebound_m_s"] / free["rebound_m_s"]
+    assert controlled["rebound_percent"] == pytest.approx(100.0 * speeds**2)
