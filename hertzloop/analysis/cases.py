@@ -231,13 +231,13 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures
     # Of a rebound within the model's error nothing is a share that could be known.
     if free.rebound_speed_m_s > least_m_s:
         rebound = (
-            figures.rebound_height_m / free.rebound_height_m
+            100.0 * figures.rebound_height_m / free.rebound_height_m
             if setup.plant.sphere.gravity_m_s2 > 0.0
-            else (figures.rebound_speed_m_s / free.rebound_speed_m_s) ** 2
+            else 100.0 * (figures.rebound_speed_m_s / free.rebound_speed_m_s) ** 2
         )
     return CaseFigures(
         plate_energy_db=change["plate_energy_j"],
-        rebound_percent=100.0 * rebound,
+        rebound_percent=rebound,
         radiated_db=change["radiated_j"],
         plate_speed_db=change["plate_speed_max_m_s"],
         pressure_db=change["peak_pressure_pa"],
