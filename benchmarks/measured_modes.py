@@ -28,6 +28,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.setup import Setup, load
+from hertzloop.studies import pictures
 from hertzloop.studies.fit.records import read_record
 from hertzloop.studies.modal.hits import hits_of_records
 from hertzloop.studies.modal.modes import modes_of_hits, modes_of_responses
@@ -188,7 +189,10 @@ def main(
     out_dir: OutDirOption = None, quick: QuickOption = False, json_file: JsonOption = None
 ) -> None:
     """Identify modes from noisy frequency responses of shipped scenes, and predict each shipped
-    hit of a hammer by the others."""
+    hit of a hammer by the others.
+
+    Example: python -m benchmarks.measured_modes --quick
+    """
     check_json(json_file)
     with results_in(out_dir, "measured-modes") as folder:
         cases = _CASES[:1] if quick else _CASES
@@ -235,7 +239,11 @@ def main(
         )  # fmt: skip
         write_records(folder / "responses.csv", found)
         write_records(folder / "few-modes.csv", few)
-        written(folder, "responses.csv", "few-modes.csv")
+        figure, [[axes]] = pictures.sheet(1, 1, 6.0, 4.5)
+        axes.loglog([one.expected for one in few], [one.error for one in few], "o")
+        axes.set(title="Few modes: error of an impact", xlabel="expected", ylabel="found")
+        pictures.save(figure, folder / "few-modes.png")
+        written(folder, "responses.csv", "few-modes.csv", "few-modes.png")
         data = {
             "responses": [asdict(one) for one in found],
             "few_modes": [asdict(one) for one in few],

@@ -35,6 +35,7 @@ LEFT_OUT = {
     "hertzloop scene modes aluminium-20mm --from": "the reader's file: tested elsewhere",
     "hertzloop run --set controller.law=their.fmu": "the reader's file: test_fmu.py",
     "hertzloop fit rig.toml controlled.csv": "the reader's file: tests/studies/fit",
+    "hertzloop fit --check drop.csv": "the reader's file; the tutorial of hits has such a command",
     "hertzloop fit bench.toml drop.csv": "the reader's file; the tutorial of fits has a fit",
 }
 # What is made shorter: other tests run the whole.

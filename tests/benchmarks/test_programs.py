@@ -32,6 +32,7 @@ CONCLUSIONS = {
     "benchmarks.laws": r"A law of your own runs at least [\d.]+ times as many cases",
     "benchmarks.linear_system": r"The frequency response is within [\d.e-]+ of python-control's",
     "benchmarks.margin": r"The linear margin agrees in \d+ of \d+ comparisons and differs in 0;",
+    "benchmarks.measured_modes": r"Frequencies of the metal plates deviate by at most",
     "benchmarks.model_order": r"The automatic choice of modes meets the requested accuracy",
     "benchmarks.paced_prediction": r"[0-3] of 3 paced runs are repeated to the bit, and [\d.]+ %",
     "benchmarks.pictures": r"A picture takes \d+ s at most",
