@@ -98,7 +98,7 @@ def deviation(scene: str, kind: str, noise: str, line_hz: float, high_hz: float)
         tuple(range(1, 1 + len(values))), 1, "z",
     )  # fmt: skip
     table = modes_of_responses(measured, None, points, lambda *_: None).table
-    below = known.omega_rad_s < 2.0 * np.pi * _JUDGED_HZ
+    below = known.omega_rad_s < 2.0 * np.pi * min(_JUDGED_HZ, high_hz)
     loss = np.broadcast_to(known.loss_factor, known.omega_rad_s.shape)
     mass, sign = np.sqrt(known.per_modal_mass_1_kg[below]), np.sign(known.shape_contact[below])
     nearest = [

@@ -28,8 +28,8 @@ _MOST_MODES = 4000  # of a plate with other edges than simply supported ones
 _PIECE = 64  # steps under force that are advanced at once
 _MOST_PUSHED = 400_000  # steps under force for all modes; of a sphere at rest, the lowest do
 _FEW = 24  # along an axis
-_FLAT_M = 0.1
 _FLAT_RADII = 12.0  # of the sphere, from the contact to the edge of what has no shapes
+_FLAT_M = 0.1  # the same distance, where a soft tip has no radius
 _FIRST_FRAMES = 360  # around the first contact
 _LATER_FRAMES = 150  # around all later contacts
 _COARSE_FRAMES = 150  # over the whole run
@@ -122,7 +122,7 @@ def _edged_modes(spec: PlantSpec, plate: Structure, x_m: np.ndarray, y_m: np.nda
 def _flat_grid(spec: PlantSpec) -> tuple[np.ndarray, np.ndarray]:
     """A small grid around the contact, (3,) and (3,), for what has no shapes."""
     radius_m = spec.sphere.radius_m
-    size_m = _FLAT_M if math.isnan(radius_m) else _FLAT_RADII * radius_m  # a soft tip has no radius
+    size_m = _FLAT_M if math.isnan(radius_m) else _FLAT_RADII * radius_m
     flat = size_m * np.array([-1.0, 0.0, 1.0])
     return spec.contact_point_m[0] + flat, spec.contact_point_m[1] + flat
 

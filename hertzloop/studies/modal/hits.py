@@ -131,7 +131,7 @@ def _spectrum(hit: Hit) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def _responses(hit: Hit, omega: np.ndarray, loss: np.ndarray) -> np.ndarray:
-    """FrequencyResponses of modes of unit residue from rest, (modes, samples).
+    """Responses of modes of unit residue from rest, (modes, samples).
 
     Of the force with nothing above half the rate, exactly: what repeats with the record, less the
     free vibration that makes it begin at rest.
