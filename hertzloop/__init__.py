@@ -13,11 +13,13 @@ TYPE_CHECKING = False  # of `typing`, which a program would import before it hea
 # The Python interface, loaded when it is used: a process of a run needs only its part.
 __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
-    "ImpactEnv", "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed",
+    "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed",
     "RunFigures", "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed",
     "__version__", "compare", "fit", "linear", "load", "modes", "read", "read_record", "run",
     "scene_names", "simulate", "sweep", "tune", "vary",
 ]  # fmt: skip
+# Needs gymnasium, so that `from hertzloop import *` leaves it out.
+_OF_EXTRAS = ["ImpactEnv"]
 if TYPE_CHECKING:
     from hertzloop.api import (
         BusError,
@@ -27,7 +29,6 @@ if TYPE_CHECKING:
         FitError,
         FitResult,
         Impact,
-        ImpactEnv,
         ImpactNoise,
         Record,
         RecordError,
@@ -54,10 +55,11 @@ if TYPE_CHECKING:
         tune,
         vary,
     )
+    from hertzloop.api import ImpactEnv as ImpactEnv
 
 
 def __getattr__(name: str) -> object:
-    if name in __all__:
+    if name in (*__all__, *_OF_EXTRAS):
         from importlib import import_module
 
         return getattr(import_module("hertzloop.api"), name)
@@ -65,4 +67,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return list(__all__)
+    return [*__all__, *_OF_EXTRAS]

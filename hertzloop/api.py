@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from hertzloop.bus.messages_pb2 import Books as BooksMessage
     from hertzloop.bus.port import BusError
     from hertzloop.bus.streams import StreamFault
-    from hertzloop.interop.environment import ImpactEnv
+    from hertzloop.interop.environment import ImpactEnv as ImpactEnv
     from hertzloop.plant.plant import Balance
     from hertzloop.processes.launcher import RunFailed, RunOptions
     from hertzloop.recordings.reader import Event, Recording
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
-    "ImpactEnv", "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed",
+    "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed",
     "RunFigures", "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed", "compare",
     "fit", "linear", "load", "modes", "read", "read_record", "run", "scene_names", "simulate",
     "sweep", "tune", "vary",
@@ -77,6 +77,8 @@ AnyScene = Scene | str | Path  # a scene, the name of a shipped one, or a TOML f
 
 
 def __getattr__(name: str) -> Any:
+    if name == "ImpactEnv":
+        need("gymnasium")
     if name in _LATER:
         return getattr(import_module(_LATER[name]), name)
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

@@ -146,9 +146,12 @@ def test_the_page_of_keys_is_what_the_code_says() -> None:
 def test_every_public_name_has_its_entry() -> None:
     """The page of the Python interface is generated from the docstrings that it names."""
     entries = re.findall(r"^::: (\S+)", (DOCS / "reference" / "python.md").read_text(), re.M)
-    names = {*hertzloop.__all__, "hertzloop_run", "hertzloop_sweep"} - {"__version__"}
+    names = {*dir(hertzloop), "hertzloop_run", "hertzloop_sweep"} - {"__version__"}
     assert names <= {entry.rpartition(".")[2] for entry in entries}
+    environments = "hertzloop.interop.environment."  # need gymnasium
     for entry in entries:
+        if entry.startswith(environments) and not importlib.util.find_spec("gymnasium"):
+            continue
         assert inspect.getdoc(pkgutil.resolve_name(entry)), entry
 
 

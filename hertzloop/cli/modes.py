@@ -150,7 +150,6 @@ def modes(
     paths = list(map(Path, files))
     told: dict[str, Any] = {}
     if paths[0].suffix.lower() in uff.SUFFIXES:
-        need("pyuff")
         if len(paths) != 1:
             fail(f"--from: {len(files)} files are given. Give one universal file.", 2)
         points = uff.Points(
@@ -159,6 +158,7 @@ def modes(
             None if sensor is None else uff.node_of("sensor", sensor),
             direction,
         )
+        need("pyuff")
         sets = uff.read_sets(paths[0])
         in_units = uff.units_of(sets, paths[0], units)
         from_modes = uff.holds_modes(sets, kind, paths[0])
