@@ -2,8 +2,8 @@
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
 from typing import Any, Self
 
 import numpy as np
@@ -118,36 +118,29 @@ class PlantSpec:
     sensor_mass_kg: float = 0.0  # that moves with the plate there
     tail_asked: bool = False  # for what stands for the modes left out, however few there are
 
+    same_point: bool = field(init=False, repr=False, compare=False)
+    """whether the actuator pushes at the contact point"""
+    masses: tuple[float, float] = field(init=False, repr=False, compare=False)
+    """mass at the actuator's point and mass at the sensor's, where that is another one, kg"""
+    mass_at_contact: bool = field(init=False, repr=False, compare=False)
+    """whether a mass of actuator or sensor is on the contact point"""
+
+    def __post_init__(self) -> None:
+        """The hash is kept: what follows from a description is looked up by it again and again."""
+        same = self.plate.same_point(self.contact_point_m, self.actuator_point_m)
+        at_sensor, masses = self.sensor_point_m, (self.actuator.mass_kg, self.sensor_mass_kg)
+        if at_sensor == self.actuator_point_m or (at_sensor is None and same):
+            masses = sum(masses), 0.0
+        vars(self).update(
+            same_point=same,
+            masses=masses,
+            mass_at_contact=(masses[0] > 0.0 and same) or (masses[1] > 0.0 and at_sensor is None),
+            _hash=hash(tuple(getattr(self, part.name) for part in fields(self) if part.compare)),
+        )
+
     def __hash__(self) -> int:
-        """Kept: what follows from a description is looked up by it again and again."""
-        return self._hash
-
-    @cached_property
-    def _hash(self) -> int:
-        return hash(tuple(getattr(self, part.name) for part in fields(self)))
-
-    @cached_property
-    def same_point(self) -> bool:
-        """Whether the actuator pushes at the contact point."""
-        return self.plate.same_point(self.contact_point_m, self.actuator_point_m)
-
-    @property
-    def masses(self) -> tuple[float, float]:
-        """Mass at the actuator's point and mass at the sensor's, where that is another one, kg."""
-        at_actuator = self.sensor_point_m == self.actuator_point_m or (
-            self.sensor_point_m is None and self.same_point
-        )
-        if at_actuator:
-            return self.actuator.mass_kg + self.sensor_mass_kg, 0.0
-        return self.actuator.mass_kg, self.sensor_mass_kg
-
-    @property
-    def mass_at_contact(self) -> bool:
-        """Whether a mass of actuator or sensor is on the contact point."""
-        of_actuator, of_sensor = self.masses
-        return (of_actuator > 0.0 and self.same_point) or (
-            of_sensor > 0.0 and self.sensor_point_m is None
-        )
+        kept: int = vars(self)["_hash"]
+        return kept
 
     @property
     def simply_supported(self) -> Plate:

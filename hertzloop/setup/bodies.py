@@ -1,6 +1,6 @@
 """First stage: the sphere, the structure, their contact and the actuator."""
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from functools import lru_cache
 from typing import Any
 
@@ -50,25 +50,24 @@ class Bodies:
     weaker: tuple[str, Strength] | None
     theory: str
 
+    same_point: bool = field(init=False, repr=False, compare=False)
+    """whether the actuator pushes at the contact point"""
+    mass_at_contact: bool = field(init=False, repr=False, compare=False)
+    """whether the actuator's or the sensor's mass is on the contact point"""
+
     def __post_init__(self) -> None:
-        """Keep the hash: later stages are looked up by it again and again."""
-        parts = tuple(getattr(self, part.name) for part in fields(self))
-        object.__setattr__(self, "_hash", hash(parts))
+        """The hash is kept: later stages are looked up by it again and again."""
+        same = self.contact_point_m == self.actuator_point_m
+        of_sensor = self.sensor_mass_kg > 0.0 and self.sensor_point_m is None
+        vars(self).update(
+            same_point=same,
+            mass_at_contact=of_sensor or (self.actuator.mass_kg > 0.0 and same),
+            _hash=hash(tuple(getattr(self, part.name) for part in fields(self) if part.compare)),
+        )
 
     def __hash__(self) -> int:
-        kept: int = self.__dict__["_hash"]
+        kept: int = vars(self)["_hash"]
         return kept
-
-    @property
-    def same_point(self) -> bool:
-        """Whether the actuator pushes at the contact point."""
-        return self.contact_point_m == self.actuator_point_m
-
-    @property
-    def mass_at_contact(self) -> bool:
-        """Whether the actuator's or the sensor's mass is on the contact point."""
-        of_sensor = self.sensor_mass_kg > 0.0 and self.sensor_point_m is None
-        return of_sensor or (self.actuator.mass_kg > 0.0 and self.same_point)
 
     @property
     def local_plate(self) -> Plate:

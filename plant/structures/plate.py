@@ -5,9 +5,8 @@ sin(n pi y/l_y) and lambda = 4/(m'' l_x l_y).
 """
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import scipy
@@ -47,71 +46,76 @@ class Plate:
     thickness_m: float
     loss_factor: float | None = None
 
-    @property
-    def eta(self) -> float:
-        """Loss factor."""
-        return self.material.loss_factor if self.loss_factor is None else self.loss_factor
+    eta: float = field(init=False, repr=False, compare=False)
+    orthotropic: bool = field(init=False, repr=False, compare=False)
+    """whether its stiffness depends on the direction"""
+    rigidity: Rigidity = field(init=False, repr=False, compare=False)
+    bending_stiffness_n_m: float = field(init=False, repr=False, compare=False)
+    """B' = E h^3 / (12 (1 - nu^2)), N m; of an orthotropic plate that of an isotropic one with the
+    same modal density and point impedance: D over the square of 2/pi K((1 - eta)/2)"""
+    mass_per_area_kg_m2: float = field(init=False, repr=False, compare=False)
+    """m'' = rho h, kg/m^2"""
+    modal_scale_per_kg: float = field(init=False, repr=False, compare=False)
+    """lambda = 4/(m'' l_x l_y), the inverse modal mass, 1/kg"""
+    infinite_plate_impedance_n_s_m: float = field(init=False, repr=False, compare=False)
+    """8 sqrt(B' m''), point impedance until reflections return (Cremer & Heckl), N s/m"""
+    fundamental_hz: float = field(init=False, repr=False, compare=False)
+    """frequency of mode (1, 1), the lowest, Hz"""
 
-    @property
-    def orthotropic(self) -> bool:
-        """Whether its stiffness depends on the direction."""
-        return self.material.orthotropic
+    # What it offers, see `hertzloop.plant.structures.structure`; that module imports this one.
+    local_plate: "Plate" = field(init=False, repr=False, compare=False)
+    pushed_at_sensor: "Plate" = field(init=False, repr=False, compare=False)
+    simply_supported: "Plate | None" = field(init=False, repr=False, compare=False)
+    """the plate itself; None of an orthotropic one, whose radiation is not known"""
+    separable: "Plate | None" = field(init=False, repr=False, compare=False)
+    """the plate itself: every mode is a product of sines. None of an orthotropic one, whose
+    frequencies are no sums"""
+    mode_table: ClassVar[None] = None
+    solid: ClassVar[bool] = False
+    highest_hz: ClassVar[float] = math.inf
+    seconds_per_mode: ClassVar[float] = SECONDS_PER_MODE
+    quality: ClassVar[None] = None
+
+    def __post_init__(self) -> None:
+        material, cubed = self.material, self.thickness_m**3 / 12.0
+        itself = None if material.orthotropic else self
+        of, area = vars(self), material.density_kg_m3 * self.thickness_m
+        of.update(
+            eta=material.loss_factor if self.loss_factor is None else self.loss_factor,
+            orthotropic=material.orthotropic,
+            mass_per_area_kg_m2=area,
+            modal_scale_per_kg=4.0 / (area * self.size_m[0] * self.size_m[1]),
+            local_plate=self, pushed_at_sensor=self, simply_supported=itself, separable=itself,
+        )  # fmt: skip
+        nu = material.poisson_ratio  # sqrt(nu_xy nu_yx)
+        if not material.orthotropic:
+            bending = material.plane_strain_modulus_pa * self.thickness_m**3 / 12.0
+            of["rigidity"] = Rigidity(bending, 1.0, nu, 2.0 * (1.0 - nu), 1.0)
+            turns = math.sqrt(bending / area) * sum((math.pi / side) ** 2 for side in self.size_m)
+        else:
+            x, y, shear = material.young_x_pa, material.young_y_pa, material.shear_pa
+            assert x is not None and y is not None  # noqa: PT018
+            assert shear is not None
+            mean = math.sqrt(x * y) * cubed / (1.0 - nu * nu)
+            twist = 4.0 * shear * cubed / mean
+            bend = Rigidity(mean, (y / x) ** 0.125, nu, twist, nu + 0.5 * twist)
+            of["rigidity"] = bend
+            bent = float(scipy.special.ellipk(0.5 * (1.0 - bend.eta))) * 2.0 / math.pi
+            bending = mean / bent**2
+            turns = float(self._orthotropic_omega(np.ones(1), np.ones(1))[0])
+        of.update(
+            bending_stiffness_n_m=bending,
+            infinite_plate_impedance_n_s_m=8.0 * math.sqrt(bending * area),
+            fundamental_hz=turns / (2.0 * math.pi),
+        )
 
     def __str__(self) -> str:
         return "a simply supported orthotropic plate" if self.orthotropic else repr(self)
-
-    @cached_property
-    def rigidity(self) -> Rigidity:
-        """How it bends."""
-        material = self.material
-        if not material.orthotropic:
-            nu = material.poisson_ratio
-            return Rigidity(self.bending_stiffness_n_m, 1.0, nu, 2.0 * (1.0 - nu), 1.0)
-        x, y, shear = material.young_x_pa, material.young_y_pa, material.shear_pa
-        assert x is not None and y is not None  # noqa: PT018
-        assert shear is not None
-        nu = material.poisson_ratio  # sqrt(nu_xy nu_yx)
-        cubed = self.thickness_m**3 / 12.0
-        mean = math.sqrt(x * y) * cubed / (1.0 - nu * nu)
-        twist = 4.0 * shear * cubed / mean
-        return Rigidity(mean, (y / x) ** 0.125, nu, twist, nu + 0.5 * twist)
-
-    @cached_property
-    def bending_stiffness_n_m(self) -> float:
-        """B' = E h^3 / (12 (1 - nu^2)), N m; of an orthotropic plate that of an isotropic one with
-        the same modal density and point impedance: D over the square of 2/pi K((1 - eta)/2)."""
-        if self.orthotropic:
-            mean = float(scipy.special.ellipk(0.5 * (1.0 - self.rigidity.eta))) * 2.0 / math.pi
-            return self.rigidity.mean_n_m / mean**2
-        return self.material.plane_strain_modulus_pa * self.thickness_m**3 / 12.0
-
-    @cached_property
-    def mass_per_area_kg_m2(self) -> float:
-        """m'' = rho h, kg/m^2."""
-        return self.material.density_kg_m3 * self.thickness_m
-
-    @cached_property
-    def modal_scale_per_kg(self) -> float:
-        """lambda = 4/(m'' l_x l_y), the inverse modal mass, 1/kg."""
-        return 4.0 / (self.mass_per_area_kg_m2 * self.size_m[0] * self.size_m[1])
-
-    @cached_property
-    def infinite_plate_impedance_n_s_m(self) -> float:
-        """8 sqrt(B' m''), point impedance until reflections return (Cremer & Heckl), N s/m."""
-        return 8.0 * math.sqrt(self.bending_stiffness_n_m * self.mass_per_area_kg_m2)
 
     def modes_below(self, frequency_hz: float) -> float:
         """About how many modes the plate has up to a frequency, by its modal density."""
         density = math.sqrt(self.mass_per_area_kg_m2 / self.bending_stiffness_n_m) / (4 * math.pi)
         return density * self.size_m[0] * self.size_m[1] * 2 * math.pi * frequency_hz
-
-    @cached_property
-    def fundamental_hz(self) -> float:
-        """Frequency of mode (1, 1), the lowest, Hz."""
-        if self.orthotropic:
-            return float(self._orthotropic_omega(np.ones(1), np.ones(1))[0]) / (2.0 * math.pi)
-        speed = math.sqrt(self.bending_stiffness_n_m / self.mass_per_area_kg_m2)
-        return speed * sum((math.pi / side) ** 2 for side in self.size_m) / (2.0 * math.pi)
 
     def wavelengths_to_edge(self, point_m: tuple[float, float], frequency_hz: float) -> float:
         """Distance of a point from the nearest edge in lengths of bending waves of a frequency."""
@@ -172,54 +176,6 @@ class Plate:
         along_x = np.sin(np.outer(m, x_m) * (np.pi / self.size_m[0]))
         along_y = np.sin(np.outer(n, y_m) * (np.pi / self.size_m[1]))
         return np.asarray(along_x[:, :, None] * along_y[:, None, :])
-
-    # What it offers, see `hertzloop.plant.structures.structure`; that module imports this one.
-
-    @property
-    def local_plate(self) -> "Plate":
-        """What a contact feels until reflections return."""
-        return self
-
-    @property
-    def simply_supported(self) -> "Plate | None":
-        """The plate itself; None of an orthotropic one, whose radiation is not known."""
-        return None if self.orthotropic else self
-
-    @property
-    def separable(self) -> "Plate | None":
-        """The plate itself: every mode is a product of sines. None of an orthotropic one, whose
-        frequencies are no sums."""
-        return None if self.orthotropic else self
-
-    @property
-    def pushed_at_sensor(self) -> "Plate":
-        """Itself: points say where actuator and sensor are."""
-        return self
-
-    @property
-    def mode_table(self) -> None:
-        """None: modes are computed."""
-        return None
-
-    @property
-    def solid(self) -> bool:
-        """False: the plate is thin."""
-        return False
-
-    @property
-    def highest_hz(self) -> float:
-        """Without limit."""
-        return math.inf
-
-    @property
-    def seconds_per_mode(self) -> float:
-        """Processor time of a mode, s."""
-        return SECONDS_PER_MODE
-
-    @property
-    def quality(self) -> None:
-        """None: the modes are closed forms."""
-        return None
 
     def residual_inertia_m_n(self, omega_max: float, omega: float) -> float:
         """Zero."""
