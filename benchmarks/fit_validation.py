@@ -27,7 +27,7 @@ from benchmarks.program import (
 )
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
-from hertzloop.setup import Setup, load
+from hertzloop.setup import Setup, load, parts
 from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.words import write_records
 
@@ -90,7 +90,7 @@ def restitution_on_infinite_plate(inelasticity: float) -> float:
 
     h = float(scipy.optimize.brentq(lambda h: lam(h) - inelasticity, 1e-4, 0.05, xtol=1e-14))
     one = setup.vary({"plate.thickness_m": h, "run.duration_s": 4e-4})
-    rows = ts.series_under(one.start_plant(), np.zeros(one.steps))
+    rows = ts.series_under(parts.start_plant(one), np.zeros(one.steps))
     ended = int(np.flatnonzero(rows[ts.F_C] > 0.0)[-1]) + 2
     speed = (rows[ts.XI_S, ended + 1] - rows[ts.XI_S, ended]) / one.step_s
     return float(speed) / one.sphere.impact_speed_m_s

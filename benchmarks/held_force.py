@@ -33,7 +33,7 @@ from benchmarks.program import (
 from hertzloop.analysis.trust import against, judged
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n
-from hertzloop.setup import Setup, load
+from hertzloop.setup import Setup, load, model_error
 from hertzloop.setup.plate import widest_limit_hz
 from hertzloop.studies import pictures
 from hertzloop.studies.words import write_records
@@ -126,8 +126,8 @@ def outcome(theory: str, law: str, accuracy: float, random: np.random.Generator)
     thin = h * math.sqrt(material.plane_strain_modulus_pa / (12.0 * material.density_kg_m3))
     return Outcome(
         theory=theory, law=law, kh=h * math.sqrt(2.0 * math.pi / (lasts_s * thin)),
-        asked=accuracy, expected=setup.expected_error(), found=found[0] or 0.0,
-        twice_expected=setup.expected_error(twice_hz), twice_found=found[1] or 0.0,
+        asked=accuracy, expected=model_error.expected_error(setup), found=found[0] or 0.0,
+        twice_expected=model_error.expected_error(setup, twice_hz), twice_found=found[1] or 0.0,
         told=by_modes is not None and not by_modes.kept,
         keys=" ".join(f"--set {key}={value}".replace(", ", ",") for key, value in keys.items()),
     )  # fmt: skip

@@ -34,7 +34,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.time_series import series_under
-from hertzloop.setup import Setup, load
+from hertzloop.setup import Setup, load, model_error, parts
 from hertzloop.studies.words import write_records
 
 REQUESTS = (1e-2, 1e-3, 1e-4)
@@ -104,9 +104,9 @@ def _with_effect(values: dict[str, Any]) -> dict[str, Any]:
 def outcome(number: int, setup: Setup, request: float) -> Outcome:
     """Follow a scene on the infinite plate as long as it is offered, then on the modes."""
     setup = setup.vary({"run.accuracy": request})
-    lasts_s = setup.infinite_plate_lasts_s()
+    lasts_s = model_error.infinite_plate_lasts_s(setup)
     about = (
-        number, setup.material_name("plate"), 1e3 * setup.sphere.radius_m,
+        number, setup.plate_material, 1e3 * setup.sphere.radius_m,
         setup.scene.contact.damping,
         setup.law_reference + (" with drop-outs" if setup.line.drop_out_probability else ""),
         request,
@@ -122,7 +122,7 @@ def outcome(number: int, setup: Setup, request: float) -> Outcome:
         infinite_plate=False, residual_flexibility=True,
     )  # fmt: skip
     plant = built(fine, "modal").at_start()
-    plant.state.body[_START] = setup.start_plant(spec).state.body[_START]
+    plant.state.body[_START] = parts.start_plant(setup, spec).state.body[_START]
     # Up to the last row of the run: the work of its last step shows in no row.
     finer = series_under(plant, np.repeat(rows[F_A], 2)[:-1])
     mine = consistent_impacts(setup, rows, spec)[0]

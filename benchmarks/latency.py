@@ -208,7 +208,7 @@ def critical(pool: Pool, named: Named, law: str, points: int) -> Critical:
     return Critical(
         scene=named.name,
         law=law,
-        kappa=getattr(scene.vary(base).law_keys, "kappa", math.nan),
+        kappa=getattr(scene.vary(base).scene.controller.keys, "kappa", math.nan),
         ideal_db=scan[0],
         ideal_rebound_percent=math.nan if ideal["status"] else ideal["rebound_percent"],
         critical_latency_us=survived,
@@ -268,7 +268,7 @@ def map_axes(scene: Setup, count: int) -> dict[str, list[Any]]:
         KAPPA: [round(x, 3) for x in np.linspace(0.0, 2.0, count)],
         "controller.v_thr_m_s": [round(x, 3) for x in np.linspace(-0.95, 0.0, count)],
     }
-    own = vars(scene.law_keys)  # a law need not have all of these
+    own = vars(scene.scene.controller.keys)  # a law need not have all of these
     return {
         key: values
         for key, values in axes.items()

@@ -31,7 +31,7 @@ from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant import time_series as ts
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import load
+from hertzloop.setup import load, parts
 from hertzloop.setup.setup import Setup
 from hertzloop.studies.margin.identify import LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import PoleForm
@@ -221,7 +221,7 @@ def simulated_growth_per_s(setup: Setup, expected_per_s: float) -> float:
     steps = max(steps, 300)
     setup = setup.vary({"sensors.bits": "ideal", "controller.bits": "ideal"})
     setup = setup.on_plate("modal").lasting(steps)
-    plant = setup.start_plant()
+    plant = parts.start_plant(setup)
     size_n = min(math.exp(-expected_per_s * steps * setup.step_s), 1e-3)
     ts.series_under(plant, size_n * np.random.default_rng(5).standard_normal(50))
     plant.state.counts[pk.STEP] = 0

@@ -27,7 +27,7 @@ from hertzloop.analysis.impacts import consistent_impacts
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
-from hertzloop.setup import Setup, load
+from hertzloop.setup import Setup, load, model_error
 from hertzloop.studies import pictures
 from hertzloop.studies.fit.records import read_record
 from hertzloop.studies.modal.hits import hits_of_records
@@ -181,7 +181,7 @@ def few_modes(sphere_mm: float, plate_mm: float, counts: Sequence[int]) -> Itera
                 contact_us = 1e6 * rigid_impact(setup.sphere, setup.bodies.contact).contact_s
                 yield FewModes(
                     sphere_mm, plate_mm, count, hz, contact_us, tail, float(np.max(error[:3])),
-                    float(error[3]), setup.expected_error(),
+                    float(error[3]), model_error.expected_error(setup),
                 )  # fmt: skip
 
 

@@ -25,7 +25,7 @@ from hertzloop.plant.contact.hertz import (
 )
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
+from hertzloop.setup import Setup, load, model_error
 from hertzloop.studies.words import write_records
 
 REQUESTS = (1e-3, 1e-4)
@@ -147,7 +147,7 @@ def _verified(setup: Setup, best: PlantSpec) -> Verification | None:
 
 def _outcome(number: int, setup: Setup, keys: dict[str, Any], found: Verification) -> Outcome:
     spec = setup.plant
-    yields, expected = spec.contact.limit is not None, setup.expected_error()
+    yields, expected = spec.contact.limit is not None, model_error.expected_error(setup)
     under_law = law_accuracy.judged(setup, setup.duration_s)
     return Outcome(
         scene=number,

@@ -222,7 +222,7 @@ def run(setup: Setup, folder: Path, count: int = 61) -> dict[str, np.ndarray]:
     )  # fmt: skip
     ball, sheet = setup.sphere.material, setup.structure.material
     about = (
-        f"{setup.material_name('sphere') or 'own'} on {setup.material_name('plate') or 'own'} "
+        f"{setup.striker_material or 'own'} on {setup.plate_material or 'own'} "
         f"({sheet.youngs_modulus_pa * 1e-9:.3g} GPa), dropped from "
         f"{1e3 * setup.sphere.drop_height_m:.3g} mm; {ball.density_kg_m3:z.0f} kg/m3"
     )

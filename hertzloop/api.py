@@ -20,7 +20,7 @@ from hertzloop.plant.time_series import TRUTH
 from hertzloop.scenes import scene as scenes
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import Scene, shipped
-from hertzloop.setup import Setup, resolve
+from hertzloop.setup import Setup, model_error, resolve
 from hertzloop.views.labels import FORCE_LABEL, HELD, sensed_label
 
 if TYPE_CHECKING:
@@ -391,7 +391,7 @@ def _run(
 
     def ran() -> Ran:
         return Ran(
-            figures_of(setup, stacked(dict(columns))), law, setup.expected_error(),
+            figures_of(setup, stacked(dict(columns))), law, model_error.expected_error(setup),
             books.injected_j, books.dent_m, pacing is not None, saturation,
             setup.law_models_yield,
         )  # fmt: skip

@@ -27,7 +27,7 @@ from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.rows_kernels import all_finite, fingerprint, first_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import NO_CASE_OF_THESIS, SceneError
-from hertzloop.setup import Setup
+from hertzloop.setup import Setup, model_error, parts
 
 Span = Literal["impact", "run"]
 # The other span, and both in words.
@@ -127,7 +127,7 @@ def _follow(setup: Setup, span: Span) -> tuple[Setup, SimulatedRun]:
     if span == "run":
         setup = setup.on_plate(setup.plate_model)
         return setup, simulate(setup)
-    if setup.plate_model_asked == "auto":
+    if setup.scene.run.plate_model == "auto":
         found = _on_infinite_plate(setup)
         if found:
             return found
@@ -141,7 +141,7 @@ def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
     touch_s, quiet = setup.first_touch_s, quiet_steps(setup)
     # Most impacts are over soon: how long the plate meets the accuracy after that is not asked.
     for most_s in (_SOON * quiet * setup.step_s, math.inf):
-        lasts_s = setup.infinite_plate_lasts_s(most_s)
+        lasts_s = model_error.infinite_plate_lasts_s(setup, most_s)
         steps = int((touch_s + lasts_s) / setup.step_s)
         # An impact that lasts a step at least is not over earlier.
         may_be_over = steps - int(touch_s / setup.step_s) >= quiet
@@ -171,7 +171,7 @@ def _until_over(setup: Setup) -> SimulatedRun:
 
 def latched_us(setup: Setup, run: SimulatedRun) -> float:
     """The first delay that the law of a run latched, us; nan of one that latches none."""
-    first = first_of(run.modes, ACTING) if setup.law.latches else -1
+    first = first_of(run.modes, ACTING) if parts.law_of(setup).latches else -1
     if first < 0:
         return math.nan
     return float(run.delays[first]) * setup.every_steps * setup.step_ns / 1000
@@ -253,7 +253,7 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures
         peak_force_n=figures.peak_force_n,
         delay_us=latched_us(setup, run),
         energy_residual=books.energy_residual,
-        plate_model=setup.plate_model_asked,
+        plate_model=setup.scene.run.plate_model,
         leaves_out=left_out.get(EffectState.LEFT_OUT, ""),
         out_of_range=left_out.get(EffectState.OUT_OF_RANGE, ""),
         steps=run.rows.shape[1],

@@ -32,7 +32,7 @@ from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import flexibility_m_n
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
+from hertzloop.setup import Setup, model_error, parts
 from hertzloop.setup.bodies import Bodies
 
 _MOST_STEPS = 2_000_000  # that are simulated in memory
@@ -125,7 +125,7 @@ class Facts:
     def flight_m(self) -> float:
         """How far above the plate the law looks, m; zero of one that waits for the contact."""
         try:
-            return self.setup.law_flight_m()
+            return parts.law_flight_m(self.setup)
         except SceneError:  # a recording may outlive its law
             return 0.0
 
@@ -223,7 +223,7 @@ def _first_return_s(f: Facts) -> float:
 def _reflections(f: Facts) -> str:
     """In the model unless the plate has no edges, and that costs more than is asked for."""
     missed = f.spec.infinite_plate and not (
-        f.setup.infinite_plate_error_at(f.end_s) <= f.setup.accuracy
+        model_error.infinite_plate_error_at(f.setup, f.end_s) <= f.setup.accuracy
     )
     return "" if missed else "reflections, as far as they are asked for"
 

@@ -24,7 +24,7 @@ from hertzloop.analysis.meters import (
 from hertzloop.plant.figures.impacts import Impact
 from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.setup import Setup
+from hertzloop.setup import Setup, parts
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,11 @@ no_loop.set()
 def free_figures(setup: Setup) -> Figures | None:
     """Figures of the same run without control, simulated here; None of a setup without a law."""
     without = setup.uncontrolled()
-    return None if without == setup else figures_of(without, _while_no_loop(without.free_series()))
+    return (
+        None
+        if without == setup
+        else figures_of(without, _while_no_loop(parts.free_series(without)))
+    )
 
 
 def _while_no_loop(blocks: Iterable[Block]) -> Iterator[Block]:

@@ -23,6 +23,7 @@ from hertzloop.analysis.impacts import (
     starting_speed,
     work_j,
 )
+from hertzloop.plant.actuator import rest_force_n
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.figures import rows_kernels as rows_k
 from hertzloop.plant.figures.impacts import Impact
@@ -40,7 +41,14 @@ from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import COLUMNS
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup
+from hertzloop.setup import Setup, parts
+
+
+def control_force_n(setup: Setup, rows: np.ndarray) -> np.ndarray:
+    """Return the actuator's force beyond that without a command, N, of rows of a time series,
+    shape (10, steps)."""
+    rest_n = rest_force_n(setup.actuator, setup.step_s)
+    return np.asarray(rows[F_A] - rest_n if rest_n else rows[F_A])
 
 
 class Meter:
@@ -182,7 +190,7 @@ class PushMeter(Meter):
     def feed(self, first: int, rows: np.ndarray) -> None:
         """Take the next rows, shape (10, steps), from step `first` on."""
         touching = rows[F_C] != 0.0
-        pushed = np.abs(self._setup.control_force_n(rows))
+        pushed = np.abs(control_force_n(self._setup, rows))
         if self._touch is None and touching.any():
             self._touch = first + int(np.argmax(touching))
         if self._push is None and pushed.any():
@@ -232,7 +240,7 @@ class StabilityMeter(Meter):
     def __init__(self, setup: Setup) -> None:
         self.spec, self.setup = setup.plant, setup
         try:  # without feedback a law may feed in any energy
-            self.closed = not setup.law.open_loop
+            self.closed = not parts.law_of(setup).open_loop
         except SceneError:  # the law of a recording may not be there any more
             self.closed = True
         sphere = self.spec.sphere
@@ -243,7 +251,7 @@ class StabilityMeter(Meter):
 
     def feed(self, first: int, rows: np.ndarray) -> None:
         """Take the next rows, shape (10, steps), from step `first` on."""
-        force = self.setup.control_force_n(rows)
+        force = control_force_n(self.setup, rows)
         rows_k.exchanged(first, force, rows[self._place], self.impact_j, self._sums, self._counts)
 
     def result(self) -> Stability:

@@ -16,7 +16,7 @@ from hertzloop.plant.schemes.infinite import impedance_n_s_m
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.structure import frequencies
 from hertzloop.plant.time_series import series_under
-from hertzloop.setup import Setup
+from hertzloop.setup import Setup, model_error
 from hertzloop.setup.bodies import limiting_pressure, thin_plate_error
 from hertzloop.setup.plate import NEAREST, wavelengths_to_edge
 
@@ -107,7 +107,7 @@ def chosen_model(setup: Setup) -> PlateModel | None:
     if not SCHEMES[setup.scheme].limits_modes:
         return None
     spec = setup.plant
-    lasts_s, local = setup.infinite_plate_lasts_s(), spec.plate.local_plate
+    lasts_s, local = model_error.infinite_plate_lasts_s(setup), spec.plate.local_plate
     return PlateModel(
         plate_model="infinite" if spec.infinite_plate else "modal",
         impedance_n_s_m=impedance_n_s_m(local) if local else None,
@@ -159,7 +159,7 @@ def _theory(setup: Setup) -> Theory | None:
     if setup.structure.mode_table is not None or setup.structure.local_plate is None:
         return None
     jumps = setup.has_law and setup.actuator.bandwidth_hz is None
-    error, why_not = thin_plate_error(setup.bodies), setup.why_not_solid()
+    error, why_not = thin_plate_error(setup.bodies), setup.bodies.why_not_solid
     return Theory(setup.scene.plate.theory, setup.theory, error, jumps, why_not)
 
 

@@ -24,6 +24,7 @@ from hertzloop.analysis.impacts import (
     first_impact,
     impacts_of_blocks,
 )
+from hertzloop.analysis.meters import control_force_n
 from hertzloop.analysis.recorded import LawRan, law_of
 from hertzloop.loop.compiled import LawStopped, closed_loop_rows, finer_loop, simulate
 from hertzloop.plant import state_kernels as pk
@@ -34,7 +35,7 @@ from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.recordings.reader import Recording
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, parse
+from hertzloop.setup import Setup, model_error, parse, parts
 
 _MOST_WORK = 2e9  # steps times frequencies of a run that is repeated only to judge a recording
 _START = [pk.FLIGHT_X, pk.FLIGHT_V, pk.XI, pk.XI_S]
@@ -122,7 +123,7 @@ def past_first_impact(setup: Setup, rows: np.ndarray) -> int | None:
         return None
     first, end = found.start, min(found.end + 2, rows.shape[1])
     after = rows[:, end : 2 * end - first]
-    pushed = np.abs(setup.control_force_n(rows))
+    pushed = np.abs(control_force_n(setup, rows))
     small = _SMALL * pushed[first:end].max()
     over = np.flatnonzero((pushed[end : 2 * end - first] <= small) | (after[F_C] != 0.0))
     return end + (int(over[0]) if len(over) else after.shape[1])
@@ -131,7 +132,7 @@ def past_first_impact(setup: Setup, rows: np.ndarray) -> int | None:
 def started_as(setup: Setup, fine: PlantSpec) -> Plant:
     """A finer plant at the start of a scene's run."""
     plant = built(fine, setup.scheme).at_start(setup.touch_phase)
-    coarse = setup.start_plant(setup.plant)
+    coarse = parts.start_plant(setup, setup.plant)
     plant.state.body[_START] = coarse.state.body[_START]
     return plant
 
@@ -232,7 +233,7 @@ def judged(setup: Setup, until_s: float) -> LawAccuracy | None:
     if found is None:
         return None
     return LawAccuracy(
-        found, setup.accuracy, short.expected_error(finer.frequency_limit_hz),
+        found, setup.accuracy, model_error.expected_error(short, finer.frequency_limit_hz),
         latched_us(short, run), latched_us(short, other),
     )  # fmt: skip
 

@@ -139,7 +139,7 @@ def export_plant(
         write_fmu(made, cpu, fmi, out_path)
     else:
         library.write_library(made, cpu, out_path)
-    if resolved.plate_model_asked == "auto" and resolved.plate_model == "infinite":
+    if resolved.scene.run.plate_model == "auto" and resolved.plate_model == "infinite":
         err.print(
             "the plate is infinite, as in this scene's runs, for the force of its own law; for any "
             "force take --set run.plate_model=modal",

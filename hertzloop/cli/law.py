@@ -28,6 +28,7 @@ from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import compilation, find, shipped
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import toml_value
+from hertzloop.setup import parts
 from hertzloop.views.format import Table
 
 if TYPE_CHECKING:
@@ -126,8 +127,8 @@ def replay(
     for problem in recording.problems:
         err.print(f"{file}: {problem}", soft_wrap=True, markup=False)
     ran = recording.law_ran[0] or recording.metadata.get("law") or "as recorded"
-    law_replay.draw(found, (f"recorded: {ran}", setup.law.name), target)
-    out.print(_difference(found, setup.law.name), soft_wrap=True, markup=False)
+    law_replay.draw(found, (f"recorded: {ran}", parts.law_of(setup).name), target)
+    out.print(_difference(found, parts.law_of(setup).name), soft_wrap=True, markup=False)
     out.print(f"written: {target}", soft_wrap=True)
     write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})
 

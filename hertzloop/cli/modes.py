@@ -26,7 +26,7 @@ from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.extras import need
 from hertzloop.plant.structures.mode_file import SUFFIXES, ModeTable, write_modes
 from hertzloop.scenes.scene import DEFAULT, on_modes, shipped
-from hertzloop.setup import Setup, load
+from hertzloop.setup import Setup, load, model_error
 from hertzloop.setup.plate import check_reach
 from hertzloop.views.format import Table
 from hertzloop.whole_files import write_whole
@@ -184,7 +184,7 @@ def modes(
     elif held or picture is not None:
         fail("--hold-out, --picture: modes have no measured response. Remove the option.", 2)
     setup = _write(table, target, scene, settings or [])
-    expected = setup.expected_error()
+    expected = model_error.expected_error(setup)
     out.print(
         f"{len(table.omega_rad_s)} modes from {_hz(table, 0):.5g} to {_hz(table, -1):.5g} Hz. "
         f"Expected error of the first impact in this scene: {100 * expected:.2g} %.",
@@ -192,7 +192,7 @@ def modes(
     )
     out.print(
         f"written: {target} and {beside}, which has striker, material of the plate "
-        f"({setup.material_name('plate') or 'own numbers'}) and law of {scene}. Next: hertzloop "
+        f"({setup.plate_material or 'own numbers'}) and law of {scene}. Next: hertzloop "
         f"run {beside}",
         soft_wrap=True,
     )

@@ -17,7 +17,7 @@ import typer
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
-from hertzloop.setup import Setup, load
+from hertzloop.setup import Setup, load, parts
 from hertzloop.setup.plate import build_words
 from hertzloop.whole_files import NotWritten, in_place, write_together, write_whole
 
@@ -169,7 +169,7 @@ def check_law(setup: Setup) -> None:
     """Print what a law says of its keys; try one that is not shipped for a moment, and say so if it
     is slow. Raises SceneError."""
     if setup.law_reference in shipped_laws():
-        if said := setup.law.note(setup.law_keys):
+        if said := parts.law_of(setup).note(setup.scene.controller.keys):
             err.print(said, soft_wrap=True, markup=False)
         return
     from hertzloop.processes.law_trial import try_law

@@ -19,6 +19,7 @@ from hertzloop.cli.options import (
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
 from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import parse
 from hertzloop.whole_files import write_whole
 
@@ -54,7 +55,7 @@ def repeat_or_fail(recording: "Recording", setup: "Setup") -> "Repeat":
     from hertzloop.recordings.writer import RecordingError
 
     try:
-        if setup.as_toml() != recording.scene_toml:
+        if to_toml(setup.scene) != recording.scene_toml:
             fail(f"{recording.path}: recorded with a different scene{recording.other_version}", 2)
         return repeat_of(recording)
     except RecordingError as error:

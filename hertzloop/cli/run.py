@@ -38,6 +38,7 @@ from hertzloop.cli.recordings import read_or_fail, repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.processes.signals import raise_when_ended
 from hertzloop.scenes.scene import DEFAULT
+from hertzloop.setup import parts
 from hertzloop.views.format import styled
 
 
@@ -150,7 +151,7 @@ def run(
     )
     started_s = time.time()
     if transport == "zenoh":
-        resolved.check()  # so that the roles inherit what it loads
+        parts.check(resolved)  # so that the roles inherit what it loads
         fork_server.prepare()  # before anything starts a thread
     with (
         if_interrupted(lambda: what_is_kept(recording, started_s)),
@@ -161,7 +162,7 @@ def run(
         data = run_scene(resolved, recording, options, advance)
     growth = warning = None
     if (
-        resolved.has_law and not resolved.law.not_linear and not controller
+        resolved.has_law and not parts.law_of(resolved).not_linear and not controller
     ):  # the margin takes 0.06 s to import
         from hertzloop.studies.margin.margin import growth_of
         from hertzloop.studies.margin.shown import unstable_line

@@ -30,7 +30,7 @@ def list_scenes() -> None:
     """
     for one in shipped():
         note = " (default)" if one == DEFAULT else ""
-        out.print(styled((one, "bold"), f"{note}\n    {load(one).description}"), soft_wrap=True)
+        out.print(styled((one, "bold"), f"{note}\n    {load(one).scene.shows}"), soft_wrap=True)
 
 
 def show(

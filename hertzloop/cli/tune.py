@@ -30,6 +30,7 @@ from hertzloop.extras import need
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup
 from hertzloop.views.format import Table, styled
 from hertzloop.whole_files import write_whole
@@ -199,7 +200,7 @@ def tune(
                      ("at-most", at_most), ("set", settings)]  # fmt: skip
             words = _command(scenes or [DEFAULT], lists, {"span": span, **search})
             tuned = Tuned(
-                [base.as_toml() for base in bases], objectives, span, limits, best, reference,
+                [to_toml(base.scene) for base in bases], objectives, span, limits, best, reference,
                 verdict, len(tally.not_run), words, code_version(),
             )  # fmt: skip
             if folder is not None:
@@ -294,7 +295,7 @@ def _write(folder: Path, names: list[str], tuned: "Tuned", best_scenes: list[Set
     write_tuned(folder / f"{name}.json", tuned)
     draw_front(folder / f"{name}.png", ", ".join(names), best, tuned.published, objectives)
     for setup in best_scenes:
-        write_whole(folder / f"tuned-{setup.name}.toml", setup.as_toml())
+        write_whole(folder / f"tuned-{setup.name}.toml", to_toml(setup.scene))
     out.print(
         f"written: {folder}/{name}.csv, .json and .png; with the best setting: "
         + ", ".join(f"{folder}/tuned-{setup.name}.toml" for setup in best_scenes),

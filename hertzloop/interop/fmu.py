@@ -102,7 +102,7 @@ def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
     root = ET.Element("fmiModelDescription", {
         "fmiVersion": f"{version}.0", "modelName": setup.name,
         "guid" if version == "2" else "instantiationToken": token,
-        "description": setup.description or "a sphere strikes a plate",
+        "description": setup.scene.shows or "a sphere strikes a plate",
         "generationTool": f"hertzloop {__version__}, for {cpu}",
         "variableNamingConvention": "flat",
     })  # fmt: skip

@@ -22,7 +22,7 @@ from hertzloop.plant import state_kernels as pk
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED
 from hertzloop.sensors.acquisition import NOISE_STREAM
-from hertzloop.setup import Setup
+from hertzloop.setup import Setup, parts
 from hertzloop.setup.setup import PHASE_STREAM
 
 _MODEL, _STATE, _NOISE = range(3)
@@ -50,7 +50,7 @@ class Image:
 
 def image(setup: Setup) -> Image:
     """The image of a scene's plant and sensor. Raises SceneError for a scheme that cannot go."""
-    plant, sensor = setup.start_plant(), setup.start_sensor()
+    plant, sensor = parts.start_plant(setup), parts.start_sensor(setup)
     if not is_known(plant.model):
         raise SceneError(
             f"run.scheme = {setup.scheme!r} cannot be exported. Use 'modal' or 'discrete_gradient'."

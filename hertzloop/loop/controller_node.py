@@ -23,8 +23,9 @@ from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.answers import LaneAnswers
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, parse
-from hertzloop.setup.law import idle
+from hertzloop.scenes.writing import to_toml
+from hertzloop.setup import Setup, parse, parts
+from hertzloop.setup.parts import idle
 
 # Answers in the lane make blocks of whole thousands on the bus, not more than one in this time.
 _BLOCK, _EVERY_S = 1000, 0.01
@@ -48,10 +49,10 @@ def set_up_by(setup: Setup, law: str | None = None) -> SetUp:
     """What a controller says at its end that it worked by; `law`: what the plant calls the law, if
     this side has it elsewhere."""
     return SetUp(
-        scene_toml=setup.as_toml(law or setup.law_reference),
+        scene_toml=to_toml(setup.scene, law or setup.law_reference),
         stiffness=setup.stiffness,
-        law=setup.law.name,
-        law_digest=setup.law.digest,
+        law=parts.law_of(setup).name,
+        law_digest=parts.law_of(setup).digest,
         versions=versions_here(),
     )
 
@@ -128,12 +129,13 @@ class ControllerNode:
             setup = parse(block.header.scene_toml, law=self._law)
             setup = setup.announced(block.header.stiffness)
             announced = block.header.law_digest
-            if announced and announced != setup.law.digest:
+            law = parts.law_of(setup)
+            if announced and announced != law.digest:
                 raise SceneError(
-                    f"law {setup.law.path}: its digest here is {setup.law.digest}, but the plant "
+                    f"law {law.path}: its digest here is {law.digest}, but the plant "
                     f"announced {announced}. Copy the same file to both sides."
                 )
-            self._controller = setup.start_controller()
+            self._controller = parts.start_controller(setup)
         except SceneError as error:
             raise StreamFault(f"the plant announced an invalid scene: {error}") from error
         asked = setup.law_reference  # as the plant calls it, wherever this side has it

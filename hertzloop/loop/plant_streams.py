@@ -17,7 +17,8 @@ from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact.yielding import above_dent_m
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.time_series import COLUMNS, TRUTH
-from hertzloop.setup import Setup
+from hertzloop.scenes.writing import to_toml
+from hertzloop.setup import Setup, model_error, parts
 
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
 ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most
@@ -28,14 +29,14 @@ def hello(setup: Setup, stiffness: float) -> Hello:
     """Return the first message of a run."""
     return Hello(
         scene=setup.name,
-        scene_toml=setup.as_toml(),
+        scene_toml=to_toml(setup.scene),
         steps=setup.steps,
         step_ns=setup.step_ns,
         seed=setup.seed,
         stiffness=stiffness,
         versions=versions_here(),
-        law=setup.law.name,
-        law_digest=setup.law.digest,
+        law=parts.law_of(setup).name,
+        law_digest=parts.law_of(setup).digest,
     )
 
 
@@ -81,8 +82,8 @@ class PlantStreams:
     ) -> None:
         """`held`: by how many steps each step's command is too old, where some may be."""
         self.setup, self.publisher, self._held = setup, publisher, held
-        self.plant = setup.start_plant()
-        self.sensor = setup.start_sensor()
+        self.plant = parts.start_plant(setup)
+        self.sensor = parts.start_sensor(setup)
         self.hello = hello(setup, self.plant.model.stiffness)
         self.window = empty_window(ROOM_STEPS, ROOM_STEPS)
         spec = self.sensor.spec
@@ -119,7 +120,7 @@ class PlantStreams:
         """Announce the run. The law's text goes to the recorder alone: it would be most of a hello,
         which has to fit into the memory of a microcontroller."""
         self.publisher.send("hello", self.hello)
-        if source := self.setup.law.source:
+        if source := parts.law_of(self.setup).source:
             self.publisher.send("law", LawText(source=source))
 
     def samples_waiting(self) -> int:
@@ -189,7 +190,7 @@ class PlantStreams:
             **vars(closed),
             frequencies=len(plant.modes.omega),
             frequency_limit_hz=plant.spec.frequency_limit_hz,
-            expected_error=self.setup.expected_error(),
+            expected_error=model_error.expected_error(self.setup),
         )
         self.publisher.send("books", header)
         self.publisher.end()

@@ -25,7 +25,8 @@ from hertzloop.processes import fork_server
 from hertzloop.processes.program import filled_in
 from hertzloop.processes.signals import Interrupted, ending_signals, how_ended
 from hertzloop.recordings.reader import holds_a_run
-from hertzloop.setup import Setup
+from hertzloop.scenes.writing import to_toml
+from hertzloop.setup import Setup, parts
 
 _START_S = 180.0  # for all to appear: a death is told at once, kernels may have to be compiled
 _CONNECTS_S = 30.0  # for a program of the user's to connect
@@ -156,7 +157,7 @@ class Launcher:
         with ExitStack() as stack:
             stack.enter_context(ending_signals(self._on_signal))
             folder = stack.enter_context(own_folder())
-            (Path(folder) / _SCENE).write_text(self._setup.as_toml(), encoding="utf-8")
+            (Path(folder) / _SCENE).write_text(to_toml(self._setup.scene), encoding="utf-8")
             endpoints = self._endpoints or stack.enter_context(own_endpoints())
             name = self._name or f"run-{os.getpid()}-{secrets.token_hex(4)}"
             self._place = Path(folder), name, endpoints
@@ -232,7 +233,7 @@ class Launcher:
                 deadline = min(deadline, clock.now() + (0.0 if in_vain else _GRACE_S))
         if failed:
             own = not self._setup.law_is_shipped and not self._program
-            law = self._setup.law.name if own else ""
+            law = parts.law_of(self._setup).name if own else ""
             raise RunFailed(_cause(failed, set(running), silent, law))
         if self._program and running.keys() == {CONTROLLER}:  # it might serve another run
             program = running.pop(CONTROLLER)
@@ -359,7 +360,7 @@ def record(
     Raises RunFailed, BusError, StreamFault or RecordingError with one sentence; SceneError for
     parts that cannot be built, before there is a file.
     """
-    setup.check()
+    parts.check(setup)
     if options.transport is Transport.ZENOH:
         with Launcher(
             setup,

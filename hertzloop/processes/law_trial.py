@@ -20,8 +20,8 @@ from hertzloop.plant.contact.hertz import rigid_penetration_m
 from hertzloop.processes.signals import kill_child
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED, Trial
-from hertzloop.setup import Setup
-from hertzloop.setup.law import idle
+from hertzloop.setup import Setup, parts
+from hertzloop.setup.parts import idle
 
 _SAMPLES = 2000
 _PATIENCE_S = 10.0
@@ -32,19 +32,20 @@ _PREPARED_S = 60.0  # what a law prepares may take kernels that have to be compi
 def try_law(setup: Setup) -> str:
     """Let the scene's law answer an impact on a rigid plate; a line on what it costs if it is not
     compiled, else nothing. Raises SceneError if it fails or does not answer."""
-    if setup.law.name in shipped():
+    law = parts.law_of(setup)
+    if law.name in shipped():
         return ""
-    about = setup.about()
+    about = parts.about(setup)
     try:
         with suppress(LawError), given_up_in_time(_PREPARED_S):  # it is told below
-            setup.law.constants(setup.law_keys, about)
+            law.constants(setup.scene.controller.keys, about)
     except Overdue:
         raise SceneError(
-            f"law {setup.law.name}: was not prepared within {_PREPARED_S:g} s. Check it for an "
-            "endless loop."
+            f"law {law.name}: was not prepared within {_PREPARED_S:g} s. Check it for an endless "
+            "loop."
         ) from None
     with compiled_abreast():
-        bound = setup.bound_law(True)
+        bound = parts.bound_law(setup, True)
     samples = impact_samples(setup, about)
     # The child may be killed: what it unpacks goes with this folder.
     with own_folder() as folder:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from hertzloop.bus.sockets import own_folder
 from hertzloop.bus.streams import PLANT
 from hertzloop.jit.cache import all_kept, cache_folder, types_digest
+from hertzloop.scenes.writing import to_toml
+from hertzloop.setup import parts
 
 if TYPE_CHECKING:
     from hertzloop.setup import Setup
@@ -38,7 +40,7 @@ def _default() -> list["Setup"]:
 def _marker(setup: "Setup", paced: bool) -> Path:
     """A file that is there once all is compiled for a scene: it is named after the types that
     kernels are compiled for. Those of a controller are the same for every law and line."""
-    plant, sensor = setup.start_plant(), setup.start_sensor()
+    plant, sensor = parts.start_plant(setup), parts.start_sensor(setup)
     types = types_digest(plant.model, plant.state, sensor.model, sensor.state)
     return cache_folder() / f".compiled-{types}{'-paced' * paced}"
 
@@ -81,7 +83,7 @@ def _moment_of(setup: "Setup") -> "Setup":
 
     # How long a run lasts may decide about the model of its plate.
     setup = setup.without_control().on_plate(setup.plate_model)
-    setup = parse(setup.as_toml())  # without what other laws have to be told
+    setup = parse(to_toml(setup.scene))  # without what other laws have to be told
     steps = round((setup.first_touch_s + _PAST_TOUCH_S) / setup.step_s)
     return setup.lasting(max(1, min(steps, setup.steps, _MOST_STEPS)))
 
@@ -95,7 +97,7 @@ def _run(setup: "Setup", folder: Path) -> None:
     record_in_process(setup, folder / "a.mcap", compiled=False)
     record_in_process(setup, folder / "b.mcap", compiled=True)
     chosen_model(setup)
-    figures_of(setup, setup.free_series())
+    figures_of(setup, parts.free_series(setup))
     figures_of(setup, simulate(setup).rows)
 
 

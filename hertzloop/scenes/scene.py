@@ -72,7 +72,7 @@ from hertzloop.units import name_and_unit, plain_name, unit_of
 
 __all__ = [
     "DEFAULT", "NO_CASE_OF_THESIS", "ControllerTable", "RunTable", "Scene", "SceneError",
-    "SensorsTable", "grain_of", "load", "parse", "shipped", "shipped_text", "to_toml", "toml_text",
+    "SensorsTable", "grain_of", "load", "parse", "shipped", "shipped_text", "toml_text",
     "toml_value", "vary",
 ]  # fmt: skip
 
@@ -1380,11 +1380,6 @@ def grain_of(scene: Scene, key: str) -> float:
     kinds = {kind, *get_args(kind)}
     kinds |= {inner for outer in kinds for inner in get_args(outer)}
     return 1.0 if int in kinds else 0.0
-
-
-def to_toml(scene: Scene) -> str:
-    """The scene as TOML, every key written out: what goes into the recording."""
-    return tomli_w.dumps(scene.model_dump(exclude_none=True))
 
 
 _KEPT = 4096  # tables: the cases of a sweep give each the same few values again and again

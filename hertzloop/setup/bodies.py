@@ -49,6 +49,8 @@ class Bodies:
     radiating_faces: int
     weaker: tuple[str, Strength] | None
     theory: str
+    why_not_solid: str | None = field(compare=False)
+    """why the plate cannot be in three dimensions; None if it can"""
 
     same_point: bool = field(init=False, repr=False, compare=False)
     """whether the actuator pushes at the contact point"""
@@ -115,12 +117,12 @@ def bodies_of(
         description = _described(plate, of_plate, accuracy)
     except ValueError as error:
         raise SceneError(str(error)) from error
+    thin_only = not_in_three_dimensions(
+        striker, plate, contact_table, actuator_table, scheme, plate_model,
+        of_plate.orthotropic, sensor[1] or None,
+    )  # fmt: skip
     theory = plate.theory
     if theory == "auto":
-        thin_only = not_in_three_dimensions(
-            striker, plate, contact_table, actuator_table, scheme, plate_model,
-            of_plate.orthotropic, sensor[1] or None,
-        )  # fmt: skip
         theory = "kirchhoff"
         if not thin_only:
             expected = expected_kirchhoff_error(sphere, description.thin_plate, contact)
@@ -147,6 +149,7 @@ def bodies_of(
         radiating_faces=plate.radiating_faces,
         weaker=weaker,
         theory=theory,
+        why_not_solid=thin_only[0] if thin_only else None,
     )
 
 

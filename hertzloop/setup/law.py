@@ -1,22 +1,14 @@
 """Stages 3, 6 and 7: the law's reach, sensor and line, the law with its constants."""
 
 import math
-from collections.abc import Hashable
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
 
-import numpy as np
-
-from hertzloop.controller.controller import Controller, LineSpec
-from hertzloop.controller.law import About, Keys, Reach
-from hertzloop.controller.loading.bound import BoundLaw
+from hertzloop.controller.controller import LineSpec
+from hertzloop.controller.law import About, Reach
 from hertzloop.controller.loading.law import Law, LawError
-from hertzloop.controller.loading.registry import NO_CONTROL, find
-from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.contact.yielding import deepest_rigid_m, yield_depth_m
-from hertzloop.plant.figures.impacts import contacts
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.quantities import SENSED, Expected
 from hertzloop.scenes.scene import ControllerTable
@@ -104,17 +96,6 @@ def _full_scale(
             contact_s=rigid.contact_s,
         )
     )
-
-
-_TRIED_N_S_M = (100.0, 1000.0)  # impedances, to see whether a law takes any
-
-
-def law_of(table: ControllerTable) -> Law:
-    """The law that a scene names. Raises SceneError."""
-    try:
-        return table.found
-    except LawError as error:
-        raise SceneError(str(error)) from error
 
 
 def models_yield(table: ControllerTable) -> bool:
@@ -215,72 +196,3 @@ def line_of(table: ControllerTable, actuator: ActuatorTable, step_ns: int) -> Li
         full_scale_n=table.full_scale_n,
         slew_n_s=table.slew_n_s,
     )
-
-
-@lru_cache(maxsize=KEPT)
-def bound_law(
-    table: ControllerTable, about: About, bodies: Bodies, free: Hashable, ahead: bool = True
-) -> BoundLaw:
-    """Bind the law to its constants.
-
-    Args:
-        free: what the contact force without control depends on, for which a law may ask `about`.
-        ahead: whether anybody asks what the law knows of samples to come.
-
-    Raises:
-        SceneError: the law cannot be prepared for the run.
-    """
-    try:
-        return law_of(table).bound_to(constants_of(table, about, bodies), ahead)
-    except LawError as error:
-        raise SceneError(str(error)) from error
-
-
-def constants_of(table: ControllerTable, about: About, bodies: Bodies) -> Any:
-    """Return what the functions of the law know. Raises SceneError if it refuses the run."""
-    law = law_of(table)
-    try:
-        if math.isnan(about.impedance_n_s_m) and _needs_impedance(law, table.keys, about):
-            bodies.local_plate  # noqa: B018 - says what is missing
-        return law.constants(table.keys, about)
-    except LawError as error:
-        raise SceneError(str(error)) from error
-
-
-def _needs_impedance(law: Law, keys: Any, about: About) -> bool:
-    """Whether the law's constants follow from it: whether they differ for two of them."""
-    if not hasattr(getattr(law, "home", None), "prepare"):
-        return False  # it has all that is known as it is
-    one, other = (
-        law.constants(keys, replace(about, impedance_n_s_m=tried)) for tried in _TRIED_N_S_M
-    )
-    return any(not np.array_equal(a, b) for a, b in zip(one, other, strict=True))
-
-
-def idle() -> Controller:
-    """A controller without a law, whose kernels are loaded, or compiled, once it is there: before
-    anybody waits for an answer."""
-    found = Controller(find(NO_CONTROL).bind(Keys(), About()), LineSpec(), 1e-6, 1, 1, 0)
-    found.process(np.empty(0))
-    return found
-
-
-def first_contact_force_n(
-    truth: np.ndarray, stiffness: float, published: bool
-) -> np.ndarray | None:
-    """Contact force of the first contact from its first sample on, N; its elastic part in the
-    published scheme, as there. None unless the contact has ended.
-
-    Args:
-        truth: rows of a plant, shape (10, steps).
-        stiffness: of the contact, N/m^1.5.
-    """
-    gap = truth[ts.XI]
-    # The published scheme starts a contact at xi = 0, where its force is still zero.
-    starts, ends = contacts((gap <= 0.0).astype(float) if published else truth[ts.F_C])
-    if not ends:
-        return None
-    span = slice(starts[0], ends[0])
-    if published:
-        return np.asarray(stiffness * np.maximum(-gap[span], 0.0) ** 1.5)
-    return truth[ts.F_C, span].copy()

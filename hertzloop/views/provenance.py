@@ -63,7 +63,9 @@ def bodies(setup: Setup) -> str:
 
 
 def _material(setup: Setup, body: Any) -> str:
-    return setup.material_name(body).replace("_", " ") or "own material"
+    return (setup.plate_material if body == "plate" else setup.striker_material).replace(
+        "_", " "
+    ) or "own material"
 
 
 def control(setup: Setup, law: str | None = None) -> str:

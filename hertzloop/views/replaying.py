@@ -30,7 +30,7 @@ from hertzloop.recordings.replay.spectrum import spectrum
 from hertzloop.recordings.replay.viewer import screenshot
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, parse
+from hertzloop.setup import Setup, parse, parts
 from hertzloop.views import provenance
 from hertzloop.views.run import pacing_sentences
 
@@ -117,7 +117,7 @@ def without_control(
 ) -> tuple[Twin, Overlay]:
     """The run without control, simulated here and now. Raises SceneError."""
     free = setup.without_control()
-    found = overlay(free, free.free_series(), _OF_TWIN, free.steps)
+    found = overlay(free, parts.free_series(free), _OF_TWIN, free.steps)
     twin, _ = _twin(recording, contacts, free, found, "", "no control")
     return twin, found
 

@@ -56,7 +56,7 @@ from hertzloop.processes.launcher import RunOptions, Transport, record
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.setup import Setup
+from hertzloop.setup import Setup, parts
 from hertzloop.views.format import LEGEND, UNKNOWN, Table, about, known_digits, styled
 
 # Decibels have one digit: the second depends on where in a sample the contact begins.
@@ -580,7 +580,7 @@ def _compared_beside(
     if options.transport is not Transport.ZENOH or options.pace:
         yield on_progress
         return
-    setup.check()
+    parts.check(setup)
     fork_server.prepare()  # before there is a thread
     with suppress(AttributeError):  # of another C library than glibc
         # A heap of the thread's own would keep its largest size, beside that of this thread.

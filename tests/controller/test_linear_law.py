@@ -11,7 +11,8 @@ import scipy.signal as sg
 from hertzloop.controller.controller import Controller, LineSpec
 from hertzloop.loop import compiled
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
+from hertzloop.scenes.writing import to_toml
+from hertzloop.setup import Setup, load, parts
 
 FS = 1e6
 
@@ -22,7 +23,9 @@ def setup_of(*keys: str) -> Setup:
 
 def forces(setup: Setup, samples: np.ndarray) -> np.ndarray:
     count = len(samples)
-    controller = Controller(setup.bound_law(False), LineSpec(), setup.step_s, count + 2, 1, 0)
+    controller = Controller(
+        parts.bound_law(setup, False), LineSpec(), setup.step_s, count + 2, 1, 0
+    )
     return np.asarray(controller.process(samples, look_ahead=False).forces)[-count:]
 
 
@@ -34,7 +37,7 @@ CONVERTERS = ["sensors.bits=10", "sensors.noise_rms=1e-4", "controller.bits=12",
 @pytest.mark.parametrize("more", [[], CONVERTERS], ids=["ideal", "converters"])
 def test_a_gain_is_velocity_feedback_to_the_bit(more: list[str]) -> None:
     other = load("aluminium-3mm", [*SHORT, *more, "controller.law=velocity_feedback"])
-    gain = -other.law_keys.kappa * other.about().impedance_n_s_m
+    gain = -other.scene.controller.keys.kappa * parts.about(other).impedance_n_s_m
     mine = load("aluminium-3mm", [*SHORT, *more, "controller.law=linear",
                                   f"controller.numerator=[{gain!r}]"])  # fmt: skip
     one, two = compiled.simulate(other), compiled.simulate(mine)
@@ -47,9 +50,9 @@ def test_a_gain_is_velocity_feedback_to_the_bit(more: list[str]) -> None:
 def test_a_leaking_integral_is_acceleration_feedback_to_the_bit(leak_hz: float) -> None:
     law = ["controller.law=acceleration_feedback", f"controller.leak_hz={leak_hz}"]
     other = load("aluminium-3mm", [*SHORT, *law])
-    known = other.about()
+    known = parts.about(other)
     keep = float(np.exp(-2.0 * np.pi * leak_hz * known.sample_s))
-    gain = -other.law_keys.kappa * known.impedance_n_s_m
+    gain = -other.scene.controller.keys.kappa * known.impedance_n_s_m
     rows = [[known.sample_s, 0, 0, 1, 0, 0], [1, 0, 0, 1, -keep, 0], [keep, 0, 0, 1, 0, 0],
             [gain, 0, 0, 1, 0, 0]]  # fmt: skip
     mine = load("aluminium-3mm", [*SHORT, "controller.law=linear", f"controller.sections={rows}",
@@ -109,7 +112,7 @@ def test_a_file_is_read(tmp_path: Path, ending: str, form: str) -> None:
     else:
         scipy.io.savemat(path, arrays)
     scene = tmp_path / "mine.toml"
-    scene.write_text(setup_of("numerator=[1.0]").as_toml().replace("filter_file = \"\"",
+    scene.write_text(to_toml(setup_of("numerator=[1.0]").scene).replace("filter_file = \"\"",
                      f"filter_file = \"{path.name}\""))  # fmt: skip
     samples = np.random.default_rng(6).standard_normal(2000)
     expected = sg.lfilter([0.0, 0.0, 2.0], late.den, samples) if form == "num" else (
@@ -117,8 +120,10 @@ def test_a_file_is_read(tmp_path: Path, ending: str, form: str) -> None:
     by_setting = setup_of(f"filter_file={path}")
     for setup in (by_setting, load(str(scene)), load(str(scene)).vary({"controller.gain": 1.0})):
         assert np.abs(forces(setup, samples) - expected).max() <= 3e-12 * np.abs(expected).max()
-        assert setup.law_keys.filter_file == ""  # a recording needs no file
-        assert setup.law_keys.designed_us == pytest.approx(1.0 if "dt" in arrays else 0.0)
+        assert setup.scene.controller.keys.filter_file == ""  # a recording needs no file
+        assert setup.scene.controller.keys.designed_us == pytest.approx(
+            1.0 if "dt" in arrays else 0.0
+        )
 
 
 LENGTHS = {"a": 0.5, "b": 0.3, "num": [-40.0, 0.0], "den": [1.0, -0.95], "h": 0.003}
@@ -137,7 +142,10 @@ LENGTHS = {"a": 0.5, "b": 0.3, "num": [-40.0, 0.0], "den": [1.0, -0.95], "h": 0.
 )  # fmt: skip
 def test_files_of_other_tools_are_read(tmp_path: Path, arrays: Any, key: str, value: Any) -> None:
     np.savez(tmp_path / "filter.npz", **arrays)
-    assert getattr(setup_of(f"filter_file={tmp_path / 'filter.npz'}").law_keys, key) == value
+    assert (
+        getattr(setup_of(f"filter_file={tmp_path / 'filter.npz'}").scene.controller.keys, key)
+        == value
+    )
 
 
 @pytest.mark.parametrize(
@@ -160,7 +168,7 @@ def test_files_of_other_tools_are_read(tmp_path: Path, arrays: Any, key: str, va
 def test_a_file_without_a_filter_is_refused(tmp_path: Path, arrays: Any, words: str) -> None:
     np.savez(tmp_path / "filter.npz", **arrays)
     with pytest.raises(SceneError) as error:
-        setup_of(f"filter_file={tmp_path / 'filter.npz'}").bound_law()
+        parts.bound_law(setup_of(f"filter_file={tmp_path / 'filter.npz'}"))
     assert words in str(error.value)
 
 
@@ -195,9 +203,9 @@ def test_every_quantity_is_sensed() -> None:
 
 def test_a_filter_that_is_unstable_by_itself_is_noted() -> None:
     unstable = setup_of("numerator=[1.0]", "denominator=[1.0, -1.5]")
-    assert "poles outside the unit circle: 1; largest magnitude 1.5" in unstable.law.note(
-        unstable.law_keys
+    assert "poles outside the unit circle: 1; largest magnitude 1.5" in parts.law_of(unstable).note(
+        unstable.scene.controller.keys
     )
     for keys in (["denominator=[1.0, -1.0]"], ["denominator=[1.0, -0.9]"]):
         setup = setup_of("numerator=[1.0]", *keys)
-        assert setup.law.note(setup.law_keys) == ""
+        assert parts.law_of(setup).note(setup.scene.controller.keys) == ""

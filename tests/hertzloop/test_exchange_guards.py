@@ -12,6 +12,7 @@ from hertzloop.bus import wire
 from hertzloop.bus.messages_pb2 import RunEnd, StreamCount
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.streams import Envelope, StreamFault, decode
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import load
 from tests.bus.tapes import changed
 from tests.hertzloop.exchange import Alter, exchange, forces
@@ -146,7 +147,7 @@ def at_the_end(change: Callable[[RunEnd], object], role: str = "controller") -> 
 
 def hello_of_another_law(envelope: Envelope, sequence: int | None) -> Envelope:
     header = decode(envelope).header
-    header.scene_toml = load("aluminium-3mm", [*SHORT, "controller.kappa=-5"]).as_toml()
+    header.scene_toml = to_toml(load("aluminium-3mm", [*SHORT, "controller.kappa=-5"]).scene)
     return Envelope("hello", header.SerializeToString(), sequence)
 
 

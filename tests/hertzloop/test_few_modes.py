@@ -12,7 +12,7 @@ from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.estimates.model_order import beyond_m_n, energy_beyond, few_modes_error
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
+from hertzloop.setup import Setup, load, model_error, parts
 
 SIX = (47.1, 96.0, 141.0, 233.0, 301.0, 462.0)
 ROW = "modes end below the impact"
@@ -37,9 +37,9 @@ def test_an_infinite_plate_stands_for_the_rest(tmp_path: Path) -> None:
     setup = six(tmp_path, "plate.thickness_m=0.003")
     assert rigid_impact(setup.sphere, setup.bodies.contact).contact_s == pytest.approx(41e-6, 0.02)
     assert setup.plant.damped_tail
-    assert 0.05 < setup.expected_error() < 0.15
+    assert 0.05 < model_error.expected_error(setup) < 0.15
     [found] = [one for one in neglected_of_scene(setup).findings if one.name == ROW]
-    assert found.value == setup.expected_error()
+    assert found.value == model_error.expected_error(setup)
     assert found.state is EffectState.LEFT_OUT
     assert "the modes end at 462 Hz, and a contact of 41.2 us reaches 2.43e+04 Hz" in found.sentence
     assert re.search(r"right within 9\.\d %.*9[5-8] % of the plate energy does not", found.sentence)
@@ -52,9 +52,9 @@ def test_an_infinite_plate_stands_for_the_rest(tmp_path: Path) -> None:
 def test_a_spring_has_to_be_asked_for(flexibility: str, words: str, tmp_path: Path) -> None:
     known = f"plate.residual_flexibility_m_n={flexibility}"
     with pytest.raises(SceneError, match=r"reach up to 462 Hz, too low.*plate.tail = 'spring'"):
-        six(tmp_path, known).start_plant()
+        parts.start_plant(six(tmp_path, known))
     setup = six(tmp_path, known, "plate.tail=spring")
-    assert setup.expected_error() == 1.0
+    assert model_error.expected_error(setup) == 1.0
     [found] = [one for one in neglected_of_scene(setup).findings if one.name == ROW]
     assert found.state is EffectState.OUT_OF_RANGE
     assert words in found.sentence

@@ -19,6 +19,7 @@ from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import rows_kernels as an
 from hertzloop.recordings.reader import read
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup, load
 from hertzloop.studies.report.page import page_of
 from hertzloop.studies.report.results import page_of_results
@@ -109,7 +110,7 @@ def command(*words: str | Path) -> None:
 
 def shown(folder: Path, scene: Setup) -> Shown:
     toml, recording = folder / "scene.toml", folder / "run.mcap"
-    toml.write_text(scene.as_toml(), encoding="utf-8")
+    toml.write_text(to_toml(scene.scene), encoding="utf-8")
     command("run", toml, "--transport", "compiled", "--out", recording, "--json", folder / "r.json",
             "--overwrite")  # fmt: skip
     command("inspect", recording, "--json", folder / "i.json")
@@ -245,7 +246,7 @@ def test_sweep_tune_and_charts_have_the_figures_of_the_run(
     (row,) = evaluate(pool, it.scene, "impact", [{"controller.kappa": 0.3}])
     assert {k: row[k] for k in vars(it.case)} == vars(it.case)
     toml, table = folder / "swept.toml", folder / "swept.csv"
-    toml.write_text(it.scene.as_toml(), encoding="utf-8")
+    toml.write_text(to_toml(it.scene.scene), encoding="utf-8")
     command("sweep", toml, "--over", "controller.kappa=0.3,0.2", "--workers", "1", "--out", table)
     page = page_of_results(table)
     assert f"{it.case.plate_speed_db:.3f}" in page

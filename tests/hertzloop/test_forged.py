@@ -24,6 +24,7 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import Recorder
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import load
 from tests.hertzloop.processes import finish, start
 from tests.ports import free_ports
@@ -174,8 +175,8 @@ def test_a_second_hello_to_the_controller_alone(tmp_path: Path, number: int | No
         wait_until(lambda: bool(run_id) and publisher.matching_status.matching)
         scene = load("aluminium-3mm", ["run.duration_s=20", "controller.kappa=-5"])
         forged = Hello(
-            run_id=run_id[0], scene="aluminium-3mm", scene_toml=scene.as_toml(), steps=scene.steps,
-            step_ns=1000, stiffness=1e9,
+            run_id=run_id[0], scene="aluminium-3mm", scene_toml=to_toml(scene.scene),
+            steps=scene.steps, step_ns=1000, stiffness=1e9,
         )  # fmt: skip
         attachment = None if number is None else number.to_bytes(16 if number > 1 else 8, "little")
         publisher.put(forged.SerializeToString(), attachment=attachment)

@@ -13,6 +13,7 @@ import hertzloop
 from hertzloop import api as interface
 from hertzloop.loop.compiled import simulate
 from hertzloop.processes.launcher import RunOptions, Transport
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import resolve
 from hertzloop.views.run import run_scene
 
@@ -55,7 +56,7 @@ def test_every_transport_gives_the_same_run(
 
 def test_a_scene_may_be_given_by_name_or_file(tmp_path: Path) -> None:
     source = tmp_path / "mine.toml"
-    source.write_text(resolve(hertzloop.vary("aluminium-3mm", SHORT)).as_toml())
+    source.write_text(to_toml(resolve(hertzloop.vary("aluminium-3mm", SHORT)).scene))
     run = hertzloop.simulate(source)
     assert run.scene == hertzloop.vary("aluminium-3mm", SHORT)
     assert hertzloop.run(str(source), transport="compiled").impacts == run.impacts

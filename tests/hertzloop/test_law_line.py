@@ -12,6 +12,7 @@ from hertzloop.analysis.verdict import judge
 from hertzloop.bus.messages_pb2 import RunEnd, SetUp
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.reader import Recording, read
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import load
 from hertzloop.views import inspection
 from hertzloop.views import run as report
@@ -22,7 +23,7 @@ SCENE = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
 
 def recording(law: str, scene_toml: str = "") -> Recording:
     end = RunEnd(set_up=SetUp(law=law))
-    return Recording(Path("a.mcap"), scene_toml or SCENE.as_toml(), ends={"controller": end})
+    return Recording(Path("a.mcap"), scene_toml or to_toml(SCENE.scene), ends={"controller": end})
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ import pytest
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.plant.structures.materials import MATERIALS, Material
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load, parse
+from hertzloop.scenes.writing import to_toml
+from hertzloop.setup import Setup, load, parse, parts
 
 MINE = """
 [mine]
@@ -62,7 +63,7 @@ def test_a_file_of_ones_own_goes_into_the_scene(tmp_path: Path) -> None:
     scene = load(scene_file(tmp_path))
     assert plate(scene) == Material(1e11, 5000.0, 0.25, 1e-3)
     (tmp_path / "my_materials.toml").unlink()  # nobody needs it any more
-    again = parse(scene.as_toml())
+    again = parse(to_toml(scene.scene))
     assert again == scene
     assert plate(again.vary({"plate.material": "lead"})) == Material(16e9, 11340.0, 0.44)
     assert again.vary({"sphere.material": "lead"}).plant.sphere.mass_kg == (
@@ -126,7 +127,7 @@ def test_sound_is_as_fast_as_in_solids(speed_m_s: float, is_one: bool) -> None:
 )
 def test_refused_with_a_sentence(setting: str, words: str) -> None:
     with pytest.raises(SceneError) as caught:
-        load("aluminium-3mm", [setting]).start_plant()
+        parts.start_plant(load("aluminium-3mm", [setting]))
     assert words in str(caught.value), str(caught.value)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 700
@@ -164,4 +165,4 @@ def test_a_wrong_file_of_materials(tmp_path: Path, text: str, words: str) -> Non
 def test_the_name_follows_what_runs(settings: list[str], name: str) -> None:
     scene = load("aluminium-3mm", settings)
     assert scene.name == name
-    assert bool(scene.description) == (name in ("aluminium-3mm", "mine"))
+    assert bool(scene.scene.shows) == (name in ("aluminium-3mm", "mine"))

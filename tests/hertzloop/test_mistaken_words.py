@@ -145,4 +145,4 @@ def test_json_on_standard_output_is_alone_there(here: Path) -> None:
     again = load(words[0], settings)
     assert load("tuned/tuned-aluminium-3mm.toml") == again
     front = json.loads((here / "tuned" / "tune-aluminium-3mm.json").read_text())["tuned"]["front"]
-    assert again.law_keys.kappa in [one["values"]["controller.kappa"] for one in front]
+    assert again.scene.controller.keys.kappa in [one["values"]["controller.kappa"] for one in front]

@@ -18,7 +18,8 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes import scene as scene_file
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load, parse, resolve
+from hertzloop.scenes.writing import to_toml
+from hertzloop.setup import Setup, load, parse, parts, resolve
 from hertzloop.studies.sweeps.evaluate import run_case
 from hertzloop.views.run import run_scene
 from tests.hertzloop.lanes import Pair
@@ -79,7 +80,7 @@ def test_a_shipped_law_as_a_file_of_ones_own(here: Path, law: str, transport: st
     mine = record(scene, here / "b.mcap", transport)
     assert mine.force.arrays["force_n"].any()
     assert first_difference(mine, same) is None
-    assert mine.law_ran == ("mine.py", scene.law.digest)
+    assert mine.law_ran == ("mine.py", parts.law_of(scene).digest)
     assert mine.law_source == (here / "mine.py").read_text()
 
 
@@ -233,8 +234,8 @@ def test_keys_of_a_law_of_ones_own(here: Path) -> None:
     write_law(here)
     mine = ["controller.law=mine.py"]
     scene = load("aluminium-3mm", [*mine, "controller.share=0.25"])
-    assert scene.law_keys.share == 0.25
-    assert parse(scene.as_toml()) == scene
+    assert scene.scene.controller.keys.share == 0.25
+    assert parse(to_toml(scene.scene)) == scene
     assert load("aluminium-3mm", mine) == load("aluminium-3mm").vary({"controller.law": "mine.py"})
     assert scene.vary({"controller.law": "slope_threshold"}) == load("aluminium-3mm")
     for setting, words in {
@@ -254,7 +255,9 @@ def test_a_law_beside_its_scene(here: Path, monkeypatch: pytest.MonkeyPatch) -> 
     folder = here / "scenes"
     folder.mkdir()
     write_law(folder)
-    text = load("aluminium-3mm").as_toml().replace('law = "slope_threshold"', 'law = "mine.py"')
+    text = to_toml(load("aluminium-3mm").scene).replace(
+        'law = "slope_threshold"', 'law = "mine.py"'
+    )
     text = text.replace('quantity = "xi"', 'quantity = "auto"')
     (folder / "mine.toml").write_text(text)
     assert load("scenes/mine.toml").law.path == folder / "mine.py"

@@ -19,11 +19,11 @@ from hertzloop.scenes.scene import (
     load,
     parse,
     shipped,
-    to_toml,
     toml_value,
     vary,
 )
-from hertzloop.setup import resolve
+from hertzloop.scenes.writing import to_toml
+from hertzloop.setup import model_error, parts, resolve
 
 
 def test_the_scenes_that_come_with_it() -> None:
@@ -35,7 +35,7 @@ def test_the_scenes_that_come_with_it() -> None:
         scene = load(name)
         assert scene.name == name
         assert scene.shows
-        resolve(scene).start_plant()
+        parts.start_plant(resolve(scene))
     for name in ("aluminium-3mm", "aluminium-20mm"):
         assert load(name).contact.damping == "none"
     default = load(DEFAULT)
@@ -133,7 +133,7 @@ def test_the_keys_that_others_rely_on() -> None:
 )
 def test_refused_with_a_sentence(setting: str, words: tuple[str, ...]) -> None:
     with pytest.raises(SceneError) as caught:
-        resolve(load(DEFAULT, [setting])).start_plant()
+        parts.start_plant(resolve(load(DEFAULT, [setting])))
     for word in words:
         assert word in str(caught.value), str(caught.value)
     assert "\n" not in str(caught.value)
@@ -243,8 +243,8 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
     assert model("aluminium-3mm", until) == "infinite"
     scene = load("aluminium-3mm", [until])
     assert resolve(scene).plant.infinite_plate
-    assert resolve(scene).expected_error() <= scene.run.accuracy
-    assert scene.step_s < resolve(scene).infinite_plate_lasts_s() - 140e-6 < 100e-6
+    assert model_error.expected_error(resolve(scene)) <= scene.run.accuracy
+    assert scene.step_s < model_error.infinite_plate_lasts_s(resolve(scene)) - 140e-6 < 100e-6
     for changed in (
         "run.duration_s=0.0012", "run.duration_s=0.00101", "run.duration_s=0.0009",
         "run.accuracy=1e-5", "run.scheme=discrete_gradient", "run.plate_model=modal",
@@ -254,17 +254,17 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter() -> None:
         assert model("aluminium-3mm", until, changed) == "modal", changed
     assert model("aluminium-3mm", "run.duration_s=0.0012", "run.plate_model=infinite") == "infinite"
     # Where the contact lasts until reflections are back it is never taken.
-    assert resolve(load("aluminium-20mm")).infinite_plate_lasts_s() == 0.0
+    assert model_error.infinite_plate_lasts_s(resolve(load("aluminium-20mm"))) == 0.0
     # Whole runs keep the modes.
     assert {model(name) for name in shipped()} == {"modal"}
 
 
 def test_too_many_modes_are_refused_before_memory_is_gone() -> None:
     with pytest.raises(SceneError, match="thicker plate"):
-        resolve(
+        parts.start_plant(resolve(
             load("aluminium-3mm", ["plate.size_m=[20.0, 20.0]", "plate.contact_point_m=[9.0, 9.0]",
                                    "plate.thickness_m=1e-4"])
-        ).start_plant()  # fmt: skip
+        ))  # fmt: skip
 
 
 def test_an_infinite_plate_may_be_of_any_size() -> None:
@@ -324,7 +324,7 @@ def test_accuracy_decides_how_many_modes() -> None:
         spec = resolve(scene).plant
         nyquist = 0.5 / spec.step_s
         assert spec.frequency_limit_hz <= nyquist
-        expected = resolve(scene).expected_error()
+        expected = model_error.expected_error(resolve(scene))
         assert math.isclose(expected, accuracy) or spec.frequency_limit_hz == nyquist
         counts.append(spec.frequency_limit_hz)
     assert counts == sorted(counts)

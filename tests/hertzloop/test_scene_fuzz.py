@@ -14,7 +14,7 @@ from hertzloop.plant.estimates import plate_theory
 from hertzloop.plant.plant import MOST_MODES
 from hertzloop.scenes.errors import _limits
 from hertzloop.scenes.scene import Scene, SceneError, load, parse, shipped, toml_value
-from hertzloop.setup import resolve
+from hertzloop.setup import parts, resolve
 
 TABLES = {name: field.annotation for name, field in Scene.model_fields.items()}
 KEYS = [
@@ -180,7 +180,7 @@ def test_what_takes_long_to_build_is_refused_or_quick(
     plate_theory._zener.cache_clear()
     scene = load("aluminium-3mm", ["run.plate_model=modal", *keys])
     try:
-        modes = resolve(scene).start_plant().modes
+        modes = parts.start_plant(resolve(scene)).modes
     except SceneError as error:
         said = str(error)
     else:

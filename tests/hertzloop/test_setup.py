@@ -13,7 +13,8 @@ from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.scenes import keys
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import shipped, toml_text
-from hertzloop.setup import Setup, load, parse, resolve
+from hertzloop.scenes.writing import to_toml
+from hertzloop.setup import Setup, load, parse, parts, resolve
 from hertzloop.setup.bodies import Bodies
 from tests.tiers import default
 
@@ -135,7 +136,7 @@ def stages(setup: Setup) -> dict[str, Any]:
             value = {part.name: getattr(value, part.name) for part in fields(value)}
         found[stage] = value
     try:
-        constants = setup.law.constants(setup.law_keys, setup.about())
+        constants = parts.law_of(setup).constants(setup.scene.controller.keys, parts.about(setup))
         found["constants"] = repr(
             [getattr(part, "tolist", lambda p=part: p)() for part in constants]
         )
@@ -170,7 +171,7 @@ def test_every_key_varied_gives_what_is_resolved_anew(name: str) -> None:
             forget()
             fresh = load(name, [f"{k}={toml_text(v)}" for k, v in changed.items()])
             assert found == stages(fresh), (key.name, value)
-            named = {"name": varied.name, "shows": varied.description}
+            named = {"name": varied.name, "shows": varied.scene.shows}
             assert varied.scene == fresh.scene.model_copy(update=named), (key.name, value)
             if found != unchanged:
                 seen.add(key.name)
@@ -194,7 +195,7 @@ def test_a_structure_by_its_modes_is_varied_as_well(tmp_path: Path) -> None:
         found = stages(varied)
         del found["bodies"]["structure"]  # equal by identity only
         forget()
-        other = stages(parse(varied.as_toml()))
+        other = stages(parse(to_toml(varied.scene)))
         del other["bodies"]["structure"]
         for stage in ("with_edges", "plant"):
             other[stage] = replace(other[stage], plate=found["plant"].plate)
@@ -203,7 +204,7 @@ def test_a_structure_by_its_modes_is_varied_as_well(tmp_path: Path) -> None:
 
 def test_a_setup_is_known_by_its_scene() -> None:
     setup = load("aluminium-3mm")
-    setup.check()
+    parts.check(setup)
     again = pickle.loads(pickle.dumps(setup))
     assert (again, hash(again)) == (setup, hash(setup))
     assert setup.__reduce__()[1] == (setup.scene, None)  # no stage travels
@@ -227,6 +228,6 @@ def test_a_stage_is_evaluated_again_only_if_what_it_reads_has_changed() -> None:
 def test_a_law_works_with_the_stiffness_that_the_plant_announced() -> None:
     setup = load("aluminium-3mm")
     told = setup.announced(2.0 * setup.stiffness)
-    assert told.about().stiffness == 2.0 * setup.about().stiffness
-    assert told.about().rigid_peak_n != setup.about().rigid_peak_n
+    assert parts.about(told).stiffness == 2.0 * parts.about(setup).stiffness
+    assert parts.about(told).rigid_peak_n != parts.about(setup).rigid_peak_n
     assert told.plant is setup.plant

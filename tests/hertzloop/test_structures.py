@@ -20,7 +20,8 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import shipped
-from hertzloop.setup import Setup, load, parse
+from hertzloop.scenes.writing import to_toml
+from hertzloop.setup import Setup, load, parse, parts
 from hertzloop.studies.margin.margin import margin_of
 from hertzloop.views.run import run_scene
 
@@ -163,7 +164,7 @@ def test_all_transports_agree_on_modes_with_losses_of_their_own(tmp_path: Path) 
     file = tmp_path / "lossy.csv"
     file.write_bytes(write_modes(".csv", table))
     scene = load("aluminium-3mm", [*SHORT, f"plate.modes={file}"])
-    assert parse(scene.as_toml()) == scene
+    assert parse(to_toml(scene.scene)) == scene
     ensure_compiled(lambda: None, scene)
     file.unlink()  # nobody needs it any more
     recordings = []
@@ -207,7 +208,7 @@ def test_what_does_not_go_with_a_file_of_modes(
     rows = [f"{20000 + 8000 * i},{0.01 * i},0.01,1.0" for i in range(10)]
     (tmp_path / "m.csv").write_text("\n".join([MODES.splitlines()[0], *rows]))
     with pytest.raises(SceneError) as caught:
-        load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", *settings]).start_plant()
+        parts.start_plant(load("aluminium-3mm", [f"plate.modes={tmp_path / 'm.csv'}", *settings]))
     assert words in str(caught.value), str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -235,11 +236,11 @@ def test_modes_too_low_for_an_impact_follow_the_advice_and_do_for_flight(tmp_pat
     with pytest.raises(
         SceneError, match=r"reach up to 4,000 Hz.*give modes up to ([\d,]+) Hz"
     ) as e:
-        up_to(4000.0).start_plant()
+        parts.start_plant(up_to(4000.0))
     advice = float(str(e.value).partition("modes up to ")[2].split()[0].replace(",", ""))
-    up_to(advice).start_plant()
+    parts.start_plant(up_to(advice))
     with pytest.raises(SceneError, match="too low for an impact"):
-        up_to(0.99 * advice).start_plant()
+        parts.start_plant(up_to(0.99 * advice))
     assert len(hertzloop.linear(up_to(4000.0)).poles) >= 5
     assert margin_of(up_to(4000.0)).applicable
 
@@ -248,11 +249,11 @@ def test_laws_that_need_an_impedance_say_so(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text("# residual_flexibility_m_n = 1e-9\n" + MODES)
     file = modes_alone(tmp_path)
     scene = load(file)
-    scene.start_controller()
+    parts.start_controller(scene)
     for law in ("shifted_threshold", "predicted", "velocity_feedback"):
         with pytest.raises(SceneError, match=r"Give plate\.thickness_m"):
-            load(file, [f"controller.law={law}"]).start_controller()
-        load(file, [f"controller.law={law}", "plate.thickness_m=0.003"]).start_controller()
+            parts.start_controller(load(file, [f"controller.law={law}"]))
+        parts.start_controller(load(file, [f"controller.law={law}", "plate.thickness_m=0.003"]))
 
 
 @pytest.mark.parametrize("key", ["size_m", "thickness_m", "contact_point_m"])

@@ -17,6 +17,7 @@ from hertzloop.recordings.latencies import latencies_of
 from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.reader import read as read_recording
 from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.writing import to_toml
 from hertzloop.sensors import kernels as k
 from hertzloop.sensors.acquisition import Fault, Sensor, SensorSpec
 from hertzloop.setup import load, parse
@@ -69,7 +70,7 @@ def test_a_trace_is_repeated_or_resampled_by_the_seed(trace):
 def test_a_scene_with_a_trace_survives_its_file(trace, tmp_path):
     setup = load("aluminium-3mm", [*SHORT, trace("2\n6\n")])
     (tmp_path / "trace.csv").unlink()
-    again = parse(setup.as_toml())
+    again = parse(to_toml(setup.scene))
     assert figures_of_case(again).digest == figures_of_case(setup).digest
     assert again.latency_us == 2.0
     assert again.line.most_added_steps == 4

@@ -15,7 +15,7 @@ from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
+from hertzloop.setup import Setup, load, parts
 from hertzloop.views.run import run_scene
 from tests.commands import invoke
 
@@ -135,10 +135,10 @@ def test_nothing_of_it_stays_behind(unit: Path, transport: Transport, tmp_path: 
 
 
 def test_its_parameters_are_scene_keys(unit: Path) -> None:
-    law = scene_of(unit).law
+    law = parts.law_of(scene_of(unit))
     assert law.senses == "xi"
     assert law.keys.model_fields["gain"].description == "force by depth"
-    assert scene_of(unit, "controller.gain=3").law_keys.gain == 3.0
+    assert scene_of(unit, "controller.gain=3").scene.controller.keys.gain == 3.0
     with pytest.raises(SceneError, match=r"controller\.gian"):
         scene_of(unit, "controller.gian=3")
 
@@ -208,7 +208,7 @@ def changed(unit: Path, folder: Path, given: str = "", made: str = "", **texts: 
 
 def test_values_are_in_the_units_of_the_unit(unit: Path, tmp_path: Path) -> None:
     def forces(path: Path) -> np.ndarray:
-        bound = scene_of(path).bound_law()
+        bound = parts.bound_law(scene_of(path))
         controller = Controller(bound, LineSpec(), 1e-6, 20, 1, 0)
         return np.asarray(controller.process(np.linspace(-1e-3, 0.0, 10)).forces)
 
@@ -244,7 +244,7 @@ def test_a_unit_of_a_fixed_step_takes_that_step_alone(unit: Path, tmp_path: Path
         "<ModelVariables>": '<DefaultExperiment stepSize="5e-6"/><ModelVariables>',
     })  # fmt: skip
     with pytest.raises(SceneError, match="has a fixed step of 5 us, but the scene samples every 1"):
-        scene_of(fixed).bound_law()
-    assert scene_of(fixed, "sensors.every_steps=5").bound_law()
+        parts.bound_law(scene_of(fixed))
+    assert parts.bound_law(scene_of(fixed, "sensors.every_steps=5"))
     words = ["run", "aluminium-3mm", "--set", f"controller.law={fixed}", "--set", SHORT]
     assert invoke([*words, "-o", str(tmp_path / "a.mcap")]).exit_code == 2

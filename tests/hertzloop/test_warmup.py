@@ -18,7 +18,7 @@ from hertzloop.loop.plant_node import PlantNode
 from hertzloop.processes import warmup
 from hertzloop.processes.roles import BusAddress, run_controller, run_recorder
 from hertzloop.recordings.reader import read
-from hertzloop.setup import Setup, load
+from hertzloop.setup import Setup, load, parts
 from tests.bus.meshes import PATIENCE_S, url
 from tests.hertzloop.short_runs import scene
 from tests.ports import free_ports
@@ -68,14 +68,14 @@ from pathlib import Path
 from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.views.run import run_scene
-from hertzloop.setup import load
+from hertzloop.setup import load, parts
 from hertzloop.jit.cache import noticed
 
 # An infinite plate of which the full model is too large to be timed: little to compile.
 scene = load("aluminium-3mm", ["run.plate_model=infinite", "plate.size_m=[3.0, 3.0]",
     "plate.contact_point_m=[1.5, 1.5]", "run.duration_s=0.0012", "run.accuracy=0.1"])
 ensure_compiled(lambda: None, scene)
-scene.start_controller()  # its law
+parts.start_controller(scene)  # its law
 told = []
 with noticed(told.append):
     for transport in (Transport.COMPILED, Transport.INPROCESS):
@@ -102,14 +102,14 @@ def test_a_controller_that_compiles_its_law_is_waited_for(
 ) -> None:
     """It takes three times as long as the others wait for anything else."""
     timeout_s, urls, path = 2.0, [url(port) for port in free_ports(3)], tmp_path / "run.mcap"
-    build = Setup.start_controller
+    build = parts.start_controller
 
     def compiled_long(*arguments: Any) -> Controller:
         with event.trigger_event("numba:compile"):
             time.sleep(3 * timeout_s)
         return build(*arguments)
 
-    monkeypatch.setattr(Setup, "start_controller", compiled_long)
+    monkeypatch.setattr(parts, "start_controller", compiled_long)
 
     def address(place: int) -> BusAddress:
         return BusAddress(

@@ -17,6 +17,7 @@ from hertzloop.loop.plant_streams import hello
 from hertzloop.processes.law_trial import try_law
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import load, parse
 from tests.hertzloop.lanes import QueuePort
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
@@ -404,7 +405,7 @@ def test_a_shipped_law_of_another_version_is_refused() -> None:
 
 def test_a_scene_asks_for_the_law_that_it_was_made_with(here: Path) -> None:
     path = write_law(here)
-    text = load("aluminium-3mm", ["controller.law=mine.py"]).as_toml()
+    text = to_toml(load("aluminium-3mm", ["controller.law=mine.py"]).scene)
     with path.open("a") as file:
         file.write(f"\nopen('{here}/executed', 'w')\n")
     with pytest.raises(SceneError, match="Copy the same file to both sides"):

@@ -38,7 +38,11 @@ def continuous() -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     modes = DiscreteGradientPlant(spec).modes
     drive = modes.scale_per_kg * modes.contact**2
     m, s = spec.sphere.mass_kg, spec.contact.stiffness
-    kappa, v_thr, n = of.law_keys.kappa, of.law_keys.v_thr_m_s, len(modes.omega)
+    kappa, v_thr, n = (
+        of.scene.controller.keys.kappa,
+        of.scene.controller.keys.v_thr_m_s,
+        len(modes.omega),
+    )
 
     def gap(y: np.ndarray) -> float:
         return float(y[2 * n] - y[:n].sum())

@@ -8,7 +8,7 @@ from hertzloop.controller.controller import Controller
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
-from hertzloop.setup import Setup, load
+from hertzloop.setup import Setup, load, parts
 
 LATENCY_US = 3
 
@@ -25,13 +25,13 @@ def run(scene: Setup, path: Path) -> Recording:
 
 def lie(monkeypatch: pytest.MonkeyPatch, steps: int) -> None:
     """Make the controller's line longer by `steps` (of 1 us); the plant is honest."""
-    honest = Setup.start_controller
+    honest = parts.start_controller
 
     def dishonest(scene: Setup, ahead: bool = True) -> Controller:
         longer = {"controller.latency_us": scene.latency_us + steps}
         return honest(scene.vary(longer), ahead)
 
-    monkeypatch.setattr(Setup, "start_controller", dishonest)
+    monkeypatch.setattr(parts, "start_controller", dishonest)
 
 
 @pytest.mark.parametrize("steps", [-3, -1, 1, 2, 10])

@@ -18,13 +18,14 @@ import pytest
 
 from hertzloop.processes.signals import interrupt
 from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import load
 from hertzloop.studies.sweeps import pool as crew
 from hertzloop.studies.sweeps.evaluate import Numbered, chunked, scene_of
 from hertzloop.studies.sweeps.pool import SweepFailed, local_pool
 
 ROOT = Path(__file__).resolve().parents[2]
-TOML = load("aluminium-3mm", ["run.accuracy=0.1"]).as_toml()
+TOML = to_toml(load("aluminium-3mm", ["run.accuracy=0.1"]).scene)
 
 
 def write(folder: Path) -> Path:
@@ -187,7 +188,7 @@ def test_a_law_from_elsewhere_is_not_run_here(
     law = str(write(tmp_path))
     toml, values = TOML, {"controller.law": law}
     if not by_case:
-        toml, values = load("aluminium-3mm", [f"controller.law={law}"]).as_toml(), {}
+        toml, values = to_toml(load("aluminium-3mm", [f"controller.law={law}"]).scene), {}
     with local_pool(2) as pool:
         (rows,) = pool(toml, "impact", chunked([(0, values), (1, {})]))
     assert [row["status"] for row in rows] == ["", ""]
@@ -196,7 +197,7 @@ def test_a_law_from_elsewhere_is_not_run_here(
 def test_a_scene_is_read_once_but_not_the_law_of_a_file(tmp_path: Path) -> None:
     assert scene_of(TOML) is scene_of(TOML)
     law = write(tmp_path)
-    toml = load("aluminium-3mm", [f"controller.law={law}"]).as_toml()
+    toml = to_toml(load("aluminium-3mm", [f"controller.law={law}"]).scene)
     scene_of(toml)
     law.write_text(law.read_text() + "\n# changed\n")
     with pytest.raises(SceneError, match="Copy the same file to both sides"):

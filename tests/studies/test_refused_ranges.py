@@ -55,5 +55,5 @@ def test_an_axis_without_effect_on_one_of_the_laws_is_refused(over: list[str], s
 def test_laws_may_be_swept_with_the_keys_that_all_of_them_have() -> None:
     scene = load("aluminium-3mm", ["controller.lead_us=1"])  # of the scene's own law
     made = make_design(scene, [LAWS, "controller.kappa=0.5,0.6"], "grid", 0, 1)
-    varied = [scene.vary(case).law_keys for case in made.cases()]
+    varied = [scene.vary(case).scene.controller.keys for case in made.cases()]
     assert [getattr(table, "lead_us", None) for table in varied] == [1.0, 1.0, 1.0, 1.0, None, None]

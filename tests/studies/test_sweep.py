@@ -15,6 +15,7 @@ from hertzloop.analysis.cases import CaseState, figures_of_case
 from hertzloop.analysis.impacts import first_impact
 from hertzloop.loop.compiled import simulate
 from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import load
 from hertzloop.studies.sweeps import evaluate
 from hertzloop.studies.sweeps import sweep as study
@@ -152,7 +153,7 @@ def test_the_span_of_a_run_takes_all_contacts() -> None:
 
 def test_a_case_that_cannot_be_has_a_row_that_says_so() -> None:
     rows = evaluate.run_chunk(
-        load("aluminium-3mm", COARSE).as_toml(), "impact",
+        to_toml(load("aluminium-3mm", COARSE).scene), "impact",
         [(0, {"controller.latency_us": 0.5}), (1, {"controller.latency_us": 1})],
     )  # fmt: skip
     assert "must be a whole number of steps" in rows[0]["status"]
@@ -204,7 +205,7 @@ def test_results_come_back_with_scene_and_versions(tmp_path: Path, suffix: str) 
     assert [row["sensors.bits"] for row in rows] == [6, "ideal"]
     assert [row["plate.contact_point_m"] for row in rows] == [[0.2, 0.2]] * 2
     assert [row["digest"] for row in rows] == [row["digest"] for row in found.rows]
-    assert header["scene_toml"] == scene.as_toml()
+    assert header["scene_toml"] == to_toml(scene.scene)
     assert header["versions"] == study.code_version()
     assert not study.journal_of(out).exists()
 

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from hertzloop.analysis.cases import Span
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup
 from hertzloop.studies import pictures
 from hertzloop.studies.budget.budget import Budget, InPlant, search_of
@@ -151,7 +152,7 @@ def write_page(
     text = template("results.html.j2").render(
         title=f"Budget of {found.law} in {found.scene}", lines=list(lines), warnings=[],
         charts=charts, tables=tables, commands=[command], versions=code_version(),
-        scenes=[(found.scene, setup.as_toml())],
+        scenes=[(found.scene, to_toml(setup.scene))],
     )  # fmt: skip
     path = folder / "budget.html"
     write_whole(path, text)

@@ -29,7 +29,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from hertzloop.analysis.cases import CaseState, Span
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import Setup, load
+from hertzloop.setup import Setup, load, model_error
 from hertzloop.studies.budget.budget import search_of
 from hertzloop.studies.budget.goal import FIGURES, Goal, parse_goal, worst_excess
 from hertzloop.studies.budget.limits import Boundary, limit_of, quantities_of, side_by_side
@@ -197,7 +197,7 @@ def read_requirements(path: Path) -> list[Row]:
 def digits_of(setup: Setup, figure: str, value: float) -> float:
     """Return the part of a figure that cannot be predicted, in its unit: what the expected error of
     the plate's model makes of it, at least the accuracy of the scene."""
-    error = max(setup.accuracy, setup.expected_error())
+    error = max(setup.accuracy, model_error.expected_error(setup))
     if figure.endswith("_db"):
         return (20.0 if figure in _AMPLITUDES else 10.0) * math.log10(1.0 + error)
     return 2.0 * error * abs(value)

@@ -343,7 +343,7 @@ def _why_not(setup: Setup, key: str, found: Any) -> str:
     table, _, last = key.partition(".")
     fields = _fields(setup, table)
     if table == "controller" and setup.has_law:
-        fields = {**fields, **vars(setup.law_keys)}
+        fields = {**fields, **vars(setup.scene.controller.keys)}
     if last.partition(".")[0] not in fields:
         near = difflib.get_close_matches(last, fields, 1)
         hint = f"Did you mean {table}.{near[0]}?" if near else "See `hertzloop scene keys`."

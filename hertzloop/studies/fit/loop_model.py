@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.analysis.meters import control_force_n
 from hertzloop.loop.compiled import finer_loop
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.setup import Setup, resolve
@@ -163,7 +164,7 @@ class LoopModel(FrozenModel):
         loop = self.loop.vary(values) if values else self.loop
         spec = self.spec_with(loop.bodies)
         horizon = 1 + loop.line.latency_steps + loop.line.most_added_steps
-        samples = _LEAD_SAMPLES + int(getattr(loop.law_keys, "window_samples", 0))
+        samples = _LEAD_SAMPLES + int(getattr(loop.scene.controller.keys, "window_samples", 0))
         lead = loop.every_steps * (samples + math.ceil(_HORIZONS * horizon / loop.every_steps))
         before = lead * self.parts + phase * self.parts
         spec = replace(spec, lead_in_s=(math.floor(before) + 0.5) * spec.step_s)
@@ -176,7 +177,7 @@ class LoopModel(FrozenModel):
     def acts(self, values: Mapping[str, float], until_s: float) -> bool:
         """Whether the actuator acts on the plate before `until_s` after the touch."""
         rows = self.run(values, until_s).rows
-        return float(np.max(np.abs(self.loop.control_force_n(rows)))) > _ACTS
+        return float(np.max(np.abs(control_force_n(self.loop, rows)))) > _ACTS
 
 
 def notes_on(model: LoopModel, setup: Setup, names: list[str]) -> Iterator[str]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.scenes.tables import FitTable
-from hertzloop.setup import resolve
+from hertzloop.scenes.writing import to_toml
 from hertzloop.studies.fit.fit import Estimate, FitResult
 from hertzloop.studies.fit.verdicts import WIDEST, Model, Verdict
 from hertzloop.views.format import Table
@@ -96,7 +96,7 @@ def fitted_scene(result: FitResult, name: str) -> str:
     if result.setup is None:
         raise ValueError("a check has no fitted scene")
     scene = result.setup.scene.replaced(name=name, fit=fit_table(result))
-    return resolve(scene).as_toml()
+    return to_toml(scene)
 
 
 def _percent(value: float) -> str:

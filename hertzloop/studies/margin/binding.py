@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.plant.structures.modes import NO_PARTICIPATION
+from hertzloop.setup import parts
 from hertzloop.setup.setup import Setup
 from hertzloop.studies.margin.linear import plant_in_flight
 
@@ -45,12 +46,12 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
         frequency_hz: the binding frequency, Hz.
     """
     form = plant_in_flight(setup)
-    modal = setup.on_plate("modal").start_plant(flight=True)
+    modal = parts.start_plant(setup.on_plate("modal"), flight=True)
     count = modal.model.table.shape[1]
     z = np.exp(2j * math.pi * frequency_hz * setup.step_s)
-    parts = np.abs(form.residues / (z - form.poles))[:count]
-    largest = int(np.argmax(parts))
-    share = float(parts[largest] / np.abs(form.at(np.array([z]))[0]))
+    weights = np.abs(form.residues / (z - form.poles))[:count]
+    largest = int(np.argmax(weights))
+    share = float(weights[largest] / np.abs(form.at(np.array([z]))[0]))
     if share < _LEAST:
         return None
     natural = np.abs(np.log(form.poles[:count])) / setup.step_s

@@ -9,6 +9,7 @@ import numpy as np
 
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
 from hertzloop.scenes.errors import SceneError
+from hertzloop.setup import parts
 from hertzloop.setup.setup import Setup, resolve
 from hertzloop.studies.margin.identify import INSIDE, LawFilter, NotLinearError, law_filter
 from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
@@ -171,7 +172,7 @@ def _of_loop(setup: Setup, **control: Any) -> Setup:
 
 def _digest(setup: Setup) -> str:
     """Return what tells two versions of a user's law apart."""
-    return "" if setup.law_is_shipped else setup.law.digest
+    return "" if setup.law_is_shipped else parts.law_of(setup).digest
 
 
 @lru_cache(maxsize=16)
@@ -206,7 +207,7 @@ def loops_of(setup: Setup) -> Loops | NotLinearError:
     Raises:
         SceneError: the scene is invalid.
     """
-    digest = "" if setup.law_is_shipped else setup.law.digest
+    digest = "" if setup.law_is_shipped else parts.law_of(setup).digest
     shares = setup.law_is_shipped and not setup.line.trace
     return _loops(_of_loop(setup, latency_us=0.0) if shares else _of_loop(setup), digest)
 

@@ -14,6 +14,7 @@ from hertzloop.analysis.cases import (
     together,
 )
 from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup, parse
 
 _CHUNK = 16  # cases that travel together, and are formed in step: some 5 ms of work
@@ -107,5 +108,5 @@ def chunked(numbered: Numbered) -> list[Numbered]:
 def evaluate(pool: Pool, setup: Setup, span: Span, cases: list[dict[str, Any]]) -> Rows:
     """Rows of all cases, in their order."""
     chunks = chunked(list(enumerate(cases)))
-    rows = [row for some in pool(setup.as_toml(), span, chunks) for row in some]
+    rows = [row for some in pool(to_toml(setup.scene), span, chunks) for row in some]
     return sorted(rows, key=lambda row: int(row["case"]))

@@ -28,6 +28,7 @@ from typing import Any
 from hertzloop.analysis.cases import Span
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.processes.signals import deaf_to_the_terminal, interrupts_held_back
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup
 from hertzloop.studies.sweeps.evaluate import Numbered, Pool, Rows, run_cases, run_chunk, scene_of
 
@@ -96,7 +97,7 @@ class _Crew:
                 a_case_s = (worked_s - first_s) / (ran - 1) if ran > 1 else worked_s
                 if self._others or a_case_s * sum(map(len, left)) > _WORTH_S:
                     others = self._of(self.count - 1)
-                    yield from others.results(setup.as_toml(), span, left, setup)
+                    yield from others.results(to_toml(setup.scene), span, left, setup)
 
     def _of(self, workers: int) -> "_Others":
         if workers not in self._others:

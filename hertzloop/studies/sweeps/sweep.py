@@ -24,6 +24,7 @@ from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve
 from hertzloop.jit.cache import code_digest
 from hertzloop.scenes.errors import SceneError
+from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup, toml_value
 from hertzloop.studies.sweeps.design import Design, keys_of
 from hertzloop.studies.sweeps.evaluate import Rows, chunked, not_run, older_state, run_chunk
@@ -87,7 +88,7 @@ def work_of(scenes: Sequence[Setup], laws: Iterable[str], design: Design) -> dic
     """What decides the cases of a search or a chart, and what comes of them, as far as all share
     it: scenes, laws with their digests, versions. The arguments of each come on top."""
     return {
-        "scenes": [setup.as_toml() for setup in scenes],
+        "scenes": [to_toml(setup.scene) for setup in scenes],
         "laws": [laws_of((scenes[0]).vary({"controller.law": law}), design) for law in laws],
         "versions": code_version(),
     }
@@ -105,7 +106,7 @@ def check_laws(header: dict[str, Any]) -> None:
 def header_of(setup: Setup, design: Design, span: Span) -> dict[str, Any]:
     """What names a sweep, and goes with its results."""
     return {
-        "scene_toml": setup.as_toml(),
+        "scene_toml": to_toml(setup.scene),
         "design": asdict(design),
         "laws": laws_of(setup, design),
         "span": span,

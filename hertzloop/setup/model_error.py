@@ -1,0 +1,50 @@
+"""What a setup's model of the plate is expected to cost."""
+
+import math
+
+from hertzloop.plant.estimates.model_order import (
+    expected_error as error_of_modes,
+)
+from hertzloop.plant.estimates.model_order import expected_solid_error, law_error
+from hertzloop.setup import plate
+from hertzloop.setup.setup import Setup
+
+
+def infinite_plate_error_at(setup: Setup, end_s: float) -> float:
+    """Return the error that an infinite plate is expected to have in a run that ends at `end_s`, s,
+    relative to the penetration or the plate energy; inf where it is not known."""
+    return plate.infinite_plate_error(
+        setup.bodies, setup.scheme, setup.reach, setup.line_smoothness, setup.step_s,
+        end_s - setup.first_touch_s,
+    )  # fmt: skip
+
+
+def infinite_plate_lasts_s(setup: Setup, at_most_s: float = math.inf) -> float:
+    """Return how long after the first touch an infinite plate meets the accuracy, s, or `at_most_s`
+    if that is longer; zero where it does not do so for a whole contact."""
+    return plate.infinite_plate_lasts_s(
+        setup.bodies, setup.scheme, setup.reach, setup.line_smoothness, setup.step_s,
+        setup.accuracy, at_most_s,
+    )  # fmt: skip
+
+
+def expected_error(setup: Setup, until_hz: float = math.inf) -> float:
+    """Return the relative error of penetration or plate energy that leaving out modes, or the
+    reflections, is expected to cost; under a law at least what the steps of its force do.
+    `until_hz`: of these steps count in a solid only what they do below this frequency."""
+    spec = setup.plant
+    if spec.infinite_plate:
+        return infinite_plate_error_at(setup, setup.duration_s)
+    bodies = (spec.sphere, spec.plate, spec.contact)
+    if spec.plate.solid:
+        found = expected_solid_error(*bodies, spec.frequency_limit_hz)
+        until_hz = min(until_hz, plate.widest_limit_hz(spec.plate, spec.sphere, spec.contact))
+    else:
+        found = error_of_modes(
+            *bodies, spec.frequency_limit_hz,
+            spring=spec.residual_flexibility, damped=spec.damped_tail,
+        )  # fmt: skip
+    if not spec.residual_flexibility:
+        return found
+    hold_s = setup.step_s * setup.every_steps
+    return max(found, law_error(spec, setup.reach.force_n, setup.reach.share, hold_s, until_hz))
