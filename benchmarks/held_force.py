@@ -34,7 +34,7 @@ from hertzloop.analysis.trust import against, judged
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n
 from hertzloop.setup import Setup, load, model_error
-from hertzloop.setup.plate import widest_limit_hz
+from hertzloop.setup.stages import widest_limit_hz
 from hertzloop.studies import pictures
 from hertzloop.studies.words import write_records
 

@@ -40,7 +40,7 @@ from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.time_series import series_under
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.setup import load
-from hertzloop.setup.plate import NEAREST
+from hertzloop.setup.stages import NEAREST
 from hertzloop.studies import pictures
 from hertzloop.studies.words import write_records
 

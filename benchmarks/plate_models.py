@@ -20,6 +20,7 @@ from benchmarks.program import (
     written,
 )
 from hertzloop.analysis.impacts import consistent_impacts
+from hertzloop.analysis.model import thin_plate_error
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.estimates.plate_theory import thickness_number, zener_inelasticity
@@ -28,7 +29,6 @@ from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.time_series import series_under
 from hertzloop.setup import Setup, load
-from hertzloop.setup.bodies import thin_plate_error
 from hertzloop.studies.words import write_records
 
 _ROUNDS, _STEPS = 201, 400  # of the timing; the plants take turns

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -52,17 +52,16 @@ class SensorSpec:
     resonance_hz: float | None = None
     resonance_damping: float = 0.02
     fault: Fault | None = None
+    converter_step: float = field(init=False, repr=False, compare=False)
+    """distance of two levels of the converter; zero of an ideal one"""
 
     def __post_init__(self) -> None:
         for problem in _problems(self):
             raise ValueError(problem)
-
-    @property
-    def converter_step(self) -> float:
-        """Distance of two levels of the converter; zero of an ideal one."""
-        if self.bits is None or self.full_scale is None:
-            return 0.0
-        return (self.full_scale[1] - self.full_scale[0]) / (2**self.bits - 1)
+        step = 0.0
+        if self.bits is not None and self.full_scale is not None:
+            step = (self.full_scale[1] - self.full_scale[0]) / (2**self.bits - 1)
+        object.__setattr__(self, "converter_step", step)
 
 
 def _problems(spec: SensorSpec) -> Iterator[str]:

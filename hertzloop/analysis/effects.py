@@ -33,7 +33,7 @@ from hertzloop.plant.schemes.collocation import flexibility_m_n
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, model_error, parts
-from hertzloop.setup.bodies import Bodies
+from hertzloop.setup.stages import Bodies
 
 _MOST_STEPS = 2_000_000  # that are simulated in memory
 _TAKES_ALL = 1.0  # lambda from which on the plate takes all energy, whatever its theory

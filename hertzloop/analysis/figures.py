@@ -105,12 +105,10 @@ no_loop.set()
 @lru_cache(maxsize=4)
 def free_figures(setup: Setup) -> Figures | None:
     """Figures of the same run without control, simulated here; None of a setup without a law."""
+    if not setup.has_law:
+        return None
     without = setup.uncontrolled()
-    return (
-        None
-        if without == setup
-        else figures_of(without, _while_no_loop(parts.free_series(without)))
-    )
+    return figures_of(without, _while_no_loop(parts.free_series(without)))
 
 
 def _while_no_loop(blocks: Iterable[Block]) -> Iterator[Block]:

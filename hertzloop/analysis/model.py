@@ -2,14 +2,14 @@
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from hertzloop.bus.messages_pb2 import Books
 from hertzloop.plant import state_kernels as pk
-from hertzloop.plant.estimates.plate_theory import KirchhoffError
+from hertzloop.plant.estimates.plate_theory import KirchhoffError, expected_kirchhoff_error
 from hertzloop.plant.plant import Balance, Plant, PlantSpec
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
@@ -17,8 +17,7 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.structure import frequencies
 from hertzloop.plant.time_series import series_under
 from hertzloop.setup import Setup, model_error
-from hertzloop.setup.bodies import limiting_pressure, thin_plate_error
-from hertzloop.setup.plate import NEAREST, wavelengths_to_edge
+from hertzloop.setup.stages import NEAREST, Bodies, wavelengths_to_edge
 
 _COUNTED = 500_000  # modes; beyond, the full model is only said to be larger
 _TIMED = 4_000  # frequencies that can be built and timed within 0.3 s
@@ -92,7 +91,7 @@ class Radiation:
 @dataclass(frozen=True)
 class PlantParts:
     """What a run took for its plant. `tail`: None where the modes left out are a spring, or none
-    are; `radiation`: None where air takes nothing; `limiting_pressure` as in `setup.bodies`."""
+    are; `radiation`: None where air takes nothing; `limiting_pressure` as in the function."""
 
     tail: Tail | None
     theory: Theory | None
@@ -170,6 +169,23 @@ def yield_of(books: Books | Balance | None) -> Yield | None:
     return Yield(books.dent_m, books.plastic_dissipated_j)
 
 
+def limiting_pressure(setup: Setup) -> dict[str, Any] | None:
+    """`pressure_pa` of a contact that yields, whether the scene `given` it, and `by` what it is
+    otherwise: the `body`, with the fields of `Strength`. None of a contact that does not yield."""
+    limit = setup.contact.limit
+    if limit is None:
+        return None
+    given = setup.scene.contact.limiting_pressure_pa is not None
+    found = setup.bodies.weaker
+    by = None if given or found is None else {"body": found[0], **asdict(found[1])}
+    return {"pressure_pa": limit.pressure_pa, "given": given, "by": by}
+
+
+def thin_plate_error(bodies: Bodies) -> KirchhoffError:
+    """What Kirchhoff's theory is expected to cost the first impact of a plate by its sizes."""
+    return expected_kirchhoff_error(bodies.sphere, bodies.local_plate, bodies.contact)
+
+
 def parts_of(setup: Setup, books: Books) -> PlantParts:
     """What a run that ended took for its plant."""
     away = None
@@ -179,7 +195,7 @@ def parts_of(setup: Setup, books: Books) -> PlantParts:
     return PlantParts(
         tail=None if away is None else Tail(books.tail_dissipated_j, away, NEAREST),
         theory=_theory(setup),
-        limiting_pressure=limiting_pressure(setup.bodies, setup.scene.contact),
+        limiting_pressure=limiting_pressure(setup),
         radiation=Radiation(faces, books.air_dissipated_j) if faces else None,
         model=chosen_model(setup),
     )

@@ -406,7 +406,7 @@ def predictability(
             own = known(setup, ran.figures, not ran.late)
         except SceneError as stopped:  # the law, in the disturbed run
             not_again = NotAgain(Obstacle.LAW_STOPPED, error=str(stopped))
-    if without == setup:
+    if not setup.has_law:
         other = own
     elif error is not None and free is not None:
         other = known(without, free)

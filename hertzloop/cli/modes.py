@@ -27,7 +27,7 @@ from hertzloop.extras import need
 from hertzloop.plant.structures.mode_file import SUFFIXES, ModeTable, write_modes
 from hertzloop.scenes.scene import DEFAULT, on_modes, shipped
 from hertzloop.setup import Setup, load, model_error
-from hertzloop.setup.plate import check_reach
+from hertzloop.setup.parts import check_reach
 from hertzloop.views.format import Table
 from hertzloop.whole_files import write_whole
 

@@ -17,8 +17,9 @@ import typer
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
-from hertzloop.setup import Setup, load, parts
-from hertzloop.setup.plate import build_words
+from hertzloop.scenes.scene import load as load_scene
+from hertzloop.setup import Setup, parts, resolve
+from hertzloop.setup.stages import build_words
 from hertzloop.whole_files import NotWritten, in_place, write_together, write_whole
 
 SceneArgument = Annotated[str, typer.Argument(help="Name of a shipped scene, or a .toml file.")]
@@ -124,7 +125,7 @@ def scene_from(
 ) -> Setup:
     """Return the resolved scene; end the command if it cannot be simulated. `tried`: whether the
     caller has already tried the law."""
-    setup = load(source, settings or (), seed)
+    setup = resolve(load_scene(source, settings or (), seed))
     from hertzloop.processes.warmup import anything_compiled
 
     if not anything_compiled():

@@ -1,6 +1,9 @@
 """From a scene to everything that a run is made of."""
 
-from hertzloop.scenes.scene import DEFAULT, shipped, toml_value
+from hertzloop.scenes.scene import DEFAULT, FitTable, shipped, toml_value
 from hertzloop.setup.setup import Resolvable, Setup, load, parse, resolve
 
-__all__ = ["DEFAULT", "Resolvable", "Setup", "load", "parse", "resolve", "shipped", "toml_value"]
+__all__ = [
+    "DEFAULT", "FitTable", "Resolvable", "Setup", "load", "parse", "resolve", "shipped",
+    "toml_value",
+]  # fmt: skip

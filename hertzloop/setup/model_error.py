@@ -6,14 +6,14 @@ from hertzloop.plant.estimates.model_order import (
     expected_error as error_of_modes,
 )
 from hertzloop.plant.estimates.model_order import expected_solid_error, law_error
-from hertzloop.setup import plate
+from hertzloop.setup import stages
 from hertzloop.setup.setup import Setup
 
 
 def infinite_plate_error_at(setup: Setup, end_s: float) -> float:
     """Return the error that an infinite plate is expected to have in a run that ends at `end_s`, s,
     relative to the penetration or the plate energy; inf where it is not known."""
-    return plate.infinite_plate_error(
+    return stages.infinite_plate_error(
         setup.bodies, setup.scheme, setup.reach, setup.line_smoothness, setup.step_s,
         end_s - setup.first_touch_s,
     )  # fmt: skip
@@ -22,7 +22,7 @@ def infinite_plate_error_at(setup: Setup, end_s: float) -> float:
 def infinite_plate_lasts_s(setup: Setup, at_most_s: float = math.inf) -> float:
     """Return how long after the first touch an infinite plate meets the accuracy, s, or `at_most_s`
     if that is longer; zero where it does not do so for a whole contact."""
-    return plate.infinite_plate_lasts_s(
+    return stages.infinite_plate_lasts_s(
         setup.bodies, setup.scheme, setup.reach, setup.line_smoothness, setup.step_s,
         setup.accuracy, at_most_s,
     )  # fmt: skip
@@ -38,7 +38,7 @@ def expected_error(setup: Setup, until_hz: float = math.inf) -> float:
     bodies = (spec.sphere, spec.plate, spec.contact)
     if spec.plate.solid:
         found = expected_solid_error(*bodies, spec.frequency_limit_hz)
-        until_hz = min(until_hz, plate.widest_limit_hz(spec.plate, spec.sphere, spec.contact))
+        until_hz = min(until_hz, stages.widest_limit_hz(spec.plate, spec.sphere, spec.contact))
     else:
         found = error_of_modes(
             *bodies, spec.frequency_limit_hz,

@@ -14,21 +14,24 @@ from hertzloop.controller.loading.bound import BoundLaw
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.controller.loading.registry import NO_CONTROL, find
 from hertzloop.plant import time_series as ts
+from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_impact
+from hertzloop.plant.estimates.model_order import least_limit_hz
 from hertzloop.plant.figures.impacts import contacts
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.structures.structure import Structure
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import ControllerTable
 from hertzloop.sensors.acquisition import Sensor
-from hertzloop.setup.bodies import KEPT, Bodies
-from hertzloop.setup.plate import check_reach
 from hertzloop.setup.setup import Setup, resolve
+from hertzloop.setup.stages import KEPT, Bodies
 
 # Steps after the lead-in in which the first contact without control is looked for, four times as
 # many at a time; the published scheme's work grows with their square.
 _FIRST_STEPS = 1 << 10
 _MOST_STEPS, _MOST_PUBLISHED = 1 << 20, 1 << 14
+_MOST_BELOW = 0.5  # of the contact's own flexibility
 
 
 def check(setup: Setup) -> None:
@@ -52,6 +55,51 @@ def start_plant(
         return plant_at_start(spec, setup.scheme, steps or setup.steps, setup.touch_phase)
     except ValueError as error:
         raise SceneError(str(error)) from error
+
+
+def check_reach(spec: PlantSpec) -> None:
+    """Refuse modes of a file that leave out all of an impact, unless an infinite plate stands for
+    the rest or a tail was asked for; or a solid's with what does not fit those. In flight they are
+    right all the same. Raises SceneError."""
+    sphere, plate, contact = spec.sphere, spec.plate, spec.contact
+    if plate.mode_table is None or spec.infinite_plate:
+        return
+    _check_below_zero(plate, sphere, contact)
+    needed_hz = least_limit_hz(sphere, plate, contact, spec.frequency_limit_hz)
+    if spec.frequency_limit_hz > needed_hz or spec.damped_tail or spec.tail_asked:
+        return
+    if needed_hz == math.inf:
+        raise SceneError(
+            f"contact.damping: is too large for {plate}, which leave out too much flexibility. "
+            "Give modes up to a higher frequency, or less damping."
+        )
+    lasts_s = rigid_impact(sphere, contact).contact_s
+    grain = 10.0 ** (math.floor(math.log10(needed_hz)) - 2)  # rounded up, to three digits
+    raise SceneError(
+        f"{plate} reach up to {spec.frequency_limit_hz:,.6g} Hz, too low for an impact of "
+        f"{1e6 * lasts_s:.3g} us; give modes up to {(needed_hz // grain + 1) * grain:,.6g} Hz at "
+        "least (are they in Hz?), plate.thickness_m if it is a plate at the contact point, or "
+        "plate.tail = 'spring' to run with an error that is not known"
+    )
+
+
+def _check_below_zero(structure: Structure, sphere: Sphere, contact: Contact) -> None:
+    """Refuse a residual flexibility below zero, of the modes of a solid, where it does not fit."""
+    left_out = structure.residual_flexibility_m_n(2.0 * math.pi * structure.highest_hz)
+    if left_out >= 0.0:
+        return
+    named = f"{structure} with residual_flexibility_m_n = {left_out:.3g}, below zero,"
+    if contact.has_damper:
+        raise SceneError(
+            f"{named} do not fit contact.damping: a negative residual flexibility is unstable with "
+            "a damper. Use contact.plasticity for losses, or other modes."
+        )
+    tangent = contact.exponent * contact.stiffness * rigid_impact(sphere, contact).rise
+    if -left_out * tangent > _MOST_BELOW:
+        raise SceneError(
+            f"{named}: the contact is too stiff for these modes. Use fewer modes, a smaller "
+            "sphere, or a lower drop."
+        )
 
 
 def start_sensor(setup: Setup, steps: int | None = None) -> Sensor:

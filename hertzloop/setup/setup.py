@@ -2,8 +2,8 @@
 
 `resolve` computes the stages in one order: bodies -> line -> reach of the law -> plate model ->
 plant -> sensor -> what the law may know. Every stage is a plain function of the tables and numbers
-that it reads, in `bodies`, `plate` or `law` of this package, and keeps its latest results by these.
-So a `Setup` that differs in one key shares all stages that do not read this key.
+that it reads, in `stages`, and keeps its latest results by these. So a `Setup` that differs in one
+key shares all stages that do not read this key.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,41 +15,37 @@ import numpy as np
 
 from hertzloop.controller.controller import LineSpec
 from hertzloop.controller.law import About, Reach
-from hertzloop.controller.loading.registry import NO_CONTROL, controls
+from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.actuator import Actuator
-from hertzloop.plant.contact.hertz import Contact, Sphere
+from hertzloop.plant.contact.hertz import (
+    Contact,
+    Sphere,
+)
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.structures.structure import Structure
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.materials import MaterialKey, MaterialTable
 from hertzloop.scenes.scene import (
+    ActuatorTable,
+    ContactTable,
     ControllerTable,
+    HammerTable,
+    MaterialKey,
+    MaterialTable,
+    PlateTable,
+    RunTable,
     Scene,
+    SensorsTable,
+    SphereTable,
     grain_of,
 )
 from hertzloop.scenes.scene import load as load_scene
 from hertzloop.scenes.scene import parse as parse_scene
 from hertzloop.scenes.scene import vary as vary_scene
-from hertzloop.scenes.tables import (
-    ActuatorTable,
-    ContactTable,
-    HammerTable,
-    PlateTable,
-    RunTable,
-    SensorsTable,
-    SphereTable,
-)
 from hertzloop.sensors.acquisition import SensorSpec
-from hertzloop.setup import bodies as of_bodies
-from hertzloop.setup import law as of_law
-from hertzloop.setup import plate as of_plate
+from hertzloop.setup import stages
 
 PHASE_STREAM = 4  # random stream of the touch phase; sensor and controller have others
-# Steps after the lead-in in which the first contact without control is looked for, four times as
-# many at a time; the published scheme's work grows with their square.
-_FIRST_STEPS = 1 << 10
-_MOST_STEPS, _MOST_PUBLISHED = 1 << 20, 1 << 14
 _KEPT_TABLES = 64
 _PLAIN_SENSORS, _NO_CONTROL = SensorsTable(quantity="xi"), ControllerTable(law=NO_CONTROL)
 
@@ -97,7 +93,7 @@ class Setup:
     by its seed"""
 
     # The stages.
-    bodies: of_bodies.Bodies
+    bodies: stages.Bodies
     sphere: Sphere
     structure: Structure
     contact: Contact
@@ -119,7 +115,7 @@ class Setup:
     """how far the law's force can go"""
     law_models_yield: bool
     """whether the law declares that it allows for a permanent dent; false if it is missing"""
-    line_smoothness: of_plate.Smoothness
+    line_smoothness: stages.Smoothness
     with_edges: PlantSpec
     """the plant with modes, whether or not these are used"""
     plate_model: str
@@ -225,38 +221,40 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     if isinstance(scene, Setup):
         return scene
     run, control, sensors = scene.run, scene.controller, scene.sensors
-    step_ns, step_s, touch_phase = run.step_ns, run.step_s, _touch_phase(run)
-    bodies = of_bodies.bodies_of(
-        scene.striker, scene.plate, scene.contact, scene.actuator, scene.materials,
+    step_ns, touch_phase = run.step_ns, _touch_phase(run)
+    step_s = step_ns * 1e-9
+    striker = scene.sphere or scene.hammer
+    assert striker is not None  # a scene has one
+    materials = _name(scene.plate.material), _name(striker.material)
+    bodies = stages.bodies_of(
+        striker, scene.plate, scene.contact, scene.actuator, scene.materials,
         run.scheme, run.plate_model, run.accuracy, (sensors.point_m, sensors.mass_kg or 0.0),
     )  # fmt: skip
     first_touch_s = run.lead_in_s
     if gravity := bodies.sphere.gravity_m_s2:
         first_touch_s = min(first_touch_s, bodies.sphere.impact_speed_m_s / gravity)
 
-    line = of_law.line_of(control, scene.actuator, step_ns)
+    line = stages.line_of(control, scene.actuator, step_ns)
     latency_us = control.latency_us
     if control.latency_trace is not None:
         latency_us = line.latency_steps * step_ns / 1000
-    smoothness = of_law.smoothness_of(control, sensors, line, latency_us)
-    reach, law_models_yield = of_law.reach_of(control), of_law.models_yield(control)
+    smoothness = stages.smoothness_of(control, sensors, line, latency_us)
+    reach, law_models_yield = stages.reach_of(control), stages.models_yield(control)
 
-    with_edges = of_plate.described(
+    with_edges = stages.described(
         bodies, scene.plate.tail, run.scheme, step_ns, run.lead_in_s, run.accuracy
     )
     plate_model = run.plate_model
     if plate_model == "auto":
         until_s = run.duration_s - first_touch_s
-        error = of_plate.infinite_plate_error(
-            bodies, run.scheme, reach, smoothness, step_s, until_s
-        )
+        error = stages.infinite_plate_error(bodies, run.scheme, reach, smoothness, step_s, until_s)
         plate_model = "infinite" if error <= run.accuracy else "modal"
     if plate_model == "infinite":
-        plant = of_plate.without_edges(with_edges, step_ns)
+        plant = stages.without_edges(with_edges, step_ns)
     else:
-        plant = of_plate.with_modes(with_edges, step_ns, run.scheme, run.accuracy)
+        plant = stages.with_modes(with_edges, step_ns, run.scheme, run.accuracy)
 
-    sensor = of_law.sensor_of(sensors, bodies, step_s, latency_us)
+    sensor = stages.sensor_of(sensors, bodies, step_s, latency_us)
     stiffness = announced_stiffness or bodies.contact.stiffness
     # The constructor of a frozen class takes 11 us to this one's 1 us, and a case of a sweep makes
     # several setups.
@@ -277,7 +275,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         every_steps=sensors.every_steps,
         size_m=scene.plate.size_m,
         law_reference=control.law,
-        has_law=controls(control.law),
+        has_law=control.law != NO_CONTROL,
         law_is_shipped=control.law in shipped_laws(),
         touch_phase=touch_phase,
         bodies=bodies,
@@ -287,8 +285,8 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         stiffness=stiffness,
         actuator=bodies.actuator,
         theory=bodies.theory,
-        plate_material=_name(scene.plate.material),
-        striker_material=_name(scene.striker.material),
+        plate_material=materials[0],
+        striker_material=materials[1],
         first_touch_s=first_touch_s,
         line=line,
         latency_us=latency_us,
@@ -300,7 +298,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         plant=plant,
         sensor=sensor,
         converter_step=sensor.converter_step,
-        about_bodies=of_law.about_bodies(bodies, stiffness, line, step_ns, sensors.every_steps),
+        about_bodies=stages.about_bodies(bodies, stiffness, line, step_ns, sensors.every_steps),
     )
     return found
 

@@ -15,7 +15,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import shipped, toml_text
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup, load, parse, parts, resolve
-from hertzloop.setup.bodies import Bodies
+from hertzloop.setup.stages import Bodies
 from tests.tiers import default
 
 SCENES = shipped()

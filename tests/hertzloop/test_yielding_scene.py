@@ -9,6 +9,7 @@ import pytest
 import hertzloop
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.analysis.impacts import DEEPEST, XI, consistent_impacts
+from hertzloop.analysis.model import limiting_pressure
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.analysis.trust import verify
 from hertzloop.loop.compiled import record_in_process, simulate
@@ -17,7 +18,6 @@ from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load
-from hertzloop.setup.bodies import limiting_pressure
 from hertzloop.views.run import pressure_words
 from tests.commands import invoke
 
@@ -158,7 +158,7 @@ def test_the_limiting_pressure_comes_from_the_softer_body(
     limit = scene.plant.contact.limit
     assert limit is not None
     assert limit.pressure_pa == pytest.approx(gigapascal * 1e9)
-    found = limiting_pressure(scene.bodies, scene.scene.contact)
+    found = limiting_pressure(scene)
     assert found is not None
     assert words in pressure_words(found)
 

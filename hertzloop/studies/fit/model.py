@@ -25,8 +25,8 @@ from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.structures.structure import frequencies
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
-from hertzloop.setup.bodies import Bodies
-from hertzloop.setup.plate import check_reach
+from hertzloop.setup.parts import check_reach
+from hertzloop.setup.stages import Bodies
 
 LEAD_IN_S = 2e-6  # flight before the touch; the plate is at rest until then
 PHASE = 0.5

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.scenes.tables import FitTable
 from hertzloop.scenes.writing import to_toml
+from hertzloop.setup import FitTable
 from hertzloop.studies.fit.fit import Estimate, FitResult
 from hertzloop.studies.fit.verdicts import WIDEST, Model, Verdict
 from hertzloop.views.format import Table

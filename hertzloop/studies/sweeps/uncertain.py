@@ -16,8 +16,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from hertzloop.scenes.errors import SceneError, shown
-from hertzloop.scenes.tables import FitTable
-from hertzloop.setup import Setup
+from hertzloop.setup import FitTable, Setup
 from hertzloop.studies.fit.fit import value_of
 from hertzloop.studies.sweeps.design import Design
 
