@@ -11,6 +11,7 @@ import numpy as np
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.actuator import IDEAL, Actuator, mass_loaded, sensor_loaded
 from hertzloop.plant.contact.hertz import Contact, Sphere
+from hertzloop.plant.numerics import RIGID_RAD_S
 from hertzloop.plant.structures.modes import NO_PARTICIPATION, Oscillators
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.radiation import air_loss_factor
@@ -153,18 +154,18 @@ class PlantSpec:
     def local_plate(self) -> Plate:
         """What the contact feels until reflections return. Raises ValueError if there is none."""
         if self.plate.local_plate is None:
-            raise ValueError(
-                "the impedance of an infinite plate is not known for plate.modes alone; give "
-                "plate.thickness_m, if the structure is a plate at the contact point"
-            )
+            raise ValueError(NO_IMPEDANCE)
         return self.plate.local_plate
 
 
+NO_IMPEDANCE = (
+    "the impedance of an infinite plate is not known for plate.modes alone; give "
+    "plate.thickness_m, if the structure is a plate at the contact point"
+)
 MOST_MODES = 500_000
 # What stands for the modes where there are none, or too many to compute.
 NO_MODES = Oscillators(np.zeros(0), np.zeros(0), np.zeros(0), 0, 0.0, 1.0)
 _MOST_ETA = 1.9  # a mode is critically damped at 2
-RIGID_RAD_S = 1e-9  # after 20 s the displacement is wrong by 7e-17
 
 
 @lru_cache(maxsize=8)
@@ -249,20 +250,6 @@ def _stirred(modes: Oscillators, seen: bool) -> Oscillators:
     )  # fmt: skip
 
 
-def damped_frequency(modes: Oscillators) -> tuple[np.ndarray, float | np.ndarray]:
-    """Theta of every oscillator (rad/s), and delta/Theta: one number, or one for every oscillator.
-
-    A rigid body's mode takes a frequency so low that within any run it turns by less than
-    rounding can show.
-    """
-    omega = np.maximum(modes.omega, RIGID_RAD_S)
-    if isinstance(modes.eta, np.ndarray):
-        root = np.sqrt(1.0 - modes.eta * modes.eta / 4.0)
-        return omega * root, (modes.eta / 2.0) / root
-    one_root = math.sqrt(1.0 - modes.eta * modes.eta / 4.0)
-    return omega * one_root, (modes.eta / 2.0) / one_root
-
-
 class Plant(ABC):
     """A description as a run needs it: modes, model, state, and a balance at the end.
 
@@ -318,12 +305,13 @@ class Plant(ABC):
 
     def close_balance(self) -> Balance:
         """Energy and momentum of the run so far; to be called once, at its end. See `balance`."""
+        speed_m_s = self.sphere_speed_m_s()
         modal_j = float(self.kernels.close_balance(self.model, self.state))
         return balance(
             self.model,
             self.state,
             self._start,
-            self.sphere_speed_m_s(),
+            speed_m_s,
             modal_j=modal_j,
             contact_j=self.contact_energy_j(),
         )

@@ -87,6 +87,8 @@ _CHECKSUM = {Opcode.ATTACHMENT: 4}  # bytes after the pieces
 _CHECKED = (Opcode.CHUNK, Opcode.ATTACHMENT)  # kinds with a checksum of their own
 _CHAIN = 4  # records that follow one another are no chance
 
+SAMPLED = tuple(sorted(filter(has_header_sequence, STREAMS)))  # daq, force, truth
+
 
 class Damaged(Exception):
     """Why something in a file cannot be believed."""
@@ -494,7 +496,6 @@ def message_of(content: bytes) -> Message:
 Arrays = dict[str, np.ndarray]
 IN_MEMORY = 1 << 20  # samples: rows of truth have 84 MB then
 PIECE = 1 << 16
-SAMPLED = tuple(sorted(filter(has_header_sequence, STREAMS)))  # daq, force, truth
 
 
 class Columns(Mapping[str, np.ndarray]):
@@ -612,6 +613,13 @@ class JoinedStream:
             yield from self.arrays.again()
         elif self.arrays:
             yield dict(self.arrays)
+
+    def placed(self) -> Iterator[tuple[int, Arrays]]:
+        """The same as `blocks`, each with the position of its first sample."""
+        at = 0
+        for arrays in self.blocks():
+            yield at, arrays
+            at += len(next(iter(arrays.values())))
 
     def in_memory(self, most: int = IN_MEMORY) -> "JoinedStream":
         """The same with its arrays in memory, read once, for who looks at it several times; itself
@@ -1136,8 +1144,7 @@ class Recording:
 
     `others`: how many messages are of topics that are none of ours, and were passed over.
     `unchecked`: how many parts of the file no checksum covers, since another program wrote it.
-    `law_ran`: name and digest of the law that the controller said it ran, empty where it did not
-    say; `law_source`: text of the one that the plant announced.
+    `law_source`: text of the law that the plant announced.
     """
 
     path: Path
@@ -1160,12 +1167,6 @@ class Recording:
     def other_version(self) -> str:
         """By which version it was recorded and which this is, in brackets; empty for this one."""
         return other_version(self.metadata.get("versions", ""), "it was recorded by")
-
-    @property
-    def law_ran(self) -> tuple[str, str]:
-        """Name and digest of the law that the controller said it ran; empty where it did not."""
-        end = self.ends.get(CONTROLLER)
-        return (end.set_up.law, end.set_up.law_digest) if end else ("", "")
 
     @property
     def daq_values(self) -> np.ndarray:

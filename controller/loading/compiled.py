@@ -28,8 +28,7 @@ from numba.extending import intrinsic
 from numba.np.numpy_support import as_dtype
 
 from hertzloop.jit import kernel
-from hertzloop.jit.cache import cache_folder, keep, stored
-from hertzloop.jit.decorator import kept_in
+from hertzloop.jit.cache import cache_folder, keep, kept_in, stored
 from hertzloop.jit.object_code import array_at
 
 UNCOMPILED = bool(config.DISABLE_JIT)  # all runs as Python, to be tested line by line

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.analysis.impacts import Block
+from hertzloop.bus.streams import CONTROLLER
 from hertzloop.plant.time_series import TRUTH
 from hertzloop.recordings.reader import Arrays, Recording
 from hertzloop.scenes.errors import SceneError
@@ -31,15 +32,7 @@ def rows_of(recording: Recording) -> np.ndarray:
 
 def blocks_of(recording: Recording) -> Iterator[Block]:
     """The same in blocks, each with its first step, up to the first value that is not finite."""
-    yield from _rows(recording, _placed(recording.truth.blocks()))
-
-
-def _placed(blocks: Iterable[Arrays]) -> Iterator[tuple[int, Arrays]]:
-    """Blocks with the position of their first row."""
-    at = 0
-    for arrays in blocks:
-        yield at, arrays
-        at += len(arrays["xi_m"])
+    yield from _rows(recording, recording.truth.placed())
 
 
 def pieces_of(recording: Recording) -> Iterator[Block]:
@@ -52,12 +45,12 @@ def _rows(recording: Recording, pieces: Iterable[tuple[int, Arrays]]) -> Iterato
     if not set(truth.arrays) >= NEEDED_FIELDS:
         return
     for at, arrays in pieces:
-        rows = stacked(arrays)
+        first, rows = int(truth.step_at(at)), stacked(arrays)
         finite = np.isfinite(rows).all(axis=0)
         if not finite.all():
-            yield int(truth.step_at(at)), rows[:, : int(np.argmin(finite))]
+            yield first, rows[:, : int(np.argmin(finite))]
             return
-        yield int(truth.step_at(at)), rows
+        yield first, rows
 
 
 def stacked(columns: Arrays) -> np.ndarray:
@@ -85,9 +78,15 @@ class LawRan:
         return bool(self.law) and (self.law, self.law_digest) == announced
 
 
+def law_ran(recording: Recording) -> tuple[str, str]:
+    """Name and digest of the law that the controller said it ran; empty where it did not."""
+    end = recording.ends.get(CONTROLLER)
+    return (end.set_up.law, end.set_up.law_digest) if end else ("", "")
+
+
 def law_of(recording: Recording) -> LawRan:
     """Which law the forces of a recording come from."""
-    ran, digest = recording.law_ran
+    ran, digest = law_ran(recording)
     announced = recording.metadata.get("law") or _law_of_scene(recording)
     return LawRan(
         ran or None, digest or None, announced, recording.metadata.get("law_digest") or None

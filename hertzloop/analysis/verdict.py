@@ -17,7 +17,7 @@ from hertzloop.analysis.trust import (
     predictability,
 )
 from hertzloop.bus.messages_pb2 import EventKind
-from hertzloop.controller.loading.registry import controls
+from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.recordings.reader import Event, Recording
 from hertzloop.setup import Setup
 
@@ -168,7 +168,7 @@ def verdict(
     alone which spoils its own."""
     control, figures = None, ran.figures
     comparable = bool(figures.impacts) and not figures.stability.unstable
-    if comparable and free is not None and free.impacts and controls(ran.scene_law or ""):
+    if comparable and free is not None and free.impacts and ran.scene_law != NO_CONTROL:
         control = _control(ran, free, known)
     return RunVerdict(ran, control, accuracy if accuracy and not accuracy.kept else None)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
+from hertzloop.analysis.recorded import law_ran
 from hertzloop.cli.options import (
     ControllerOption,
     JsonOption,
@@ -126,7 +127,7 @@ def replay(
         fail(str(error), 2)
     for problem in recording.problems:
         err.print(f"{file}: {problem}", soft_wrap=True, markup=False)
-    ran = recording.law_ran[0] or recording.metadata.get("law") or "as recorded"
+    ran = law_ran(recording)[0] or recording.metadata.get("law") or "as recorded"
     law_replay.draw(found, (f"recorded: {ran}", parts.law_of(setup).name), target)
     out.print(_difference(found, parts.law_of(setup).name), soft_wrap=True, markup=False)
     out.print(f"written: {target}", soft_wrap=True)

@@ -16,9 +16,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
-from numba import typeof
+from numba import config, typeof
 from numba.core import event
 from numba.core.caching import FunctionCache, NullCache
 from numba.core.runtime import rtsys
@@ -201,6 +202,26 @@ def keep(path: Path, content: str | bytes) -> None:
         write_whole(path, content)
     except OSError as error:
         note_refused(error.strerror or str(error))
+
+
+_swapping = Lock()
+
+
+@contextmanager
+def kept_in(folder: Path) -> Iterator[None]:
+    """Let Numba keep what is decorated meanwhile in `folder`, and leave all else as it was.
+
+    Numba looks at its configuration when a function is decorated: neither what was imported
+    first nor the environment decides, and the functions of others stay where they are.
+    """
+    ours = {"CACHE_DIR": str(folder), "CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator"}
+    with _swapping:
+        theirs = {name: getattr(config, name, "") for name in ours}
+        vars(config).update(ours)
+        try:
+            yield
+        finally:
+            vars(config).update(theirs)
 
 
 def stored(function: Callable[..., Any], quick: bool) -> Any:

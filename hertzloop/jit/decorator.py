@@ -1,16 +1,11 @@
 """The one spelling of a compiled function."""
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial
-from pathlib import Path
-from threading import Lock
 from typing import Any
 
-from hertzloop.jit.cache import cache_folder, stored
-
-_swapping = Lock()
+from hertzloop.jit.cache import cache_folder, kept_in, stored
 
 
 def kernel(
@@ -73,22 +68,3 @@ def kernel(
         if on_disk:
             made._cache = stored(function, quick=ours)
     return made
-
-
-@contextmanager
-def kept_in(folder: Path) -> Iterator[None]:
-    """Let Numba keep what is decorated meanwhile in `folder`, and leave all else as it was.
-
-    Numba looks at its configuration when a function is decorated: neither what was imported
-    first nor the environment decides, and the functions of others stay where they are.
-    """
-    from numba import config
-
-    ours = {"CACHE_DIR": str(folder), "CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator"}
-    with _swapping:
-        theirs = {name: getattr(config, name, "") for name in ours}
-        vars(config).update(ours)
-        try:
-            yield
-        finally:
-            vars(config).update(theirs)

@@ -192,7 +192,10 @@ def run_compiled(
             controller.forces, streams.window, modes, delays, end, NEVER,
         )  # fmt: skip
 
-    def loop() -> float:
+    advance(0)  # loads the kernel before the clock starts
+    set_up = set_up_by(setup)
+    try:
+        streams.greet()
         wall_s, sent = 0.0, 0
         while streams.step < setup.steps:
             started = time.perf_counter()
@@ -219,13 +222,6 @@ def run_compiled(
             for event in events.of(first, modes[:count], delays[:count]):
                 publisher.send("events/controller", event)
             on_progress(streams.step)
-        return wall_s
-
-    advance(0)  # loads the kernel before the clock starts
-    set_up = set_up_by(setup)
-    try:
-        streams.greet()
-        wall_s = loop()
         streams.finish()
     except (BusError, StreamFault) as error:
         streams.fail(f"run ended at step {streams.step}: {error}")

@@ -1700,8 +1700,9 @@ def _take_in(data: dict[str, Any], folder: Path) -> None:
 def _checked(data: dict[str, Any], folder: Path | None = None, recorded: bool = False) -> Scene:
     control = data.get("controller")
     try:
-        if isinstance(control, dict) and isinstance(control.get("law"), str):
-            data = {**data, "controller": {**control, "law": resolve(control["law"], folder)}}
+        law = control.get("law") if isinstance(control, dict) else None
+        if isinstance(control, dict) and isinstance(law, str) and law not in shipped_laws():
+            data = {**data, "controller": {**control, "law": resolve(law, folder)}}
         return Scene.model_validate(data, context={"recorded": recorded})
     except LawError as error:
         raise SceneError(str(error)) from error

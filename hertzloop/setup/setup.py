@@ -50,17 +50,8 @@ _KEPT_TABLES = 64
 _PLAIN_SENSORS, _NO_CONTROL = SensorsTable(quantity="xi"), ControllerTable(law=NO_CONTROL)
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class Setup:
-    """A run in SI units, resolved from a scene by `resolve`. Reading a value computes nothing.
-
-    Two setups are equal if their scenes are, and if they were announced the same stiffness.
-    """
-
-    scene: Scene
-    announced_stiffness: float | None
-    """contact stiffness that the plant of a run announced, N/m^1.5; a law then works with it. On
-    another processor its last digit may differ from ours."""
+class _Values:
+    """What `resolve` computes."""
 
     # What the scene says in numbers.
     name: str
@@ -127,13 +118,18 @@ class Setup:
     about_bodies: About
     """what a law may know without a simulation and without the range of the converter"""
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Setup):
-            return NotImplemented
-        return (self.scene, self.announced_stiffness) == (other.scene, other.announced_stiffness)
 
-    def __hash__(self) -> int:
-        return hash((self.scene, self.announced_stiffness))
+@dataclass(frozen=True)
+class Setup(_Values):
+    """A run in SI units, resolved from a scene by `resolve`. Reading a value computes nothing.
+
+    Two setups are equal if their scenes are, and if they were announced the same stiffness.
+    """
+
+    scene: Scene
+    announced_stiffness: float | None
+    """contact stiffness that the plant of a run announced, N/m^1.5; a law then works with it. On
+    another processor its last digit may differ from ours."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         """The scene alone travels: stages may hold compiled code."""

@@ -19,6 +19,7 @@ from hertzloop.plant.contact.hertz import (
     Damping,
     Hammer,
     Limit,
+    RigidImpact,
     Sphere,
     hertz_stiffness,
     hunt_crossley_parameter,
@@ -81,6 +82,8 @@ class Bodies:
     radiating_faces: int
     weaker: tuple[str, Strength] | None
     theory: str
+    rigid: RigidImpact = field(compare=False)
+    """the same impact on a rigid plate"""
     why_not_solid: str | None = field(compare=False)
     """why the plate cannot be in three dimensions; None if it can"""
 
@@ -157,8 +160,8 @@ def bodies_of(
         description = _described(plate, of_plate, accuracy)
     except ValueError as error:
         raise SceneError(str(error)) from error
-    weaker = softer(of_plate, of_striker)
-    sphere, contact = _impact(striker, contact_table, of_striker, of_plate, weaker)
+    sphere, contact, weaker = _impact(striker, contact_table, of_striker, of_plate)
+    rigid = rigid_impact(sphere, contact)
     thin_only = not_in_three_dimensions(
         striker, plate, contact_table, actuator_table, scheme, plate_model,
         of_plate.orthotropic, sensor[1] or None,
@@ -191,6 +194,7 @@ def bodies_of(
         radiating_faces=plate.radiating_faces,
         weaker=weaker,
         theory=theory,
+        rigid=rigid,
         why_not_solid=thin_only[0] if thin_only else None,
     )
 
@@ -211,11 +215,11 @@ def _described(table: PlateTable, material: Material, accuracy: float) -> Descri
 
 
 def _impact(
-    striker: Striker, table: ContactTable, own: Material, plate: Material,
-    weaker: tuple[str, Strength] | None,
-) -> tuple[Sphere, Contact]:  # fmt: skip
-    """What strikes the plate, of a material of its `own`, and its contact: stiffness, damping,
-    exponent, and where it yields."""
+    striker: Striker, table: ContactTable, own: Material, plate: Material
+) -> tuple[Sphere, Contact, tuple[str, Strength] | None]:  # fmt: skip
+    """What strikes the plate, of a material of its `own`; its contact: stiffness, damping,
+    exponent, and where it yields; and the body that yields first, see `Bodies`."""
+    weaker = softer(plate, own)
     height, speed = getattr(striker, "drop_height_m", None), striker.speed_m_s
     if height is None:
         assert speed is not None  # a scene without either is refused
@@ -253,7 +257,7 @@ def _impact(
             "relaxation_s": table.relaxation_s,
             "extra_state": table.relaxation_solve == "bracketed",
         }
-    return sphere, Contact(stiffness, limit=limit, exponent=exponent, **damping)
+    return sphere, Contact(stiffness, limit=limit, exponent=exponent, **damping), weaker
 
 
 # The plate: modes up to a frequency, what stands for the rest, and the infinite plate.
@@ -403,7 +407,7 @@ def wavelengths_to_edge(bodies: Bodies, limit_hz: float) -> float:
 
 def _check_step(bodies: Bodies, step_ns: int) -> None:
     """Refuse a step that a contact may fit into: it would be seen as none, or as anything."""
-    lasts_s = rigid_impact(bodies.sphere, bodies.contact).contact_s
+    lasts_s = bodies.rigid.contact_s
     if lasts_s < step_ns * 1e-9:
         raise SceneError(
             f"run.step_ns = {step_ns}: is longer than a contact of {1e9 * lasts_s:.3g} ns. Use at "
@@ -584,8 +588,7 @@ def _actuation(bodies: Bodies, reach: Reach, line: Smoothness, found: Reflection
         return Actuation(jumps_n=2.0 * reach.force_n)
     if reach.copies and line.smooth:
         return Actuation(reach.share, _LONGER * found.contact_s + line.latency_s)
-    peak_n = rigid_impact(bodies.sphere, bodies.contact).peak_n
-    return Actuation(jumps_n=2.0 * reach.share * peak_n)
+    return Actuation(jumps_n=2.0 * reach.share * bodies.rigid.peak_n)
 
 
 # The law: its reach, its sensor and its line.
@@ -654,7 +657,7 @@ def _full_scale(
         return None
     contact = bodies.contact
     m, v = bodies.sphere.mass_kg, bodies.sphere.impact_speed_m_s
-    rigid, flight_s = rigid_impact(bodies.sphere, contact), 0.0
+    rigid, flight_s = bodies.rigid, 0.0
     if table.full_scale == "auto":
         horizon_s = step_s + 1e-6 * latency_us
         flight_s = max(_HORIZONS * horizon_s, _LEAST_FLIGHT_S)
@@ -702,7 +705,9 @@ def about_impact(bodies: Bodies, s: float) -> About:
     """What a law may know of the bodies alone, with the contact stiffness `s`, N/m^exponent."""
     m, v = bodies.sphere.mass_kg, bodies.sphere.impact_speed_m_s
     local = bodies.structure.local_plate
-    rigid = rigid_impact(bodies.sphere, replace(bodies.contact, stiffness=s))
+    rigid = bodies.rigid
+    if s != bodies.contact.stiffness:
+        rigid = rigid_impact(bodies.sphere, replace(bodies.contact, stiffness=s))
     return About(
         stiffness=s,
         exponent=bodies.contact.exponent,
@@ -741,7 +746,7 @@ def smoothness_of(
         and sensors.every_steps == 1
         and sensors.noise_rms == control.jitter_us == 0.0
         and sensors.fault is None
-        and line.most_added_steps == line.dead_steps
+        and line.jitter_steps == max(line.trace, default=0) == 0
         and line.stuck_step is None
         and control.drop_out_probability == 0.0
         and control.slew_n_s is None,

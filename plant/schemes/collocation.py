@@ -11,9 +11,9 @@ from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.contact import elastic_kernels as elastic
 from hertzloop.plant.contact.tail_kernels import DampedTail
 from hertzloop.plant.contact.yielding import yielding
-from hertzloop.plant.numerics import aligned, phi
+from hertzloop.plant.numerics import aligned, damped_frequency, phi
 from hertzloop.plant.one_thread import gauss, on_one_thread
-from hertzloop.plant.plant import Plant, PlantSpec, air_eta, damped_frequency
+from hertzloop.plant.plant import Plant, PlantSpec, air_eta
 from hertzloop.plant.schemes import collocation_kernels as modal_k
 from hertzloop.plant.structures.modes import Oscillators
 
@@ -131,7 +131,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> modal_k.CollocationModel
     """Coefficients of one step for every oscillator."""
     h, m = spec.step_s, spec.sphere.mass_kg
     scale = modes.scale_per_kg
-    theta, rho = damped_frequency(modes)
+    theta, rho = damped_frequency(modes.omega, modes.eta)
     s = (-rho + 1j) * theta
     x = s * h
     turn, one, two, three = (phi(i, x) for i in range(4))
@@ -181,6 +181,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> modal_k.CollocationModel
         moves(weight_a, drive_a, z) for z in (mean_constant, mean_linear)
     )
     tail, of_tail = damped_tail(spec)
+    flexibility = flexibility_m_n(spec)
     for index, share in of_tail.items():
         gains[index] += share
     _add_sphere(gains, h, m)
@@ -233,7 +234,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> modal_k.CollocationModel
         mass_kg=m,
         gravity_m_s2=spec.sphere.gravity_m_s2,
         stiffness=stiffness,
-        flexibility_m_n=flexibility_m_n(spec),
+        flexibility_m_n=flexibility,
         viscous_n_s_m=spec.contact.viscous_n_s_m,
         hunt_crossley_s_m=spec.contact.hunt_crossley_s_m,
         same_point=same,

@@ -100,6 +100,13 @@ def _compiled_of_mode(rho, i):
     return lambda rho, i: rho
 
 
+class Air(NamedTuple):
+    """What the modes lose to air: the same table and gains, of that part of their losses."""
+
+    gains: np.ndarray
+    table: np.ndarray
+
+
 class Probe(NamedTuple):
     """Velocity where a sensor elsewhere is: by Re z - rho Im z of the modes (modes,), and by F_0,
     F_1 at the contact and F_a, F_a1 within a step, m/(N s). What stands for the modes left out
@@ -278,13 +285,6 @@ def fold_slope(n, z, table, f_a1):
     for i in range(n):
         z[0, i] += table[A1_RE, i] * f_a1
         z[1, i] += table[A1_IM, i] * f_a1
-
-
-class Air(NamedTuple):
-    """What the modes lose to air: the same table and gains, of that part of their losses."""
-
-    gains: np.ndarray
-    table: np.ndarray
 
 
 @kernel(inline=True, borrowed=True)

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from hertzloop.plant import state_kernels as pk
-from hertzloop.plant.numerics import phi
-from hertzloop.plant.plant import Plant, PlantSpec, damped_frequency
+from hertzloop.plant.numerics import damped_frequency, phi
+from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes import discrete_gradient_kernels as gradient_k
 from hertzloop.plant.structures.modes import Oscillators
 
@@ -26,7 +26,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> gradient_k.PlantModel:
     """
     h = spec.step_s
     eta, scale = modes.eta, modes.scale_per_kg
-    theta, rho = damped_frequency(modes)
+    theta, rho = damped_frequency(modes.omega, modes.eta)
     if isinstance(eta, np.ndarray) or isinstance(rho, np.ndarray):
         raise ValueError(
             "loss factors that differ from mode to mode are known to run.scheme = 'modal' only, "

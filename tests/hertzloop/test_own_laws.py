@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.analysis.recorded import law_ran
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.law import Reach
@@ -80,7 +81,7 @@ def test_a_shipped_law_as_a_file_of_ones_own(here: Path, law: str, transport: st
     mine = record(scene, here / "b.mcap", transport)
     assert mine.force.arrays["force_n"].any()
     assert first_difference(mine, same) is None
-    assert mine.law_ran == ("mine.py", parts.law_of(scene).digest)
+    assert law_ran(mine) == ("mine.py", parts.law_of(scene).digest)
     assert mine.law_source == (here / "mine.py").read_text()
 
 
@@ -260,9 +261,9 @@ def test_a_law_beside_its_scene(here: Path, monkeypatch: pytest.MonkeyPatch) -> 
     )
     text = text.replace('quantity = "xi"', 'quantity = "auto"')
     (folder / "mine.toml").write_text(text)
-    assert load("scenes/mine.toml").law.path == folder / "mine.py"
+    assert parts.law_of(load("scenes/mine.toml")).path == folder / "mine.py"
     write_law(here, "s.largest_n += 0.0")
-    assert load("scenes/mine.toml").law.path == folder / "mine.py"
+    assert parts.law_of(load("scenes/mine.toml")).path == folder / "mine.py"
 
 
 def test_a_controller_that_has_the_law_elsewhere(here: Path) -> None:

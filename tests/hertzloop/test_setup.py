@@ -14,16 +14,20 @@ from hertzloop.scenes import keys
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import shipped, toml_text
 from hertzloop.scenes.writing import to_toml
-from hertzloop.setup import Setup, load, parse, parts, resolve
+from hertzloop.setup import Setup, load, model_error, parse, parts, resolve
 from hertzloop.setup.stages import Bodies
 from tests.tiers import default
 
 SCENES = shipped()
 STAGES = (
     "steps", "step_s", "bodies", "touch_phase", "first_touch_s", "reach", "plate_model",
-    "infinite_plate_lasts_s", "with_edges", "plant", "expected_error", "sensor", "latency_us",
-    "converter_step", "line", "about",
+    "with_edges", "plant", "sensor", "latency_us", "converter_step", "line",
 )  # fmt: skip
+FOLLOWING = {
+    "infinite_plate_lasts_s": model_error.infinite_plate_lasts_s,
+    "expected_error": model_error.expected_error,
+    "about": parts.about,
+}
 # Values to try of keys that are not plain numbers, beside those that a key's kind names.
 TRIED: dict[str, list[Any]] = {
     "sphere.material": ["aluminium"],
@@ -126,10 +130,9 @@ def forget() -> None:
 def stages(setup: Setup) -> dict[str, Any]:
     """What all stages come to: a value, or the sentence that refuses it."""
     found: dict[str, Any] = {}
-    for stage in STAGES:
+    for stage in (*STAGES, *FOLLOWING):
         try:
-            value = getattr(setup, stage)
-            value = value() if callable(value) else value
+            value = FOLLOWING[stage](setup) if stage in FOLLOWING else getattr(setup, stage)
         except SceneError as error:
             value = str(error)
         if isinstance(value, Bodies):  # modes of a file are compared as what they are read from

@@ -172,7 +172,7 @@ def test_what_is_no_law_is_refused(unit: Path, tmp_path: Path) -> None:
         scene_of(bare)
     second = 'self.register_variable(Real("kept", causality=Fmi2Causality.input))'
     two = built(tmp_path, more=second)
-    assert scene_of(two).law.senses == "xi"  # the one of a known name
+    assert parts.law_of(scene_of(two)).senses == "xi"  # the one of a known name
     other = built(tmp_path, more=second, name="depth")
     with pytest.raises(SceneError, match=r"has the real inputs depth, kept\. Keep one"):
         scene_of(other)
@@ -217,7 +217,7 @@ def test_values_are_in_the_units_of_the_unit(unit: Path, tmp_path: Path) -> None
     assert plain.max() > 100.0
     assert forces(changed(unit, tmp_path, "m", "N")) == pytest.approx(plain, rel=0.0, abs=0.0)
     speed = changed(unit, tmp_path, "mm/s", **{'"xi"': '"depth"'})
-    assert scene_of(speed).law.senses == "v_p"
+    assert parts.law_of(scene_of(speed)).senses == "v_p"
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from hertzloop.analysis.recorded import law_ran
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import CONTROLLER, Envelope, StreamFault
 from hertzloop.controller.loading.law import LawError
@@ -267,7 +268,7 @@ def test_wrong_in_the_run(here: Path, transport: str, python: bool) -> None:
     assert recording.truth.samples > 2000
     said = next(problem for problem in recording.problems if "it is late" in problem)
     assert said.count("failed: AssertionError") == 1  # the role that heard of it adds nothing
-    assert recording.law_ran[0] == "mine.py"
+    assert law_ran(recording)[0] == "mine.py"
 
 
 def test_a_sweep_notes_the_case_in_which_a_law_fails(here: Path) -> None:
