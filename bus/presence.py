@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import zenoh
 
 from hertzloop.bus.port import BusError, PeerLost
-from hertzloop.bus.process_clock import clock
+from hertzloop.bus.process_clock import LONGEST_S, clock
 from hertzloop.bus.streams import ROLES
 from hertzloop.bus.unauthorised import UnauthorisedPeers
 from hertzloop.bus.zenoh_config import role_of
@@ -252,8 +252,6 @@ class Presence:
 # Which processes of a run compile at the moment: whoever waits for them waits longer.
 #
 # A process says so by a liveliness token, which goes with the process if it dies.
-
-LONGEST_S = 300.0  # for one kernel, many times what it takes on a busy machine
 
 
 @dataclass

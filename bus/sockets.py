@@ -13,6 +13,7 @@ from pathlib import Path
 from hertzloop.bus.streams import ROLES
 from hertzloop.bus.wire import reserved_ports
 
+RUN_KEY = "HERTZLOOP_RUN_KEY"  # variable with the secret of a run
 _KIND = "unixsock-stream/"
 _PREFIX = "hertzloop-bus-"
 _LONGEST = 107  # bytes of a path that Linux binds a socket to

@@ -27,10 +27,9 @@ from pathlib import Path
 import zenoh
 
 from hertzloop.bus.port import BusError
-from hertzloop.bus.sockets import mesh_endpoints
+from hertzloop.bus.sockets import RUN_KEY, mesh_endpoints
 from hertzloop.bus.streams import ROLES, STREAMS, SUBSCRIPTIONS
 
-RUN_KEY = "HERTZLOOP_RUN_KEY"  # variable with the secret
 _LEASE_S = 60.0  # at least: until the loss of a host is noticed that nobody waits for
 _IDS_PER_ROLE = 256  # a pool and not one id, so that a second process of a role can say so
 _opened = itertools.count()

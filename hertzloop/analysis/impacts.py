@@ -38,7 +38,6 @@ from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.schemes.collocation import damped_tail, flexibility_m_n
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.plant.schemes.thesis2008 import relative_speed_m_s, sampled
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import (
@@ -499,6 +498,8 @@ class _PublishedWindow:
 
     def close(self, following: np.ndarray | None) -> RowsOfImpact:
         """See Window."""
+        from hertzloop.plant.schemes.thesis2008 import relative_speed_m_s, sampled  # seldom: 1 ms
+
         setup, v0 = self.setup, self.speeds[-1]
         spec, h = setup.plant, setup.step_s
         xi, f_a, f_c = np.concatenate(self._parts, axis=1)

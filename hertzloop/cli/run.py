@@ -3,7 +3,7 @@
 import os
 import secrets
 import time
-from contextlib import ExitStack, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -122,7 +122,6 @@ def run(
     from hertzloop.bus.sockets import on_loopback, own_endpoints
     from hertzloop.processes import fork_server
     from hertzloop.processes.launcher import RunOptions, Transport, what_is_kept
-    from hertzloop.processes.observer import observer_beside
     from hertzloop.processes.program import BUS_NAME, meeting_endpoints
     from hertzloop.views import run as run_view
     from hertzloop.views.run import run_scene
@@ -132,9 +131,13 @@ def run(
     if controller:
         endpoints = held.enter_context(meeting_endpoints(controller, port))
         name = name or (None if "{name}" in controller else BUS_NAME)
+    observer: AbstractContextManager[object] = nullcontext()
     if live:
+        from hertzloop.processes.observer import observer_beside  # imports zenoh, 5 ms
+
         endpoints = endpoints or held.enter_context(own_endpoints())
         name = name or f"live-{os.getpid()}-{secrets.token_hex(4)}"
+        observer = observer_beside(name, endpoints)
     options = RunOptions(
         transport=Transport(transport),
         overwrite=overwrite,
@@ -156,7 +159,7 @@ def run(
     with (
         if_interrupted(lambda: what_is_kept(recording, started_s)),
         held,
-        observer_beside(name, endpoints) if live and name and endpoints else nullcontext(),
+        observer,
         progress(resolved.name, resolved.steps) as advance,
     ):
         data = run_scene(resolved, recording, options, advance)

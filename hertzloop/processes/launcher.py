@@ -15,11 +15,9 @@ from pathlib import Path
 from signal import SIGKILL
 from typing import Any
 
-from hertzloop.bus.presence import LONGEST_S
-from hertzloop.bus.process_clock import ProcessClock, clock
-from hertzloop.bus.sockets import mesh_endpoints, own_endpoints, own_folder
+from hertzloop.bus.process_clock import LONGEST_S, ProcessClock, clock
+from hertzloop.bus.sockets import RUN_KEY, mesh_endpoints, own_endpoints, own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
-from hertzloop.bus.zenoh_config import RUN_KEY
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.processes import fork_server
 from hertzloop.processes.program import filled_in

@@ -170,7 +170,8 @@ class Setup(_Values):
     def on_plate(self, plate_model: str) -> "Setup":
         """Return the setup with `run.plate_model` set."""
         scene = self._scene_with_run("plate_model", plate_model)
-        if plate_model != self.plate_model or self.announced_stiffness is not None:
+        alike = plate_model == self.plate_model and self.announced_stiffness is None
+        if not alike or (plate_model == "infinite" != self.scene.run.plate_model):
             return resolve(scene)
         found = object.__new__(Setup)  # "auto" came to it: no stage differs
         found.__dict__.update(vars(self), scene=scene)
@@ -222,9 +223,10 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     striker = scene.sphere or scene.hammer
     assert striker is not None  # a scene has one
     materials = _name(scene.plate.material), _name(striker.material)
+    sensed = sensors.point_m, sensors.mass_kg or 0.0
     bodies = stages.bodies_of(
-        striker, scene.plate, scene.contact, scene.actuator, scene.materials,
-        run.scheme, run.plate_model, run.accuracy, (sensors.point_m, sensors.mass_kg or 0.0),
+        striker, scene.plate, scene.contact, scene.actuator, scene.materials, run.scheme,
+        run.plate_model == "infinite", run.accuracy, sensed,
     )  # fmt: skip
     first_touch_s = run.lead_in_s
     if gravity := bodies.sphere.gravity_m_s2:

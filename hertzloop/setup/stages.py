@@ -138,7 +138,7 @@ def bodies_of(
     actuator_table: ActuatorTable,
     materials: tuple[MaterialTable, ...] | None,
     scheme: str,
-    plate_model: str,
+    without_modes: bool,
     accuracy: float,
     sensor: tuple[Point | None, float],
 ) -> Bodies:
@@ -147,7 +147,7 @@ def bodies_of(
     Args:
         materials: the scene's own, by name.
         scheme: `run.scheme`; a solid plate is known to one of them only.
-        plate_model: `run.plate_model` as the scene has it; an infinite plate is thin.
+        without_modes: whether `run.plate_model` is "infinite"; such a plate is thin.
         accuracy: `run.accuracy`, by which the theory and the number of Ritz functions are chosen.
         sensor: point and mass (kg) of the sensor.
 
@@ -163,7 +163,8 @@ def bodies_of(
     sphere, contact, weaker = _impact(striker, contact_table, of_striker, of_plate)
     rigid = rigid_impact(sphere, contact)
     thin_only = not_in_three_dimensions(
-        striker, plate, contact_table, actuator_table, scheme, plate_model,
+        striker, plate, contact_table, actuator_table, scheme,
+        "infinite" if without_modes else "auto",
         of_plate.orthotropic, sensor[1] or None,
     )  # fmt: skip
     theory = plate.theory

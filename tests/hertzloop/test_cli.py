@@ -373,3 +373,18 @@ def test_rerun_is_imported_only_where_it_is_used(here: Path) -> None:
     import subprocess
 
     subprocess.run([sys.executable, "-c", script], check=True, cwd=here)
+
+
+@pytest.mark.full
+def test_a_compiled_run_imports_neither_network_nor_published_plant(here: Path) -> None:
+    import subprocess
+
+    words = ["run", "aluminium-3mm", *SHORT, "--transport", "compiled"]
+    script = (
+        "import sys; from tests.commands import invoke;"
+        f"assert invoke({words!r}).exit_code == 0;"
+        "print([name for name in sys.modules if name in ('zenoh', 'hertzloop.bus.presence',"
+        " 'hertzloop.plant.schemes.thesis2008') or name.startswith('hertzloop.studies.margin')])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=here)
+    assert done.stdout.splitlines()[-1:] == ["[]"], done.stdout + done.stderr
