@@ -17,9 +17,10 @@ import typer
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
+from hertzloop.plant.plant import PlantSpec
 from hertzloop.scenes.scene import load as load_scene
 from hertzloop.setup import Setup, parts, resolve
-from hertzloop.setup.stages import build_words
+from hertzloop.setup.stages import TOLD_S, build_s
 from hertzloop.whole_files import NotWritten, in_place, write_together, write_whole
 
 SceneArgument = Annotated[str, typer.Argument(help="Name of a shipped scene, or a .toml file.")]
@@ -130,11 +131,20 @@ def scene_from(
 
     if not anything_compiled():
         announce_compilation()
-    if said := build_words(setup.plant):
+    if said := _build_words(setup.plant):
         err.print(said, soft_wrap=True, markup=False)
     if not tried:
         check_law(setup)
     return setup
+
+
+def _build_words(spec: PlantSpec) -> str:
+    """Return a sentence for a plant whose modes take a while; empty for any other."""
+    takes_s = build_s(spec)
+    if takes_s < TOLD_S:
+        return ""
+    modes = spec.plate.modes_below(spec.frequency_limit_hz)
+    return f"Computing about {modes:.2g} modes takes about {takes_s:.0f} s of processor time."
 
 
 def check_pace(setup: Setup, pace: float | None, timeout: float, **others: object) -> None:

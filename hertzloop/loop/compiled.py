@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,10 @@ from hertzloop.controller import kernels as line_k
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop import kernels as loop_k
-from hertzloop.loop.controller_node import ControllerNode, set_up_by
+from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.plant_node import LoopStats, PlantNode
-from hertzloop.loop.plant_streams import EVERY_S, ROOM_STEPS, PlantStreams, empty_window
+from hertzloop.loop.plant_streams import EVERY_S, ROOM_STEPS, PlantStreams, empty_window, set_up_by
 from hertzloop.loop.watchdog import watching
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.actuator import rest_force_n
@@ -184,22 +185,20 @@ def run_compiled(
     controller = parts.start_controller(setup, ahead=False)
     events = ControllerEvents(setup)
     modes, delays = np.zeros(ROOM_STEPS, np.int64), np.zeros(ROOM_STEPS, np.int64)
-
-    def advance(end: int) -> None:
-        loop_k.closed_loop(
-            streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
-            controller.law, controller.law_state, controller.line, controller.line_state,
-            controller.forces, streams.window, modes, delays, end, NEVER,
-        )  # fmt: skip
-
-    advance(0)  # loads the kernel before the clock starts
+    advance = partial(
+        loop_k.closed_loop,
+        streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
+        controller.law, controller.law_state, controller.line, controller.line_state,
+        controller.forces, streams.window, modes, delays,
+    )  # fmt: skip
+    advance(0, NEVER)  # loads the kernel before the clock starts
     set_up = set_up_by(setup)
     try:
         streams.greet()
         wall_s, sent = 0.0, 0
         while streams.step < setup.steps:
             started = time.perf_counter()
-            advance(streams.boundary)
+            advance(streams.boundary, NEVER)
             wall_s += time.perf_counter() - started
             try:
                 controller.check()

@@ -15,15 +15,14 @@ from hertzloop.bus.streams import (
     Envelope,
     StreamFault,
     compare_set_up,
-    versions_here,
 )
 from hertzloop.bus.wire import DecodedBlock
 from hertzloop.controller.controller import Controller, Reply
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.answers import LaneAnswers
 from hertzloop.loop.events import ControllerEvents
+from hertzloop.loop.plant_streams import set_up_by
 from hertzloop.scenes.errors import SceneError
-from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup, parse, parts
 from hertzloop.setup.parts import idle
 
@@ -43,18 +42,6 @@ def physical_values(codes: np.ndarray, scale: float, offset: float) -> np.ndarra
     """What codes of a converter stand for, in the unit of the quantity."""
     with np.errstate(over="ignore", invalid="ignore"):  # the caller refuses what is not finite
         return np.asarray(offset + scale * codes)
-
-
-def set_up_by(setup: Setup, law: str | None = None) -> SetUp:
-    """What a controller says at its end that it worked by; `law`: what the plant calls the law, if
-    this side has it elsewhere."""
-    return SetUp(
-        scene_toml=to_toml(setup.scene, law or setup.law_reference),
-        stiffness=setup.stiffness,
-        law=parts.law_of(setup).name,
-        law_digest=parts.law_of(setup).digest,
-        versions=versions_here(),
-    )
 
 
 class ControllerNode:

@@ -8,7 +8,7 @@ import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from hertzloop.bus.events import event
-from hertzloop.bus.messages_pb2 import Books, DaqBlock, EventKind, Hello, LawText, TruthBlock
+from hertzloop.bus.messages_pb2 import Books, DaqBlock, EventKind, Hello, LawText, SetUp, TruthBlock
 from hertzloop.bus.port import BusError, Publisher
 from hertzloop.bus.streams import StreamFault, versions_here
 from hertzloop.loop import kernels as loop_k
@@ -37,6 +37,18 @@ def hello(setup: Setup, stiffness: float) -> Hello:
         versions=versions_here(),
         law=parts.law_of(setup).name,
         law_digest=parts.law_of(setup).digest,
+    )
+
+
+def set_up_by(setup: Setup, law: str | None = None) -> SetUp:
+    """What a controller says at its end that it worked by; `law`: what the plant calls the law, if
+    this side has it elsewhere."""
+    return SetUp(
+        scene_toml=to_toml(setup.scene, law or setup.law_reference),
+        stiffness=setup.stiffness,
+        law=parts.law_of(setup).name,
+        law_digest=parts.law_of(setup).digest,
+        versions=versions_here(),
     )
 
 
@@ -84,8 +96,8 @@ class PlantStreams:
         self.setup, self.publisher, self._held = setup, publisher, held
         self.plant = parts.start_plant(setup)
         self.sensor = parts.start_sensor(setup)
-        self.hello = hello(setup, self.plant.model.stiffness)
         self.window = empty_window(ROOM_STEPS, ROOM_STEPS)
+        self.hello = hello(setup, self.plant.model.stiffness)
         spec = self.sensor.spec
         quantity = setup.quantity
         self._events = PlantEvents(setup.step_ns, spec.every_steps, quantity, setup.steps)

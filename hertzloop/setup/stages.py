@@ -271,7 +271,7 @@ NEAREST = 1.0  # wavelengths at the limit between the struck point and an edge, 
 _LOWEST_TAIL = 0.5  # of the last mode's frequency, for that from which on a damped tail stands
 _LEAST_SHARE = 0.99  # of the frequency limit, for the lowest mode
 _MASS_S = 5e-8  # processor time of a pair of modes under a mass, s
-_TOLD_S, _MOST_S = 2.0, 60.0  # of processor time for the modes: said, and refused
+TOLD_S, _MOST_S = 2.0, 60.0  # of processor time for the modes: said, and refused
 _FEWEST_PERIODS = 1.5  # of the limit in a contact
 
 
@@ -480,7 +480,7 @@ def build_s(spec: PlantSpec) -> float:
     modes = spec.plate.modes_below(spec.frequency_limit_hz)
     found = modes * spec.plate.seconds_per_mode
     masses = sum(mass > 0.0 for mass in spec.masses)
-    if masses and _MASS_S * modes**2 > _TOLD_S:
+    if masses and _MASS_S * modes**2 > TOLD_S:
         limit = 2.0 * math.pi * spec.frequency_limit_hz
         felt = frequencies(spec.plate, spec.contact_point_m, spec.actuator_point_m, limit)
         found += masses * _MASS_S * felt**2
@@ -501,15 +501,6 @@ def _check_build(spec: PlantSpec) -> None:
         )
 
 
-def build_words(spec: PlantSpec) -> str:
-    """Return a sentence for a plant whose modes take a while; empty for any other."""
-    takes_s = build_s(spec)
-    if takes_s < _TOLD_S:
-        return ""
-    modes = spec.plate.modes_below(spec.frequency_limit_hz)
-    return f"Computing about {modes:.2g} modes takes about {takes_s:.0f} s of processor time."
-
-
 _LEAST_HORIZON = -12  # power of two, 0.24 ms: most first impacts are over then
 _LONGER = 2.0  # the delay that a law may latch, against the contact without control
 
@@ -523,16 +514,6 @@ def infinite_plate_possible(bodies: Bodies, scheme: str, reach: Reach) -> bool:
     known = bool(SCHEMES[scheme].infinite_plate) and ideal and not bodies.radiating_faces
     sensed = bodies.sensor_point_m is None and not bodies.sensor_mass_kg
     return known and sensed and bodies.same_point and bounded and supported
-
-
-@lru_cache(maxsize=KEPT)
-def reflections_of(bodies: Bodies, until_s: float = math.inf) -> Reflections:
-    """When reflections return to the contact point, as far as that is known `until_s` after the
-    first touch. Raises SceneError where that is not known."""
-    plate = bodies.structure.separable
-    if plate is None:
-        raise SceneError(f"reflections are unknown for {bodies.structure}")
-    return reflections(bodies.sphere, plate, bodies.contact, bodies.contact_point_m, until_s)
 
 
 def _horizon_s(until_s: float) -> float:
@@ -552,9 +533,11 @@ def infinite_plate_error(
         return math.inf
     plate = bodies.structure.separable
     assert plate is not None  # else it would not be possible
-    if until_s > looks_until_s(bodies.sphere, plate, bodies.contact, bodies.contact_point_m):
+    horizon_s = _horizon_s(until_s)
+    impact = bodies.sphere, plate, bodies.contact, bodies.contact_point_m
+    if until_s > looks_until_s(*impact):
         return math.inf
-    found = reflections_of(bodies, _horizon_s(until_s))
+    found = reflections(*impact, horizon_s)
     if not found.contact_s <= until_s:
         return math.inf
     return found.error(until_s, step_s, _actuation(bodies, reach, line, found))
@@ -571,9 +554,12 @@ def infinite_plate_lasts_s(
 ) -> float:
     """How long after the first touch an infinite plate meets the accuracy, s; zero where it does
     not do so for a whole contact. It is not looked for beyond `at_most_s`."""
-    if not infinite_plate_possible(bodies, scheme, reach):
+    plate = bodies.structure.separable
+    if plate is None or not infinite_plate_possible(bodies, scheme, reach):
         return 0.0
-    found = reflections_of(bodies, _horizon_s(at_most_s))
+    found = reflections(
+        bodies.sphere, plate, bodies.contact, bodies.contact_point_m, _horizon_s(at_most_s)
+    )
     lasts = found.lasts_s(accuracy, step_s, _actuation(bodies, reach, line, found))
     return min(lasts, at_most_s) if lasts >= found.contact_s else 0.0
 

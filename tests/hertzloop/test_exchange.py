@@ -11,7 +11,8 @@ from hertzloop.bus.messages_pb2 import ForceBlock
 from hertzloop.bus.port import Port, Publisher
 from hertzloop.bus.streams import Checker, Envelope
 from hertzloop.loop import plant_streams
-from hertzloop.loop.controller_node import ControllerNode, set_up_by
+from hertzloop.loop.controller_node import ControllerNode
+from hertzloop.loop.plant_streams import set_up_by
 from hertzloop.setup import parse
 from tests.hertzloop.exchange import exchange
 from tests.hertzloop.short_runs import SCENES, scene
