@@ -7,7 +7,6 @@ import time
 import traceback
 from collections.abc import Iterator, Mapping
 from functools import cached_property
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -24,8 +23,9 @@ from hertzloop.controller.loading.callbacks import (
 from hertzloop.controller.loading.compiled import (
     FUNCTIONS,
     UNCOMPILED,
-    Entries,
     PackedRecord,
+    compiling,
+    entries_of,
     pack,
     state_of,
 )
@@ -89,14 +89,16 @@ class BoundPython(BoundLaw):
     ) -> None:
         fields = constants._asdict() if hasattr(constants, "_asdict") else vars(constants)
         packed, state = pack(fields), state_of(home)
-        self._home, self._constants = home, _with_arrays(constants, fields)
+        # Python sees numbers, and arrays instead of tuples.
+        arrays = {k: np.asarray(v, float) for k, v in fields.items() if isinstance(v, tuple | list)}
+        self._home, self._constants = home, constants._replace(**arrays) if arrays else constants
         wanted = tuple(FUNCTIONS) if ahead else ("command",)
         addresses: dict[str, int] = {}
         held: Any = None
         trouble, ended = "", list[BaseException]()
         if not UNCOMPILED:
-            with _compiling:
-                held = _entries(name, digest, home, packed.dtype, state.dtype)
+            with compiling:
+                held = entries_of(name, digest, home, packed.dtype, state.dtype)
                 addresses, trouble = held.addresses(wanted), held.trouble
         if not addresses:
             held = python_functions(home, self._constants, state.dtype, wanted, ended)
@@ -147,25 +149,6 @@ class BoundPython(BoundLaw):
         for i in range(len(samples)):
             command(self._constants, state, samples[: i + 1], i)
         return 1e6 * (time.perf_counter() - started) / len(samples)
-
-
-# By name and digest of the law and by the layouts, which are kept and thus known by identity.
-_ENTRIES: dict[tuple[str, str, int, int], tuple[Entries, np.dtype, np.dtype]] = {}
-_compiling = Lock()  # threads that meet a new law at once would each compile it, and drop others'
-
-
-def _entries(name: str, digest: str, home: Any, parameters: np.dtype, state: np.dtype) -> Entries:
-    key = (name, digest, id(parameters), id(state))
-    if key not in _ENTRIES:
-        made = Entries(home, name, digest, parameters, state)
-        _ENTRIES[key] = (made, parameters, state)
-    return _ENTRIES[key][0]
-
-
-def _with_arrays(constants: Any, fields: Mapping[str, Any]) -> Any:
-    """The constants as Python sees them: numbers, and arrays instead of tuples."""
-    arrays = {k: np.asarray(v, float) for k, v in fields.items() if isinstance(v, tuple | list)}
-    return constants._replace(**arrays) if arrays else constants
 
 
 def _said(error: BaseException) -> str:

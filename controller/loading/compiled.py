@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
+from threading import Lock
 from types import ModuleType
 from typing import Any, NamedTuple, get_type_hints
 
@@ -342,3 +343,17 @@ def state_of(home: Any) -> PackedRecord:
     record = np.zeros(1, dtype)
     record[0] = tuple(first)
     return PackedRecord(dtype, record.view(np.int64), ())
+
+
+# By name and digest of the law and by the layouts, which are kept and thus known by identity.
+_ENTRIES: dict[tuple[str, str, int, int], tuple[Entries, np.dtype, np.dtype]] = {}
+compiling = Lock()  # threads that meet a new law at once would each compile it, and drop others'
+
+
+def entries_of(name: str, digest: str, home: Any, parameters: np.dtype, state: np.dtype) -> Entries:
+    """The entries of a law for these layouts, made once; to be called with `compiling` held."""
+    key = (name, digest, id(parameters), id(state))
+    if key not in _ENTRIES:
+        made = Entries(home, name, digest, parameters, state)
+        _ENTRIES[key] = (made, parameters, state)
+    return _ENTRIES[key][0]

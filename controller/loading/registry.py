@@ -115,9 +115,9 @@ def _shipped_law(name: str, digest: str | None) -> Law:
 @cache
 def _loaded_shipped(name: str) -> Law:
     path = SHIPPED / f"{name}.py"
-    home = importlib.import_module(f"hertzloop.controller.laws.{name}")
+    home, digest = importlib.import_module(f"hertzloop.controller.laws.{name}"), digest_of(path)
     check_home(name, home)
-    return Law(name, path, path.read_text(encoding="utf-8"), digest_of(path), home)
+    return Law(name, path, path.read_text(encoding="utf-8"), digest, home)
 
 
 def _from_file(reference: str, path: Path, name: str | None, digest: str | None) -> Law:

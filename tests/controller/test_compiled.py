@@ -86,9 +86,9 @@ def test_a_law_in_the_disk_is_not_compiled_again(tmp_path: Path, heard: Heard) -
     heard.names.clear()
     (tmp_path / "other").mkdir()
     again = find(str(shutil.copy(tmp_path / "new.py", tmp_path / "other")))
-    from hertzloop.controller.loading import bound
+    from hertzloop.controller.loading import compiled
 
-    bound._ENTRIES.clear()
+    compiled._ENTRIES.clear()
     again.bind(again.keys(), About())
     assert not heard.names
 
