@@ -3,11 +3,10 @@
 Samples are read again whenever somebody asks for them, so that a long recording needs no
 more memory than what is looked at.
 
-`intact` reads a file with the mcap library and stops at the first thing that is not as it should
-be. `Walk` reads past damage: it goes on at the next record that can be one. Neither believes a
-length, a size to unpack to, or a content without its checksum. A program other than hertzloop may
-have left checksums out, as MCAP allows: `Walk.unchecked` then says where. `Intake` keeps what
-belongs to the run, and a `Track` joins the blocks of a stream and names those that do not follow.
+`Walk` reads past damage: it goes on at the next record that can be one. It believes no length, no
+size to unpack to, and no content without its checksum. A program other than hertzloop may have left
+checksums out, as MCAP allows: `Walk.unchecked` then says where. `Intake` keeps what belongs to the
+run, and a `Track` joins the blocks of a stream and names those that do not follow.
 """
 
 import heapq
@@ -25,7 +24,7 @@ from functools import cached_property, partial
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
-from typing import IO, Any, NamedTuple, cast
+from typing import Any, NamedTuple
 from weakref import WeakValueDictionary
 
 import lz4.frame
@@ -33,10 +32,9 @@ import numpy as np
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, DataEnd, Footer, Header, Message, Metadata
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap.records import Attachment, Channel, Footer, Header, Message, Metadata
 
-from hertzloop.bus import streams as bus_streams
+from hertzloop.bus import streams
 from hertzloop.bus.events import MODES, Fact, fact_of
 from hertzloop.bus.messages_pb2 import Books, EventKind, Hello, RunEnd
 from hertzloop.bus.streams import (
@@ -329,89 +327,6 @@ class Walk:
             for shift in (5, 6, 7, 8):  # no length reaches 4 GiB
                 may &= window[shift : shift + count] == 0
             yield from (first + place for place in np.flatnonzero(may).tolist())
-
-
-@dataclass
-class _File:
-    """What the mcap library reads from; it refuses to read more at once than a record may hold."""
-
-    handle: int
-    at: int = 0
-
-    def read(self, length: int) -> bytes:
-        if length > RECORD_BYTES:
-            raise Damaged(f"a length of {length} bytes is larger than any of a recording")
-        found = os.pread(self.handle, length, self.at)
-        if len(found) < length:
-            raise Damaged("the file ends where more data were expected")
-        self.at += length
-        return found
-
-
-def intact(walk: Walk) -> Iterator[McapRecord]:
-    """The records of an intact file, not walked yet, by the reader of the mcap library.
-
-    The library checks the checksums of chunks and of all data. Sizes, the lengths inside records,
-    the checksums of attachments and of the summary are checked here, since it does not.
-
-    Raises:
-        Damaged: the file is not intact, or has something that the library reads without a limit
-            (lz4). A `Walk` tells what.
-    """
-    file = _File(walk.handle)
-    reader = StreamReader(
-        cast(IO[bytes], file), emit_chunks=True, validate_crcs=True, record_size_limit=RECORD_BYTES
-    )
-    found = reader.records
-    at = len(MAGIC)
-    while True:
-        try:
-            record = next(found)
-        except Damaged:
-            raise
-        except Exception as error:  # whatever the library makes of bytes that mean nothing
-            raise Damaged(f"the mcap library cannot read it ({type(error).__name__})") from error
-        opcode, length = walk.head(at)
-        if at + 9 + length != file.at:
-            raise Damaged("a record does not end where it says")
-        if isinstance(record, DataEnd):
-            walk.check_rest(file.at)
-            if record.data_section_crc:
-                walk.unchecked.clear()  # it covers them
-            else:
-                walk.left_out(at)
-            if walk.damage:
-                raise Damaged(walk.damage[0])
-            return
-        if isinstance(record, Chunk):
-            if not record.uncompressed_crc:
-                walk.left_out(at)
-            walk.count(length + record.uncompressed_size)
-            content = _chunk_data(record)
-        else:
-            content = walk.content(opcode, at, length)
-        yield McapRecord(opcode, at, length, content)
-        at = file.at
-
-
-def _chunk_data(chunk: Chunk) -> bytes:
-    """The records in a chunk, unpacked by the mcap library."""
-    size = chunk.uncompressed_size
-    if size > RECORD_BYTES or chunk.compression not in ("", "zstd"):
-        raise Damaged("a chunk is too large, or is packed without a limit")
-    try:
-        # The library would make room for whatever size the packed data announce.
-        if chunk.compression and zstandard.frame_content_size(chunk.data) not in (-1, size):
-            raise Damaged("a chunk unpacks to another size than it announces")
-        stream, length = get_chunk_data_stream(chunk, validate_crc=True)
-        data = stream.read(length)
-    except Damaged:
-        raise
-    except Exception as error:
-        raise Damaged(f"a chunk cannot be unpacked ({type(error).__name__})") from error
-    if length != size:
-        raise Damaged(f"a chunk does not unpack to the {size} bytes it announces")
-    return data
 
 
 def _adds_up(opcode: int, content: bytes) -> bool:
@@ -904,7 +819,7 @@ class Intake:
     def _message(self, topic: str, message: Message) -> Iterator[Taken]:
         name = topic[1:]
         try:
-            block = bus_streams.decode(Envelope(_KINDS[topic].name, message.data))
+            block = streams.decode(Envelope(_KINDS[topic].name, message.data))
             header: Any = block.header
             if topic == "/events":
                 # Whoever brings a controller may call it as he likes.
@@ -933,7 +848,7 @@ class Intake:
             self._problem(problem)
         counter = self.counters.setdefault(name, Counter())
         counter.messages += 1
-        counter.samples += bus_streams.sample_count(block)
+        counter.samples += streams.sample_count(block)
         yield Taken(name if name in STREAMS else _KINDS[topic].name, message, arrays)
 
     def _numbered(self, name: str, number: int) -> None:
@@ -1235,48 +1150,36 @@ class Source:
 
     def look(self, keep: bool = False) -> tuple[Intake, Walk]:
         """Everything but the samples, or with those of the streams that are short enough to
-        `keep`. The mcap library reads an intact file; past damage we walk."""
-        intake, walk = Intake(keep=keep), self.walk()
-        try:
-            self._drain(intake, intact(walk))
-            if not intake.unknown_channels and not intake.out_of_place:
-                return intake, walk
-        except Damaged:
-            pass
-        intake, walk = Intake(keep=keep), self.walk()
-        self._drain(intake, walk.records())
+        `keep`. A file whose parts are where they belong is read once."""
+        walk = self.walk()
+        intake = self._drained(Intake(keep=keep), walk.records())
         if intake.unknown_channels:
             # The record that names them is lost, or comes later. The summary repeats it; without
             # one, our writer's order is the best guess, and what a message is shows when it is
             # decoded.
             guessed = walk.late_channels or dict(enumerate(TOPICS, 1))
             named = intake.unknown_channels <= set(intake.channels)
-            intake, walk = Intake(channels=guessed | intake.channels, keep=keep), self.walk()
-            self._drain(intake, walk.records())
-            intake.unnamed_channels = not named
+            again = Intake(guessed | intake.channels, unnamed_channels=not named, keep=keep)
+            intake = self._drained(again, self.records())
         if intake.out_of_place:
-            before = intake
             self._places = [self._places[n] for n in in_order([p.first for p in self._places])]
-            intake = Intake(channels=dict(before.channels), keep=keep)
-            self._drain(intake, self.records())
-            intake.unnamed_channels = before.unnamed_channels
+            again = Intake(intake.channels, unnamed_channels=intake.unnamed_channels, keep=keep)
+            intake = self._drained(again, self.records())
             intake.problems.append("parts of the file have changed places, or are there twice")
         return intake, walk
 
-    def _drain(self, intake: Intake, records: Iterable[McapRecord]) -> None:
+    def _drained(self, intake: Intake, records: Iterable[McapRecord]) -> Intake:
         for _ in self.messages(intake, records):
             pass
+        return intake
 
     def names_a_scene(self) -> bool:
         """Whether there is a scene, or a hello, which has one."""
-        for records in (intact(self.walk()), self.walk().records()):
-            intake = Intake()
-            with suppress(Damaged):
-                for _ in self.messages(intake, records):
-                    if intake.scene_toml or intake.hello:
-                        return True
-                return bool(intake.scene_toml)
-        return False
+        intake = Intake()
+        for _ in self.messages(intake, self.walk().records()):
+            if intake.scene_toml or intake.hello:
+                return True
+        return bool(intake.scene_toml)
 
     def records(self) -> Iterator[McapRecord]:
         """The records once more, after `look`, in the order in which they belong."""
@@ -1306,6 +1209,10 @@ def read(path: Path, keep: bool = False) -> Recording:
 
     Raises RecordingError if there is no file, or no recording of hertzloop in it.
     """
+    return _looked_at(path, keep)[0]
+
+
+def _looked_at(path: Path, keep: bool = False) -> tuple[Recording, Source, Intake]:
     source = Source(path)
     if source.walk().library == EXPORT_LIBRARY:
         raise RecordingError(
@@ -1341,7 +1248,7 @@ def read(path: Path, keep: bool = False) -> Recording:
         setattr(recording, name, intake.tracks[name].join(again))
     intake.reconcile()
     recording.problems = [*intake.problems, *damage, *_outcome(intake)]
-    return recording
+    return recording, source, intake
 
 
 def _outcome(intake: Intake) -> list[str]:
@@ -1379,7 +1286,7 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
     recover or the new file exists or is in use, and NotWritten.
     """
     try:
-        old = read(path)
+        old, source, seen = _looked_at(path)
     except RecordingError as error:
         raise RecordingError(f"nothing to recover: {error}") from error
     if whole.exists() and whole.samefile(path):
@@ -1387,8 +1294,6 @@ def recover(path: Path, whole: Path, overwrite: bool = False) -> Recovered:
     fault = old.result.get("fault", "")
     if old.problems and not fault:
         fault = f"recovered from {path.name}, which is cut off or damaged ({old.problems[0]})"
-    source = Source(path)
-    seen, _ = source.look()
     if not seen.counters:
         raise RecordingError(f"{path} holds no message of a run: nothing to recover")
     copied = 0

@@ -1,22 +1,24 @@
 """A recording is what the bus carried, readable by others, and never silently incomplete."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, Chunk
-from mcap.stream_reader import StreamReader
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
 import hertzloop.recordings.writer
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.streams import STREAMS
-from hertzloop.recordings.reader import Damaged, Recording, Walk, intact, read
+from hertzloop.recordings.reader import McapRecord, Recording, Walk, read
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.setup import parse, parts
 from tests.recordings.rewriting import messages, record, rewrite, scene
@@ -313,34 +315,39 @@ def test_a_recording_without_a_controller_says_so(tmp_path: Path) -> None:
     ]
 
 
-def test_the_library_reads_the_same_records_as_the_walk(whole: Path) -> None:
+def test_the_library_unpacks_the_same_chunks_as_the_walk(whole: Path) -> None:
     with whole.open("rb") as file:
-        size = whole.stat().st_size
-        by_library = list(intact(Walk(file.fileno(), size)))
-        assert by_library == list(Walk(file.fileno(), size).records())
+        chunks = [r for r in StreamReader(file, emit_chunks=True).records if isinstance(r, Chunk)]
+        streams = [get_chunk_data_stream(chunk, validate_crc=True) for chunk in chunks]
+        walked = Walk(file.fileno(), whole.stat().st_size).records()
+        by_walk = [record.content for record in walked if record.opcode == Opcode.CHUNK]
+    assert by_walk
+    assert by_walk == [stream.read(length) for stream, length in streams]
 
 
-def test_an_intact_file_is_not_walked(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def walk(_: Walk) -> None:
-        raise AssertionError("the file is walked")
+def test_an_intact_file_is_walked_once(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    walks, records = list[Walk](), Walk.records
 
-    monkeypatch.setattr(Walk, "records", walk)
+    def counted(walk: Walk) -> Iterator[McapRecord]:
+        walks.append(walk)
+        return records(walk)
+
+    monkeypatch.setattr(Walk, "records", counted)
     assert not read(whole).problems
+    assert len(walks) == 1
 
 
-def test_the_library_reader_notices_flipped_bytes_and_cuts(whole: Path, tmp_path: Path) -> None:
+def test_the_walk_notices_flipped_bytes_and_cuts(whole: Path, tmp_path: Path) -> None:
     data, changed = whole.read_bytes(), tmp_path / "changed.mcap"
 
-    def refused(content: bytes) -> bool:
+    def noticed(content: bytes) -> bool:
         changed.write_bytes(content)
         with changed.open("rb") as file:
-            try:
-                list(intact(Walk(file.fileno(), len(content))))
-            except Damaged:
-                return True
-        return False
+            walk = Walk(file.fileno(), len(content))
+            list(walk.records())
+        return bool(walk.damage)
 
     for at in range(0, len(data), 401):
-        assert refused(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]), at
+        assert noticed(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]), at
     for end in [*range(0, len(data), 997), *range(len(data) - 40, len(data))]:
-        assert refused(data[:end]), end
+        assert noticed(data[:end]), end
