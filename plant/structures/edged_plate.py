@@ -15,7 +15,7 @@ from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Modes, Point
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.registry import Description
-from hertzloop.plant.structures.structure import BaseStructure, Structure
+from hertzloop.plant.structures.structure import Structure
 
 _SHARE = 0.1  # of the accuracy asked for, in k^2 of the modes taken from Ritz's method
 _LEAST = 25  # low modes that are taken however little is asked
@@ -613,7 +613,7 @@ class Reached:
 
 
 @dataclass(frozen=True)
-class EdgedPlate(BaseStructure):
+class EdgedPlate(Structure):
     """A plate with the edges x = 0, x = l_x, y = 0, y = l_y as named, c, f or s each.
 
     Low modes by Ritz's method as far as it has converged to `accuracy`, those beyond by phases

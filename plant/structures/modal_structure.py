@@ -13,7 +13,7 @@ from hertzloop.plant.structures.mode_file import ModeTable, read_modes
 from hertzloop.plant.structures.modes import NO_PARTICIPATION, Modes, Point
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.registry import Description
-from hertzloop.plant.structures.structure import BaseStructure
+from hertzloop.plant.structures.structure import Structure
 
 # The modes' mean mobility over an infinite plate's lies in between, near edges and on ribs too.
 _LEAST_MOBILITY, _MOST_MOBILITY = 1 / 30, 30.0
@@ -21,7 +21,7 @@ _ENOUGH = 8  # modes for a mean
 
 
 @dataclass(frozen=True, eq=False)
-class ModalStructure(BaseStructure):
+class ModalStructure(Structure):
     """A structure by the modes of the file `name`. `local_plate` is the plate that it is at the
     contact point, if it is one, `residual` the flexibility of the modes beyond the file, m/N.
 

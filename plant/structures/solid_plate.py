@@ -24,7 +24,7 @@ from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Modes, Point
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.registry import Description
-from hertzloop.plant.structures.structure import BaseStructure
+from hertzloop.plant.structures.structure import Structure
 
 # Largest wave number times contact radius: from pi/2 on the contact in series with what is left of
 # the modes left out is no longer monotone. A law may press four times deeper.
@@ -230,7 +230,7 @@ def _left_out(poisson_ratio: float, omega_c: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class SolidPlate(BaseStructure):
+class SolidPlate(Structure):
     """A simply supported plate with thickness; sizes and material are those of `plate`."""
 
     plate: Plate

@@ -1,8 +1,9 @@
 """A structure as the plant sees it: the modes of something linear, at two points."""
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -16,169 +17,118 @@ class Structure(Protocol):
     """Anything linear that a sphere can fall on, and what it offers beyond its modes.
 
     What we ship and what a user brings are the same to the plant. Points are in m from the
-    structure's corner. A class of one's own takes from `BaseStructure` what it does not offer.
+    structure's corner. A class of one's own inherits from this one, and with it an answer to
+    whatever it does not offer: where a member has a body, that holds for any set of modes.
     """
 
-    @property
-    def material(self) -> Material:
-        """Material of the surface at the contact point."""
+    if TYPE_CHECKING:  # else a dataclass could not have a field of this name
+
+        @property
+        def material(self) -> Material:
+            """Material of the surface at the contact point."""
 
     @property
     def local_plate(self) -> Plate | None:
         """The plate that a contact feels until reflections return; None if there is none."""
+        return None
 
     def same_point(self, contact_m: Point, actuator_m: Point) -> bool:
         """Whether the actuator pushes at the contact point."""
+        return contact_m == actuator_m
 
+    @abstractmethod
     def modes_below(self, frequency_hz: float) -> float:
         """About how many modes there are up to a frequency."""
 
+    @abstractmethod
     def modes(self, omega_max: float, contact_m: Point, actuator_m: Point) -> Modes:
         """All modes up to `omega_max` rad/s."""
 
+    @abstractmethod
     def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:
         """Static flexibility of all modes above `omega_max`, m/N, at a point, or (None) about."""
 
     def sensed(self, omega_max: float, contact_m: Point, sensor_m: Point) -> np.ndarray:
         """Shapes of all modes up to `omega_max` where a sensor is, (modes,)."""
+        return self.modes(omega_max, contact_m, sensor_m).at_actuator
 
     @property
     def size_m(self) -> tuple[float, float] | None:
         """Length and width of the grid that `on_grid` can be asked for, m; None without shapes."""
+        return None
 
     def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         """Shapes of all modes up to `omega_max` on a grid, (modes, x, y). Raises ValueError where
         `size_m` is None."""
+        raise ValueError(f"{self} has no shapes on a grid")
 
     @property
     def simply_supported(self) -> Plate | None:
         """The simply supported plate that it is, thick or thin; None if it is none. Radiation
         efficiencies are known of these only."""
+        return None
 
     @property
     def separable(self) -> Plate | None:
         """The plate, if every mode is a product of sines that `mode_numbers` lists: then image
         sources say when reflections return. None for any other structure."""
+        return None
 
     def sensor_at(
         self, contact_m: Point, actuator_m: Point, sensor_m: Point | None
     ) -> Point | None:
         """Where a sensor is that a scene puts at `sensor_m`; None: at the contact point."""
+        return None if sensor_m == contact_m else sensor_m
 
     @property
     def pushed_at_sensor(self) -> "Structure":
         """The structure with the actuator where the sensor is, if the points do not say that."""
+        return self
 
     @property
     def mode_table(self) -> ModeTable | None:
         """The modes that it was given as, which end; None where modes are computed."""
+        return None
 
     @property
     def solid(self) -> bool:
         """Whether waves within its thickness are modelled, so that the modes above a limit hold the
         flexibility that the law of the contact holds as well."""
-
-    @property
-    def highest_hz(self) -> float:
-        """Up to where its modes are known, Hz; inf without limit."""
-
-    @property
-    def fundamental_hz(self) -> float | None:
-        """Frequency of its lowest mode, Hz, where that is known without its modes."""
-
-    @property
-    def seconds_per_mode(self) -> float:
-        """About how much processor time it takes to compute a mode, s."""
-
-    @property
-    def quality(self) -> Mapping[str, Any] | None:
-        """How good its modes are, by name; None of a closed form."""
-
-    def residual_inertia_m_n(self, omega_max: float, omega: float) -> float:
-        """By how much the inertia of all modes above `omega_max` adds to their flexibility at a
-        lower frequency `omega`, m/N; 0 where that is not worth counting."""
-
-    def beside(self, other: "Structure") -> "Structure":
-        """This structure, sharing what does not depend on a few numbers with another one that
-        differs in these: for many that are close to one."""
-
-    def contact_limit_hz(self, radius_m: float) -> float:
-        """Up to where waves are long against a contact of this radius, Hz; inf where the theory of
-        the structure knows no short waves."""
-
-
-class BaseStructure:
-    """What a structure offers unless it says otherwise: its modes, and nothing else."""
-
-    @property
-    def local_plate(self) -> Plate | None:
-        """See `Structure`; so is the rest."""
-        return None
-
-    def same_point(self, contact_m: Point, actuator_m: Point) -> bool:
-        return contact_m == actuator_m
-
-    def modes(self, omega_max: float, contact_m: Point, actuator_m: Point) -> Modes:
-        raise NotImplementedError
-
-    def sensed(self, omega_max: float, contact_m: Point, sensor_m: Point) -> np.ndarray:
-        return self.modes(omega_max, contact_m, sensor_m).at_actuator
-
-    def sensor_at(
-        self, contact_m: Point, actuator_m: Point, sensor_m: Point | None
-    ) -> Point | None:
-        return None if sensor_m == contact_m else sensor_m
-
-    @property
-    def size_m(self) -> tuple[float, float] | None:
-        return None
-
-    def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-        raise ValueError(f"{self} has no shapes on a grid")
-
-    @property
-    def simply_supported(self) -> Plate | None:
-        return None
-
-    @property
-    def separable(self) -> Plate | None:
-        return None
-
-    @property
-    def pushed_at_sensor(self) -> Any:
-        return self
-
-    @property
-    def mode_table(self) -> ModeTable | None:
-        return None
-
-    @property
-    def solid(self) -> bool:
         return False
 
     @property
     def highest_hz(self) -> float:
+        """Up to where its modes are known, Hz; inf without limit."""
         return math.inf
 
     @property
     def fundamental_hz(self) -> float | None:
+        """Frequency of its lowest mode, Hz, where that is known without its modes."""
         return None
 
     @property
     def seconds_per_mode(self) -> float:
+        """About how much processor time it takes to compute a mode, s."""
         return SECONDS_PER_MODE
 
     @property
     def quality(self) -> Mapping[str, Any] | None:
+        """How good its modes are, by name; None of a closed form."""
         return None
 
     def residual_inertia_m_n(self, omega_max: float, omega: float) -> float:
+        """By how much the inertia of all modes above `omega_max` adds to their flexibility at a
+        lower frequency `omega`, m/N; 0 where that is not worth counting."""
         return 0.0
 
-    def beside(self, other: Structure) -> Any:
+    def beside(self, other: "Structure") -> "Structure":
+        """This structure, sharing what does not depend on a few numbers with another one that
+        differs in these: for many that are close to one."""
         return self
 
     def contact_limit_hz(self, radius_m: float) -> float:
+        """Up to where waves are long against a contact of this radius, Hz; inf where the theory of
+        the structure knows no short waves."""
         return math.inf
 
 

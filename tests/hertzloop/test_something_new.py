@@ -126,10 +126,10 @@ from pathlib import Path
 Path("own.py").write_text('''
 from dataclasses import dataclass
 
-from hertzloop.plant.structures.structure import BaseStructure
+from hertzloop.plant.structures.structure import Structure
 
 @dataclass(frozen=True)
-class Own(BaseStructure):
+class Own(Structure):
     material: object
     thin: object
 
