@@ -9,16 +9,8 @@ from typing import Protocol
 import numpy as np
 from google.protobuf.message import Message
 
-from hertzloop.bus import wire
+from hertzloop.bus import streams, wire
 from hertzloop.bus.messages_pb2 import RunEnd, SetUp, StreamCount
-from hertzloop.bus.streams import (
-    STREAMS,
-    SUBSCRIPTIONS,
-    Counter,
-    Envelope,
-    StreamFault,
-    refuse_not_finite,
-)
 
 
 class BusError(RuntimeError):
@@ -40,7 +32,7 @@ class PeerLost(BusError):
         self.at_s = time.monotonic()
 
 
-class EndedByOther(StreamFault):
+class EndedByOther(streams.StreamFault):
     """Another role announced that it ends the run; the sentence gives its reason."""
 
 
@@ -57,10 +49,12 @@ class Port(Protocol):
 
     role: str
 
-    def publish(self, envelope: Envelope) -> None:
+    def publish(self, envelope: streams.Envelope) -> None:
         """Send to everyone who subscribed. Blocks when they cannot keep up."""
 
-    def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
+    def receive(
+        self, timeout_s: float, awaited: str, senders: Collection[str] = ()
+    ) -> streams.Envelope:
         """Next message for this role. Raises PeerLost after `timeout_s` seconds without one, and
         soon after a role of the run has gone without a word. The sentence says what was `awaited`;
         `roles` of the error are those of the `senders` that take part."""
@@ -84,8 +78,8 @@ class Publisher:
         self.port, self.run_id = port, run_id
         self.ended = False
         self.counters = {
-            name: Counter()
-            for name, stream in STREAMS.items()
+            name: streams.Counter()
+            for name, stream in streams.STREAMS.items()
             if stream.publisher == port.role and not name.startswith("end/")
         }
 
@@ -102,9 +96,9 @@ class Publisher:
             header.run_id = self.run_id  # type: ignore[attr-defined]
         if "sequence" in fields:
             header.sequence = counter.messages  # type: ignore[attr-defined]
-        refuse_not_finite(stream, counter.messages, header, arrays or {})
+        streams.refuse_not_finite(stream, counter.messages, header, arrays or {})
         payload = wire.encode(header, **(arrays or {}))
-        self.port.publish(Envelope(stream, payload, counter.messages))
+        self.port.publish(streams.Envelope(stream, payload, counter.messages))
         counter.messages += 1
         counter.samples += max((len(a) for a in (arrays or {}).values()), default=1)
         return len(payload)
@@ -121,10 +115,10 @@ class Publisher:
         header = RunEnd(
             run_id=self.run_id, role=self.port.role, count=counts, fault=fault, set_up=set_up
         )
-        self.port.publish(Envelope(f"end/{self.port.role}", header.SerializeToString(), 0))
+        self.port.publish(streams.Envelope(f"end/{self.port.role}", header.SerializeToString(), 0))
 
 
-Handler = Callable[[Envelope], None]
+Handler = Callable[[streams.Envelope], None]
 
 
 class InProcessBus:
@@ -136,14 +130,14 @@ class InProcessBus:
 
     def __init__(self) -> None:
         self._handlers: list[tuple[str, Handler]] = []
-        self._waiting: deque[Envelope] = deque()
+        self._waiting: deque[streams.Envelope] = deque()
         self._delivering = False
 
     def attach(self, role: str, handler: Handler) -> None:
         """Let `handler` see every message of the streams that `role` hears."""
         self._handlers.append((role, handler))
 
-    def deliver(self, envelope: Envelope) -> None:
+    def deliver(self, envelope: streams.Envelope) -> None:
         """Hand a message to all who hear it."""
         self._waiting.append(envelope)
         if self._delivering:
@@ -153,7 +147,7 @@ class InProcessBus:
             while self._waiting:
                 item = self._waiting.popleft()
                 for role, handler in self._handlers:
-                    if item.stream in SUBSCRIPTIONS[role]:
+                    if item.stream in streams.SUBSCRIPTIONS[role]:
                         handler(item)
         finally:
             self._delivering = False
@@ -165,14 +159,16 @@ class InProcessPort:
     def __init__(self, bus: InProcessBus, role: str, handler: Handler | None = None) -> None:
         self.role = role
         self._bus = bus
-        self._inbox: deque[Envelope] = deque()
+        self._inbox: deque[streams.Envelope] = deque()
         bus.attach(role, handler or self._inbox.append)
 
-    def publish(self, envelope: Envelope) -> None:
+    def publish(self, envelope: streams.Envelope) -> None:
         """Send to all roles that hear the stream."""
         self._bus.deliver(envelope)
 
-    def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
+    def receive(
+        self, timeout_s: float, awaited: str, senders: Collection[str] = ()
+    ) -> streams.Envelope:
         """Next message. In one thread nobody else can still send one: an empty inbox raises."""
         if not self._inbox:
             raise PeerLost(f"{self.role} waits for {awaited}, but nothing was sent")

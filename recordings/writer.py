@@ -14,23 +14,14 @@ from google.protobuf.message import Message
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from hertzloop.bus import streams
 from hertzloop.bus.messages_pb2 import Hello
-from hertzloop.bus.streams import (
-    CONTROLLER,
-    LAST_NS,
-    PLANT,
-    STREAMS,
-    Checker,
-    Counter,
-    Envelope,
-    StreamFault,
-)
 
 SCENE_ATTACHMENT = "scene.toml"
 LAW_ATTACHMENT = "law"
 RUN_METADATA, RESULT_METADATA = "run", "result"
 LIBRARY, EXPORT_LIBRARY = "hertzloop", "hertzloop export"  # in the headers of files
-TOPICS = tuple(dict.fromkeys(stream.topic for stream in STREAMS.values()))
+TOPICS = tuple(dict.fromkeys(stream.topic for stream in streams.STREAMS.values()))
 _CHUNK_BYTES = 1 << 20
 _FLUSH_EVERY_S = 0.05
 
@@ -98,10 +89,10 @@ class RecordingWriter:
 
     def write(self, stream: str, payload: bytes, sequence: int, time_ns: int) -> None:
         """One message of a stream at a simulated time, 0 to LAST_NS."""
-        if not 0 <= time_ns <= LAST_NS:
+        if not 0 <= time_ns <= streams.LAST_NS:
             raise RecordingError(
                 f"stream '{stream}' sequence {sequence} is at {time_ns} ns; simulated time runs "
-                f"from 0 to {LAST_NS} ns"
+                f"from 0 to {streams.LAST_NS} ns"
             )
         self._guarded(
             lambda: self._begun().add_message(
@@ -134,7 +125,7 @@ class RecordingWriter:
             # All at once, in the order of the table: so their numbers are known even where the
             # part of the file that names them is lost.
             for topic in TOPICS:
-                entry = next(s for s in STREAMS.values() if s.topic == topic)
+                entry = next(s for s in streams.STREAMS.values() if s.topic == topic)
                 shown = entry.recorded_as or entry.message
                 schema = self._begun().register_schema(
                     shown.DESCRIPTOR.full_name,
@@ -144,7 +135,7 @@ class RecordingWriter:
                 self._channels[topic] = self._begun().register_channel(
                     topic=topic, message_encoding="protobuf", schema_id=schema
                 )
-        return self._channels[STREAMS[stream].topic]
+        return self._channels[streams.STREAMS[stream].topic]
 
     def _guarded(self, action: Callable[[], object]) -> None:
         try:
@@ -238,7 +229,7 @@ class Recorder:
 
     def __init__(self, path: Path, overwrite: bool = False) -> None:
         self._writer = RecordingWriter(path, overwrite)
-        self.checker = Checker()
+        self.checker = streams.Checker()
         self.faults: list[str] = []
         self._ended: dict[str, Any] = {}
         self._time_ns = self._end_ns = 0
@@ -247,18 +238,18 @@ class Recorder:
     @property
     def done(self) -> bool:
         """Whether plant and controller have both ended."""
-        return {PLANT, CONTROLLER} <= set(self._ended)
+        return {streams.PLANT, streams.CONTROLLER} <= set(self._ended)
 
     @property
-    def counters(self) -> dict[str, Counter]:
+    def counters(self) -> dict[str, streams.Counter]:
         """Messages and samples by stream."""
         return self.checker.counters
 
-    def handle(self, envelope: Envelope) -> None:
+    def handle(self, envelope: streams.Envelope) -> None:
         """Check and write one message. Raises StreamFault or RecordingError."""
         try:
             block = self.checker.accept(envelope)
-        except StreamFault as error:
+        except streams.StreamFault as error:
             raise self.checker.explained(error) from error
         header: Any = block.header
         stream = envelope.stream
@@ -269,11 +260,11 @@ class Recorder:
             self._writer.law(header.source)
         if hasattr(header, "first_step"):
             self._time_ns = header.first_step * header.step_ns
-        elif STREAMS[stream].topic == "/events":
+        elif streams.STREAMS[stream].topic == "/events":
             # Not ToNanoseconds(): it refuses what is out of the calendar.
             at = header.timestamp
             self._time_ns = at.seconds * 1_000_000_000 + at.nanos
-        elif STREAMS[stream].once:
+        elif streams.STREAMS[stream].once:
             self._time_ns = 0 if stream in ("hello", "law") else self._end_ns
         sequence = self.counters[stream].messages - 1
         self._writer.write(stream, envelope.payload, sequence, self._time_ns)
@@ -287,13 +278,13 @@ class Recorder:
         plant announced. Raises StreamFault for a difference or a role that never announced its
         end; after a fault that one announced, a difference is noted beside it."""
         try:
-            for role in (PLANT, CONTROLLER):
+            for role in (streams.PLANT, streams.CONTROLLER):
                 if role not in self._ended:
-                    raise StreamFault(
+                    raise streams.StreamFault(
                         f"the {role} never announced its end; its last messages may be missing"
                     )
                 self.checker.reconcile(self._ended[role])
-        except StreamFault as difference:
+        except streams.StreamFault as difference:
             if not self.faults:
                 raise
             self.faults.append(str(difference))

@@ -9,18 +9,7 @@ from typing import Any
 
 from pydantic import Field
 
-from hertzloop.controller.law import (
-    ACTING,
-    IDLE,
-    NO_PROMISE,
-    SPENT,
-    WATCHING,
-    About,
-    Gain,
-    Keys,
-    Reach,
-    kernel,
-)
+from hertzloop.controller import law
 from hertzloop.controller.laws import slope_threshold
 from hertzloop.controller.laws._local_model import look_ahead
 from hertzloop.controller.laws._threshold import refuse_without_hertz
@@ -39,10 +28,10 @@ from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
 not_linear = "it fits a model of the flight and of the contact to the samples"
 
 
-class Parameters(Keys):
+class Parameters(law.Keys):
     """Scene keys."""
 
-    kappa: Gain = Field(0.8, description="share of the contact force")
+    kappa: law.Gain = Field(0.8, description="share of the contact force")
     v_thr_m_s: float = Field(-0.25, ge=-1e3, le=1e3, description="slope that latches the delay")
     window_samples: int = Field(4, ge=2, le=1000, description="samples that the slope needs")
 
@@ -51,7 +40,7 @@ class Parameters(Keys):
 Constants = constants_with("watch_level", "mass_kg", "impedance_n_s_m")
 
 
-def prepare(keys, about: About) -> Any:
+def prepare(keys, about: law.About) -> Any:
     """Constants for the run's latency. Raises LawError for a contact that is not Hertz's."""
     refuse_without_hertz(about, "predicted")
     return Constants(
@@ -66,17 +55,17 @@ def prepare(keys, about: About) -> Any:
     )  # fmt: skip
 
 
-def reach(keys) -> Reach:
+def reach(keys) -> law.Reach:
     """A share of the contact force."""
-    return Reach(share=abs(keys.kappa))
+    return law.Reach(share=abs(keys.kappa))
 
 
-def tune(about: About) -> dict[str, tuple[float, float]]:
+def tune(about: law.About) -> dict[str, tuple[float, float]]:
     """Ranges that `tune` searches."""
     return slope_threshold.tune(about) | {"window_samples": (2, 12)}
 
 
-@kernel
+@law.kernel
 def expects_threshold(p, s, samples, i):
     """Whether the slope will have passed the threshold when the force acts; latches the delay."""
     if i + 1 < p.slope_weights.size:
@@ -89,7 +78,7 @@ def expects_threshold(p, s, samples, i):
     return True
 
 
-@kernel
+@law.kernel
 def due(p, s, samples, i):
     """Command for a force that acts `lead_samples` later, and whether it goes on: for as long as
     there is contact then, or will be again."""
@@ -108,23 +97,23 @@ def command(p, s, samples, i):
     """Force of sample `i`, N."""
     follow_contact(p, s, samples, i)
     near = s.in_contact or samples[i] <= p.watch_level
-    if s.mode == IDLE and near:
-        s.mode = WATCHING
-    if s.mode == WATCHING:
+    if s.mode == law.IDLE and near:
+        s.mode = law.WATCHING
+    if s.mode == law.WATCHING:
         if not near:
-            s.mode = IDLE
+            s.mode = law.IDLE
         elif expects_threshold(p, s, samples, i):
-            s.mode = ACTING
-    if s.mode == ACTING:
+            s.mode = law.ACTING
+    if s.mode == law.ACTING:
         force, goes_on = due(p, s, samples, i)
         if not goes_on:
-            s.mode = SPENT if s.in_contact else IDLE
+            s.mode = law.SPENT if s.in_contact else law.IDLE
         return force
-    if s.mode == SPENT and not s.in_contact:
-        s.mode = IDLE
+    if s.mode == law.SPENT and not s.in_contact:
+        s.mode = law.IDLE
     return 0.0
 
 
 def quiet_level(p, s):
     """Far from the plate there will be no force."""
-    return p.watch_level if s.mode == IDLE else NO_PROMISE
+    return p.watch_level if s.mode == law.IDLE else law.NO_PROMISE

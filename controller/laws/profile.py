@@ -5,33 +5,22 @@ from typing import NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from hertzloop.controller.law import (
-    ACTING,
-    IDLE,
-    NO_PROMISE,
-    SPENT,
-    About,
-    Force,
-    Keys,
-    Reach,
-    StepsUs,
-    kernel,
-)
+from hertzloop.controller import law
 
 open_loop = True
 
 
-class Timing(Keys):
+class Timing(law.Keys):
     """Scene keys of all laws that play given forces."""
 
-    delay_us: StepsUs = Field(0.0, description="no force for so long at first")
-    lead_us: StepsUs = Field(0.0, description="commands what is due so much later")
+    delay_us: law.StepsUs = Field(0.0, description="no force for so long at first")
+    lead_us: law.StepsUs = Field(0.0, description="commands what is due so much later")
 
 
 class Parameters(Timing):
     """Scene keys."""
 
-    profile_n: tuple[Force, ...] = Field(
+    profile_n: tuple[law.Force, ...] = Field(
         (), max_length=1_000_000, description="forces, one a sample"
     )
 
@@ -47,7 +36,7 @@ class Parameters(Timing):
 class State:
     """What the law remembers; `trigger` is the sample at which the contact began."""
 
-    mode: int = IDLE
+    mode: int = law.IDLE
     delay: int = 0
     trigger: int = 0
 
@@ -60,23 +49,23 @@ class Constants(NamedTuple):
     contact_level: float = 0.0  # samples up to here are in contact
 
 
-def played(forces, keys, about: About) -> Constants:
+def played(forces, keys, about: law.About) -> Constants:
     """Constants for forces (N) one a sample, after the delay that the keys ask for."""
     late = np.zeros(about.samples(keys.delay_us) if len(forces) else 0)
     return Constants(np.concatenate([late, forces]), about.samples(keys.lead_us))
 
 
-def prepare(keys, about: About) -> Constants:
+def prepare(keys, about: law.About) -> Constants:
     """Constants for the forces of the scene."""
     return played(keys.profile_n, keys, about)
 
 
-def reach(keys) -> Reach:
+def reach(keys) -> law.Reach:
     """The largest of the forces."""
-    return Reach(force_n=max(map(abs, keys.profile_n)))
+    return law.Reach(force_n=max(map(abs, keys.profile_n)))
 
 
-@kernel
+@law.kernel
 def playing(p, s, i):
     """Force of sample `i` and whether there are more."""
     at = i - s.trigger + p.lead_samples
@@ -88,22 +77,22 @@ def playing(p, s, i):
 def command(p, s, samples, i):
     """Force of sample `i`, N."""
     in_contact = samples[i] <= p.contact_level
-    if s.mode == IDLE and in_contact:
-        s.mode = ACTING
+    if s.mode == law.IDLE and in_contact:
+        s.mode = law.ACTING
         s.trigger = i
-    if s.mode == ACTING:
+    if s.mode == law.ACTING:
         force, goes_on = playing(p, s, i)
         if not goes_on:
-            s.mode = SPENT if in_contact else IDLE
+            s.mode = law.SPENT if in_contact else law.IDLE
         return force
-    if s.mode == SPENT and not in_contact:
-        s.mode = IDLE
+    if s.mode == law.SPENT and not in_contact:
+        s.mode = law.IDLE
     return 0.0
 
 
 def known_ahead(p, s, samples, i):
     """All that is left of the forces, and the zero after them."""
-    if s.mode != ACTING:
+    if s.mode != law.ACTING:
         return 0
     return max(s.trigger + p.profile.size - p.lead_samples - i, 0)
 
@@ -115,4 +104,4 @@ def command_ahead(p, s, samples, i, j):
 
 def quiet_level(p, s):
     """Without contact there will be no force."""
-    return p.contact_level if s.mode == IDLE else NO_PROMISE
+    return p.contact_level if s.mode == law.IDLE else law.NO_PROMISE

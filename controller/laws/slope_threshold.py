@@ -7,17 +7,7 @@ kappa s p^(3/2) of the penetration p that long ago, until the stored contact is 
 
 from pydantic import Field
 
-from hertzloop.controller.law import (
-    ACTING,
-    IDLE,
-    NO_PROMISE,
-    WATCHING,
-    About,
-    Gain,
-    Keys,
-    Reach,
-    StepsUs,
-)
+from hertzloop.controller import law
 from hertzloop.controller.laws._threshold import (  # noqa: F401
     Constants,
     State,
@@ -33,15 +23,15 @@ latches = True  # `s.delay` is what the law has latched: events and figures show
 not_linear = "it waits for a threshold and then repeats a stored contact force"
 
 
-class Parameters(Keys):
+class Parameters(law.Keys):
     """Scene keys."""
 
-    kappa: Gain = Field(0.8, description="share of the contact force")
+    kappa: law.Gain = Field(0.8, description="share of the contact force")
     v_thr_m_s: float = Field(-0.25, ge=-1e3, le=1e3, description="slope that latches the delay")
-    lead_us: StepsUs = Field(0.0, description="commands what is due so much later")
+    lead_us: law.StepsUs = Field(0.0, description="commands what is due so much later")
 
 
-def prepare(keys, about: About, window: int = 2) -> Constants:
+def prepare(keys, about: law.About, window: int = 2) -> Constants:
     """Constants for a slope over `window` samples."""
     weights = slope_weights(window, about.sample_s)
     lead = about.samples(keys.lead_us)
@@ -51,12 +41,12 @@ def prepare(keys, about: About, window: int = 2) -> Constants:
     )  # fmt: skip
 
 
-def reach(keys) -> Reach:
+def reach(keys) -> law.Reach:
     """A share of the contact force, as smooth as that unless it starts in its midst."""
-    return Reach(share=abs(keys.kappa), copies=keys.lead_us == 0.0)
+    return law.Reach(share=abs(keys.kappa), copies=keys.lead_us == 0.0)
 
 
-def tune(about: About) -> dict[str, tuple[float, float]]:
+def tune(about: law.About) -> dict[str, tuple[float, float]]:
     """Ranges that `tune` searches."""
     speed = about.impact_speed_m_s
     return {"kappa": (-1.0, 2.0), "v_thr_m_s": (-1.05 * speed, 0.5 * speed)}
@@ -66,18 +56,18 @@ def command(p, s, samples, i):
     """Force of sample `i`, N."""
     follow_contact(p, s, samples, i)
     watch(p, s, samples, i)
-    if s.mode != ACTING:
+    if s.mode != law.ACTING:
         return 0.0
     xi = stored(p, s, samples, i)
     if xi > p.contact_level:
-        s.mode = WATCHING if s.in_contact else IDLE
+        s.mode = law.WATCHING if s.in_contact else law.IDLE
         return 0.0
     return hertz(p, xi)
 
 
 def known_ahead(p, s, samples, i):
     """As many samples as lie between the stored one and now, or the stored contact has left."""
-    if s.mode != ACTING:
+    if s.mode != law.ACTING:
         return 0
     back = max(s.delay - p.lead_samples, 0)
     for ahead in range(1, back + 1):
@@ -94,4 +84,4 @@ def command_ahead(p, s, samples, i, j):
 
 def quiet_level(p, s):
     """Without contact there will be no force."""
-    return p.contact_level if s.mode == IDLE else NO_PROMISE
+    return p.contact_level if s.mode == law.IDLE else law.NO_PROMISE

@@ -16,23 +16,8 @@ from hertzloop.bus.port import PeerLost, Port, say_every_s
 from hertzloop.bus.process_clock import clock
 from hertzloop.bus.streams import StreamFault
 from hertzloop.loop import kernels as loop_k
+from hertzloop.loop import pace_kernels
 from hertzloop.loop.answers import refusal
-from hertzloop.loop.pace_kernels import (
-    BEHIND_MAX_NS,
-    CLASSES,
-    CLASSES_AN_OCTAVE,
-    FULL,
-    LATE_MAX_NS,
-    PACE_COUNTS,
-    PUT,
-    RESPONSE_MAX_NS,
-    START_NS,
-    WAITED_NS,
-    Pace,
-    follow,
-    note_answers,
-    note_forces,
-)
 from hertzloop.loop.plant_node import PlantNode
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
@@ -54,15 +39,15 @@ def check_pace(setup: Setup, pace: float, timeout_s: float) -> None:
         )
 
 
-def _pace(setup: Setup, pace: float) -> Pace:
+def _pace(setup: Setup, pace: float) -> pace_kernels.Pace:
     """What a run at a pace keeps, at its start."""
     room = 1 << min(_MOST_WAITING, setup.steps // setup.every_steps + 1).bit_length()
-    return Pace(
+    return pace_kernels.Pace(
         held=np.zeros(setup.steps, np.int32),
         values=np.zeros(room),
         taken_ns=np.zeros(room, np.int64),
-        counts=np.zeros(PACE_COUNTS, np.int64),
-        histogram=np.zeros(CLASSES, np.int64),
+        counts=np.zeros(pace_kernels.PACE_COUNTS, np.int64),
+        histogram=np.zeros(pace_kernels.CLASSES, np.int64),
         step_ns=setup.step_ns / pace,
     )
 
@@ -87,16 +72,16 @@ class PacedPlantNode(PlantNode):
         super().__init__(setup, port, None, timeout_s, on_progress, fast_lane, held=held)
         self.streams.hello.pace = pace
         super()._advance(0)
-        note_answers(self._pace, 0, 0, 0)
-        note_forces(self._pace, 0, 0, 0)
+        pace_kernels.note_answers(self._pace, 0, 0, 0)
+        pace_kernels.note_forces(self._pace, 0, 0, 0)
 
     def _advance(self, end: int) -> int:
         streams, answers = self.streams, self.answers
-        said = int(follow(
+        said = int(pace_kernels.follow(
             streams.plant.model, streams.plant.state, streams.sensor.model, streams.sensor.state,
             answers.forces, streams.window, answers.grant, answers.lane, self._pace, end,
         ))  # fmt: skip
-        if said == FULL:
+        if said == pace_kernels.FULL:
             raise StreamFault(
                 f"the controller has not answered {len(self._pace.values):,} samples: it cannot "
                 "follow. Use a lower --pace."
@@ -131,8 +116,10 @@ class PacedPlantNode(PlantNode):
         while not self.answers.samples:
             super()._take()
         sleep_precisely()
-        self._pace.counts[PUT] = self.answers.samples
-        self._pace.counts[START_NS] = time.monotonic_ns() - int(streams.step * self._pace.step_ns)
+        self._pace.counts[pace_kernels.PUT] = self.answers.samples
+        self._pace.counts[pace_kernels.START_NS] = time.monotonic_ns() - int(
+            streams.step * self._pace.step_ns
+        )
         said_s, every_s = time.monotonic(), say_every_s(self.timeout_s)
         while streams.step < steps:
             said = self._advance(streams.boundary)
@@ -157,10 +144,10 @@ class PacedPlantNode(PlantNode):
     def _rest(self) -> None:
         """Without a lane: let time pass until the next step is due or something came."""
         began = time.monotonic_ns()
-        due = self._pace.counts[START_NS] + self.streams.step * self._pace.step_ns
+        due = self._pace.counts[pace_kernels.START_NS] + self.streams.step * self._pace.step_ns
         while not self.port.pending() and time.monotonic_ns() < due - _REST_S * 1e9:
             time.sleep(_REST_S)
-        self._pace.counts[WAITED_NS] += time.monotonic_ns() - began
+        self._pace.counts[pace_kernels.WAITED_NS] += time.monotonic_ns() - began
 
     def _take(self) -> None:
         """As in lock-step; what the bus brings counts as an answer where there is no lane."""
@@ -170,19 +157,19 @@ class PacedPlantNode(PlantNode):
         samples, forces = self.answers.samples, self.answers.end
         super()._take()
         now = time.monotonic_ns()
-        note_answers(self._pace, now, samples, self.answers.samples)
-        note_forces(self._pace, now, forces, self.answers.end)
+        pace_kernels.note_answers(self._pace, now, samples, self.answers.samples)
+        pace_kernels.note_forces(self._pace, now, forces, self.answers.end)
 
     def _say_how(self) -> None:
         counts = self._pace.counts
-        wall_ns = time.monotonic_ns() - int(counts[START_NS])
+        wall_ns = time.monotonic_ns() - int(counts[pace_kernels.START_NS])
         header = Pacing(
             pace=self.streams.hello.pace,
-            response_max_ns=int(counts[RESPONSE_MAX_NS]),
-            late_max_ns=int(counts[LATE_MAX_NS]),
-            behind_max_ns=int(counts[BEHIND_MAX_NS]),
-            working_ns=max(0, wall_ns - int(counts[WAITED_NS])),
-            classes_an_octave=CLASSES_AN_OCTAVE,
+            response_max_ns=int(counts[pace_kernels.RESPONSE_MAX_NS]),
+            late_max_ns=int(counts[pace_kernels.LATE_MAX_NS]),
+            behind_max_ns=int(counts[pace_kernels.BEHIND_MAX_NS]),
+            working_ns=max(0, wall_ns - int(counts[pace_kernels.WAITED_NS])),
+            classes_an_octave=pace_kernels.CLASSES_AN_OCTAVE,
             lead_steps=self.answers.grant.lead_steps,
             step_ns=self.setup.step_ns,
         )

@@ -12,16 +12,6 @@ from hertzloop.recordings.replay import blueprint, scene3d
 from hertzloop.recordings.replay import data as replay_data
 from hertzloop.recordings.replay import spectrum as spectra_drawn
 from hertzloop.recordings.replay.blueprint import Layout, PlotLook, dashboard
-from hertzloop.recordings.replay.data import (
-    ContactSpan,
-    Deflection,
-    Moments,
-    Plot,
-    PlotCurve,
-    Twin,
-    contacts_of,
-    rows_at,
-)
 from hertzloop.recordings.replay.scene3d import times, with_unit
 from hertzloop.recordings.replay.spectrum import Spectrum
 from hertzloop.recordings.writer import RecordingError
@@ -55,9 +45,9 @@ class Told:
 
     heading: str = ""
     lines: list[str] = field(default_factory=list)
-    more_plots: list[Plot] = field(default_factory=list)
+    more_plots: list[replay_data.Plot] = field(default_factory=list)
     spectra: list[Spectrum] = field(default_factory=list)
-    twin: Twin | None = None
+    twin: replay_data.Twin | None = None
     actuator_m: tuple[float, float] | None = None
     controlled: bool = True
     until_ns: int = LAST_NS
@@ -69,10 +59,10 @@ class Shown:
     gap and actuator force, (frames,) each; `striker`: "sphere", or the "hammer tip"."""
 
     recording: Recording
-    deflection: Deflection
-    contacts: list[ContactSpan]
-    when: Moments
-    plots: list[Plot]
+    deflection: replay_data.Deflection
+    contacts: list[replay_data.ContactSpan]
+    when: replay_data.Moments
+    plots: list[replay_data.Plot]
     drawn: scene3d.Scale
     at_frames: Arrays
     sphere_radius_m: float
@@ -82,15 +72,15 @@ class Shown:
 
 def prepare(
     recording: Recording,
-    deflection: Deflection,
+    deflection: replay_data.Deflection,
     told: Told | None = None,
-    contacts: list[ContactSpan] | None = None,
+    contacts: list[replay_data.ContactSpan] | None = None,
 ) -> Shown:
     """What there is to show; `contacts` if they are known. The recording has at least one step, see
     `check_replayable`."""
     truth, told = recording.truth, told or Told()
     if contacts is None:
-        contacts = contacts_of(truth.pieces())
+        contacts = replay_data.contacts_of(truth.pieces())
 
     def at_ns(position: int) -> int:
         return int(truth.step_at(position)) * truth.step_ns
@@ -107,7 +97,7 @@ def prepare(
     drawn = scene3d.scale(deflection, when.selection_ns, radius)
     plots = [*replay_data.plots(recording, contacts, told.twin), *told.more_plots]
     frames = deflection.times_ns // truth.step_ns - truth.first_step
-    at_frames = rows_at(truth, frames, ("xi_s_m", "xi_m", "f_a_n"))
+    at_frames = replay_data.rows_at(truth, frames, ("xi_s_m", "xi_m", "f_a_n"))
     striker = "hammer tip" if hammer else "sphere"
     return Shown(
         recording, deflection, contacts, when, plots, drawn, at_frames, radius, told, striker
@@ -177,7 +167,7 @@ def _full_arrow_n(shown: Shown) -> float:
     return scene3d.round_above(largest) if largest > 0.0 else 0.0
 
 
-def _zoom_range(shown: Shown, plot: Plot) -> tuple[float, float]:
+def _zoom_range(shown: Shown, plot: replay_data.Plot) -> tuple[float, float]:
     """Ends of the axis of a plot at the cursor."""
     (before, after), still = shown.when.zoom_ns, shown.when.still_ns
     return blueprint.zoomed(plot, (still - before, still + after))
@@ -205,14 +195,16 @@ def _surface_title(shown: Shown) -> str:
     return "Plate at rest" if shown.drawn.flat else f"Plate, heights drawn {shown.drawn.in_words}"
 
 
-def _colour(plot: Plot, curve: PlotCurve) -> tuple[int, int, int]:
+def _colour(plot: replay_data.Plot, curve: replay_data.PlotCurve) -> tuple[int, int, int]:
     if not curve.faint:
         return _LINE_COLOURS[curve.name]
     earlier = [other.name for other in plot.curves if other.faint]
     return _FAINT[earlier.index(curve.name) % len(_FAINT)]
 
 
-def _send_curve(stream: rr.RecordingStream, plot: Plot, curve: PlotCurve, within: float) -> None:
+def _send_curve(
+    stream: rr.RecordingStream, plot: replay_data.Plot, curve: replay_data.PlotCurve, within: float
+) -> None:
     """As an overview and, exact `within` so much, for the plot at the cursor."""
     whole = slice(None) if curve.overview is None else curve.overview
     at_cursor = replay_data.enough(curve.time_ns, curve.values, within, curve.held)
