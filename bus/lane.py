@@ -1,6 +1,7 @@
 """The fast lane's segment of shared memory: made by the plant, joined by the controller."""
 
 import ctypes
+import fcntl
 import hashlib
 import mmap
 import os
@@ -11,16 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from hertzloop.bus import lane_kernels as lane_k
-from hertzloop.bus.messages_pb2 import (
-    JOINED,
-    NOT_ALLOWED,
-    OTHER_HOST,
-    SWITCHED_OFF,
-    UNSAID,
-    Hello,
-    LaneAnswer,
-    LaneOffer,
-)
+from hertzloop.bus import messages_pb2 as messages
 
 MAGIC, _VERSION = int.from_bytes(b"hrtzlane", "little"), 1
 # Some ms of a loop that runs ahead: the other end may be off its core for that long.
@@ -34,18 +26,14 @@ _REST_US = 100
 _RARE_NS = 500_000  # ten times what a sleep takes
 _SET_TIMER_SLACK, _SLACK_NS = 29, 1_000  # of prctl; 50 us if not set
 
-try:
-    from fcntl import F_ADD_SEALS, F_GET_SEALS, F_SEAL_GROW, F_SEAL_SEAL, F_SEAL_SHRINK
-except ImportError:  # not on Linux, where there is no lane either
-    _SEALS = 0
-else:
-    _SEALS = F_SEAL_GROW | F_SEAL_SEAL | F_SEAL_SHRINK
+# 0 on other systems than Linux, where there is no lane either.
+_SEALS = sum(getattr(fcntl, f"F_SEAL_{kind}", 0) for kind in ("GROW", "SEAL", "SHRINK"))
 
 
 class NoLane(Exception):
     """The lane cannot be joined; `answer` is the LaneAnswer that says why."""
 
-    def __init__(self, answer: "LaneAnswer") -> None:
+    def __init__(self, answer: messages.LaneAnswer) -> None:
         super().__init__()
         self.answer = answer
 
@@ -113,14 +101,12 @@ class Segment:
             raise OSError("no sealed memory on this system")
         size = segment_bytes(_SLOTS)
         self.fd = os.memfd_create("hertzloop-lane", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
-        import fcntl
-
         try:
             os.fchmod(self.fd, 0o600)
             os.ftruncate(self.fd, size)
-            fcntl.fcntl(self.fd, F_ADD_SEALS, _SEALS)
+            fcntl.fcntl(self.fd, fcntl.F_ADD_SEALS, _SEALS)
             words = np.frombuffer(mmap.mmap(self.fd, size), np.int64)
-            self._offer = LaneOffer(host=host(), pid=os.getpid(), fd=self.fd)
+            self._offer = messages.LaneOffer(host=host(), pid=os.getpid(), fd=self.fd)
         except OSError:
             os.close(self.fd)
             raise
@@ -133,7 +119,7 @@ class Segment:
         self.end = _end(words, _SLOTS)
 
     @property
-    def offer(self) -> LaneOffer:
+    def offer(self) -> messages.LaneOffer:
         """What a hello says of it."""
         return self._offer
 
@@ -144,36 +130,36 @@ class Segment:
             self.fd = -1
 
 
-def join(hello: Hello, wanted: bool = True) -> tuple[lane_k.Lane | None, "LaneAnswer"]:
+def join(
+    hello: messages.Hello, wanted: bool = True
+) -> tuple[lane_k.Lane | None, messages.LaneAnswer]:
     """The controller's end of the lane that a hello offers, if any, and the LaneAnswer to it."""
     if not hello.HasField("lane"):
-        return None, UNSAID
+        return None, messages.UNSAID
     if not wanted:
-        return None, SWITCHED_OFF
+        return None, messages.SWITCHED_OFF
     try:
-        return _join(hello), JOINED
+        return _join(hello), messages.JOINED
     except NoLane as error:
         return None, error.answer
     except OSError:
-        return None, NOT_ALLOWED
+        return None, messages.NOT_ALLOWED
 
 
-def _join(hello: Hello) -> lane_k.Lane:
+def _join(hello: messages.Hello) -> lane_k.Lane:
     if not _SEALS or not Path("/proc/self/ns/pid").exists() or hello.lane.host != host():
-        raise NoLane(OTHER_HOST)
-    import fcntl
-
+        raise NoLane(messages.OTHER_HOST)
     place = f"/proc/{hello.lane.pid}/fd/{hello.lane.fd}"
     found = os.stat(place)  # before it is opened: opening a device can do something
     if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid() or found.st_nlink:
-        raise NoLane(NOT_ALLOWED)
+        raise NoLane(messages.NOT_ALLOWED)
     fd = os.open(place, os.O_RDWR | os.O_CLOEXEC)
     try:
-        if fcntl.fcntl(fd, F_GET_SEALS) != _SEALS:  # it could shrink under the loop
-            raise NoLane(NOT_ALLOWED)
+        if fcntl.fcntl(fd, fcntl.F_GET_SEALS) != _SEALS:  # it could shrink under the loop
+            raise NoLane(messages.NOT_ALLOWED)
         size = os.fstat(fd).st_size
         if size < segment_bytes(1):
-            raise NoLane(NOT_ALLOWED)
+            raise NoLane(messages.NOT_ALLOWED)
         words = np.frombuffer(mmap.mmap(fd, size), np.int64)
     finally:
         os.close(fd)
@@ -182,6 +168,6 @@ def _join(hello: Hello) -> lane_k.Lane:
         MAGIC, _VERSION, hello.run_id
     )  # fmt: skip
     if not known or slots < 1 or slots & (slots - 1) or segment_bytes(slots) != size:
-        raise NoLane(NOT_ALLOWED)
+        raise NoLane(messages.NOT_ALLOWED)
     words[lane_k.JOINED] = hello.run_id
     return _end(words, slots)

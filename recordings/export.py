@@ -211,7 +211,7 @@ def write_hdf5(samples: Samples, path: Path) -> None:
     """A group a stream; every dataset has the attributes `units` and `long_name`."""
     if find_spec("h5py") is None:
         raise RecordingError("HDF5 needs h5py, which is not installed: pip install 'hertzloop[h5]'")
-    import h5py
+    import h5py  # of an extra
 
     with _SteadyFile(path) as steady:
         _fill_hdf5(samples, h5py, steady)

@@ -167,11 +167,17 @@ class Entries:
         text = text_of(name, self._names)
         layout = f"{digest} {parameters} {state} {text}"
         module = ModuleType(f"hertzloop_law_{hashlib.sha256(layout.encode()).hexdigest()[:24]}")
-        path, self._new = _written(module.__name__, text)
+        path = cache_folder() / "laws" / f"{module.__name__}.py"
+        self._new = not path.exists()
+        if self._new:
+            keep(path, text)
         module.__file__ = str(path)
         module.__dict__.update(call_double=call_double, call_int64=call_int64)
         for function in self._names:
-            module.__dict__[f"law_{function}"] = _dispatcher(getattr(home, function))
+            called = getattr(home, function)
+            if not isinstance(called, Dispatcher):
+                called = kernel(called, inline=True, bare=True, kept=False)
+            module.__dict__[f"law_{function}"] = called
         # Numba looks for the module of what it loads by name.
         sys.modules[module.__name__] = module
         exec(compile(text, module.__file__, "exec"), module.__dict__)
@@ -231,21 +237,6 @@ class Entries:
             made._cache = stored(function, quick=self._shipped)  # type: ignore[attr-defined]
             made.compile()
             return made
-
-
-def _dispatcher(function: Any) -> Any:
-    if isinstance(function, Dispatcher):
-        return function
-    return kernel(function, inline=True, bare=True, kept=False)
-
-
-def _written(name: str, text: str) -> tuple[Path, bool]:
-    """The text as a file in the folder of compiled kernels, and whether it was not there before."""
-    path = cache_folder() / "laws" / f"{name}.py"
-    new = not path.exists()
-    if new:
-        keep(path, text)
-    return path, new
 
 
 def _first_line(error: Exception) -> str:

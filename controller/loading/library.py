@@ -305,7 +305,7 @@ class _Instance:
         unit.exitInitializationMode()
 
     def _make(self) -> None:
-        import fmpy
+        import fmpy  # of an extra
 
         about, path = self.law.home, str(self.law.path)
         self._held = TemporaryDirectory(prefix="hertzloop-")

@@ -20,6 +20,7 @@ from pydantic.fields import FieldInfo
 from hertzloop.controller.loading import callbacks
 from hertzloop.controller.loading.callbacks import Overdue, given_up_in_time
 from hertzloop.controller.loading.law import Law, LawError, check_home, said_of
+from hertzloop.controller.loading.library import library_law, unit_law
 
 _ENDINGS = (".py", ".so", ".dylib", ".fmu", ".c")
 _SOURCE = (".c", ".cc", ".cpp", ".cxx")
@@ -76,7 +77,9 @@ def find(reference: str, digest: str | None = None) -> Law:
     """The law that a reference means. Raises LawError; also if it has not the `digest` given, of
     which nothing is executed then."""
     if reference in shipped():
-        return _shipped_law(reference, digest)
+        law = _loaded_shipped(reference)
+        _check_digest(reference, law.digest, digest)
+        return law
     file = _FILE.fullmatch(reference)
     if file:
         return _from_file(reference, Path(file["file"]), file["name"], digest)
@@ -104,12 +107,6 @@ def _check_digest(reference: str, found: str, wanted: str | None) -> None:
             f"law {reference}: its digest here is {found}, but {wanted} is required. Copy the same "
             "file to both sides."
         )
-
-
-def _shipped_law(name: str, digest: str | None) -> Law:
-    law = _loaded_shipped(name)
-    _check_digest(name, law.digest, digest)
-    return law
 
 
 @cache
@@ -143,12 +140,8 @@ def _loaded_file(
         raise LawError(f"law {path}: is not valid Python: {error}") from error
     _check_digest(str(path), found, digest)
     if path.suffix == ".fmu":
-        from hertzloop.controller.loading.library import unit_law
-
         return unit_law(path, found)
     if path.suffix != ".py":
-        from hertzloop.controller.loading.library import library_law
-
         return library_law(path, found)
     source = path.read_text(encoding="utf-8")
     module = ModuleType(f"hertzloop_file_{path.stem}_{found}")

@@ -27,7 +27,9 @@ def object_code(functions: Mapping[str, tuple[Callable[..., None], tuple[Any, ..
     that they are given by: position independent, no other name to be seen."""
     whole, found = None, {}
     for name, (function, arguments) in functions.items():
-        compiled = _compiled(function, arguments)
+        dispatcher = kernel(function, borrowed=True, bare=True, kept=False)
+        dispatcher.compile(arguments)
+        compiled = dispatcher.overloads[arguments]
         found[compiled.fndesc.llvm_func_name] = name
         module = ll.parse_assembly(compiled.library.get_llvm_str())
         if whole is None:
@@ -49,12 +51,6 @@ def object_code(functions: Mapping[str, tuple[Callable[..., None], tuple[Any, ..
     passes.add_global_dead_code_eliminate_pass()
     passes.run(whole, ll.create_pass_builder(machine, ll.create_pipeline_tuning_options()))
     return bytes(machine.emit_object(whole))
-
-
-def _compiled(function: Callable[..., None], arguments: tuple[Any, ...]) -> Any:
-    dispatcher = kernel(function, borrowed=True, bare=True, kept=False)
-    dispatcher.compile(arguments)
-    return dispatcher.overloads[arguments]
 
 
 # Parts of kernels as one table of machine words, for callers that are not Python.

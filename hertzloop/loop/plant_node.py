@@ -126,7 +126,7 @@ class PlantNode:
                     streams.send_truth()
                     self.on_progress(streams.step)
                     told_s = time.monotonic()
-                if must_wait or self._too_far_ahead():
+                if must_wait or self._sent() - self.answers.samples > _AHEAD_SAMPLES:
                     self._exchange()
             while self.port.pending():
                 self._take()
@@ -143,9 +143,6 @@ class PlantNode:
 
     def _sent(self) -> int:
         return int(self.streams.window.counts[loop_k.SAMPLES_FIRST])
-
-    def _too_far_ahead(self) -> bool:
-        return self._sent() - self.answers.samples > _AHEAD_SAMPLES
 
     def _await_answers(self) -> None:
         """Wait until the controller has answered all samples sent."""

@@ -200,7 +200,8 @@ def _counts(size_m: tuple[float, float]) -> tuple[int, int]:
 @lru_cache(maxsize=8)
 def low_modes(edges: str, size_m: tuple[float, float], of: Bending) -> LowModes:
     """Modes of a plate, edges as in "csff": at x = 0, x = l_x, y = 0, y = l_y."""
-    import scipy.linalg  # noqa: F401  before the call on one thread that uses it
+    # 0.2 s of a start, for these modes alone; before the call on one thread that uses it.
+    import scipy.linalg  # noqa: F401
 
     bases, parts, shift = _problem(edges, size_m)
     nx, ny = (basis.count for basis in bases)
@@ -310,7 +311,8 @@ class _Shared:
 def _shared(edges: str, size_m: tuple[float, float], nu: float, count: int) -> list[_Shared]:
     """The functions that plates with Poisson's ratios between `_ENDS` share, the blocks in order;
     good for the first `count` modes, and exact at `nu`."""
-    import scipy.linalg  # noqa: F401  before the calls on one thread that use it
+    # 0.2 s of a start, for these modes alone; before the calls on one thread that use it.
+    import scipy.linalg  # noqa: F401
 
     low = low_modes(edges, size_m, isotropic(nu))
     most = low.squared[min(int(_SPARE * count) + 10, len(low.squared) - 1)]
