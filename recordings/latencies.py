@@ -22,7 +22,7 @@ def latencies_of(recording: Recording) -> np.ndarray:
 
     Returns:
         Latencies, us, shape (samples,). A command that did not act before the end of the run has
-        the latency of the scene.
+        the smallest latency with which it does not, or that of the scene if that is larger.
 
     Raises:
         ValueError: the run was in lock-step, so that its latencies are those of its scene.
@@ -41,7 +41,7 @@ def latencies_of(recording: Recording) -> np.ndarray:
     newest = np.maximum.accumulate(np.arange(held.size) - held)
     sampled = np.arange(0, held.size, every)
     acts = np.searchsorted(newest, sampled + 1 + asked)
-    late = np.where(acts < held.size, acts - sampled - 1, asked)
+    late = np.maximum(acts - sampled - 1, asked)  # `acts` is the end of the run at most
     return np.asarray(late * (step_ns / 1000.0))
 
 

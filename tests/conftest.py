@@ -6,6 +6,7 @@ import hertzloop  # noqa: F401, I001
 import fcntl
 import importlib.util
 import os
+import random
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -36,9 +37,10 @@ def _names_files(config: pytest.Config) -> bool:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option that chooses the tier."""
+    """Add the options that choose the tier and the order."""
     parser.addoption("--all", action="store_true", help="run every test, not the default tier only")
     parser.addoption("--rest", action="store_true", help="run what the default tier leaves out")
+    parser.addoption("--order", type=int, metavar="SEED", help="run the files in random order")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -77,7 +79,8 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Keep the tests of the tier that was asked for, or all tests of files that are named. The
-    slowest files come first, so that none of them runs alone at the end."""
+    slowest files come first, so that none of them runs alone at the end; `--order` shuffles all.
+    """
     slow = ["test_checks.py", "hertzloop", "studies", "benchmarks"]
     order = {name: place for place, name in enumerate(slow)}
     items.sort(
@@ -85,11 +88,18 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             order.get(name, len(slow)) for name in (item.path.name, item.path.parent.name)
         )
     )
+    seed = config.getoption("--order")
+    if seed is not None:
+        files = sorted({item.path for item in items})
+        random.Random(seed).shuffle(files)
+        place_of = {path: place for place, path in enumerate(files)}
+        items.sort(key=lambda item: place_of[item.path])
     if config.getoption("--all") or _names_files(config):
         return
     rest = config.getoption("--rest")
     chosen = [item for item in items if bool(item.get_closest_marker("full")) == rest]
-    config.hook.pytest_deselected(items=[item for item in items if item not in set(chosen)])
+    kept = set(chosen)
+    config.hook.pytest_deselected(items=[item for item in items if item not in kept])
     items[:] = chosen
 
 

@@ -55,7 +55,7 @@ CONCLUSIONS = {
     "paper.weaknesses": r"The contact impulse of the published scheme is at most [\d.]+ %",
 }
 # Programs of the default tier.
-QUICK = ("benchmarks.cases", "benchmarks.infinite_plate")
+QUICK = ("benchmarks.infinite_plate",)
 
 
 def test_every_program_is_listed() -> None:

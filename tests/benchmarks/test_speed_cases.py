@@ -205,6 +205,7 @@ def test_quadratised_keeps_the_pseudo_energy_while_psi_drifts() -> None:
 # --- direct convolution
 
 
+@pytest.mark.full
 def test_convolution_has_order_2(small: cases.Problem) -> None:
     exact = cases.dop853_run(small, 1e-10)()[0]
     errors = [

@@ -22,6 +22,7 @@ from hertzloop.bus.streams import (
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.setup import Setup
+from tests.hertzloop.processes import EVENTUALLY_S
 
 
 class QueuePort:
@@ -55,7 +56,7 @@ class Pair:
     """A run of both; `fault` and `controller_fault` are what they said against it."""
 
     scene: Setup
-    timeout_s: float = 5.0
+    timeout_s: float = EVENTUALLY_S  # a law is compiled meanwhile, on a machine that may be busy
     horizon: int | None = None
     fast_lane: bool = True
     takes_lane: bool = True
@@ -89,7 +90,7 @@ class Pair:
             self.stats = self.plant.run()
         except (BusError, StreamFault) as error:
             self.fault = str(error)
-        thread.join(60)
+        thread.join(2 * EVENTUALLY_S)
         assert not thread.is_alive()
         return self
 

@@ -48,6 +48,7 @@ def test_it_is_what_a_finer_plant_with_smaller_steps_does() -> None:
         assert one == pytest.approx(other, rel=0.1), figure
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("v_thr_m_s", "settings"),
     [(-0.40, []), (-0.48, []), (-0.442, ["run.accuracy=5e-4"])],

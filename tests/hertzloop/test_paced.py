@@ -34,7 +34,15 @@ from hertzloop.setup import Setup, load
 from hertzloop.views.run import show_pacing
 from tests.commands import invoke
 from tests.hertzloop.lanes import Pair
-from tests.hertzloop.processes import child_of, finish, grown_to, hertzloop, start, wait_for
+from tests.hertzloop.processes import (
+    EVENTUALLY_S,
+    child_of,
+    finish,
+    grown_to,
+    hertzloop,
+    start,
+    wait_for,
+)
 
 FEEDBACK = ["controller.law=velocity_feedback", "controller.kappa=0.1", "run.accuracy=0.1"]
 
@@ -50,7 +58,7 @@ def feedback(*settings: str) -> Setup:
     return load("aluminium-3mm", [*FEEDBACK, "run.duration_s=0.0025", *settings])
 
 
-def paced(scene: Setup, pace: float, lane: bool = True, timeout_s: float = 5.0) -> Pair:
+def paced(scene: Setup, pace: float, lane: bool = True, timeout_s: float = EVENTUALLY_S) -> Pair:
     pair = Pair(scene, timeout_s, fast_lane=lane)
     pair.plant = PacedPlantNode(scene, pair.ports[PLANT], pace, timeout_s, fast_lane=lane)
     return pair
@@ -67,7 +75,9 @@ def recorded(pair: Pair, path: Path) -> Recording:
 
 def repeated(scene: Setup, repeat: Repeat, lane: bool = True) -> Pair:
     pair = Pair(scene, fast_lane=lane)
-    pair.plant = PlantNode(scene, pair.ports[PLANT], timeout_s=5.0, fast_lane=lane, repeat=repeat)
+    pair.plant = PlantNode(
+        scene, pair.ports[PLANT], timeout_s=EVENTUALLY_S, fast_lane=lane, repeat=repeat
+    )
     return pair.run()
 
 

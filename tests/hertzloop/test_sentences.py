@@ -13,6 +13,8 @@ from hertzloop.analysis.verdict import saturation_of
 from hertzloop.bus import events
 from hertzloop.bus.messages_pb2 import Event, EventKind
 from hertzloop.law import ACTING, IDLE, SPENT, WATCHING
+from hertzloop.loop import compiled
+from hertzloop.loop.plant_streams import BLOCK_STEPS
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, older_fact, read
 from hertzloop.recordings.replay.data import law_states
@@ -36,7 +38,7 @@ RUNS = {
     "cut off": ["run.duration_s=0.00101"],
 }
 FOR_PEOPLE = {"message", "status", "wall_s", "real_time_factor", "measured_ratio",
-              "file", "recording"}  # fmt: skip
+              "file", "recording", "messages"}  # fmt: skip
 
 
 def replaced(text: str) -> str:
@@ -45,7 +47,8 @@ def replaced(text: str) -> str:
 
 
 def without(data: Any) -> Any:
-    """Data without what is there for people, and without times of this machine."""
+    """Data without what is there for people, and without what the speed of this machine decides:
+    times, and into how many messages a stream is cut."""
     if isinstance(data, dict):
         return {key: without(value) for key, value in data.items() if key not in FOR_PEOPLE}
     return [without(value) for value in data] if isinstance(data, list) else data
@@ -71,10 +74,14 @@ def recorded(name: str, folder: Path) -> tuple[Recording, list[Any]]:
 def test_a_run_with_other_words_has_the_same_data(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(compiled, "EVERY_S", 60.0)
     usual, known = recorded(name, tmp_path / "usual")
     true = events.sentence
     monkeypatch.setattr(events, "sentence", lambda event: replaced(true(event)))
+    monkeypatch.setattr(compiled, "EVERY_S", 0.0)  # as on a slow machine: a block each 1000 steps
     strange, found = recorded(name, tmp_path / "strange")
+    assert usual.truth.messages <= 2
+    assert strange.truth.messages == -(-strange.truth.samples // BLOCK_STEPS)
     assert [e.message for e in strange.events] == [replaced(e.message) for e in usual.events]
     assert len(usual.events) > 1
     assert [e.fact for e in strange.events] == [e.fact for e in usual.events]

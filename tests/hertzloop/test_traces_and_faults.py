@@ -100,15 +100,35 @@ def test_units_and_decimal_commas_of_a_trace_count(trace, text):
 
 
 def test_a_recording_of_a_paced_run_tells_its_latencies():
-    """Samples every 2 steps with a latency of 1: their forces are due at 2, 4, 6, 8, 10."""
+    """Samples every 2 steps with a latency of 1: their forces are due at 2, 4, 6, 8, 10.
+    The run ends after step 9, before the fourth one has acted: with a latency of 3 it does not."""
     held = np.array([0, 0, 0, 1, 2, 3, 4, 0, 1, 2])  # the force of step 2 acts until step 7
     scene = "[run]\nstep_ns = 1000\n[sensors]\nevery_steps = 2\n[controller]\nlatency_us = 1.0\n"
     recording = Recording(Path("a.mcap"), scene_toml=scene)
     recording.truth = replace(recording.truth, arrays={"held_steps": held})
-    assert list(latencies_of(recording)) == [1.0, 4.0, 2.0, 1.0, 1.0]
+    assert list(latencies_of(recording)) == [1.0, 4.0, 2.0, 3.0, 1.0]
     recording.truth = replace(recording.truth, arrays={})
     with pytest.raises(ValueError, match="--pace"):
         latencies_of(recording)
+
+
+@pytest.mark.parametrize("back", [1020, 1300], ids=["late", "until after the end"])
+def test_a_controller_that_stalls_in_a_paced_run_is_repeated(back):
+    """From step 1010, within the contact, its last force is held. The controller is back within
+    the contact, or not before the run ends."""
+    short = [*SHORT, "run.duration_s=0.0012"]
+    setup = load("aluminium-3mm", short)
+    steps = np.arange(setup.steps)
+    held = np.where((steps > 1010) & (steps < back), steps - 1010, 0)
+    recording = Recording(Path("a.mcap"), scene_toml=setup.as_toml())
+    recording.truth = replace(recording.truth, arrays={"held_steps": held})
+    trace = latencies_of(recording).tolist()
+    again = simulate(load("aluminium-3mm", [*short, f"controller.latency_trace={trace}"]))
+    forces, whole = again.forces, simulate(setup).forces
+    assert forces[1010] != forces[1009]
+    assert np.array_equal(forces[:1011], whole[:1011])
+    assert np.all(forces[1010:back] == forces[1010])
+    assert back > setup.steps or forces[back] != forces[1010]
 
 
 @pytest.mark.full

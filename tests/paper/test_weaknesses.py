@@ -36,6 +36,7 @@ def iterations() -> list[weaknesses.Iterations]:
     return weaknesses.iterations(cases=60)
 
 
+@pytest.mark.full
 def test_newton_under_relaxation() -> None:
     for found in iterations():
         if found.solve == "relaxation, extra state":
@@ -64,6 +65,7 @@ def test_what_the_law_does() -> None:
     assert light.plate_db == pytest.approx(0.36, abs=0.02)
 
 
+@pytest.mark.full
 def test_figures_are_drawn(tmp_path: Path) -> None:
     for make in (figures.penetration, figures.forces, figures.spectra, figures.efficiencies):
         path = make(tmp_path)
