@@ -1,10 +1,15 @@
-"""Commands of the pages run from an empty folder with the installed wheel."""
+"""Commands of the pages run from an empty folder with the installed wheel.
+
+`python -m tests.test_page_commands` prints a table of the pages.
+"""
 
 import os
 import re
 import shlex
 import subprocess
+import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -46,6 +51,7 @@ SHORTER = {
     "--law force_feedback\n": "--law force_feedback --quick\n",
     "--goal 'rebound_percent < 300'\n": "--goal 'rebound_percent < 300' --quick\n",
     "--trace paced.mcap\n": "--trace paced.mcap --quick\n",
+    "pytest\n": "python -m pytest -q\n",  # of the environment, not the one that is first on a PATH
     "10.0.0.1": "127.0.0.1", "10.0.0.2": "127.0.0.1", "10.0.0.3": "127.0.0.1",
 }  # fmt: skip
 # What a page says that the reader has.
@@ -62,14 +68,42 @@ BEFORE = {
     "hertzloop node recorder --out mine.mcap --zenoh-config": "cp lab/*.json5 . && rm mine.mcap",
     "hertzloop node recorder --out mine.mcap --listen": "rm mine.mcap",
 }
-CODES = {"hertzloop compare A.mcap B.mcap --figures": 0, "hertzloop compare A.mcap B.mcap": 1}
-# Run in a clone only: by test_docs.py, or by the tests of what they describe.
-IN_A_CLONE = {
-    "docs/evidence/fit.md", "docs/how-to/export-plant.md", "docs/how-to/sweep-and-tune.md",
-    "docs/tutorials/design-a-filter.md", "docs/tutorials/first-run.md", "docs/tutorials/fit.md",
-    "docs/tutorials/green-check.md", "docs/tutorials/latency-and-bits.md",
-    "docs/tutorials/own-law.md",
-}  # fmt: skip
+CODES = {
+    "hertzloop compare A.mcap B.mcap --figures": 0,
+    "hertzloop compare A.mcap B.mcap": 1,
+    "hertzloop compare early.mcap late.mcap": 1,
+    "hertzloop budget --check requirements.toml  # green-check.md": 1,
+    "hertzloop fit bench.toml --check --expect contact_force:80us:0.4%": 2,
+}
+
+
+def limited(text: str, folder: Path) -> None:
+    """Replace the last line of the law by that of the page."""
+    [line] = re.findall(r"^    return min\(.*\)$", text, re.M)
+    law = folder / "mine.py"
+    law.write_text("\n".join([*law.read_text().splitlines()[:-1], line, ""]))
+
+
+def a_third(text: str, folder: Path) -> None:
+    """Add the row of the page to the requirements."""
+    [row] = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    with (folder / "requirements.toml").open("a") as file:
+        file.write("\n" + row)
+
+
+def eight(text: str, folder: Path) -> None:
+    """Require 8 us instead of 10."""
+    path = folder / "requirements.toml"
+    assert '"controller.latency_us" = 10 }' in path.read_text()
+    path.write_text(path.read_text().replace('latency_us" = 10 }', 'latency_us" = 8 }'))
+
+
+# What the reader of a page edits before a command.
+EDITS: dict[tuple[str, str], Callable[[str, Path], None]] = {
+    ("own-law.md", "hertzloop run --set controller.law=mine.py --out limited.mcap"): limited,
+    ("green-check.md", "hertzloop budget --check requirements.toml"): a_third,
+    ("green-check.md", "pytest"): eight,
+}
 
 
 def blocks(page: Path) -> list[list[str]]:
@@ -114,11 +148,13 @@ def told(line: str) -> str:
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("page", [p for p in PAGES if str(p) not in IN_A_CLONE], ids=str)
+@pytest.mark.timeout(3600)  # the first page compiles; a busy machine takes its time
+@pytest.mark.parametrize("page", PAGES, ids=str)
 def test_the_commands_of_a_page_run_with_the_wheel(
     page: Path,
     installed: str,  # noqa: F811
     tmp_path: Path,
+    record_property: Callable[[str, object], None],
 ) -> None:
     place = {
         **os.environ,
@@ -137,7 +173,8 @@ def test_the_commands_of_a_page_run_with_the_wheel(
     def ended(line: str, process: subprocess.Popen[str]) -> None:
         began = time.monotonic()
         said, erred = process.communicate(timeout=850)
-        code = next((code for words, code in CODES.items() if line.startswith(words)), 0)
+        named = f"{line}  # {page.name}"
+        code = next((code for words, code in CODES.items() if named.startswith(words)), 0)
         assert process.returncode == code, (line, said[-500:], erred[-1500:])
         if line.startswith("python ") and line.endswith(".py"):  # the page shows what it prints
             assert said in (ROOT / page).read_text(), line
@@ -157,9 +194,12 @@ def test_the_commands_of_a_page_run_with_the_wheel(
         for line in lines:
             if line + "; " in given or line.startswith(tuple(LEFT_OUT)):
                 continue
+            if edit := EDITS.get((page.name, line)):
+                edit((ROOT / page).read_text(), tmp_path)
             for words, first in BEFORE.items():
                 if line.startswith(words):
                     ended(first, started(first))
+            record_property("command", line)
             process = started(given + told(line))
             if re.match(r"hertzloop node (plant|controller|recorder)", line):
                 running.append((line, process))  # each in a terminal of its own
@@ -170,9 +210,34 @@ def test_the_commands_of_a_page_run_with_the_wheel(
 
 
 def test_what_is_left_out_or_made_shorter_is_there() -> None:
-    assert {str(page) for page in PAGES} >= IN_A_CLONE
-    lines = [line for page in PAGES for block in blocks(ROOT / page) for line in block]
-    for words in (*LEFT_OUT, *BEFORE, *CODES):
+    lines = [f"{line}  # {page.name}"
+             for page in PAGES for block in blocks(ROOT / page) for line in block]  # fmt: skip
+    for words in (*LEFT_OUT, *BEFORE, *CODES, *(f"{b}  # {a}" for a, b in EDITS)):
         assert any(line.startswith(words) for line in lines), words
+    lines = [line.rpartition("  # ")[0] for line in lines]
     for words in SHORTER:
         assert any(words in line + "\n" for line in lines), words
+
+
+class Table:
+    """Collects how many commands of each page ran, and which of them failed."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[str, int, str]] = []
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Take the report of a page."""
+        ran = [str(line) for name, line in report.user_properties if name == "command"]
+        if report.failed or (report.when == "call" and ran):
+            page = report.nodeid.partition("[")[2].rstrip("]") or report.nodeid
+            self.rows.append((page, len(ran), (ran or [""])[-1] if report.failed else ""))
+
+
+if __name__ == "__main__":
+    table = Table()
+    pytest.main([__file__, "-n0", "-q", "--tb=short", *sys.argv[1:]], plugins=[table])
+    print("| page | commands | failed |\n|---|---|---|")
+    for one, count, failed in table.rows:
+        print(f"| {one} | {count} | {failed} |")
+    print(f"| {len(table.rows)} pages | {sum(row[1] for row in table.rows)} "
+          f"| {sum(bool(row[2]) for row in table.rows)} |")  # fmt: skip

@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import sysconfig
 import tarfile
 import zipfile
 from pathlib import Path
@@ -100,14 +99,15 @@ def test_commands_work_beside_modules_of_these_names(folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def installed(wheels: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Python of an environment that holds the wheel and its dependencies: a link to our
-    site-packages brings these, and leaves the editable install out."""
+    """Python of an environment that holds the wheel and its dependencies: links to our
+    site-packages bring these, and leave the editable install out."""
     environment = tmp_path_factory.mktemp("installed") / "env"
     subprocess.run([sys.executable, "-m", "venv", environment], check=True)
     python = environment / "bin" / "python"
     subprocess.run([python, "-m", "pip", "install", "-q", "--no-deps", wheels[0]], check=True)
     [packages] = environment.glob("lib/python*/site-packages")
-    (packages / "dependencies.pth").write_text(f"{sysconfig.get_path('purelib')}\n")
+    ours = [path for path in sys.path if path.endswith("site-packages")]  # environments may nest
+    (packages / "dependencies.pth").write_text("\n".join(ours) + "\n")
     return str(python)
 
 

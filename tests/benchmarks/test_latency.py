@@ -26,6 +26,7 @@ def named(*settings: str) -> study.Named:
     return study.Named("cheap", "aluminium-3mm", (*cheap, *settings), "impact")
 
 
+@pytest.mark.full
 def test_a_map_has_every_pair_and_a_picture(pool: Pool, tmp_path: Path) -> None:
     maps = study.maps(pool, named(), 4)
     for key, values in study.map_axes(named().scene(), 4).items():

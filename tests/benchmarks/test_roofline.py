@@ -8,6 +8,7 @@ from benchmarks.costs import roofline_table
 from hertzloop.plant import state_kernels as pk
 
 
+@pytest.mark.full
 def test_shares_name_what_was_measured() -> None:
     found = roofline.shares(rounds=2)
     assert [s.frequencies for s in found] == [1104] * 3 + [448] * 3 + [564] * 3

@@ -126,6 +126,7 @@ def shaken_error(make: type[Plant], step_s: float) -> float:
     return float(np.abs(gaps - expected[3::4]).max() / np.abs(gaps).max())
 
 
+@pytest.mark.full
 def test_a_shaken_plate_moves_as_the_textbook_integrator_moves_it() -> None:
     assert shaken_error(CollocationPlant, 2.5e-7) < 1e-7
     coarse, fine = (

@@ -99,6 +99,7 @@ def test_where_nothing_can_be_said(settings: list[str]) -> None:
     assert judged(load("aluminium-3mm", settings), 2e-3) is None
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("v_thr_m_s", "kept"), [(-0.442, False), (-0.48, True)])
 def test_a_run_says_so(tmp_path: Path, v_thr_m_s: float, kept: bool) -> None:
     words = [w for s in (*NEAR, f"controller.v_thr_m_s={v_thr_m_s}") for w in ("--set", s)]

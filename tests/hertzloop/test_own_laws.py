@@ -26,6 +26,7 @@ from hertzloop.views.run import run_scene
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, write_law
 from tests.hertzloop.processes import hertzloop
+from tests.tiers import default
 
 LIMIT = ["controller.full_scale_n=20", "controller.latency_us=2", SHORT]
 needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
@@ -71,7 +72,13 @@ def test_the_example_does_not_wind_up(here: Path) -> None:
     assert ends[0] < ends[1]
 
 
-@pytest.mark.parametrize("law", ["slope_threshold", "predicted", "fade_out", "force_feedback"])
+@pytest.mark.parametrize(
+    "law",
+    default(
+        ["slope_threshold", "predicted", "fade_out", "force_feedback"],
+        quick=("slope_threshold", "force_feedback"),
+    ),
+)
 @pytest.mark.parametrize("transport", ["compiled", "zenoh"])
 def test_a_shipped_law_as_a_file_of_ones_own(here: Path, law: str, transport: str) -> None:
     shutil.copy(ROOT / "controller" / "laws" / f"{law}.py", here / "mine.py")

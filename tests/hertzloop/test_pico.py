@@ -12,12 +12,14 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.analysis.deflection import modes_of_scene
 from hertzloop.bus.messages_pb2 import DaqBlock, LaneOffer, RunEnd, StreamCount
 from hertzloop.bus.streams import PLANT, STREAMS
 from hertzloop.bus.wire import encode
 from hertzloop.controller.loading.registry import shipped as laws
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_streams import hello
+from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import shipped
@@ -52,6 +54,18 @@ def test_hellos_of_all_shipped_scenes_and_laws_are_as_small_as_stated() -> None:
     assert len(sizes) > 50
     assert least - 20 < min(sizes) <= max(sizes) < most + 20  # versions of packages are part of it
     assert max(sizes) < ROOM < 4096
+
+
+def test_hellos_with_files_are_as_large_as_stated(tmp_path: Path) -> None:
+    modes, trace = tmp_path / "modes.npz", tmp_path / "trace.csv"
+    modes.write_bytes(write_modes(".npz", modes_of_scene(load("aluminium-3mm"))))
+    trace.write_text("\n".join(str(i % 7) for i in range(2000)))
+    found = []
+    for setting in (f"plate.modes={modes}", f"controller.latency_trace={trace}"):
+        setup = load("aluminium-3mm", [setting])
+        found.append(hello(setup, setup.stiffness).ByteSize())
+    [stated] = re.findall(r"it has (\d+) kB, with 2,000 measured latencies\n(\d+) kB", WIRE)
+    assert [round(size / 1000) for size in found] == [int(kilobytes) for kilobytes in stated]
 
 
 def test_blocks_and_ends_are_as_small_as_stated() -> None:

@@ -100,6 +100,7 @@ def test_equations_are_printed(tmp_path: Path) -> None:
     assert cells["not defined below"] == "170"
 
 
+@pytest.mark.full
 def test_gallery_has_the_figures_that_were_missing(tmp_path: Path) -> None:
     for sheet in gallery.SHEETS.values():
         for curve in sheet.curves:

@@ -91,6 +91,7 @@ def test_consistent_scheme_computes_the_same_rows(tmp_path: Path) -> None:
     assert float(new_rows[0]["dT_computed"]) == pytest.approx(-73.8, abs=0.2)
 
 
+@pytest.mark.full
 def test_a_contact_without_end_leaves_its_cells_empty(tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
     path.write_text("material,kappa,v_thr_m_s,EAL\noak,0.95,-0.25,-1\n")

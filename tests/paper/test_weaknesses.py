@@ -49,6 +49,7 @@ def test_newton_under_relaxation() -> None:
     assert published.mean > 100 * 3
 
 
+@pytest.mark.full
 def test_relaxation_pulls_at_the_end_of_the_contact() -> None:
     for found in weaknesses.adhesion():
         assert found.share < -0.05, found

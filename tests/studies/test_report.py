@@ -64,6 +64,7 @@ def test_a_page_needs_nothing_from_elsewhere_and_is_small(page: Path) -> None:
     assert text.count("<svg") == 3
 
 
+@pytest.mark.full
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium here: apt install chromium")
 def test_a_browser_draws_it_without_an_error(page: Path, tmp_path: Path) -> None:
     found, console = in_browser(page)

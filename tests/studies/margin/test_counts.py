@@ -9,6 +9,7 @@ from hertzloop.studies.margin.linear import PoleForm
 from hertzloop.studies.margin.margin import loop_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 from hertzloop.studies.margin.table import OnCircle
+from tests.tiers import default
 
 
 def test_counts_of_hard_loops_agree_with_all_poles() -> None:
@@ -17,8 +18,9 @@ def test_counts_of_hard_loops_agree_with_all_poles() -> None:
     assert sum(c.predicted > 0 for c in checks) > 50
 
 
-def test_counts_agree_with_eigenvalues() -> None:
-    assert [c for c in dense(7, (20, 40, 80)) if not c.agrees] == []
+@pytest.mark.parametrize("modes", default([(20, 40), (20, 40, 80)], quick=[(20, 40)]))
+def test_counts_agree_with_eigenvalues(modes: tuple[int, ...]) -> None:
+    assert [c for c in dense(7, modes) if not c.agrees] == []
 
 
 def test_a_dip_below_one_between_the_points_is_found() -> None:
