@@ -4,6 +4,7 @@
 # once: with more, the last bits of a sum depend on its length.
 import hertzloop  # noqa: F401, I001
 import fcntl
+import gc
 import importlib.util
 import os
 import random
@@ -101,6 +102,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     kept = set(chosen)
     config.hook.pytest_deselected(items=[item for item in items if item not in kept])
     items[:] = chosen
+
+
+def pytest_collection_finish() -> None:
+    """Leave modules and tests out of the collections of garbage that pytest ends with."""
+    gc.freeze()
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
