@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hertzloop.sensors import kernels as sensor_k
+from hertzloop.sensors.filters import Filters
 
 NOISE_STREAM, _FAULT_STREAM = 1, 7  # random streams; the controller has others
 
@@ -30,27 +31,20 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class SensorSpec:
-    """One channel, in SI units of its quantity.
+class SensorSpec(Filters):
+    """One channel, in SI units of its quantity: filters, then a converter.
 
     `of_state`: index of the quantity in the plant's state. `every_steps`: steps between samples.
-    `low_pass_hz`: corner of the one-pole filter, or None. `ac_coupling_hz`: corner of the one-pole
-    high-pass, or None. `resonance_hz`, `resonance_damping`: natural frequency and damping (of
-    critical) of the sensor's own second-order response, or None. `full_scale`: lowest and highest
-    value, or None for no limit. `bits`: 1 to 24, or None for an ideal converter. `noise_rms`:
-    standard deviation of white noise per sample. Raises ValueError for values that no channel can
-    have.
+    `full_scale`: lowest and highest value, or None for no limit. `bits`: 1 to 24, or None for an
+    ideal converter. `noise_rms`: standard deviation of white noise per sample. Raises ValueError
+    for values that no channel can have.
     """
 
     of_state: int = 0
     every_steps: int = 1
-    low_pass_hz: float | None = None
     full_scale: tuple[float, float] | None = None
     bits: int | None = None
     noise_rms: float = 0.0
-    ac_coupling_hz: float | None = None
-    resonance_hz: float | None = None
-    resonance_damping: float = 0.02
     fault: Fault | None = None
     converter_step: float = field(init=False, repr=False, compare=False)
     """distance of two levels of the converter; zero of an ideal one"""
@@ -68,14 +62,7 @@ def _problems(spec: SensorSpec) -> Iterator[str]:
     """Sentences on what is wrong with a channel; comparisons are false for a nan."""
     if spec.every_steps < 1:
         yield f"every_steps is {spec.every_steps}; must be 1 or more"
-    if spec.low_pass_hz is not None and not 0.0 < spec.low_pass_hz < math.inf:
-        yield f"low_pass_hz is {spec.low_pass_hz:g}; must be above 0 Hz, or None for no filter"
-    for name in ("ac_coupling_hz", "resonance_hz"):
-        value = getattr(spec, name)
-        if value is not None and not 0.0 < value < math.inf:
-            yield f"{name} is {value:g}; must be above 0 Hz, or None for no filter"
-    if not 0.0 < spec.resonance_damping < 1.0:
-        yield f"resonance_damping is {spec.resonance_damping:g}; must be between 0 and 1"
+    yield from spec.problems()
     if not 0.0 <= spec.noise_rms < math.inf:
         yield f"noise_rms is {spec.noise_rms:g}; must be 0 or more"
     low, high = spec.full_scale or (0.0, 1.0)
@@ -101,23 +88,6 @@ def converter_codes(bits: int, full_scale: tuple[float, float]) -> tuple[float, 
     return scale, low - scale * first, first, first + levels - 1
 
 
-def _gain(corner_hz: float, step_s: float) -> float:
-    """Share of its way that a one-pole filter goes in a step."""
-    return -math.expm1(-2.0 * math.pi * corner_hz * step_s)
-
-
-def _own_response(frequency_hz: float, damping: float, step_s: float) -> tuple[float, ...]:
-    """What a step makes of x - u and x'/w of x'' + 2 d w x' + w^2 (x - u) = 0: a matrix by rows."""
-    omega = 2.0 * math.pi * frequency_hz
-    turn = omega * math.sqrt(1.0 - damping**2) * step_s
-    decay = math.exp(-damping * omega * step_s)
-    sine = math.sin(turn) / math.sqrt(1.0 - damping**2)
-    return (
-        decay * (math.cos(turn) + damping * sine), decay * sine,
-        -decay * sine, decay * (math.cos(turn) - damping * sine),
-    )  # fmt: skip
-
-
 class Sensor:
     """Compiled form of a channel for a run of `steps` steps."""
 
@@ -135,21 +105,10 @@ class Sensor:
         scale, offset, first, last = 1.0, 0.0, 0, 0
         if spec.bits is not None:
             scale, offset, first, last = converter_codes(spec.bits, (low, high))
-        corner, coupling, resonance = spec.low_pass_hz, spec.ac_coupling_hz, spec.resonance_hz
-        own: tuple[float, ...] = (0.0,) * 4
-        if resonance is not None:
-            own = _own_response(resonance, spec.resonance_damping, step_s)
         self.model = sensor_k.SensorModel(
             of_state=spec.of_state,
             every_steps=spec.every_steps,
-            filter_gain=1.0 if corner is None else _gain(corner, step_s),
-            resonant=resonance is not None,
-            own_00=own[0],
-            own_01=own[1],
-            own_10=own[2],
-            own_11=own[3],
-            coupled=coupling is not None,
-            coupling_gain=0.0 if coupling is None else _gain(coupling, step_s),
+            sections=spec.sections(step_s),
             ideal=spec.bits is None,
             limited=spec.full_scale is not None,
             low=low,
@@ -162,7 +121,7 @@ class Sensor:
             fault=fault,
             fault_size=0.0 if spec.fault is None else spec.fault.size,
         )
-        self.state = np.zeros(sensor_k.STATE_SIZE)
+        self.state = np.zeros(sensor_k.OF_SECTIONS + 3 * len(self.model.sections))
 
 
 _KINDS = {

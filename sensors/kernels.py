@@ -7,10 +7,12 @@ import numpy as np
 
 from hertzloop.jit import kernel
 
-# Indices into the state. RESONANT: output of the sensor's own resonance, RESONANT_RATE: its rate
-# over w; COUPLED: the mean that AC coupling takes away; LAST: of a channel with a fault.
-FILTERED, STARTED, RESONANT, RESONANT_RATE, COUPLED, LAST = range(6)
-STATE_SIZE = 6
+# Indices into the state. LAST: of a channel with a fault. From OF_SECTIONS on, three numbers for
+# each filter: output less input, rate over w, and its last input.
+FILTERED, STARTED, LAST, OF_SECTIONS = range(4)
+# A section: what a step makes of output less input and of rate over w, by rows; what a rise of the
+# input by one adds to both; 1 of a low-pass, 0 of a high-pass.
+OWN_00, OWN_01, OWN_10, OWN_11, RAMP_0, RAMP_1, PASSES = range(7)
 HELD, ADDED, LIMITED = range(1, 4)  # what a fault does to a sample; 0: nothing
 
 
@@ -19,14 +21,7 @@ class SensorModel(NamedTuple):
 
     of_state: int
     every_steps: int
-    filter_gain: float  # 1 - exp(-2 pi f_c h); 1 without a filter
-    resonant: bool  # a second-order response, exact for an input held over a step
-    own_00: float  # what a step makes of output less input and rate over w, without more input
-    own_01: float
-    own_10: float
-    own_11: float
-    coupled: bool  # a first-order high-pass
-    coupling_gain: float  # 1 - exp(-2 pi f_ac h)
+    sections: np.ndarray  # one row a filter, of the seven columns above
     ideal: bool
     limited: bool
     low: float
@@ -49,30 +44,26 @@ def quantise(value, scale, offset, first_code, last_code):
 
 @kernel(inline=True, borrowed=True)
 def follow(model, state, value):
-    """Filters, stepped at every simulation step: resonance, AC coupling, one-pole low-pass. All
-    start at rest at their first input.
+    """Filters, stepped at every simulation step, and each exact for an input that is linear over a
+    step. All start at rest at their first input.
 
-    Without a filter the value itself: adding the difference would round it.
+    A low-pass returns its input and a difference, so that without change it returns the input.
     """
-    if model.resonant:
-        if state[STARTED] == 0.0:
-            state[RESONANT] = value
-        else:
-            off, rate = state[RESONANT] - value, state[RESONANT_RATE]
-            state[RESONANT] = value + model.own_00 * off + model.own_01 * rate
-            state[RESONANT_RATE] = model.own_10 * off + model.own_11 * rate
-        value = state[RESONANT]
-    if model.coupled:
-        if state[STARTED] == 0.0:
-            state[COUPLED] = value
-        else:
-            state[COUPLED] += model.coupling_gain * (value - state[COUPLED])
-        value -= state[COUPLED]
-    if state[STARTED] == 0.0 or model.filter_gain == 1.0:
-        state[STARTED] = 1.0
-        state[FILTERED] = value
-    else:
-        state[FILTERED] += model.filter_gain * (value - state[FILTERED])
+    sections = model.sections
+    for i in range(sections.shape[0]):
+        at = OF_SECTIONS + 3 * i
+        off, rate = state[at], state[at + 1]
+        rise = value - state[at + 2] if state[STARTED] != 0.0 else 0.0
+        state[at + 2] = value
+        state[at] = (
+            sections[i, OWN_00] * off + sections[i, OWN_01] * rate + sections[i, RAMP_0] * rise
+        )
+        state[at + 1] = (
+            sections[i, OWN_10] * off + sections[i, OWN_11] * rate + sections[i, RAMP_1] * rise
+        )
+        value = value + state[at] if sections[i, PASSES] == 1.0 else 0.0 - state[at]
+    state[STARTED] = 1.0
+    state[FILTERED] = value
 
 
 @kernel(inline=True, borrowed=True)

@@ -94,10 +94,8 @@ class Facts:
         self.radius_m = criteria.contact_radius_m(run.force_n, radius_m, contact.stiffness)
         self.pressure_pa = criteria.mean_pressure_pa(run.force_n, self.radius_m)
         # From a sample to the force that it causes.
-        low_pass = setup.sensor.low_pass_hz
-        sensor_s = 1.0 / (2.0 * math.pi * low_pass) if low_pass else 0.0
         line_s = setup.step_s + 1e-6 * setup.latency_us
-        self.delay_s = line_s + self.spec.actuator.delay_s + sensor_s
+        self.delay_s = line_s + self.spec.actuator.delay_s + setup.sensor.low_pass_delay_s
         if self.local is not None:
             self.kirchhoff: KirchhoffError = criteria.kirchhoff_error(
                 self.local,

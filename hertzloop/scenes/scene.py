@@ -59,6 +59,7 @@ from hertzloop.scenes.errors import (
     unknown_key,
 )
 from hertzloop.scenes.quantities import SENSED
+from hertzloop.sensors.filters import HIGHEST_ORDER
 from hertzloop.text_tables import TableError, read_table
 from hertzloop.units import name_and_unit, plain_name, unit_of
 
@@ -333,9 +334,13 @@ class SensorsTable(SceneTable):
     full_scale: tuple[Level, Level] | Literal["auto", "contact", "none"] = "auto"
     """ADC range: lowest and highest value"""
     low_pass_hz: Annotated[float, Field(ge=1e-3, le=1e9)] | None = None
-    """cut-off frequency of the first-order low-pass before sampling"""
+    """cut-off frequency (3 dB) of the low-pass before sampling; none if left out"""
+    low_pass: Literal["butterworth", "bessel"] = "butterworth"
+    """kind of the low-pass"""
+    low_pass_order: Annotated[int, Field(ge=1, le=HIGHEST_ORDER)] = 1
+    """order of the low-pass"""
     ac_coupling_hz: Annotated[float, Field(ge=1e-6, le=1e9)] | None = None
-    """corner of AC coupling, a first-order high-pass; none if left out"""
+    """corner of a first-order high-pass, as of a charge amplifier; none if left out"""
     resonance_hz: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
     """natural frequency of the sensor's own second-order response, as of a force cell"""
     resonance_damping: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
@@ -359,6 +364,17 @@ class SensorsTable(SceneTable):
     """point of the sensor on the plate, for plate quantities; default: the contact point"""
     mass_kg: Annotated[float, Field(ge=1e-7, le=1e3)] | None = None
     """mass of the sensor, which moves with the plate at its point; 0: none"""
+
+    @field_validator("low_pass", mode="before")
+    @classmethod
+    def _causal(cls, value: object) -> object:
+        if value == "sigma-delta":
+            raise ValueError(
+                "sensors.low_pass = 'sigma-delta': its brick wall answers before its input comes, "
+                "which a loop cannot. Give 'butterworth' or 'bessel', and its delay as "
+                "controller.latency_us; a record may have it (record.low_pass)"
+            )
+        return value
 
     @field_validator("mass_kg", mode="before")
     @classmethod
@@ -660,6 +676,9 @@ def problems(scene: "Scene") -> list[str]:
             f"'{sensors.quantity}' is one of the contact. Remove the key, or use 'v_p' or "
             "'acceleration'."
         )
+    shaped = sensors.low_pass != "butterworth" or sensors.low_pass_order > 1
+    if sensors.low_pass_hz is None and shaped:
+        found.append("sensors.low_pass_hz: is missing beside its kind or order. Give the corner")
     if sensors.fault is None and sensors.has_fault_keys:
         found.append("sensors.fault: is missing beside other keys of a fault. Say which fault")
     if sensors.fault in ("offset", "spikes", "saturation") and sensors.fault_size is None:

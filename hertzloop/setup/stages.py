@@ -593,6 +593,8 @@ def sensor_of(table: SensorsTable, bodies: Bodies, step_s: float, latency_us: fl
         of_state=_index_of(table.quantity, bodies),
         every_steps=table.every_steps,
         low_pass_hz=table.low_pass_hz,
+        low_pass=table.low_pass,
+        low_pass_order=table.low_pass_order,
         full_scale=_full_scale(table, bodies, step_s, latency_us),
         bits=None if table.bits == "ideal" else int(table.bits),
         noise_rms=table.noise_rms,

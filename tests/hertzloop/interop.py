@@ -17,6 +17,7 @@ SHORT = ("run.duration_s=0.002", "run.plate_model=modal")
 NOISY = (
     *SHORT, "sensors.noise_rms=1e-7", "sensors.bits=12", "sensors.every_steps=2",
     "run.touch_phase=random", "run.seed=77", "sensors.low_pass_hz=400000",
+    "sensors.low_pass=bessel", "sensors.low_pass_order=5", "sensors.ac_coupling_hz=1",
 )  # fmt: skip
 needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs a C compiler")
 

@@ -45,6 +45,7 @@ TRIED: dict[str, list[Any]] = {
     "sensors.every_steps": [2],
     "sensors.bits": [11],
     "sensors.low_pass_hz": [9e4],
+    "sensors.low_pass_order": [4],
     "sensors.noise_rms": [1e-8],
     "controller.law": ["force_feedback", "precomputed", "off"],
     "controller.bits": [9],
@@ -84,6 +85,8 @@ WITH: dict[str, dict[str, Any]] = {
     "actuator.damping": {"actuator.bandwidth_hz": 5e4},
     "controller.bits": {"controller.full_scale_n": 50.0},
     "sensors.point_m": {"sensors.mass_kg": 1e-3},
+    "sensors.low_pass": {"sensors.low_pass_hz": 9e4, "sensors.low_pass_order": 4},
+    "sensors.low_pass_order": {"sensors.low_pass_hz": 9e4},
     **dict.fromkeys(
         [f"hammer.{name}" for name in ("mass_kg", "speed_m_s", "bounces", "tip_material")],
         _BY_RADIUS,

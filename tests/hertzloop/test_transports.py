@@ -14,7 +14,8 @@ from tests.tiers import default
 
 CONVERTERS = [
     "sensors.bits=10", "sensors.every_steps=3", "sensors.low_pass_hz=2e5",
-    "sensors.noise_rms=2e-8", "controller.latency_us=4", "controller.jitter_us=5",
+    "sensors.low_pass_order=6", "sensors.noise_rms=2e-8", "controller.latency_us=4",
+    "controller.jitter_us=5",
     "controller.drop_out_probability=0.1", "controller.bits=8", "controller.full_scale_n=60",
     "controller.slew_n_s=2e7",
 ]  # fmt: skip

@@ -131,6 +131,8 @@ NAN, INF = math.nan, math.inf
         ({"low_pass_hz": 0.0}, "low_pass_hz is 0"),
         ({"low_pass_hz": -1.0}, "low_pass_hz is -1"),
         ({"low_pass_hz": NAN}, "low_pass_hz is nan"),
+        ({"low_pass_hz": 1e4, "low_pass": "sigma-delta"}, "one of butterworth, bessel"),
+        ({"low_pass_hz": 1e4, "low_pass_order": 9}, "low_pass_order is 9"),
         ({"noise_rms": -1e-9}, "noise_rms is -1e-09"),
         ({"noise_rms": NAN}, "noise_rms is nan"),
         # As read from a text: not the object that math.inf is.

@@ -27,41 +27,6 @@ def record(spec: SensorSpec, signal: np.ndarray) -> np.ndarray:
     return out
 
 
-def test_filter_answers_a_step_with_an_exponential() -> None:
-    corner, steps = 5e3, 300
-    signal = np.where(np.arange(steps) == 0, 2.0, 5.0)
-    t = STEP_S * np.arange(steps)
-    # Starts at its first input; the pole is that of the continuous filter, so exact at steps.
-    expected = 5.0 - 3.0 * np.exp(-2.0 * math.pi * corner * t)
-    got = record(SensorSpec(low_pass_hz=corner), signal)
-    np.testing.assert_allclose(got, expected, rtol=300 * 2.0**-52)  # one rounding a step
-
-
-def gain(corner: float, frequency: float) -> float:
-    """Amplitude of the filter's answer to a sine, once settled."""
-    t = STEP_S * np.arange(round(6.0 / frequency / STEP_S))
-    got = record(SensorSpec(low_pass_hz=corner), np.sin(2.0 * math.pi * frequency * t))
-    period = round(1.0 / frequency / STEP_S)
-    phase = np.exp(-2j * math.pi * frequency * t[-period:])
-    return float(abs(2.0 * np.mean(got[-period:] * phase)))
-
-
-def test_filter_is_3_db_down_at_its_corner() -> None:
-    corner = 1e3
-    # |a/(1 - (1 - a) e^(-i w h))| with a = 1 - exp(-w_c h): 1/sqrt(2) up to (w h)^2/12;
-    # settled to exp(-2 pi 5) = 2e-14.
-    wh = 2.0 * math.pi * corner * STEP_S
-    assert gain(corner, corner) == pytest.approx(math.sqrt(0.5), rel=wh**2 / 4.0)
-    for frequency in (250.0, 4e3, 20e3):
-        a = -math.expm1(-wh)
-        turn = np.exp(-2j * math.pi * frequency * STEP_S)
-        # The slowest sine leaves exp(-2 pi 5 corner/frequency) of the start: none, or 2e-3 of it.
-        left = 2.0 * math.exp(-2.0 * math.pi * 5.0 * corner / frequency)
-        assert gain(corner, frequency) == pytest.approx(
-            abs(a / (1 - (1 - a) * turn)), abs=left + 1e-9
-        )
-
-
 def run(scene: Setup, block: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rows of truth, values and flags of a scene without control, in blocks of `block` steps."""
     plant, sensor, steps = parts.start_plant(scene), parts.start_sensor(scene), scene.steps
@@ -116,11 +81,6 @@ def test_every_nth_step_is_sampled_from_the_first_on(every: int) -> None:
 
 def test_the_gap_is_sensed_unless_told() -> None:
     assert Sensor(SensorSpec(), STEP_S, 1, 1).model.of_state == SENSED["xi"].of_state
-
-
-def test_the_state_has_room_for_what_the_kernels_keep() -> None:
-    """Compiled, they would write beyond it without a word."""
-    assert Sensor(SensorSpec(), STEP_S, 1, 1).state.tolist() == [0.0] * k.STATE_SIZE
 
 
 def test_each_quantity_is_read_from_its_own_place() -> None:
@@ -241,26 +201,3 @@ def test_noise_comes_before_the_converter() -> None:
     assert abs(coded - inside).max() <= 0.5 * step * (1.0 + 1e-9)
     # Dither: noise of a step's size shows in the codes.
     assert len(np.unique(np.rint((coded - clean) / step))) > 1
-
-
-def test_ac_coupling_takes_away_the_mean_with_its_time_constant() -> None:
-    corner, steps = 5e3, 300
-    signal = np.where(np.arange(steps) == 0, 2.0, 5.0)
-    t = STEP_S * np.arange(steps)
-    # A step of 3 after the first input; what is left of it decays from the end of that step on.
-    expected = np.where(t > 0.0, 3.0 * np.exp(-2.0 * math.pi * corner * t), 0.0)
-    got = record(SensorSpec(ac_coupling_hz=corner), signal)
-    np.testing.assert_allclose(got, expected, atol=1e-12)
-
-
-def test_resonance_answers_a_step_as_a_damped_oscillator() -> None:
-    frequency, damping, steps = 40e3, 0.05, 400
-    signal = np.where(np.arange(steps) == 0, 0.0, 1.0)
-    t = STEP_S * np.arange(steps)
-    omega = 2.0 * math.pi * frequency
-    turned = omega * math.sqrt(1.0 - damping**2) * t
-    envelope = np.exp(-damping * omega * t)
-    sine = damping / math.sqrt(1.0 - damping**2) * np.sin(turned)
-    expected = 1.0 - envelope * (np.cos(turned) + sine)
-    got = record(SensorSpec(resonance_hz=frequency, resonance_damping=damping), signal)
-    np.testing.assert_allclose(got, expected, atol=1e-11)

@@ -8,12 +8,13 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from hertzloop.sensors.filters import Filters
 from hertzloop.text_tables import (
     SAMPLE_NUMBERS,
     TableError,
@@ -345,9 +346,11 @@ def _mcap(path: Path) -> Contents:
     values = np.asarray(found.daq_values, float)
     pushed = bool(np.any(found.force.arrays.get("force_n", 0.0)))
     inside: dict[str, Any] = {"quantity": setup.quantity, "control": setup.has_law and pushed}
-    names = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
-    of_sensor = {key: getattr(setup.sensor, key) for key in names}
-    if any(of_sensor[key] for key in names if key.endswith("_hz")):
+    if not setup.sensor.ideal:
+        names = {one.name for one in fields(Filters)}
+        if setup.sensor.low_pass_hz is None:
+            names -= {"low_pass", "low_pass_order"}
+        of_sensor = {name: getattr(setup.sensor, name) for name in names}
         inside |= {key: value for key, value in of_sensor.items() if value is not None}
     spacing = setup.every_steps * setup.step_s, 0.0, "run.step_ns"
     return Contents([Series("value", "", values, 1)], inside, spacing)

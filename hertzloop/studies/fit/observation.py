@@ -1,12 +1,13 @@
 """What the measuring chain makes of a quantity: filters on the fine grid, then the sample times."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import scipy
 
+from hertzloop.sensors.filters import Filters
 from hertzloop.setup import Setup
 from hertzloop.studies.fit.model import Simulated
 from hertzloop.studies.fit.records import QUANTITIES, Record
@@ -16,27 +17,9 @@ _FINER, _MOST_REFINED = 4, 30_000  # points of the filters' grid for a step; of 
 
 
 @dataclass(frozen=True)
-class Chain:
-    """Filters of a measuring chain, in their order; None is no filter.
-
-    `resonance_hz`, `resonance_damping`: second-order response of the sensor, of a force cell for
-    example. `ac_coupling_hz`: first-order high-pass. `low_pass_hz`: where the low-pass is 3 dB
-    down; `low_pass`: its kind, of `records.LOW_PASSES`; `low_pass_order`: of the two causal kinds.
-    """
-
-    resonance_hz: float | None = None
-    resonance_damping: float = 0.02
-    ac_coupling_hz: float | None = None
-    low_pass_hz: float | None = None
-    low_pass: str = "butterworth"
-    low_pass_order: int = 1
-
-    @property
-    def ideal(self) -> bool:
-        """Whether there is no filter at all."""
-        return (
-            self.resonance_hz is None and self.ac_coupling_hz is None and (self.low_pass_hz is None)
-        )
+class Chain(Filters):
+    """Filters of a measuring chain, which may end with the brick wall of a sigma-delta converter:
+    `low_pass` is one of `records.LOW_PASSES`."""
 
     def filtered(self, value: np.ndarray, step_s: float) -> np.ndarray:
         """Filter samples that are zero before the first one.
@@ -50,16 +33,14 @@ class Chain:
         Returns:
             Output, shape (steps,).
         """
-        if self.resonance_hz is not None:
-            omega = 2.0 * math.pi * self.resonance_hz
-            value = _resonant(omega, self.resonance_damping, value, step_s)
-        if self.ac_coupling_hz is not None:
-            omega = 2.0 * math.pi * self.ac_coupling_hz
-            one = np.array([[-omega]]), np.array([omega]), np.array([-1.0])
-            value = _through(*one, 1.0, value, step_s)
-        if self.low_pass_hz is None:
-            return value
-        if self.before_s:
+        for own_00, own_01, own_10, own_11, ramp_0, ramp_1, low in self.sections(step_s):
+            rise = np.diff(value, prepend=0.0)
+            off = scipy.signal.lfilter(
+                [ramp_0, own_01 * ramp_1 - own_11 * ramp_0],
+                [1.0, -own_00 - own_11, own_00 * own_11 - own_01 * own_10], rise,
+            )  # fmt: skip
+            value = value + off if low else -off
+        if self.low_pass_hz is not None and self.before_s:
             # The brick wall of a sigma-delta converter: a symmetric sinc in a Blackman window.
             reach = round(self.before_s / step_s)
             taps = np.sinc(2.0 * self.low_pass_hz * step_s * np.arange(-reach, reach + 1))
@@ -67,12 +48,6 @@ class Chain:
             padded = np.pad(value, reach, mode="edge")
             filtered = scipy.signal.fftconvolve(padded, taps / np.sum(taps), mode="valid")
             return np.asarray(filtered)
-        for pole in self._poles():
-            if pole.imag > 1e-9 * abs(pole):
-                value = _resonant(abs(pole), -pole.real / abs(pole), value, step_s)
-            elif pole.imag >= -1e-9 * abs(pole):
-                one = np.array([[-abs(pole)]]), np.array([abs(pole)]), np.array([1.0])
-                value = _through(*one, 0.0, value, step_s)
         return value
 
     @property
@@ -82,47 +57,9 @@ class Chain:
             return 0.0
         return _REACH / self.low_pass_hz
 
-    def _poles(self) -> list[complex]:
-        """Poles of the causal low-pass, 1/s."""
-        assert self.low_pass_hz is not None
-        omega = 2.0 * math.pi * self.low_pass_hz
-        if self.low_pass_order == 1:
-            return [complex(-omega)]
-        if self.low_pass == "bessel":
-            poles = scipy.signal.bessel(
-                self.low_pass_order, omega, analog=True, output="zpk", norm="mag"
-            )[1]
-        else:
-            poles = scipy.signal.butter(self.low_pass_order, omega, analog=True, output="zpk")[1]
-        return [complex(pole) for pole in poles]
-
-
-def _resonant(omega: float, damping: float, value: np.ndarray, step_s: float) -> np.ndarray:
-    """Output of a second-order low-pass of unit static gain."""
-    return _through(
-        np.array([[0.0, 1.0], [-omega * omega, -2.0 * damping * omega]]),
-        np.array([0.0, omega * omega]), np.array([1.0, 0.0]), 0.0, value, step_s,
-    )  # fmt: skip
-
-
-def _through(
-    a: np.ndarray, b: np.ndarray, c: np.ndarray, d: float, value: np.ndarray, step_s: float
-) -> np.ndarray:
-    """Output c x + d u of x' = a x + b u for an input that is linear over every step."""
-    n = len(b)
-    big = np.zeros((n + 2, n + 2))
-    big[:n, :n], big[:n, n], big[n, n + 1] = a * step_s, b * step_s, 1.0
-    turned = scipy.linalg.expm(big)
-    phi, constant, ramp = turned[:n, :n], turned[:n, n], turned[:n, n + 1]
-    # x[k+1] = phi x[k] + (constant - ramp) u[k] + ramp u[k+1], as a transfer function.
-    poles = np.poly(phi)
-    # Evaluate c (z - phi)^-1 (constant - ramp + ramp z) + d at n + 1 points of the unit circle.
-    z = np.exp(2j * np.pi * np.arange(n + 1) / (n + 1)) * 1.5
-    at = np.array([
-        c @ np.linalg.solve(zi * np.eye(n) - phi, constant - ramp + ramp * zi) + d for zi in z
-    ])  # fmt: skip
-    numerator = np.linalg.solve(np.vander(z, n + 1), at * np.polyval(poles, z))
-    return np.asarray(scipy.signal.lfilter(numerator.real, poles.real, value))
+    def low_pass_poles(self) -> tuple[complex, ...]:
+        """Poles of the low-pass, 1/s: none of a brick wall."""
+        return () if self.before_s else super().low_pass_poles()
 
 
 def chain_of(record: Record, setup: Setup) -> Chain:
@@ -137,7 +74,7 @@ def chain_of(record: Record, setup: Setup) -> Chain:
     if QUANTITIES[record.quantity].sensed != setup.quantity:
         return Chain()
     spec = setup.sensor
-    return Chain(spec.resonance_hz, spec.resonance_damping, spec.ac_coupling_hz, spec.low_pass_hz)
+    return Chain(*(getattr(spec, one.name) for one in fields(Filters)))
 
 
 @dataclass(frozen=True)

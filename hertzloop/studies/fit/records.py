@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.sensors.filters import HIGHEST_ORDER
+from hertzloop.sensors.filters import LOW_PASSES as CAUSAL
 from hertzloop.studies.fit.formats import (
     ENDINGS,
     NAMES,
@@ -35,8 +37,7 @@ _EXAMPLES = {"N": "N, kN, mN, lbf", "m/s": "m/s, mm/s, um/s, in/s", "m/s^2": "m/
              "m": "m, mm, um, nm"}  # fmt: skip
 WITHOUT_CONTROL = "The records are simulated without control: no law, no latency, no force."
 FILTERS = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
-LOW_PASSES = ("butterworth", "bessel", "sigma-delta")
-_HIGHEST_ORDER = 8  # of a low-pass
+LOW_PASSES = (*CAUSAL, "sigma-delta")
 OF_PLATE = ("v_p", "acceleration", "xi_p")  # quantities with a measuring point
 
 
@@ -319,9 +320,9 @@ def measured_of(table: Mapping[str, Any], name: str) -> Measured:
             f"{', '.join(LOW_PASSES)}."
         )
     order = found.low_pass_order
-    if isinstance(order, bool) or not isinstance(order, int) or not 1 <= order <= _HIGHEST_ORDER:
+    if isinstance(order, bool) or not isinstance(order, int) or not 1 <= order <= HIGHEST_ORDER:
         raise RecordError(
-            f"record.low_pass_order = {order}: must be a whole number from 1 to {_HIGHEST_ORDER} "
+            f"record.low_pass_order = {order}: must be a whole number from 1 to {HIGHEST_ORDER} "
             f"in {name}."
         )
     if found.low_pass == "sigma-delta" and "low_pass_order" in values:

@@ -18,6 +18,8 @@ from hertzloop.setup.setup import Setup
 
 _CHUNK = 1 << 21  # complex numbers at a time
 _COINCIDE = 1e-12  # distance of two poles that are taken for one
+_TRIED = 1.0001 * np.exp(1j * np.geomspace(1e-4, 3.1, 32))  # where the filters are checked
+_TOLD = 1e-9  # error of their sum over poles
 
 
 @dataclass(frozen=True)
@@ -120,19 +122,34 @@ def _through_actuator(by_mean: PoleForm, by_slope: PoleForm, actuator: LinearAct
 
 
 def through_sensor(form: PoleForm, sensor: SensorModel) -> PoleForm:
-    """Return a response behind the filters of a channel: resonance, AC coupling, low-pass."""
-    if sensor.resonant:
-        a = np.array([[sensor.own_00, sensor.own_01], [sensor.own_10, sensor.own_11]])
-        own, vectors = np.linalg.eig(a)
-        b = np.array([1.0 - sensor.own_00, -sensor.own_10])  # of the input, at the same step
-        residues = (a @ vectors)[0] * np.linalg.solve(vectors, b.astype(complex))
-        form = form.filtered(float(b[0]), own, residues)
-    if sensor.coupled:
-        q = 1.0 - sensor.coupling_gain
-        form = form.filtered(q, np.array([q]), np.array([-sensor.coupling_gain * q]))
-    if sensor.filter_gain != 1.0:
-        gain, q = sensor.filter_gain, 1.0 - sensor.filter_gain
-        form = form.filtered(gain, np.array([q]), np.array([gain * q]))
+    """Return a response behind the filters of a channel.
+
+    Raises:
+        SceneError: the poles of the filters cannot be told apart in double precision.
+    """
+    expected = form.at(_TRIED)
+    for m00, m01, m10, m11, ramp_0, ramp_1, low in sensor.sections:
+        own, ramp, sign = (
+            np.array([[m00, m01], [m10, m11]]),
+            np.array([ramp_0, ramp_1]),
+            2 * low - 1,
+        )
+        poles, vectors = np.linalg.eig(own)
+        # Output less input is (Z - own)^-1 ramp (Z - 1) u.
+        by_input = np.linalg.solve(vectors, (own @ ramp - ramp).astype(complex))
+        moves = np.abs(poles) > 1e-100
+        residues = sign * (vectors[0] * by_input)[moves]
+        form = form.filtered(low + sign * ramp_0, poles[moves], residues)
+        off = (ramp_0 * (_TRIED - m11) + m01 * ramp_1) * (_TRIED - 1.0)
+        off /= (_TRIED - m00) * (_TRIED - m11) - m01 * m10
+        expected = expected * (low + sign * off)
+    error = np.max(np.abs(form.at(_TRIED) - expected))
+    if not error <= _TOLD * np.max(np.abs(expected)):
+        raise SceneError(
+            "sensors: poles of the filters are too close to each other or decay within a step, and "
+            "the margin needs distinct ones. Leave out a sensors.low_pass_hz beyond the rate of "
+            "the steps, or reduce sensors.low_pass_order."
+        )
     return form
 
 

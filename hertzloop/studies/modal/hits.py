@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.studies.fit.records import Record
+from hertzloop.studies.fit.records import FILTERS, Record
 from hertzloop.studies.modal.identify import FLEXIBILITY_M_N, MeasuredRows
 from hertzloop.studies.modal.universal import ModalDataError
 
@@ -82,7 +82,7 @@ def _hit(force: Record, response: Record) -> Hit:
         )
     if any(
         getattr(force.measured, key) != getattr(response.measured, key)
-        for key in ("low_pass_hz", "ac_coupling_hz", "resonance_hz")
+        for key in (*FILTERS, "low_pass", "low_pass_order")
     ):
         raise ModalDataError(
             f"{name}: their tables name different filters, which would count as the structure. "

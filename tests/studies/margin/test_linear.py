@@ -20,6 +20,8 @@ VELOCITY = ["controller.law=velocity_feedback", "sensors.quantity=v_p", "control
 
 
 FILTERS = ["sensors.resonance_hz=60000", "sensors.ac_coupling_hz=500"]
+LOW_PASS = ["sensors.low_pass_hz=30000"]
+BUTTERWORTH = ["sensors.low_pass_order=8"]
 ACTUATOR = ["actuator.bandwidth_hz=20000"]
 BY_GAP = ["sensors.quantity=xi", "controller.law=slope_threshold"]
 BY_ACCELERATION = ["sensors.quantity=acceleration", "controller.law=acceleration_feedback"]
@@ -43,9 +45,12 @@ VARIANTS = [
     ("oak-20mm", []),
     ("offcentre-6mm", []),
     ("aluminium-20mm", ACTUATOR),
-    ("aluminium-20mm", ["sensors.low_pass_hz=30000"]),
+    ("aluminium-20mm", LOW_PASS),
     ("aluminium-20mm", ["sensors.ac_coupling_hz=500"]),
     ("aluminium-20mm", ["sensors.resonance_hz=60000"]),
+    ("aluminium-20mm", [*BUTTERWORTH, "sensors.low_pass_hz=80000"]),
+    ("aluminium-20mm", ["sensors.low_pass=bessel", "sensors.low_pass_order=7", *LOW_PASS]),
+    ("aluminium-20mm", [*BUTTERWORTH, *LOW_PASS, *FILTERS, *ACTUATOR, *BY_ACCELERATION]),
     ("aluminium-20mm", [*FILTERS, "sensors.low_pass_hz=30000", *ACTUATOR]),
     ("aluminium-20mm", BY_ACCELERATION),
     ("aluminium-20mm", [*BY_ACCELERATION, *FILTERS, *ACTUATOR]),
