@@ -234,7 +234,13 @@ def read_files(keys: dict[str, Any], folder: Path) -> None:
         rows[0, :3] *= np.prod(gains)
         keys["sections"] = rows.tolist()
     else:
-        top, bottom = (np.atleast_1d(value).ravel() for value in values)
+        top, bottom = (np.atleast_1d(np.squeeze(value)) for value in values)
+        for part, value in zip(form, (top, bottom), strict=True):
+            if value.ndim > 1:
+                raise ValueError(
+                    f"{said}: '{part}' has shape {value.shape}, as of several outputs or of "
+                    "a state space. Save the one filter from the samples to the force."
+                )
         if form == ("num", "den"):
             top, bottom = np.trim_zeros(top, "f"), np.trim_zeros(bottom, "f")
             late = len(bottom) - len(top)
@@ -260,6 +266,10 @@ def _form(found: dict[str, np.ndarray], said: str) -> tuple[str, ...]:
     if len(filters) > 1:
         names = " and ".join(", ".join(form) for form in filters)
         raise ValueError(f"{said}: holds more than one filter: {names}. Save one alone.")
+    if filters == [("b", "a")] and found["b"].size == found["a"].size == 1 and "c, d" in found:
+        raise ValueError(
+            f"{said}: a, b, c and d may be a state space. Save it as the arrays num and den."
+        )
     return filters[0]
 
 
@@ -286,18 +296,20 @@ def _arrays(path: Path, said: str) -> dict[str, np.ndarray]:
     try:
         if path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as file:
-                for name in set(_NAMES) & set(file.files):
+                there = set(file.files)
+                for name in set(_NAMES) & there:
                     if file.zip.read(f"{name}.npy") != _NONE:
                         found[name] = file[name]
         else:
             import scipy.io  # 0.2 s of every start, for files of this kind alone
 
             found = scipy.io.loadmat(path, squeeze_me=True)
+            there = set(found)
     except OSError as error:
         raise ValueError(f"{said}: cannot be read: {error.strerror or error}") from error
     except Exception as error:  # SciPy raises whatever its parser meets
         raise ValueError(f"{said}: cannot be read: {str(error)[:120]}") from error
-    numbers = {}
+    numbers = {"c, d": np.empty(0)} if {"c", "d"} <= there else {}
     for name in _NAMES:
         if name not in found:
             continue

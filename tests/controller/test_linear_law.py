@@ -138,6 +138,9 @@ LENGTHS = {"a": 0.5, "b": 0.3, "num": [-40.0, 0.0], "den": [1.0, -0.95], "h": 0.
          ((0.5, 1.0, 1.5, 1.0, 0.0, 0.0),)),
         ({"sos": [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]] * 2, "g": [2.0, 3.0, 0.5]}, "sections",
          ((3.0, 0.0, 0.0, 1.0, 0.0, 0.0), (1.0, 0.0, 0.0, 1.0, 0.0, 0.0))),
+        ({"num": [[[2.0, 1.0]]], "den": [[[1.0, 0.5]]]}, "numerator", (2.0, 1.0)),
+        ({"b": [1.0 + 0.0j, 0.5], "a": [1.0]}, "numerator", (1.0, 0.5)),
+        ({"b": 0.3, "a": 0.5}, "numerator", (0.3,)),
     ],
 )  # fmt: skip
 def test_files_of_other_tools_are_read(tmp_path: Path, arrays: Any, key: str, value: Any) -> None:
@@ -158,6 +161,24 @@ def test_files_of_other_tools_are_read(tmp_path: Path, arrays: Any, key: str, va
         ({"b": ["x"], "a": [1.0]}, "'b' holds something else than numbers"),
         ({"b": [1.0], "a": [1.0], "dt": 2e-6}, "controller.designed_us = 2"),
         ({"b": [1.0 + 0.5j], "a": [1.0]}, "'b' has complex numbers"),
+        ({"num": [1.0, 0.0], "den": [1.0, 0.5j]}, "'den' has complex numbers"),
+        ({"sos": [[1.0, 0.0, 0.0, 1.0, 1e-3j, 0.0]]}, "'sos' has complex numbers"),
+        ({"sos": [[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]], "g": 1j}, "'g' has complex numbers"),
+        ({"b": [[1.0, 2.0], [3.0, 4.0]], "a": [1.0, 0.5]}, "'b' has shape (2, 2), as of several"),
+        (
+            {"num": [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], "den": [1.0, 0.5, 0.0]},
+            "'num' has shape (2, 3), as of several",
+        ),
+        (
+            {"num": [[[1.0, 0.0]], [[2.0, 0.0]]], "den": [[[1.0, 0.5]], [[1.0, 0.5]]]},
+            "'num' has shape (2, 2), as of several",
+        ),
+        ({"sos": np.ones((2, 3, 6))}, "'sos' has shape (2, 3, 6)"),
+        (
+            {"a": np.eye(2), "b": [[1.0], [0.0]], "c": [[1.0, 0.0]], "d": [[0.0]]},
+            "'a' has shape (2, 2), as of several",
+        ),
+        ({"a": [[0.9]], "b": [[0.1]], "c": [[1.0]], "d": [[0.0]]}, "may be a state space"),
         ({"num": [-40.0, 0.0], "den": [1.0, 1e5], "dt": 0}, "dt = 0 marks a continuous filter"),
         ({"b": [1.0], "a": [1.0], "dt": np.nan}, "'dt' must be one finite number"),
         ({"b": [1.0, 2.0], "a": [1.0], "num": [1.0], "den": [1.0, 0.5]}, "more than one filter"),
@@ -167,9 +188,14 @@ def test_files_of_other_tools_are_read(tmp_path: Path, arrays: Any, key: str, va
 )
 def test_a_file_without_a_filter_is_refused(tmp_path: Path, arrays: Any, words: str) -> None:
     np.savez(tmp_path / "filter.npz", **arrays)
-    with pytest.raises(SceneError) as error:
-        parts.bound_law(setup_of(f"filter_file={tmp_path / 'filter.npz'}"))
-    assert words in str(error.value)
+    said = [tmp_path / "filter.npz"]
+    if "Object" not in words:
+        scipy.io.savemat(tmp_path / "filter.mat", arrays)
+        said.append(tmp_path / "filter.mat")
+    for path in said:
+        with pytest.raises(SceneError) as error:
+            parts.bound_law(setup_of(f"filter_file={path}"))
+        assert words in str(error.value)
 
 
 @pytest.mark.parametrize(

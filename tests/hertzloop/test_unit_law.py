@@ -237,6 +237,23 @@ def test_what_would_be_misread_is_refused(
         scene_of(changed(unit, tmp_path, given, made, **texts))
 
 
+def test_of_several_outputs_only_force_is_the_command(unit: Path, tmp_path: Path) -> None:
+    more = "self.power = 1.0; self.register_variable(Real('power', causality=Fmi2Causality.output))"
+    two = built(tmp_path, more=more)
+    laws = [scene_of(path).law for path in (unit, two)]
+    assert [law.ports[1].name for law in laws] == ["force", "force"]
+    samples = np.linspace(-1e-3, 0.0, 10)
+    one, other = (
+        np.asarray(Controller(scene_of(path).bound_law(), LineSpec(), 1e-6, 20, 1, 0)
+                   .process(samples).forces)
+        for path in (unit, two)
+    )  # fmt: skip
+    assert np.array_equal(one, other)
+    unclear = changed(two, tmp_path, **{'"force"': '"push"'})
+    with pytest.raises(SceneError, match="has the real outputs power, push"):
+        scene_of(unclear)
+
+
 def test_a_unit_of_a_fixed_step_takes_that_step_alone(unit: Path, tmp_path: Path) -> None:
     said = 'canHandleVariableCommunicationStepSize="true"'
     fixed = changed(unit, tmp_path, **{
