@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import scipy.io.wavfile
 import typer
 
 from benchmarks.program import (
@@ -415,16 +416,45 @@ _LARGE: dict[str, tuple[str, Callable[[float, float], str]]] = {
         "Time,Force (N)\n", lambda t, v: f"2024-05-06 12:00:{t % 60:010.7f},{v:.6g}\n"
     ),
     "whole numbers": ("contact_force_n\n", lambda t, v: f"{v:.0f}\n"),
+    "whole kilonewtons": ("contact_force_kn\n", lambda t, v: f"{v:.0f}\n"),
 }  # fmt: skip
 
 
+def _wav(path: Path, number: int) -> None:
+    codes = np.arange(number) % 30_000
+    scipy.io.wavfile.write(path, 200_000, codes.astype(np.int16))
+
+
+def _npy(path: Path, number: int) -> None:
+    np.save(path, (np.arange(number) % 30_000).astype(np.int16))
+
+
+def _lvm(path: Path, number: int) -> None:
+    """Two segments."""
+    begun = "Channels\t1\nY_Unit_Label\tN\nDelta_X\t5.0E-7\n***End_of_Header***\nX_Value\tForce\n"
+    part = _written(number // 2, lambda t, v: f"{t:.6e}\t{v:.6f}\n", begun)
+    path.write_text(f"LabVIEW Measurement\nSeparator\tTab\n***End_of_Header***\n\n{part}\n{part}")
+
+
+# Other files: their name, what writes them, and the keys that they need.
+_FILES: dict[str, tuple[str, Callable[[Path, int], None], dict[str, Any]]] = {
+    "LVM, two segments": ("large.lvm", _lvm, {"group": 2}),
+    "WAV of 16 bits": ("large.wav", _wav, {"quantity": "v_p", "sensitivity": 20.0, "unit": "m/s"}),
+    "NPY of 16 bits": ("large.npy", _npy, {"quantity": "v_p", "unit": "mm/s", "rate_hz": 2e6}),
+}
+
+
 def cost_of(name: str, number: int, folder: Path) -> Cost:
-    """Read a large table twice: for its processor time, and for its memory."""
-    heading, row = _LARGE[name]
-    path = folder / "large.csv"
-    path.write_text(_written(number, row, heading), encoding="utf-8")
+    """Read a large file twice: for its processor time, and for its memory."""
+    if name in _FILES:
+        file, write, given = _FILES[name]
+        write(path := folder / file, number)
+    else:
+        heading, row = _LARGE[name]
+        path = folder / "large.csv"
+        path.write_text(_written(number, row, heading), encoding="utf-8")
+        given = {"rate_hz": 2e6} if heading.startswith("contact") else {}
     size = path.stat().st_size
-    given = {"rate_hz": 2e6} if name == "whole numbers" else {}
     begun = time.process_time()
     read_record(path, given)
     taken = time.process_time() - begun
@@ -452,7 +482,7 @@ def main(
         found = [judged(draw(seed), seed, Path(place))
                  for seed in tracked("tables", range(first, first + number))]  # fmt: skip
         costs = [cost_of(name, 20_000 if quick else 1_000_000, Path(place))
-                 for name in tracked("large tables", _LARGE)]  # fmt: skip
+                 for name in tracked("large files", [*_LARGE, *_FILES])]  # fmt: skip
         write_records(made / "text_tables.csv", found)
         write_records(made / "costs.csv", costs)
         counts = Counter((one.must_refuse, one.result) for one in found)
@@ -466,7 +496,7 @@ def main(
     out.print(number_table("tables", ("table", "number"),
                            [(name, f"{n:.0f}") for name, n in kinds], text=1))  # fmt: skip
     out.print(number_table(
-        "large tables", ("rows", "MB", "s per million", "memory over file"),
+        "large files", ("file", "MB", "s per million", "memory over file"),
         [(c.table, f"{c.megabytes:.1f}", f"{c.seconds_per_million:.2f}",
           f"{c.memory_over_file:.1f}") for c in costs], text=1,
     ))  # fmt: skip

@@ -13,7 +13,6 @@ EXTRAS = {
     "h5py": "h5",
     "nptdms": "records",
     "pyuff": "records",
-    "lvm_read": "records",
     "RigolWFM": "scopes",
     "asammdf": "mdf",
     "distributed": "dask",

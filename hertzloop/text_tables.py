@@ -100,7 +100,11 @@ def read_table(path: Path, names: Collection[str] = ()) -> TextTable:
         TableError: there is no table, or there are several.
         OSError: the file cannot be read.
     """
-    text = decoded(path.read_bytes())
+    return read_text(decoded(path.read_bytes()), names)
+
+
+def read_text(text: str, names: Collection[str] = ()) -> TextTable:
+    """Read the table of a text. Arguments and errors are those of `read_table`."""
     if "\r" in text:
         text = text.replace("\r\r\n", "\n").replace("\r\n", "\n").replace("\r", "\n")
     lines: list[str] = []
@@ -376,7 +380,8 @@ def _headings(
 
     def units(cells: list[str]) -> int:
         found = [c for c in cells if c and not _NUMBER.fullmatch(c)]
-        bare = [c for c in found if c.lower() not in SAMPLE_NUMBERS | _GAPS and c[0] not in "([{<"]
+        bare = [c for c in found if c[0] not in "([{<"
+                and (unit_of(c) or c.lower() not in SAMPLE_NUMBERS | _GAPS)]  # fmt: skip
         good = [c for c in found if unit_of(c) or c in UNITS_AT_ENDS or c.lower() == "sequence"]
         if any(_NUMBER.fullmatch(cells[j]) for j in layout.places if j < len(cells)):
             return 0

@@ -216,9 +216,34 @@ def test_exports_of_runs_are_records(tmp_path: Path, ending: str) -> None:
     assert one.measured.control in (None, False)
 
 
+def test_channels_of_tdms_start_where_their_times_of_day_say(tmp_path: Path) -> None:
+    nptdms = pytest.importorskip("nptdms")
+    begun = np.datetime64("2026-05-06T12:00:00.250000")
+    starts = {"Force": begun + np.timedelta64(1250, "us"), "Accel": begun, "Later": None}
+
+    def written(starts: dict[str, Any]) -> Path:
+        channels = [
+            nptdms.ChannelObject("hits", name, FORCE, properties={
+                "wf_increment": 5e-7, "wf_start_offset": 1e-6, "unit_string": unit,
+            } | ({} if start is None else {"wf_start_time": start}))
+            for (name, start), unit in zip(starts.items(), ("N", "m/s^2", "m/s"), strict=False)
+        ]  # fmt: skip
+        with nptdms.TdmsWriter(tmp_path / "r.tdms") as writer:
+            writer.write_segment(channels)
+        return tmp_path / "r.tdms"
+
+    path = written(starts)
+    force, accel = (read_record(path, {"channel": name}) for name in ("Force", "Accel"))
+    np.testing.assert_allclose(accel.time_s, TIME + 1e-6, atol=1e-15)
+    np.testing.assert_allclose(force.time_s, TIME + 1e-6 + 1.25e-3, atol=1e-15)
+    assert any("without wf_start_time" in note for note in force.notes)
+    alike = read_record(written({"Force": begun, "Accel": begun}), {"channel": "Force"})
+    np.testing.assert_allclose(alike.time_s, TIME + 1e-6, atol=1e-15)
+    assert not any("wf_start" in note for note in alike.notes)
+
+
 @pytest.mark.full
-def test_lvm_and_scope_files_are_read_by_their_libraries(tmp_path: Path) -> None:
-    pytest.importorskip("lvm_read")
+def test_lvm_and_scope_files_are_read(tmp_path: Path) -> None:
     head = ("LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\n"
             "X_Columns\tOne\n***End_of_Header***\t\n\t\nChannels\t2\t\t\nSamples\t30\t30\n"
             "Y_Unit_Label\tkN\tm/s^2\nDelta_X\t5,0E-7\t5,0E-7\nX0\t0,0E+0\t0,0E+0\n"
@@ -235,6 +260,14 @@ def test_lvm_and_scope_files_are_read_by_their_libraries(tmp_path: Path) -> None
         read_record(tmp_path / "two.lvm", {"quantity": "contact_force", "column": "Force"})
     one = read_record(tmp_path / "two.lvm", {"group": 2, "column": "Force"})
     np.testing.assert_allclose(one.value, 1e3 * FORCE, rtol=1e-8)
+    np.testing.assert_allclose(one.time_s, TIME, atol=1e-12)
+    no_times = head.replace("X_Columns\tOne", "X_Columns\tNo")
+    bare = "\n".join(line.split("\t", 1)[1] for line in rows.split("\n"))
+    parts = no_times + bare, segment.replace(rows, bare)
+    (tmp_path / "bare.lvm").write_text("\n\t\n".join(p.replace("X_Value\t", "") for p in parts))
+    one = read_record(tmp_path / "bare.lvm", {"group": 2, "column": "Accel"})
+    np.testing.assert_allclose(one.value, 2.0 * FORCE, rtol=1e-8)
+    np.testing.assert_allclose(one.time_s, TIME, atol=1e-12)
     pytest.importorskip("RigolWFM")
     codes = np.round(100 * FORCE).astype(">i2").tobytes()
     (tmp_path / "j.isf").write_bytes(

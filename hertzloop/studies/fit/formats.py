@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,9 +20,11 @@ from hertzloop.text_tables import (
     SAMPLE_NUMBERS,
     TableError,
     TextColumn,
+    TextTable,
     decoded,
     is_time,
     read_table,
+    read_text,
     spacing_s,
     stated_unit,
 )
@@ -62,7 +65,8 @@ NAMES = {q: q for q in QUANTITIES} | {
 class Series(NamedTuple):
     """One series of a file: its name, the unit stated in the name or beside it, its values, its
     number among the columns or channels of the file from 1 on, its group, its own times (s), and
-    whether it holds the times of others."""
+    whether it holds the times of others. Values are as in the file, integers too: what they mean
+    is (values - zero)/levels."""
 
     name: str
     unit: str
@@ -71,6 +75,8 @@ class Series(NamedTuple):
     group: str = ""
     time_s: np.ndarray | None = None
     is_time: bool = False
+    zero: float = 0.0
+    levels: float = 1.0
 
 
 @dataclass
@@ -96,7 +102,18 @@ class Format(NamedTuple):
 
 
 def _text(path: Path) -> Contents:
-    table = read_table(path, NAMES)
+    return _of_table(read_table(path, NAMES))
+
+
+def evenly(count: int, step_s: float, start_s: float = 0.0) -> np.ndarray:
+    """Evenly spaced times, s, shape (count,), without a second array of that size."""
+    found = np.arange(count, dtype=float)
+    found *= step_s
+    found += start_s
+    return found
+
+
+def _of_table(table: TextTable) -> Contents:
     found = Contents([], inner_table(table.comments), None, list(table.notes), table.above)
     try:
         found.spacing = spacing_s(table)
@@ -144,34 +161,25 @@ def _rising(columns: list[TextColumn]) -> TextColumn | None:
 
 
 def _lvm(path: Path) -> Contents:
-    with suppress(TableError):  # one segment is a text table, which takes a sixth of the memory
-        return _text(path)
-    import lvm_read
-
-    # The function that reads a path would load a pickle beside the file.
-    data = lvm_read.read_str(decoded(path.read_bytes()))
+    """Every segment is a text table with facts above it."""
+    text = decoded(path.read_bytes())
+    starts = [one.start() for one in re.finditer(r"^Channels\b", text, re.MULTILINE)]
+    if len(starts) < 2:
+        return _of_table(read_text(text, NAMES))
     found = Contents([], kind="channel")
-    for part in range(data["Segments"]):
-        segment = data[part]
-        table, names = segment["data"], segment["Channel names"]
-        with_times = data.get("X_Columns", "One") != "No"
-        place = 0
-        for j, name in enumerate(names[: table.shape[1]]):
-            values = table[:, j]
-            if name in ("X_Value", "Comment") or (with_times and name.startswith("X_Value")):
-                continue
-            unit = (segment.get("Y_Unit_Label") or [""])[place:][:1]
-            step = (segment.get("Delta_X") or [np.nan])[place:][:1] or [np.nan]
-            start = (segment.get("X0") or [0.0])[place:][:1] or [0.0]
-            time_s = table[:, j - 1 if data.get("X_Columns") == "Multi" else 0] * 1.0
-            if not with_times:
-                time_s = start[0] + step[0] * np.arange(len(values))
-            number = len(found.series) + 1
-            found.series.append(Series(
-                name, (unit or [""])[0], values, number, str(part + 1),
-                time_s if np.any(np.isfinite(time_s)) else None,
-            ))  # fmt: skip
-            place += 1
+    for i, (start, end) in enumerate(pairwise([*starts, len(text)]), 1):
+        part = _of_table(read_text(text[: starts[0]] + text[start:end], NAMES))
+        several = len({one.group for one in part.series}) > 1
+        spacing = None if any(one.is_time for one in part.series) else part.spacing
+        found.series += [
+            one._replace(
+                group=f"{i}, {one.group}" if several else str(i),
+                number=len(found.series) + j,
+                time_s=None if spacing is None else evenly(len(one.values), *spacing[:2]),
+            )
+            for j, one in enumerate(part.series, 1)
+        ]
+        found.notes += part.notes
     return found
 
 
@@ -205,10 +213,11 @@ def _arrays(named: Mapping[str, tuple[Any, Mapping[str, Any]]], notes: list[str]
         made = _series(own, values, unit, len(found.series) + 1, notes)
         spacing = _spacing(about)
         found.series += [
-            one._replace(group=group, time_s=None if spacing is None else
-                         spacing[0] * np.arange(len(one.values)))
+            one._replace(
+                group=group, time_s=None if spacing is None else evenly(len(one.values), spacing[0])
+            )
             for one in made
-        ]  # fmt: skip
+        ]
     pushed = [s for s in found.series if plain_name(s.name) in ("f_a_n", "command_n")]
     if any(s.group == "truth" for s in pushed):  # an export of hertzloop
         found.table["control"] = any(bool(np.any(s.values)) for s in pushed)
@@ -244,7 +253,7 @@ def _series(name: str, values: Any, unit: str, number: int, notes: list[str]) ->
     if found.dtype.kind not in "biuf" or found.ndim > 2 or 0 in found.shape:
         notes.append(f"{name}: holds no series of real numbers and is not used.")
         return []
-    table = np.atleast_2d(np.asarray(found, float).squeeze())
+    table = np.atleast_2d(found.squeeze())
     if table.shape[0] > table.shape[1]:
         table = table.T
     if len(table) > 64:
@@ -329,11 +338,9 @@ def _wav(path: Path) -> Contents:
     zero = 128.0 if data.dtype == np.uint8 else 0.0
     scale = 2.0 ** (8 * data.dtype.itemsize - 1) if whole else 1.0
     found = Contents([], spacing=(1.0 / rate, 0.0, "rate"), kind="channel")
-    for number, row in enumerate(table, 1):
-        values = row.astype(float)
-        values -= zero
-        values /= scale
-        found.series.append(Series("value", "full scale" if whole else "", values, number))
+    unit = "full scale" if whole else ""
+    found.series += [Series("value", unit, row, number, zero=zero, levels=scale)
+                     for number, row in enumerate(table, 1)]  # fmt: skip
     return found
 
 
@@ -360,13 +367,30 @@ def _tdms(path: Path) -> Contents:
     from nptdms import TdmsFile
 
     found = Contents([], kind="channel")
+    # Times of day with all their digits; the numbers are read apart, as their dates would be raw.
+    starts = {
+        channel.path: channel.properties.get("wf_start_time")
+        for group in TdmsFile.read_metadata(path, raw_timestamps=True).groups()
+        for channel in group.channels() if "wf_increment" in channel.properties
+    }  # fmt: skip
+    known = [(start.seconds, start.second_fractions) for start in starts.values() if start]
+    first = min(known, default=(0, 0))
+    if known and len(known) < len(starts) and len(set(known)) > 1:
+        found.notes.append("channels without wf_start_time are taken to start with the first.")
     for group in TdmsFile.read(path).groups():
         for channel in group.channels():
             unit = channel.properties.get("unit_string", channel.properties.get("Unit", ""))
             made = _series(channel.name, channel[:], str(unit), len(found.series) + 1, found.notes)
-            if "wf_increment" in channel.properties:  # channels may start at different times
-                time_s = np.asarray(channel.time_track(), float)
-                made = [one._replace(time_s=time_s) for one in made]
+            if channel.path in starts:
+                start, about = starts[channel.path], channel.properties
+                late_s = 0.0
+                if start:
+                    late_s = start.seconds - first[0] + (start.second_fractions - first[1]) / 2**64
+                late_s += float(about.get("wf_start_offset", 0.0))
+                step_s = float(about["wf_increment"])
+                made = [
+                    one._replace(time_s=evenly(len(one.values), step_s, late_s)) for one in made
+                ]
             found.series += [one._replace(group=group.name) for one in made]
     return found
 
@@ -464,7 +488,7 @@ FORMATS = (
     Format("HDF5", (".h5", ".hdf5"), "h5", _hdf5),
     Format("TDMS", (".tdms",), "records", _tdms),
     Format("UFF 58", (".uff", ".unv"), "records", _uff),
-    Format("LabVIEW LVM", (".lvm",), "records", _lvm),
+    Format("LabVIEW LVM", (".lvm",), "", _lvm),
     Format("MDF", (".mf4", ".mdf"), "mdf", _mdf),
     Format("oscilloscope", (".wfm", ".bin", ".isf", ".trc"), "scopes", _scope),
 )

@@ -24,6 +24,7 @@ from hertzloop.studies.fit.formats import (
     Quantity,
     RecordError,
     Series,
+    evenly,
     quantity_of,
 )
 from hertzloop.text_tables import TIMES, TableError
@@ -150,9 +151,9 @@ class Record:
                 f"{self.name}: has {len(self.value)} samples. Give at least {_FEWEST}, with some "
                 "before the impact."
             )
-        wrong = np.flatnonzero(~(np.diff(self.time_s) > 0.0))
-        if len(wrong):
-            at = int(wrong[0])
+        rises = self.time_s[1:] > self.time_s[:-1]
+        if not np.all(rises):
+            at = int(np.argmin(rises))
             raise RecordError(
                 f"{self.name}: its times do not rise from sample to sample: sample {at + 2} at "
                 f"{self.time_s[at + 1]:.9g} s follows sample {at + 1} at {self.time_s[at]:.9g} s. "
@@ -486,12 +487,9 @@ def _times_of(
                 f"record.rate_hz = {rate:g}: '{words}' in {name} says {1.0 / step:.9g} Hz. Leave "
                 "record.rate_hz out, or correct it."
             )
-        time_s = np.arange(count, dtype=float)
-        time_s *= step
-        time_s += start
-        return time_s, f"{step:.9g} s apart by '{words}'"
+        return evenly(count, step, start), f"{step:.9g} s apart by '{words}'"
     if rate:
-        return np.arange(count) / rate, f"by record.rate_hz = {rate:g}"
+        return evenly(count, 1.0 / rate), f"by record.rate_hz = {rate:g}"
     raise RecordError(
         f"{name}: has no column time_s; the columns are "
         f"{', '.join(s.name or str(s.number) for s in contents.series)}. Add one, give "
@@ -513,7 +511,8 @@ def _in_seconds(
             "unit of time. Give one of s, ms, us, ns."
         )
     words = unit.symbol if stated else "s, which the file does not state"
-    values = series.values if unit.size == 1.0 else series.values * unit.size
+    values = np.asarray(series.values, float)
+    values = values if unit.size == 1.0 else values * unit.size
     return values, f"{_named(series, contents)} in {words}"
 
 
@@ -531,17 +530,17 @@ def _checked(
     name: str, time_s: np.ndarray, words: str, contents: Contents, measured: Measured
 ) -> tuple[np.ndarray, str]:
     """Times that agree with the rate in the table and, but for their unit, with the file."""
-    known = time_s[np.isfinite(time_s)]
-    steps = np.diff(known)
-    mean = (known[-1] - known[0]) / len(steps) if len(steps) else 0.0
+    known = np.isfinite(time_s)
+    known = time_s if np.all(known) else time_s[known]
+    mean = (known[-1] - known[0]) / (len(known) - 1) if len(known) > 1 else 0.0
     rate = measured.rate_hz
     if rate and mean > 0.0 and abs(rate * mean - 1.0) > 1e-2:
         raise RecordError(
             f"record.rate_hz = {rate:g}: the times of {name} ({words}) say {1.0 / mean:.6g} Hz. "
             "Leave record.rate_hz out, or correct it."
         )
-    if rate and len(steps) and np.min(steps) <= 0.0:  # rounded times
-        return np.arange(len(time_s)) / rate, f"by record.rate_hz = {rate:g}"
+    if rate and np.any(known[1:] <= known[:-1]):  # rounded times
+        return evenly(len(time_s), 1.0 / rate), f"by record.rate_hz = {rate:g}"
     if contents.spacing is not None and "not state" in words and mean > 0.0:
         turns = math.log10(mean / contents.spacing[0])
         if abs(turns) > 2.5 and abs(turns - round(turns)) < 1e-3:
@@ -549,10 +548,11 @@ def _checked(
                 f"{name}: times without a unit rise by {mean:.6g}, and '{contents.spacing[2]}' "
                 f"says {contents.spacing[0]:.6g} s. Give record.time_unit."
             )
-    if mean > 0.0 and np.spacing(np.max(np.abs(known))) > 0.01 * mean:
+    apart_s = float(np.spacing(max(np.max(known), -np.min(known)))) if mean > 0.0 else 0.0
+    if apart_s > 0.01 * mean:
         raise RecordError(
             f"{name}: its times are so large that a double holds them to "
-            f"{np.spacing(np.max(np.abs(known))):.2g} s only. Leave time_s out and give "
+            f"{apart_s:.2g} s only. Leave time_s out and give "
             "record.rate_hz."
         )
     return time_s, words
@@ -613,29 +613,34 @@ def _made(
         )
     measured, words = _scaled(name, series, quantity, measured, table, contents, notes)
     factor = _factor(quantity, measured)
-    value = series.values if factor == 1.0 else series.values * factor
+    factor /= series.levels
+    value = series.values
+    if factor != 1.0 or series.zero or value.dtype != float:
+        value = np.subtract(value, series.zero, dtype=float)
+        value *= factor
     time_s, times = _times_of(name, series, contents, measured)
     if len(time_s) == len(value):
-        ends = np.isfinite(time_s) | np.isfinite(value)
-        last = len(ends) - int(np.argmax(ends[::-1])) if np.any(ends) else 0
-        time_s, value = time_s[:last], value[:last]  # a shorter table beside a longer one
-        known = np.isfinite(time_s)
-        if not np.any(known):
+        if not (np.isfinite(time_s[-1]) or np.isfinite(value[-1])):  # beside a longer table
+            ends = np.isfinite(time_s) | np.isfinite(value)
+            last = len(ends) - int(np.argmax(ends[::-1])) if np.any(ends) else 0
+            time_s, value = time_s[:last], value[:last]
+        number = np.count_nonzero(np.isfinite(time_s))
+        if number == 0:
             raise RecordError(
                 f"{name}: no time is a number. Write numbers with a decimal point, in seconds."
             )
-        if not np.all(known):
-            number = np.count_nonzero(~known)
-            notes.append(f"{name}: {number} samples have no time and are not used.")
+        if number < len(time_s):
+            notes.append(f"{name}: {len(time_s) - number} samples have no time and are not used.")
+            known = np.isfinite(time_s)
             time_s, value = time_s[known], value[known]
-    gone = ~np.isfinite(value)
-    if np.any(gone):
-        if np.count_nonzero(~gone) < _FEWEST or np.mean(gone) > 0.5:
+    number = np.count_nonzero(np.isfinite(value))
+    if gone := len(value) - number:
+        if number < max(_FEWEST, 0.5 * len(value)):
             raise RecordError(
-                f"{name}: {np.count_nonzero(gone)} of {len(value)} samples are not numbers. Give a "
-                "record without gaps."
+                f"{name}: {gone} of {len(value)} samples are not numbers. Give a record without "
+                "gaps."
             )
-        notes.append(f"{name}: {np.count_nonzero(gone)} samples are not numbers and are not used.")
+        notes.append(f"{name}: {gone} samples are not numbers and are not used.")
     lines = f"{contents.above} line{'s' * (contents.above != 1)}"
     above = f"; {lines} above the table" if contents.above else ""
     source = f"time: {times}; {quantity}: {_named(series, contents)} in {words}{above}"
