@@ -4,42 +4,32 @@ The truth is made with other steps and more modes than the fit uses. Every seed 
 gain, clock and phase of samples.
 """
 
-import math
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    bars,
-    check_json,
-    compile_first,
-    conclude,
-    fail,
-    median,
-    number_table,
-    out,
-    results_in,
-    share,
-    start,
-    tracked,
-    write_json,
-    written,
+from benchmarks import synthetic_fits
+from benchmarks.program import JsonOption, OutDirOption, QuickOption, conclude, share, start
+from benchmarks.synthetic_fits import (
+    CLOCK_SD,
+    GAIN_SD,
+    ExactOption,
+    OnlyOption,
+    Summary,
+    by_one_clock,
+    moved,
+    summaries,
 )
 from hertzloop.setup import Setup, load
 from hertzloop.studies.fit.fit import FitResult, fit, free_of, value_of
 from hertzloop.studies.fit.observation import Chain
-from hertzloop.studies.fit.records import Measured, Record
-from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
-from hertzloop.studies.words import write_rows
+from hertzloop.studies.fit.records import Measured
+from hertzloop.studies.fit.synthetic import Spoilt, truth
 
 _YIELDS = ("contact.plasticity=thornton", "contact.limiting_pressure_pa=8e8")
-_GAIN_SD, _CLOCK_SD = 0.01, 25.0
-_OTHER_NOISE, _ZERO_S = 100_000, 0.004  # of a second channel: seeds later, and the common time
 _PLAIN, _NO_CHAIN, _NO_TABLE = Spoilt(), Chain(), Measured()
 
 
@@ -173,29 +163,25 @@ PROBLEMS |= {
 }
 
 
-def run(problem: Problem, seed: int) -> tuple[FitResult, dict[str, float]]:
+def run(
+    problem: Problem, seed: int, exact: bool = False
+) -> tuple[FitResult, dict[str, float]]:  # fmt: skip
     """Fit one record of a problem. Returns the result and the true values."""
     setup = load("aluminium-3mm", ["controller.law=off", *problem.changes])
     generator = np.random.default_rng(10_000 + seed)
     spoilt = replace(
-        problem.spoilt, gain=1.0 + _GAIN_SD * float(generator.standard_normal()),
-        clock_ppm=_CLOCK_SD * float(generator.standard_normal()), offset=0.005,
+        problem.spoilt, gain=1.0 + GAIN_SD * float(generator.standard_normal()),
+        clock_ppm=CLOCK_SD * float(generator.standard_normal()), offset=0.005,
     )  # fmt: skip
     phase = None
     if problem.under_law:
         phase = float(generator.uniform()) * setup.every_steps
-    table = replace(
-        problem.table, sensitivity_uncertainty=_GAIN_SD, clock_tolerance_ppm=_CLOCK_SD,
-        quantity=problem.quantity, clock="daq" if problem.second else None,
+    table = replace(problem.table, sensitivity_uncertainty=GAIN_SD, clock_tolerance_ppm=CLOCK_SD)
+    quantities = [problem.quantity, *filter(None, [problem.second])]
+    records = by_one_clock(
+        [_truth(setup, replace(problem, quantity=q), phase) for q in quantities], spoilt, seed,
+        table, problem.rate_hz, problem.quiet_s,
     )  # fmt: skip
-    records: list[Record] = []
-    for number, quantity in enumerate([problem.quantity, *filter(None, [problem.second])]):
-        seen = _truth(setup, replace(problem, quantity=quantity), phase)
-        records.append(measured(
-            seen, spoilt, seed + number * _OTHER_NOISE, rate_hz=problem.rate_hz,
-            quiet_s=problem.quiet_s, table=replace(table, quantity=quantity),
-            zero_s=_ZERO_S if problem.second else None,
-        ))  # fmt: skip
     base = setup
     if problem.fitted is not None:
         base = load("aluminium-3mm", ["controller.law=off", *problem.fitted])
@@ -204,12 +190,8 @@ def run(problem: Problem, seed: int) -> tuple[FitResult, dict[str, float]]:
         true[key] = value_of(setup if not problem.wrong else base, key)
     true |= problem.true
     if problem.start != 1.0:
-        signs = generator.choice([-1.0, 1.0], size=len(true))
-        base = base.vary({
-            key: value * problem.start**sign
-            for (key, value), sign in zip(true.items(), signs, strict=True)
-        })  # fmt: skip
-    return fit(base, records, [free_of(base, key) for key in problem.keys]), true
+        base = moved(base, true, problem.start, generator)
+    return fit(base, records, [free_of(base, key) for key in problem.keys], exact=exact), true
 
 
 _seen: dict[Any, Any] = {}
@@ -225,63 +207,10 @@ def _truth(setup: Setup, problem: Problem, phase: float | None) -> Any:
     return _seen[key]
 
 
-@dataclass(frozen=True)
-class Summary:
-    """What the intervals of a problem's seeds covered.
-
-    `covered`: seeds whose interval holds the true value, by key. `models`: seeds by verdict on the
-    class of models. `rms_error`: of the values, relative. `misses`: each seed whose interval does
-    not hold the truth, with its distance in standard deviations, or with its error.
-    """
-
-    problem: str
-    wrong: bool
-    seeds: int
-    covered: dict[str, int]
-    models: dict[str, int]
-    rms_error: dict[str, float]
-    median_residual_over_noise: float
-    median_evaluations: float
-    median_wall_s: float
-    misses: list[str]
-
-    @property
-    def told(self) -> int:
-        """Seeds whose verdict on the class of models is right."""
-        return self.models.get("does not fit" if self.wrong else "fits", 0)
-
-
-def summary(name: str, seeds: int) -> Summary:
+def summary(name: str, seeds: int, exact: bool = False) -> Summary:
     """Run a problem with so many seeds and count what its intervals cover."""
-    problem = PROBLEMS[name]
-    covered = dict.fromkeys(problem.keys, 0)
-    errors: dict[str, list[float]] = {key: [] for key in problem.keys}
-    models: dict[str, int] = {}
-    misses, ratios, walls, counts = [], [], [], []
-    for seed in range(seeds):
-        try:
-            result, true = run(problem, seed)
-        except ValueError as error:
-            misses.append(f"seed {seed}: {error}")
-            continue
-        models[str(result.model)] = models.get(str(result.model), 0) + 1
-        ratios.append(result.residual_over_noise)
-        walls.append(result.wall_s)
-        counts.append(result.evaluations)
-        for e in result.estimates:
-            low, high = e.low or 0.0, e.high or math.inf
-            errors[e.key].append(e.value / true[e.key] - 1.0)
-            if low <= true[e.key] <= high:
-                covered[e.key] += 1
-            elif not problem.wrong:
-                sd = e.sd_log or math.nan
-                off = math.log(e.value / true[e.key]) if e.value else math.nan
-                misses.append(f"seed {seed}: {e.key} = {e.value:.6g}, {off / sd:+.2f} sd")
-    rms = {k: float(np.sqrt(np.mean(np.square(v)))) for k, v in errors.items() if v}
-    return Summary(
-        name, problem.wrong, seeds, covered, models, rms, median(ratios), median(counts),
-        median(walls), misses,
-    )  # fmt: skip
+    one = PROBLEMS[name]
+    return synthetic_fits.summary(name, one.wrong, one.keys, seeds, partial(run, one, exact=exact))
 
 
 _QUICK = ("noise 3e-4", "yield fitted elastic")
@@ -290,9 +219,8 @@ _QUICK = ("noise 3e-4", "yield fitted elastic")
 def main(
     folder: OutDirOption = None,
     seeds: Annotated[int, typer.Option(min=1, help="Seeds a problem (2 with --quick).")] = 100,
-    only: Annotated[
-        list[str] | None, typer.Option("--only", help="Run only this problem; repeatable.")
-    ] = None,
+    exact: ExactOption = False,
+    only: OnlyOption = None,
     quick: QuickOption = False,
     json_file: JsonOption = None,
 ) -> None:
@@ -304,42 +232,17 @@ def main(
 
     Example: python -m benchmarks.fit_coverage --quick
     """
-    check_json(json_file)
-    names = tuple(only or (_QUICK if quick else [name for name in PROBLEMS if name != _LONG]))
-    for name in names:
-        if name not in PROBLEMS:
-            fail(f"--only = {name}: unknown problem. Use one of {', '.join(PROBLEMS)}.", 2)
-    with results_in(folder, "fit_coverage") as made:
-        compile_first()
-        found = [summary(name, 2 if quick else seeds) for name in tracked("problems", names)]
-        rows = [(s.problem, key, n, s.seeds, s.rms_error.get(key, math.nan), s.told,
-                 s.median_residual_over_noise, s.median_evaluations, s.median_wall_s)
-                for s in found for key, n in s.covered.items()]  # fmt: skip
-        write_rows(made / "fit_coverage.csv", _COLUMNS, (list(row) for row in rows))
-        shares = [(f"{name}: {key.partition('.')[2]}", 100.0 * n / of)
-                  for name, key, n, of, *_ in rows if not PROBLEMS[name].wrong]  # fmt: skip
-        bars(made / "fit_coverage.png", "Coverage", "intervals that hold the truth (%)", shares)
-    headings = ("problem", "key", "covered", "of", "rms error", "class told", "residual",
-                "simulations", "s")  # fmt: skip
-    cells = [(*row[:2], *(f"{x:.3g}" for x in row[2:])) for row in rows]
-    out.print(number_table("fits of synthetic records", headings, cells, text=2))
-    for s in found:
-        for miss in s.misses:
-            out.print(f"{s.problem}, {miss}", soft_wrap=True)
-    written(made, "fit_coverage.csv", "fit_coverage.png")
-    right = [s for s in found if not s.wrong]
-    wrong = [s for s in found if s.wrong]
-    held = sum(sum(s.covered.values()) for s in right)
+    names = only or (_QUICK if quick else [name for name in PROBLEMS if name != _LONG])
+    found = summaries(
+        "fit_coverage", folder, json_file, names, tuple(PROBLEMS),
+        lambda name: summary(name, 2 if quick else seeds, exact),
+    )  # fmt: skip
+    right, wrong = [s for s in found if not s.wrong], [s for s in found if s.wrong]
     conclude(
         f"The 95 % intervals hold the true value in "
-        f"{share(held, sum(s.seeds * len(s.covered) for s in right))}, and a wrong class of models "
-        f"is told in {share(sum(s.told for s in wrong), sum(s.seeds for s in wrong))}."
+        f"{share(sum(s.held for s in right), sum(s.values for s in right))}, and a wrong class of "
+        f"models is told in {share(sum(s.told for s in wrong), sum(s.seeds for s in wrong))}."
     )
-    write_json(json_file, {"problems": [asdict(s) for s in found]})
-
-
-_COLUMNS = ("problem", "key", "covered", "seeds", "rms_error", "class_told", "residual_over_noise",
-            "simulations", "wall_s")  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -6,30 +6,24 @@ the velocity of the plate by one clock.
 """
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
+from functools import partial
 from typing import Annotated
 
 import numpy as np
 import typer
 
-from benchmarks.program import (
-    JsonOption,
-    OutDirOption,
-    QuickOption,
-    bars,
-    check_json,
-    compile_first,
-    conclude,
-    fail,
-    median,
-    number_table,
-    out,
-    results_in,
-    share,
-    start,
-    tracked,
-    write_json,
-    written,
+from benchmarks.program import JsonOption, OutDirOption, QuickOption, conclude, share, start
+from benchmarks.synthetic_fits import (
+    CLOCK_SD,
+    GAIN_SD,
+    ExactOption,
+    OnlyOption,
+    Summary,
+    by_one_clock,
+    moved,
+    summaries,
+    summary,
 )
 from hertzloop.plant.structures.modes import Modes, Point
 from hertzloop.plant.structures.plate import Plate
@@ -39,16 +33,14 @@ from hertzloop.studies.fit.model import FrozenModel
 from hertzloop.studies.fit.observation import Chain, Observed, observe
 from hertzloop.studies.fit.records import Measured
 from hertzloop.studies.fit.synthetic import Spoilt, measured, truth
-from hertzloop.studies.words import write_records
 
 RADIUS, THICKNESS = "sphere.radius_m", "plate.thickness_m"
 STIFFNESS, HEIGHT = "contact.stiffness_factor", "sphere.drop_height_m"
-_LOW_PASS_HZ, _RATE_HZ, _QUIET_S, _ZERO_S = 60e3, 1e6, 250e-6, 0.004
+_LOW_PASS_HZ, _RATE_HZ, _QUIET_S = 60e3, 1e6, 250e-6
 _LASTS_S = {"contact_force": 90e-6, "v_p": 300e-6}
 _NOISE, _START = 2e-4, 1.03
 _EXTRA, _BAND_HZ = 1.03, 15e3  # frequency over that of a mode, the first above this frequency
 _FEW_NOISE, _FEW_GAIN = 1e-3, 0.03
-_OTHER_NOISE = 100_000
 
 # Changes that make the rig another class than the model.
 CLASSES: dict[str, tuple[str, ...]] = {
@@ -121,27 +113,19 @@ def run(kind: str, seed: int, exact: bool = False) -> tuple[FitResult, dict[str,
     rig = load("aluminium-3mm", [*changes, *own])
     model = load("aluminium-3mm", changes)
     spoilt = Spoilt(
-        noise=_NOISE, gain=1.0 + 0.01 * float(generator.standard_normal()), offset=0.005,
-        clock_ppm=25.0 * float(generator.standard_normal()),
+        noise=_NOISE, gain=1.0 + GAIN_SD * float(generator.standard_normal()), offset=0.005,
+        clock_ppm=CLOCK_SD * float(generator.standard_normal()),
     )  # fmt: skip
-    records = []
-    for number, quantity in enumerate(_LASTS_S):
-        table = Measured(
-            quantity=quantity, sensitivity_uncertainty=0.01, clock_tolerance_ppm=25.0, clock="daq",
-            low_pass_hz=_LOW_PASS_HZ if quantity == "v_p" else None,
-        )  # fmt: skip
-        records.append(measured(
-            _truth(rig, quantity, kind), spoilt, seed + number * _OTHER_NOISE, rate_hz=_RATE_HZ,
-            quiet_s=_QUIET_S, table=table, zero_s=_ZERO_S, name=quantity,
-        ))  # fmt: skip
+    table = Measured(sensitivity_uncertainty=GAIN_SD, clock_tolerance_ppm=CLOCK_SD)
+    records = by_one_clock(
+        [_truth(rig, quantity, kind) for quantity in _LASTS_S], spoilt, seed, table, _RATE_HZ,
+        _QUIET_S, {"v_p": {"low_pass_hz": _LOW_PASS_HZ}},
+    )  # fmt: skip
     true = {
         RADIUS: value_of(model, RADIUS), THICKNESS: value_of(model, THICKNESS),
         STIFFNESS: 1.0,
     }  # fmt: skip
-    signs = generator.choice([-1.0, 1.0], size=len(true))
-    base = model.vary({
-        key: value * _START**sign for (key, value), sign in zip(true.items(), signs, strict=True)
-    })  # fmt: skip
+    base = moved(model, true, _START, generator)
     return fit(base, records, [free_of(base, key) for key in true], exact=exact), true
 
 
@@ -165,66 +149,20 @@ def run_few(samples: int, seed: int, exact: bool = False) -> tuple[FitResult, di
     return fit(model, [one], [free_of(model, key) for key in true], exact=exact), true
 
 
-@dataclass(frozen=True)
-class Coverage:
-    """What the 95 % intervals of one key held.
-
-    `held` of `rigs`; `rms_error`: of the values, relative; `half_width_percent`: median.
-    `fits`: verdicts on the model. `misses`: seeds whose interval does not hold the truth, and the
-    errors.
-    """
-
-    kind: str
-    key: str
-    held: int
-    rigs: int
-    rms_error_percent: float
-    half_width_percent: float
-    fits: int
-    residual_over_noise: float
-    wall_s: float
-    misses: str
-
-
-def coverage(kind: str, seeds: int, exact: bool) -> list[Coverage]:
-    """Fit the rigs of a class and count what the intervals hold."""
-    results = []
-    misses: dict[str, list[str]] = {}
-    for seed in range(seeds):
-        try:
-            if kind in CLASSES:
-                results.append(run(kind, seed, exact))
-            else:
-                results.append(run_few(int(kind.split()[0]), seed, exact))
-        except ValueError as error:
-            out.print(f"{kind}, seed {seed}: {error}", soft_wrap=True)
-    found = []
-    for j, key in enumerate(results[0][1] if results else ()):
-        errors, widths, held = [], [], 0
-        for seed, (result, true) in enumerate(results):
-            e = result.estimates[j]
-            low, high = e.low or 0.0, e.high or math.inf
-            errors.append(e.value / true[key] - 1.0)
-            widths.append(e.half_width_percent or math.inf)
-            held += low <= true[key] <= high
-            if not low <= true[key] <= high:
-                misses.setdefault(key, []).append(f"{seed}:{100.0 * errors[-1]:+.2g}%")
-        found.append(Coverage(
-            kind, key, held, len(results), 100.0 * float(np.sqrt(np.mean(np.square(errors)))),
-            median(widths), sum(str(r.model) == "fits" for r, _ in results),
-            median(r.residual_over_noise for r, _ in results),
-            median(r.wall_s for r, _ in results), " ".join(misses.get(key, [])),
-        ))  # fmt: skip
-    return found
+def coverage(kind: str, seeds: int, exact: bool = False) -> Summary:
+    """Fit the rigs of a class, or records with few samples, and count what the intervals hold."""
+    if kind in CLASSES:
+        keys = [RADIUS, THICKNESS, STIFFNESS]
+        return summary(kind, kind != "right class", keys, seeds, partial(run, kind, exact=exact))
+    samples = int(kind.split()[0])
+    return summary(kind, False, [RADIUS, HEIGHT], seeds, partial(run_few, samples, exact=exact))
 
 
 def main(
     folder: OutDirOption = None,
     seeds: Annotated[int, typer.Option(min=1, help="Rigs of a class (1 with --quick).")] = 25,
-    exact: Annotated[bool, typer.Option("--exact", help="Take the model as exact.")] = False,
-    only: Annotated[
-        list[str] | None, typer.Option("--only", help="Run only this class; repeatable.")
-    ] = None,
+    exact: ExactOption = False,
+    only: OnlyOption = None,
     quick: QuickOption = False,
     json_file: JsonOption = None,
 ) -> None:
@@ -236,39 +174,24 @@ def main(
 
     Example: python -m benchmarks.fit_discrepancy --quick
     """
-    check_json(json_file)
     known = [*CLASSES, *(f"{n} samples before" for n in FEW)]
     names = only or (["right class", "yield"] if quick else known)
-    for name in names:
-        if name not in known:
-            fail(f"--only = {name}: unknown class. Use one of {', '.join(known)}.", 2)
-    with results_in(folder, "fit_discrepancy") as made:
-        compile_first()
-        count = 1 if quick else seeds
-        found = [c for name in tracked("classes", names) for c in coverage(name, count, exact)]
-        write_records(made / "fit_discrepancy.csv", found)
-        bars(made / "fit_discrepancy.png", "Coverage", "intervals that hold the truth (%)",
-             [(f"{c.kind}: {c.key}", 100.0 * c.held / c.rigs) for c in found])  # fmt: skip
-    headings = ("rigs", "key", "held", "of", "rms error %", "half-width %", "fits", "residual", "s")
-    cells = [(c.kind, c.key, *(f"{x:.3g}" for x in (
-        c.held, c.rigs, c.rms_error_percent, c.half_width_percent, c.fits, c.residual_over_noise,
-        c.wall_s))) for c in found]  # fmt: skip
-    out.print(number_table("fits of rigs", headings, cells, text=2))
-    for c in found:
-        if c.misses:
-            out.print(f"{c.kind}, {c.key} misses: {c.misses}", soft_wrap=True)
-    written(made, "fit_discrepancy.csv", "fit_discrepancy.png")
-    wrong = [c for c in found if c.kind in CLASSES and c.kind != "right class"]
+    found = summaries(
+        "fit_discrepancy", folder, json_file, names, known,
+        lambda name: coverage(name, 1 if quick else seeds, exact),
+    )  # fmt: skip
+    wrong, right = [s for s in found if s.wrong], [s for s in found if not s.wrong]
     parts = [
-        f"{share(sum(c.held for c in some), sum(c.rigs for c in some))} of the true values {where}"
+        f"{share(sum(s.held for s in some), sum(s.values for s in some))} of the true values "
+        f"{where}"
         for some, where in (
             (wrong, "where the rig has another class than the model"),
-            ([c for c in found if c not in wrong], "where it has the same class"),
+            (right, "where it has the same class"),
         )
         if some
     ]
-    conclude(f"The 95 % intervals hold {', and '.join(parts)}.")
-    write_json(json_file, {"classes": [asdict(c) for c in found]})
+    whole = share(sum(s.whole for s in found), sum(s.seeds for s in found))
+    conclude(f"The 95 % intervals hold {', and '.join(parts)}; all of a rig in {whole}.")
 
 
 if __name__ == "__main__":
