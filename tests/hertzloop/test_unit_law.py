@@ -244,7 +244,7 @@ def test_of_several_outputs_only_force_is_the_command(unit: Path, tmp_path: Path
     assert [law.ports[1].name for law in laws] == ["force", "force"]
     samples = np.linspace(-1e-3, 0.0, 10)
     one, other = (
-        np.asarray(Controller(scene_of(path).bound_law(), LineSpec(), 1e-6, 20, 1, 0)
+        np.asarray(Controller(parts.bound_law(scene_of(path)), LineSpec(), 1e-6, 20, 1, 0)
                    .process(samples).forces)
         for path in (unit, two)
     )  # fmt: skip
