@@ -240,7 +240,7 @@ def test_what_would_be_misread_is_refused(
 def test_of_several_outputs_only_force_is_the_command(unit: Path, tmp_path: Path) -> None:
     more = "self.power = 1.0; self.register_variable(Real('power', causality=Fmi2Causality.output))"
     two = built(tmp_path, more=more)
-    laws = [scene_of(path).law for path in (unit, two)]
+    laws = [parts.law_of(scene_of(path)) for path in (unit, two)]
     assert [law.ports[1].name for law in laws] == ["force", "force"]
     samples = np.linspace(-1e-3, 0.0, 10)
     one, other = (
