@@ -28,10 +28,11 @@ from hertzloop.bus.sockets import mesh_endpoints, on_loopback
 from hertzloop.bus.streams import CONTROLLER, PLANT, ROLES, Envelope
 from hertzloop.bus.wire import LOOPBACK, reserved_ports
 from hertzloop.bus.zenoh_port import ZenohPort
+from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.processes.launcher import RunOptions, Transport, record
+from hertzloop.processes.launcher import record
 from hertzloop.setup import Setup, load
 from hertzloop.views.run import run_scene
 

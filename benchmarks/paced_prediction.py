@@ -34,7 +34,7 @@ from benchmarks.program import (
 )
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.compiled import simulate
-from hertzloop.processes.launcher import RunOptions
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.recordings.latencies import latencies_of
 from hertzloop.recordings.reader import read
 from hertzloop.setup import Setup

@@ -33,8 +33,9 @@ if TYPE_CHECKING:
     from hertzloop.bus.port import BusError
     from hertzloop.bus.streams import StreamFault
     from hertzloop.interop.environment import ImpactEnv as ImpactEnv
+    from hertzloop.loop.run_options import RunOptions
     from hertzloop.plant.plant import Balance
-    from hertzloop.processes.launcher import RunFailed, RunOptions
+    from hertzloop.processes.launcher import RunFailed
     from hertzloop.recordings.reader import Event, Recording
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.studies.fit.fit import FitError, FitResult
@@ -298,7 +299,8 @@ def run(
         StreamFault: a message was lost, repeated or malformed.
         RecordingError: the recording cannot be written.
     """
-    from hertzloop.processes.launcher import RunOptions, Transport, record
+    from hertzloop.loop.run_options import RunOptions, Transport
+    from hertzloop.processes.launcher import record
 
     options = RunOptions(Transport(transport), overwrite=overwrite, horizon=horizon, pace=pace)
     setup = _resolved(scene)
@@ -316,7 +318,7 @@ def run(
 def _check_pace(setup: Setup, options: "RunOptions") -> None:
     """Raise SceneError for a run that cannot be by the wall clock."""
     from hertzloop.loop.paced import check_pace
-    from hertzloop.processes.launcher import Transport
+    from hertzloop.loop.run_options import Transport
     from hertzloop.processes.warmup import ensure_compiled
 
     assert options.pace is not None

@@ -10,23 +10,22 @@ import typer
 
 from hertzloop.analysis.recorded import law_ran
 from hertzloop.cli.options import (
-    ControllerOption,
     JsonOption,
-    NameOption,
     OverwriteOption,
     SetOption,
-    TimeoutOption,
-    WaitOption,
     check_controller,
     check_json,
     check_output,
     check_picture,
     compile_first,
+    takes,
     write_json,
     write_new,
 )
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import compilation, find, shipped
+from hertzloop.loop.run_options import BusOptions, RunOptions
+from hertzloop.processes.program import BUS_NAME, meeting_endpoints
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import toml_value
 from hertzloop.setup import parts
@@ -155,8 +154,10 @@ def _setting(text: str) -> tuple[str, object]:
     return key.strip(), toml_value(value)
 
 
+@takes(only=("controller", "name", "timeout_s", "wait_s"), name=BUS_NAME)
 def controller_test(
-    command: ControllerOption = None,
+    options: RunOptions,
+    bus: BusOptions,
     script: Annotated[
         list[str] | None,
         typer.Option(help="Play this script; repeatable; default with --controller: all."),
@@ -171,7 +172,6 @@ def controller_test(
         ),
     ] = None,
     settings: SetOption = None,
-    name: NameOption = "hertzloop",
     port: Annotated[
         int | None,
         typer.Option(
@@ -181,8 +181,6 @@ def controller_test(
             "if CMD has {listen}, else those from 7450 on.",
         ),
     ] = None,
-    timeout: TimeoutOption = 5.0,
-    wait: WaitOption = 30.0,
 ) -> None:
     """Test your own controller program against the wire protocol.
 
@@ -190,16 +188,16 @@ def controller_test(
     --controller it waits for a program that runs already, and plays one script.
     """
     from hertzloop.processes.conformance import Broken, Checks, Meeting
-    from hertzloop.processes.program import meeting_endpoints
 
     if law and expect:
         fail("--law: cannot be combined with --expect. Remove one of the two.", 2)
+    command = options.controller
     check_controller(command)
     chosen = _chosen(script, law, expect, settings or [], everything=command is not None)
     checks = Checks()
     laws: set[str] = set()
     with meeting_endpoints(command or "", port) as endpoints:
-        meeting = Meeting(name, endpoints, timeout, wait)
+        meeting = Meeting(options.name or BUS_NAME, endpoints, options.timeout_s, bus.wait_s)
         for one in chosen:
             try:
                 laws |= _played(one, meeting, command or "", checks)

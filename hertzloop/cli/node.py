@@ -7,7 +7,7 @@ import os
 import re
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -19,31 +19,22 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFaul
 from hertzloop.bus.wire import MessageError, reserved_ports
 from hertzloop.cli.options import (
     LARGEST_PORT,
-    ConfigOption,
-    ConnectOption,
-    FastLaneOption,
-    HorizonOption,
-    ListenOption,
-    MachineOption,
-    NameOption,
     OverwriteOption,
-    PaceOption,
-    RealtimeOption,
     SceneArgument,
     SeedOption,
     SetOption,
-    TimeoutOption,
-    WaitOption,
     check_output,
     check_pace,
     check_recording,
     make_folder,
     scene_from,
+    takes,
 )
 from hertzloop.cli.recordings import read_or_fail, repeat_or_fail
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.extras import need
-from hertzloop.processes.realtime import Wanted
+from hertzloop.loop.run_options import BusOptions, RunOptions
+from hertzloop.processes.program import BASE_PORT, BUS_NAME
 from hertzloop.processes.signals import (
     INTERRUPTED,
     end_with_the_launcher,
@@ -110,27 +101,18 @@ def framed(role: str, machine: bool) -> Iterator[Callable[..., None]]:
         clock.on_beat = lambda: None
 
 
-def bus_address(
-    role: str,
-    name: str,
-    listen: list[str] | None,
-    connect: list[str] | None,
-    config: Path | None,
-    timeout: float,
-    wait: float,
-    machine: bool,
-) -> "BusAddress":
-    """Address from the options of a command, else from `config`, else on loopback.
+def bus_address(role: str, options: RunOptions, bus: BusOptions) -> "BusAddress":
+    """Address from the options of a command, else from its configuration, else on loopback.
 
-    Ends the command if an endpoint or `config` is none.
+    Ends the command if an endpoint or the configuration is none.
     """
     from hertzloop.bus.port import BusError
     from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
-    from hertzloop.processes.program import BASE_PORT
     from hertzloop.processes.roles import BusAddress, default_endpoints
 
-    check_endpoints("--listen", listen)
-    check_endpoints("--connect", connect)
+    check_endpoints("--listen", bus.listen)
+    check_endpoints("--connect", bus.connect)
+    config = bus.zenoh_config
     own, others = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
     try:
         if config:
@@ -140,15 +122,30 @@ def bus_address(
                 _check_port(f"--zenoh-config: {config}: '{endpoint}'", endpoint)
     except BusError as error:
         fail(f"--zenoh-config: {error}", 2)
-    return BusAddress(name, listen or own, connect or others, config, timeout, wait, machine)
+    return BusAddress(
+        options.name or BUS_NAME, bus.listen or own, bus.connect or others, config,
+        options.timeout_s, bus.wait_s, bus.machine,
+    )  # fmt: skip
 
 
-def check_endpoints(option: str, endpoints: list[str] | None) -> None:
+@contextmanager
+def playing(
+    role: str, options: RunOptions, bus: BusOptions
+) -> Iterator[tuple[Callable[..., None], "BusAddress"]]:
+    """Frame of a role that meets the others: see `framed`; and where it does."""
+    with framed(role, bus.machine) as tell:
+        address = bus_address(role, options, bus)
+        if not bus.machine:
+            others = " and ".join(other for other in ROLES if other != role)
+            err.print(f"{role} on {where(address)}: waiting for {others}")
+        yield tell, address
+
+
+def check_endpoints(option: str, endpoints: Sequence[str]) -> None:
     """End the command if what an option gives is no endpoint."""
     from hertzloop.bus.sockets import too_long
-    from hertzloop.processes.program import BASE_PORT
 
-    for endpoint in endpoints or []:
+    for endpoint in endpoints:
         found = _ENDPOINT.fullmatch(endpoint)
         if not found:
             example = f"tcp/127.0.0.1:{BASE_PORT}"
@@ -184,14 +181,14 @@ def progress_reporter(tell: Callable[..., None]) -> Callable[[int], None]:
     return report
 
 
+@takes(only=("name", "connect", "machine"), name=BUS_NAME)
 def watch(
-    name: NameOption = "hertzloop",
-    connect: ConnectOption = None,
+    options: RunOptions,
+    bus: BusOptions,
     save: Annotated[
         Path | None, typer.Option(help="Write an .rrd file instead.", metavar="F.rrd")
     ] = None,
     overwrite: OverwriteOption = False,
-    machine: MachineOption = False,
 ) -> None:
     """Show a run in progress without delaying it.
 
@@ -202,9 +199,9 @@ def watch(
 
     from hertzloop.bus.port import PeerLost
     from hertzloop.processes.observer import truth_blocks
-    from hertzloop.processes.program import BASE_PORT
     from hertzloop.recordings.replay import viewer
 
+    name, connect = options.name or BUS_NAME, bus.connect
     check_endpoints("--connect", connect)
     if save is not None:
         if save.suffix != ".rrd":
@@ -222,7 +219,7 @@ def watch(
             err.print(f"watching run '{name}'")
             try:
                 with on_interrupt(ended.append):  # what was seen until now is kept
-                    for payload in truth_blocks(name, where, machine):
+                    for payload in truth_blocks(name, where, bus.machine):
                         with contextlib.suppress(MessageError):  # of another subscriber
                             shown += viewer.send_block(stream, payload)
                 if ended:
@@ -262,24 +259,13 @@ def say_profile(stats: dict[str, Any]) -> None:
     err.print(f"real-time profile: {stats['realtime']}", soft_wrap=True, markup=False)
 
 
+@takes(PLANT, name=BUS_NAME, realtime="auto")
 def plant(
+    options: RunOptions,
+    bus: BusOptions,
     scene: SceneArgument = DEFAULT,
     settings: SetOption = None,
     seed: SeedOption = None,
-    horizon: HorizonOption = None,
-    name: NameOption = "hertzloop",
-    listen: ListenOption = None,
-    connect: ConnectOption = None,
-    zenoh_config: ConfigOption = None,
-    timeout: TimeoutOption = 5.0,
-    wait: WaitOption = 30.0,
-    fast_lane: FastLaneOption = True,
-    realtime: RealtimeOption = "auto",
-    pace: PaceOption = None,
-    repeat: Annotated[
-        Path | None, typer.Option(help="Apply the recorded forces of this recording.")
-    ] = None,
-    machine: MachineOption = False,
 ) -> None:
     """Run the plant as a separate process.
 
@@ -287,45 +273,29 @@ def plant(
     """
     from hertzloop.processes import roles
 
-    resolved = scene_from(scene, settings, seed, tried=machine)
-    check_pace(resolved, pace, timeout, horizon=horizon, repeat=repeat)
+    resolved = scene_from(scene, settings, seed, tried=bus.machine)
+    check_pace(resolved, options)
+    repeat = options.repeat
     repeated = repeat_or_fail(read_or_fail(repeat), resolved) if repeat else None
-    with framed(PLANT, machine) as tell:
-        address = bus_address(PLANT, name, listen, connect, zenoh_config, timeout, wait, machine)
-        if not machine:
-            err.print(f"plant on {where(address)}: waiting for controller and recorder")
-        address = replace(address, on_open=lambda: tell(open=True))
+    with playing(PLANT, options, bus) as (tell, address):
         stats = roles.run_plant(
-            resolved,
-            address,
-            horizon,
-            lambda: tell(ready=True),
-            progress_reporter(tell),
-            fast_lane,
-            Wanted(realtime),
-            pace,
-            repeated,
-        )
+            resolved, replace(address, on_open=lambda: tell(open=True)), options,
+            lambda: tell(ready=True), progress_reporter(tell), repeated,
+        )  # fmt: skip
         tell(done=stats)
-        if not machine:
+        if not bus.machine:
             say_profile(stats)
             out.print(f"{resolved.steps:,} steps in {stats['wall_s']:z.3f} s")
 
 
+@takes(CONTROLLER, name=BUS_NAME, realtime="auto")
 def controller(
+    options: RunOptions,
+    bus: BusOptions,
     law: Annotated[
         str | None,
         typer.Option(help="Load the law from this file; default: controller.law of the scene."),
     ] = None,
-    name: NameOption = "hertzloop",
-    listen: ListenOption = None,
-    connect: ConnectOption = None,
-    zenoh_config: ConfigOption = None,
-    timeout: TimeoutOption = 5.0,
-    wait: WaitOption = 30.0,
-    fast_lane: FastLaneOption = True,
-    realtime: RealtimeOption = "auto",
-    machine: MachineOption = False,
 ) -> None:
     """Run the controller as a separate process.
 
@@ -333,33 +303,20 @@ def controller(
     """
     from hertzloop.processes import roles
 
-    with framed(CONTROLLER, machine) as tell:
-        address = bus_address(
-            CONTROLLER, name, listen, connect, zenoh_config, timeout, wait, machine
-        )
-        if not machine:
-            err.print(f"controller on {where(address)}: waiting for plant and recorder")
-        stats = roles.run_controller(
-            address, lambda: tell(ready=True), law, fast_lane, Wanted(realtime)
-        )
+    with playing(CONTROLLER, options, bus) as (tell, address):
+        stats = roles.run_controller(address, options, lambda: tell(ready=True), law)
         tell(done=stats)
-        if not machine:
+        if not bus.machine:
             say_profile(stats)
 
 
+@takes(RECORDER, name=BUS_NAME, realtime="auto")
 def recorder(
+    options: RunOptions,
+    bus: BusOptions,
     out_file: Annotated[Path, typer.Option("--out", "-o", help="Recording to write.")] = Path(
         "run.mcap"
     ),
-    overwrite: OverwriteOption = False,
-    name: NameOption = "hertzloop",
-    listen: ListenOption = None,
-    connect: ConnectOption = None,
-    zenoh_config: ConfigOption = None,
-    timeout: TimeoutOption = 5.0,
-    wait: WaitOption = 30.0,
-    realtime: RealtimeOption = "auto",
-    machine: MachineOption = False,
 ) -> None:
     """Run the recorder as a separate process.
 
@@ -367,16 +324,11 @@ def recorder(
     """
     from hertzloop.processes import roles
 
-    check_recording(out_file, overwrite)
-    with framed(RECORDER, machine) as tell:
-        address = bus_address(RECORDER, name, listen, connect, zenoh_config, timeout, wait, machine)
-        if not machine:
-            err.print(f"recorder on {where(address)}: waiting for plant and controller")
-        stats = roles.run_recorder(
-            out_file, address, overwrite, lambda: tell(ready=True), Wanted(realtime)
-        )
+    check_recording(out_file, options.overwrite)
+    with playing(RECORDER, options, bus) as (tell, address):
+        stats = roles.run_recorder(out_file, address, options, lambda: tell(ready=True))
         tell(done=stats)
-        if not machine:
+        if not bus.machine:
             out.print(f"recorded {out_file}")
 
 
@@ -444,7 +396,6 @@ def write_keys(folder: Path, hosts: str, days: int) -> None:
 
 def _places(hosts: str) -> dict[str, tuple[str, int]]:
     """Host and port of every role, in the order of roles."""
-    from hertzloop.processes.program import BASE_PORT
 
     places: dict[str, tuple[str, int]] = {}
     for word in hosts.split(","):

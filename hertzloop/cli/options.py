@@ -1,22 +1,25 @@
 """Options and checks that commands share."""
 
+import inspect
 import json
 import math
 import os
-import re
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable
-from functools import cache
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import Field, is_dataclass
+from functools import cache, wraps
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 import typer
 
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.extras import need
+from hertzloop.loop.run_options import LOCK_STEP, RunOptions
+from hertzloop.options import flag_of, given_that_need, options_of
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.scenes.scene import load as load_scene
 from hertzloop.setup import Setup, parts, resolve
@@ -34,75 +37,6 @@ DetailsOption = Annotated[
     bool, typer.Option("--details", help="Print all tables, figures and warnings.")
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
-HorizonOption = Annotated[
-    int | None,
-    typer.Option(
-        min=1, help="Exchange data after at most this many steps; default: as the law allows."
-    ),
-]
-TimeoutOption = Annotated[
-    float,
-    typer.Option(
-        min=0.1, max=1e6, help="Stop waiting for a message of another process after this time, s."
-    ),
-]
-WaitOption = Annotated[
-    float,
-    typer.Option(
-        min=0.1, max=1e6, help="Stop waiting for other processes to appear after this time, s."
-    ),
-]
-
-
-def _plain_name(option: typer.CallbackParam, name: str | None) -> str | None:
-    """The name of a run, if it can be one part of a key on the bus; ends the command if not."""
-    if name is not None and not re.fullmatch(r"[A-Za-z0-9._+-]{1,100}", name):
-        fail(
-            f"{option.opts[0]} = '{name}': must be 1 to 100 letters, digits and characters of "
-            "'._+-'. Change the name.",
-            2,
-        )
-    return name
-
-
-RUN_NAME = typer.Option(help="Set the name of the run on the bus.", callback=_plain_name)
-NameOption = Annotated[str, RUN_NAME]
-ListenOption = Annotated[list[str] | None, typer.Option(help="Listen on this endpoint.")]
-ConnectOption = Annotated[list[str] | None, typer.Option(help="Connect to this endpoint.")]
-ConfigOption = Annotated[
-    Path | None,
-    typer.Option(help="Read the zenoh configuration from this JSON5 file.", exists=True),
-]
-ControllerOption = Annotated[
-    str | None,
-    typer.Option(
-        "--controller",
-        metavar="'CMD ...'",
-        help="Start this command line as the controller; {name}, {listen} and {connect} in it are "
-        "filled in.",
-    ),
-]
-FastLaneOption = Annotated[
-    bool,
-    typer.Option(
-        "--fast-lane/--no-fast-lane",
-        help="Exchange data between plant and controller on one host in shared memory.",
-    ),
-]
-RealtimeOption = Annotated[
-    Literal["auto", "on", "off"],
-    typer.Option(help="Use real-time scheduling; auto: where it is permitted and a core is idle."),
-]
-PaceOption = Annotated[
-    float | None,
-    typer.Option(
-        min=1e-9,
-        max=1000.0,
-        help="Follow the wall clock at this ratio of simulated to wall time, without waiting "
-        "for forces; default: lock-step.",
-    ),
-]
-MachineOption = Annotated[bool, typer.Option("--machine", hidden=True)]
 JsonOption = Annotated[
     Path | None,
     typer.Option(
@@ -119,6 +53,53 @@ TransportName = Literal["zenoh", "inprocess", "compiled"]
 LARGEST_PORT = 65535
 _PICTURES = (".png", ".pdf", ".svg", ".jpg")
 _OF_FILES = (*_PICTURES, ".csv", ".html", ".json", ".mcap", ".parquet", ".toml", ".txt")
+
+
+def takes(
+    role: str = "", only: Sequence[str] = (), **defaults: Any
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options of dataclasses: in place of a parameter of such a class it has an
+    option for every field that is one, or for those of a `role`, or `only` for some; `defaults` by
+    field."""
+
+    def decorated(command: Callable[..., None]) -> Callable[..., None]:
+        shown: list[inspect.Parameter] = []
+        made: dict[str, tuple[type, list[str]]] = {}
+        for one in inspect.signature(command, eval_str=True).parameters.values():
+            if not is_dataclass(one.annotation):
+                shown.append(one.replace(kind=one.KEYWORD_ONLY))
+                continue
+            kind: Any = one.annotation
+            of_role = role if any(f.metadata["roles"] for f in options_of(kind)) else ""
+            found, types = list(options_of(kind, of_role)), get_type_hints(kind)
+            found = [field for field in found if field.name in only or not only]
+            made[one.name] = kind, [field.name for field in found]
+            shown += [_parameter(field, types[field.name], defaults) for field in found]
+
+        @wraps(command)
+        def called(**given: Any) -> None:
+            for name, (kind, names) in made.items():
+                given[name] = kind(**{field: given.pop(field) for field in names})
+            command(**given)
+
+        called.__annotations__ = {one.name: one.annotation for one in shown}
+        vars(called)["__signature__"] = inspect.Signature(shown)
+        return called
+
+    return decorated
+
+
+def _parameter(field: "Field[Any]", kind: Any, defaults: dict[str, Any]) -> inspect.Parameter:
+    """An option of a command."""
+    default, about = defaults.get(field.name, field.default), field.metadata
+    if get_origin(kind) is Sequence:
+        kind = list[get_args(kind)[0]]  # type: ignore[misc]
+    return inspect.Parameter(
+        field.name, inspect.Parameter.KEYWORD_ONLY, default=default,
+        annotation=Annotated[
+            kind, typer.Option(flag_of(field), help=about["help"], **about["typer"])
+        ],
+    )  # fmt: skip
 
 
 def scene_from(
@@ -147,21 +128,19 @@ def _build_words(spec: PlantSpec) -> str:
     return f"Computing about {modes:.2g} modes takes about {takes_s:.0f} s of processor time."
 
 
-def check_pace(setup: Setup, pace: float | None, timeout: float, **others: object) -> None:
-    """End the command for a pace that cannot be, or beside options (`others`) that need the
-    lock-step."""
-    if pace is None:
+def check_pace(setup: Setup, options: RunOptions) -> None:
+    """End the command for a pace that cannot be, or beside options that need the lock-step."""
+    if options.pace is None:
         return
-    for name, given in others.items():
-        if given:
-            fail(
-                f"--{name}: cannot be combined with --pace, which does not wait for forces. "
-                f"Remove one of the two.",
-                2,
-            )
+    for name in given_that_need(options, LOCK_STEP):
+        fail(
+            f"--{name}: cannot be combined with --pace, which does not wait for forces. "
+            f"Remove one of the two.",
+            2,
+        )
     from hertzloop.loop.paced import check_pace as check
 
-    check(setup, pace, timeout)
+    check(setup, options.pace, options.timeout_s)
 
 
 def check_controller(command: str | None) -> None:

@@ -4,27 +4,18 @@ import os
 import secrets
 import time
 from contextlib import AbstractContextManager, ExitStack, nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from hertzloop.cli.options import (
-    RUN_NAME,
-    ControllerOption,
     DetailsOption,
-    FastLaneOption,
-    HorizonOption,
     JsonOption,
-    OverwriteOption,
-    PaceOption,
-    RealtimeOption,
     SceneArgument,
     SeedOption,
     SetOption,
-    TimeoutOption,
-    TransportName,
     check_controller,
     check_json,
     check_pace,
@@ -32,29 +23,29 @@ from hertzloop.cli.options import (
     compile_first,
     files_of,
     scene_from,
+    takes,
     write_json,
 )
 from hertzloop.cli.recordings import read_or_fail, repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
+from hertzloop.loop.run_options import PROCESSES, RunOptions, Transport
+from hertzloop.options import given_that_need
 from hertzloop.processes.signals import raise_when_ended
 from hertzloop.scenes.scene import DEFAULT
 from hertzloop.setup import parts
 from hertzloop.views.format import styled
 
 
+@takes(realtime="auto")
 def run(
+    options: RunOptions,
     scene: SceneArgument = DEFAULT,
     out_file: Annotated[
         Path | None, typer.Option("--out", "-o", help="Write the recording to this file.")
     ] = None,
-    transport: Annotated[
-        TransportName, typer.Option(help="Choose how the parts of the run communicate.")
-    ] = "zenoh",
     seed: SeedOption = None,
     settings: SetOption = None,
     json_file: JsonOption = None,
-    overwrite: OverwriteOption = False,
-    horizon: HorizonOption = None,
     port: Annotated[
         int | None,
         typer.Option(
@@ -63,25 +54,6 @@ def run(
             help="Use this and the next two ports on loopback; by default, use private sockets.",
         ),
     ] = None,
-    name: Annotated[str | None, RUN_NAME] = None,
-    timeout: TimeoutOption = 5.0,
-    fast_lane: FastLaneOption = True,
-    realtime: RealtimeOption = "auto",
-    pace: PaceOption = None,
-    repeat: Annotated[
-        Path | None,
-        typer.Option(
-            help="Repeat a recorded run in lock-step with the recorded forces and delays.",
-            metavar="F.mcap",
-        ),
-    ] = None,
-    verify: Annotated[
-        bool,
-        typer.Option(
-            "--verify", help="Repeat the closed loop with half the step and twice the modes."
-        ),
-    ] = False,
-    controller: ControllerOption = None,
     live: Annotated[
         bool, typer.Option("--live", help="Show the run in a viewer while it is in progress.")
     ] = False,
@@ -89,48 +61,44 @@ def run(
 ) -> None:
     """Run and record a scene, and compare it with the same run without control."""
     raise_when_ended()
+    repeat = options.repeat
     if repeat is not None and (scene != DEFAULT or settings or seed is not None):
         fail("--repeat: the recording fixes scene and seed. Remove SCENE, --set and --seed.", 2)
     repeated = read_or_fail(repeat) if repeat else None
     resolved = scene_to_run(repeated) if repeated else scene_from(scene, settings, seed)
     recording = out_file or Path(f"{resolved.name}{'-again' if repeat else ''}.mcap")
     inputs = [repeat] if repeat else files_of(resolved, scene, *(settings or []))
-    check_recording(recording, overwrite, read=inputs)
+    check_recording(recording, options.overwrite, read=inputs)
     check_json(json_file, recording)
-    if verify:
+    if options.verify:
         from hertzloop.analysis.trust import check_verifiable
 
         check_verifiable(resolved)
-    if live and transport != "zenoh":
+    needing = [*(["live"] if live else []), *given_that_need(options, PROCESSES)]
+    for option in needing if options.transport is not Transport.ZENOH else ():
         fail(
-            f"--live: not available with --transport {transport}. Use --transport zenoh.",
+            f"--{option}: not available with --transport {options.transport}. Use --transport "
+            "zenoh.",
             2,
         )
-    given = {"pace": pace, "repeat": repeat, "controller": controller}
-    for option in (name for name, value in given.items() if value):
-        if transport != "zenoh":
-            fail(
-                f"--{option}: not available with --transport {transport}. Use --transport zenoh.",
-                2,
-            )
-    check_controller(controller)
-    check_pace(resolved, pace, timeout, horizon=horizon, verify=verify, repeat=repeat)
+    check_controller(options.controller)
+    check_pace(resolved, options)
     if repeated is not None:
         repeat_or_fail(repeated, resolved)  # before three processes are started for nothing
-    compile_first(resolved, paced=pace is not None)
+    compile_first(resolved, paced=options.pace is not None)
 
     from hertzloop.bus.sockets import on_loopback, own_endpoints
     from hertzloop.processes import fork_server
-    from hertzloop.processes.launcher import RunOptions, Transport, what_is_kept
+    from hertzloop.processes.launcher import what_is_kept
     from hertzloop.processes.program import BUS_NAME, meeting_endpoints
     from hertzloop.views import run as run_view
     from hertzloop.views.run import run_scene
 
     endpoints = on_loopback([port, port + 1, port + 2]) if port else None
-    held = ExitStack()
-    if controller:
-        endpoints = held.enter_context(meeting_endpoints(controller, port))
-        name = name or (None if "{name}" in controller else BUS_NAME)
+    held, name = ExitStack(), options.name
+    if options.controller:
+        endpoints = held.enter_context(meeting_endpoints(options.controller, port))
+        name = name or (None if "{name}" in options.controller else BUS_NAME)
     observer: AbstractContextManager[object] = nullcontext()
     if live:
         from hertzloop.processes.observer import observer_beside  # imports zenoh, 5 ms
@@ -138,22 +106,9 @@ def run(
         endpoints = endpoints or held.enter_context(own_endpoints())
         name = name or f"live-{os.getpid()}-{secrets.token_hex(4)}"
         observer = observer_beside(name, endpoints)
-    options = RunOptions(
-        transport=Transport(transport),
-        overwrite=overwrite,
-        horizon=horizon,
-        endpoints=endpoints,
-        name=name,
-        timeout_s=timeout,
-        verify=verify,
-        fast_lane=fast_lane,
-        realtime=realtime,
-        pace=pace,
-        repeat=repeat,
-        controller=controller,
-    )
+    options = replace(options, endpoints=endpoints, name=name)
     started_s = time.time()
-    if transport == "zenoh":
+    if options.transport is Transport.ZENOH:
         parts.check(resolved)  # so that the roles inherit what it loads
         fork_server.prepare()  # before anything starts a thread
     with (
@@ -165,7 +120,7 @@ def run(
         data = run_scene(resolved, recording, options, advance)
     growth = warning = None
     if (
-        resolved.has_law and not parts.law_of(resolved).not_linear and not controller
+        resolved.has_law and not parts.law_of(resolved).not_linear and not options.controller
     ):  # the margin takes 0.06 s to import
         from hertzloop.studies.margin.margin import growth_of
         from hertzloop.studies.margin.shown import unstable_line

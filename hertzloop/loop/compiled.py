@@ -19,6 +19,7 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.loop.plant_streams import EVERY_S, ROOM_STEPS, PlantStreams, empty_window, set_up_by
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.loop.watchdog import watching
 from hertzloop.plant import state_kernels as pk
 from hertzloop.plant.actuator import rest_force_n
@@ -33,6 +34,7 @@ from hertzloop.setup import Setup, parts
 _QUIET_S = 1e-4  # silence after which a law that pushes again has begun anew
 _LEAST_STEPS = 2  # in which a rebound is seen
 _SIGMAS = 8.0  # no noise is larger
+_DEFAULT = RunOptions()
 
 
 def quiet_steps(setup: Setup) -> int:
@@ -253,20 +255,24 @@ def finer_loop(setup: Setup, plant: Plant, steps: int, parts_of_step: int) -> np
     return truth
 
 
+def recorder_of(recording: Path, options: RunOptions) -> Recorder:
+    """The recorder of a run. Raises RecordingError."""
+    return Recorder(recording, options.overwrite)
+
+
 def record_in_process(
     setup: Setup,
     recording: Path,
+    options: RunOptions = _DEFAULT,
+    on_progress: Callable[[int], None] = lambda step: None,
     *,
     compiled: bool,
-    horizon: int | None = None,
-    overwrite: bool = False,
-    on_progress: Callable[[int], None] = lambda step: None,
 ) -> LoopStats:
     """Run a scene in this process and record it; `compiled` takes the one-call loop.
 
     Raises BusError, StreamFault or RecordingError; the recording is closed and readable then.
     """
-    recorder = Recorder(recording, overwrite)
+    recorder = recorder_of(recording, options)
     bus = InProcessBus()
     InProcessPort(bus, RECORDER, recorder.handle)
 
@@ -294,7 +300,7 @@ def record_in_process(
                         node.fail(str(error))
 
                 node = ControllerNode(InProcessPort(bus, CONTROLLER, to_controller))
-                plant = PlantNode(setup, plant_port, horizon, on_progress=on_progress)
+                plant = PlantNode(setup, plant_port, options.horizon, on_progress=on_progress)
                 stats = plant.run()
         recorder.reconcile()
         if gave_up:

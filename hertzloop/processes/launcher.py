@@ -9,8 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
-from enum import StrEnum
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from signal import SIGKILL
 from typing import Any
@@ -19,6 +18,8 @@ from hertzloop.bus.process_clock import LONGEST_S, ProcessClock, clock
 from hertzloop.bus.sockets import RUN_KEY, mesh_endpoints, own_endpoints, own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.run_options import BusOptions, RunOptions, Transport
+from hertzloop.options import words_of
 from hertzloop.processes import fork_server
 from hertzloop.processes.program import filled_in
 from hertzloop.processes.signals import Interrupted, ending_signals, how_ended
@@ -35,6 +36,7 @@ _LEAVE_S = 15.0  # for the others to do their part, once one has: all was record
 # failed is the cause; one that did not for so many times the longest wait of the others has hung.
 _SILENT_S, _HUNG = 1.5, 1.5
 _SCENE = "scene.toml"
+_DEFAULT = RunOptions()
 
 
 class RunFailed(RuntimeError):
@@ -83,51 +85,34 @@ class Launcher:
         self,
         setup: Setup,
         recording: Path,
-        *,
-        overwrite: bool = False,
-        horizon: int | None = None,
-        endpoints: Sequence[str] | None = None,
-        name: str | None = None,
-        timeout_s: float = 5.0,
+        options: RunOptions = _DEFAULT,
         wait_s: float = _START_S,
-        fast_lane: bool = True,
-        realtime: str = "off",
-        pace: float | None = None,
-        repeat: Path | None = None,
-        controller: str | None = None,
     ) -> None:
         self._reports: queue.SimpleQueue[tuple[Child, dict[str, Any]] | None] = queue.SimpleQueue()
         # Session ids that a program of the user's can know follow from the run's name alone.
-        self._signals, self._key = 0, "" if controller else secrets.token_hex(16)
-        self._setup = setup
+        self._signals, self._key = 0, "" if options.controller else secrets.token_hex(16)
+        self._setup, self._options = setup, options
         self._in_use = ExitStack()
         self.children: list[Child] = []
-        self._endpoints = endpoints  # None: private ones
-        self._name = name
         self._commands = {
-            RECORDER: ["node", "recorder", "--out", str(recording)] + ["--overwrite"] * overwrite,
+            RECORDER: ["node", "recorder", "--out", str(recording)],
             CONTROLLER: ["node", "controller"],
-            PLANT: ["node", "plant", _SCENE] + (["--horizon", str(horizon)] if horizon else []),
+            PLANT: ["node", "plant", _SCENE],
         }
-        self._commands[PLANT] += [] if fast_lane else ["--no-fast-lane"]
-        self._commands[PLANT] += ["--pace", repr(pace)] if pace else []
-        self._commands[PLANT] += ["--repeat", str(repeat)] if repeat else []
-        self._program = controller  # in place of our own
-        if controller:
+        self._program = options.controller  # in place of our own
+        if self._program:
             del self._commands[CONTROLLER]
             wait_s = min(wait_s, _CONNECTS_S)
-        self._common = ["--timeout", str(timeout_s), "--wait", str(wait_s)]
-        self._common += ["--realtime", realtime]
+        self._wait_s, timeout_s = wait_s, options.timeout_s
         # A role that waits, compiles or runs times out or reports before.
         self._silence_s = wait_s + timeout_s + LONGEST_S
         self._hung_s = max(2 * _SILENT_S, _HUNG * timeout_s)
 
-    def _bus(self, role: str, name: str, endpoints: Sequence[str]) -> list[str]:
-        """Options by which a process meets the others."""
+    def _words(self, role: str, name: str, endpoints: Sequence[str]) -> list[str]:
+        """Options of the command of a role."""
         listen, connect = mesh_endpoints(role, endpoints)
-        options = ["--name", name, *self._common]
-        options += [word for url in listen for word in ("--listen", url)]
-        return options + [word for url in connect for word in ("--connect", url)]
+        bus = BusOptions(listen, connect, wait_s=self._wait_s, machine=True)
+        return words_of(replace(self._options, name=name), role) + words_of(bus)
 
     def _start(self, role: str, arguments: list[str], folder: Path, program: str = "") -> Child:
         arguments = [str(folder / word) if word == _SCENE else word for word in arguments]
@@ -156,14 +141,13 @@ class Launcher:
             stack.enter_context(ending_signals(self._on_signal))
             folder = stack.enter_context(own_folder())
             (Path(folder) / _SCENE).write_text(to_toml(self._setup.scene), encoding="utf-8")
-            endpoints = self._endpoints or stack.enter_context(own_endpoints())
-            name = self._name or f"run-{os.getpid()}-{secrets.token_hex(4)}"
+            endpoints = self._options.endpoints or stack.enter_context(own_endpoints())
+            name = self._options.name or f"run-{os.getpid()}-{secrets.token_hex(4)}"
             self._place = Path(folder), name, endpoints
             stack.callback(self._end_all)
             for role, command in self._commands.items():
-                self._start(
-                    role, [*command, *self._bus(role, name, endpoints), "--machine"], Path(folder)
-                )
+                words = self._words(role, name, endpoints)
+                self._start(role, [*command, *words], Path(folder))
             self._in_use = stack.pop_all()
         return self
 
@@ -321,32 +305,6 @@ def _most_precise(failed: list[Child]) -> Child:
     return min(last or believed.values(), key=lambda child: len(child.lost), default=failed[0])
 
 
-class Transport(StrEnum):
-    """Three ways to run the same closed loop."""
-
-    ZENOH = "zenoh"
-    INPROCESS = "inprocess"
-    COMPILED = "compiled"
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """How to run a scene; but for `pace`, nothing here changes a sample. See the command line."""
-
-    transport: Transport = Transport.ZENOH
-    overwrite: bool = False
-    horizon: int | None = None
-    endpoints: Sequence[str] | None = None
-    name: str | None = None
-    timeout_s: float = 5.0
-    verify: bool = False
-    fast_lane: bool = True
-    realtime: str = "off"
-    pace: float | None = None  # simulated over wall time; None: in lock-step
-    repeat: Path | None = None  # a recording whose forces act, late ones as late as there
-    controller: str | None = None  # command line of a program that plays the controller
-
-
 def record(
     setup: Setup,
     recording: Path,
@@ -360,29 +318,10 @@ def record(
     """
     parts.check(setup)
     if options.transport is Transport.ZENOH:
-        with Launcher(
-            setup,
-            recording,
-            overwrite=options.overwrite,
-            horizon=options.horizon,
-            endpoints=options.endpoints,
-            name=options.name,
-            timeout_s=options.timeout_s,
-            fast_lane=options.fast_lane,
-            realtime=options.realtime,
-            pace=options.pace,
-            repeat=options.repeat,
-            controller=options.controller,
-        ) as processes:
+        with Launcher(setup, recording, options) as processes:
             return processes.wait(on_progress)
-    loop = record_in_process(
-        setup,
-        recording,
-        compiled=options.transport is Transport.COMPILED,
-        horizon=options.horizon,
-        overwrite=options.overwrite,
-        on_progress=on_progress,
-    )
+    compiled = options.transport is Transport.COMPILED
+    loop = record_in_process(setup, recording, options, on_progress, compiled=compiled)
     return dict(vars(loop))
 
 

@@ -23,6 +23,8 @@ from hertzloop.foreign import visible
 from hertzloop.jit.cache import noticed
 from hertzloop.loop import watchdog
 from hertzloop.loop.answers import Repeat
+from hertzloop.loop.compiled import recorder_of
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.realtime import RealtimeProfile, Wanted
 from hertzloop.processes.signals import (
     INTERRUPTED,
@@ -43,6 +45,7 @@ _PATIENCE_S = 4.0  # for an interrupted role to end in order
 # Of the recorder, in that of plant and controller: one of these waits for the other alone and can
 # name it, but the last block that it recorded may be older than its wait.
 _LONGER = 1.5
+_DEFAULT = RunOptions()
 # zenoh counts the time in which all processes of a run are stopped, too.
 _NO_LIMIT_S = 24 * 3600.0
 _RECENT = 2.0  # of the longest wait, before an error: a pause that ended then can have caused it
@@ -141,27 +144,24 @@ def _joined(address: BusAddress, role: str) -> Iterator[ZenohPort]:
 def run_plant(
     setup: Setup,
     address: BusAddress,
-    horizon: int | None = None,
+    options: RunOptions = _DEFAULT,
     on_ready: Callable[[], None] = lambda: None,
     on_progress: Callable[[int], None] = lambda step: None,
-    fast_lane: bool = True,
-    realtime: Wanted = Wanted.OFF,
-    pace: float | None = None,
     repeat: Repeat | None = None,
 ) -> dict[str, Any]:
     """The plant process: waits for the others, runs the scene, in lock-step, perhaps as a `repeat`
-    of another run, or at a `pace`; says how fast that went."""
+    of another run, or at a pace; says how fast that went."""
     from hertzloop.loop.paced import PacedPlantNode
     from hertzloop.loop.plant_node import PlantNode
     from hertzloop.loop.plant_streams import EVERY_S
 
-    profile = RealtimeProfile(realtime, PLANT)
+    profile = RealtimeProfile(Wanted(options.realtime), PLANT)
     with _joined(address, PLANT) as port:
-        common = (address.timeout_s, on_progress, fast_lane)
+        common = (address.timeout_s, on_progress, options.fast_lane)
         node = (
-            PacedPlantNode(setup, port, pace, *common)
-            if pace
-            else PlantNode(setup, port, horizon, *common, repeat, every_s=EVERY_S)
+            PacedPlantNode(setup, port, options.pace, *common)
+            if options.pace
+            else PlantNode(setup, port, options.horizon, *common, repeat, every_s=EVERY_S)
         )
         port.presence.announce()
         port.presence.wait_for([CONTROLLER, RECORDER], address.wait_s)
@@ -180,18 +180,17 @@ def run_plant(
 
 def run_controller(
     address: BusAddress,
+    options: RunOptions = _DEFAULT,
     on_ready: Callable[[], None] = lambda: None,
     law: str | None = None,
-    fast_lane: bool = True,
-    realtime: Wanted = Wanted.OFF,
 ) -> dict[str, Any]:
     """The controller process: answers samples until the plant announces its end, by the law that
     the scene names, or by the file `law`, if that is the same."""
     from hertzloop.loop.controller_node import ControllerNode
 
-    profile = RealtimeProfile(realtime, CONTROLLER)
+    profile = RealtimeProfile(Wanted(options.realtime), CONTROLLER)
     with _joined(address, CONTROLLER) as port:
-        node = ControllerNode(port, law=law, fast_lane=fast_lane)
+        node = ControllerNode(port, law=law, fast_lane=options.fast_lane)
         port.presence.announce()
         port.presence.wait_for([PLANT, RECORDER], address.wait_s)
         on_ready()
@@ -225,9 +224,8 @@ def _answer_all(node: "ControllerNode", address: BusAddress) -> None:
 
 
 @contextmanager
-def _recording(path: Path, overwrite: bool) -> Iterator[Recorder]:
+def _recording(recorder: Recorder) -> Iterator[Recorder]:
     """A recorder whose file is closed in any case, and says why it is not complete."""
-    recorder = Recorder(path, overwrite)
     try:
         with interrupted_as(lambda: "the recorder was interrupted"):
             yield recorder
@@ -254,14 +252,14 @@ def _hear_scene(port: ZenohPort, recorder: Recorder) -> None:
 def run_recorder(
     path: Path,
     address: BusAddress,
-    overwrite: bool = False,
+    options: RunOptions = _DEFAULT,
     on_ready: Callable[[], None] = lambda: None,
-    realtime: Wanted = Wanted.OFF,
 ) -> dict[str, Any]:
     """The recorder process: writes everything down until both roles have ended."""
-    started, profile = time.monotonic(), RealtimeProfile(realtime, RECORDER)
+    profile = RealtimeProfile(Wanted(options.realtime), RECORDER)
+    started = time.monotonic()
     with _joined(address, RECORDER) as port:
-        with _recording(path, overwrite) as recorder:
+        with _recording(recorder_of(path, options)) as recorder:
             port.presence.announce()
             port.presence.wait_for([PLANT, CONTROLLER], address.wait_s)
             on_ready()

@@ -11,7 +11,8 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from hertzloop.processes.launcher import RunOptions, Transport, record
+from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.processes.launcher import record
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.studies.sweeps.evaluate import not_run, run_cases

@@ -49,10 +49,11 @@ from hertzloop.analysis.verdict import (
     judge,
 )
 from hertzloop.controller.loading.registry import controls, shipped
+from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.registry import STRUCTURES
 from hertzloop.processes import fork_server
-from hertzloop.processes.launcher import RunOptions, Transport, record
+from hertzloop.processes.launcher import record
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError

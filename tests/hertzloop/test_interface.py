@@ -12,7 +12,7 @@ import pytest
 import hertzloop
 from hertzloop import api as interface
 from hertzloop.loop.compiled import simulate
-from hertzloop.processes.launcher import RunOptions, Transport
+from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import resolve
 from hertzloop.views.run import run_scene

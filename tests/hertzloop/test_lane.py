@@ -17,7 +17,7 @@ from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
 from hertzloop.loop.answers import LaneAnswers
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.processes.launcher import RunOptions
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.setup import Setup, load

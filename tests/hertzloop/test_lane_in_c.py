@@ -15,7 +15,7 @@ import psutil
 import pytest
 
 from hertzloop.bus import lane, lane_kernels
-from hertzloop.processes.launcher import RunOptions, Transport
+from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.recordings.reader import read
 from hertzloop.setup import load
 from hertzloop.views.run import run_scene

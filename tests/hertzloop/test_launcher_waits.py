@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes import launcher as launchers
 from hertzloop.processes.launcher import Child, Launcher, RunFailed
 from tests.hertzloop.processes import EVENTUALLY_S
@@ -32,7 +33,7 @@ def bounded() -> Iterator[None]:
 
 def waiting_for(folder: Path, reports: dict[str, dict[str, Any]]) -> Launcher:
     """A launcher with processes that report one thing each; those that are not done stay."""
-    launcher = Launcher(scene(), folder / "run.mcap", timeout_s=0.1, wait_s=0.1)
+    launcher = Launcher(scene(), folder / "run.mcap", RunOptions(timeout_s=0.1), wait_s=0.1)
     for role, report in reports.items():
         beats = """[print('{"beat": true}', flush=True) or time.sleep(0.1) for _ in range(6000)]"""
         stay = {id(DONE): "", id(BEATS): f"; {beats}"}.get(id(report), "; time.sleep(600)")
@@ -101,7 +102,7 @@ def test_a_role_that_is_stopped_when_it_is_done_keeps_nobody(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(launchers, "_PATIENCE_S", 0.5)
-    launcher = Launcher(scene(), tmp_path / "run.mcap", timeout_s=60.0)
+    launcher = Launcher(scene(), tmp_path / "run.mcap", RunOptions(timeout_s=60.0))
     reports = StopsWhoIsDone(launcher, RECORDER)
     launcher._reports = reports  # type: ignore[assignment]
     with launcher:

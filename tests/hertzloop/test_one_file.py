@@ -8,8 +8,9 @@ import pytest
 
 from hertzloop.loop.compiled import record_in_process
 from hertzloop.loop.plant_node import LoopStats
+from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.processes import launcher
-from hertzloop.processes.launcher import RunOptions, Transport, what_is_kept
+from hertzloop.processes.launcher import what_is_kept
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.setup import Setup, load
@@ -84,9 +85,9 @@ def test_a_lock_goes_with_its_process(tmp_path: Path) -> None:
 def test_a_report_is_of_the_run_that_was_started(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def replaced(scene: Setup, path: Path, **options: object) -> LoopStats:
+    def replaced(scene: Setup, path: Path, *_: object, **__: object) -> LoopStats:
         stats = record_in_process(scene, path, compiled=True)
-        record_in_process(scene, path, compiled=True, overwrite=True)
+        record_in_process(scene, path, RunOptions(overwrite=True), compiled=True)
         return stats
 
     monkeypatch.setattr(launcher, "record_in_process", replaced)

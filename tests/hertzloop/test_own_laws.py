@@ -14,7 +14,7 @@ from hertzloop.bus.streams import CONTROLLER
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.law import Reach
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.processes.launcher import RunOptions, Transport
+from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes import scene as scene_file

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes import realtime
-from hertzloop.processes.launcher import RunOptions
 from hertzloop.setup import load
 from hertzloop.views.run import run_scene
 from tests.hertzloop.processes import hertzloop

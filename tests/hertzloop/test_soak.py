@@ -17,7 +17,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from hertzloop.processes.launcher import RunOptions, Transport
+from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.setup import Setup
 from hertzloop.views.run import run_scene
 from tests.hertzloop.processes import EVENTUALLY_S, finish, start, wait_for

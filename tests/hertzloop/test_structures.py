@@ -11,10 +11,10 @@ from hertzloop.analysis.deflection import deflection, modes_of_scene
 from hertzloop.analysis.impacts import first_impact, modal_displacement
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
 from hertzloop.plant.structures.structure import oscillator_shapes
-from hertzloop.processes.launcher import RunOptions, Transport
 from hertzloop.processes.warmup import ensure_compiled
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
@@ -32,7 +32,7 @@ CONSISTENT = [name for name in shipped() if not name.startswith("thesis")]
 def recorded(
     folder: Path, scene: Setup, name: str = "run.mcap", compiled: bool = True
 ) -> Recording:
-    record_in_process(scene, folder / name, compiled=compiled, overwrite=True)
+    record_in_process(scene, folder / name, RunOptions(overwrite=True), compiled=compiled)
     found = read(folder / name)
     assert not found.problems
     return found

@@ -12,7 +12,7 @@ from hertzloop.controller.controller import Controller, LineSpec, _traced
 from hertzloop.controller.law import About, Keys
 from hertzloop.controller.loading.registry import find
 from hertzloop.loop.compiled import simulate
-from hertzloop.processes.launcher import RunOptions
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.recordings.latencies import latencies_of
 from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.reader import read as read_recording

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.processes.launcher import RunOptions, Transport
+from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.setup import Setup, load

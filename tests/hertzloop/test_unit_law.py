@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hertzloop.controller.controller import Controller, LineSpec
-from hertzloop.processes.launcher import RunOptions, Transport
+from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.scenes.errors import SceneError

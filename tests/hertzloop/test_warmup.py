@@ -66,7 +66,7 @@ SCRIPT = """
 import sys
 from pathlib import Path
 from hertzloop.processes.warmup import ensure_compiled
-from hertzloop.processes.launcher import RunOptions, Transport
+from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.views.run import run_scene
 from hertzloop.setup import load, parts
 from hertzloop.jit.cache import noticed

@@ -15,6 +15,7 @@ from hertzloop.bus.messages_pb2 import Event, RunEnd
 from hertzloop.bus.streams import STREAMS
 from hertzloop.loop import compiled as loop_compiled
 from hertzloop.loop.compiled import record_in_process
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingWriter
 from hertzloop.setup import Setup, load
@@ -30,7 +31,7 @@ def scene(*settings: str) -> Setup:
 def record(path: Path, *settings: str, compiled: bool = False, horizon: int | None = None) -> Path:
     """Record a short run, with a block of truth every 1000 steps."""
     with patch.object(loop_compiled, "EVERY_S", 0.0):
-        record_in_process(scene(*settings), path, compiled=compiled, horizon=horizon)
+        record_in_process(scene(*settings), path, RunOptions(horizon=horizon), compiled=compiled)
     return path
 
 

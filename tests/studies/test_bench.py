@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.processes.launcher import Transport
+from hertzloop.loop.run_options import Transport
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import load
 from hertzloop.studies import bench

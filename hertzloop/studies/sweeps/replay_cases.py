@@ -12,7 +12,8 @@ from hertzloop.analysis.cases import digest_of
 from hertzloop.analysis.recorded import rows_of
 from hertzloop.bus.port import BusError
 from hertzloop.bus.streams import StreamFault
-from hertzloop.processes.launcher import RunFailed, RunOptions, Transport
+from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.processes.launcher import RunFailed
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scenes.errors import SceneError
