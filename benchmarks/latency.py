@@ -33,7 +33,7 @@ from benchmarks.program import (
     write_json,
     written,
 )
-from hertzloop.analysis.cases import Span, figures_of_case
+from hertzloop.analysis.cases import CASE_ROWS, Span, figures_of_case
 from hertzloop.cli.options import check_law, scene_from
 from hertzloop.cli.study_frame import resumable
 from hertzloop.controller.loading.registry import shipped as shipped_laws
@@ -366,7 +366,6 @@ def run(
     return found
 
 
-_WITHOUT = {"rebound_percent": 100.0}  # what a figure is without control; else 0 dB
 _EMPTY = {"rebound_percent": 1.0}  # a row that changes by less is left out; else by 0.05 dB
 _LEAST_DB = 0.05
 _COLOURS = "RdBu_r"
@@ -417,7 +416,7 @@ def _grid(rows: list[dict[str, Any]], key: str, figure: str) -> tuple[list[Any],
     latencies = sorted({row["controller.latency_us"] for row in rows})
     values = sorted({row[key] for row in rows})
     z = np.array([np.nan if row[figure] is None else row[figure] for row in rows], float)
-    z = z.reshape(len(latencies), len(values)).T - _WITHOUT.get(figure, 0.0)
+    z = z.reshape(len(latencies), len(values)).T - CASE_ROWS[figure].without
     return latencies, values, z
 
 

@@ -5,11 +5,14 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
+from operator import attrgetter
+from types import SimpleNamespace
 from typing import Literal, TypeVar
 
 import numpy as np
 
 from hertzloop.analysis.effects import EffectState, Facts, names_by_state
+from hertzloop.analysis.figure_rows import described, figure, rows_of
 from hertzloop.analysis.impacts import first_impact, impacts_of_rows
 from hertzloop.analysis.meters import (
     ExtremesMeter,
@@ -55,60 +58,91 @@ class UnstableLoop(SceneError):
 
 
 @dataclass(frozen=True)
+class _Case:
+    """What the figures of a case are taken from: `change` in dB by name, effects by state."""
+
+    setup: Setup
+    run: SimulatedRun
+    figures: SpanFigures
+    free: SpanFigures
+    change: SimpleNamespace
+    stability: Stability
+    effects: dict[EffectState, str]
+
+
+def _rebound_percent(case: _Case) -> float:
+    """Of a rebound within the model's error nothing is a share that could be known."""
+    plant, found, free = case.setup.plant, case.figures, case.free
+    if not free.rebound_speed_m_s > case.setup.accuracy * plant.sphere.impact_speed_m_s:
+        return math.nan
+    if plant.sphere.gravity_m_s2 > 0.0:
+        return 100.0 * found.rebound_height_m / free.rebound_height_m
+    return 100.0 * (found.rebound_speed_m_s / free.rebound_speed_m_s) ** 2
+
+
+@described
+@dataclass(frozen=True)
 class CaseFigures:
     """Figures of a case of a sweep.
 
     Figures in dB compare with the same span without control, on the same plate model: 10 lg of an
     energy ratio, 20 lg of a ratio of speeds or pressures.
-
-    Attributes:
-        plate_energy_db: change of the plate energy, dB.
-        rebound_percent: rebound height over that without control, %; kinetic energy of a hammer.
-        radiated_db: change of the study's figure of radiated energy, dB.
-        plate_speed_db: change of the largest plate speed, dB.
-        pressure_db: change of the pressure bound, dB.
-        longhorn_db: change of `longhorn_j` (Longhorn 1952), dB.
-        holmes_db: change of `holmes_j` (Holmes 1974), dB.
-        plate_energy_j: work of contact force and actuator force on the plate, J.
-        injected_j: work of the actuator force on the plate, J.
-        pumps: whether the actuator had at some time added more than the energy of the impact.
-        impact_energy_j: energy of the sphere before the impact, J.
-        rebound_m_s: speed of the sphere after the last contact, m/s.
-        contact_us: duration of the first contact, us.
-        contacts: number of contacts.
-        peak_force_n: largest contact force, N.
-        delay_us: delay that the law latched, us; nan without one.
-        energy_residual: missing part of the energy balance, relative.
-        plate_model: "modal" or "infinite". With this value of run.plate_model, `hertzloop run`
-            gives the same figures.
-        leaves_out: names of indicators above their threshold (`hertzloop.analysis.effects`).
-        out_of_range: names of indicators beyond the range of the model.
-        steps: number of simulated steps.
-        digest: digest of all samples and states of these steps.
     """
 
-    plate_energy_db: float
-    rebound_percent: float
-    radiated_db: float
-    plate_speed_db: float
-    pressure_db: float
-    longhorn_db: float
-    holmes_db: float
-    plate_energy_j: float
-    injected_j: float
-    pumps: bool
-    impact_energy_j: float
-    rebound_m_s: float
-    contact_us: float
-    contacts: int
-    peak_force_n: float
-    delay_us: float
-    energy_residual: float
-    plate_model: str
-    leaves_out: str
-    out_of_range: str
-    steps: int
-    digest: str
+    # fmt: off
+    plate_energy_db: float = figure("change of the plate energy, dB", "plate energy", "dB",
+                                    of="change.plate_energy_j", shown=True)
+    rebound_percent: float = figure(
+        "rebound height over that without control, %; kinetic energy of a hammer",
+        "rebound height", "%", of=_rebound_percent, shown=True, without=100.0)
+    radiated_db: float = figure("change of the study's figure of radiated energy, dB",
+                                "radiated energy", "dB", of="change.radiated_j", shown=True)
+    plate_speed_db: float = figure("change of the largest plate speed, dB", "largest plate speed",
+                                   "dB", of="change.plate_speed_max_m_s", db=20.0, shown=True)
+    pressure_db: float = figure("change of the pressure bound, dB", "pressure bound", "dB",
+                                of="change.peak_pressure_pa", db=20.0, shown=True)
+    longhorn_db: float = figure("change of `longhorn_j` (Longhorn 1952), dB", "Longhorn's energy",
+                                "dB", of="change.longhorn_j")
+    holmes_db: float = figure("change of `holmes_j` (Holmes 1974), dB", "Holmes's energy", "dB",
+                              of="change.holmes_j")
+    plate_energy_j: float = figure("work of contact force and actuator force on the plate, J")
+    injected_j: float = figure("work of the actuator force on the plate, J",
+                               of="run.books.injected_j")
+    pumps: bool = figure("whether the actuator had at some time added more than the energy of the "
+                         "impact", of="stability.pumps")
+    impact_energy_j: float = figure("energy of the sphere before the impact, J",
+                                    of="run.books.energy_start_j")
+    rebound_m_s: float = figure("speed of the sphere after the last contact, m/s",
+                                of="figures.rebound_speed_m_s")
+    contact_us: float = figure("duration of the first contact, us",
+                               of=lambda case: 1e6 * case.figures.contact_time_s)
+    contacts: int = figure("number of contacts")
+    peak_force_n: float = figure("largest contact force, N", "largest contact force", "N")
+    delay_us: float = figure("delay that the law latched, us; nan without one",
+                             of=lambda case: latched_us(case.setup, case.run))
+    energy_residual: float = figure("missing part of the energy balance, relative",
+                                    of="run.books.energy_residual")
+    plate_model: str = figure('"modal" or "infinite"; with this value of run.plate_model, '
+                              "`hertzloop run` gives the same figures",
+                              of="setup.scene.run.plate_model")
+    leaves_out: str = figure("names of indicators above their threshold "
+                             "(`hertzloop.analysis.effects`)",
+                             of=lambda case: case.effects.get(EffectState.LEFT_OUT, ""))
+    out_of_range: str = figure("names of indicators beyond the range of the model",
+                               of=lambda case: case.effects.get(EffectState.OUT_OF_RANGE, ""))
+    steps: int = figure("number of simulated steps", of=lambda case: case.run.rows.shape[1])
+    digest: str = figure("digest of all samples and states of these steps",
+                         of=lambda case: digest_of(case.run.rows, case.run.samples))
+    # fmt: on
+
+
+CASE_ROWS = rows_of(CaseFigures)
+_TAKEN = [
+    attrgetter(row.of or f"figures.{name}") if isinstance(row.of, str) else row.of
+    for name, row in CASE_ROWS.items()
+]
+SHOWN = tuple(name for name, row in CASE_ROWS.items() if row.shown)
+OBJECTIVES = tuple(name for name, row in CASE_ROWS.items() if row.words)
 
 
 def digest_of(rows: np.ndarray, samples: np.ndarray) -> str:
@@ -214,9 +248,8 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures
     few = run.rows.nbytes <= _FEW_BYTES
     if few:
         yield
-    books = run.books
     found = _bounded(setup, run.rows)
-    if not (all_finite(run.rows) and math.isfinite(books.energy_residual)):
+    if not (all_finite(run.rows) and math.isfinite(run.books.energy_residual)):
         raise SceneError("the run has numbers that are not finite; its figures would say nothing")
     figures, impacts, end = _figures(setup, span, run.rows)
     if few:
@@ -225,40 +258,9 @@ def case_in_parts(setup: Setup, span: Span) -> Generator[None, None, CaseFigures
     free = uncontrolled(setup, span)
     if few:
         yield
-    change = changes_db(figures, free)
-    least_m_s = setup.accuracy * setup.plant.sphere.impact_speed_m_s
-    rebound = math.nan
-    # Of a rebound within the model's error nothing is a share that could be known.
-    if free.rebound_speed_m_s > least_m_s:
-        rebound = (
-            100.0 * figures.rebound_height_m / free.rebound_height_m
-            if setup.plant.sphere.gravity_m_s2 > 0.0
-            else 100.0 * (figures.rebound_speed_m_s / free.rebound_speed_m_s) ** 2
-        )
-    return CaseFigures(
-        plate_energy_db=change["plate_energy_j"],
-        rebound_percent=rebound,
-        radiated_db=change["radiated_j"],
-        plate_speed_db=change["plate_speed_max_m_s"],
-        pressure_db=change["peak_pressure_pa"],
-        longhorn_db=change["longhorn_j"],
-        holmes_db=change["holmes_j"],
-        plate_energy_j=figures.plate_energy_j,
-        injected_j=books.injected_j,
-        pumps=found.pumps,
-        impact_energy_j=books.energy_start_j,
-        rebound_m_s=figures.rebound_speed_m_s,
-        contact_us=1e6 * figures.contact_time_s,
-        contacts=figures.contacts,
-        peak_force_n=figures.peak_force_n,
-        delay_us=latched_us(setup, run),
-        energy_residual=books.energy_residual,
-        plate_model=setup.scene.run.plate_model,
-        leaves_out=left_out.get(EffectState.LEFT_OUT, ""),
-        out_of_range=left_out.get(EffectState.OUT_OF_RANGE, ""),
-        steps=run.rows.shape[1],
-        digest=digest_of(run.rows, run.samples),
-    )
+    change = SimpleNamespace(**changes_db(figures, free))
+    case = _Case(setup, run, figures, free, change, found, left_out)
+    return CaseFigures(*(take(case) for take in _TAKEN))
 
 
 def _bounded(setup: Setup, rows: np.ndarray) -> Stability:

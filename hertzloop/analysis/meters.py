@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from hertzloop.analysis.figure_rows import described, figure, rows_of
 from hertzloop.analysis.impacts import (
     F_A,
     F_A1,
@@ -279,43 +280,41 @@ _BEYOND_AUDIBLE = 1.01
 _APART = 1 << 10  # steps without force between two parts of a force's spectrum
 
 
+@described
 @dataclass(frozen=True)
 class SpanFigures:
     """Figures of the first impact, or of the whole run.
 
     `plant.figures.rows_kernels` defines the first impact. The whole run lasts from the first touch
-    to its end.
-
-    Attributes:
-        contacts: number of contacts.
-        contact_time_s: duration of the first contact, s.
-        impact_speed_m_s: speed of the sphere before the first contact, m/s.
-        rebound_speed_m_s: speed of the sphere after the last contact, m/s.
-        rebound_height_m: height of the sphere after the last contact, by energy, m.
-        peak_force_n: largest contact force, N.
-        plate_energy_j: work of contact force and actuator force on the plate, J.
-        plate_speed_max_m_s: largest plate speed at the contact point, m/s.
-        radiated_j: figure of the study, sum of sigma E up to 20 kHz, J; nan unless the structure
-            is a simply supported plate.
-        sound_j: energy that the plate radiates up to 20 kHz, J; nan as `radiated_j`.
-        longhorn_j: acceleration noise energy (Longhorn 1952), J.
-        holmes_j: acceleration noise energy (Holmes 1974), J.
-        peak_pressure_pa: bound of the sound pressure at 1 m, Pa.
+    to its end. Radiated energies are nan unless the structure is a simply supported plate.
     """
 
-    contacts: int
-    contact_time_s: float
-    impact_speed_m_s: float
-    rebound_speed_m_s: float
-    rebound_height_m: float
-    peak_force_n: float
-    plate_energy_j: float
-    plate_speed_max_m_s: float
-    radiated_j: float
-    sound_j: float
-    longhorn_j: float
-    holmes_j: float
-    peak_pressure_pa: float
+    # fmt: off
+    contacts: int = figure("number of contacts", "contacts")
+    contact_time_s: float = figure("duration of the first contact, s",
+                                   "contact time, first contact", "us", 1e6)
+    impact_speed_m_s: float = figure("speed of the sphere before the first contact, m/s",
+                                     "impact speed", "m/s")
+    rebound_speed_m_s: float = figure("speed of the sphere after the last contact, m/s",
+                                      "rebound speed", "m/s")
+    rebound_height_m: float = figure("height of the sphere after the last contact, by energy, m",
+                                     "rebound height", "mm", 1e3)
+    peak_force_n: float = figure("largest contact force, N", "peak force", "N", db=20.0)
+    plate_energy_j: float = figure("work of contact force and actuator force on the plate, J",
+                                   "plate energy", "uJ", 1e6, db=10.0)
+    plate_speed_max_m_s: float = figure("largest plate speed at the contact point, m/s",
+                                        "largest plate speed", "m/s", db=20.0)
+    radiated_j: float = figure("figure of the study, sum of sigma E up to 20 kHz, J",
+                               "sigma E to 20 kHz, eq. 3.12 (study)", "uJ", 1e6, db=10.0)
+    sound_j: float = figure("energy that the plate radiates up to 20 kHz, J",
+                            "radiated to 20 kHz, eq. 3.12", "uJ", 1e6, db=10.0)
+    longhorn_j: float = figure("acceleration noise energy (Longhorn 1952), J",
+                               "acceleration noise, Longhorn", "uJ", 1e6, db=10.0)
+    holmes_j: float = figure("acceleration noise energy (Holmes 1974), J",
+                             "acceleration noise, Holmes", "uJ", 1e6, db=10.0)
+    peak_pressure_pa: float = figure("bound of the sound pressure at 1 m, Pa",
+                                     "peak pressure bound at 1 m", "Pa", db=20.0)
+    # fmt: on
 
 
 @dataclass(frozen=True)
@@ -331,12 +330,11 @@ class RunFigures:
     whole_run: SpanFigures | None
 
 
-_ENERGIES = ("plate_energy_j", "radiated_j", "sound_j", "longhorn_j", "holmes_j")
-_AMPLITUDES = ("peak_force_n", "plate_speed_max_m_s", "peak_pressure_pa")
 MUCH_DB = 0.5  # between the change in the first impact and that over all contacts
+SPAN_ROWS = rows_of(SpanFigures)
 # Factor of the logarithm of a ratio: of energies, and of amplitudes.
-DECIBELS = dict.fromkeys(_ENERGIES, 10.0) | dict.fromkeys(_AMPLITUDES, 20.0)
-_SHARED = {f.name for f in fields(ImpactNoise)} & {f.name for f in fields(SpanFigures)}
+DECIBELS = {name: row.db for name, row in SPAN_ROWS.items() if row.db}
+_SHARED = {f.name for f in fields(ImpactNoise)} & {*SPAN_ROWS}
 
 
 def of_impact(found: RowsOfImpact) -> SpanFigures:
@@ -502,17 +500,17 @@ def _rows(a: RunFigures, b: RunFigures) -> Iterator[Difference]:
         one, other = getattr(a, span), getattr(b, span)
         if one is None or other is None:
             continue
-        for figure in (f.name for f in fields(SpanFigures)):
-            yield _difference(span, figure, getattr(one, figure), getattr(other, figure))
+        for name in SPAN_ROWS:
+            yield _difference(span, name, getattr(one, name), getattr(other, name))
 
 
-def _difference(span: str, figure: str, a: float, b: float) -> Difference:
-    if figure in DECIBELS:
-        return Difference(span, figure, a, b, decibels(b, a, DECIBELS[figure]), "dB")
-    if figure == "contacts":
-        return Difference(span, figure, a, b, b - a, "")
+def _difference(span: str, name: str, a: float, b: float) -> Difference:
+    if name in DECIBELS:
+        return Difference(span, name, a, b, decibels(b, a, DECIBELS[name]), "dB")
+    if name == "contacts":
+        return Difference(span, name, a, b, b - a, "")
     change = 100.0 * (b / a - 1.0) if a else float("nan")
-    return Difference(span, figure, a, b, change, "%")
+    return Difference(span, name, a, b, change, "%")
 
 
 def predictable(value: float, error: float) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from hertzloop.analysis.figures import Figures, Ran, Saturation, figures_of
-from hertzloop.analysis.meters import change_db, predictable
+from hertzloop.analysis.meters import DECIBELS, change_db, predictable
 from hertzloop.analysis.model import Yield, yield_of
 from hertzloop.analysis.recorded import LawRan, Pacing, blocks_of, law_of, pacing_of
 from hertzloop.analysis.trust import (
@@ -25,7 +25,7 @@ HARDLY_DB = 0.1
 _MUCH = 0.1  # share of the push, or of the contact, that is worth a word
 _HARDLY_SHARE = 0.02  # of a rebound's height
 _FROM_NOTHING = 1e3  # times as high: what is divided by lies within the model's error
-_DECIBELS = {"radiated_j": 10.0, "plate_speed_max_m_s": 20.0}
+_OTHERS = ("radiated_j", "plate_speed_max_m_s")  # that are compared
 
 
 class ControlEffect(Enum):
@@ -228,9 +228,9 @@ def _changes(figures: Figures, free: Figures, known: Predictability | None) -> I
         errors_of(of, 0, "noise_errors")
         for of in ((known.controlled, known.uncontrolled) if known else (None, None))
     )
-    for key, factor in _DECIBELS.items():
+    for key in _OTHERS:
         change, error = change_db(
-            with_[key], without[key], factor, wrong.get(key, 0.0), other.get(key, 0.0)
+            with_[key], without[key], DECIBELS[key], wrong.get(key, 0.0), other.get(key, 0.0)
         )
         if abs(change) > HARDLY_DB and predictable(change, error):
             yield Change(key, change, error, change < 0.0)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import typer
 
+from hertzloop.analysis.cases import SHOWN
 from hertzloop.cli.options import (
     LARGEST_PORT,
     JsonOption,
@@ -108,7 +109,7 @@ def sweep(
     from hertzloop.studies.sweeps.design import KEY as PHASE
     from hertzloop.studies.sweeps.design import Design, DesignError, grouped, make_design
     from hertzloop.studies.sweeps.design import phases as spread_evenly
-    from hertzloop.studies.sweeps.sweep import SHOWN, counted
+    from hertzloop.studies.sweeps.sweep import counted
 
     resolved = scene_from(scene, settings, seed)
     target = out_file or Path(f"{resolved.name}-sweep.parquet")
@@ -274,7 +275,7 @@ def _extremes(rows: list[dict[str, Any]], keys: list[str]) -> Table:
 
 def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     """Median and 95 % range of figures over the draws, a setting of the other keys a row."""
-    from hertzloop.studies.sweeps.sweep import SHOWN, known, short
+    from hertzloop.studies.sweeps.sweep import known, short
 
     # So many that their names fit side by side in 80 columns.
     names = [name for name in SHOWN if known(rows, name)][: max(2, 4 - len(keys))]
@@ -297,7 +298,7 @@ def _uncertainties(rows: list[dict[str, Any]], keys: list[str]) -> Table:
 
 def _spreads(groups: list[dict[str, Any]], keys: list[str]) -> Table:
     """Mean and range over the touch phase, a setting of the other keys a row."""
-    from hertzloop.studies.sweeps.sweep import SHOWN, short
+    from hertzloop.studies.sweeps.sweep import short
 
     table = Table(title="Over touch phases: mean (least to most)")
     for heading in (*(key.split(".")[-1] for key in keys), *SHOWN[:2]):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from hertzloop.analysis.cases import OBJECTIVES
 from hertzloop.cli.options import (
     JsonOption,
     SeedOption,
@@ -128,10 +129,9 @@ def tune(
     objectives = tuple(minimise or ("plate_energy_db", "rebound_percent"))
     limits = _limits(at_most or [])
     for figure in (*objectives, *limits):
-        if figure not in tuning.OBJECTIVES:
+        if figure not in OBJECTIVES:
             fail(
-                f"--minimise = '{figure}': unknown figure. Use one of "
-                f"{', '.join(tuning.OBJECTIVES)}.",
+                f"--minimise = '{figure}': unknown figure. Use one of {', '.join(OBJECTIVES)}.",
                 2,
             )
     chosen = list(LAWS) if laws == ["all"] else laws or [bases[0].law_reference]

@@ -113,10 +113,6 @@ def _found(data: dict[str, Any]) -> Found:
     return Found(data["values"], data["figures"], spreads)
 
 
-OBJECTIVES = (
-    "plate_energy_db", "rebound_percent", "radiated_db", "plate_speed_db", "pressure_db",
-    "longhorn_db", "holmes_db", "peak_force_n",
-)  # fmt: skip
 PUBLISHED: dict[str, Any] = {
     "controller.law": "slope_threshold", "controller.kappa": 0.8, "controller.v_thr_m_s": -0.25,
 }  # fmt: skip

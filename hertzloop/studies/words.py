@@ -6,15 +6,11 @@ from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any
 
+from hertzloop.analysis.cases import CASE_ROWS
 from hertzloop.whole_files import whole_file
 
-FIGURES = {
-    "plate_energy_db": "plate energy (dB)", "radiated_db": "radiated energy (dB)",
-    "plate_speed_db": "largest plate speed (dB)", "pressure_db": "pressure bound (dB)",
-    "longhorn_db": "Longhorn's energy (dB)", "holmes_db": "Holmes's energy (dB)",
-    "rebound_percent": "rebound height (%)",
-}  # fmt: skip
-_ABSOLUTE = {"peak_force_n": "largest contact force (N)"}
+FIGURES = {name: f"{row.words} ({row.unit})" for name, row in CASE_ROWS.items() if row.words}
+_ABSOLUTE = ("peak_force_n",)
 AXES = {
     "sensors.bits": "bits of the sensor",
     "sensors.every_steps": "sampling period (us)",
@@ -29,7 +25,7 @@ AXES = {
 def against_none(figure: str) -> str:
     """A figure of a case, as an axis of its own: most are against no control."""
     if figure in _ABSOLUTE:
-        return _ABSOLUTE[figure]
+        return FIGURES[figure]
     name, _, unit = FIGURES.get(figure, figure.replace("_", " ")).partition(" (")
     return f"{name} against no control ({unit}" if unit else name
 

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.text import Text
 
 from hertzloop.analysis.figures import Ran, figures_of
-from hertzloop.analysis.meters import Comparison, Difference
+from hertzloop.analysis.meters import SPAN_ROWS, Comparison, Difference
 from hertzloop.analysis.model import yield_of
 from hertzloop.analysis.recorded import NEEDED_FIELDS, blocks_of, law_of, pacing_of
 from hertzloop.analysis.trust import errors_of, predictability, why_not_again
@@ -207,22 +207,6 @@ def _show_details(console: Console, data: dict[str, Any]) -> None:
 
 
 _SPANS = {"first_impact": "first impact", "whole_run": "whole run"}
-# Words, factor and unit of a figure.
-_SHOWN = {
-    "contacts": ("contacts", 1.0, ""),
-    "contact_time_s": ("contact time, first contact", 1e6, "us"),
-    "impact_speed_m_s": ("impact speed", 1.0, "m/s"),
-    "rebound_speed_m_s": ("rebound speed", 1.0, "m/s"),
-    "rebound_height_m": ("rebound height", 1e3, "mm"),
-    "peak_force_n": ("peak force", 1.0, "N"),
-    "plate_energy_j": ("plate energy", 1e6, "uJ"),
-    "plate_speed_max_m_s": ("largest plate speed", 1.0, "m/s"),
-    "radiated_j": ("sigma E to 20 kHz, eq. 3.12 (study)", 1e6, "uJ"),
-    "sound_j": ("radiated to 20 kHz, eq. 3.12", 1e6, "uJ"),
-    "longhorn_j": ("acceleration noise, Longhorn", 1e6, "uJ"),
-    "holmes_j": ("acceleration noise, Holmes", 1e6, "uJ"),
-    "peak_pressure_pa": ("peak pressure bound at 1 m", 1.0, "Pa"),
-}
 
 
 def comparison_table(found: Comparison) -> Table:
@@ -237,9 +221,9 @@ def comparison_table(found: Comparison) -> Table:
             span = row.span
             shown.add_section()
             shown.add_row(Text(_SPANS[span], style="bold"), "", "", "")
-        words, factor, unit = _SHOWN[row.figure]
-        values = [_with_unit(value, factor, unit) for value in (row.a, row.b)]
-        shown.add_row(words, *values, _change(row))
+        of = SPAN_ROWS[row.figure]
+        values = [_with_unit(value, of.factor, of.unit) for value in (row.a, row.b)]
+        shown.add_row(of.words, *values, _change(row))
     return shown
 
 

@@ -15,10 +15,13 @@ from rich.text import Text
 
 from hertzloop.analysis.cases import IN_WORDS, OTHER, Span
 from hertzloop.analysis.effects import OF_PLATE, ROWS, EffectState, Neglected, percent, time_words
+from hertzloop.analysis.figure_rows import FigureRow
 from hertzloop.analysis.figures import Figures, Saturation, free_figures, no_loop
 from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.meters import (
+    DECIBELS,
     MUCH_DB,
+    SPAN_ROWS,
     Comparison,
     RunFigures,
     SpanFigures,
@@ -737,22 +740,23 @@ def impact_rows(
     return rows, notes
 
 
-_NOISE_ROWS = (
-    ("contact time", "contact_time_s", 1e6, "us"),
-    ("next impact speed", "next_impact_speed_m_s", 1.0, "m/s"),
-    ("rebound height", "rebound_height_m", 1e3, "mm"),
-    ("acceleration noise, Longhorn", "longhorn_j", 1e6, "uJ"),
-    ("acceleration noise, Holmes", "holmes_j", 1e6, "uJ"),
-    ("peak pressure bound at 1 m", "peak_pressure_pa", 1.0, "Pa"),
-    ("transmitted energy, in time", "transmitted_j", 1e6, "uJ"),
-    ("transmitted energy, by spectrum", "transmitted_spectrum_j", 1e6, "uJ"),
-    ("largest plate speed", "plate_speed_max_m_s", 1.0, "m/s"),
-    ("sigma E to 20 kHz, eq. 3.12 (study)", "radiated_j", 1e6, "uJ"),
-    ("sigma E to 20 kHz, eq. 3.13", "radiated_maidanik_j", 1e6, "uJ"),
-    ("radiated to 20 kHz, eq. 3.12", "sound_j", 1e6, "uJ"),
-    ("radiated to 20 kHz, eq. 3.13", "sound_maidanik_j", 1e6, "uJ"),
-)
-_AMPLITUDES = ("peak_pressure_pa", "plate_speed_max_m_s")
+# Noise figures in the order of their table; words and units of those that no span has.
+_OF_NOISE = {
+    "contact_time_s": FigureRow("", "contact time", "us", 1e6),
+    "next_impact_speed_m_s": FigureRow("", "next impact speed", "m/s"),
+    "transmitted_j": FigureRow("", "transmitted energy, in time", "uJ", 1e6, 10.0),
+    "transmitted_spectrum_j": FigureRow("", "transmitted energy, by spectrum", "uJ", 1e6, 10.0),
+    "radiated_maidanik_j": FigureRow("", "sigma E to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
+    "sound_maidanik_j": FigureRow("", "radiated to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
+}
+_NOISE_ROWS = {
+    name: _OF_NOISE.get(name) or SPAN_ROWS[name]
+    for name in (
+        "contact_time_s", "next_impact_speed_m_s", "rebound_height_m", "longhorn_j", "holmes_j",
+        "peak_pressure_pa", "transmitted_j", "transmitted_spectrum_j", "plate_speed_max_m_s",
+        "radiated_j", "radiated_maidanik_j", "sound_j", "sound_maidanik_j",
+    )
+}  # fmt: skip
 
 
 def noise_table(
@@ -787,8 +791,8 @@ def noise_rows(
 ) -> list[list[str]]:
     """The rows of that table: label, a cell for every column, and the change if they `compare`."""
     rows = []
-    for label, key, factor, unit in _NOISE_ROWS:
-        values = [figures[key] for figures in columns]
+    for key, row in _NOISE_ROWS.items():
+        values, factor, unit = [figures[key] for figures in columns], row.factor, row.unit
         if unit == "uJ":
             factor, unit = energy_unit(values)
         wrong = [found.get(key, 0.0) for found in errors] or [0.0] * len(values)
@@ -799,8 +803,8 @@ def noise_rows(
             for value, error in zip(values, wrong, strict=True)
         ]  # fmt: skip
         if compare:
-            cells.append(_change(key, *values, *wrong))
-        rows.append([label, *cells])
+            cells.append(_change(row, *values, *wrong))
+        rows.append([row.words, *cells])
     return rows
 
 
@@ -809,19 +813,18 @@ def _with_unit(number: str, unit: str) -> str:
 
 
 def _change(
-    key: str, value: float, reference: float, error: float = 0.0, reference_error: float = 0.0
+    row: FigureRow, value: float, reference: float, error: float = 0.0, reference_error: float = 0.0
 ) -> str:
     """Ratio in dB for energies and amplitudes, in per cent otherwise."""
     if reference == 0.0 or math.isnan(value):
         return ""
-    if key in ("contact_time_s", "next_impact_speed_m_s", "rebound_height_m"):
+    if not row.db:
         if value > 1e3 * reference:  # what is divided by lies within the model's error
             return "from nearly zero"
         percent = 100.0 * value / reference
         wrong = 100.0 * (error + reference_error * abs(value / reference)) / abs(reference)
         return _with_unit(known_digits(percent, ".1f", wrong), "%")
-    factor = 20.0 if key in _AMPLITUDES else 10.0
-    change, wrong = change_db(value, reference, factor, error, reference_error)
+    change, wrong = change_db(value, reference, row.db, error, reference_error)
     return "" if math.isnan(change) else _with_unit(known_digits(change, "+.2f", wrong), "dB")
 
 
@@ -1044,20 +1047,20 @@ def _verification_line(report: dict[str, Any]) -> Text:
 
 
 _MOST_WARNINGS = 8  # lines of neglected effects on the screen; --details prints all
-# Label, key, factor, format and unit of a figure. A key without a span is of the whole run.
-_FIGURES: tuple[tuple[str, str, str, float, str, str], ...] = (
-    ("contacts, whole run", "whole_run", "contacts", 1.0, ".0f", ""),
-    ("contact time, first contact", "first_impact", "contact_time_s", 1e6, ".4g", "us"),
-    ("peak contact force", "first_impact", "peak_force_n", 1.0, ".4g", "N"),
-    ("rebound speed", "first_impact", "rebound_speed_m_s", 1.0, ".3g", "m/s"),
-    ("rebound height", "first_impact", "rebound_height_m", 1e3, ".3g", "mm"),
-    ("plate energy, whole run", "whole_run", "plate_energy_j", 0.0, ".4g", "uJ"),
-    ("plate energy", "first_impact", "plate_energy_j", 0.0, ".4g", "uJ"),
-    ("radiated energy to 20 kHz", "first_impact", "radiated_j", 0.0, ".4g", "uJ"),
-    ("largest plate speed", "first_impact", "plate_speed_max_m_s", 1.0, ".4g", "m/s"),
-    ("peak pressure at 1 m (bound)", "first_impact", "peak_pressure_pa", 1.0, ".3g", "Pa"),
+# Label, span, key and format of a figure.
+_FIGURES: tuple[tuple[str, str, str, str], ...] = (
+    ("contacts, whole run", "whole_run", "contacts", ".0f"),
+    ("contact time, first contact", "first_impact", "contact_time_s", ".4g"),
+    ("peak contact force", "first_impact", "peak_force_n", ".4g"),
+    ("rebound speed", "first_impact", "rebound_speed_m_s", ".3g"),
+    ("rebound height", "first_impact", "rebound_height_m", ".3g"),
+    ("plate energy, whole run", "whole_run", "plate_energy_j", ".4g"),
+    ("plate energy", "first_impact", "plate_energy_j", ".4g"),
+    ("radiated energy to 20 kHz", "first_impact", "radiated_j", ".4g"),
+    ("largest plate speed", "first_impact", "plate_speed_max_m_s", ".4g"),
+    ("peak pressure at 1 m (bound)", "first_impact", "peak_pressure_pa", ".3g"),
 )
-_IN_DB = ("plate_energy_j", "radiated_j", *_AMPLITUDES)
+_IN_DB = {*DECIBELS} - {"peak_force_n"}
 
 
 def figures_table(report: dict[str, Any], other: dict[str, Any] | None = None) -> Table:
@@ -1081,10 +1084,11 @@ def figures_table(report: dict[str, Any], other: dict[str, Any] | None = None) -
         table.add_column(heading, justify="right")
     if compare:
         table.add_column("change", justify="right")
-    for label, span, key, factor, form, unit in _FIGURES:
+    for label, span, key, form in _FIGURES:
+        factor, unit = SPAN_ROWS[key].factor, SPAN_ROWS[key].unit
         found = [(figures[span] or {}).get(key, math.nan) for figures, _ in cases]
         wrong = [_error_of(digits, span, key) for _, digits in cases]
-        if factor == 0.0:
+        if unit == "uJ":
             factor, unit = energy_unit(one for one in found if not math.isnan(one))
         row = [
             "-" if math.isnan(value)
@@ -1115,8 +1119,7 @@ def _change_of_figure(
     if math.isnan(value) or math.isnan(reference) or reference == 0.0:
         return ""
     if key in _IN_DB:
-        factor = 20.0 if key in _AMPLITUDES else 10.0
-        change, wrong = change_db(value, reference, factor, error, reference_error)
+        change, wrong = change_db(value, reference, DECIBELS[key], error, reference_error)
         return "" if math.isnan(change) else _with_unit(known_digits(change, "+.1f", wrong), "dB")
     if abs(value) > 1e3 * abs(reference) or reference < 0.0 or value < 0.0:
         return ""

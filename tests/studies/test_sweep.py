@@ -210,6 +210,20 @@ def test_results_come_back_with_scene_and_versions(tmp_path: Path, suffix: str) 
     assert not study.journal_of(out).exists()
 
 
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+def test_results_from_before_a_figure_was_added_stay_readable(tmp_path: Path, suffix: str) -> None:
+    out, lacking = tmp_path / f"r{suffix}", "radiated_db"
+    setup = load("aluminium-3mm", COARSE)
+    design = make_design(setup, ["controller.latency_us=0,3"], "grid", 2, 1)
+    done = study.sweep(setup, design, "impact", out, workers=1)
+    older = [{k: v for k, v in row.items() if k != lacking} for row in done.rows]
+    study.write_results(out, older, study.header_of(setup, design, "impact"))
+    rows, _ = study.read_results(out)
+    assert [row.pop(lacking) for row in rows] == [None, None]
+    assert [row["plate_energy_db"] for row in rows] == [row["plate_energy_db"] for row in done.rows]
+    assert invoke(["report", str(out), "-o", str(tmp_path / "pages")]).exit_code == 0
+
+
 def test_a_repeated_sweep_says_that_its_results_are_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -27,7 +27,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from hertzloop.analysis.cases import CaseState, Span
+from hertzloop.analysis.cases import CASE_ROWS, CaseState, Span
 from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup, load, model_error
 from hertzloop.studies.budget.budget import search_of
@@ -40,7 +40,6 @@ from hertzloop.studies.sweeps.uncertain import read_uncertain
 from hertzloop.whole_files import write_whole
 
 _LEAST = ("bits", "bandwidth_hz")  # a law tolerates these down to a value, the others up to one
-_AMPLITUDES = ("plate_speed_db", "pressure_db")
 
 
 class Requirement(BaseModel):
@@ -199,7 +198,7 @@ def digits_of(setup: Setup, figure: str, value: float) -> float:
     the plate's model makes of it, at least the accuracy of the scene."""
     error = max(setup.accuracy, model_error.expected_error(setup))
     if figure.endswith("_db"):
-        return (20.0 if figure in _AMPLITUDES else 10.0) * math.log10(1.0 + error)
+        return (CASE_ROWS[figure].db or 10.0) * math.log10(1.0 + error)
     return 2.0 * error * abs(value)
 
 

@@ -11,21 +11,20 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from hertzloop.analysis.cases import CaseState
+from hertzloop.analysis.cases import CASE_ROWS, SHOWN, CaseState
 from hertzloop.scenes.keys import unit_of
 from hertzloop.setup import Setup, parse
 from hertzloop.studies import pictures, words
 from hertzloop.studies.report.page import svg, template
 from hertzloop.studies.sweeps.design import keys_of
 from hertzloop.studies.sweeps.evaluate import Rows, not_run
-from hertzloop.studies.sweeps.sweep import SHOWN, counted, extremes, known, read_results, short
+from hertzloop.studies.sweeps.sweep import counted, extremes, known, read_results, short
 from hertzloop.studies.tuning import Tuned, front_sheet, read_tuned
 from hertzloop.views import provenance
 
 _MOST_KEYS = 6
 _MOST_FIGURES = 3
 _MOST_DOTS = 4000  # a panel
-_WITHOUT = {"rebound_percent": 100.0}  # what a figure is without control; else 0 dB
 
 
 def key_words(key: str) -> str:
@@ -71,7 +70,7 @@ def over_keys(rows: Rows, keys: list[str]) -> Figure:
         for column, key in enumerate(keys):
             ax = axes[line, column]
             _draw(ax, rows, key, figure)
-            ax.axhline(_WITHOUT.get(figure, 0.0), color="#7F7F7F", linewidth=1.0, linestyle="--")
+            ax.axhline(CASE_ROWS[figure].without, color="#7F7F7F", linewidth=1.0, linestyle="--")
             if not column:
                 name, _, unit = words.against_none(figure).partition(" against no control ")
                 ax.set_ylabel(f"{name} {unit}")
@@ -125,7 +124,7 @@ def maps(rows: Rows, x: str, y: str) -> Figure:
         z = np.full((len(up), len(across)), np.nan)
         for row in known(rows, figure):
             z[up.index(row[y]), across.index(row[x])] = row[figure]
-        z -= _WITHOUT.get(figure, 0.0)
+        z -= CASE_ROWS[figure].without
         largest = float(np.nanmax(np.abs(z)))
         reach = pictures.round_above(largest) if largest > 0.0 else 1.0
         ax.set_facecolor("#b8b8b8")
@@ -135,7 +134,7 @@ def maps(rows: Rows, x: str, y: str) -> Figure:
         )  # fmt: skip
         ax.grid(False)
         name, _, unit = words.against_none(figure).partition(" against no control ")
-        unit = "points" if figure == "rebound_percent" else unit.strip("()")
+        unit = "points" if CASE_ROWS[figure].without else unit.strip("()")
         sheet.colorbar(shown, ax=ax, label=f"change ({unit})", ticks=np.linspace(-reach, reach, 5))
         ax.set(title=name, xlabel=key_words(x), ylabel=key_words(y))
     return sheet

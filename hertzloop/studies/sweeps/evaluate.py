@@ -1,12 +1,12 @@
 """Simulate many cases of a scene: one, some that travel together, all of them."""
 
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
 from hertzloop.analysis.cases import (
-    CaseFigures,
+    CASE_ROWS,
     CaseState,
     Span,
     UnstableLoop,
@@ -60,7 +60,7 @@ def _row(
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
         state = CaseState.UNSTABLE if isinstance(error, UnstableLoop) else CaseState.NOT_RUN
         why = {"status": status, "state": state.value}
-        return row | dict.fromkeys(f.name for f in fields(CaseFigures)) | why
+        return row | dict.fromkeys(CASE_ROWS) | why
 
 
 def run_case(setup: Setup, span: Span, number: int, values: dict[str, Any]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from hertzloop.analysis.cases import CaseFigures, CaseState, Span
+from hertzloop.analysis.cases import CASE_ROWS, SHOWN, CaseState, Span
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve
 from hertzloop.jit.cache import code_digest
@@ -369,10 +369,14 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             table = pyarrow.csv.read_csv(path)
             header = json.loads(_beside(path).read_text(encoding="utf-8"))
         keys = keys_of(header["design"])
-        columns = ["case", *keys, *(f.name for f in fields(CaseFigures)), "status"]
-        columns += [name for name in ("state", "growth_per_s") if name in table.column_names]
+        names = ["case", *keys, *CASE_ROWS, "status", "state", "growth_per_s"]
+        if not {*CASE_ROWS} & {*table.column_names}:
+            raise KeyError("column of figures")
+        # A version before may not have had a figure, but every case has its keys.
+        later = {*CASE_ROWS} - {*table.column_names}
+        columns = [name for name in names if name in table.column_names or name in keys]
         rows = [
-            {**row, "state": row.get("state") or older_state(row["status"])}
+            {**dict.fromkeys(later), **row, "state": row.get("state") or older_state(row["status"])}
             for row in table.select(columns).to_pylist()
         ]
         for name in ("scene_toml", "span", "versions"):
@@ -386,9 +390,6 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             if isinstance(row[key], str):
                 row[key] = toml_value(row[key])
     return rows, header
-
-
-SHOWN = ("plate_energy_db", "rebound_percent", "radiated_db", "plate_speed_db", "pressure_db")
 
 
 def counted(rows: Rows, column: str) -> dict[str, int]:

@@ -1,0 +1,26 @@
+"""The reference page of all figures, made of their rows."""
+
+from hertzloop.analysis.cases import CASE_ROWS
+from hertzloop.analysis.meters import SPAN_ROWS
+
+_TABLES = {
+    "Figures of a run": ("`run`, `inspect` and `compare` print them.", SPAN_ROWS),
+    "Figures of a case": (
+        "Columns of `sweep`, goals of `tune` and `budget`.",
+        CASE_ROWS,
+    ),
+}
+
+
+def page() -> str:
+    """The figures as a page in Markdown."""
+    lines = [
+        "# Figures",
+        "",
+        "The names are those of `--json`, of files and of Python.",
+        "",
+    ]
+    for heading, (where, rows) in _TABLES.items():
+        lines += [f"## {heading}", "", where, "", "| figure | means |", "|---|---|"]
+        lines += [f"| `{name}` | {row.meaning} |" for name, row in rows.items()] + [""]
+    return "\n".join(lines[:-1]) + "\n"
