@@ -11,7 +11,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 TYPE_CHECKING = False  # of `typing`, which a program would import before it hears Ctrl-C
 
 # The Python interface, loaded when it is used: a process of a run needs only its part.
-__all__ = [
+__all__ = [  # noqa: F405
     "BusError", "Comparison", "DesignError", "Difference", "FitError", "FitResult", "Impact",
     "ImpactNoise", "Record", "RecordError", "RecordingError", "Run", "RunFailed",
     "RunFigures", "Scene", "SceneError", "SpanFigures", "StreamFault", "SweepFailed",
@@ -21,41 +21,8 @@ __all__ = [
 # Needs gymnasium, so that `from hertzloop import *` leaves it out.
 _OF_EXTRAS = ["ImpactEnv"]
 if TYPE_CHECKING:
-    from hertzloop.api import (
-        BusError,
-        Comparison,
-        DesignError,
-        Difference,
-        FitError,
-        FitResult,
-        Impact,
-        ImpactNoise,
-        Record,
-        RecordError,
-        RecordingError,
-        Run,
-        RunFailed,
-        RunFigures,
-        Scene,
-        SceneError,
-        SpanFigures,
-        StreamFault,
-        SweepFailed,
-        compare,
-        fit,
-        linear,
-        load,
-        modes,
-        read,
-        read_record,
-        run,
-        scene_names,
-        simulate,
-        sweep,
-        tune,
-        vary,
-    )
-    from hertzloop.api import ImpactEnv as ImpactEnv
+    from hertzloop.api import *  # noqa: F403
+    from hertzloop.interop.environment import ImpactEnv as ImpactEnv
 
 
 def __getattr__(name: str) -> object:

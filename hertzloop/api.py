@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from hertzloop.bus.messages_pb2 import Books as BooksMessage
     from hertzloop.bus.port import BusError
     from hertzloop.bus.streams import StreamFault
-    from hertzloop.interop.environment import ImpactEnv as ImpactEnv
     from hertzloop.loop.run_options import RunOptions
     from hertzloop.plant.plant import Balance
     from hertzloop.processes.launcher import RunFailed
@@ -54,23 +53,19 @@ __all__ = [
 ]  # fmt: skip
 
 # Names that are loaded when they are used: a script that only simulates needs none of them.
-_LATER = {
-    "BusError": "hertzloop.bus.port",
-    "Comparison": "hertzloop.analysis.meters",
-    "DesignError": "hertzloop.studies.sweeps.design",
-    "Difference": "hertzloop.analysis.meters",
-    "FitError": "hertzloop.studies.fit.fit",
-    "FitResult": "hertzloop.studies.fit.fit",
-    "ImpactEnv": "hertzloop.interop.environment",
-    "Record": "hertzloop.studies.fit.records",
-    "RecordError": "hertzloop.studies.fit.records",
-    "RecordingError": "hertzloop.recordings.writer",
-    "RunFailed": "hertzloop.processes.launcher",
-    "RunFigures": "hertzloop.analysis.meters",
-    "SpanFigures": "hertzloop.analysis.meters",
-    "StreamFault": "hertzloop.bus.streams",
-    "SweepFailed": "hertzloop.studies.sweeps.pool",
+_OF_MODULES = {
+    "analysis.meters": ("Comparison", "Difference", "RunFigures", "SpanFigures"),
+    "bus.port": ("BusError",),
+    "bus.streams": ("StreamFault",),
+    "interop.environment": ("ImpactEnv",),
+    "processes.launcher": ("RunFailed",),
+    "recordings.writer": ("RecordingError",),
+    "studies.fit.fit": ("FitError", "FitResult"),
+    "studies.fit.records": ("Record", "RecordError"),
+    "studies.sweeps.design": ("DesignError",),
+    "studies.sweeps.pool": ("SweepFailed",),
 }
+_LATER = {name: module for module, names in _OF_MODULES.items() for name in names}
 
 TransportName = Literal["zenoh", "inprocess", "compiled"]
 Range = str | Sequence[Any]
@@ -81,7 +76,7 @@ def __getattr__(name: str) -> Any:
     if name == "ImpactEnv":
         need("gymnasium")
     if name in _LATER:
-        return getattr(import_module(_LATER[name]), name)
+        return getattr(import_module(f"hertzloop.{_LATER[name]}"), name)
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
 
 
