@@ -95,12 +95,12 @@ def inspect(
     recording = read_or_fail(file)
     if law_file is not None:
         _write_law(recording, law_file, overwrite)
-    data = inspection.summary(recording)
-    inspection.show(out, recording, data, details)
+    found = inspection.inspected(recording)
+    inspection.show(out, found, details)
     if responses is not None:
         _draw_responses(recording, responses)
-    write_json(json_file, data)
-    if data["problems"]:
+    write_json(json_file, inspection.summary(found))
+    if found.problems:
         raise typer.Exit(1)
 
 
@@ -193,25 +193,25 @@ def compare(
 
 def _compare_figures(left: "Recording", right: "Recording", json_file: Path | None) -> None:
     """Print the figures of two recordings side by side."""
-    from hertzloop.analysis.meters import compared
+    from hertzloop.analysis.meters import RunFigures, compared
     from hertzloop.views import inspection
-    from hertzloop.views.run import comparison_as_json, figures_in
+    from hertzloop.views.run import comparison_as_json
 
-    both = []
+    figures = []
     for recording in (left, right):
-        data = inspection.summary(recording)
-        if data["first_impact"] is None:
-            why = [*data["problems"], "there is no contact in it"][0]
+        one = inspection.inspected(recording)
+        if one.ran is None or one.ran.figures.first_impact is None:
+            why = [*one.problems, "there is no contact in it"][0]
             fail(f"{recording.path} has no figures: {why}", 1)
-        both.append(data)
-    found = compared(*(figures_in(data) for data in both))
-    for letter, data in zip("AB", both, strict=True):
+        figures.append(RunFigures(one.ran.figures.first_impact, one.ran.figures.whole_run))
         out.print(
-            f"{letter}: {data['file']}, scene {data['scene']}, law {data['scene_law']}",
+            f"{'AB'[len(figures) - 1]}: {recording.path}, scene "
+            f"{recording.metadata.get('scene', '')}, law {one.law.scene_law}",
             soft_wrap=True, markup=False,
         )  # fmt: skip
+    found = compared(*figures)
     out.print(inspection.comparison_table(found))
-    named = {name: data["file"] for name, data in zip("ab", both, strict=True)}
+    named = {"a": str(left.path), "b": str(right.path)}
     write_json(json_file, {**named, "figures": comparison_as_json(found)})
 
 

@@ -92,7 +92,6 @@ def run(
     from hertzloop.processes.launcher import what_is_kept
     from hertzloop.processes.program import BUS_NAME, meeting_endpoints
     from hertzloop.views import run as run_view
-    from hertzloop.views.run import run_scene
 
     endpoints = on_loopback([port, port + 1, port + 2]) if port else None
     held, name = ExitStack(), options.name
@@ -117,7 +116,7 @@ def run(
         observer,
         progress(resolved.name, resolved.steps) as advance,
     ):
-        data = run_scene(resolved, recording, options, advance)
+        report = run_view.run_of(resolved, recording, options, advance)
     growth = warning = None
     if (
         resolved.has_law and not parts.law_of(resolved).not_linear and not options.controller
@@ -129,12 +128,12 @@ def run(
             growth = growth_of(resolved)
         except Exception as error:  # whatever it is, the run has ended well
             warning = styled(("Linear loop:", "bold red"), f" not analysed ({error!r}).")
-    data["linear_loop"] = None if growth is None else asdict(growth)
     if growth is not None and growth.unstable_poles != 0:
         undecided = growth.unstable_poles is None
         head = "Linear loop:" if undecided else "Linear loop unstable:"
         warning = styled((head, "bold red"), f" {unstable_line(growth)}")
-    run_view.print_run(out, data, details, warning)
-    write_json(json_file, data)
-    if data.get("differs"):
+    run_view.print_run(out, report, details, warning)
+    linear = {"linear_loop": None if growth is None else asdict(growth)}
+    write_json(json_file, run_view.run_as_json(report) | linear)
+    if report.differs:
         raise typer.Exit(1)

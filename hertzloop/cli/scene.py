@@ -116,14 +116,14 @@ def check(
     found = {"stable": neglected.stable, **effects_as_json(neglected)}
     if not neglected.stable:
         out.print("The closed loop is unstable; neglected effects are not evaluated.")
-    elif not found["validity"]:
+    elif not neglected.findings:
         out.print("No contact occurs within the run, so no effect is neglected.")
     else:
-        out.print(table_of(found["validity"]))
-        show_neglected(out, found["validity"])
-        for finding in found["validity"]:
-            if finding["state"] == EffectState.NOT_KNOWN:
-                out.print(f"Unknown: {finding['sentence']}.", soft_wrap=True)
+        out.print(table_of(neglected.findings))
+        show_neglected(out, neglected.findings)
+        for one in neglected.findings:
+            if one.state == EffectState.NOT_KNOWN:
+                out.print(f"Unknown: {one.sentence}.", soft_wrap=True)
         if lacking := not_evaluated(neglected):
             out.print(lacking, soft_wrap=True)
     write_json(json_file, {"scene": resolved.name, **found})

@@ -1,6 +1,7 @@
 """What a recording holds, and how two differ: for `hertzloop inspect` and `compare`."""
 
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,55 +10,119 @@ from rich.text import Text
 
 from hertzloop.analysis.figures import Ran, figures_of
 from hertzloop.analysis.meters import SPAN_ROWS, Comparison, Difference
-from hertzloop.analysis.model import yield_of
-from hertzloop.analysis.recorded import NEEDED_FIELDS, blocks_of, law_of, pacing_of
-from hertzloop.analysis.trust import errors_of, predictability, why_not_again
-from hertzloop.analysis.verdict import saturation_of, verdict
-from hertzloop.recordings.reader import Recording
+from hertzloop.analysis.model import Yield, yield_of
+from hertzloop.analysis.recorded import (
+    NEEDED_FIELDS,
+    LawRan,
+    Pacing,
+    blocks_of,
+    law_of,
+    pacing_of,
+)
+from hertzloop.analysis.trust import Predictability, errors_of, predictability, why_not_again
+from hertzloop.analysis.verdict import saturation_of
+from hertzloop.analysis.verdict import verdict as verdict_of
+from hertzloop.recordings.reader import JoinedStream, Recording
 from hertzloop.scenes.errors import SceneError
-from hertzloop.setup import parse
+from hertzloop.setup import Setup, parse
 from hertzloop.views.format import Table, styled
 from hertzloop.views.run import (
     demand_words,
     figures_as_json,
     figures_table,
     impacts_table,
-    known_in,
-    law_in,
     law_line,
     noise_table,
     pacing_as_json,
     predictability_as_json,
     show_neglected,
+    show_next,
     show_pacing,
     show_verdict,
     show_warnings,
     verdict_sentences,
+    why_not_words,
     yield_words,
 )
 
 
-def summary(recording: Recording) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Inspected:
+    """A recording, its problems, and what follows from it: a run to judge, and what it comes to;
+    None where no figures follow."""
+
+    recording: Recording
+    problems: Sequence[str]
+    law: LawRan
+    pacing: Pacing | None
+    yielded: Yield | None
+    ran: Ran | None
+    known: Predictability | None
+    verdict: Sequence[str] = ()
+
+
+def inspected(recording: Recording) -> Inspected:
+    """What a recording holds. What a file says of itself may be anything: numbers that no figures
+    follow from are one more thing wrong with it, not with us."""
+    books, law, pacing = recording.books, law_of(recording), pacing_of(recording)
+    bare = Inspected(recording, recording.problems, law, pacing, yield_of(books), None, None)
+    try:
+        setup = parse(recording.scene_toml, recorded=True)
+        problem = _unlike(recording.truth, setup)
+        if not problem:
+            with np.errstate(all="ignore"):
+                ran = Ran(
+                    figures_of(setup, blocks_of(recording)), law.scene_law,
+                    books.expected_error if books else None, late=pacing is not None,
+                    saturation=saturation_of(recording.events),
+                )  # fmt: skip
+                known = predictability(setup, ran, None, why_not_again(recording))
+                verdict = verdict_sentences(verdict_of(ran, known=known))
+                return replace(bare, ran=ran, known=known, verdict=verdict)
+    except (SceneError, RecursionError) as error:
+        problem = f"the scene inside cannot be read: {error}{recording.other_version}"
+    except (ArithmeticError, ValueError) as error:
+        problem = f"no figures follow from what was recorded: {error}"
+    return replace(bare, problems=[*recording.problems, problem])
+
+
+def _unlike(truth: JoinedStream, setup: Setup) -> str:
+    """What of the time series is not as the scene has it; "" if nothing."""
+    if truth.samples and setup.step_ns != truth.step_ns:
+        steps = f"{truth.step_ns} ns, those of its scene {setup.step_ns} ns"
+        return f"stream 'truth' has steps of {steps}"
+    lacking = NEEDED_FIELDS - set(truth.arrays)
+    if truth.samples and lacking:
+        return f"stream 'truth' has no {', '.join(sorted(lacking))}"
+    return ""
+
+
+_NO_FIGURES: dict[str, Any] = {
+    "impacts": [], "noise": [], "first_impact": None, "whole_run": None, "stability": None,
+    "demand": None, "validity": [], "warnings": [], "push": None, "last_contact_ended": True,
+    "predictability": None,
+}  # fmt: skip
+
+
+def summary(found: Inspected) -> dict[str, Any]:
     """Streams, counts, problems, scene, books and impacts as plain data."""
-    streams = {
-        name: {
-            "messages": stream.messages,
-            "samples": stream.samples,
-            "first_step": stream.first_step,
-            "fields": sorted(stream.arrays),
-        }
-        for name, stream in (
-            ("daq", recording.daq), ("force", recording.force), ("truth", recording.truth)
-        )
-    }  # fmt: skip
+    recording, known = found.recording, found.known
     data: dict[str, Any] = {
         "file": str(recording.path),
-        "complete": not recording.problems,
-        "problems": recording.problems,
+        "complete": not found.problems,
+        "problems": list(found.problems),
         "scene": recording.metadata.get("scene", ""),
         "seed": _number(recording, "seed"),
         "steps": _number(recording, "steps"),
-        "streams": streams,
+        "streams": {
+            name: {
+                "messages": stream.messages,
+                "samples": stream.samples,
+                "first_step": stream.first_step,
+                "fields": sorted(stream.arrays),
+            }
+            for name, stream in _streams(recording)
+        },
         "other_messages": recording.others,
         "unchecked_parts": recording.unchecked,
         "events": [
@@ -65,23 +130,24 @@ def summary(recording: Recording) -> dict[str, Any]:
             for e in recording.events
         ],
         "scene_toml": recording.scene_toml,
-        **asdict(law_of(recording)),
+        **asdict(found.law),
     }
     if recording.books is not None:
         data["residuals"] = {
             "momentum": recording.books.momentum_residual,
             "energy": recording.books.energy_residual,
         }
-        found = yield_of(recording.books)
-        data["yield"] = asdict(found) if found else None
-    pacing = pacing_of(recording)
-    data["pacing"] = pacing_as_json(pacing)
-    figures, problem = _figures(recording, late=pacing is not None)
-    data |= figures
-    if problem:
-        data["problems"] = [*recording.problems, problem]
-        data["complete"] = False
-    return data
+        data["yield"] = asdict(found.yielded) if found.yielded else None
+    data["pacing"] = pacing_as_json(found.pacing)
+    if found.ran is None or known is None:
+        return data | _NO_FIGURES | {"verdict": []}
+    figures = figures_as_json(found.ran.figures)
+    known_as_json = predictability_as_json(known)
+    return data | figures | {"predictability": known_as_json, "verdict": list(found.verdict)}
+
+
+def _streams(recording: Recording) -> list[tuple[str, JoinedStream]]:
+    return [("daq", recording.daq), ("force", recording.force), ("truth", recording.truth)]
 
 
 def without_checksum(parts: int) -> str:
@@ -100,110 +166,68 @@ def _number(recording: Recording, key: str) -> int:
         return 0
 
 
-def _figures(recording: Recording, late: bool) -> tuple[dict[str, Any], str]:
-    """Impacts, noise, stability and demand, and why there are none. What a file says of itself may
-    be anything: numbers that no figures follow from are one more thing wrong with it, not with us.
-    """
-    nothing: dict[str, Any] = {"impacts": [], "noise": [], "first_impact": None,
-                               "whole_run": None, "stability": None, "demand": None,
-                               "validity": [], "warnings": [], "push": None,
-                               "last_contact_ended": True, "predictability": None,
-                               "verdict": []}  # fmt: skip
-    truth = recording.truth
-    try:
-        setup = parse(recording.scene_toml, recorded=True)
-        if truth.samples and setup.step_ns != truth.step_ns:
-            steps = f"{truth.step_ns} ns, those of its scene {setup.step_ns} ns"
-            return nothing, f"stream 'truth' has steps of {steps}"
-        lacking = NEEDED_FIELDS - set(truth.arrays)
-        if truth.samples and lacking:
-            return nothing, f"stream 'truth' has no {', '.join(sorted(lacking))}"
-        with np.errstate(all="ignore"):
-            books, law = recording.books, law_of(recording).scene_law
-            ran = Ran(
-                figures_of(setup, blocks_of(recording)), law,
-                books.expected_error if books else None, late=late,
-                saturation=saturation_of(recording.events),
-            )  # fmt: skip
-            known = predictability(setup, ran, None, why_not_again(recording))
-            found = figures_as_json(ran.figures)
-            return found | {
-                "predictability": predictability_as_json(known),
-                "verdict": verdict_sentences(verdict(ran, known=known)),
-            }, ""
-    except (SceneError, RecursionError) as error:
-        return nothing, f"the scene inside cannot be read: {error}{recording.other_version}"
-    except (ArithmeticError, ValueError) as error:
-        return nothing, f"no figures follow from what was recorded: {error}"
-
-
-def show(
-    console: Console, recording: Recording, data: dict[str, Any], details: bool = False
-) -> None:
+def show(console: Console, found: Inspected, details: bool = False) -> None:
     """Print whether a recording is complete, its figures, warnings and the next command.
 
     Args:
         console: Where to print.
-        recording: The recording.
-        data: Its summary, from `summary`.
+        found: The recording, as inspected.
         details: Whether to print all tables as well.
     """
-    for problem in data["problems"]:
+    recording, ran, known = found.recording, found.ran, found.known
+    for problem in found.problems:
         console.print(styled(("Missing or damaged:", "red"), f" {problem}"), soft_wrap=True)
-    if not data["problems"]:
+    if not found.problems:
         console.print(styled(("Complete: no announced message is missing.", "bold")))
-    if data["unchecked_parts"]:
-        console.print(f"Not checked: {without_checksum(data['unchecked_parts'])}.", soft_wrap=True)
-    show_verdict(console, data)
-    if data["impacts"] and data["stability"]:
-        console.print(figures_table(data))
-    known = data["predictability"]
-    if known and known["why_not"] and len(data["impacts"]) > 1 and not details:
-        console.print(f"Later impacts: digits as recorded, since {known['why_not']}.")
-    show_warnings(console, data)
+    if recording.unchecked:
+        console.print(f"Not checked: {without_checksum(recording.unchecked)}.", soft_wrap=True)
+    if ran and known:
+        show_verdict(console, found.verdict, ran.figures.stability.unstable)
+        if ran.figures.impacts:
+            console.print(figures_table(ran, known))
+        why_not = why_not_words(known.not_again)
+        if why_not and len(ran.figures.impacts) > 1 and not details:
+            console.print(f"Later impacts: digits as recorded, since {why_not}.")
+        show_warnings(console, ran.figures.neglected.findings)
     if details:
-        _show_details(console, data)
-    show_pacing(console, data)
-    console.print(
-        styled(f"Scene {data['scene']}, seed {data['seed']}. Law: {law_line(law_in(data))}.")
-    )
-    if "residuals" in data:
+        _show_details(console, found)
+    show_pacing(console, found.pacing)
+    scene, seed = recording.metadata.get("scene", ""), _number(recording, "seed")
+    console.print(styled(f"Scene {scene}, seed {seed}. Law: {law_line(found.law)}."))
+    if recording.books is not None:
         console.print(
-            f"Energy residual {data['residuals']['energy']:.1e}, "
-            f"momentum {data['residuals']['momentum']:.1e} (relative)."
+            f"Energy residual {recording.books.energy_residual:.1e}, "
+            f"momentum {recording.books.momentum_residual:.1e} (relative)."
         )
-    console.print(
-        styled("Recording: ", (data["file"], "bold"), ". --details prints all figures."),
-        soft_wrap=True,
-    )
-    console.print(styled("Next: ", (f"hertzloop replay {data['file']}", "bold")), soft_wrap=True)
+    show_next(console, str(recording.path))
 
 
-def _show_details(console: Console, data: dict[str, Any]) -> None:
+def _show_details(console: Console, found: Inspected) -> None:
     """Print streams, all impacts, noise figures and neglected effects."""
-    title = f"{data['file']}: scene {data['scene']}, seed {data['seed']}"
-    table = Table(title=title)
+    recording, known = found.recording, found.known
+    scene, seed = recording.metadata.get("scene", ""), _number(recording, "seed")
+    table = Table(title=f"{recording.path}: scene {scene}, seed {seed}")
     for heading in ("stream", "messages", "samples", "fields"):
         table.add_column(heading, justify="left" if heading in ("stream", "fields") else "right")
-    for name, stream in data["streams"].items():
-        counts = (f"{stream['messages']:,}", f"{stream['samples']:,}")
-        row = (*counts, ", ".join(stream["fields"]))
-        table.add_row(f"/{name}", *row)
-    table.add_row("/events", f"{len(data['events']):,}", "", "")
+    for name, stream in _streams(recording):
+        counts = (f"{stream.messages:,}", f"{stream.samples:,}")
+        table.add_row(f"/{name}", *counts, ", ".join(sorted(stream.arrays)))
+    table.add_row("/events", f"{len(recording.events):,}", "", "")
     console.print(table)
-    if data["other_messages"]:
-        console.print(f"Ignored: {data['other_messages']:,} messages of other topics.")
-    known = data["predictability"] or {"controlled": None, "why_not": ""}
-    own = known["controlled"]
-    console.print(impacts_table("Impacts", data["impacts"], own, known["why_not"]))
-    if data["noise"]:
-        errors = [errors_of(known_in(own), 0, "noise_errors")]
-        console.print(noise_table([("", data["noise"][0])], errors=errors))
-    if data["demand"]:
-        console.print(f"Actuator demand: {demand_words(data['demand'])}.")
-    if data.get("yield"):
-        console.print(f"Yield: {yield_words(data['yield'])}.")
-    show_neglected(console, data["validity"])
+    if recording.others:
+        console.print(f"Ignored: {recording.others:,} messages of other topics.")
+    figures = found.ran.figures if found.ran else None
+    own, why_not = (known.controlled, why_not_words(known.not_again)) if known else (None, "")
+    console.print(impacts_table("Impacts", figures.impacts if figures else [], own, why_not))
+    if figures and figures.noise:
+        errors = [errors_of(own, 0, "noise_errors")]
+        console.print(noise_table([("", figures.noise[0])], errors=errors))
+    if figures and figures.demand:
+        console.print(f"Actuator demand: {demand_words(figures.demand)}.")
+    if found.yielded:
+        console.print(f"Yield: {yield_words(found.yielded)}.")
+    if figures:
+        show_neglected(console, figures.neglected.findings)
 
 
 _SPANS = {"first_impact": "first impact", "whole_run": "whole run"}

@@ -3,9 +3,9 @@
 import ctypes
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -14,21 +14,37 @@ from rich.console import Console
 from rich.text import Text
 
 from hertzloop.analysis.cases import IN_WORDS, OTHER, Span
-from hertzloop.analysis.effects import OF_PLATE, ROWS, EffectState, Neglected, percent, time_words
+from hertzloop.analysis.effects import (
+    OF_PLATE,
+    ROWS,
+    EffectState,
+    Finding,
+    Neglected,
+    percent,
+    time_words,
+)
 from hertzloop.analysis.figure_rows import FigureRow
-from hertzloop.analysis.figures import Figures, Saturation, free_figures, no_loop
+from hertzloop.analysis.figures import Figures, Ran, Saturation, free_figures, no_loop
 from hertzloop.analysis.impacts import through_first_contact
 from hertzloop.analysis.meters import (
     DECIBELS,
     MUCH_DB,
     SPAN_ROWS,
     Comparison,
-    RunFigures,
-    SpanFigures,
+    Demand,
     Stability,
     change_db,
 )
-from hertzloop.analysis.model import PlantParts, parts_of
+from hertzloop.analysis.model import (
+    FullModel,
+    PlantParts,
+    PlateModel,
+    Radiation,
+    Tail,
+    Theory,
+    Yield,
+    parts_of,
+)
 from hertzloop.analysis.recorded import IN_TIME, LawRan, PacedClock, Pacing, blocks_of
 from hertzloop.analysis.trust import (
     ImpactErrors,
@@ -51,8 +67,11 @@ from hertzloop.analysis.verdict import (
     RunVerdict,
     judge,
 )
+from hertzloop.bus.messages_pb2 import Books
 from hertzloop.controller.loading.registry import controls, shipped
 from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.plant.figures.impacts import Impact
+from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.registry import STRUCTURES
 from hertzloop.processes import fork_server
@@ -339,24 +358,22 @@ _STATE_WORDS = {EffectState.LEFT_OUT: "neglected", EffectState.NOT_KNOWN: "unkno
 _BRIEF = {row.name: (row.brief or row.name, row.key) for row in ROWS}
 
 
-def sentences_of(found: Iterable[dict[str, Any]]) -> list[tuple[str, str]]:
+def sentences_of(found: Iterable[Finding]) -> list[tuple[str, str]]:
     """Heads and sentences on effects out of range, then on neglected effects."""
     return [(head, sentence) for head, _, sentence in _styled_sentences(found)]
 
 
-def _styled_sentences(found: Iterable[dict[str, Any]]) -> list[tuple[str, str, str]]:
+def _styled_sentences(found: Iterable[Finding]) -> list[tuple[str, str, str]]:
     known = list(found)
-    return [
-        (*_HEADS[state], f"{f['sentence']}.")
-        for state in _HEADS for f in known if f["state"] == state
-    ]  # fmt: skip
+    return [(*_HEADS[state], f"{f.sentence}.") for state in _HEADS for f in known
+            if f.state == state]  # fmt: skip
 
 
-def brief_warnings(found: Iterable[dict[str, Any]]) -> list[tuple[str, str, str]]:
+def brief_warnings(found: Iterable[Finding]) -> list[tuple[str, str, str]]:
     """Render each effect outside its limit on one line of at most 80 columns.
 
     Args:
-        found: The indicators, as `effects_as_json` writes them.
+        found: The indicators.
 
     Returns:
         Head, style and text of each line: effects out of range first, then neglected ones.
@@ -365,43 +382,39 @@ def brief_warnings(found: Iterable[dict[str, Any]]) -> list[tuple[str, str, str]
     lines = []
     for state, (head, style) in _HEADS.items():
         for one in known:
-            if one["state"] != state:
+            if one.state != state:
                 continue
-            text, key = _BRIEF[one["name"]]
-            if math.isnan(one["value"]):
-                text = one["name"]
-            words = text.format(x=one["value"], p=percent(one["value"]))
+            text, key = _BRIEF[one.name]
+            if math.isnan(one.value):
+                text = one.name
+            words = text.format(x=one.value, p=percent(one.value))
             lines.append((head, style, f"{words} ({key})." if key else f"{words}."))
     return lines
 
 
-def show_neglected(console: Console, found: Iterable[dict[str, Any]]) -> None:
+def show_neglected(console: Console, found: Iterable[Finding]) -> None:
     """Print a sentence on each neglected effect."""
     for head, style, sentence in _styled_sentences(found):
         console.print(styled((head, style), f" {sentence}"), soft_wrap=True)
 
 
-def table_of(found: Iterable[dict[str, Any]]) -> Table:
+def table_of(found: Iterable[Finding]) -> Table:
     """All indicators with their thresholds."""
     table = Table(title="Neglected effects")
     for heading in ("effect", "formula", "value", "threshold", ""):
         table.add_column(heading, justify="right" if heading in ("value", "threshold") else "left")
-    for finding in found:
-        value = finding["value"]
-        falls = finding["beyond"] < finding["threshold"]
-        _, style = _HEADS.get(finding["state"], ("", ""))
+    for one in found:
+        _, style = _HEADS.get(one.state, ("", ""))
         table.add_row(
-            finding["name"], finding["formula"], "" if math.isnan(value) else f"{value:.2g}",
-            f"{'>' if falls else '<'} {finding['threshold']:.2g}",
-            styled((_STATE_WORDS.get(finding["state"], finding["state"]), style)),
+            one.name, one.formula, "" if math.isnan(one.value) else f"{one.value:.2g}",
+            f"{'>' if one.beyond < one.threshold else '<'} {one.threshold:.2g}",
+            styled((_STATE_WORDS.get(one.state, one.state), style)),
         )  # fmt: skip
     return table
 
 
 _M_ARENA_MAX = -8  # of glibc: the most heaps
 _BESIDE = 10  # nice value of what must not delay the loop
-_CLOCK = [f.name for f in fields(PacedClock)]
-_MISSED = [f.name for f in fields(Pacing)]
 
 
 def _fields(found: Any) -> dict[str, Any] | None:
@@ -424,18 +437,6 @@ def figures_as_json(found: Figures) -> dict[str, Any]:
     }
 
 
-def figures_in(report: Mapping[str, Any]) -> RunFigures:
-    """The figures in what `run --json` or `inspect --json` writes."""
-    spans = {span: report[span] and SpanFigures(**report[span])
-             for span in ("first_impact", "whole_run")}  # fmt: skip
-    return RunFigures(**spans)
-
-
-def law_in(report: Mapping[str, Any]) -> LawRan:
-    """The law in it."""
-    return LawRan(**{f.name: report[f.name] for f in fields(LawRan)})
-
-
 def pacing_as_json(found: Pacing | None) -> dict[str, Any] | None:
     """Missed deadlines of a paced or repeated run, and what the clock said of a paced one."""
     if found is None:
@@ -443,16 +444,6 @@ def pacing_as_json(found: Pacing | None) -> dict[str, Any] | None:
     data = asdict(found)
     clock, is_repeat = data.pop("clock"), data.pop("is_repeat")
     return data | (clock or {"pace": None, "is_repeat": is_repeat})
-
-
-def pacing_in(report: Mapping[str, Any]) -> Pacing | None:
-    """What `pacing_as_json` has written into a report."""
-    data = report.get("pacing")
-    if not data:
-        return None
-    clock = None if data["pace"] is None else PacedClock(**{key: data[key] for key in _CLOCK})
-    missed = {key: value for key, value in data.items() if key in _MISSED}
-    return Pacing(**({"is_repeat": False} | missed), clock=clock)
 
 
 def predictability_as_json(found: Predictability) -> dict[str, Any]:
@@ -468,11 +459,6 @@ def predictability_as_json(found: Predictability) -> dict[str, Any]:
 
 def _known(found: list[ImpactErrors] | None) -> list[dict[str, Any]] | None:
     return None if found is None else [asdict(each) for each in found]
-
-
-def known_in(found: list[dict[str, Any]] | None) -> list[ImpactErrors] | None:
-    """What is known of the impacts of a run, from what `predictability_as_json` writes."""
-    return None if found is None else [ImpactErrors(**each) for each in found]
 
 
 def verification_as_json(found: Verification | None) -> dict[str, float] | None:
@@ -532,42 +518,76 @@ def _parts(found: PlantParts) -> dict[str, Any]:
     return data
 
 
-def run_as_json(
-    setup: Setup,
-    recording: Recording,
-    judged: Judged,
-    *,
-    transport: str,
-    wall_s: float,
-    exchanges: int,
-    lane: str = "",
-    realtime: str = "",
-) -> dict[str, Any]:
-    """Everything that `run --json` writes."""
+@dataclass(frozen=True)
+class RunReport:
+    """A recorded run, with all that is to be said of it. `struck` and `parts`: its structure, and
+    what it took for its plant; `differs`: from the run that it `repeats`, empty if in nothing."""
+
+    setup: Setup
+    recording: Recording
+    judged: Judged
+    books: Books
+    struck: dict[str, Any]
+    parts: PlantParts
+    transport: str
+    wall_s: float
+    exchanges: int
+    lane: str = ""
+    realtime: str = ""
+    repeats: Path | None = None
+    differs: str | None = None
+    verifies: bool = False
+    verification: Verification | None = None
+
+    @property
+    def expects(self) -> tuple[float | None, float]:
+        """The expected error, and that asked for."""
+        return self.judged.ran.expected_error, self.judged.requested_accuracy
+
+
+def report_of(
+    setup: Setup, recording: Recording, judged: Judged, transport: str, wall_s: float,
+    exchanges: int, **more: Any,
+) -> RunReport:  # fmt: skip
+    """All that is to be said of a run; more fields of `RunReport` by name. Raises ValueError for a
+    run that did not end."""
     books = recording.books
     if books is None:
         raise ValueError("the recording has no energy balance: the run did not end")
-    return {
+    parts = parts_of(setup, books)
+    about = books, struck(setup), parts, transport, wall_s, exchanges
+    return RunReport(setup, recording, judged, *about, **more)
+
+
+def run_as_json(report: RunReport) -> dict[str, Any]:
+    """Everything that `run --json` writes."""
+    setup, books, wall_s, judged = report.setup, report.books, report.wall_s, report.judged
+    data = {
         "scene": setup.name,
         "seed": setup.seed,
-        "transport": transport,
+        "transport": report.transport,
         "scheme": setup.scheme,
         "steps": setup.steps,
         "wall_s": wall_s,
         "real_time_factor": setup.duration_s / wall_s if wall_s else math.inf,
-        "exchanges": exchanges,
-        "lane": lane,
-        "realtime": realtime,
+        "exchanges": report.exchanges,
+        "lane": report.lane,
+        "realtime": report.realtime,
         "residuals": {"momentum": books.momentum_residual, "energy": books.energy_residual},
-        **_parts(parts_of(setup, books)),
+        **_parts(report.parts),
         "frequencies": books.frequencies,
         "frequency_limit_hz": books.frequency_limit_hz,
-        "struck": struck(setup),
+        "struck": report.struck,
         "newton_iterations_max": books.newton_iterations_max,
-        "recording": str(recording.path),
+        "recording": str(report.recording.path),
         "uncontrolled": figures_as_json(judged.free or judged.ran.figures),
         **judged_as_json(judged),
     }
+    if report.repeats:
+        data |= {"repeats": str(report.repeats), "differs": report.differs}
+    if report.verifies:
+        data["verification"] = verification_as_json(report.verification)
+    return data
 
 
 @contextmanager
@@ -612,13 +632,18 @@ def _compared_beside(
     beside.join()
 
 
-def run_scene(
+def run_scene(setup: Setup, recording: Path, *how: Any) -> dict[str, Any]:
+    """Run and record a scene; the report that `run --json` writes. Arguments as for `run_of`."""
+    return run_as_json(run_of(setup, recording, *how))
+
+
+def run_of(
     setup: Setup,
     recording: Path,
     options: RunOptions,
     on_progress: Callable[[int], None] = lambda step: None,
-) -> dict[str, Any]:
-    """Run and record a scene; the report that `run --json` writes. Raises as `record`."""
+) -> RunReport:
+    """Run and record a scene, and judge the run. Raises as `record`."""
     with _compared_beside(setup, options, on_progress) as hear:
         stats = record(setup, recording, options, hear)
     recorded = read(recording)
@@ -631,24 +656,14 @@ def run_scene(
         raise RecordingError(f"{recording}: {recorded.problems[0]}")
     verified = None
     if options.verify:
-        rows = through_first_contact(blocks_of(recorded))
-        verified = verify(setup, rows)
-    report = run_as_json(
-        setup,
-        recorded,
-        judge(setup, recorded, free_figures(setup)),
-        transport=options.transport.value,
-        wall_s=stats["wall_s"],
-        exchanges=int(stats["exchanges"]),
-        lane=stats["lane"],
-        realtime=stats.get("realtime", ""),
-    )
-    if options.repeat:
-        report["repeats"] = str(options.repeat)
-        report["differs"] = first_difference(read(options.repeat), recorded)
-    if options.verify:
-        report["verification"] = verification_as_json(verified)
-    return report
+        verified = verify(setup, through_first_contact(blocks_of(recorded)))
+    judged = judge(setup, recorded, free_figures(setup))
+    return report_of(
+        setup, recorded, judged, options.transport.value, stats["wall_s"], int(stats["exchanges"]),
+        lane=stats["lane"], realtime=stats.get("realtime", ""), repeats=options.repeat,
+        differs=first_difference(read(options.repeat), recorded) if options.repeat else None,
+        verifies=options.verify, verification=verified,
+    )  # fmt: skip
 
 
 _SHOWN = 12  # impacts in a table; --json has them all
@@ -664,16 +679,16 @@ _COLUMNS = (
 )
 
 
-def headings(impacts: list[dict[str, float]]) -> list[str]:
+def headings(impacts: Sequence[Impact]) -> list[str]:
     """Return the headings of the columns, with the unit that suits the energies."""
-    _, unit = energy_unit(impact["plate_energy_j"] for impact in impacts[:_SHOWN])
+    _, unit = energy_unit(impact.plate_energy_j for impact in impacts[:_SHOWN])
     return [heading.format(unit=unit) for heading, *_ in _COLUMNS]
 
 
 def impacts_table(
     title: str,
-    impacts: list[dict[str, float]],
-    known: list[dict[str, Any]] | None = None,
+    impacts: Sequence[Impact],
+    known: Sequence[ImpactErrors] | None = None,
     why_not: str = "",
 ) -> Table:
     """Impacts, one a row; see `impact_rows`."""
@@ -694,25 +709,26 @@ def energy_unit(energies_j: Iterable[float]) -> tuple[float, str]:
 
 
 def impact_rows(
-    impacts: list[dict[str, float]], known: list[dict[str, Any]] | None = None, why_not: str = ""
+    impacts: Sequence[Impact], digits: Sequence[ImpactErrors] | None = None, why_not: str = ""
 ) -> tuple[list[list[str]], list[str]]:
     """Rows of the table below `headings`, and notes on them.
 
     Args:
-        impacts: Fields as in `Impact`.
-        known: Fields as in `Known`, one for each impact: one that depends chaotically on those
-            before it has its predictable digits, and none are listed once there are none.
+        impacts: The impacts.
+        digits: One for each impact: one that depends chaotically on those before it has its
+            predictable digits, and none are listed once there are none.
         why_not: Why nothing is known of the digits, where that is so.
     """
     rows: list[list[str]] = []
     notes: list[str] = []
-    to_unit, _ = energy_unit(impact["plate_energy_j"] for impact in impacts[:_SHOWN])
-    digits = known_in(known)
+    to_unit, _ = energy_unit(impact.plate_energy_j for impact in impacts[:_SHOWN])
     for i, impact in enumerate(impacts[:_SHOWN]):
         errors = errors_of(digits, i)
         cells = [
             known_digits(
-                impact[key] * (factor or to_unit), form, errors.get(key, 0.0) * (factor or to_unit)
+                getattr(impact, key) * (factor or to_unit),
+                form,
+                errors.get(key, 0.0) * (factor or to_unit),
             )
             for _, key, factor, form in _COLUMNS
         ]
@@ -760,7 +776,7 @@ _NOISE_ROWS = {
 
 
 def noise_table(
-    columns: list[tuple[str, dict[str, float]]],
+    columns: list[tuple[str, ImpactNoise]],
     compare: bool = True,
     errors: Sequence[dict[str, float]] = (),
 ) -> Table:
@@ -778,7 +794,7 @@ def noise_table(
     for row in rows:
         table.add_row(*row)
     notes = []
-    if any(math.isnan(figures["radiated_j"]) for _, figures in columns):
+    if any(math.isnan(figures.radiated_j) for _, figures in columns):
         notes.append("radiation is known for simply supported plates with modes that can be summed")
     if any(UNKNOWN in row for row in rows):
         notes.append(LEGEND)
@@ -787,12 +803,12 @@ def noise_table(
 
 
 def noise_rows(
-    columns: list[dict[str, float]], compare: bool, errors: Sequence[dict[str, float]] = ()
+    columns: Sequence[ImpactNoise], compare: bool, errors: Sequence[dict[str, float]] = ()
 ) -> list[list[str]]:
     """The rows of that table: label, a cell for every column, and the change if they `compare`."""
     rows = []
     for key, row in _NOISE_ROWS.items():
-        values, factor, unit = [figures[key] for figures in columns], row.factor, row.unit
+        values, factor, unit = [getattr(one, key) for one in columns], row.factor, row.unit
         if unit == "uJ":
             factor, unit = energy_unit(values)
         wrong = [found.get(key, 0.0) for found in errors] or [0.0] * len(values)
@@ -828,52 +844,51 @@ def _change(
     return "" if math.isnan(change) else _with_unit(known_digits(change, "+.2f", wrong), "dB")
 
 
-def run_table(report: dict[str, Any]) -> Table:
+def run_table(report: RunReport) -> Table:
     """Key figures of the run itself."""
-    residuals = report["residuals"]
+    setup, parts, wall_s = report.setup, report.parts, report.wall_s
+    books, demand = report.books, report.judged.ran.figures.demand
     table = Table(show_header=False)
     table.add_column()
     table.add_column()
-    table.add_row(
-        "scene, seed, transport", f"{report['scene']}, {report['seed']}, {report['transport']}"
-    )
-    table.add_row("law that ran", styled(law_line(law_in(report))))
-    table.add_row("steps", f"{report['steps']:,}")
+    table.add_row("scene, seed, transport", f"{setup.name}, {setup.seed}, {report.transport}")
+    table.add_row("law that ran", styled(law_line(report.judged.law)))
+    table.add_row("steps", f"{setup.steps:,}")
     table.add_row(
         "wall time",
-        f"{report['wall_s']:.4g} s, {report['real_time_factor']:.3g} times real time, "
-        f"{report['steps'] / max(report['wall_s'], 1e-9):,.0f} steps/s",
+        f"{wall_s:.4g} s, {setup.duration_s / wall_s if wall_s else math.inf:.3g} times real time, "
+        f"{setup.steps / max(wall_s, 1e-9):,.0f} steps/s",
     )
-    if note := SCHEMES[report["scheme"]].note:
-        table.add_row("scheme", f"{report['scheme']}: {note}")
-    if report["demand"]:
-        table.add_row("actuator demand", demand_words(report["demand"]))
-    if report["limiting_pressure"]:
-        table.add_row("limiting pressure", pressure_words(report["limiting_pressure"]))
-    if report["yield"]:
-        table.add_row("yield", yield_words(report["yield"]))
-    if report["radiation"]:
-        table.add_row("radiation", radiation_words(report["radiation"]))
+    if note := SCHEMES[setup.scheme].note:
+        table.add_row("scheme", f"{setup.scheme}: {note}")
+    if demand:
+        table.add_row("actuator demand", demand_words(demand))
+    if parts.limiting_pressure:
+        table.add_row("limiting pressure", pressure_words(parts.limiting_pressure))
+    if report.judged.yielded:
+        table.add_row("yield", yield_words(report.judged.yielded))
+    if parts.radiation:
+        table.add_row("radiation", radiation_words(parts.radiation))
     table.add_row("exchanges", _exchanges(report))
-    if report["realtime"]:
-        table.add_row("real-time profile", styled(report["realtime"]))
-    if not report["struck"]["closed_form"]:
-        table.add_row("structure", _struck(report["struck"]))
-    asked = STRUCTURES.get(report["theory"]["asked"]) if report["theory"] else None
-    if report["theory"] and (asked is None or asked.solid):  # None: "auto"
-        table.add_row("plate theory", theory_words(report["theory"]))
+    if report.realtime:
+        table.add_row("real-time profile", styled(report.realtime))
+    if not report.struck["closed_form"]:
+        table.add_row("structure", _struck(report.struck))
+    asked = STRUCTURES.get(parts.theory.asked) if parts.theory else None
+    if parts.theory and (asked is None or asked.solid):  # None: "auto"
+        table.add_row("plate theory", theory_words(parts.theory))
     table.add_row("plate model", _model_order(report))
-    if report["tail"]:
-        table.add_row("truncated modes", tail_words(report["tail"]))
-    if report["model"] is not None:
-        if "modes_in_file" not in report["struck"]:
-            table.add_row("full model", _full_model(report["model"]))
-        if offered := _infinite_plate(report):
+    if parts.tail:
+        table.add_row("truncated modes", tail_words(parts.tail))
+    if parts.model is not None:
+        if "modes_in_file" not in report.struck:
+            table.add_row("full model", _full_model(parts.model.full))
+        if offered := _infinite_plate(report, parts.model):
             table.add_row("infinite plate", offered)
-    table.add_row("contact solve", f"at most {report['newton_iterations_max']} evaluations a step")
+    table.add_row("contact solve", f"at most {books.newton_iterations_max} evaluations a step")
     table.add_row(
         "residuals",
-        f"energy {residuals['energy']:.1e}, momentum {residuals['momentum']:.1e} (relative)",
+        f"energy {books.energy_residual:.1e}, momentum {books.momentum_residual:.1e} (relative)",
     )
     return table
 
@@ -887,13 +902,13 @@ _LANES = {
 }
 
 
-def _exchanges(report: dict[str, Any]) -> str:
+def _exchanges(report: RunReport) -> str:
     """How many, how many a second, and which way."""
-    words = f"{report['exchanges']:,}"
-    if report["transport"] != "zenoh":
+    words = f"{report.exchanges:,}"
+    if report.transport != Transport.ZENOH:
         return words
-    way = _LANES.get(report["lane"], "over the bus, without fast lane")
-    return f"{words}, {report['exchanges'] / max(report['wall_s'], 1e-9):,.0f}/s, {way}"
+    way = _LANES.get(report.lane, "over the bus, without fast lane")
+    return f"{words}, {report.exchanges / max(report.wall_s, 1e-9):,.0f}/s, {way}"
 
 
 def _struck(struck: dict[str, Any]) -> str:
@@ -912,11 +927,9 @@ def _struck(struck: dict[str, Any]) -> str:
     return "; ".join(words)
 
 
-def yield_words(found: dict[str, float]) -> str:
+def yield_words(found: Yield) -> str:
     """Describe the permanent dent and the dissipated energy of a contact that yielded."""
-    return (
-        f"a dent of {found['dent_m'] * 1e6:.3g} um, {found['dissipated_j'] * 1e6:.4g} uJ dissipated"
-    )
+    return f"a dent of {found.dent_m * 1e6:.3g} um, {found.dissipated_j * 1e6:.4g} uJ dissipated"
 
 
 def pressure_words(limit: dict[str, Any]) -> str:
@@ -930,117 +943,111 @@ def pressure_words(limit: dict[str, Any]) -> str:
     )
 
 
-def radiation_words(found: dict[str, float]) -> str:
+def radiation_words(found: Radiation) -> str:
     """What the plate gave to the air."""
-    faces = "one face" if found["faces"] == 1 else "two faces"
-    return f"{found['dissipated_j'] * 1e6:.4g} uJ radiated into air from {faces} during the run"
+    faces = "one face" if found.faces == 1 else "two faces"
+    return f"{found.dissipated_j * 1e6:.4g} uJ radiated into air from {faces} during the run"
 
 
-def demand_words(asked: dict[str, float]) -> str:
+def demand_words(asked: Demand) -> str:
     """Largest force, slew and power that a run asked of its actuator."""
-    words = (
-        f"{asked['force_n']:.4g} N, {asked['slew_n_s'] * 1e-6:.3g} N/us, {asked['power_w']:.3g} W"
-    )
-    if asked["delay_s"]:
-        words += f"; its bandwidth adds {asked['delay_s'] * 1e6:.3g} us to the latency"
+    words = f"{asked.force_n:.4g} N, {asked.slew_n_s * 1e-6:.3g} N/us, {asked.power_w:.3g} W"
+    if asked.delay_s:
+        words += f"; its bandwidth adds {asked.delay_s * 1e6:.3g} us to the latency"
     return words
 
 
-def _model_order(report: dict[str, Any]) -> str:
+def _model_order(report: RunReport) -> str:
     """What was chosen, what it is expected to cost, and whether that is what was asked."""
-    if report["model"] is None:  # all modes that the step carries
-        limit = report["frequency_limit_hz"] / 1e3
-        return f"{report['frequencies']} frequencies up to {limit:.4g} kHz (pi/dt), as published"
-    if report["model"]["plate_model"] == "infinite":
-        return _chosen_infinite(report)
+    books, model, (expected, asked) = report.books, report.parts.model, report.expects
+    limit_hz, words = books.frequency_limit_hz, error_words(expected, asked)
+    if model is None:  # all modes that the step carries
+        return (
+            f"{books.frequencies} frequencies up to {limit_hz / 1e3:.4g} kHz (pi/dt), as published"
+        )
+    if model.plate_model == "infinite":
+        chosen = f"infinite plate, a dashpot of {model.impedance_n_s_m:.4g} N s/m"
+        if expected is None or math.isinf(expected):
+            return f"{chosen}; what the missing reflections cost by the run's end is not known"
+        found = f"{chosen}; missing reflections may cost {words} by the run's end"
+        return f"{found} (requested: {asked:g}; missed)" if missed(expected, asked) else found
     chosen = (
-        f"{report['frequencies']} frequencies up to {report['frequency_limit_hz'] / 1e3:.4g} kHz; "
-        f"expected truncation error {error_words(report)} of penetration or plate energy"
+        f"{books.frequencies} frequencies up to {limit_hz / 1e3:.4g} kHz; "
+        f"expected truncation error {words} of penetration or plate energy"
     )
-    if missed(report):
-        return f"{chosen} (requested: {report['requested_accuracy']:g}; {what_limits(report)})"
-    return chosen
+    if not missed(expected, asked):
+        return chosen
+    theory, law = report.parts.theory, report.judged.law.scene_law
+    why = what_limits(
+        theory is not None and STRUCTURES[theory.chosen].solid, controls(law or ""),
+        "modes_in_file" in report.struck, limit_hz, model.full.frequency_limit_hz,
+    )  # fmt: skip
+    return f"{chosen} (requested: {asked:g}; {why})"
 
 
-def _chosen_infinite(report: dict[str, Any]) -> str:
-    """The same for the infinite plate."""
-    chosen = f"infinite plate, a dashpot of {report['model']['impedance_n_s_m']:.4g} N s/m"
-    if math.isinf(report["expected_error"]):
-        return f"{chosen}; what the missing reflections cost by the run's end is not known"
-    found = f"{chosen}; missing reflections may cost {error_words(report)} by the run's end"
-    asked = f" (requested: {report['requested_accuracy']:g}; missed)"
-    return f"{found}{asked}" if missed(report) else found
-
-
-def missed(report: dict[str, Any]) -> bool:
+def missed(expected: float | None, asked: float) -> bool:
     """Whether a run expects more error than was asked for."""
-    expected = report["expected_error"]
-    return expected is not None and expected > 1.001 * report["requested_accuracy"]
+    return expected is not None and expected > 1.001 * asked
 
 
-def error_words(report: dict[str, Any]) -> str:
+def error_words(expected: float | None, asked: float) -> str:
     """The expected error of a run; where more was missed than a digit shows, with the digits that
     show it."""
-    expected = report["expected_error"]
     if expected is None or math.isinf(expected):
         return "unknown"
     words = (f"{expected:.{digits}g}" for digits in range(1, 17))
-    if not missed(report):
+    if not missed(expected, asked):
         return next(words)
-    return next(word for word in words if float(word) > report["requested_accuracy"])
+    return next(word for word in words if float(word) > asked)
 
 
-def _full_model(model: dict[str, Any]) -> str:
+def _full_model(full: FullModel) -> str:
     """What all modes that the step can carry would have cost."""
-    full = model["full"]
-    limit = f"up to {full['frequency_limit_hz'] / 1e3:.4g} kHz = 1/(2 step)"
-    if full["frequencies"] is None:
-        return f"about {full['modes']:.2g} modes {limit}, too many to count here"
-    words = [f"{full['frequencies']:,} frequencies {limit}"]
-    if full["frequency_ratio"] is not None:
-        words.append(f"{full['frequency_ratio']:.3g} times as many")
-    if full["measured_ratio"] is not None:
-        words.append(
-            f"a step under force takes {full['measured_ratio']:.3g} times as long (measured)"
-        )
-    elif full["frequency_ratio"] is not None:
+    limit = f"up to {full.frequency_limit_hz / 1e3:.4g} kHz = 1/(2 step)"
+    if full.frequencies is None:
+        return f"about {full.modes:.2g} modes {limit}, too many to count here"
+    words = [f"{full.frequencies:,} frequencies {limit}"]
+    if full.frequency_ratio is not None:
+        words.append(f"{full.frequency_ratio:.3g} times as many")
+    if full.measured_ratio is not None:
+        words.append(f"a step under force takes {full.measured_ratio:.3g} times as long (measured)")
+    elif full.frequency_ratio is not None:
         words.append("a ratio of frequencies, not of measured time")
     return "; ".join(words)
 
 
-def _infinite_plate(report: dict[str, Any]) -> str:
+def _infinite_plate(report: RunReport, model: PlateModel) -> str:
     """Until when an infinite plate would have done, where the first contact is over by then."""
-    until_s = report["model"]["infinite_until_s"]
-    if report["model"]["plate_model"] == "infinite" or until_s is None or not report["impacts"]:
+    until_s, impacts = model.infinite_until_s, report.judged.ran.figures.impacts
+    if model.plate_model == "infinite" or until_s is None or not impacts:
         return ""
-    first = report["impacts"][0]
-    if first["start_s"] + first["duration_s"] > until_s:
+    if impacts[0].start_s + impacts[0].duration_s > until_s:
         return ""
     return (
         f"sufficient until {until_s * 1e3:.4g} ms, beyond the first contact "
-        f"(run.plate_model, requested: {report['requested_accuracy']:g})"
+        f"(run.plate_model, requested: {report.judged.requested_accuracy:g})"
     )
 
 
-def show_verdict(console: Console, data: dict[str, Any]) -> None:
+def show_verdict(console: Console, verdict: Sequence[str], unstable: bool) -> None:
     """Print the verdict on a run, the first sentence in bold."""
-    for i, sentence in enumerate(data["verdict"]):
+    for i, sentence in enumerate(verdict):
         text = styled((sentence, "" if i else "bold"))
-        if i == 0 and data["stability"]["unstable"]:
+        if i == 0 and unstable:
             text = styled((UNSTABLE, "bold red"), sentence[len(UNSTABLE) :])
         console.print(text)
 
 
-def _verification_line(report: dict[str, Any]) -> Text:
+def _verification_line(report: RunReport) -> Text:
     """What halving the step and doubling the modes changed."""
-    found = report["verification"]
+    found, asked = report.verification, report.judged.requested_accuracy
     if found is None:
         return styled("Nothing to verify: no impact ends within the run.")
-    met = ("met", "") if found["largest"] <= report["requested_accuracy"] else ("missed", "red")
+    met = ("met", "") if found.largest <= asked else ("missed", "red")
     return styled(
-        f"Verified with half the step and modes to {found['frequency_limit_hz'] / 1e3:.4g} kHz: "
-        f"penetration {found['penetration']:.1e}, rebound speed {found['rebound_speed']:.1e}, "
-        f"plate energy {found['plate_energy']:.1e}; requested {report['requested_accuracy']:g}: ",
+        f"Verified with half the step and modes to {found.frequency_limit_hz / 1e3:.4g} kHz: "
+        f"penetration {found.penetration:.1e}, rebound speed {found.rebound_speed:.1e}, "
+        f"plate energy {found.plate_energy:.1e}; requested {asked:g}: ",
         met,
         ".",
     )
@@ -1063,30 +1070,30 @@ _FIGURES: tuple[tuple[str, str, str, str], ...] = (
 _IN_DB = {*DECIBELS} - {"peak_force_n"}
 
 
-def figures_table(report: dict[str, Any], other: dict[str, Any] | None = None) -> Table:
+def figures_table(ran: Ran, known: Predictability, free: Figures | None = None) -> Table:
     """Return the table of at most ten figures that ends a run.
 
     Args:
-        report: The data of `run --json` or `inspect --json`.
-        other: The figures of the same run without control. None if there is no comparison.
+        ran: The run.
+        known: How well its figures, and those without control, can be known.
+        free: The figures of the same run without control. None if there is no comparison.
 
     Returns:
         One row for each figure: with control, without control, and the change, in dB for energies
         and amplitudes, and in per cent of the value without control otherwise.
     """
-    known = report["predictability"] or {"controlled": None, "uncontrolled": None}
-    compare = other is not None and not report["stability"]["unstable"]
-    controlled = controls(report["scene_law"])
-    cases = [(report, known["controlled"]), *([(other, known["uncontrolled"])] if other else [])]
+    compare = free is not None and not ran.figures.stability.unstable
+    cases = [(ran.figures, known.controlled), *([(free, known.uncontrolled)] if free else [])]
     table = Table(title="Figures of the first impact")
     table.add_column("figure")
-    for heading in ("with control" if controlled else "no control", "without")[: len(cases)]:
+    own = "with control" if controls(ran.scene_law or "") else "no control"
+    for heading in (own, "without")[: len(cases)]:
         table.add_column(heading, justify="right")
     if compare:
         table.add_column("change", justify="right")
     for label, span, key, form in _FIGURES:
         factor, unit = SPAN_ROWS[key].factor, SPAN_ROWS[key].unit
-        found = [(figures[span] or {}).get(key, math.nan) for figures, _ in cases]
+        found = [getattr(getattr(figures, span), key, math.nan) for figures, _ in cases]
         wrong = [_error_of(digits, span, key) for _, digits in cases]
         if unit == "uJ":
             factor, unit = energy_unit(one for one in found if not math.isnan(one))
@@ -1101,15 +1108,14 @@ def figures_table(report: dict[str, Any], other: dict[str, Any] | None = None) -
     return table
 
 
-def _error_of(digits: list[dict[str, Any]] | None, span: str, key: str) -> float:
+def _error_of(digits: Sequence[ImpactErrors] | None, span: str, key: str) -> float:
     """The largest absolute error of a figure; 0 if all its digits are predictable."""
-    found = known_in(digits)
     if span == "first_impact":
-        errors = errors_of(found, 0) | errors_of(found, 0, "noise_errors")
+        errors = errors_of(digits, 0) | errors_of(digits, 0, "noise_errors")
         return errors.get(key, 0.0)
     if key != "plate_energy_j":
         return 0.0
-    return sum(errors_of(found, i).get(key, 0.0) for i in range(len(found or ())))
+    return sum(errors_of(digits, i).get(key, 0.0) for i in range(len(digits or ())))
 
 
 def _change_of_figure(
@@ -1127,14 +1133,9 @@ def _change_of_figure(
     return _with_unit(known_digits(100.0 * (value / reference - 1.0), "+.0f", wrong), "%")
 
 
-def show_warnings(console: Console, report: dict[str, Any]) -> None:
-    """Print one line for each effect outside its limit.
-
-    Args:
-        console: Where to print.
-        report: The data of `run --json` or `inspect --json`.
-    """
-    lines = brief_warnings(report["validity"])
+def show_warnings(console: Console, found: Iterable[Finding]) -> None:
+    """Print one line for each effect outside its limit."""
+    lines = brief_warnings(found)
     for head, style, words in lines[:_MOST_WARNINGS]:
         console.print(styled((head, style), f" {words}"))
     if len(lines) > _MOST_WARNINGS:
@@ -1142,126 +1143,135 @@ def show_warnings(console: Console, report: dict[str, Any]) -> None:
 
 
 def print_run(
-    console: Console, report: dict[str, Any], details: bool = False, warning: Text | None = None
+    console: Console, report: RunReport, details: bool = False, warning: Text | None = None
 ) -> None:
     """Print the end of a run: verdict, figures, warnings and the next command.
 
     Args:
         console: Where to print.
-        report: The data of `run --json`.
+        report: The run.
         details: Whether to print all tables as well.
         warning: One more warning, on what is not in the recording.
     """
-    controlled = controls(report["scene_law"])
-    if not report["verdict"]:
+    judged, ends = report.judged, report.judged.conclusions
+    ran, verdict = judged.ran, verdict_sentences(ends.verdict)
+    controlled = controls(ran.scene_law or "")
+    if not verdict:
         what = "The run has control." if controlled else "The run has no control."
         console.print(styled((what, "bold")))
-    show_verdict(console, report)
-    console.print(figures_table(report, report["uncontrolled"] if controlled else None))
-    show_warnings(console, report)
+    show_verdict(console, verdict, ran.figures.stability.unstable)
+    free = (judged.free or ran.figures) if controlled else None
+    console.print(figures_table(ran, ends.predictability, free))
+    show_warnings(console, ran.figures.neglected.findings)
     if warning is not None:
         console.print(warning, soft_wrap=True)
     if details:
         _print_details(console, report)
-    if "verification" in report:
+    if report.verifies:
         console.print(_verification_line(report), soft_wrap=True)
-    show_pacing(console, report)
+    show_pacing(console, judged.pacing, report.repeats, report.differs)
     _show_run_lines(console, report)
 
 
-def _show_run_lines(console: Console, report: dict[str, Any]) -> None:
+def _show_run_lines(console: Console, report: RunReport) -> None:
     """Print scene, law, errors, recording and the next command."""
+    setup, books, path = report.setup, report.books, str(report.recording.path)
     console.print(
         styled(
-            f"Scene {report['scene']}, seed {report['seed']}, {report['transport']}, "
-            f"{report['steps']:,} steps in {report['wall_s']:.3g} s. "
-            f"Law: {law_line(law_in(report))}."
+            f"Scene {setup.name}, seed {setup.seed}, {report.transport}, "
+            f"{setup.steps:,} steps in {report.wall_s:.3g} s. "
+            f"Law: {law_line(report.judged.law)}."
         )
     )
     console.print(
         styled(
-            f"Model error {error_words(report)} (requested {report['requested_accuracy']:g}",
-            ("; missed", "yellow") if missed(report) else "",
-            f"). Energy residual {report['residuals']['energy']:.1e}, "
-            f"momentum {report['residuals']['momentum']:.1e}.",
+            f"Model error {error_words(*report.expects)} "
+            f"(requested {report.judged.requested_accuracy:g}",
+            ("; missed", "yellow") if missed(*report.expects) else "",
+            f"). Energy residual {books.energy_residual:.1e}, "
+            f"momentum {books.momentum_residual:.1e}.",
         )
     )
-    console.print(
-        styled("Recording: ", (report["recording"], "bold"), ". --details prints all figures."),
-        soft_wrap=True,
-    )
-    console.print(
-        styled("Next: ", (f"hertzloop replay {report['recording']}", "bold")), soft_wrap=True
-    )
+    show_next(console, path)
 
 
-def _print_details(console: Console, report: dict[str, Any]) -> None:
+def show_next(console: Console, path: str) -> None:
+    """Print where the recording is, and the next command."""
+    console.print(
+        styled("Recording: ", (path, "bold"), ". --details prints all figures."), soft_wrap=True
+    )
+    console.print(styled("Next: ", (f"hertzloop replay {path}", "bold")), soft_wrap=True)
+
+
+def _print_details(console: Console, report: RunReport) -> None:
     """Print all impacts, noise figures, properties of the run and neglected effects."""
-    controlled, unstable = controls(report["scene_law"]), report["stability"]["unstable"]
-    noise, free = report["noise"], report["uncontrolled"]
-    known = report["predictability"]
-    own, other = known["controlled"], known["uncontrolled"]
-    errors = [errors_of(known_in(each), 0, "noise_errors") for each in (own, other)]
-    if controlled:
-        console.print(impacts_table("Impacts with control", report["impacts"], own))
-        console.print(impacts_table("The same without control", free["impacts"], other))
-        if noise and free["noise"]:
-            cases = [("with control", noise[0]), ("without", free["noise"][0])]
-            console.print(noise_table(cases, not unstable, errors))
+    ran, known = report.judged.ran, report.judged.conclusions.predictability
+    found, free = ran.figures, report.judged.free or ran.figures
+    own, other = known.controlled, known.uncontrolled
+    errors = [errors_of(each, 0, "noise_errors") for each in (own, other)]
+    if controls(ran.scene_law or ""):
+        console.print(impacts_table("Impacts with control", found.impacts, own))
+        console.print(impacts_table("The same without control", free.impacts, other))
+        if found.noise and free.noise:
+            cases = [("with control", found.noise[0]), ("without", free.noise[0])]
+            console.print(noise_table(cases, not found.stability.unstable, errors))
     else:
-        console.print(impacts_table("Impacts, no control", report["impacts"], own))
-        if noise:
-            console.print(noise_table([("no control", noise[0])], errors=errors[:1]))
+        console.print(impacts_table("Impacts, no control", found.impacts, own))
+        if found.noise:
+            console.print(noise_table([("no control", found.noise[0])], errors=errors[:1]))
     console.print(run_table(report))
-    show_neglected(console, report["validity"])
+    show_neglected(console, found.neglected.findings)
 
 
-def theory_words(found: dict[str, Any]) -> str:
+def theory_words(found: Theory) -> str:
     """Which theory a run took, and why."""
-    size = f"Kirchhoff's theory may cost {found['kirchhoff_error']['largest']:.1g}"
-    if STRUCTURES[found["chosen"]].solid:
+    size = f"Kirchhoff's theory may cost {found.kirchhoff_error.largest:.1g}"
+    if STRUCTURES[found.chosen].solid:
         loud = "; a force that jumps has no limit as modes are added: give actuator.bandwidth_hz"
-        return f"three dimensions; {size}{loud if found['jumps'] else ''}"
-    if found["why_not_3d"]:
-        return f"Kirchhoff; {size}, but {found['why_not_3d']}"
+        return f"three dimensions; {size}{loud if found.jumps else ''}"
+    if found.why_not_3d:
+        return f"Kirchhoff; {size}, but {found.why_not_3d}"
     return f"Kirchhoff; {size}, no more than asked"
 
 
-def tail_words(found: dict[str, float]) -> str:
+def tail_words(found: Tail) -> str:
     """What stands for the modes left out where that is no spring."""
     words, away = (
-        f"one damped mode dissipated {found['lost_j'] * 1e6:.3g} uJ",
-        found["wavelengths_to_edge"],
+        f"one damped mode dissipated {found.lost_j * 1e6:.3g} uJ",
+        found.wavelengths_to_edge,
     )
-    if away >= found["needed"]:
+    if away >= found.needed:
         return words
-    return f"{words}; not known so close to an edge, {away:.2g} of {found['needed']:g} wavelengths"
+    return f"{words}; not known so close to an edge, {away:.2g} of {found.needed:g} wavelengths"
 
 
-def what_limits(report: dict[str, Any]) -> str:
-    """Why a run expects more error than was asked for, in words."""
+def what_limits(
+    solid: bool, controlled: bool, of_file: bool, limit_hz: float, full_hz: float
+) -> str:
+    """Why a run expects more error than was asked for, in words: of a solid, a controlled run, a
+    file of modes, up to `limit_hz` where the step carries `full_hz`."""
     steps = (
         "the law's force jumps, or is held from sample to sample, and its steps cost that, not the "
         "modes; actuator.bandwidth_hz, or of a held force a smaller run.step_ns, makes them smaller"
     )
-    if report["theory"] and STRUCTURES[report["theory"]["chosen"]].solid:
+    if solid:
         allowed = "all that this step, or a contact as wide as the waves, allows"
-        return f"{steps}; or it is {allowed}" if controls(report["scene_law"]) else allowed
-    if "modes_in_file" in report["struck"]:
+        return f"{steps}; or it is {allowed}" if controlled else allowed
+    if of_file:
         return "all modes of the file"
-    if report["frequency_limit_hz"] < (1.0 - 1e-9) * report["model"]["full"]["frequency_limit_hz"]:
+    if limit_hz < (1.0 - 1e-9) * full_hz:
         return steps
     return "the limit of this time step; a smaller run.step_ns supports more modes"
 
 
-def show_pacing(console: Console, data: dict[str, Any]) -> None:
-    """Print what is to be said of pace and repetition in a report, if anything."""
-    paced = pacing_in(data)
-    for sentence in pacing_sentences(paced) if paced else ():
+def show_pacing(
+    console: Console, found: Pacing | None, repeats: Path | None = None, differs: str | None = None
+) -> None:
+    """Print what is to be said of pace and repetition, if anything."""
+    for sentence in pacing_sentences(found) if found else ():
         console.print(styled(sentence), soft_wrap=True)
-    if "repeats" in data:
-        differs = data["differs"]
-        said = f"not the run in {data['repeats']}: {differs}" if differs else (
-            f"the same bytes as in {data['repeats']}"
+    if repeats:
+        said = f"not the run in {repeats}: {differs}" if differs else (
+            f"the same bytes as in {repeats}"
         )  # fmt: skip
         console.print(styled((f"Repeated: {said}.", "red" if differs else "bold")), soft_wrap=True)

@@ -18,6 +18,7 @@ from hertzloop.analysis.meters import SpanFigures, changes_db
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.compiled import simulate
 from hertzloop.plant.figures import rows_kernels as an
+from hertzloop.plant.figures.noise import ImpactNoise
 from hertzloop.recordings.reader import read
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup, load
@@ -223,7 +224,7 @@ def test_what_comes_before_the_next_contact_does_not_count(tmp_path: Path) -> No
         assert bool(np.any(rows[F_A, first.over : second.start])) == (law == ahead)
     assert it.case.steps < 5000
     page = page_of(read(tmp_path / "run.mcap"))
-    columns = [report["noise"][0] for report in (it.run, it.run["uncontrolled"])]
+    columns = [ImpactNoise(**report["noise"][0]) for report in (it.run, it.run["uncontrolled"])]
     assert all(cell in page for row in noise_rows(columns, compare=True) for cell in row)
 
 

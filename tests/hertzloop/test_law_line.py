@@ -16,7 +16,7 @@ from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import load
 from hertzloop.views import inspection
 from hertzloop.views import run as report
-from hertzloop.views.run import law_line, run_as_json
+from hertzloop.views.run import law_line
 
 SCENE = load("aluminium-3mm", ["run.duration_s=0.0012", "run.accuracy=0.1"])
 
@@ -54,11 +54,11 @@ def test_a_run_that_another_law_made(tmp_path: Path) -> None:
     foreign = recorded.ends["controller"].set_up
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
     judged = judge(SCENE, recorded, free_figures(SCENE))
-    data = run_as_json(SCENE, recorded, judged, transport="zenoh", wall_s=1.0, exchanges=1)
+    ran = report.report_of(SCENE, recorded, judged, "zenoh", 1.0, 1)
     said = "[b]mine[/b] 7 (the scene says slope_threshold)"
     for show in (
-        lambda console: inspection.show(console, recorded, inspection.summary(recorded)),
-        lambda console: report.print_run(console, data),
+        lambda console: inspection.show(console, inspection.inspected(recorded)),
+        lambda console: report.print_run(console, ran),
     ):
         printed = StringIO()
         show(Console(width=200, file=printed))

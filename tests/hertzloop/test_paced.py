@@ -331,7 +331,7 @@ def test_events_do_not_depend_on_how_a_run_is_cut() -> None:
 )  # fmt: skip
 def test_what_was_not_the_same_is_red(differs: str, said: str) -> None:
     console = Console(file=io.StringIO(), force_terminal=True, color_system="standard")
-    show_pacing(console, {"repeats": "a.mcap", "differs": differs})
+    show_pacing(console, None, Path("a.mcap"), differs)
     assert isinstance(console.file, io.StringIO)
     assert console.file.getvalue().startswith(said)
 

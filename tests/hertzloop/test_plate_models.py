@@ -225,9 +225,8 @@ def test_a_run_expects_what_the_steps_of_a_held_force_cost() -> None:
     assert model_error.expected_error(coarse) == pytest.approx(4.0 * held)
     smooth = load("aluminium-3mm", [*tight, "actuator.bandwidth_hz=1e5"])
     assert model_error.expected_error(smooth) == pytest.approx(3e-4)
-    report = {"theory": None, "struck": {}, "model": {"full": {"frequency_limit_hz": 5e5}}}
-    assert "held from sample to sample" in what_limits(report | {"frequency_limit_hz": 4e5})
-    assert "the limit of this time step" in what_limits(report | {"frequency_limit_hz": 5e5})
+    assert "held from sample to sample" in what_limits(False, True, False, 4e5, 5e5)
+    assert "the limit of this time step" in what_limits(False, True, False, 5e5, 5e5)
 
 
 def test_a_solid_expects_what_the_waves_of_a_held_force_cost() -> None:
@@ -258,4 +257,4 @@ def test_a_solid_expects_what_the_waves_of_a_held_force_cost() -> None:
     ],
 )
 def test_an_error_beyond_the_request_is_seen_to_be(expected: float, words: str) -> None:
-    assert error_words({"expected_error": expected, "requested_accuracy": 1e-3}) == words
+    assert error_words(expected, 1e-3) == words

@@ -1,7 +1,6 @@
 """Later impacts: how far what was before is magnified, and how far runs can be compared."""
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.setup import load
 from hertzloop.views.format import known_digits
-from hertzloop.views.run import figures_as_json, headings, impact_rows, noise_rows
+from hertzloop.views.run import headings, impact_rows, noise_rows
 from tests.commands import invoke
 
 FOUR = load("aluminium-3mm", ["run.duration_s=0.35"])
@@ -88,11 +87,10 @@ def test_no_table_shows_digits_that_another_does_not() -> None:
     known = known_impacts(scene, found.impacts, 0.02, noise=found.noise)
     assert known is not None
     assert known[0].amplification > CHAOTIC
-    impact, noise = found.impacts[0], vars(found.noise[0])
-    assert impact.plate_energy_j == pytest.approx(noise["transmitted_j"])
-    shown = figures_as_json(found)["impacts"]
-    rows, _ = impact_rows(shown, [asdict(each) for each in known])
-    row = dict(zip(headings(shown), rows[0], strict=True))
+    impact, noise = found.impacts[0], found.noise[0]
+    assert impact.plate_energy_j == pytest.approx(noise.transmitted_j)
+    rows, _ = impact_rows(found.impacts, known)
+    row = dict(zip(headings(found.impacts), rows[0], strict=True))
     cells = dict(noise_rows([noise], False, [errors_of(known, 0, "noise_errors")]))
     assert cells["transmitted energy, in time"].removesuffix(" uJ") == row["plate energy (uJ)"]
     assert row["plate energy (uJ)"].startswith(("about", "unknown"))

@@ -4,6 +4,7 @@ import io
 import math
 import operator
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.setup import load
 from hertzloop.views import run as tables
 from hertzloop.views.format import Table
-from hertzloop.views.run import impacts_table, run_scene, table_of
+from hertzloop.views.run import RunReport, impacts_table, run_as_json, run_of, table_of
 from tests.commands import invoke
 
 ROOT = Path(__file__).parents[2]
@@ -45,13 +46,18 @@ IMPACT = {
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+def ran(tmp_path_factory: pytest.TempPathFactory) -> RunReport:
     settings = [
         "run.duration_s=0.003", "contact.plasticity=thornton", "plate.radiation=one_face",
         "actuator.bandwidth_hz=50e3",
     ]  # fmt: skip
     path = tmp_path_factory.mktemp("printed") / "a.mcap"
-    return run_scene(load("aluminium-3mm", settings), path, RunOptions(Transport.COMPILED))
+    return run_of(load("aluminium-3mm", settings), path, RunOptions(Transport.COMPILED))
+
+
+@pytest.fixture(scope="module")
+def report(ran: RunReport) -> dict[str, Any]:
+    return run_as_json(ran)
 
 
 def lines(table: Table) -> list[list[str]]:
@@ -70,8 +76,8 @@ def quantities(words: str) -> list[float]:
 
 
 @pytest.mark.full
-def test_what_the_run_leaves_out(report: dict[str, Any]) -> None:
-    _, *rows = lines(table_of(report["validity"]))
+def test_what_the_run_leaves_out(ran: RunReport, report: dict[str, Any]) -> None:
+    _, *rows = lines(table_of(ran.judged.ran.figures.neglected.findings))
     sides = set()
     for (name, _, value, asked, state), found in zip(rows, report["validity"], strict=True):
         words = {"left out": "neglected", "not known": "unknown"}
@@ -88,9 +94,11 @@ def test_what_the_run_leaves_out(report: dict[str, Any]) -> None:
 
 
 @pytest.mark.full
-def test_noise(report: dict[str, Any]) -> None:
+def test_noise(ran: RunReport, report: dict[str, Any]) -> None:
     own, free = report["noise"][0], report["uncontrolled"]["noise"][0]
-    header, *rows = lines(tables.noise_table([("with", own), ("without", free)]))
+    assert ran.judged.free is not None
+    cases = [("with", ran.judged.ran.figures.noise[0]), ("without", ran.judged.free.noise[0])]
+    header, *rows = lines(tables.noise_table(cases))
     assert header[1:] == ["with", "without", "change"]
     assert {row[0] for row in rows} == set(NOISE)
     for label, with_control, without, change in rows:
@@ -104,12 +112,12 @@ def test_noise(report: dict[str, Any]) -> None:
             of_amplitude = label.startswith(("peak pressure", "largest plate"))
             decibel = (20 if of_amplitude else 10) * math.log10(ratio)
             assert float(change[:-3]) == pytest.approx(decibel, abs=0.0051)
-    assert len(lines(tables.noise_table([("with", own), ("without", free)], False))[0]) == 3
+    assert len(lines(tables.noise_table(cases, False))[0]) == 3
 
 
 @pytest.mark.full
-def test_impacts(report: dict[str, Any]) -> None:
-    header, *rows = lines(impacts_table("Impacts", report["impacts"]))
+def test_impacts(ran: RunReport, report: dict[str, Any]) -> None:
+    header, *rows = lines(impacts_table("Impacts", ran.judged.ran.figures.impacts))
     for heading, *cells in zip(header, *rows, strict=True):
         words, unit = re.fullmatch(r"(.+) \((.+)\)", heading).groups()  # type: ignore[union-attr]
         for cell, impact in zip(cells, report["impacts"], strict=True):
@@ -117,19 +125,20 @@ def test_impacts(report: dict[str, Any]) -> None:
 
 
 @pytest.mark.full
-def test_energies_of_a_heavy_sphere_need_no_exponent(report: dict[str, Any]) -> None:
+def test_energies_of_a_heavy_sphere_need_no_exponent(ran: RunReport) -> None:
     """A narrow terminal cuts an exponent off: "3.164e+..."."""
-    impact = report["impacts"][0] | {"plate_energy_j": 0.031639}
+    figures = ran.judged.ran.figures
+    impact = replace(figures.impacts[0], plate_energy_j=0.031639)
     header, row = lines(impacts_table("Impacts", [impact]))
     assert dict(zip(header, row, strict=True))["plate energy (mJ)"] == "31.64"
-    heavy = report["noise"][0] | {"transmitted_j": 0.031639}
+    heavy = replace(figures.noise[0], transmitted_j=0.031639)
     rows = {row[0]: row[1] for row in tables.noise_rows([heavy], compare=False)}
     assert rows["transmitted energy, in time"] == "31.64 mJ"
 
 
 @pytest.mark.full
-def test_the_run(report: dict[str, Any]) -> None:
-    rows = {label: words for label, words in lines(tables.run_table(report))}
+def test_the_run(ran: RunReport, report: dict[str, Any]) -> None:
+    rows = {label: words for label, words in lines(tables.run_table(ran))}
     assert "scheme" not in rows
     printed = {label: quantities(words) for label, words in rows.items()}
     demand, limit = report["demand"], report["limiting_pressure"]
@@ -148,14 +157,14 @@ def test_the_run(report: dict[str, Any]) -> None:
     assert printed["plate model"][0] == pytest.approx(report["frequency_limit_hz"], rel=6e-4)
     assert rows["steps"] == f"{report['steps']:,}"
     assert "one face" in rows["radiation"]
-    of_study = report | {"scheme": "thesis2008"}
+    of_study = replace(ran, setup=load("aluminium-3mm", ["run.scheme=thesis2008"]))
     assert "flaws included" in dict(lines(tables.run_table(of_study)))["scheme"]
 
 
 @pytest.mark.full
-def test_no_cell_of_a_table_is_cut(report: dict[str, Any], tmp_path: Path) -> None:
+def test_no_cell_of_a_table_is_cut(ran: RunReport, tmp_path: Path) -> None:
     """At 80 columns, as in a pipe, words stay whole, too; on less, long ones are broken."""
-    recording, results = report["recording"], str(tmp_path / "a.csv")
+    recording, results = str(ran.recording.path), str(tmp_path / "a.csv")
     cheap = ["--set", "run.duration_s=0.0015", "--set", "run.accuracy=0.1"]
     commands = [
         ["inspect", recording], ["inspect", recording, "--details"],
@@ -177,8 +186,8 @@ def test_no_cell_of_a_table_is_cut(report: dict[str, Any], tmp_path: Path) -> No
         assert max(map(len, ruled)) <= 80, words
     for width in (80, 50, 30):
         for table in (
-            impacts_table("Impacts", report["impacts"]), tables.run_table(report),
-            table_of(report["validity"]),
+            impacts_table("Impacts", ran.judged.ran.figures.impacts), tables.run_table(ran),
+            table_of(ran.judged.ran.figures.neglected.findings),
         ):  # fmt: skip
             printed = io.StringIO()
             Console(file=printed, width=width).print(table)

@@ -71,9 +71,10 @@ def looked_at(path: Path, original: Recording) -> Recording | None:
         assert str(path) in sentence
         assert "\n" not in sentence
         return None
-    data = inspection.summary(kept)
+    found = inspection.inspected(kept)
+    data = inspection.summary(found)
     shown = io.StringIO()
-    inspection.show(Console(file=shown, width=500), kept, data)
+    inspection.show(Console(file=shown, width=500), found)
     assert ("Complete" in shown.getvalue()) == (not data["problems"])
     assert data["complete"] == (not data["problems"])
     same = first_difference(original, kept) is None

@@ -16,7 +16,7 @@ from hertzloop.analysis.figures import free_figures
 from hertzloop.analysis.listening import heard_of
 from hertzloop.analysis.recorded import law_of
 from hertzloop.analysis.trust import errors_of, why_not_again
-from hertzloop.analysis.verdict import judge
+from hertzloop.analysis.verdict import Judged, judge
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.recordings.reader import Recording
 from hertzloop.recordings.replay.as_rerun import Shown
@@ -34,14 +34,7 @@ from hertzloop.views import provenance
 from hertzloop.views import run as run_view
 from hertzloop.views.provenance import text_of_law
 from hertzloop.views.replaying import prepare, scene_of
-from hertzloop.views.run import (
-    headings,
-    impact_rows,
-    judged_as_json,
-    known_in,
-    law_line,
-    sentences_of,
-)
+from hertzloop.views.run import law_line
 
 _POINTS = 1500  # a curve
 _STYLES = {"F_a": 2, "F_c": 1, "measured": 4, "fed": 2, "contact": 1, "plate": 3}
@@ -143,9 +136,9 @@ def page_of(recording: Recording) -> str:
     """The page. Raises RecordingError if the recording cannot be read or replayed."""
     setup, shown = scene_of(recording), prepare(recording, drawn="Dashed")
     without = free_figures(setup) if shown.told.twin is not None else None
-    found = judged_as_json(judge(setup, recording, without, why_not_again(recording)))
-    free = found.get("uncontrolled")
-    unstable = found["stability"]["unstable"]
+    found = judge(setup, recording, without, why_not_again(recording))
+    figures, verdict = found.ran.figures, found.conclusions.verdict
+    unstable = figures.stability.unstable
     sounds, silent = _sounds(recording, setup)
     law, law_text, lawless = _law(recording)
     again, commands = _again(recording, setup, bool(law_text))
@@ -155,11 +148,11 @@ def page_of(recording: Recording) -> str:
         lines=[line.replace("**", "") for line in shown.told.lines],
         problems=recording.problems,
         unstable=unstable,
-        verdict=found["verdict"],
-        neglected=sentences_of(found["validity"]),
+        verdict=run_view.verdict_sentences(verdict),
+        neglected=run_view.sentences_of(figures.neglected.findings),
         margin=margin,
         margin_png=margin_png,
-        tables=_tables(found, free, not unstable),
+        tables=_tables(found, not unstable),
         around=around_first_contact(shown) if shown.contacts else "",
         whole=whole_run(shown),
         spectra=spectra(shown) if shown.told.spectra else "",
@@ -184,27 +177,28 @@ class _PageTable:
     notes: list[str]
 
 
-def _tables(found: dict[str, Any], free: dict[str, Any] | None, compare: bool) -> list[_PageTable]:
+def _tables(found: Judged, compare: bool) -> list[_PageTable]:
     """Noise figures of the first impact and all impacts as `run` prints them, those without
     control, too; none where a run has no impact."""
-    runs = [found] if free is None else [found, free]
-    if not all(run["noise"] for run in runs):
+    runs = [found.ran.figures, *([found.free] if found.free else [])]
+    if not all(run.noise for run in runs):
         return []
-    known = found["predictability"]
-    digits = [known["controlled"], known["uncontrolled"]][: len(runs)]
-    names = ["this run"] if free is None else ["with control", "without"]
-    compare = compare and free is not None
+    known = found.conclusions.predictability
+    digits = [known.controlled, known.uncontrolled][: len(runs)]
+    names = ["with control", "without"] if found.free else ["this run"]
+    compare = compare and found.free is not None
     rows = run_view.noise_rows(
-        [run["noise"][0] for run in runs], compare,
-        [errors_of(known_in(each), 0, "noise_errors") for each in digits],
+        [run.noise[0] for run in runs], compare,
+        [errors_of(each, 0, "noise_errors") for each in digits],
     )  # fmt: skip
     columns = ["figure of the first impact", *names, *(["change"] if compare else [])]
     tables = [_PageTable(columns, rows, [])]
     for name, run, each in zip(names, runs, digits, strict=True):
-        why_not = known["why_not"] if run is found else ""
-        rows, notes = impact_rows(run["impacts"], each, why_not)
+        why_not = run_view.why_not_words(known.not_again) if run is runs[0] else ""
+        rows, notes = run_view.impact_rows(run.impacts, each, why_not)
         numbered = [[str(i), *row] for i, row in enumerate(rows, 1)]
-        tables.append(_PageTable([f"impacts, {name}", *headings(run["impacts"])], numbered, notes))
+        headings = [f"impacts, {name}", *run_view.headings(run.impacts)]
+        tables.append(_PageTable(headings, numbered, notes))
     return tables
 
 
