@@ -36,6 +36,7 @@ from benchmarks.program import (
 from hertzloop.analysis.cases import figures_of_case
 from hertzloop.controller.loading.registry import SHIPPED
 from hertzloop.setup import Setup, load
+from hertzloop.studies.requests import Search
 from hertzloop.studies.sweeps.design import Axis
 from hertzloop.studies.sweeps.evaluate import Pool, evaluate
 from hertzloop.studies.sweeps.pool import local_pool
@@ -103,8 +104,8 @@ def _tuned(pool: Pool, law: str) -> int:
     """Search for the law's best setting; how many cases that took."""
     generations, population = 4, 16
     tune(
-        pool, [_setup(law)], "impact", law, _AXES, ("plate_energy_db",), at_most={},
-        generations=generations, population=population, seed=1,
+        pool, [_setup(law)], law, _AXES,
+        Search(("plate_energy_db",), generations=generations, population=population),
     )  # fmt: skip
     return generations * population
 

@@ -528,16 +528,17 @@ def tune(
     """
     need("pymoo")
     from hertzloop.studies import tuning
+    from hertzloop.studies.requests import Search
     from hertzloop.studies.sweeps.design import as_axis
     from hertzloop.studies.sweeps.pool import local_pool
 
     bases = [_resolved(one) for one in ([scene] if isinstance(scene, AnyScene) else scene)]
     given = tuple(as_axis(key, values) for key, values in (over or {}).items())
+    search = Search(
+        tuple(minimise), span, generations, population, seed=seed, at_most=dict(at_most or {})
+    )
     with local_pool(workers) as pool:
-        return tuning.best_of(
-            pool, bases, span, laws or [bases[0].law_reference], given, tuple(minimise),
-            at_most=dict(at_most or {}), generations=generations, population=population, seed=seed,
-        )  # fmt: skip
+        return tuning.best_of(pool, bases, laws or [bases[0].law_reference], given, search)
 
 
 def read_record(path: str | Path, **table: Any) -> "Record":

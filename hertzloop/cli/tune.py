@@ -3,11 +3,12 @@
 import math
 import re
 import shlex
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -23,16 +24,19 @@ from hertzloop.cli.options import (
     end_if_not_run,
     make_folder,
     scene_from,
+    takes,
     write_json,
 )
 from hertzloop.cli.study_frame import resumable
 from hertzloop.cli.terminal import fail, out, progress
 from hertzloop.extras import need
+from hertzloop.options import words_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scenes.errors import SceneError
 from hertzloop.scenes.scene import DEFAULT, NO_CASE_OF_THESIS, toml_text
 from hertzloop.scenes.writing import to_toml
 from hertzloop.setup import Setup
+from hertzloop.studies.requests import Search
 from hertzloop.views.format import Table, styled
 from hertzloop.whole_files import write_whole
 
@@ -44,17 +48,12 @@ _MOST_ROWS = 15
 _PARTS = ("mean", "least", "most")  # of a spread over touch phases
 
 
+@takes()
 def tune(
+    search: Search,
     scenes: Annotated[
         list[str] | None,
         typer.Argument(help="Names of scenes or .toml files; the worst result counts."),
-    ] = None,
-    minimise: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Minimise this figure; repeat for a Pareto front; default: plate_energy_db "
-            "and rebound_percent."
-        ),
     ] = None,
     laws: Annotated[
         list[str] | None,
@@ -79,26 +78,6 @@ def tune(
     at_most: Annotated[
         list[str] | None, typer.Option(help="Limit a figure, for example rebound_percent=120.")
     ] = None,
-    span: Annotated[
-        Literal["impact", "run"],
-        typer.Option(help="Evaluate the first impact or the whole run."),
-    ] = "impact",
-    generations: Annotated[
-        int, typer.Option(min=1, max=10_000, help="Stop after this many generations.")
-    ] = 25,
-    population: Annotated[
-        int, typer.Option(min=4, max=1000, help="Evaluate this many settings in a generation.")
-    ] = 40,
-    phases: Annotated[
-        int, typer.Option(min=1, max=100, help="Average over this many touch phases.")
-    ] = 1,
-    require_stable: Annotated[
-        bool,
-        typer.Option(
-            "--require-stable",
-            help="Refuse settings whose linear loop is unstable in flight, however short the run.",
-        ),
-    ] = False,
     settings: SetOption = None,
     seed: SeedOption = None,
     folder: Annotated[
@@ -126,9 +105,12 @@ def tune(
     bases = [scene_from(name, settings, seed) for name in scenes or [DEFAULT]]
     if any(not SCHEMES[base.scheme].conserves for base in bases):
         fail(NO_CASE_OF_THESIS, 2)
-    objectives = tuple(minimise or ("plate_energy_db", "rebound_percent"))
-    limits = _limits(at_most or [])
-    for figure in (*objectives, *limits):
+    search = replace(
+        search, objectives=tuple(search.objectives), at_most=_limits(at_most or []),
+        seed=1 if seed is None else seed,
+    )  # fmt: skip
+    objectives = search.objectives
+    for figure in (*objectives, *search.at_most):
         if figure not in OBJECTIVES:
             fail(
                 f"--minimise = '{figure}': unknown figure. Use one of {', '.join(OBJECTIVES)}.",
@@ -158,25 +140,17 @@ def tune(
     compile_first(*bases)
     tally = CaseTally()
     names = [base.name for base in bases]
-    search: dict[str, Any] = {
-        "generations": generations, "population": population, "phases": phases,
-        "seed": 1 if seed is None else seed, "require_stable": require_stable,
-    }  # fmt: skip
-    header = tuning.header_of(
-        tried, tuple(chosen), given, objectives=objectives, at_most=limits, span=span, **search
-    )
+    header = tuning.header_of(tried, tuple(chosen), given, search)
     with resumable(folder or Path(), _file_name(names), header) as finished:
         try:
-            with local_pool() as some, progress("tuning", generations * len(chosen)) as advance:
+            steps = search.generations * len(chosen)
+            with local_pool() as some, progress("tuning", steps) as advance:
                 cores = finished.of(some)
                 pool = tally.of(cores)
-                reference = tuning.published(pool, tried, span, objectives, phases)
-                best = tuning.best_of(
-                    pool, tried, span, chosen, given, objectives, at_most=limits,
-                    on_progress=advance, **search,
-                )  # fmt: skip
+                reference = tuning.published(pool, tried, search.span, objectives, search.phases)
+                best = tuning.best_of(pool, tried, chosen, given, search, advance)
                 reference, *best = tuning.with_spreads(
-                    cores, tried, span, [reference, *best], objectives
+                    cores, tried, search.span, [reference, *best], objectives
                 )
         except SceneError as error:
             fail(str(error), 1)
@@ -196,11 +170,13 @@ def tune(
             out.print(f"Repetition of the best setting ({_words(chosen_one.values)}):")
             for line in repeats:
                 out.print(f"  {line}", soft_wrap=True)
-            lists = [("minimise", minimise), ("law", laws), ("vary", ranges), ("over", over),
-                     ("at-most", at_most), ("set", settings)]  # fmt: skip
-            words = _command(scenes or [DEFAULT], lists, {"span": span, **search})
+            default = search.objectives == Search.objectives
+            lists = [("minimise", [] if default else objectives), ("law", laws), ("vary", ranges),
+                     ("over", over), ("at-most", at_most), ("set", settings)]  # fmt: skip
+            words = _command(scenes or [DEFAULT], lists, search)
             tuned = Tuned(
-                [to_toml(base.scene) for base in bases], objectives, span, limits, best, reference,
+                [to_toml(base.scene) for base in bases], objectives, search.span, search.at_most,
+                best, reference,
                 verdict, len(tally.not_run), words, code_version(),
             )  # fmt: skip
             if folder is not None:
@@ -246,16 +222,15 @@ def _file_name(names: list[str]) -> str:
 
 
 def _command(
-    scenes: list[str], lists: list[tuple[str, list[str] | None]], values: dict[str, Any]
+    scenes: list[str], lists: "list[tuple[str, Sequence[str] | None]]", search: Search
 ) -> str:
     """The line that finds the same settings."""
     line = ["hertzloop", "tune", *scenes]
     for option, given in lists:
         line += [word for value in given or [] for word in (f"--{option}", value)]
-    for option, value in values.items():
-        name = f"--{option.replace('_', '-')}"
-        line += [name] * value if isinstance(value, bool) else [name, str(value)]
-    return shlex.join(line)
+    rest = words_of(replace(search, objectives=(), require_stable=False))
+    last = ["--seed", str(search.seed), *["--require-stable"] * search.require_stable]
+    return shlex.join([*line, *rest, *last])
 
 
 def _repeating(
@@ -339,7 +314,7 @@ def _words(values: dict[str, Any]) -> str:
     return f"{values['controller.law']}: {', '.join(rest)}"
 
 
-def _table(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> Table:
+def _table(best: "list[Found]", reference: "Found", objectives: Sequence[str]) -> Table:
     settings = "setting" if len(best) == 1 else "settings"
     table = Table(title=f"{len(best)} Pareto-optimal {settings}")
     for heading in objectives:
@@ -354,14 +329,14 @@ def _table(best: "list[Found]", reference: "Found", objectives: tuple[str, ...])
     return table
 
 
-def _winner(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> "Found | None":
+def _winner(best: "list[Found]", reference: "Found", objectives: Sequence[str]) -> "Found | None":
     """The setting that beats the published one; None if there is none."""
     from hertzloop.studies.tuning import better_than
 
     return better_than(reference, best, objectives[0], objectives[1 if objectives[1:] else 0])
 
 
-def _verdict(best: "list[Found]", reference: "Found", objectives: tuple[str, ...]) -> list[str]:
+def _verdict(best: "list[Found]", reference: "Found", objectives: Sequence[str]) -> list[str]:
     """How the settings found compare with the published one."""
     first, rest = objectives[0], objectives[1:]
     keep = rest[0] if rest else first

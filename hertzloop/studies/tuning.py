@@ -27,6 +27,7 @@ from hertzloop.scenes.errors import SceneError
 from hertzloop.setup import Setup
 from hertzloop.studies import words
 from hertzloop.studies.margin.margin import Growth, growth_of
+from hertzloop.studies.requests import Search
 from hertzloop.studies.sweeps.design import (
     Axis,
     Design,
@@ -120,11 +121,11 @@ _BAD = 1e6  # of a case without figures: unstable, or impossible
 
 
 def header_of(
-    scenes: list[Setup], laws: tuple[str, ...], axes: tuple[Axis, ...], **search: Any
+    scenes: list[Setup], laws: tuple[str, ...], axes: tuple[Axis, ...], search: Search
 ) -> dict[str, Any]:
     """What decides which settings a search tries, and what comes of them: its scenes, laws with
-    their digests, given `axes`, the arguments of its `search`, versions."""
-    own = {"axes": [asdict(axis) for axis in axes], "search": search}
+    their digests, given `axes`, its `search`, versions."""
+    own = {"axes": [asdict(axis) for axis in axes], "search": asdict(search)}
     return work_of(scenes, laws, Design(axes)) | own
 
 
@@ -169,28 +170,22 @@ class _Settings(Problem):
         self,
         pool: Pool,
         scenes: list[Setup],
-        span: Span,
         fixed: dict[str, Any],
         axes: tuple[Axis, ...],
-        objectives: tuple[str, ...],
-        at_most: dict[str, float],
-        phases: int,
-        require_stable: bool,
+        search: Search,
     ) -> None:
-        self.require_stable = require_stable
-        self.pool, self.scenes, self.span, self.phases = pool, scenes, span, phases
+        self.pool, self.scenes, self.search = pool, scenes, search
         coarsest = max(scenes, key=lambda setup: setup.step_ns)
         # By the law that is tried: the scenes' own may not have its keys.
         of_law = coarsest.vary(fixed)
         axes = tuple(fitted(axis, of_law) for axis in axes)
         self.fixed, self.axes = fixed, axes
-        self.objectives, self.at_most = objectives, at_most
         low = [0.0 if axis.values else axis.low for axis in axes]
         high = [len(axis.values) - 1e-9 if axis.values else axis.high for axis in axes]
         super().__init__(
             n_var=len(axes),
-            n_obj=len(objectives),
-            n_ieq_constr=len(at_most) + require_stable,
+            n_obj=len(search.objectives),
+            n_ieq_constr=len(search.at_most) + search.require_stable,
             xl=low,
             xu=high,
         )
@@ -201,18 +196,21 @@ class _Settings(Problem):
         return self.fixed | {axis.key: _value(axis, float(v)) for axis, v in pairs}
 
     def _evaluate(self, x: np.ndarray, out: dict[str, Any], *_: Any, **__: Any) -> None:
-        names = [*self.objectives, *self.at_most]
+        search = self.search
+        names, wanted = [*search.objectives, *search.at_most], len(search.objectives)
         cases = [self.settings(p) for p in x]
-        growths = [unstable_loop(self.scenes, case) if self.require_stable else None
+        growths = [unstable_loop(self.scenes, case) if search.require_stable else None
                    for case in cases]  # fmt: skip
         stable = [i for i, growth in enumerate(growths) if growth is None]
         worst = np.full((len(cases), len(names)), _BAD)
         if stable:
             tried = [cases[i] for i in stable]
-            worst[stable] = worst_of(self.pool, self.scenes, self.span, tried, names, self.phases)
-        out["F"] = worst[:, : len(self.objectives)]
-        excess = [worst[:, len(self.objectives) :] - np.array(list(self.at_most.values()))]
-        if self.require_stable:  # the growth leads the search to where there is none
+            worst[stable] = worst_of(
+                self.pool, self.scenes, search.span, tried, names, search.phases
+            )
+        out["F"] = worst[:, :wanted]
+        excess = [worst[:, wanted:] - np.array(list(search.at_most.values()))]
+        if search.require_stable:  # the growth leads the search to where there is none
             excess.append(np.array([[_growth_per_s(growth)] for growth in growths]))
         out["G"] = np.concatenate(excess, axis=1)
 
@@ -259,11 +257,11 @@ def unstable_loop(scenes: Sequence[Setup], values: dict[str, Any]) -> Growth | N
 
 
 def with_spreads(
-    pool: Pool, scenes: list[Setup], span: Span, found: list[Found], names: tuple[str, ...]
+    pool: Pool, scenes: list[Setup], span: Span, found: list[Found], names: Sequence[str]
 ) -> list[Found]:
     """The same settings with mean and range of their figures over the touch phase."""
     cases = [f.values for f in found]
-    tried = [spread_over(pool, setup, span, cases, names) for setup in scenes]
+    tried = [spread_over(pool, setup, span, cases, tuple(names)) for setup in scenes]
 
     def worst(i: int, name: str) -> Spread:
         return max((spreads[i][name] for spreads in tried), key=lambda s: s.mean)
@@ -274,30 +272,18 @@ def with_spreads(
 def tune(
     pool: Pool,
     scenes: list[Setup],
-    span: Span,
     law: str,
     axes: tuple[Axis, ...],
-    objectives: tuple[str, ...],
-    *,
-    at_most: dict[str, float],
-    generations: int,
-    population: int,
-    seed: int,
-    phases: int = 1,
-    require_stable: bool = False,
+    search: Search,
     on_progress: Callable[[int], None] = lambda generation: None,
 ) -> list[Found]:
     """Best settings of one law: the one that is best, or the Pareto front of several objectives,
-    sorted by the first. Empty if none keeps to `at_most` or is stable; `require_stable` also
-    refuses settings whose linear loop is unstable in flight."""
-    problem = _Settings(
-        pool, scenes, span, {"controller.law": law}, axes, objectives, at_most, phases,
-        require_stable,
-    )  # fmt: skip
-    one = len(objectives) == 1
-    algorithm = (DE if one else NSGA2)(pop_size=population)
+    sorted by the first. Empty if none keeps to the limits or is stable."""
+    problem = _Settings(pool, scenes, {"controller.law": law}, axes, search)
+    objectives = search.objectives
+    algorithm = (DE if len(objectives) == 1 else NSGA2)(pop_size=search.population)
     result = minimize(
-        problem, algorithm, ("n_gen", generations), seed=seed,
+        problem, algorithm, ("n_gen", search.generations), seed=search.seed,
         callback=lambda algorithm: on_progress(algorithm.n_gen),
     )  # fmt: skip
     if result.X is None:
@@ -314,17 +300,9 @@ def tune(
 def best_of(
     pool: Pool,
     scenes: list[Setup],
-    span: Span,
     laws: Sequence[str],
     given: tuple[Axis, ...],
-    objectives: tuple[str, ...],
-    *,
-    at_most: dict[str, float],
-    generations: int,
-    population: int,
-    seed: int,
-    phases: int = 1,
-    require_stable: bool = False,
+    search: Search,
     on_progress: Callable[[int], None] = lambda generation: None,
 ) -> list[Found]:
     """The settings of several laws that no other beats; axes are those of each law where none are
@@ -333,16 +311,15 @@ def best_of(
     searched = [(law, axes_of(law, given, speed)) for law in laws]
     found: list[Found] = []
     for i, (law, axes) in enumerate(searched):
+        before = i * search.generations
         found += tune(
-            pool, scenes, span, law, axes, objectives, at_most=at_most,
-            generations=generations, population=population, seed=seed, phases=phases,
-            require_stable=require_stable,
-            on_progress=lambda n, before=i * generations: on_progress(before + n),  # type: ignore[misc]
+            pool, scenes, law, axes, search,
+            lambda n, before=before: on_progress(before + n),  # type: ignore[misc]
         )  # fmt: skip
-    return front(found, objectives)
+    return front(found, search.objectives)
 
 
-def front(found: list[Found], objectives: tuple[str, ...]) -> list[Found]:
+def front(found: list[Found], objectives: Sequence[str]) -> list[Found]:
     """Those that no other beats in every objective, sorted by the first."""
     if not found:
         return []
@@ -353,7 +330,7 @@ def front(found: list[Found], objectives: tuple[str, ...]) -> list[Found]:
 
 
 def published(
-    pool: Pool, scenes: list[Setup], span: Span, objectives: tuple[str, ...], phases: int = 1
+    pool: Pool, scenes: list[Setup], span: Span, objectives: Sequence[str], phases: int = 1
 ) -> Found:
     """The published setting of the slope-threshold law in the same scenes."""
     worst = worst_of(pool, scenes, span, [PUBLISHED], list(objectives), phases)[0]
@@ -369,7 +346,7 @@ def better_than(reference: Found, found: list[Found], gain: str, keep: str) -> F
 
 
 def draw_front(
-    path: Path, title: str, best: list[Found], reference: Found, objectives: tuple[str, ...]
+    path: Path, title: str, best: list[Found], reference: Found, objectives: Sequence[str]
 ) -> None:
     """Write the Pareto front as PNG."""
     from hertzloop.studies import pictures
@@ -378,7 +355,7 @@ def draw_front(
 
 
 def front_sheet(
-    title: str, best: list[Found], reference: Found, objectives: tuple[str, ...]
+    title: str, best: list[Found], reference: Found, objectives: Sequence[str]
 ) -> "Figure":
     """The settings found, law by law, over the first two objectives (or over their number)."""
     from hertzloop.studies import pictures
